@@ -15,8 +15,9 @@ ROOT = Path(__file__).resolve().parent
 
 def git(*words: str) -> str:
     """What git says of the checkout; an error where there is no git, or no checkout."""
-    return subprocess.run(["git", "-C", str(ROOT), *words], capture_output=True, text=True, check=True,
-                          timeout=20).stdout.strip()
+    return subprocess.run(
+        ["git", "-C", str(ROOT), *words], capture_output=True, text=True, check=True, timeout=20
+    ).stdout.strip()
 
 
 class BuildWithCommit(build_py):
@@ -24,11 +25,15 @@ class BuildWithCommit(build_py):
 
     def run(self) -> None:
         super().run()
-        if self.editable_mode:  # what is imported then is the checkout itself, which knows its commit
+        if (
+            self.editable_mode
+        ):  # what is imported then is the checkout itself, which knows its commit
             return
         file = Path(self.build_lib) / "stiction" / "comparisons" / "built_from.json"
         file.unlink(missing_ok=True)  # of an earlier build in the same folder
-        if not (ROOT / ".git").exists():  # an archive, perhaps within the checkout of something else
+        if not (
+            ROOT / ".git"
+        ).exists():  # an archive, perhaps within the checkout of something else
             return
         try:
             found = {"hash": git("rev-parse", "HEAD"), "dirty": bool(git("status", "--porcelain"))}

@@ -22,10 +22,17 @@ TIMED_SECONDS = 0.25
 """CPU seconds that a timed run takes, roughly: for the estimate of the time that is left, and nothing else."""
 
 
-def validate(*, depth: Depth = Depth.DEFAULT, engines: Sequence[str] | None = None, workers: int | None = None,
-             on_result: Callable[[Outcome], None] | None = None, on_share: Callable[[float], None] | None = None,
-             on_study: Callable[[Study, Results], None] | None = None,
-             isolated: Isolate | None = None, timed_by: Isolate | None = None) -> Results:
+def validate(
+    *,
+    depth: Depth = Depth.DEFAULT,
+    engines: Sequence[str] | None = None,
+    workers: int | None = None,
+    on_result: Callable[[Outcome], None] | None = None,
+    on_share: Callable[[float], None] | None = None,
+    on_study: Callable[[Study, Results], None] | None = None,
+    isolated: Isolate | None = None,
+    timed_by: Isolate | None = None,
+) -> Results:
     """Make the runs of all studies, and their tables; options of `stiction.comparisons.bench.runner.make`.
 
     The reference and the external engines named take part, all known ones where None. `on_share` is called again and
@@ -34,8 +41,12 @@ def validate(*, depth: Depth = Depth.DEFAULT, engines: Sequence[str] | None = No
     """
     started, cpu_started, load_before = time.perf_counter(), time.process_time(), load()
     limits = extent(depth)
-    options: dict[str, Any] = {"workers": workers, "timeout_s": limits.limit, "isolated": isolated,
-                               "timed_by": timed_by}
+    options: dict[str, Any] = {
+        "workers": workers,
+        "timeout_s": limits.limit,
+        "isolated": isolated,
+        "timed_by": timed_by,
+    }
     spent = 0.0
 
     def count(outcome: Outcome) -> None:
@@ -48,9 +59,13 @@ def validate(*, depth: Depth = Depth.DEFAULT, engines: Sequence[str] | None = No
         cpu = time.process_time() - cpu_started + spent
         return union(made, settings, time.perf_counter() - started, cpu)
 
-    scope = Scope(tuple(validation_campaign().scenes), depth, None if engines is None else tuple(engines))
+    scope = Scope(
+        tuple(validation_campaign().scenes), depth, None if engines is None else tuple(engines)
+    )
     plan = planned(scope, studies(), on_result=count, **options)
-    watch = _Watch(plan, on_share or (lambda share: None), on_study or (lambda study, so_far: None), results)
+    watch = _Watch(
+        plan, on_share or (lambda share: None), on_study or (lambda study, so_far: None), results
+    )
 
     def count_and_watch(outcome: Outcome) -> None:
         count(outcome)
@@ -60,11 +75,20 @@ def validate(*, depth: Depth = Depth.DEFAULT, engines: Sequence[str] | None = No
     for study, comparison in plan.items():
         if comparison.rounds and not watch.interrupted:
             watch.on_study(study, results(made))
-    return results(made, **{
-        "depth": str(depth), "engines": list(dict.fromkeys(variant.engine for variant in variants(engines, depth))),
-        "time_limit": limits.limit, "workers": workers, "trajectories": limits.trajectories,
-        "interrupted": watch.interrupted, "machine before": load_before,
-        "machine while timing": machine_while_timing(union(made).table("times")), "machine after": load()})
+    return results(
+        made,
+        **{
+            "depth": str(depth),
+            "engines": list(dict.fromkeys(variant.engine for variant in variants(engines, depth))),
+            "time_limit": limits.limit,
+            "workers": workers,
+            "trajectories": limits.trajectories,
+            "interrupted": watch.interrupted,
+            "machine before": load_before,
+            "machine while timing": machine_while_timing(union(made).table("times")),
+            "machine after": load(),
+        },
+    )
 
 
 class _Watch:
@@ -73,10 +97,17 @@ class _Watch:
     Timed studies come last, all of them together. Once runs were left out it is `interrupted`, and reports no study.
     """
 
-    def __init__(self, plan: Mapping[Study, Comparison[Tables]], on_share: Callable[[float], None],
-                 on_study: Callable[[Study, Results], None], results: Callable[[Sequence[Tables]], Results]):
+    def __init__(
+        self,
+        plan: Mapping[Study, Comparison[Tables]],
+        on_share: Callable[[float], None],
+        on_study: Callable[[Study, Results], None],
+        results: Callable[[Sequence[Tables]], Results],
+    ):
         self.on_study, self._on_share, self._results = on_study, on_share, results
-        self._plan = {study: comparison for study, comparison in plan.items() if not comparison.rounds}
+        self._plan = {
+            study: comparison for study, comparison in plan.items() if not comparison.rounds
+        }
         self._outcomes: dict[Study, dict[int, Outcome]] = {study: {} for study in self._plan}
         self._awaited: dict[str, list[tuple[Study, int]]] = defaultdict(list)
         for study, comparison in self._plan.items():

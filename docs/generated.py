@@ -30,11 +30,14 @@ from stiction.scenes.errors import ELEMENTS, LAWS, STABILIZATIONS
 from stiction.scenes.expressions import CONSTANTS, FUNCTIONS
 from stiction.scenes.model import Scene
 
-PART = re.compile(r"^(<!-- generated: ([\w. -]+) -->\n).*?(^<!-- end -->$)", re.MULTILINE | re.DOTALL)
+PART = re.compile(
+    r"^(<!-- generated: ([\w. -]+) -->\n).*?(^<!-- end -->$)", re.MULTILINE | re.DOTALL
+)
 
 
 def regenerated(page: str) -> str:
     """The text of a page with its parts as the code has them; the part of an engine that is not installed stays."""
+
     def part(found: re.Match[str]) -> str:
         name, *arguments = found[2].split()
         try:
@@ -52,21 +55,38 @@ def write(folder: Path) -> None:
 
 
 def _table(columns: Sequence[str], rows: Iterable[Sequence[str]]) -> str:
-    lines = [" | ".join(cell.replace("|", "\\|").replace("\n", " ") for cell in line) for line in (columns, *rows)]
-    return "".join(f"| {line} |\n" for line in (lines[0], " | ".join(["---"] * len(columns)), *lines[1:]))
+    lines = [
+        " | ".join(cell.replace("|", "\\|").replace("\n", " ") for cell in line)
+        for line in (columns, *rows)
+    ]
+    return "".join(
+        f"| {line} |\n" for line in (lines[0], " | ".join(["---"] * len(columns)), *lines[1:])
+    )
 
 
 def scene_format() -> str:
     """A table for the top of the file and for every kind of element."""
     parts = [("Top of the file", Scene), ("`[bodies.NAME]`", *ELEMENTS["bodies"].values())]
     for section in ("joints", "drives", "springs", "forces"):
-        parts += [(f"`[{section}.NAME]`" + (f", `type = \"{tag}\"`" if tag else ""), model)
-                  for tag, model in ELEMENTS[section].items()]
-    parts += [(f"`law = {{ type = \"{tag}\", .. }}`", model) for tag, model in LAWS.items()]
-    parts += [(f"`[stabilization]`, `method = \"{tag}\"`", model) for tag, model in STABILIZATIONS.items()]
-    return "\n".join(f"### {title}\n\n{_text(model)}\n\n" + _table(("key", "if not given", "what"), (
-        (f"`{key}`", _default(field), field.description or "") for key, field in model.model_fields.items()))
-        for title, model in parts)
+        parts += [
+            (f"`[{section}.NAME]`" + (f', `type = "{tag}"`' if tag else ""), model)
+            for tag, model in ELEMENTS[section].items()
+        ]
+    parts += [(f'`law = {{ type = "{tag}", .. }}`', model) for tag, model in LAWS.items()]
+    parts += [
+        (f'`[stabilization]`, `method = "{tag}"`', model) for tag, model in STABILIZATIONS.items()
+    ]
+    return "\n".join(
+        f"### {title}\n\n{_text(model)}\n\n"
+        + _table(
+            ("key", "if not given", "what"),
+            (
+                (f"`{key}`", _default(field), field.description or "")
+                for key, field in model.model_fields.items()
+            ),
+        )
+        for title, model in parts
+    )
 
 
 def _default(field: FieldInfo) -> str:
@@ -74,8 +94,10 @@ def _default(field: FieldInfo) -> str:
         return "required"
     default = field.default
     if isinstance(default, BaseModel):
-        return f"`method = \"{default.method}\"`"
-    return {type(None): "none", str: "empty", dict: "none"}.get(type(default)) or f"`{_toml(default)}`"
+        return f'`method = "{default.method}"`'
+    return {type(None): "none", str: "empty", dict: "none"}.get(
+        type(default)
+    ) or f"`{_toml(default)}`"
 
 
 def _toml(value: Any) -> str:
@@ -87,8 +109,11 @@ def equations() -> str:
     lines = inspect.getdoc(paper).splitlines()
     rules = [i for i, line in enumerate(lines) if line.startswith("=====")]
     starts = [found.start() for found in re.finditer("=+", lines[rules[0]])]
-    rows = [[line[start:end].strip() for start, end in zip(starts, [*starts[1:], None])]
-            for line in lines[rules[0] + 1:rules[2]] if not line.startswith("=")]
+    rows = [
+        [line[start:end].strip() for start, end in zip(starts, [*starts[1:], None])]
+        for line in lines[rules[0] + 1 : rules[2]]
+        if not line.startswith("=")
+    ]
     heading, *rows = rows
     return _table(heading, [[row[0], f"`{row[1]}`", *row[2:-1], f"`{row[-1]}`"] for row in rows])
 
@@ -98,10 +123,14 @@ def engine(name: str) -> str:
     built = load_engine(name)
     fidelities = [(fidelity, law, mus) for fidelity, mus, law in fidelities_of(built)]
     heading, *rows = table_of_defaults(built)
-    settings = _table(heading, [[cell and f"`{cell}`" for cell in row] for row in rows]) if rows else ""
-    return (f"### {name}\n\nOrder {built.capabilities.order}, reactions from {built.capabilities.reactions}.\n\n"
-            + _table(("fidelity", "friction law, and who supplies it", "mus"), fidelities)
-            + f"\n{_text(type(built))}\n\n{settings}")
+    settings = (
+        _table(heading, [[cell and f"`{cell}`" for cell in row] for row in rows]) if rows else ""
+    )
+    return (
+        f"### {name}\n\nOrder {built.capabilities.order}, reactions from {built.capabilities.reactions}.\n\n"
+        + _table(("fidelity", "friction law, and who supplies it", "mus"), fidelities)
+        + f"\n{_text(type(built))}\n\n{settings}"
+    )
 
 
 def _commands(command: Any, name: str) -> Iterator[str]:
@@ -116,9 +145,19 @@ def _commands(command: Any, name: str) -> Iterator[str]:
         if "--help" in parameter.opts:
             continue
         metavar = parameter.metavar or ""
-        label = metavar if parameter.param_type_name == "argument" else f"{', '.join(parameter.opts)} {metavar}".strip()
+        label = (
+            metavar
+            if parameter.param_type_name == "argument"
+            else f"{', '.join(parameter.opts)} {metavar}".strip()
+        )
         default = parameter.get_default(context)
-        shown = "required" if parameter.required else "" if default in (None, False, "", (), []) else f"`{default}`"
+        shown = (
+            "required"
+            if parameter.required
+            else ""
+            if default in (None, False, "", (), [])
+            else f"`{default}`"
+        )
         rows.append((f"`{label}`", shown, parameter.help or ""))
     options = _table(("argument, option", "if not given", "what"), rows) if rows else ""
     yield f"### {name}\n\n{command.help}\n\n{options}"
@@ -166,29 +205,55 @@ def _text(thing: Any) -> str:
 def laws(file: str) -> str:
     """The part of an example solver that reads the laws of time."""
     text = (Path(__file__).parent / "examples" / "solvers" / file).read_text(encoding="utf-8")
-    part = re.split(r"^\W*mechanics\W*$", re.split(r"^\W*laws of time\W*$", text, flags=re.MULTILINE)[1],
-                    flags=re.MULTILINE)[0]
+    part = re.split(
+        r"^\W*mechanics\W*$",
+        re.split(r"^\W*laws of time\W*$", text, flags=re.MULTILINE)[1],
+        flags=re.MULTILINE,
+    )[0]
     return f"```text\n{part.strip()}\n```\n"
 
 
 GENERATED: dict[str, Callable[..., str]] = {
-    "scene_format": scene_format, "equations": equations, "engine": engine, "laws": laws,
+    "scene_format": scene_format,
+    "equations": equations,
+    "engine": engine,
+    "laws": laws,
     "new_scene": lambda: f"```toml\n{new_scene_text()}```\n",
     "arithmetic": lambda: "Constants: {}. Functions: {}.\n".format(
-        *(", ".join(f"`{name}`" for name in names) for names in (CONSTANTS, FUNCTIONS))),
-    "columns": lambda: _table(("column", "unit", "what", "of"), [
-        (f"`{entry.owner}.{entry.names[0]}`" + "".join(f" `.{name}`" for name in entry.names[1:]), entry.unit,
-         entry.meaning, entry.where) for entry in COLUMNS]),
-    "scenes": lambda: _table(("scene", "what"), [(f"`{name}`", load_scene(name).title)
-                                                 for name in (*catalogue(), *catalogue("hard"))]),
-    "breakdowns": lambda: _table(("kind", "what it means"), dict.fromkeys(
-        (f"`{kind}`", words) for kind, words in BREAKDOWNS.values())),
+        *(", ".join(f"`{name}`" for name in names) for names in (CONSTANTS, FUNCTIONS))
+    ),
+    "columns": lambda: _table(
+        ("column", "unit", "what", "of"),
+        [
+            (
+                f"`{entry.owner}.{entry.names[0]}`"
+                + "".join(f" `.{name}`" for name in entry.names[1:]),
+                entry.unit,
+                entry.meaning,
+                entry.where,
+            )
+            for entry in COLUMNS
+        ],
+    ),
+    "scenes": lambda: _table(
+        ("scene", "what"),
+        [(f"`{name}`", load_scene(name).title) for name in (*catalogue(), *catalogue("hard"))],
+    ),
+    "breakdowns": lambda: _table(
+        ("kind", "what it means"),
+        dict.fromkeys((f"`{kind}`", words) for kind, words in BREAKDOWNS.values()),
+    ),
     "command_line": lambda: "\n".join(_commands(typer.main.get_command(app), "stiction")),
-    "python": lambda: "\n".join(_documented(name, getattr(stiction, name)) for name in sorted(
-        stiction.__all__, key=lambda name: (name[0].isupper(), name))),
+    "python": lambda: "\n".join(
+        _documented(name, getattr(stiction, name))
+        for name in sorted(stiction.__all__, key=lambda name: (name[0].isupper(), name))
+    ),
     "night_history": lambda: f"```text\n{inspect.getdoc(history)}\n```\n",
-    "placeholders": lambda: _table(("in an argument", "is replaced by"), [
-        (f"`{{{name}}}`", words) for name, words in PLACEHOLDERS.items()])}
+    "placeholders": lambda: _table(
+        ("in an argument", "is replaced by"),
+        [(f"`{{{name}}}`", words) for name, words in PLACEHOLDERS.items()],
+    ),
+}
 """What a part consists of, by its name."""
 
 if __name__ == "__main__":

@@ -10,12 +10,25 @@ from typing import NamedTuple
 
 import numpy as np
 
-from stiction.engines.examined import MODES, POSITIONS, ROUNDING, VELOCITIES, Examined, Predicate, first
+from stiction.engines.examined import (
+    MODES,
+    POSITIONS,
+    ROUNDING,
+    VELOCITIES,
+    Examined,
+    Predicate,
+    first,
+)
 from stiction.reference_impl.multibody.initial_state import CONSISTENT
 from stiction.reference_impl.multibody.kinematics import workspace
 from stiction.reference_impl.multibody.mechanism import TRANSLATIONAL, Arrays, Mechanism
 from stiction.reference_impl.multibody.reactions import columns_of_rows, parts_of_null_vectors
-from stiction.reference_impl.multibody.trajectory_columns import GUIDE_COLUMNS, guide_motion, imbalance, residual_norms
+from stiction.reference_impl.multibody.trajectory_columns import (
+    GUIDE_COLUMNS,
+    guide_motion,
+    imbalance,
+    residual_norms,
+)
 from stiction.scenes import Event
 from stiction.scenes.columns import BODY_COLUMNS
 from stiction.scenes.trajectory import stacked
@@ -47,7 +60,7 @@ CONTRADICTED = 0.1
 """Part of the largest force on a body, or of the largest friction of a guide, that is left over where, with a fixed
 step, forces contradict the motion. A wrong sign leaves twice a force, a wrong factor most of it; a solver of first
 order, with some hundred steps to a motion, a hundredth. Accuracy is not for the gate to judge."""
-SINGLE = 2.0 ** -23
+SINGLE = 2.0**-23
 """Rounding of velocities whose differences are accelerations, relative: of single precision, the worst there is."""
 WITHIN = (-1.0, -0.618, -0.382, 0.309, 0.691, 1.0)
 """Instants about a sample at which the forces of its step may have been evaluated, in steps. None is a simple fraction
@@ -67,10 +80,15 @@ def start(run: Examined) -> Iterator[str]:
     speed = _speed(run, start_v)
     if position > CONSISTENT * run.size or velocity > CONSISTENT * speed:
         return
-    for values, expected, labels, size in ((q[0], start_q, POSITIONS, run.size), (v[0], start_v, VELOCITIES, speed)):
+    for values, expected, labels, size in (
+        (q[0], start_q, POSITIONS, run.size),
+        (v[0], start_v, VELOCITIES, speed),
+    ):
         if (i := first(~(np.abs(values - expected) <= START * size))) is not None:
-            yield (f"a start that is not the scene's: {run.columns(labels)[i]} = {values[i]:.9g}; expected "
-                   f"{expected[i]:.9g} within {START * size:.1g}")
+            yield (
+                f"a start that is not the scene's: {run.columns(labels)[i]} = {values[i]:.9g}; expected "
+                f"{expected[i]:.9g} within {START * size:.1g}"
+            )
 
 
 def residuals(run: Examined) -> Iterator[str]:
@@ -80,15 +98,21 @@ def residuals(run: Examined) -> Iterator[str]:
     q, v, _ = run.motion
     found = _residuals(run, t.astype(float), q, v)
     if (i := first(~(found[0] <= run.size))) is not None and run.scene.joints | run.scene.drives:
-        yield (f"states that have left the mechanism: {found[0][i]:.3g} m off the constraints at t = {t[i]:.9g} s; "
-               f"expected less than its size, {run.size:.3g} m")
+        yield (
+            f"states that have left the mechanism: {found[0][i]:.3g} m off the constraints at t = {t[i]:.9g} s; "
+            f"expected less than its size, {run.size:.3g} m"
+        )
     sizes = (run.size, _speed(run, run.start[1]))
-    for name, residual, size, unit in zip(("drift.position", "drift.velocity"), found, sizes, ("m", "m/s")):
+    for name, residual, size, unit in zip(
+        ("drift.position", "drift.velocity"), found, sizes, ("m", "m/s")
+    ):
         if not residual[0] <= START * size:
             yield f"a start that is {residual[0]:.3g} {unit} off the constraints; expected at most {START * size:.1g}"
         if (i := first(~_agrees(run.found[name], residual, size))) is not None:
-            yield (f"{name} = {run.found[name][i]:.6g} at t = {t[i]:.9g} s; expected {residual[i]:.6g}, the residual "
-                   "of its states")
+            yield (
+                f"{name} = {run.found[name][i]:.6g} at t = {t[i]:.9g} s; expected {residual[i]:.6g}, the residual "
+                "of its states"
+            )
 
 
 def residuals_at_events(run: Examined) -> Iterator[str]:
@@ -100,14 +124,20 @@ def residuals_at_events(run: Examined) -> Iterator[str]:
     if not (sides := run.sides({*position, *velocity, "drift.position", "drift.velocity"})):
         return
     t = np.array([time for _, time, _ in sides], dtype=float)
-    q, v = (np.array([[side[name] for name in labels] for *_, side in sides], dtype=float)
-            for labels in (position, velocity))
+    q, v = (
+        np.array([[side[name] for name in labels] for *_, side in sides], dtype=float)
+        for labels in (position, velocity)
+    )
     sizes = (run.size, _speed(run, v))
-    for name, residual, size in zip(("drift.position", "drift.velocity"), _residuals(run, t, q, v), sizes):
+    for name, residual, size in zip(
+        ("drift.position", "drift.velocity"), _residuals(run, t, q, v), sizes
+    ):
         reported = np.array([side[name] for *_, side in sides], dtype=float)
         if (i := first(~_agrees(reported, residual, size))) is not None:
-            yield (f"{sides[i][0]}, {name} = {reported[i]:.6g}; expected {residual[i]:.6g}, the residual of its states "
-                   "then")
+            yield (
+                f"{sides[i][0]}, {name} = {reported[i]:.6g}; expected {residual[i]:.6g}, the residual of its states "
+                "then"
+            )
 
 
 def velocities(run: Examined) -> Iterator[str]:
@@ -125,10 +155,18 @@ def velocities(run: Examined) -> Iterator[str]:
     seen = _changes(steps, v, a) < np.linalg.norm(v[1:] + v[:-1], axis=1) / 2
     if not seen.any():
         return
-    h, begin, moved, mean = steps[seen], found.t[:-1][seen], np.diff(q, axis=0)[seen], (v[1:] + v[:-1])[seen] / 2
+    h, begin, moved, mean = (
+        steps[seen],
+        found.t[:-1][seen],
+        np.diff(q, axis=0)[seen],
+        (v[1:] + v[:-1])[seen] / 2,
+    )
     moved, mean = moved - np.outer(h, moved.sum(axis=0) / h.sum()), mean - h @ mean / h.sum()
-    bodies = [(body, kind, slice(3 * i + low, 3 * i + high)) for i, body in enumerate(run.scene.bodies)
-              for kind, low, high in (("vx, vy", 0, 2), ("omega", 2, 3))]
+    bodies = [
+        (body, kind, slice(3 * i + low, 3 * i + high))
+        for i, body in enumerate(run.scene.bodies)
+        for kind, low, high in (("vx, vy", 0, 2), ("omega", 2, 3))
+    ]
     speeds = [np.linalg.norm(mean[:, own], axis=1) for *_, own in bodies]
     small = ENGINES_OWN * (size + max(h @ speed for speed in speeds))
     for (body, kind, own), speed in zip(bodies, speeds):
@@ -138,21 +176,30 @@ def velocities(run: Examined) -> Iterator[str]:
         if h @ speed > small and abs(np.sum(by_position) - h @ speed) > allowed:
             i = int(np.argmax(np.abs(by_position - h * speed) - unknown))
             scale, unit = (size, "rad") if kind == "omega" else (1.0, "m")
-            yield (f"velocities of {body} ({kind}) that are not those of its positions: about their mean they move it "
-                   f"by {h @ speed / scale:.4g} {unit}, its positions by {np.sum(by_position) / scale:.4g} {unit}, and "
-                   f"differ most from t = {begin[i]:.9g} s on; expected the same within {allowed / scale:.2g} {unit}")
+            yield (
+                f"velocities of {body} ({kind}) that are not those of its positions: about their mean they move it "
+                f"by {h @ speed / scale:.4g} {unit}, its positions by {np.sum(by_position) / scale:.4g} {unit}, and "
+                f"differ most from t = {begin[i]:.9g} s on; expected the same within {allowed / scale:.2g} {unit}"
+            )
 
 
 def displacements(run: Examined) -> Iterator[str]:
     """Displacements and slip velocities of guides are those of the states."""
     for part in run.parts:
-        q, v = (stacked(run.found.columns, part.body_names, labels) for labels in (POSITIONS, VELOCITIES))
+        q, v = (
+            stacked(run.found.columns, part.body_names, labels)
+            for labels in (POSITIONS, VELOCITIES)
+        )
         sizes = [max(part.arrays.length_scale, float(np.max(np.abs(values)))) for values in (q, v)]
         for k, name in enumerate([*part.scene.joints, *part.scene.drives]):
             if part.arrays.constraint[k]["kind"] != TRANSLATIONAL:
                 continue
-            for label, expected, size in zip(GUIDE_COLUMNS, guide_motion(part.arrays, k, q, v), sizes):
-                yield from run.differs(f"{name}.{label}", expected, SAME * size, "that of its states")
+            for label, expected, size in zip(
+                GUIDE_COLUMNS, guide_motion(part.arrays, k, q, v), sizes
+            ):
+                yield from run.differs(
+                    f"{name}.{label}", expected, SAME * size, "that of its states"
+                )
 
 
 def dissipation(run: Examined) -> Iterator[str]:
@@ -171,19 +218,29 @@ def dissipation(run: Examined) -> Iterator[str]:
     t, step = found.t.astype(float), _step(run)
     accuracy = max(SAME, 10.0 * float(found.settings.get("rtol") or 0.0))
     for part in run.parts:
-        frictional = {name: guide for name, guide in run.scene.frictional_guides.items() if name in part.guide_names}
+        frictional = {
+            name: guide
+            for name, guide in run.scene.frictional_guides.items()
+            if name in part.guide_names
+        }
         if not frictional:
             continue
         q, v, a = (stacked(found.columns, part.body_names, labels) for labels in BODY_COLUMNS)
         slow = accuracy * _speed(run, v)
         for name, guide in frictional.items():
-            friction, speed = (found[f"{name}.{label}"].astype(float) for label in ("friction", "slip_velocity"))
+            friction, speed = (
+                found[f"{name}.{label}"].astype(float) for label in ("friction", "slip_velocity")
+            )
             k = list(part.scene.joints).index(name)
             sticks = found.columns.get(f"{name}.mode", np.ones(len(t))) == 0
-            drives = (friction * speed > 0.0) & (np.abs(speed) > slow) & (t >= _settled(run)) & ~sticks
+            drives = (
+                (friction * speed > 0.0) & (np.abs(speed) > slow) & (t >= _settled(run)) & ~sticks
+            )
             if not drives.any():
                 continue
-            drives &= np.abs(friction) > accuracy * _largest_force(run, part) + _baumgarte_force(run)
+            drives &= np.abs(friction) > accuracy * _largest_force(run, part) + _baumgarte_force(
+                run
+            )
             # slip that may have another direction within a step, or that friction stops in one
             if step and len(some := np.flatnonzero(drives)):
                 for share in WITHIN:
@@ -191,15 +248,19 @@ def dissipation(run: Examined) -> Iterator[str]:
                     drives[some] &= guide_motion(part.arrays, k, there, rate)[1] * speed[some] > 0.0
                 columns, _ = columns_of_rows(part.arrays, t[some], q[some], v[some])
                 along = columns[:, :, part.arrays.rows + part.guide_names.index(name)]
-                mobility = np.sum(along ** 2 * part.arrays.inverse_mass, axis=1)
-                most = np.maximum(np.abs(friction), guide.static_coefficient * _load(run, name))[some]
+                mobility = np.sum(along**2 * part.arrays.inverse_mass, axis=1)
+                most = np.maximum(np.abs(friction), guide.static_coefficient * _load(run, name))[
+                    some
+                ]
                 drives[some] &= np.abs(speed[some]) > step * mobility * most
             for begin, behind in _lasting(drives):
                 work = np.trapezoid((friction * speed)[begin:behind], t[begin:behind])
                 i = begin + int(np.argmax(np.abs(friction * speed)[begin:behind]))
-                yield (f"{name}.friction = {friction[i]:.9g} at t = {t[i]:.9g} s, where {name}.slip_velocity = "
-                       f"{speed[i]:.9g}: from {t[begin]:.9g} to {t[behind - 1]:.9g} s friction drives the slider, and "
-                       f"gives it {work:.3g} J; expected the force on the slider, against its slip (the other sign?)")
+                yield (
+                    f"{name}.friction = {friction[i]:.9g} at t = {t[i]:.9g} s, where {name}.slip_velocity = "
+                    f"{speed[i]:.9g}: from {t[begin]:.9g} to {t[behind - 1]:.9g} s friction drives the slider, and "
+                    f"gives it {work:.3g} J; expected the force on the slider, against its slip (the other sign?)"
+                )
                 break
 
 
@@ -217,23 +278,36 @@ def momentum_of_steps(run: Examined) -> Iterator[str]:
     around within a step, and forces that are nan or that the motion leaves open.
     """
     found, t, step = run.found, run.found.t.astype(float), _step(run)
-    if (run.locates(found.settings) or run.fidelity != "joint" or "accelerations" in found.settings or not step
-            or run.scene.frictional_guides and not run.keeps(found.settings)):
+    if (
+        run.locates(found.settings)
+        or run.fidelity != "joint"
+        or "accelerations" in found.settings
+        or not step
+        or run.scene.frictional_guides
+        and not run.keeps(found.settings)
+    ):
         return
     chosen = np.flatnonzero(t >= _settled(run))
     for part in run.parts if len(chosen) >= LASTING else ():
         left = _left_over(run, part, chosen, step)
         for column, given, needed, wrong in left.frictions:
             for begin, _ in _lasting(wrong):
-                yield (f"{column} = {given[begin]:.9g} at t = {t[chosen[begin]]:.9g} s; expected {needed[begin]:.9g}, "
-                       "the force along the guide that accelerations and other forces need")
+                yield (
+                    f"{column} = {given[begin]:.9g} at t = {t[chosen[begin]]:.9g} s; expected {needed[begin]:.9g}, "
+                    "the force along the guide that accelerations and other forces need"
+                )
                 break
         wrong = np.abs(left.force) > left.allowed
         for begin, behind in _lasting(wrong.any(axis=1)):
-            i, k = begin, int(np.argmax(wrong[begin] * np.abs(left.force[begin]) / left.allowed[begin]))
-            yield (f"forces and accelerations that do not balance from t = {t[chosen[i]]:.9g} to "
-                   f"{t[chosen[behind - 1]]:.9g} s: {left.force[i, k]:.4g} {'N m' if k % 3 == 2 else 'N'} on "
-                   f"{part.body_names[k // 3]} are left over; expected less than {left.allowed[i, k]:.2g}")
+            i, k = (
+                begin,
+                int(np.argmax(wrong[begin] * np.abs(left.force[begin]) / left.allowed[begin])),
+            )
+            yield (
+                f"forces and accelerations that do not balance from t = {t[chosen[i]]:.9g} to "
+                f"{t[chosen[behind - 1]]:.9g} s: {left.force[i, k]:.4g} {'N m' if k % 3 == 2 else 'N'} on "
+                f"{part.body_names[k // 3]} are left over; expected less than {left.allowed[i, k]:.2g}"
+            )
             break
 
 
@@ -281,10 +355,14 @@ class _Equations(NamedTuple):
         force = np.empty((len(chosen), len(rows)))  # a free body has no rows
         for column, name in enumerate(rows):
             force[:, column] = run.found[name][chosen]
-        q, v, a = (stacked(run.found.columns, part.body_names, labels)[chosen] for labels in BODY_COLUMNS)
+        q, v, a = (
+            stacked(run.found.columns, part.body_names, labels)[chosen] for labels in BODY_COLUMNS
+        )
         return _Equations(part.arrays, run.found.t.astype(float)[chosen], q, v, a, force)
 
-    def remainder(self, state: Sequence[np.ndarray], of: np.ndarray | slice) -> tuple[np.ndarray, ...]:
+    def remainder(
+        self, state: Sequence[np.ndarray], of: np.ndarray | slice
+    ) -> tuple[np.ndarray, ...]:
         """Put accelerations and forces `of` samples into the equations at (t, q, v).
 
         Returns what is left, the columns of the rows, and the applied forces.
@@ -301,7 +379,10 @@ class _Equations(NamedTuple):
         instant of its step.
         """
         here = self.t[of], self.q[of], self.v[of]
-        left, total = self.remainder(here, of)[0] if len(of) else None, np.zeros((len(of), self.q.shape[1]))
+        left, total = (
+            self.remainder(here, of)[0] if len(of) else None,
+            np.zeros((len(of), self.q.shape[1])),
+        )
         for alone in range(3) if len(of) else ():
             changed = np.zeros_like(total)
             for share in WITHIN:
@@ -319,22 +400,38 @@ def _left_over(run: Examined, part: Mechanism, chosen: np.ndarray, step: float) 
     mass = 1.0 / m.inverse_mass
     left, columns, applied = equations.remainder((t, q, v), slice(None))
     # the largest force and moment on each body; a moment that is rounding of a force counts for nothing
-    terms = np.abs(mass * a), np.abs(applied), np.nanmax(np.abs(columns * force[:, None, :]), axis=2, initial=0.0)
+    terms = (
+        np.abs(mass * a),
+        np.abs(applied),
+        np.nanmax(np.abs(columns * force[:, None, :]), axis=2, initial=0.0),
+    )
     largest = np.max(terms, axis=(0, 1), initial=0.0)
     size = largest.copy()
     size[0::3] = size[1::3] = np.maximum(largest[0::3], largest[1::3])
-    floor = SAME * np.max(size[0::3], initial=0.0) * np.where(np.arange(len(size)) % 3 == 2, m.length_scale, 1.0)
+    floor = (
+        SAME
+        * np.max(size[0::3], initial=0.0)
+        * np.where(np.arange(len(size)) % 3 == 2, m.length_scale, 1.0)
+    )
     rounding = SINGLE * mass * np.max(np.abs(v), axis=0) / step
     allowed = np.tile(CONTRADICTED * size + floor + rounding, (len(t), 1))
     suspicious = (np.abs(left) > allowed).any(axis=1)
 
     # friction: by how much it, with all other row forces, would have to change to leave nothing
-    inverse = np.linalg.pinv(columns)[:, m.rows:]
+    inverse = np.linalg.pinv(columns)[:, m.rows :]
     missing = np.einsum("nki,ni->nk", inverse, left)
-    needed = force[:, m.rows:] + missing
-    most = np.array([CONTRADICTED * max(_largest(one), _largest(other))
-                     for one, other in zip(force[:, m.rows:].T, needed.T)])
-    allowed_friction = most + SAME * np.max(size[0::3], initial=0.0) + np.einsum("nki,i->nk", np.abs(inverse), rounding)
+    needed = force[:, m.rows :] + missing
+    most = np.array(
+        [
+            CONTRADICTED * max(_largest(one), _largest(other))
+            for one, other in zip(force[:, m.rows :].T, needed.T)
+        ]
+    )
+    allowed_friction = (
+        most
+        + SAME * np.max(size[0::3], initial=0.0)
+        + np.einsum("nki,i->nk", np.abs(inverse), rounding)
+    )
     suspicious |= (np.abs(missing) > allowed_friction).any(axis=1)
 
     # what the equations change by within a step, and forces to the samples beside it: only where it matters
@@ -352,18 +449,32 @@ def _left_over(run: Examined, part: Mechanism, chosen: np.ndarray, step: float) 
     unknown = equations.within(i, step) + np.sum(np.abs(columns[i]) * change[i, None, :], axis=2)
     unknown[turns] = np.inf
     allowed[i] += unknown
-    allowed_friction[i] += np.where(turns[:, None], np.inf, np.einsum(
-        "nki,ni->nk", np.abs(inverse[i]), np.where(turns[:, None], 0.0, unknown)))
+    allowed_friction[i] += np.where(
+        turns[:, None],
+        np.inf,
+        np.einsum("nki,ni->nk", np.abs(inverse[i]), np.where(turns[:, None], 0.0, unknown)),
+    )
     if part.guide_names and len(i):
-        missing[i] = np.where(parts_of_null_vectors(columns[i], m.rows)[:, m.rows:], np.nan, missing[i])
+        missing[i] = np.where(
+            parts_of_null_vectors(columns[i], m.rows)[:, m.rows :], np.nan, missing[i]
+        )
     wrong = np.abs(missing) > allowed_friction
-    return _LeftOver(left, allowed, [(f"{name}.friction", force[:, m.rows + k], needed[:, k], wrong[:, k])
-                                     for k, name in enumerate(part.guide_names) if name in run.scene.frictional_guides])
+    return _LeftOver(
+        left,
+        allowed,
+        [
+            (f"{name}.friction", force[:, m.rows + k], needed[:, k], wrong[:, k])
+            for k, name in enumerate(part.guide_names)
+            if name in run.scene.frictional_guides
+        ],
+    )
 
 
 def _load(run: Examined, name: str) -> np.ndarray:
     """Load of a guide, whose times the coefficient bounds friction: the sum of its corner forces, N."""
-    corners = ("F1", "F2", "F3", "F4") if run.scene.guides[name].length is not None else ("normal_force",)
+    corners = (
+        ("F1", "F2", "F3", "F4") if run.scene.guides[name].length is not None else ("normal_force",)
+    )
     return np.sum([np.abs(run.found[f"{name}.{force}"]) for force in corners], axis=0)
 
 
@@ -377,8 +488,12 @@ def _load_within(run: Examined, name: str, chosen: np.ndarray) -> np.ndarray:
     equations, guide = _Equations.of(run, part, chosen), run.scene.guides[name]
     places = np.arange(len(chosen))
     _, columns, _ = equations.remainder((equations.t, equations.q, equations.v), places)
-    moved = np.einsum("nki,ni->nk", np.abs(np.linalg.pinv(columns)), equations.within(places, _step(run)))
-    normal, moment = (moved[:, part.row_names.index(f"{name}.{label}")] for label in ("normal_force", "moment"))
+    moved = np.einsum(
+        "nki,ni->nk", np.abs(np.linalg.pinv(columns)), equations.within(places, _step(run))
+    )
+    normal, moment = (
+        moved[:, part.row_names.index(f"{name}.{label}")] for label in ("normal_force", "moment")
+    )
     if guide.length is None:
         return normal
     lever = (guide.width or 0.0) / guide.length * guide.static_coefficient
@@ -395,18 +510,33 @@ def _largest_force(run: Examined, part: Mechanism) -> float:
     q, v, a = (stacked(found.columns, part.body_names, labels) for labels in BODY_COLUMNS)
     columns, free = columns_of_rows(m, found.t.astype(float), q, v)
     size = np.max(np.abs(np.stack([free, a])), axis=(0, 1)) / m.inverse_mass
-    for row, name in enumerate([*part.row_names, *(f"{name}.friction" for name in part.guide_names)]):
+    for row, name in enumerate(
+        [*part.row_names, *(f"{name}.friction" for name in part.guide_names)]
+    ):
         size = np.maximum(size, np.max(np.abs(columns[:, :, row]), axis=0) * _largest(found[name]))
-    lever = min([m.length_scale, *(guide.length / 2 for guide in part.scene.guides.values() if guide.length)])
+    lever = min(
+        [
+            m.length_scale,
+            *(guide.length / 2 for guide in part.scene.guides.values() if guide.length),
+        ]
+    )
     speed = max(float(np.max(np.abs(v[:, k::3]))) for k in range(2))
     mass = float(np.max(1.0 / m.inverse_mass[0::3]))
-    return float(max(np.max(size[0::3]), np.max(size[1::3]), np.max(size[2::3]) / lever,
-                     mass * speed ** 2 / m.length_scale))
+    return float(
+        max(
+            np.max(size[0::3]),
+            np.max(size[1::3]),
+            np.max(size[2::3]) / lever,
+            mass * speed**2 / m.length_scale,
+        )
+    )
 
 
-def _moved(time: float, t: np.ndarray, q: np.ndarray, v: np.ndarray, a: np.ndarray) -> tuple[np.ndarray, ...]:
+def _moved(
+    time: float, t: np.ndarray, q: np.ndarray, v: np.ndarray, a: np.ndarray
+) -> tuple[np.ndarray, ...]:
     """Times and states that are so many seconds from others, by their accelerations."""
-    return t + time, q + time * v + time ** 2 / 2 * a, v + time * a
+    return t + time, q + time * v + time**2 / 2 * a, v + time * a
 
 
 def _lasting(flags: np.ndarray) -> Iterator[tuple[int, int]]:
@@ -419,14 +549,26 @@ def balance(run: Examined) -> Iterator[str]:
     found = run.found
     for part in run.parts:
         rows = [*part.row_names, *(f"{name}.friction" for name in part.guide_names)]
-        needed = {*rows, *(f"{body}.{label}" for body in part.body_names for labels in BODY_COLUMNS
-                           for label in labels)}
+        needed = {
+            *rows,
+            *(
+                f"{body}.{label}"
+                for body in part.body_names
+                for labels in BODY_COLUMNS
+                for label in labels
+            ),
+        }
         if not (sides := run.sides(needed)):
             continue
-        joined = {name: np.concatenate([found[name].astype(float), [side[name] for *_, side in sides]])
-                  for name in needed}
+        joined = {
+            name: np.concatenate([found[name].astype(float), [side[name] for *_, side in sides]])
+            for name in needed
+        }
         t = np.concatenate([found.t.astype(float), [time for _, time, _ in sides]])
-        q, v, a = (np.ascontiguousarray(stacked(joined, part.body_names, labels)) for labels in BODY_COLUMNS)
+        q, v, a = (
+            np.ascontiguousarray(stacked(joined, part.body_names, labels))
+            for labels in BODY_COLUMNS
+        )
         force = np.empty((len(t), len(rows)))  # a free body has no rows
         for column, name in enumerate(rows):
             force[:, column] = joined[name]
@@ -434,8 +576,10 @@ def balance(run: Examined) -> Iterator[str]:
         largest = np.max(size[np.isfinite(size)], initial=0.0)
         if (i := first(left > BALANCE * largest)) is not None:
             where = f" ({sides[i - len(found.t)][0]})" if i >= len(found.t) else ""
-            yield (f"forces and accelerations that do not balance at t = {t[i]:.9g} s{where}: {left[i] / largest:.2g} "
-                   f"of the largest is left over; expected less than {BALANCE:g}")
+            yield (
+                f"forces and accelerations that do not balance at t = {t[i]:.9g} s{where}: {left[i] / largest:.2g} "
+                f"of the largest is left over; expected less than {BALANCE:g}"
+            )
 
 
 def corner_forces(run: Examined) -> Iterator[str]:
@@ -448,11 +592,23 @@ def corner_forces(run: Examined) -> Iterator[str]:
         F = [found[f"{name}.F{corner}"] for corner in (1, 2, 3, 4)]
         R, T = found[f"{name}.normal_force"], found[f"{name}.moment"]
         size = max(map(_largest, (*F, R, 2 / length * T)))
-        friction = found[f"{name}.friction_lower"] - found[f"{name}.friction_upper"] if guide.frictional else 0.0
-        yield from run.differs(f"{name}.normal_force", F[0] + F[1] - F[2] - F[3], ENGINES_OWN * size,
-                               "the sum of its corner forces")
-        yield from run.differs(f"{name}.moment", length / 2 * (F[1] + F[3] - F[0] - F[2]) + width / 2 * friction,
-                               ENGINES_OWN * size * length / 2, "that of its corner forces and surface friction")
+        friction = (
+            found[f"{name}.friction_lower"] - found[f"{name}.friction_upper"]
+            if guide.frictional
+            else 0.0
+        )
+        yield from run.differs(
+            f"{name}.normal_force",
+            F[0] + F[1] - F[2] - F[3],
+            ENGINES_OWN * size,
+            "the sum of its corner forces",
+        )
+        yield from run.differs(
+            f"{name}.moment",
+            length / 2 * (F[1] + F[3] - F[0] - F[2]) + width / 2 * friction,
+            ENGINES_OWN * size * length / 2,
+            "that of its corner forces and surface friction",
+        )
 
 
 def modes(run: Examined) -> Iterator[str]:
@@ -470,7 +626,9 @@ def modes(run: Examined) -> Iterator[str]:
             yield f"{mode} = {column[i]} at t = {t[i]:.9g} s; expected -1, 0 or 1"
         own = [event for event in found.events if event.joint == name and mode in event.before]
         if own:
-            corners = guide.length is not None and any(event.kind == "corner" for event in found.events)
+            corners = guide.length is not None and any(
+                event.kind == "corner" for event in found.events
+            )
             yield from _chain(run, own, name, corners)
             yield from _modes_between(run, own, mode)
 
@@ -481,12 +639,21 @@ def _chain(run: Examined, own: Sequence[Event], name: str, corners: bool) -> Ite
     for event in own:
         old, new = event.before[mode], event.after[mode]
         if not MODES[event.kind](old, new):
-            yield (f"{event.kind} of {name} at t = {event.time:.9g} s: mode {old:g} before and {new:g} after; expected "
-                   f"those of a {event.kind}")
+            yield (
+                f"{event.kind} of {name} at t = {event.time:.9g} s: mode {old:g} before and {new:g} after; expected "
+                f"those of a {event.kind}"
+            )
     for one, two in zip(own, own[1:]):
-        if one == two or one.after[mode] != two.before[mode] or corners and _other_surfaces(run, name, one, two):
-            yield (f"{one.kind} of {name} at t = {one.time:.9g} s, then {two.kind} at {two.time:.9g} s: the contact "
-                   "mode behind the one is not that in front of the other; expected every event once")
+        if (
+            one == two
+            or one.after[mode] != two.before[mode]
+            or corners
+            and _other_surfaces(run, name, one, two)
+        ):
+            yield (
+                f"{one.kind} of {name} at t = {one.time:.9g} s, then {two.kind} at {two.time:.9g} s: the contact "
+                "mode behind the one is not that in front of the other; expected every event once"
+            )
 
 
 def _modes_between(run: Examined, own: Sequence[Event], column: str) -> Iterator[str]:
@@ -497,7 +664,7 @@ def _modes_between(run: Examined, own: Sequence[Event], column: str) -> Iterator
     earliest = np.searchsorted(times, t - ROUNDING * t[-1], "left")
     latest = np.searchsorted(times, t + ROUNDING * t[-1], "right")
     for i in np.flatnonzero((values != mode[earliest]) & (values != mode[latest])):
-        if values[i] not in mode[earliest[i]:latest[i] + 1]:
+        if values[i] not in mode[earliest[i] : latest[i] + 1]:
             yield f"{column} = {values[i]:g} at t = {t[i]:.9g} s; expected {mode[latest[i]]:g}, that between its events"
 
 
@@ -526,9 +693,11 @@ def unreported_events(run: Examined) -> Iterator[str]:
         changed = (mode[:-3] == mode[1:-2]) & (mode[1:-2] != mode[2:-1]) & (mode[2:-1] == mode[3:])
         for i in 1 + np.flatnonzero(changed):
             if not np.any((times >= found.t[i - 1]) & (times <= found.t[i + 2])):
-                yield (f"no event of {name} between t = {found.t[i]:.9g} and {found.t[i + 1]:.9g} s, where its mode "
-                       f"goes from {mode[i]:g} to {mode[i + 1]:g}; expected one there, as the engine says that it "
-                       "locates events")
+                yield (
+                    f"no event of {name} between t = {found.t[i]:.9g} and {found.t[i + 1]:.9g} s, where its mode "
+                    f"goes from {mode[i]:g} to {mode[i + 1]:g}; expected one there, as the engine says that it "
+                    "locates events"
+                )
 
 
 def cone(run: Examined) -> Iterator[str]:
@@ -547,13 +716,19 @@ def cone(run: Examined) -> Iterator[str]:
         return
     loads = {name: _load(run, name) for name in guides}
     located, settings = bool(run.locates(found.settings)), found.settings
-    fastest = max(_largest(found[f"{body}.{label}"]) for body in run.scene.bodies for label in ("vx", "vy"))
-    force = max(*map(_largest, loads.values()),
-                max(body.mass for body in run.scene.bodies.values()) * fastest ** 2 / run.size)
+    fastest = max(
+        _largest(found[f"{body}.{label}"]) for body in run.scene.bodies for label in ("vx", "vy")
+    )
+    force = max(
+        *map(_largest, loads.values()),
+        max(body.mass for body in run.scene.bodies.values()) * fastest**2 / run.size,
+    )
     allowed = _baumgarte_force(run) + max(SAME, 10.0 * float(settings.get("rtol") or 0.0)) * force
     begins = 0.0 if located else _settled(run)
     if not located:
-        allowed += CAP * max(guide.static_coefficient * _largest(loads[name]) for name, guide in guides.items())
+        allowed += CAP * max(
+            guide.static_coefficient * _largest(loads[name]) for name, guide in guides.items()
+        )
     for name, guide in guides.items():
         friction, speed = found[f"{name}.friction"].astype(float), found[f"{name}.slip_velocity"]
         mode = found.columns.get(f"{name}.mode", np.zeros(len(found.t)))
@@ -561,13 +736,21 @@ def cone(run: Examined) -> Iterator[str]:
         bound = np.where(slips, guide.kinetic_coefficient, guide.static_coefficient) * loads[name]
         if not located:
             bound += _nearby_change(bound)
-        excess = np.where(located & slips, np.abs(friction + mode * bound), np.abs(friction) - bound)
+        excess = np.where(
+            located & slips, np.abs(friction + mode * bound), np.abs(friction) - bound
+        )
         if not located and len(beyond := np.flatnonzero((excess > allowed) & (found.t >= begins))):
             excess[beyond] -= guide.static_coefficient * _load_within(run, name, beyond)
         if (i := first((excess > allowed) & (found.t >= begins))) is not None:
-            expected = f"{-mode[i] * bound[i]:.9g} in slip" if located and slips[i] else f"at most {bound[i]:.9g}"
-            yield (f"{name}.friction = {friction[i]:.9g} at t = {found.t[i]:.9g} s, outside Coulomb's cone; expected "
-                   f"{expected}, by the load of its corners, within {allowed[i]:.2g} N")
+            expected = (
+                f"{-mode[i] * bound[i]:.9g} in slip"
+                if located and slips[i]
+                else f"at most {bound[i]:.9g}"
+            )
+            yield (
+                f"{name}.friction = {friction[i]:.9g} at t = {found.t[i]:.9g} s, outside Coulomb's cone; expected "
+                f"{expected}, by the load of its corners, within {allowed[i]:.2g} N"
+            )
 
 
 def _baumgarte_force(run: Examined) -> np.ndarray:
@@ -577,20 +760,25 @@ def _baumgarte_force(run: Examined) -> np.ndarray:
         return np.zeros(len(run.found.t))
     alpha, beta = (float(law.get(name) or 0.0) for name in ("alpha", "beta"))
     mass = sum(body.mass for body in run.scene.bodies.values())
-    return mass * (2 * alpha * run.found["drift.velocity"] + beta ** 2 * run.found["drift.position"])
+    return mass * (2 * alpha * run.found["drift.velocity"] + beta**2 * run.found["drift.position"])
 
 
 def continuity(run: Examined) -> Iterator[str]:
     """Positions and velocities do not jump at an event, beyond rounding and the error of a step."""
     for labels in (POSITIONS, VELOCITIES):
         columns = run.columns(labels)
-        allowed = ENGINES_OWN * max(float(np.max(np.abs(run.found[name]))) for name in columns) + SAME * run.size
+        allowed = (
+            ENGINES_OWN * max(float(np.max(np.abs(run.found[name]))) for name in columns)
+            + SAME * run.size
+        )
         for event in run.found.events:
             for name in columns:
                 if name in event.before and abs(event.after[name] - event.before[name]) > allowed:
-                    yield (f"{event.kind} of {event.joint} at t = {event.time:.9g} s: {name} = "
-                           f"{event.before[name]:.9g} before and {event.after[name]:.9g} after; expected no jump of a "
-                           "state")
+                    yield (
+                        f"{event.kind} of {event.joint} at t = {event.time:.9g} s: {name} = "
+                        f"{event.before[name]:.9g} before and {event.after[name]:.9g} after; expected no jump of a "
+                        "state"
+                    )
 
 
 def _while_moving(predicate: Predicate) -> Predicate:
@@ -598,9 +786,26 @@ def _while_moving(predicate: Predicate) -> Predicate:
     return lambda run: iter(()) if run.stopped_at_once or not len(run.found.t) else predicate(run)
 
 
-PREDICATES: tuple[Predicate, ...] = (start, residuals, residuals_at_events, *map(_while_moving, (
-    velocities, displacements, dissipation, momentum_of_steps, balance, corner_forces, modes,
-    unreported_events, cone, continuity)))
+PREDICATES: tuple[Predicate, ...] = (
+    start,
+    residuals,
+    residuals_at_events,
+    *map(
+        _while_moving,
+        (
+            velocities,
+            displacements,
+            dissipation,
+            momentum_of_steps,
+            balance,
+            corner_forces,
+            modes,
+            unreported_events,
+            cone,
+            continuity,
+        ),
+    ),
+)
 
 
 def _speed(run: Examined, v: np.ndarray) -> float:
@@ -614,8 +819,13 @@ def _residuals(run: Examined, t: np.ndarray, q: np.ndarray, v: np.ndarray) -> np
     total = np.zeros((2, len(t)))
     for part in run.parts:
         own = np.concatenate([np.arange(place[body], place[body] + 3) for body in part.body_names])
-        norms = residual_norms(part.arrays, workspace(part.arrays), t, np.ascontiguousarray(q[:, own]),
-                               np.ascontiguousarray(v[:, own]))
+        norms = residual_norms(
+            part.arrays,
+            workspace(part.arrays),
+            t,
+            np.ascontiguousarray(q[:, own]),
+            np.ascontiguousarray(v[:, own]),
+        )
         total += np.square(norms)
     return np.sqrt(total)
 
@@ -628,7 +838,9 @@ def _agrees(reported: np.ndarray, residual: np.ndarray, size: float) -> np.ndarr
 def _changes(h: np.ndarray, v: np.ndarray, a: np.ndarray) -> np.ndarray:
     """Change of velocities between instants, by themselves or by the accelerations at either, shape (n - 1,)."""
     second = np.linalg.norm(a, axis=1)
-    return np.maximum(np.linalg.norm(np.diff(v, axis=0), axis=1), h * np.maximum(second[1:], second[:-1]))
+    return np.maximum(
+        np.linalg.norm(np.diff(v, axis=0), axis=1), h * np.maximum(second[1:], second[:-1])
+    )
 
 
 def _step(run: Examined) -> float:
@@ -643,7 +855,9 @@ def _settled(run: Examined) -> float:
 
 def _stretches(flags: np.ndarray) -> np.ndarray:
     """First place and place behind the last of each stretch of true flags, shape (stretches, 2)."""
-    return np.flatnonzero(np.diff(np.concatenate([[False], flags, [False]]).astype(int))).reshape(-1, 2)
+    return np.flatnonzero(np.diff(np.concatenate([[False], flags, [False]]).astype(int))).reshape(
+        -1, 2
+    )
 
 
 def _nearby_change(values: np.ndarray) -> np.ndarray:

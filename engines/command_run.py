@@ -9,7 +9,9 @@ from stiction.engines.registry import load_engine
 from stiction.scenes import InputError, Scene, Trajectory
 
 
-def run_as_asked(engine: str, scene: Scene, assemble: bool, arguments: Mapping[str, Any]) -> Trajectory | InputError:
+def run_as_asked(
+    engine: str, scene: Scene, assemble: bool, arguments: Mapping[str, Any]
+) -> Trajectory | InputError:
     """Return a trajectory, or the error where the fault is the input's and not a failure.
 
     `assemble`: move the start of the scene onto its constraints first. The arguments are those of `Engine.simulate`.

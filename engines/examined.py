@@ -23,13 +23,18 @@ ROUNDING = 1e-9
 OWN_STEP = 0.01
 """Part of a run up to which a step that the engine has chosen itself excuses an end that was not requested."""
 
-MODES = {"slip": lambda old, new: old == 0 != new, "stick": lambda old, new: old != 0 == new,
-         "reversal": lambda old, new: old == -new != 0, "corner": lambda old, new: old == new != 0}
+MODES = {
+    "slip": lambda old, new: old == 0 != new,
+    "stick": lambda old, new: old != 0 == new,
+    "reversal": lambda old, new: old == -new != 0,
+    "corner": lambda old, new: old == new != 0,
+}
 """Change of the contact mode of a guide at an event, by its kind."""
 
 
-def changed_modes(guides: Iterable[str], before: Mapping[str, float],
-                  after: Mapping[str, float]) -> Iterator[tuple[str, str]]:
+def changed_modes(
+    guides: Iterable[str], before: Mapping[str, float], after: Mapping[str, float]
+) -> Iterator[tuple[str, str]]:
     """Yield kind and guide of each event by which the modes before an instant become those after it."""
     for guide in guides:
         old, new = before.get(f"{guide}.mode", 0.0), after.get(f"{guide}.mode", 0.0)
@@ -82,7 +87,9 @@ class Examined:
     @cached_property
     def parts(self) -> list[Mechanism]:
         """Mechanisms that the scene consists of; one of many parts may be too large as a whole."""
-        from stiction.reference_impl.multibody.mechanism import Mechanism  # compiles: not for what only lists engines
+        from stiction.reference_impl.multibody.mechanism import (
+            Mechanism,  # compiles: not for what only lists engines
+        )
         from stiction.reference_impl.multibody.subsystems import independent_parts
 
         return [Mechanism(part, stabilization="none") for part in independent_parts(self.scene)]
@@ -95,15 +102,22 @@ class Examined:
     @cached_property
     def start(self) -> tuple[np.ndarray, np.ndarray]:
         """Coordinates and velocities of the scene's start, each (3 * bodies,)."""
-        bodies = {body: state for part in self.parts
-                  for body, *state in zip(part.body_names, *(values.reshape(-1, 3) for values in part.initial_state()))}
+        bodies = {
+            body: state
+            for part in self.parts
+            for body, *state in zip(
+                part.body_names, *(values.reshape(-1, 3) for values in part.initial_state())
+            )
+        }
         q, v = (np.concatenate([bodies[body][k] for body in self.scene.bodies]) for k in range(2))
         return q, v
 
     @cached_property
     def motion(self) -> tuple[np.ndarray, ...]:
         """Coordinates, velocities and accelerations of all bodies, each (n, 3 * bodies)."""
-        return tuple(stacked(self.found.columns, self.scene.bodies, labels) for labels in BODY_COLUMNS)
+        return tuple(
+            stacked(self.found.columns, self.scene.bodies, labels) for labels in BODY_COLUMNS
+        )
 
     def columns(self, labels: tuple[str, ...]) -> list[str]:
         """Names of the columns of all bodies with these labels."""
@@ -111,11 +125,16 @@ class Examined:
 
     def sides(self, needed: set[str]) -> list[tuple[str, float, Mapping[str, float]]]:
         """Label, time and values of both sides of all events that have the needed columns."""
-        return [(f"{event.kind} of {event.joint} at t = {event.time:.9g} s: {name}", event.time, side)
-                for event in self.found.events
-                for name, side in (("before", event.before), ("after", event.after)) if needed <= side.keys()]
+        return [
+            (f"{event.kind} of {event.joint} at t = {event.time:.9g} s: {name}", event.time, side)
+            for event in self.found.events
+            for name, side in (("before", event.before), ("after", event.after))
+            if needed <= side.keys()
+        ]
 
-    def differs(self, column: str, expected: np.ndarray, allowed: float | np.ndarray, source: str) -> Iterator[str]:
+    def differs(
+        self, column: str, expected: np.ndarray, allowed: float | np.ndarray, source: str
+    ) -> Iterator[str]:
         """Report the first sample of a column that is further from the expected values than allowed."""
         values = self.found[column]
         if (i := first(np.abs(values - expected) > allowed)) is not None:

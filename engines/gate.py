@@ -12,7 +12,16 @@ from typing import Any
 
 import numpy as np
 
-from stiction.engines.examined import POSITIONS, ROUNDING, VELOCITIES, Examined, Predicate, described, first, is_number
+from stiction.engines.examined import (
+    POSITIONS,
+    ROUNDING,
+    VELOCITIES,
+    Examined,
+    Predicate,
+    described,
+    first,
+    is_number,
+)
 from stiction.scenes import Breakdown, Cost, Event, Scene, Trajectory
 from stiction.scenes.columns import BODY_COLUMNS, columns_of
 from stiction.scenes.trajectory import stacked
@@ -22,9 +31,14 @@ GAP = 2.0
 """Output steps between instants at most: an engine takes the nearest multiple of its step, less than twice the
 request."""
 KINDS = ("slip", "stick", "reversal", "corner")
-_FIELDS = (("engine", str, "text"), ("version", str, "text"), ("settings", Mapping, "a mapping"),
-           ("cost", Cost, "a stiction.scenes.Cost"), ("columns", Mapping, "a mapping of arrays by name"),
-           ("events", tuple, "a tuple of stiction.scenes.Event"))
+_FIELDS = (
+    ("engine", str, "text"),
+    ("version", str, "text"),
+    ("settings", Mapping, "a mapping"),
+    ("cost", Cost, "a stiction.scenes.Cost"),
+    ("columns", Mapping, "a mapping of arrays by name"),
+    ("events", tuple, "a tuple of stiction.scenes.Event"),
+)
 _SHOWN = 4
 
 
@@ -67,8 +81,11 @@ def fields(run: Examined) -> Iterator[str]:
         yield f"termination {described(found.termination)}; expected 'end' or why it stopped"
     cost = found.cost
     seconds = (cost.setup_s, cost.compile_s, cost.stepping_s, cost.own_s)
-    if not (all(is_number(value) and value >= 0 for value in seconds) and isinstance(cost.counters, Mapping)
-            and all(map(is_number, cost.counters.values()))):
+    if not (
+        all(is_number(value) and value >= 0 for value in seconds)
+        and isinstance(cost.counters, Mapping)
+        and all(map(is_number, cost.counters.values()))
+    ):
         yield f"cost {described(cost)}; expected seconds >= 0 and finite counters"
 
 
@@ -77,7 +94,9 @@ def breakdown(run: Examined) -> Iterator[str]:
     stop, latest = run.found.breakdown, run.t_end + run.slack
     if stop is None:
         return
-    if not (isinstance(stop, Breakdown) and is_number(stop.time) and -run.slack <= stop.time <= latest):
+    if not (
+        isinstance(stop, Breakdown) and is_number(stop.time) and -run.slack <= stop.time <= latest
+    ):
         yield f"breakdown {described(stop)}; expected a stiction.scenes.Breakdown within 0 .. {run.t_end:g} s"
     elif run.found.termination == "end":
         yield f"a breakdown ({described(stop.reason)}) and the termination 'end'; expected one of them"
@@ -108,8 +127,10 @@ def times(run: Examined) -> Iterator[str]:
     if t[-1] > t_end + run.slack:
         yield f"times up to {t[-1]:.9g} s; expected t_end = {t_end:.9g} s at most"
     if ended and t[-1] < t_end - run.slack:
-        yield (f"times up to {t[-1]:.9g} s and no reason; expected t_end = {t_end:.9g} s, or a termination that says "
-               "why it stopped")
+        yield (
+            f"times up to {t[-1]:.9g} s and no reason; expected t_end = {t_end:.9g} s, or a termination that says "
+            "why it stopped"
+        )
 
 
 def columns(run: Examined) -> Iterator[str]:
@@ -120,25 +141,40 @@ def columns(run: Examined) -> Iterator[str]:
     found, scene = run.found, run.scene
     if missing := [name for name in required_columns(scene) if name not in found.columns]:
         others = f" and {len(missing) - _SHOWN} others" if len(missing) > _SHOWN else ""
-        yield (f"no column {names(missing[:_SHOWN])}{others}; expected all columns that the scene calls for "
-               "(stiction.reference_impl.multibody.reactions.recover_columns makes them from states)")
+        yield (
+            f"no column {names(missing[:_SHOWN])}{others}; expected all columns that the scene calls for "
+            "(stiction.reference_impl.multibody.reactions.recover_columns makes them from states)"
+        )
     known = {*run.columns(POSITIONS + VELOCITIES), "drift.position", "drift.velocity"}
     unknown = {}
     for name, values in found.columns.items():
-        if not isinstance(values, np.ndarray) or values.dtype.kind not in "fiub" or values.shape != found.t.shape:
-            shape = (f"an array of {values.dtype}, shape {values.shape}" if isinstance(values, np.ndarray)
-                     else described(values))
+        if (
+            not isinstance(values, np.ndarray)
+            or values.dtype.kind not in "fiub"
+            or values.shape != found.t.shape
+        ):
+            shape = (
+                f"an array of {values.dtype}, shape {values.shape}"
+                if isinstance(values, np.ndarray)
+                else described(values)
+            )
             yield f"column {name}: {shape}; expected numbers of shape {found.t.shape}, one per time"
-        elif not (finite := np.isfinite(values)).all() and not (run.stopped_at_once and name not in known):
+        elif not (finite := np.isfinite(values)).all() and not (
+            run.stopped_at_once and name not in known
+        ):
             unknown[name] = ~finite
     left_open = _left_open(run, found.t, found.columns) if unknown else {}
     for name, bad in unknown.items():
         if (i := first(bad & ~left_open.get(name, False))) is not None:
-            yield (f"column {name}: {found[name][i]} at t = {found.t[i]:.9g} s; expected finite numbers, or nan in "
-                   "forces that the motion leaves open")
+            yield (
+                f"column {name}: {found[name][i]} at t = {found.t[i]:.9g} s; expected finite numbers, or nan in "
+                "forces that the motion leaves open"
+            )
 
 
-def _left_open(run: Examined, t: np.ndarray, columns: Mapping[str, np.ndarray]) -> dict[str, np.ndarray]:
+def _left_open(
+    run: Examined, t: np.ndarray, columns: Mapping[str, np.ndarray]
+) -> dict[str, np.ndarray]:
     """Instants by column at which its force is nan, and the motion and the known frictions leave it open."""
     from stiction.reference_impl.multibody.reactions import recover_columns
 
@@ -148,13 +184,19 @@ def _left_open(run: Examined, t: np.ndarray, columns: Mapping[str, np.ndarray]) 
             continue  # an event has the columns of its own part
         motion = [stacked(columns, part.body_names, labels) for labels in BODY_COLUMNS]
         frictions = {f"{name}.friction": columns[f"{name}.friction"] for name in part.guide_names}
-        if any(np.isinf(values).any() for values in frictions.values()) or not np.isfinite(motion).all():
+        if (
+            any(np.isinf(values).any() for values in frictions.values())
+            or not np.isfinite(motion).all()
+        ):
             continue
         q, v, a = motion
         recovered = recover_columns(part.scene, t, q, v, a, frictions)
         # an event may lack columns that belong to no part, such as the drift of all
-        left_open |= {name: np.isnan(values) & np.isnan(columns[name]) for name, values in recovered.items()
-                      if name in columns}
+        left_open |= {
+            name: np.isnan(values) & np.isnan(columns[name])
+            for name, values in recovered.items()
+            if name in columns
+        }
     return left_open
 
 
@@ -169,8 +211,10 @@ def events(run: Examined) -> Iterator[str]:
         if not is_number(event.time):
             yield f"{where}: time {described(event.time)}; expected finite seconds"
         if not before <= event.time <= latest:
-            yield (f"{where}: t = {event.time:.9g} s after one at {before:.9g} s; expected events in order within "
-                   f"0 .. {latest:.9g} s")
+            yield (
+                f"{where}: t = {event.time:.9g} s after one at {before:.9g} s; expected events in order within "
+                f"0 .. {latest:.9g} s"
+            )
         before = event.time
         if event.kind not in KINDS or event.joint not in run.scene.guides:
             yield f"{where}; expected {', '.join(KINDS)} of a guide of the scene"
@@ -182,15 +226,24 @@ def events(run: Examined) -> Iterator[str]:
                 yield f"{where}: {side} has {names(unknown[:_SHOWN])}; expected columns of the trajectory"
             elif not _all_numbers(values.values()):
                 left_open = _left_open_at(run, event.time, values)
-                name = next((name for name, value in values.items() if not is_number(value) and name not in left_open),
-                            None)
+                name = next(
+                    (
+                        name
+                        for name, value in values.items()
+                        if not is_number(value) and name not in left_open
+                    ),
+                    None,
+                )
                 if name is not None:
                     yield f"{where}: {side}, {name} = {described(values[name])}; expected finite numbers"
 
 
 def _left_open_at(run: Examined, t: float, values: Mapping[str, float]) -> set[str]:
     """Columns of a side of an event whose force is nan, and is left open there."""
-    if not all(is_number(value) or isinstance(value, float) and math.isnan(value) for value in values.values()):
+    if not all(
+        is_number(value) or isinstance(value, float) and math.isnan(value)
+        for value in values.values()
+    ):
         return set()
     columns = {name: np.array([value], dtype=float) for name, value in values.items()}
     return {name for name, flags in _left_open(run, np.array([t]), columns).items() if flags[0]}
@@ -198,7 +251,9 @@ def _left_open_at(run: Examined, t: float, values: Mapping[str, float]) -> set[s
 
 def _all_numbers(values: Collection[Any]) -> bool:
     try:
-        return math.isfinite(sum(values)) or all(map(is_number, values))  # a finite sum costs a tenth of the check
+        return math.isfinite(sum(values)) or all(
+            map(is_number, values)
+        )  # a finite sum costs a tenth of the check
     except TypeError:
         return False
 

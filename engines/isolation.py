@@ -101,10 +101,17 @@ class Outcome:
         return self.log if self.bug else ""
 
 
-def run_isolated(jobs: Sequence[Job], *, workers: int | None = None, timeout_s: float,
-                 on_result: Callable[[Outcome], None] | None = None) -> list[Outcome]:
+def run_isolated(
+    jobs: Sequence[Job],
+    *,
+    workers: int | None = None,
+    timeout_s: float,
+    on_result: Callable[[Outcome], None] | None = None,
+) -> list[Outcome]:
     """Simulate each job in a child process; the values of the outcomes are trajectories. See `isolate`."""
-    return isolate([simulation(job) for job in jobs], workers=workers, timeout_s=timeout_s, on_result=on_result)
+    return isolate(
+        [simulation(job) for job in jobs], workers=workers, timeout_s=timeout_s, on_result=on_result
+    )
 
 
 def simulation(job: Job) -> Task:
@@ -143,10 +150,16 @@ class ChildrenEnded(StictionError):
     """`IdleChildren.end_all` was called while, or before, tasks were to be made in them."""
 
 
-def isolate(tasks: Sequence[Task], *, workers: int | None = None, timeout_s: float,  # noqa: C901 - one loop of messages
-            on_result: Callable[[Outcome], None] | None = None,
-            on_note: Callable[[str], None] | None = None, kept: IdleChildren | None = None,
-            unpickle: bool = True) -> list[Outcome]:
+def isolate(
+    tasks: Sequence[Task],
+    *,
+    workers: int | None = None,
+    timeout_s: float,  # noqa: C901 - one loop of messages
+    on_result: Callable[[Outcome], None] | None = None,
+    on_note: Callable[[str], None] | None = None,
+    kept: IdleChildren | None = None,
+    unpickle: bool = True,
+) -> list[Outcome]:
     """Call each task's function in a child process.
 
     Parameters
@@ -205,8 +218,10 @@ def isolate(tasks: Sequence[Task], *, workers: int | None = None, timeout_s: flo
         if on_result is not None:
             on_result(outcomes[index])
 
-    with undisturbed_end() as end, tempfile.TemporaryDirectory(prefix="stiction-",
-                                                               ignore_cleanup_errors=True) as folder:
+    with (
+        undisturbed_end() as end,
+        tempfile.TemporaryDirectory(prefix="stiction-", ignore_cleanup_errors=True) as folder,
+    ):
         try:
             while len(outcomes) < len(tasks):
                 while len(children) < min(workers, len(tasks) - len(outcomes)):
@@ -214,27 +229,37 @@ def isolate(tasks: Sequence[Task], *, workers: int | None = None, timeout_s: flo
                 for child in children:
                     feed(child)
                 patience = min(child.deadline for child in children) - time.monotonic()
-                arrived = wait([child.connection for child in children], min(max(patience, 0.0), 3600.0))
+                arrived = wait(
+                    [child.connection for child in children], min(max(patience, 0.0), 3600.0)
+                )
                 for child in list(children):
                     if child.connection in arrived and (message := child.receive()) is not None:
                         if message.startswith(_NOTE):
                             if on_note is not None:
-                                on_note(message[len(_NOTE):].decode())
+                                on_note(message[len(_NOTE) :].decode())
                             continue
                         failed_starts, log = 0, child.log()  # which the next task empties
                         if (index := child.take()) is not None:
-                            if workers > 1:  # no core waits for what is made of the outcome; one child alone has none
+                            if (
+                                workers > 1
+                            ):  # no core waits for what is made of the outcome; one child alone has none
                                 feed(child)
                             settle(index, **_read(message, unpickle), log=log)
-                    elif child.connection in arrived or (time.monotonic() >= child.deadline
-                                                         and not child.connection.poll()):  # it may have come since
+                    elif child.connection in arrived or (
+                        time.monotonic() >= child.deadline and not child.connection.poll()
+                    ):  # it may have come since
                         children.remove(child)
                         result = child.end(timed_out=child.connection not in arrived)
                         if child.task is not None:
                             settle(child.task, **result)
-                        elif not child.ready and (failed_starts := failed_starts + 1) == _FAILED_STARTS:
-                            raise RuntimeError(f"child processes cannot be started: {result['reason']} (a script must "
-                                               "call this under `if __name__ == '__main__':`)")
+                        elif (
+                            not child.ready
+                            and (failed_starts := failed_starts + 1) == _FAILED_STARTS
+                        ):
+                            raise RuntimeError(
+                                f"child processes cannot be started: {result['reason']} (a script must "
+                                "call this under `if __name__ == '__main__':`)"
+                            )
         finally:
             end()
             for child in children:
@@ -258,8 +283,12 @@ class _Child:
         with _PROCESSES:
             context = child_context()
             self.connection, far_end = context.Pipe()
-            self._process = context.Process(target=_serve, args=(far_end, self._folder, self._log),
-                                            name="stiction-child", daemon=True)
+            self._process = context.Process(
+                target=_serve,
+                args=(far_end, self._folder, self._log),
+                name="stiction-child",
+                daemon=True,
+            )
             with one_thread():
                 self._process.start()
             far_end.close()
@@ -417,7 +446,11 @@ def _unpickled(value: bytes) -> dict[str, Any]:
     try:
         return {"value": pickle.loads(value)}
     except Exception as error:
-        return {"value": None, "status": "failed", "reason": _words(error, "result cannot be unpickled: ")}
+        return {
+            "value": None,
+            "status": "failed",
+            "reason": _words(error, "result cannot be unpickled: "),
+        }
 
 
 def _serve(connection: Connection, folder: Path, log: Path) -> None:
@@ -476,8 +509,11 @@ def _answer(call: bytes) -> bytes:
     except BaseException as error:  # SystemExit too: nothing that a task does ends the child's loop
         traceback.print_exc()
         kinds = {Refused: "refused", EngineMissing: "missing", BaseException: "failed"}
-        fields = {"status": next(status for kind, status in kinds.items() if isinstance(error, kind)),
-                  "reason": _words(error), "bug": not isinstance(error, StictionError)}
+        fields = {
+            "status": next(status for kind, status in kinds.items() if isinstance(error, kind)),
+            "reason": _words(error),
+            "bug": not isinstance(error, StictionError),
+        }
     fields |= {"wall_s": time.perf_counter() - wall, "cpu_s": time.process_time() - cpu}
     try:
         pickled = pickle.dumps(value)
@@ -490,8 +526,14 @@ def _answer(call: bytes) -> bytes:
 
 def _words(error: BaseException, prefix: str = "") -> str:
     """An exception in one line; its type is left out where it was meant to be read: in errors of the suite's family."""
-    return _shortened(prefix + (str(error) if isinstance(error, StictionError) and str(error)
-                                else f"{type(error).__name__}: {error}"))
+    return _shortened(
+        prefix
+        + (
+            str(error)
+            if isinstance(error, StictionError) and str(error)
+            else f"{type(error).__name__}: {error}"
+        )
+    )
 
 
 def _shortened(text: str) -> str:

@@ -60,8 +60,9 @@ def required(package: str) -> SpecifierSet:
     from packaging.requirements import Requirement
     from packaging.specifiers import SpecifierSet
 
-    return {one.name: one.specifier
-            for one in map(Requirement, requires("stiction") or ())}.get(package, SpecifierSet())
+    return {one.name: one.specifier for one in map(Requirement, requires("stiction") or ())}.get(
+        package, SpecifierSet()
+    )
 
 
 def accepted(package: str, found: str) -> str:
@@ -74,9 +75,11 @@ def accepted(package: str, found: str) -> str:
 def check_steps(t_end: float, dt: float) -> None:
     """Raise InputError for a run of more than `MOST_STEPS` steps."""
     if t_end / dt > MOST_STEPS:
-        raise InputError(f"dt: found {dt:g} s, which is {t_end / dt:.3g} steps to t_end = {t_end:g} s; expected at "
-                         f"most {MOST_STEPS:.0e} steps, which take hours: dt >= {t_end / MOST_STEPS:.3g} s, or an "
-                         "earlier t_end")
+        raise InputError(
+            f"dt: found {dt:g} s, which is {t_end / dt:.3g} steps to t_end = {t_end:g} s; expected at "
+            f"most {MOST_STEPS:.0e} steps, which take hours: dt >= {t_end / MOST_STEPS:.3g} s, or an "
+            "earlier t_end"
+        )
 
 
 class Refused(StictionError):
@@ -153,19 +156,29 @@ class Capabilities:
     friction_by: Mapping[str, Supplier] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
-        if not (isinstance(self.fidelities, tuple) and self.fidelities and set(self.fidelities) <= set(FIDELITIES)):
-            raise ValueError(f"fidelities: found {self.fidelities!r}; expected a tuple of "
-                             f"{' or '.join(map(repr, FIDELITIES))}")
+        if not (
+            isinstance(self.fidelities, tuple)
+            and self.fidelities
+            and set(self.fidelities) <= set(FIDELITIES)
+        ):
+            raise ValueError(
+                f"fidelities: found {self.fidelities!r}; expected a tuple of "
+                f"{' or '.join(map(repr, FIDELITIES))}"
+            )
         for name in ("static_coefficient", "friction_law"):
             if not isinstance(found := getattr(self, name), Mapping):
                 raise TypeError(f"{name}: found {found!r}; expected a mapping by fidelity")
         if self.event_location not in (Supplier.ENGINE, Supplier.ADAPTER):
-            raise ValueError(f"event_location: found {self.event_location!r}; expected 'engine' or 'adapter'")
+            raise ValueError(
+                f"event_location: found {self.event_location!r}; expected 'engine' or 'adapter'"
+            )
         for fidelity, supplier in self.friction_by.items():
             if fidelity not in self.fidelities or supplier not in tuple(Supplier):
-                raise ValueError(f"friction_by: found {fidelity!r}: {supplier!r}; expected one of "
-                                 f"{', '.join(map(repr, self.fidelities))} and one of "
-                                 f"{', '.join(repr(str(one)) for one in Supplier)}")
+                raise ValueError(
+                    f"friction_by: found {fidelity!r}: {supplier!r}; expected one of "
+                    f"{', '.join(map(repr, self.fidelities))} and one of "
+                    f"{', '.join(repr(str(one)) for one in Supplier)}"
+                )
 
 
 def check_settings(given: Iterable[str], known: Iterable[str], engine: str, fidelity: str) -> None:
@@ -173,8 +186,10 @@ def check_settings(given: Iterable[str], known: Iterable[str], engine: str, fide
     known = list(known)
     for name in given:
         if name not in known:
-            raise InputError(f"{name}: {engine} has no such setting at {fidelity} fidelity; expected "
-                             f"{'one of ' + ', '.join(known) if known else 'none: it has no settings'}")
+            raise InputError(
+                f"{name}: {engine} has no such setting at {fidelity} fidelity; expected "
+                f"{'one of ' + ', '.join(known) if known else 'none: it has no settings'}"
+            )
 
 
 OBLIGATORY = ("name", "capabilities", "version", "refusal", "run")
@@ -199,8 +214,9 @@ class Engine(ABC):
         """Default of each setting at this fidelity, by name; empty for an engine without settings."""
         return {}
 
-    def check_arguments(self, *, dt: float | None, rtol: float | None, fidelity: str,
-                        settings: Mapping[str, Any]) -> None:
+    def check_arguments(
+        self, *, dt: float | None, rtol: float | None, fidelity: str, settings: Mapping[str, Any]
+    ) -> None:
         """Refuse a step or a tolerance that the engine does not have, and settings not in `default_settings`.
 
         An engine whose methods differ in them overrides it.
@@ -215,8 +231,9 @@ class Engine(ABC):
             raise InputError(f"dt: found {dt!r}; {self.name} has a tolerance, expected rtol")
         check_settings(settings, self.default_settings(fidelity), self.name, fidelity)
 
-    def settings_of_run(self, given: Mapping[str, Any], *, fidelity: str, dt: float | None,
-                        rtol: float | None) -> dict[str, Any]:
+    def settings_of_run(
+        self, given: Mapping[str, Any], *, fidelity: str, dt: float | None, rtol: float | None
+    ) -> dict[str, Any]:
         """Return the settings that `run` gets: those given, and the defaults of all others.
 
         An engine whose methods have other settings, or other defaults, overrides it.
@@ -271,17 +288,34 @@ class Engine(ABC):
         """Why this engine cannot represent the scene at this fidelity; None if it can. Cheap."""
 
     @abstractmethod
-    def run(self, scene: Scene, *, t_end: float, dt: float | None, rtol: float | None, fidelity: str,
-            output_step: float, settings: Mapping[str, Any]) -> Trajectory:
+    def run(
+        self,
+        scene: Scene,
+        *,
+        t_end: float,
+        dt: float | None,
+        rtol: float | None,
+        fidelity: str,
+        output_step: float,
+        settings: Mapping[str, Any],
+    ) -> Trajectory:
         """Simulate a scene that was not refused.
 
         The settings are all of `settings_of_run`, defaults among them. The columns that the
         trajectory must have: `gate.required_columns`.
         """
 
-    def simulate(self, scene: Scene, *, t_end: float | None = None, dt: float | None = None,
-                 rtol: float | None = None, fidelity: str = "joint", output_step: float = 0.01,
-                 **settings: Any) -> Trajectory:
+    def simulate(
+        self,
+        scene: Scene,
+        *,
+        t_end: float | None = None,
+        dt: float | None = None,
+        rtol: float | None = None,
+        fidelity: str = "joint",
+        output_step: float = 0.01,
+        **settings: Any,
+    ) -> Trajectory:
         """Simulate from t = 0. A cost that the engine does not state is the CPU time of the whole run.
 
         Parameters
@@ -314,21 +348,29 @@ class Engine(ABC):
             if value is not None and not (math.isfinite(value) and value > 0):
                 raise InputError(f"{name}: found {value!r}; expected seconds, > 0")
         if t_end / output_step > MOST_OUTPUTS:
-            raise InputError(f"t_end, output_step: found {t_end:g} s and {output_step:g} s, {t_end / output_step:.3g} "
-                             f"instants; expected at most {MOST_OUTPUTS:g}")
+            raise InputError(
+                f"t_end, output_step: found {t_end:g} s and {output_step:g} s, {t_end / output_step:.3g} "
+                f"instants; expected at most {MOST_OUTPUTS:g}"
+            )
         if dt is not None and dt > t_end:
             raise InputError(f"dt: found {dt!r}; expected at most t_end = {t_end:g} s")
         if dt is not None:
             check_steps(t_end, dt)
         if rtol is not None and not sys.float_info.epsilon <= rtol < 1:
-            raise InputError(f"rtol: found {rtol!r}; expected at least the rounding of floats, "
-                             f"{sys.float_info.epsilon:.2g}, and less than 1")
+            raise InputError(
+                f"rtol: found {rtol!r}; expected at least the rounding of floats, "
+                f"{sys.float_info.epsilon:.2g}, and less than 1"
+            )
         if fidelity not in FIDELITIES:
-            raise InputError(f"fidelity: found {fidelity!r}; expected one of {', '.join(FIDELITIES)}")
+            raise InputError(
+                f"fidelity: found {fidelity!r}; expected one of {', '.join(FIDELITIES)}"
+            )
         if fidelity not in self.capabilities.fidelities:
             first, *_ = known = self.capabilities.fidelities
-            raise Refused(f"{self.name} has no {fidelity} fidelity; expected {' or '.join(known)}: add --fidelity "
-                          f"{first} to the command, fidelity=\"{first}\" in Python")
+            raise Refused(
+                f"{self.name} has no {fidelity} fidelity; expected {' or '.join(known)}: add --fidelity "
+                f'{first} to the command, fidelity="{first}" in Python'
+            )
         self.check_arguments(dt=dt, rtol=rtol, fidelity=fidelity, settings=settings)
         reason = self.refusal(scene, fidelity)
         if reason is not None:
@@ -336,18 +378,38 @@ class Engine(ABC):
         output_step = min(output_step, t_end)  # the end is an output instant whatever was asked for
         started = time.process_time()
         complete = self.settings_of_run(settings, fidelity=fidelity, dt=dt, rtol=rtol)
-        found = self.run(scene, t_end=t_end, dt=dt, rtol=rtol, fidelity=fidelity,
-                         output_step=output_step, settings=complete)
+        found = self.run(
+            scene,
+            t_end=t_end,
+            dt=dt,
+            rtol=rtol,
+            fidelity=fidelity,
+            output_step=output_step,
+            settings=complete,
+        )
         spent = time.process_time() - started
-        examined = Examined(found, scene, t_end, dt, output_step, fidelity,
-                            partial(self.locates_events, fidelity), partial(self.keeps_cone, fidelity))
+        examined = Examined(
+            found,
+            scene,
+            t_end,
+            dt,
+            output_step,
+            fidelity,
+            partial(self.locates_events, fidelity),
+            partial(self.keeps_cone, fidelity),
+        )
         for problem in problems(examined):
             raise BadTrajectory(f"{self.name} returned {problem}")
         locates = self.locates_events(fidelity, found.settings)
         suppliers = {
-            FRICTION_SUPPLIED_BY: self.friction_supplier(fidelity, found.settings) if scene.frictional_guides
+            FRICTION_SUPPLIED_BY: self.friction_supplier(fidelity, found.settings)
+            if scene.frictional_guides
             else Supplier.NOBODY,
-            EVENTS_LOCATED_BY: self.capabilities.event_location if locates else Supplier.NOBODY}
-        return replace(found, mechanism=scene,
-                       settings={**found.settings, **{name: str(one) for name, one in suppliers.items()}},
-                       cost=found.cost if found.cost != Cost() else Cost(stepping_s=spent))
+            EVENTS_LOCATED_BY: self.capabilities.event_location if locates else Supplier.NOBODY,
+        }
+        return replace(
+            found,
+            mechanism=scene,
+            settings={**found.settings, **{name: str(one) for name, one in suppliers.items()}},
+            cost=found.cost if found.cost != Cost() else Cost(stepping_s=spent),
+        )

@@ -24,23 +24,35 @@ from stiction.scenes.wording import did_you_mean, names
 ENTRY_POINT_GROUP = "stiction.engines"
 OWN_METHODS = ("reference", "moreau")
 """Engines of which the suite is the author: what they refuse, the method refuses, and no adapter."""
-BUILT_IN = {"reference": "stiction.engines.reference.engine:ReferenceEngine",
-            "moreau": "stiction.engines.reference.moreau:MoreauEngine",
-            "exudyn": "stiction.engines.exudyn.engine:ExudynEngine",
-            "pymunk": "stiction.engines.pymunk.engine:PymunkEngine",
-            "pybullet": "stiction.engines.pybullet.engine:PybulletEngine",
-            "mujoco": "stiction.engines.mujoco.engine:MujocoEngine",
-            "drake": "stiction.engines.drake.engine:DrakeEngine",
-            "dart": "stiction.engines.dart.engine:DartEngine"}
+BUILT_IN = {
+    "reference": "stiction.engines.reference.engine:ReferenceEngine",
+    "moreau": "stiction.engines.reference.moreau:MoreauEngine",
+    "exudyn": "stiction.engines.exudyn.engine:ExudynEngine",
+    "pymunk": "stiction.engines.pymunk.engine:PymunkEngine",
+    "pybullet": "stiction.engines.pybullet.engine:PybulletEngine",
+    "mujoco": "stiction.engines.mujoco.engine:MujocoEngine",
+    "drake": "stiction.engines.drake.engine:DrakeEngine",
+    "dart": "stiction.engines.dart.engine:DartEngine",
+}
 PROGRAMS = {"siconos": "stiction.engines.siconos.engine:SiconosEngine"}
 """Engines whose declarations the suite ships and the system runs. Comparisons have them where they are named."""
 EXTRAS = ("pybullet", "mujoco", "drake", "dart")
 """Engines that an installation may lack; extras of the same names bring them."""
-_PACKAGES = {"exudyn": "exudyn", "pymunk": "pymunk", "pybullet": "pybullet", "mujoco": "mujoco-core", "drake": "drake",
-             "dart": "dartpy", ".fmu": "fmpy"}
+_PACKAGES = {
+    "exudyn": "exudyn",
+    "pymunk": "pymunk",
+    "pybullet": "pybullet",
+    "mujoco": "mujoco-core",
+    "drake": "drake",
+    "dart": "dartpy",
+    ".fmu": "fmpy",
+}
 """Packages, as pip knows them, of the engines that the suite has adapters for, and of files."""
 _OWN, _OWN_PACKAGE = {**BUILT_IN, **PROGRAMS}, "stiction"
-FILES = {".toml": "stiction.engines.program.engine:ProgramEngine", ".fmu": "stiction.engines.fmu.engine:FmuEngine"}
+FILES = {
+    ".toml": "stiction.engines.program.engine:ProgramEngine",
+    ".fmu": "stiction.engines.fmu.engine:FmuEngine",
+}
 """Addresses of the engines that are files by the ending of their names; the classes take the absolute path."""
 
 
@@ -122,7 +134,9 @@ def load_engine(name: str) -> Engine:
     """
     if is_file(name):
         if not Path(name).is_file():
-            raise UnknownEngine(f"engine: found no file {name!r}; expected the declaration of a program, or an FMU")
+            raise UnknownEngine(
+                f"engine: found no file {name!r}; expected the declaration of a program, or an FMU"
+            )
         return _of_file(Path(name).resolve())
     if name not in _OWN and name not in _announced(tuple(sys.path)):
         _announced.cache_clear()  # its package may have been installed since
@@ -132,17 +146,21 @@ def load_engine(name: str) -> Engine:
     module, _, attribute = address.partition(":")
     if not module or not attribute:
         close = difflib.get_close_matches(name, addresses, n=1)
-        raise UnknownEngine(f"engine: found {name!r}; expected {', '.join(engine_names())}, 'module:Class', a "
-                            "program's FILE.toml or a FILE.fmu"
-                            + (f" (did you mean {close[0]!r}?)" if close else ""))
+        raise UnknownEngine(
+            f"engine: found {name!r}; expected {', '.join(engine_names())}, 'module:Class', a "
+            "program's FILE.toml or a FILE.fmu"
+            + (f" (did you mean {close[0]!r}?)" if close else "")
+        )
     try:
         with _packaged(name, name):
             return _made(name, module, attribute)
     except Exception as error:
         if name in BUILT_IN or name not in others:
             raise  # what was asked for by its address is being written: its author wants the traceback
-        raise EngineBroken(f"{name}: its adapter {address}, which another package announces, is broken: "
-                           f"{type(error).__name__}: {error}") from error
+        raise EngineBroken(
+            f"{name}: its adapter {address}, which another package announces, is broken: "
+            f"{type(error).__name__}: {error}"
+        ) from error
 
 
 def _of_file(path: Path) -> Engine:
@@ -150,8 +168,10 @@ def _of_file(path: Path) -> Engine:
     with _packaged(path.name, path.suffix):
         engine = getattr(import_module(module), attribute)(path)
     if engine.name in BUILT_IN:
-        raise InputError(f"{path}: found the name {engine.name!r}; expected another name: an engine of the suite has "
-                         "it")
+        raise InputError(
+            f"{path}: found the name {engine.name!r}; expected another name: an engine of the suite has "
+            "it"
+        )
     return engine
 
 
@@ -175,31 +195,53 @@ def _made(name: str, module: str, attribute: str) -> Engine:
         # whatever a broken package raises, or another one of its name: the other engines go on
         if isinstance(error, ImportError) or name not in _PACKAGES:
             raise  # not installed, or a mistake in an adapter of others
-        raise EngineBroken(f"{name}: its package is broken: {type(error).__name__}: "
-                           f"{error}{_remedy(name, ' --force-reinstall --no-deps')}") from error
+        raise EngineBroken(
+            f"{name}: its package is broken: {type(error).__name__}: "
+            f"{error}{_remedy(name, ' --force-reinstall --no-deps')}"
+        ) from error
     if not isinstance(engine.capabilities, Capabilities):
-        raise TypeError(f"engine {name!r}: capabilities is {engine.capabilities!r}; expected "
-                        "stiction.engines.Capabilities")
+        raise TypeError(
+            f"engine {name!r}: capabilities is {engine.capabilities!r}; expected "
+            "stiction.engines.Capabilities"
+        )
     return engine
 
 
 def _class(name: str, module: ModuleType, attribute: str) -> type[Engine]:
     """The class of this name in a module, complete."""
     if not hasattr(module, attribute):
-        close = did_you_mean(attribute, [key for key, value in vars(module).items() if isinstance(value, type)
-                                         and issubclass(value, Engine)])
-        raise UnknownEngine(f"engine {name!r}: module {module.__name__} has no class {attribute}{close}; expected a "
-                            "class derived from stiction.engines.Engine")
+        close = did_you_mean(
+            attribute,
+            [
+                key
+                for key, value in vars(module).items()
+                if isinstance(value, type) and issubclass(value, Engine)
+            ],
+        )
+        raise UnknownEngine(
+            f"engine {name!r}: module {module.__name__} has no class {attribute}{close}; expected a "
+            "class derived from stiction.engines.Engine"
+        )
     found = getattr(module, attribute)
     if not (isinstance(found, type) and issubclass(found, Engine)):
-        raise UnknownEngine(f"engine {name!r}: {attribute!r} of {module.__name__!r} is {found!r}; expected a class "
-                            "derived from stiction.engines.Engine")
-    if missing := [part for part in OBLIGATORY if part in found.__abstractmethods__ or not hasattr(found, part)]:
-        raise UnknownEngine(f"engine {name!r}: class {attribute} has no {names(missing)}; expected a class that "
-                            f"defines {names(OBLIGATORY)}")
+        raise UnknownEngine(
+            f"engine {name!r}: {attribute!r} of {module.__name__!r} is {found!r}; expected a class "
+            "derived from stiction.engines.Engine"
+        )
+    if missing := [
+        part for part in OBLIGATORY if part in found.__abstractmethods__ or not hasattr(found, part)
+    ]:
+        raise UnknownEngine(
+            f"engine {name!r}: class {attribute} has no {names(missing)}; expected a class that "
+            f"defines {names(OBLIGATORY)}"
+        )
     return found
 
 
 def _remedy(name: str, option: str = "") -> str:
     """Say what to install, after the reason; nothing for engines of others."""
-    return f"; pip install{option} '{package}{required(package)}' brings it" if (package := _PACKAGES.get(name)) else ""
+    return (
+        f"; pip install{option} '{package}{required(package)}' brings it"
+        if (package := _PACKAGES.get(name))
+        else ""
+    )

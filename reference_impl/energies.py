@@ -17,7 +17,7 @@ from stiction.scenes.fields import GROUND
 from stiction.scenes.model import Force, TorsionalSpring
 from stiction.scenes.trajectory import stacked
 
-AT_ONCE = 2 ** 15
+AT_ONCE = 2**15
 """Instants whose energies are found together: positions and Jacobians of all bodies there take some megabytes."""
 
 
@@ -35,9 +35,13 @@ def energies(run: Trajectory) -> pd.DataFrame:
         For a trajectory without its scene, or without the columns of states, efforts or frictions.
     """
     if run.mechanism is None:
-        raise InputError(f"mechanism: found None; expected a trajectory that knows its scene, {run.scene}")
+        raise InputError(
+            f"mechanism: found None; expected a trajectory that knows its scene, {run.scene}"
+        )
     frame = run.to_frame(events=True, interpolated=True)
-    return energy_columns(run.mechanism, frame["t"].to_numpy(), {name: frame[name].to_numpy() for name in frame})
+    return energy_columns(
+        run.mechanism, frame["t"].to_numpy(), {name: frame[name].to_numpy() for name in frame}
+    )
 
 
 def energy_columns(scene: Scene, t: np.ndarray, columns: Mapping[str, np.ndarray]) -> pd.DataFrame:
@@ -46,14 +50,27 @@ def energy_columns(scene: Scene, t: np.ndarray, columns: Mapping[str, np.ndarray
     An instant that occurs twice has both sides of a jump.
     """
     if missing := [name for name in needed_columns(scene) if name not in columns]:
-        raise InputError(f"columns: found no {', '.join(missing)}; expected states, efforts and frictions")
+        raise InputError(
+            f"columns: found no {', '.join(missing)}; expected states, efforts and frictions"
+        )
     found = _rates(scene, t, columns)
-    lost = sum([*(-power for power in found.powers.values()), *found.losses.values()], np.zeros(len(t)))
-    works = {name: cumulative_trapezoid(power, t, initial=0)
-             for name, power in {**found.powers, **found.losses}.items()}
+    lost = sum(
+        [*(-power for power in found.powers.values()), *found.losses.values()], np.zeros(len(t))
+    )
+    works = {
+        name: cumulative_trapezoid(power, t, initial=0)
+        for name, power in {**found.powers, **found.losses}.items()
+    }
     energy = found.kinetic + found.potential
-    return pd.DataFrame({"t": t, "kinetic": found.kinetic, "potential": found.potential, **works,
-                         "balance": energy - energy[:1] + cumulative_trapezoid(lost, t, initial=0)})
+    return pd.DataFrame(
+        {
+            "t": t,
+            "kinetic": found.kinetic,
+            "potential": found.potential,
+            **works,
+            "balance": energy - energy[:1] + cumulative_trapezoid(lost, t, initial=0),
+        }
+    )
 
 
 @dataclass(frozen=True)
@@ -70,16 +87,20 @@ def _rates(scene: Scene, t: np.ndarray, columns: Mapping[str, np.ndarray]) -> _R
     """Energies and powers at instants, each from the columns at that instant alone."""
     q, v = (stacked(columns, scene.bodies, labels) for labels in BODY_COLUMNS[:2])
     mass, motion = EquationsOfMotion(scene).mass, Motion(list(scene.bodies), t, q, v)
-    kinetic = v ** 2 @ mass / 2
-    potential = -(q.reshape(len(t), -1, 3)[:, :, :2] @ np.array(scene.gravity or (0.0, 0.0))) @ mass[::3]
+    kinetic = v**2 @ mass / 2
+    potential = (
+        -(q.reshape(len(t), -1, 3)[:, :, :2] @ np.array(scene.gravity or (0.0, 0.0))) @ mass[::3]
+    )
     powers, losses = {}, {}
     for name, spring in scene.springs.items():
-        with np.errstate(divide="ignore", invalid="ignore"):  # ends that meet have no direction, nor a rate: nan
+        with np.errstate(
+            divide="ignore", invalid="ignore"
+        ):  # ends that meet have no direction, nor a rate: nan
             length = motion.coordinate(spring)
         rest = spring.rest_angle if isinstance(spring, TorsionalSpring) else spring.rest_length
         potential = potential + spring.stiffness / 2 * (length.value - rest) ** 2
         if spring.damping:
-            losses[f"{name}.dissipated"] = spring.damping * length.rate ** 2
+            losses[f"{name}.dissipated"] = spring.damping * length.rate**2
     for name, load in scene.forces.items():
         if isinstance(load, Force):
             way = motion.direction(GROUND, load.direction).dot(motion.point(load.body, load.point))
@@ -95,7 +116,9 @@ def _rates(scene: Scene, t: np.ndarray, columns: Mapping[str, np.ndarray]) -> _R
     return _Rates(kinetic, potential, powers, losses)
 
 
-def unaccounted_energy(scene: Scene, t: np.ndarray, columns: Mapping[str, np.ndarray]) -> tuple[float, float, float]:
+def unaccounted_energy(
+    scene: Scene, t: np.ndarray, columns: Mapping[str, np.ndarray]
+) -> tuple[float, float, float]:
     """Return, in J, the largest balance of `energy_columns`, its uncertainty, and all that the kinetic energy changed.
 
     The balance is unsure by its difference to that of every other row. Parameters are as of `energy_columns`.
@@ -104,18 +127,34 @@ def unaccounted_energy(scene: Scene, t: np.ndarray, columns: Mapping[str, np.nda
     half = np.flatnonzero((np.arange(len(t)) % 2 == 0) | jumps | np.append(jumps[1:], True))
     kinetic, energy, lost = np.empty((3, len(t)))
     for part in in_parts(len(t), AT_ONCE):
-        found = _rates(scene, t[part], {name: columns[name][part] for name in needed_columns(scene)})
+        found = _rates(
+            scene, t[part], {name: columns[name][part] for name in needed_columns(scene)}
+        )
         kinetic[part], energy[part] = found.kinetic, found.kinetic + found.potential
-        lost[part] = sum([*(-power for power in found.powers.values()), *found.losses.values()],
-                         np.zeros(len(kinetic[part])))
+        lost[part] = sum(
+            [*(-power for power in found.powers.values()), *found.losses.values()],
+            np.zeros(len(kinetic[part])),
+        )
     balance = energy - energy[:1] + cumulative_trapezoid(lost, t, initial=0)
     coarse = energy[half] - energy[:1] + cumulative_trapezoid(lost[half], t[half], initial=0)
     changes = np.sum(np.abs(np.diff(kinetic)))
-    return float(np.max(np.abs(balance))), float(np.max(np.abs(balance[half] - coarse))), float(changes)
+    return (
+        float(np.max(np.abs(balance))),
+        float(np.max(np.abs(balance[half] - coarse))),
+        float(changes),
+    )
 
 
 def needed_columns(scene: Scene) -> list[str]:
     """Names of the columns that the energies take: states, efforts of drives, friction of guides."""
-    states = [f"{body}.{label}" for body in scene.bodies for labels in BODY_COLUMNS[:2] for label in labels]
-    return [*states, *(f"{name}.effort" for name in scene.drives),
-            *(f"{name}.friction" for name in scene.frictional_guides)]
+    states = [
+        f"{body}.{label}"
+        for body in scene.bodies
+        for labels in BODY_COLUMNS[:2]
+        for label in labels
+    ]
+    return [
+        *states,
+        *(f"{name}.effort" for name in scene.drives),
+        *(f"{name}.friction" for name in scene.frictional_guides),
+    ]

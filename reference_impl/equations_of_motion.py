@@ -30,34 +30,50 @@ class Moving:
     gamma: np.ndarray  # as `value`: s'' = ds/dq q'' + gamma
 
     def __sub__(self, other: Moving) -> Moving:
-        return Moving(self.value - other.value, self.jacobian - other.jacobian, self.rate - other.rate,
-                      self.gamma - other.gamma)
+        return Moving(
+            self.value - other.value,
+            self.jacobian - other.jacobian,
+            self.rate - other.rate,
+            self.gamma - other.gamma,
+        )
 
     def __getitem__(self, i: int) -> Moving:
         """A component of a vector."""
-        return Moving(self.value[..., i], self.jacobian[..., i, :], self.rate[..., i], self.gamma[..., i])
+        return Moving(
+            self.value[..., i], self.jacobian[..., i, :], self.rate[..., i], self.gamma[..., i]
+        )
 
     def dot(self, other: Moving) -> Moving:
         """The inner product, by the product rule."""
         a, b = self, other
-        return Moving(np.sum(a.value * b.value, -1),
-                      np.sum(a.value[..., None] * b.jacobian + b.value[..., None] * a.jacobian, -2),
-                      np.sum(a.rate * b.value + a.value * b.rate, -1),
-                      np.sum(a.gamma * b.value + 2 * a.rate * b.rate + a.value * b.gamma, -1))
+        return Moving(
+            np.sum(a.value * b.value, -1),
+            np.sum(a.value[..., None] * b.jacobian + b.value[..., None] * a.jacobian, -2),
+            np.sum(a.rate * b.value + a.value * b.rate, -1),
+            np.sum(a.gamma * b.value + 2 * a.rate * b.rate + a.value * b.gamma, -1),
+        )
 
     def turned(self) -> Moving:
         """A vector turned by +90 degrees."""
+
         def turn(x: np.ndarray) -> np.ndarray:
             return np.stack([-x[..., 1], x[..., 0]], -1)
-        return Moving(turn(self.value), np.stack([-self.jacobian[..., 1, :], self.jacobian[..., 0, :]], -2),
-                      turn(self.rate), turn(self.gamma))
+
+        return Moving(
+            turn(self.value),
+            np.stack([-self.jacobian[..., 1, :], self.jacobian[..., 0, :]], -2),
+            turn(self.rate),
+            turn(self.gamma),
+        )
 
     def norm(self) -> Moving:
         """The length d of a vector, from d^2: 2 d d' = (d^2)', 2 d d'' + 2 d'^2 = (d^2)''."""
         square = self.dot(self)
         d = np.sqrt(square.value)
         rate = square.rate / (2 * d)
-        return Moving(d, square.jacobian / (2 * d[..., None]), rate, (square.gamma - 2 * rate ** 2) / (2 * d))
+        return Moving(
+            d, square.jacobian / (2 * d[..., None]), rate, (square.gamma - 2 * rate**2) / (2 * d)
+        )
 
 
 @dataclass(frozen=True)
@@ -103,17 +119,32 @@ class EquationsOfMotion:
 
     def __init__(self, scene: Scene):
         self.scene, self.guides = scene, scene.frictional_guides
-        self.mass = np.array([x for body in scene.bodies.values() for x in (body.mass, body.mass, body.inertia)])
-        self.rows = [f"{name}.{label}" for joints, labels in (
-            ([name for name, joint in scene.joints.items() if isinstance(joint, Revolute)], ("fx", "fy")),
-            (scene.guides, ("normal_force", "moment")), (scene.drives, ("effort",))) for name in joints
-                     for label in labels]
+        self.mass = np.array(
+            [x for body in scene.bodies.values() for x in (body.mass, body.mass, body.inertia)]
+        )
+        self.rows = [
+            f"{name}.{label}"
+            for joints, labels in (
+                (
+                    [name for name, joint in scene.joints.items() if isinstance(joint, Revolute)],
+                    ("fx", "fy"),
+                ),
+                (scene.guides, ("normal_force", "moment")),
+                (scene.drives, ("effort",)),
+            )
+            for name in joints
+            for label in labels
+        ]
 
     def start(self) -> tuple[np.ndarray, np.ndarray]:
         """q and v at t = 0 as the scene gives them."""
         bodies = self.scene.bodies.values()
-        return (np.array([x for body in bodies for x in (*body.position, body.angle)], dtype=float),
-                np.array([x for body in bodies for x in (*body.velocity, body.angular_velocity)], dtype=float))
+        return (
+            np.array([x for body in bodies for x in (*body.position, body.angle)], dtype=float),
+            np.array(
+                [x for body in bodies for x in (*body.velocity, body.angular_velocity)], dtype=float
+            ),
+        )
 
     def at(self, t: float | np.ndarray, q: np.ndarray, v: np.ndarray) -> Terms:
         """The terms at an instant or, with leading axes, at many.
@@ -132,13 +163,20 @@ class EquationsOfMotion:
         for guide in scene.guides.values():
             u = motion.direction(guide.guide, guide.direction)
             d = motion.between(guide.bodies, (guide.slider_point, guide.point))
-            rows += [u.turned().dot(d), motion.angle(guide.slider) - motion.angle(guide.guide)
-                     - motion.constant(guide.angle)]  # (18), CT
+            rows += [
+                u.turned().dot(d),
+                motion.angle(guide.slider)
+                - motion.angle(guide.guide)
+                - motion.constant(guide.angle),
+            ]  # (18), CT
             if guide.frictional:
                 tangents.append(u.dot(d))  # (8), of the guide
         rows += [motion.driven(drive) for drive in scene.drives.values()]  # (19); all rows: (20)
-        return Terms(self._applied(motion), *_stacked(rows, motion, ("value", "rate", "gamma", "jacobian")),
-                     *_stacked(tangents, motion, ("jacobian", "gamma", "rate")))
+        return Terms(
+            self._applied(motion),
+            *_stacked(rows, motion, ("value", "rate", "gamma", "jacobian")),
+            *_stacked(tangents, motion, ("jacobian", "gamma", "rate")),
+        )
 
     def _applied(self, motion: Motion) -> np.ndarray:
         """QE of (21): gravity, springs, loads."""
@@ -156,7 +194,9 @@ class EquationsOfMotion:
             else:
                 s = motion.coordinate(spring)
                 rest = spring.rest_length if isinstance(spring, LinearSpring) else spring.rest_angle
-                QE -= (spring.stiffness * (s.value - rest) + spring.damping * s.rate)[..., None] * s.jacobian
+                QE -= (spring.stiffness * (s.value - rest) + spring.damping * s.rate)[
+                    ..., None
+                ] * s.jacobian
         for load in self.scene.forces.values():
             size = motion.law(load.law).value[..., None]
             if isinstance(load, Force):
@@ -183,12 +223,18 @@ class Motion:
         """
         jacobian = np.zeros((*self.t.shape, 2, self.q.shape[-1]))
         if body == GROUND:
-            return Moving(np.zeros((*self.t.shape, 2)) + vector, jacobian, *np.zeros((2, *self.t.shape, 2))), -1
+            return Moving(
+                np.zeros((*self.t.shape, 2)) + vector, jacobian, *np.zeros((2, *self.t.shape, 2))
+            ), -1
         i = 3 * self.bodies.index(body)
-        cos, sin, omega = np.cos(self.q[..., i + 2]), np.sin(self.q[..., i + 2]), self.v[..., i + 2, None]
+        cos, sin, omega = (
+            np.cos(self.q[..., i + 2]),
+            np.sin(self.q[..., i + 2]),
+            self.v[..., i + 2, None],
+        )
         c = np.stack([cos * vector[0] - sin * vector[1], sin * vector[0] + cos * vector[1]], -1)
         jacobian[..., 0, i + 2], jacobian[..., 1, i + 2] = -c[..., 1], c[..., 0]
-        return Moving(c, jacobian, omega * jacobian[..., i + 2], -omega ** 2 * c), i
+        return Moving(c, jacobian, omega * jacobian[..., i + 2], -(omega**2) * c), i
 
     def direction(self, body: str, vector: tuple[float, float]) -> Moving:
         """A unit vector fixed in a body."""
@@ -200,7 +246,12 @@ class Motion:
         if i < 0:
             return arm
         arm.jacobian[..., 0, i] = arm.jacobian[..., 1, i + 1] = 1.0
-        return Moving(arm.value + self.q[..., i:i + 2], arm.jacobian, arm.rate + self.v[..., i:i + 2], arm.gamma)
+        return Moving(
+            arm.value + self.q[..., i : i + 2],
+            arm.jacobian,
+            arm.rate + self.v[..., i : i + 2],
+            arm.gamma,
+        )
 
     def between(self, bodies: tuple[str, str], points: tuple[tuple[float, float], ...]) -> Moving:
         """The vector from the second body's point to the first's."""
@@ -215,12 +266,20 @@ class Motion:
         return Moving(self.q[..., i], jacobian, self.v[..., i], np.zeros(self.t.shape))
 
     def constant(self, value: float) -> Moving:
-        return Moving(np.full(self.t.shape, value), np.zeros_like(self.q), *np.zeros((2, *self.t.shape)))
+        return Moving(
+            np.full(self.t.shape, value), np.zeros_like(self.q), *np.zeros((2, *self.t.shape))
+        )
 
     def law(self, law: Law) -> Moving:
-        value, rate, second = np.moveaxis(np.array([evaluate_law(law, t) for t in self.t.flat]), -1, 0)
-        return Moving(value.reshape(self.t.shape), np.zeros_like(self.q), rate.reshape(self.t.shape),
-                      second.reshape(self.t.shape))
+        value, rate, second = np.moveaxis(
+            np.array([evaluate_law(law, t) for t in self.t.flat]), -1, 0
+        )
+        return Moving(
+            value.reshape(self.t.shape),
+            np.zeros_like(self.q),
+            rate.reshape(self.t.shape),
+            second.reshape(self.t.shape),
+        )
 
     def driven(self, drive: Drive) -> Moving:
         """The constraint of a drive.
@@ -237,10 +296,19 @@ class Motion:
         if isinstance(element, TorsionalSpring) or element.type == "angle":
             return self.angle(element.bodies[0]) - self.angle(element.bodies[1])
         d = self.between(element.bodies, element.points)
-        return d.norm() if element.axis is None else self.direction(element.bodies[1], element.axis).dot(d)
+        return (
+            d.norm()
+            if element.axis is None
+            else self.direction(element.bodies[1], element.axis).dot(d)
+        )
 
 
 def _stacked(rows: list[Moving], motion: Motion, parts: tuple[str, ...]) -> list[np.ndarray]:
     """The parts of all rows, shape (..., rows) and, of jacobians, (..., rows, k)."""
-    axis, rows = motion.t.ndim, [motion.constant(0.0), *rows]  # the first has the shape where there are no others
-    return [np.delete(np.stack([getattr(row, part) for row in rows], axis), 0, axis) for part in parts]
+    axis, rows = (
+        motion.t.ndim,
+        [motion.constant(0.0), *rows],
+    )  # the first has the shape where there are no others
+    return [
+        np.delete(np.stack([getattr(row, part) for row in rows], axis), 0, axis) for part in parts
+    ]

@@ -141,25 +141,50 @@ class Paper:
 
     def __init__(self, scene: Scene):
         stabilization = scene.stabilization
-        problems = [Problem(f"joints.{name}.{key}", "nothing", "expected a value: the paper's sliders have both")
-                    for name, guide in scene.guides.items() for key in ("mu", "length") if getattr(guide, key) is None]
+        problems = [
+            Problem(
+                f"joints.{name}.{key}", "nothing", "expected a value: the paper's sliders have both"
+            )
+            for name, guide in scene.guides.items()
+            for key in ("mu", "length")
+            if getattr(guide, key) is None
+        ]
         if not isinstance(stabilization, (Baumgarte, NoStabilization)):
-            problems.append(Problem("stabilization.method", repr(stabilization.method),
-                                    "expected 'baumgarte', the paper's, or 'none'"))
+            problems.append(
+                Problem(
+                    "stabilization.method",
+                    repr(stabilization.method),
+                    "expected 'baumgarte', the paper's, or 'none'",
+                )
+            )
         if problems:
             raise SceneError(scene._origin, problems)
         self.equations = EquationsOfMotion(scene)
-        self.alpha, self.beta = ((stabilization.alpha, stabilization.beta) if isinstance(stabilization, Baumgarte)
-                                 else (0.0, 0.0))
+        self.alpha, self.beta = (
+            (stabilization.alpha, stabilization.beta)
+            if isinstance(stabilization, Baumgarte)
+            else (0.0, 0.0)
+        )
         guides = self.equations.guides.values()
-        self.mu, self.mus = np.array([g.mu for g in guides]), np.array([g.static_coefficient for g in guides])
-        self.a, self.width = np.array([g.length for g in guides]), np.array([g.width or 0.0 for g in guides])
-        first = next((i for i, row in enumerate(self.equations.rows) if row.endswith(".normal_force")), 0)
+        self.mu, self.mus = (
+            np.array([g.mu for g in guides]),
+            np.array([g.static_coefficient for g in guides]),
+        )
+        self.a, self.width = (
+            np.array([g.length for g in guides]),
+            np.array([g.width or 0.0 for g in guides]),
+        )
+        first = next(
+            (i for i, row in enumerate(self.equations.rows) if row.endswith(".normal_force")), 0
+        )
         S_i = [np.array([[1.0, 1.0], [-a / 2, a / 2]]) for a in self.a]
-        self.S = block_diag(*S_i) if S_i else np.zeros((0, 0))                                   # (26)
+        self.S = block_diag(*S_i) if S_i else np.zeros((0, 0))  # (26)
         self.K = -self.S
         # (4), (10)
-        self.H, self.G = np.kron(np.eye(len(S_i)), [[1, 1], [0, 0]]), np.kron(np.eye(len(S_i)), [[0, 0], [1, 1]])
+        self.H, self.G = (
+            np.kron(np.eye(len(S_i)), [[1, 1], [0, 0]]),
+            np.kron(np.eye(len(S_i)), [[0, 0], [1, 1]]),
+        )
         self.CT = np.arange(first, first + 2 * len(self.a))
         self.CR_D = np.setdiff1d(np.arange(len(self.equations.rows)), self.CT)
 
@@ -173,27 +198,37 @@ class Paper:
         M, QE, J = np.diag(self.equations.mass), terms.QE, terms.J
         J_CT, J_lr = J[self.CT], J[self.CR_D]
         n, lever = len(self.a), np.kron(self.width / 2, [1.0, -1.0])
-        W_T = np.repeat(terms.W, 2, 0) + lever[:, None] * np.repeat(J_CT[1::2], 2, 0)            # (8)-(9)
-        correction = 2 * self.alpha * terms.phi_dot + self.beta ** 2 * terms.phi                 # (25), (31)
-        w_T = np.repeat(terms.w, 2) + lever * np.repeat((terms.gamma + correction)[self.CT[1::2]], 2)
+        W_T = np.repeat(terms.W, 2, 0) + lever[:, None] * np.repeat(J_CT[1::2], 2, 0)  # (8)-(9)
+        correction = 2 * self.alpha * terms.phi_dot + self.beta**2 * terms.phi  # (25), (31)
+        w_T = np.repeat(terms.w, 2) + lever * np.repeat(
+            (terms.gamma + correction)[self.CT[1::2]], 2
+        )
         stick = np.repeat(mode == 0, 2)
-        V = np.eye(2 * n)[:, stick]                                                              # (11)
-        mubar = np.diag(np.repeat(-self.mu * mode, 2))                                           # (3), (11)
-        muH = V.T @ np.diag(np.repeat(self.mus, 2))                                              # (14)
+        V = np.eye(2 * n)[:, stick]  # (11)
+        mubar = np.diag(np.repeat(-self.mu * mode, 2))  # (3), (11)
+        muH = V.T @ np.diag(np.repeat(self.mus, 2))  # (14)
         mt = mubar - V @ muH
         H, G, S, K = self.H, self.G, self.S, self.K
-        M1, M2 = J @ np.linalg.inv(M), V.T @ W_T @ np.linalg.inv(M)                              # (12)
+        M1, M2 = J @ np.linalg.inv(M), V.T @ W_T @ np.linalg.inv(M)  # (12)
         MKG, MSH = J_CT.T @ K + W_T.T @ mt @ G, J_CT.T @ S + W_T.T @ mt @ H
         rows, h = len(J), V.shape[1]
         E, none = np.eye(h), np.zeros
-        A0 = np.block([[M1 @ J_lr.T, M1 @ MKG, none((rows, h)), none((rows, h))],                # (31), (34)
-                       [M2 @ J_lr.T, M2 @ MKG, -E, none((h, h))],                                # (32), (35)
-                       [none((h, len(J_lr))), -2 * muH @ G, none((h, h)), E]])                   # (17)
-        A1 = np.block([[M1 @ J_lr.T, -M1 @ MSH, -M1 @ W_T.T @ V, none((rows, h))],
-                       [M2 @ J_lr.T, -M2 @ MSH, -M2 @ W_T.T @ V, -E],
-                       [none((h, len(J_lr))), 2 * muH @ H, -E, none((h, h))]])
+        A0 = np.block(
+            [
+                [M1 @ J_lr.T, M1 @ MKG, none((rows, h)), none((rows, h))],  # (31), (34)
+                [M2 @ J_lr.T, M2 @ MKG, -E, none((h, h))],  # (32), (35)
+                [none((h, len(J_lr))), -2 * muH @ G, none((h, h)), E],
+            ]
+        )  # (17)
+        A1 = np.block(
+            [
+                [M1 @ J_lr.T, -M1 @ MSH, -M1 @ W_T.T @ V, none((rows, h))],
+                [M2 @ J_lr.T, -M2 @ MSH, -M2 @ W_T.T @ V, -E],
+                [none((h, len(J_lr))), 2 * muH @ H, -E, none((h, h))],
+            ]
+        )
         b = np.concatenate([-(M1 @ QE + terms.gamma + correction), -(M2 @ QE + V.T @ w_T), none(h)])
-        return HLCP(A0, A1, b, M, QE, J, W_T, mt, V)                                             # (36)
+        return HLCP(A0, A1, b, M, QE, J, W_T, mt, V)  # (36)
 
     def solve(self, t: float, q: np.ndarray, v: np.ndarray, mode: np.ndarray) -> Solution:
         """Solve the HLCP by Lemke's method, and eq. (33) for the accelerations.
@@ -210,26 +245,31 @@ class Paper:
             raise NoSolution("singular", "A0 is singular: redundant constraints")
         smooth, corners, surfaces = len(self.CR_D), 2 * len(self.a), V.shape[1]
         cover = np.ones(len(b))
-        cover[len(b) - surfaces:] = COVER
+        cover[len(b) - surfaces :] = COVER
         # (37)-(38), of which (1)-(2), (7), (15), (29)-(30) are parts
         y, x = lemke(np.linalg.solve(A0, A1), np.linalg.solve(A0, b), cover)
         parts = np.cumsum([smooth, corners, surfaces])
         l_plus, F_minus, gH_plus, _ = np.split(y, parts)
         l_minus, F_plus, lH_plus, gH_minus = np.split(x, parts)
-        FN = self.H @ F_plus + self.G @ F_minus                                                  # (4), (10)
-        lambda_T = mt @ FN + V @ lH_plus                                                         # (6), (11), (14)
+        FN = self.H @ F_plus + self.G @ F_minus  # (4), (10)
+        lambda_T = mt @ FN + V @ lH_plus  # (6), (11), (14)
         lambda_C = np.zeros(len(J))
-        lambda_C[self.CR_D] = l_plus - l_minus                                                   # (27)-(28)
-        lambda_C[self.CT] = self.S @ F_plus + self.K @ F_minus                                   # (26)
-        acceleration = np.linalg.solve(M, QE + J.T @ lambda_C + W_T.T @ lambda_T)                # (22)-(24), (33)
+        lambda_C[self.CR_D] = l_plus - l_minus  # (27)-(28)
+        lambda_C[self.CT] = self.S @ F_plus + self.K @ F_minus  # (26)
+        acceleration = np.linalg.solve(M, QE + J.T @ lambda_C + W_T.T @ lambda_T)  # (22)-(24), (33)
         plus, minus = lambda_T[0::2], lambda_T[1::2]
         lambda_C[self.CT[1::2]] += self.width / 2 * (plus - minus)
-        terms = np.abs(W_T @ np.linalg.solve(M, np.hstack([QE[:, None], J.T * lambda_C, W_T.T * lambda_T])))
-        gH = gH_plus - gH_minus                                                                  # (5), (13), (16)
-        return Solution(acceleration, lambda_C, plus + minus, gH[0::2],
-                        REST * np.max(terms, initial=0.0))
+        terms = np.abs(
+            W_T @ np.linalg.solve(M, np.hstack([QE[:, None], J.T * lambda_C, W_T.T * lambda_T]))
+        )
+        gH = gH_plus - gH_minus  # (5), (13), (16)
+        return Solution(
+            acceleration, lambda_C, plus + minus, gH[0::2], REST * np.max(terms, initial=0.0)
+        )
 
-    def decide(self, t: float, q: np.ndarray, v: np.ndarray, mode: np.ndarray) -> tuple[np.ndarray, Solution]:
+    def decide(
+        self, t: float, q: np.ndarray, v: np.ndarray, mode: np.ndarray
+    ) -> tuple[np.ndarray, Solution]:
         """Return `mode` after sliders have left the stick set, and its solution.
 
         A slider that leaves has the kinetic coefficient from then on, which may set others free.
@@ -253,7 +293,10 @@ class Paper:
         The stick set is decided at the start of a step. A step in which a slider's velocity changes its sign ends where
         it vanishes, and the rest of it follows from there.
         """
-        y, mode = np.concatenate([q, v]), np.sign(self.equations.at(0.0, q, v).slip_speed).astype(int)
+        y, mode = (
+            np.concatenate([q, v]),
+            np.sign(self.equations.at(0.0, q, v).slip_speed).astype(int),
+        )
         rows: list[tuple[np.ndarray, ...]] = []
         sides: list[tuple[np.ndarray, ...]] = []
         events: list[tuple[float, str, int]] = []
@@ -268,8 +311,17 @@ class Paper:
                     if old is not None and np.any(changed := mode != old):
                         left = _row(t, y, old, self.solve(t, q, v, old))
                         for g in np.flatnonzero(changed):
-                            events.append((t, "slip" if old[g] == 0 else "stick" if mode[g] == 0 else "reversal",
-                                           int(g)))
+                            events.append(
+                                (
+                                    t,
+                                    "slip"
+                                    if old[g] == 0
+                                    else "stick"
+                                    if mode[g] == 0
+                                    else "reversal",
+                                    int(g),
+                                )
+                            )
                             sides += [left, row]
                     old = mode
                     if part == 0:
@@ -277,27 +329,40 @@ class Paper:
                     if step == steps:
                         break
                     h, first = self._length(t, y, rest, mode)
-                    y, t, rest = runge_kutta(partial(self.derivative, mode=mode), t, y, h), t + h, rest - h
+                    y, t, rest = (
+                        runge_kutta(partial(self.derivative, mode=mode), t, y, h),
+                        t + h,
+                        rest - h,
+                    )
                     if first >= 0:
                         mode = np.where(np.arange(len(mode)) == first, 0, mode)
                     if first < 0 or rest <= ZERO * dt:
                         break
                 else:
-                    raise NoSolution("chatter", f"more than {PARTS} changes of the contact mode within a step")
+                    raise NoSolution(
+                        "chatter", f"more than {PARTS} changes of the contact mode within a step"
+                    )
         except NoSolution as reason:
             breakdown = Breakdown(reason.kind, float(t), str(reason))
         k, n = len(q), len(mode)
         widths = ((), (k,), (k,), (k,), (len(self.equations.rows) + n,), (n,))
 
         def columns(rows: list[tuple[np.ndarray, ...]]) -> dict[str, Any]:
-            return {name: np.reshape([row[i] for row in rows], (len(rows), *width))
-                    for i, (name, width) in enumerate(zip(March._fields, widths))}
+            return {
+                name: np.reshape([row[i] for row in rows], (len(rows), *width))
+                for i, (name, width) in enumerate(zip(March._fields, widths))
+            }
 
-        return March(**columns(rows), events=tuple(events), breakdown=breakdown,
-                     sides=March(**columns(sides), events=(), breakdown=None) if events else None)
+        return March(
+            **columns(rows),
+            events=tuple(events),
+            breakdown=breakdown,
+            sides=March(**columns(sides), events=(), breakdown=None) if events else None,
+        )
 
     def _length(self, t: float, y: np.ndarray, h: float, mode: np.ndarray) -> tuple[float, int]:
         """Length of a step of at most h, and the slider that comes to rest at its end; -1 if none does."""
+
         def speeds(length: float) -> np.ndarray:
             q, v = np.split(runge_kutta(partial(self.derivative, mode=mode), t, y, length), 2)
             return mode * self.equations.at(t + length, q, v).slip_speed
@@ -306,17 +371,28 @@ class Paper:
         stopped = np.flatnonzero(end < 0)
         if not len(stopped):
             return h, -1
-        first = int(min(stopped, key=lambda g: begin[g] / (begin[g] - end[g]) if begin[g] > 0 else 0.5))
-        return brentq(lambda length: speeds(length)[first], 0.0, h, xtol=1e-15 * h,
-                      rtol=1e-15) if begin[first] > 0 else 0.0, first
+        first = int(
+            min(stopped, key=lambda g: begin[g] / (begin[g] - end[g]) if begin[g] > 0 else 0.5)
+        )
+        return brentq(
+            lambda length: speeds(length)[first], 0.0, h, xtol=1e-15 * h, rtol=1e-15
+        ) if begin[first] > 0 else 0.0, first
 
 
 def _row(t: float, y: np.ndarray, mode: np.ndarray, found: Solution) -> tuple[np.ndarray, ...]:
     """An instant of a march."""
-    return np.array(t), *np.split(y, 2), found.acceleration, np.append(found.lambda_C, found.friction), mode
+    return (
+        np.array(t),
+        *np.split(y, 2),
+        found.acceleration,
+        np.append(found.lambda_C, found.friction),
+        mode,
+    )
 
 
-def runge_kutta(f: Callable[[float, np.ndarray], np.ndarray], t: float, y: np.ndarray, h: float) -> np.ndarray:
+def runge_kutta(
+    f: Callable[[float, np.ndarray], np.ndarray], t: float, y: np.ndarray, h: float
+) -> np.ndarray:
     """One step of the classical method of order 4."""
     k1 = f(t, y)
     k2 = f(t + h / 2, y + h / 2 * k1)
@@ -339,7 +415,9 @@ def lemke(M: np.ndarray, q: np.ndarray, d: np.ndarray) -> tuple[np.ndarray, np.n
     n, size = len(q), np.max(np.abs(q))
     if np.all(q >= 0):
         return q, np.zeros(n)
-    T = np.hstack([np.eye(n), -M, -d[:, None], q[:, None] / size])  # y, x, the covering variable, right-hand side
+    T = np.hstack(
+        [np.eye(n), -M, -d[:, None], q[:, None] / size]
+    )  # y, x, the covering variable, right-hand side
     basis, row, entering = np.arange(n), int(np.argmin(q / d)), 2 * n
     while True:
         T[row] /= T[row, entering]

@@ -19,8 +19,11 @@ MAIN = "judgement.md"
 def write_judgement(judged: Judgement, folder: Path) -> Path:
     """Write page, figure (SVG, PDF) and tables (CSV, Parquet); return the page. What it refuses: `run_folder`."""
     said = judged.presentation
-    parts = [f"# {judged.table.origin} on {judged.scene.name}", f"**{said.answer.text}**",
-             "\n".join(f"- {part.text}" for part in said.findings)]
+    parts = [
+        f"# {judged.table.origin} on {judged.scene.name}",
+        f"**{said.answer.text}**",
+        "\n".join(f"- {part.text}" for part in said.findings),
+    ]
     with run_folder(folder, MAIN) as partial:
         for part in ("data", "figures"):
             (partial / part).mkdir()
@@ -31,7 +34,11 @@ def write_judgement(judged: Judgement, folder: Path) -> Path:
             for drawing in drawn(said.figures, Results((), {}, {})):
                 save(drawing, partial / "figures")
                 parts.append(figure(drawing))
-        parts += [f"*{view.caption}*\n\n{table(view)}{more(view)}" for view in said.tables if view.in_report]
+        parts += [
+            f"*{view.caption}*\n\n{table(view)}{more(view)}"
+            for view in said.tables
+            if view.in_report
+        ]
         parts.append("\n".join(f"- {note}" for note in said.notes))
         (partial / MAIN).write_text("\n\n".join(filter(None, parts)) + "\n", encoding="utf-8")
         write_provenance(partial, {"scene": judged.scene.name, "table": judged.table.origin})

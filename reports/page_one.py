@@ -32,7 +32,8 @@ HOW_TO_READ = (
     "step. > t: the finest run, t ms, misses it. ≤ t: the coarsest meets it. ~: timed once, or a wide interval. A jump "
     "that is not read has no bound. Declined: by the method's own word. Not judged: for our adapter, for what the "
     "engine can express, or for impulses. Joint: ideal guides with a friction law. Contact: the slider touches two "
-    "surfaces. mus = mu: engine and truth have one coefficient of friction. Compare methods within a group only.")
+    "surfaces. mus = mu: engine and truth have one coefficient of friction. Compare methods within a group only."
+)
 
 
 @dataclass(frozen=True)
@@ -53,16 +54,27 @@ class HeadlineTable:
 
 def headline_table(report: Report) -> HeadlineTable:
     """Put the headlines of all studies side by side, for every method."""
-    headlines = [headline for presentation in report.said.values() for headline in presentation.headlines]
-    groups = {group.label: {method: [headline.cells.get(method) for headline in headlines] for method in methods}
-              for group, methods in grouped_methods(report.results)}
-    return HeadlineTable(("method", *(headline.label for headline in headlines)), groups if headlines else {})
+    headlines = [
+        headline for presentation in report.said.values() for headline in presentation.headlines
+    ]
+    groups = {
+        group.label: {
+            method: [headline.cells.get(method) for headline in headlines] for method in methods
+        }
+        for group, methods in grouped_methods(report.results)
+    }
+    return HeadlineTable(
+        ("method", *(headline.label for headline in headlines)), groups if headlines else {}
+    )
 
 
 def bullets(report: Report) -> list[tuple[str, TracedText]]:
     """Title and answer of the studies that have one for page one, with what is said beside it."""
-    return [(study.title, listed([*filter(None, (said.answer, said.beside))], " ", " "))
-            for study, said in report.said.items() if study.title and study.on_page_one and said.answer]
+    return [
+        (study.title, listed([*filter(None, (said.answer, said.beside))], " ", " "))
+        for study, said in report.said.items()
+        if study.title and study.on_page_one and said.answer
+    ]
 
 
 def page_one(report: Report, picture: str, origin: str) -> str:
@@ -72,14 +84,24 @@ def page_one(report: Report, picture: str, origin: str) -> str:
     """
     results, table = report.results, headline_table(report)
     answer = [part.text for part in report.answer]
-    parts = [f"# {TITLE}", INTERRUPTED if results.settings.get("interrupted") else "",
-             _filled(mechanism_in_words(results)), picture,
-             "\n".join([*(_filled(f"**Answer.** {text}") for text in answer[:1]), *map(_item, answer[1:])])]
+    parts = [
+        f"# {TITLE}",
+        INTERRUPTED if results.settings.get("interrupted") else "",
+        _filled(mechanism_in_words(results)),
+        picture,
+        "\n".join(
+            [*(_filled(f"**Answer.** {text}") for text in answer[:1]), *map(_item, answer[1:])]
+        ),
+    ]
     if table.groups:
         right = [False] + [True] * (len(table.heads) - 1)
         parts += [aligned(table.heads, list(table.rows), right, WIDTH), _filled(HOW_TO_READ)]
-    parts += ["\n".join(_item(f"**{title}.** {part.text}") for title, part in bullets(report)),
-              _filled(" ".join(filter(None, (runs_in_words(results).text, origin, not_installed(results)))))]
+    parts += [
+        "\n".join(_item(f"**{title}.** {part.text}") for title, part in bullets(report)),
+        _filled(
+            " ".join(filter(None, (runs_in_words(results).text, origin, not_installed(results))))
+        ),
+    ]
     return "\n\n".join(filter(None, parts))
 
 
@@ -88,16 +110,28 @@ def answer_lines(report: Report) -> Iterator[str]:
     if report.results.settings.get("interrupted"):
         yield INTERRUPTED.strip("*")
     yield from (part.text for part in report.answer)
-    yield from (f"{study.title}: {said.answer.text}" for study, said in report.said.items()
-                if study.title and said.answer)
-    yield " ".join(filter(None, (runs_in_words(report.results).text, not_installed(report.results))))
+    yield from (
+        f"{study.title}: {said.answer.text}"
+        for study, said in report.said.items()
+        if study.title and said.answer
+    )
+    yield " ".join(
+        filter(None, (runs_in_words(report.results).text, not_installed(report.results)))
+    )
 
 
 def not_installed(results: Results) -> str:
     """Name the engines that took no part because their package is missing; empty without any."""
-    names = dict.fromkeys(record.variant.engine for record in results.records
-                          if record.outcome.status == MISSING_ENGINE)
-    return f"Not installed: {', '.join(names)}; `stiction engines` says how to install them." if names else ""
+    names = dict.fromkeys(
+        record.variant.engine
+        for record in results.records
+        if record.outcome.status == MISSING_ENGINE
+    )
+    return (
+        f"Not installed: {', '.join(names)}; `stiction engines` says how to install them."
+        if names
+        else ""
+    )
 
 
 def runs_in_words(results: Results) -> TracedText:
@@ -108,19 +142,32 @@ def runs_in_words(results: Results) -> TracedText:
         return TracedText("There were no runs.")
     ok = made["status"] == "ok"
     early = frozenset(made.loc[ok & (made["reason"] != ""), "reason"])
-    parts = [traced("{} {}", count("runs", table, status=status), status)
-             for status in made.loc[~ok, "status"].unique()]
+    parts = [
+        traced("{} {}", count("runs", table, status=status), status)
+        for status in made.loc[~ok, "status"].unique()
+    ]
     if early:
-        parts.append(traced("{} of those ended early", count("runs", table, status="ok", reason=early)))
+        parts.append(
+            traced("{} of those ended early", count("runs", table, status="ok", reason=early))
+        )
     failed = failed_runs(results)
     elsewhere = list(failed.loc[failed["table"] != "runs", "variant"].dropna().unique())
-    names = listed(elsewhere if len(elsewhere) <= MOST_NAMED else [*elsewhere[:MOST_NAMED], "others"])
+    names = listed(
+        elsewhere if len(elsewhere) <= MOST_NAMED else [*elsewhere[:MOST_NAMED], "others"]
+    )
     others = sentence(" In other studies runs failed or ended early, of {}: `failures.md`.", names)
     if not parts:
-        return traced("All {} compared runs succeeded.{}", count("runs", table, status="ok"), others)
+        return traced(
+            "All {} compared runs succeeded.{}", count("runs", table, status="ok"), others
+        )
     everything = count("runs", table, status=frozenset(made["status"]))
-    return traced("{} of {} compared runs succeeded; {}.{}", count("runs", table, status="ok"), everything,
-                  listed(parts), others)
+    return traced(
+        "{} of {} compared runs succeeded; {}.{}",
+        count("runs", table, status="ok"),
+        everything,
+        listed(parts),
+        others,
+    )
 
 
 def _item(text: str) -> str:
@@ -128,4 +175,6 @@ def _item(text: str) -> str:
 
 
 def _filled(text: str, indent: str = "") -> str:
-    return textwrap.fill(text, WIDTH, subsequent_indent=indent, break_long_words=False, break_on_hyphens=False)
+    return textwrap.fill(
+        text, WIDTH, subsequent_indent=indent, break_long_words=False, break_on_hyphens=False
+    )

@@ -7,8 +7,21 @@ from collections import defaultdict
 import numpy as np
 import pandas as pd
 
-from stiction.comparisons.bench.methods import called, case_of, grouped_methods, made_methods, methods, same_work
-from stiction.comparisons.bench.presentation.traced_text import TracedText, length, listed, scaled_value, traced
+from stiction.comparisons.bench.methods import (
+    called,
+    case_of,
+    grouped_methods,
+    made_methods,
+    methods,
+    same_work,
+)
+from stiction.comparisons.bench.presentation.traced_text import (
+    TracedText,
+    length,
+    listed,
+    scaled_value,
+    traced,
+)
 from stiction.comparisons.bench.results import Results
 from stiction.engines.registry import OWN_METHODS
 from stiction.scenes import catalogue, load_scene
@@ -22,24 +35,31 @@ SAMPLES = 2401
 
 def mechanism_in_words(results: Results) -> str:
     """Describe what was simulated, in two lines; empty where no truth is there."""
-    scenes = [name for name in dict.fromkeys(record.scene for record in results.records)
-              if name in catalogue() and name in results.truths]
+    scenes = [
+        name
+        for name in dict.fromkeys(record.scene for record in results.records)
+        if name in catalogue() and name in results.truths
+    ]
     if not scenes:
         return ""
     truths = [results.truths[name] for name in scenes]
     guide = next(iter(load_scene(scenes[0]).frictional_guides.values()), None)
     columns = [truth(np.linspace(0.0, truth.t_end, SAMPLES)) for truth in truths]
     strokes = [f"{np.ptp(each['slider.x']):.2g}" for each in columns if "slider.x" in each]
-    friction = "" if guide is None else f" (mu {guide.mu:g}, static mus {guide.static_coefficient:g})"
+    friction = (
+        "" if guide is None else f" (mu {guide.mu:g}, static mus {guide.static_coefficient:g})"
+    )
     end = max(truth.t_end for truth in truths)
     count = CARDINALS.get(len(scenes), len(scenes))
     moved = f", strokes {', '.join(strokes)} m" if strokes else ""
     unsure = max(truth.uncertainty.get("slider.x", 0.0) for truth in truths)
     tiers = " or ".join(dict.fromkeys(truth.tier for truth in truths))
-    return (f"A motor turns a bar on a spring-held slider that sticks and slips in its guide{friction}. "
-            f"{count} case{'s' if len(scenes) > 1 else ''} of {end:g} s{moved}. "
-            f"Truth: a separate solution of the reduced equations, {tiers}, its uncertainty at most "
-            f"{rounded_up(unsure)} m. The paper's own numbers are missing from our copy of it.")
+    return (
+        f"A motor turns a bar on a spring-held slider that sticks and slips in its guide{friction}. "
+        f"{count} case{'s' if len(scenes) > 1 else ''} of {end:g} s{moved}. "
+        f"Truth: a separate solution of the reduced equations, {tiers}, its uncertainty at most "
+        f"{rounded_up(unsure)} m. The paper's own numbers are missing from our copy of it."
+    )
 
 
 def recommendation(results: Results) -> list[TracedText]:
@@ -60,15 +80,33 @@ def recommendation(results: Results) -> list[TracedText]:
         return length("accuracy", table, row, POSITION)
 
     cases = table["scene"].nunique()
-    where = f"all {CARDINALS.get(cases, str(cases)).lower()} cases" if cases > 1 else case_of(table["scene"].iloc[0])
-    answers = [traced("Our reference solver is right to {} in {}{}.", error(ranked["reference"]), where,
-                      _time(results, "reference"))]
+    where = (
+        f"all {CARDINALS.get(cases, str(cases)).lower()} cases"
+        if cases > 1
+        else case_of(table["scene"].iloc[0])
+    )
+    answers = [
+        traced(
+            "Our reference solver is right to {} in {}{}.",
+            error(ranked["reference"]),
+            where,
+            _time(results, "reference"),
+        )
+    ]
     if (paper := "paper's scheme") in ranked:
         best = table.at[ranked["reference"], POSITION] < table.at[ranked[paper], POSITION]
-        answers.append(traced("Accuracy: {}the paper's scheme is right to {}{}.",
-                              "use the reference; " if best else "", error(ranked[paper]), _time(results, paper)))
-    for heading, fidelity in (("Existing engines, ideal joints", "joint"),
-                              ("Existing engines, real contacts", "contact")):
+        answers.append(
+            traced(
+                "Accuracy: {}the paper's scheme is right to {}{}.",
+                "use the reference; " if best else "",
+                error(ranked[paper]),
+                _time(results, paper),
+            )
+        )
+    for heading, fidelity in (
+        ("Existing engines, ideal joints", "joint"),
+        ("Existing engines, real contacts", "contact"),
+    ):
         parts: dict[str, list[TracedText]] = defaultdict(list)
         engines = False
         for group, variants in grouped_methods(results, same_work):
@@ -79,22 +117,50 @@ def recommendation(results: Results) -> list[TracedText]:
             theirs = [row for row in rows if row not in own]
             engines = engines or bool(theirs)
             said = [_span(table, theirs)] if theirs else []
-            said += [traced("our {} {}", called(table.at[row, "variant"], False), error(row))
-                      for row in own if fidelity == "contact"]
+            said += [
+                traced("our {} {}", called(table.at[row, "variant"], False), error(row))
+                for row in own
+                if fidelity == "contact"
+            ]
             if said:
                 parts[group.coefficients] += said
         if engines:
-            answers.append(traced("{}: {}.", heading, listed([
-                traced("{}{}", listed(said, last=", "), f" ({label})" if len(parts) > 1 else "")
-                for label, said in parts.items()], "; ", "; ")))
+            answers.append(
+                traced(
+                    "{}: {}.",
+                    heading,
+                    listed(
+                        [
+                            traced(
+                                "{}{}",
+                                listed(said, last=", "),
+                                f" ({label})" if len(parts) > 1 else "",
+                            )
+                            for label, said in parts.items()
+                        ],
+                        "; ",
+                        "; ",
+                    ),
+                )
+            )
     return answers
 
 
 def _span(table: pd.DataFrame, rows: list[int]) -> TracedText:
     """Return the methods of one group with the smallest and the largest error."""
     errors = table.loc[rows, POSITION]
-    return listed([traced("{} {}", called(table.at[row, "variant"], False), length("accuracy", table, row, POSITION))
-                   for row in dict.fromkeys((errors.idxmin(), errors.idxmax()))], " to ", " to ")
+    return listed(
+        [
+            traced(
+                "{} {}",
+                called(table.at[row, "variant"], False),
+                length("accuracy", table, row, POSITION),
+            )
+            for row in dict.fromkeys((errors.idxmin(), errors.idxmax()))
+        ],
+        " to ",
+        " to ",
+    )
 
 
 def _time(results: Results, variant: str) -> TracedText:
@@ -102,14 +168,23 @@ def _time(results: Results, variant: str) -> TracedText:
     table = results.table("equal-error")
     if table.empty:
         return TracedText("")
-    there = table.index[(table["variant"] == variant) & (table["error"] == 1e-3) & (table["quantity"] == "position")
-                        & table["cpu_time"].notna()]
+    there = table.index[
+        (table["variant"] == variant)
+        & (table["error"] == 1e-3)
+        & (table["quantity"] == "position")
+        & table["cpu_time"].notna()
+    ]
     if not len(there):
         return TracedText("")
     times, ends = table.loc[there, "cpu_time"].astype(float), list[TracedText]()
     for row in dict.fromkeys((int(times.idxmin()), int(times.idxmax()))):
-        sign = ("≤ " if table.at[row, "is_bound"] else "") + ("~" if table.loc[row].get("timing") else "")
+        sign = ("≤ " if table.at[row, "is_bound"] else "") + (
+            "~" if table.loc[row].get("timing") else ""
+        )
         ends.append(traced("{}", scaled_value("equal-error", table, row, "cpu_time", sign)))
-    where = "" if len(there) == table["scene"].nunique() else traced(
-        " in {}", listed([case_of(scene) for scene in table.loc[there, "scene"]]))
+    where = (
+        ""
+        if len(there) == table["scene"].nunique()
+        else traced(" in {}", listed([case_of(scene) for scene in table.loc[there, "scene"]]))
+    )
     return traced("; 1 mm takes {} ms of CPU{}", listed(ends, last=" to "), where)

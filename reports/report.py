@@ -34,7 +34,8 @@ class Report:
 def report_of(results: Results) -> Report:
     """Let every study and the recommendation speak of the results."""
     found = {study: study.presented(results) for study in studies()}
-    return Report(results, {study: said for study, said in found.items() if not said.is_empty},
-                  tuple(recommendation(results)))
-
-
+    return Report(
+        results,
+        {study: said for study, said in found.items() if not said.is_empty},
+        tuple(recommendation(results)),
+    )

@@ -2,12 +2,36 @@
 
 from stiction.scenes.base_errors import InputError, StictionError
 from stiction.scenes.errors import FileError, Problem, SceneError
-from stiction.scenes.loading import (catalogue, load_scene, new_scene_text, scene_from_dict, scene_text, scene_to_toml,
-                                     vary)
+from stiction.scenes.loading import (
+    catalogue,
+    load_scene,
+    new_scene_text,
+    scene_from_dict,
+    scene_text,
+    scene_to_toml,
+    vary,
+)
 from stiction.scenes.model import Scene
 from stiction.scenes.overrides import parse_override
 from stiction.scenes.trajectory import Breakdown, Cost, Event, Trajectory
 
-__all__ = ["Breakdown", "Cost", "Event", "FileError", "InputError", "Problem", "Scene", "SceneError", "StictionError",
-           "Trajectory", "catalogue", "load_scene", "new_scene_text", "parse_override", "scene_from_dict", "scene_text",
-           "scene_to_toml", "vary"]
+__all__ = [
+    "Breakdown",
+    "Cost",
+    "Event",
+    "FileError",
+    "InputError",
+    "Problem",
+    "Scene",
+    "SceneError",
+    "StictionError",
+    "Trajectory",
+    "catalogue",
+    "load_scene",
+    "new_scene_text",
+    "parse_override",
+    "scene_from_dict",
+    "scene_text",
+    "scene_to_toml",
+    "vary",
+]

@@ -14,7 +14,9 @@ class NotWritten(StictionError):
     """The system failed during writing: a full disk, a folder that is gone. The old content is still there."""
 
     def __init__(self, path: Path, error: OSError):
-        super().__init__(f"{path}: not written: {error.strerror or error}; what was there before is untouched")
+        super().__init__(
+            f"{path}: not written: {error.strerror or error}; what was there before is untouched"
+        )
 
 
 class FolderMissing(InputError):
@@ -37,7 +39,9 @@ def whole_file(path: str | Path) -> Iterator[Path]:
     try:
         yield partial
         with partial.open("rb+") as file:
-            os.fsync(file.fileno())  # lest a power cut leaves the new name with the old disk's content
+            os.fsync(
+                file.fileno()
+            )  # lest a power cut leaves the new name with the old disk's content
         partial.replace(path)
     except OSError as error:
         raise NotWritten(path, error) from error

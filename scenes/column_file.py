@@ -11,7 +11,7 @@ import numpy as np
 from stiction.scenes.base_errors import StictionError
 
 REAL = np.dtype(float)
-LARGE = 2 ** 25
+LARGE = 2**25
 """Bytes of all columns above which they are kept in a file: a tenth of what the program itself takes."""
 
 
@@ -52,9 +52,11 @@ class ColumnFile(Mapping[str, np.ndarray]):
             self._file.write(np.ascontiguousarray(values, dtype=float).data)
             self._file.flush()
         except OSError as error:
-            raise NoRoom(f"temporary file in {tempfile.gettempdir()}: {error.strerror or error}; expected room for "
-                         f"{self._stride * REAL.itemsize / 1e6:.3g} MB a column; the environment variable TMPDIR "
-                         "names another folder") from None
+            raise NoRoom(
+                f"temporary file in {tempfile.gettempdir()}: {error.strerror or error}; expected room for "
+                f"{self._stride * REAL.itemsize / 1e6:.3g} MB a column; the environment variable TMPDIR "
+                "names another folder"
+            ) from None
 
     def shorten(self, rows: int) -> None:
         """Leave out all rows from `rows` on."""
@@ -68,8 +70,13 @@ class ColumnFile(Mapping[str, np.ndarray]):
 
     def __getitem__(self, name: str) -> np.ndarray:
         place = self._place[name]
-        mapped = np.memmap(self._file, dtype=REAL, mode="r", offset=place * self._stride * REAL.itemsize,
-                           shape=(self._rows,))
+        mapped = np.memmap(
+            self._file,
+            dtype=REAL,
+            mode="r",
+            offset=place * self._stride * REAL.itemsize,
+            shape=(self._rows,),
+        )
         return mapped.view(np.ndarray)
 
     def __contains__(self, name: object) -> bool:
@@ -85,7 +92,9 @@ class ColumnFile(Mapping[str, np.ndarray]):
 class Changed(Mapping[str, np.ndarray]):
     """Columns that are made from others at each access, such as some of their rows; nothing is kept."""
 
-    def __init__(self, columns: Mapping[str, np.ndarray], change: Callable[[str, np.ndarray], np.ndarray]):
+    def __init__(
+        self, columns: Mapping[str, np.ndarray], change: Callable[[str, np.ndarray], np.ndarray]
+    ):
         self._columns, self._change = columns, change
 
     def __getitem__(self, name: str) -> np.ndarray:
@@ -128,7 +137,9 @@ def in_parts(rows: int, most: int) -> Iterator[slice]:
     return (slice(begin, min(begin + most, rows)) for begin in range(0, rows, most))
 
 
-def collected(rows: int, most: int, made: Callable[[slice], Mapping[str, np.ndarray]]) -> Mapping[str, np.ndarray]:
+def collected(
+    rows: int, most: int, made: Callable[[slice], Mapping[str, np.ndarray]]
+) -> Mapping[str, np.ndarray]:
     """Return columns that are made part by part, `most` rows at a time; those of one part alone as they are."""
     if rows <= most:
         return made(slice(0, rows))

@@ -36,20 +36,46 @@ COLUMNS = (
     Column("BODY", ("ax", "ay"), "m/s²", "acceleration of the centre of mass"),
     Column("BODY", ("alpha",), "rad/s²", "angular acceleration"),
     Column("PIN", ("fx", "fy"), "N", "force on the first body, in ground axes"),
-    Column("GUIDE", ("normal_force",), "N", "resultant R on the slider along the normal (direction turned by +90°)"),
-    Column("GUIDE", ("moment",), "N m",
-           "total moment on the slider about its point, normal forces and surface friction together"),
+    Column(
+        "GUIDE",
+        ("normal_force",),
+        "N",
+        "resultant R on the slider along the normal (direction turned by +90°)",
+    ),
+    Column(
+        "GUIDE",
+        ("moment",),
+        "N m",
+        "total moment on the slider about its point, normal forces and surface friction together",
+    ),
     Column("GUIDE", ("displacement",), "m", "of the slider along the guide"),
     Column("GUIDE", ("slip_velocity",), "m/s", "along the guide"),
     Column("GUIDE", ("friction",), "N", "force on the slider along the direction", _FRICTION),
-    Column("GUIDE", ("mode",), "", "-1 slip against the direction, 0 stick, 1 slip along it; not from every engine",
-           _FRICTION),
-    Column("GUIDE", ("F1", "F2", "F3", "F4"), "N",
-           "corner forces: 1 lower rear, 2 lower front, 3 upper front, 4 upper rear", _LENGTH),
-    Column("GUIDE", ("friction_lower", "friction_upper"), "N", "friction on the two surfaces",
-           "with a length and friction"),
+    Column(
+        "GUIDE",
+        ("mode",),
+        "",
+        "-1 slip against the direction, 0 stick, 1 slip along it; not from every engine",
+        _FRICTION,
+    ),
+    Column(
+        "GUIDE",
+        ("F1", "F2", "F3", "F4"),
+        "N",
+        "corner forces: 1 lower rear, 2 lower front, 3 upper front, 4 upper rear",
+        _LENGTH,
+    ),
+    Column(
+        "GUIDE",
+        ("friction_lower", "friction_upper"),
+        "N",
+        "friction on the two surfaces",
+        "with a length and friction",
+    ),
     Column("DRIVE", ("effort",), "N m or N", "torque or force of the drive on its first body"),
-    Column("drift", ("position",), "m, rad", "Euclidean norm of Phi, the residuals of the constraints"),
+    Column(
+        "drift", ("position",), "m, rad", "Euclidean norm of Phi, the residuals of the constraints"
+    ),
     Column("drift", ("velocity",), "m/s, rad/s", "Euclidean norm of Phi'"),
 )
 
@@ -57,16 +83,30 @@ COLUMNS = (
 def columns_of(scene: Scene) -> list[str]:
     """Names of all columns that a trajectory of the scene can have, the time left out."""
     guides = scene.guides
-    owners: dict[str, Iterable[str]] = {"BODY": scene.bodies, "PIN": scene.pins, "GUIDE": guides,
-                                       "DRIVE": scene.drives, "drift": ["drift"]}
+    owners: dict[str, Iterable[str]] = {
+        "BODY": scene.bodies,
+        "PIN": scene.pins,
+        "GUIDE": guides,
+        "DRIVE": scene.drives,
+        "drift": ["drift"],
+    }
 
     def applies(column: Column, owner: str) -> bool:
         guide = guides.get(owner)
-        return not column.where or guide is not None and ("friction" not in column.where or guide.frictional) and (
-            "length" not in column.where or guide.length is not None)
+        return (
+            not column.where
+            or guide is not None
+            and ("friction" not in column.where or guide.frictional)
+            and ("length" not in column.where or guide.length is not None)
+        )
 
-    return [f"{owner}.{name}" for column in COLUMNS for owner in owners[column.owner] if applies(column, owner)
-            for name in column.names]
+    return [
+        f"{owner}.{name}"
+        for column in COLUMNS
+        for owner in owners[column.owner]
+        if applies(column, owner)
+        for name in column.names
+    ]
 
 
 def unit_of(column: str, scene: Scene | None = None) -> str:
@@ -74,7 +114,9 @@ def unit_of(column: str, scene: Scene | None = None) -> str:
     owner, _, name = column.rpartition(".")
     if name == "effort" and scene is not None:
         return "N m" if scene.drives[owner].type == "angle" else "N"
-    return "s" if column == "t" else next((entry.unit for entry in COLUMNS if name in entry.names), "")
+    return (
+        "s" if column == "t" else next((entry.unit for entry in COLUMNS if name in entry.names), "")
+    )
 
 
 def meaning_of(column: str) -> str:

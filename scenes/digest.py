@@ -31,7 +31,9 @@ def scene_digest(scene: Scene) -> str:
 
     Names of elements count, for columns and events bear them.
     """
-    content = scene.model_dump(mode="json", exclude={"title", "source", "parameters"}, exclude_defaults=True)
+    content = scene.model_dump(
+        mode="json", exclude={"title", "source", "parameters"}, exclude_defaults=True
+    )
     return digest(_rounded(content))[:SHORT]
 
 
@@ -44,7 +46,9 @@ def _plain(value: Any) -> Any:
     if isinstance(value, (list, tuple)):
         return [_plain(inner) for inner in value]
     if dataclasses.is_dataclass(value):
-        fields = {field.name: _plain(getattr(value, field.name)) for field in dataclasses.fields(value)}
+        fields = {
+            field.name: _plain(getattr(value, field.name)) for field in dataclasses.fields(value)
+        }
         return [type(value).__qualname__, fields]
     if value is None or isinstance(value, (str, int, float, bool)):
         return value

@@ -56,8 +56,13 @@ def _tables(kind: Any) -> dict[str, type[BaseModel]]:
     members = get_args(kind) if get_origin(kind) in _UNIONS else (kind,)
     if not all(isinstance(member, type) and issubclass(member, BaseModel) for member in members):
         return {}
-    tags = [""] if len(members) == 1 else [
-        get_args(next(iter(member.model_fields.values())).annotation)[0] for member in members]
+    tags = (
+        [""]
+        if len(members) == 1
+        else [
+            get_args(next(iter(member.model_fields.values())).annotation)[0] for member in members
+        ]
+    )
     return dict(zip(tags, members))
 
 
@@ -65,17 +70,25 @@ def _plain(kind: Any) -> Any:
     """A type without its metadata, and without None."""
     if get_origin(kind) is Annotated:
         return _plain(get_args(kind)[0])
-    members = [member for member in get_args(kind) if member is not NoneType] if get_origin(kind) in _UNIONS else []
+    members = (
+        [member for member in get_args(kind) if member is not NoneType]
+        if get_origin(kind) in _UNIONS
+        else []
+    )
     return _plain(members[0]) if len(members) == 1 else kind
 
 
 LAWS, STABILIZATIONS = _tables(Law), _tables(Stabilization)
-ELEMENTS = {section: _tables(get_args(Scene.model_fields[section].annotation)[1])
-            for section in ("bodies", "joints", "drives", "springs", "forces")}
+ELEMENTS = {
+    section: _tables(get_args(Scene.model_fields[section].annotation)[1])
+    for section in ("bodies", "joints", "drives", "springs", "forces")
+}
 """Section -> type -> class of its elements; bodies and drives have one class each."""
 
 
-def _place(top: type[BaseModel], location: Sequence[str | int]) -> tuple[str, dict[str, type[BaseModel]], Any]:
+def _place(
+    top: type[BaseModel], location: Sequence[str | int]
+) -> tuple[str, dict[str, type[BaseModel]], Any]:
     """Key in a file of class `top`, pydantic's location without the tags of unions; classes of its table; its type."""
     parts: list[str] = []
     tables: dict[str, type[BaseModel]] = {"": top}
@@ -94,7 +107,9 @@ def _place(top: type[BaseModel], location: Sequence[str | int]) -> tuple[str, di
             kind = model.model_fields[part].annotation if part in model.model_fields else None
         else:
             inside, of = get_args(kind := _plain(kind)), get_origin(kind)
-            kind = inside[of is dict] if of in (dict, tuple) else None  # the values of a mapping, the entries of a list
+            kind = (
+                inside[of is dict] if of in (dict, tuple) else None
+            )  # the values of a mapping, the entries of a list
     return shortened(".".join(parts)) or "file", tables, kind
 
 
@@ -107,25 +122,40 @@ def _unknown(top: type[BaseModel], location: Sequence[str | int]) -> str:
     hint = did_you_mean(last, known) or f"; expected one of: {names(known)}"
     if owners := [tag for tag, model in tables.items() if tag and last in model.model_fields]:
         # a tag was changed, what belongs to the old one was not
-        return (f"unknown key of {place[-1]!r}, one of {' and '.join(map(repr, owners))}{hint}; "
-                f"what a base has is removed by unset = [\"{key}\"] or --set {key}=")
+        return (
+            f"unknown key of {place[-1]!r}, one of {' and '.join(map(repr, owners))}{hint}; "
+            f'what a base has is removed by unset = ["{key}"] or --set {key}='
+        )
     return f"unknown key{hint}"
 
 
-_EXPECTED = {"string_type": "expected text", "string_too_long": "expected at most 60 characters",
-             "string_pattern_mismatch": "expected a name: a letter of a-z or A-Z, then such letters, digits, _ or -",
-             "missing": "this key is required", "extra_forbidden": "unknown key",
-             "tuple_type": "expected a list", "model_type": "expected a table",
-             "model_attributes_type": "expected a table", "dict_type": "expected a table",
-             "greater_than": "expected a number > {gt:g}", "greater_than_equal": "expected a number >= {ge:g}",
-             "too_short": "expected at least {min_length}", "too_long": "expected a list of {max_length}",
-             "literal_error": "expected {expected}"}
+_EXPECTED = {
+    "string_type": "expected text",
+    "string_too_long": "expected at most 60 characters",
+    "string_pattern_mismatch": "expected a name: a letter of a-z or A-Z, then such letters, digits, _ or -",
+    "missing": "this key is required",
+    "extra_forbidden": "unknown key",
+    "tuple_type": "expected a list",
+    "model_type": "expected a table",
+    "model_attributes_type": "expected a table",
+    "dict_type": "expected a table",
+    "greater_than": "expected a number > {gt:g}",
+    "greater_than_equal": "expected a number >= {ge:g}",
+    "too_short": "expected at least {min_length}",
+    "too_long": "expected a list of {max_length}",
+    "literal_error": "expected {expected}",
+}
 
 
 def problems_of(error: ValidationError, top: type[BaseModel]) -> Iterator[Problem]:
     """Yield the errors of a validated file in its terms; `top` is its class."""
     for detail in error.errors(include_url=False):
-        kind, location, value, context = detail["type"], detail["loc"], detail["input"], detail.get("ctx", {})
+        kind, location, value, context = (
+            detail["type"],
+            detail["loc"],
+            detail["input"],
+            detail.get("ctx", {}),
+        )
         (key, _, place), last = _place(top, location), location[-1] if location else ""
         if kind == "inconsistent":
             for field, wrong, expected in context["found"]:
@@ -139,8 +169,11 @@ def problems_of(error: ValidationError, top: type[BaseModel]) -> Iterator[Proble
             yield Problem(key, shown(value), _unknown(top, location))
         elif kind.startswith("union_tag"):
             tag, tags = context["discriminator"].strip("'"), _tables(place)
-            yield Problem(f"{key}.{tag}", shown(value.get(tag)),
-                          f"expected {' or '.join(map(repr, tags))}{did_you_mean(value.get(tag), tags)}")
+            yield Problem(
+                f"{key}.{tag}",
+                shown(value.get(tag)),
+                f"expected {' or '.join(map(repr, tags))}{did_you_mean(value.get(tag), tags)}",
+            )
         else:
             yield Problem(key, found_in(detail), expectation(detail))
 

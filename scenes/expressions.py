@@ -18,13 +18,27 @@ from stiction.scenes.wording import did_you_mean
 from stiction.scenes.wording import names as listed
 
 CONSTANTS = {"pi": math.pi}
-FUNCTIONS = {"sqrt": math.sqrt, "sin": math.sin, "cos": math.cos, "tan": math.tan,
-             "atan": math.atan, "deg": math.radians}
+FUNCTIONS = {
+    "sqrt": math.sqrt,
+    "sin": math.sin,
+    "cos": math.cos,
+    "tan": math.tan,
+    "atan": math.atan,
+    "deg": math.radians,
+}
 MAX_LENGTH = 500
 """Characters of one expression."""
-_BINARY = {ast.Add: operator.add, ast.Sub: operator.sub, ast.Mult: operator.mul,
-           ast.Div: operator.truediv, ast.Pow: math.pow}
-_UNARY: dict[type[ast.unaryop], Callable[[float], float]] = {ast.UAdd: operator.pos, ast.USub: operator.neg}
+_BINARY = {
+    ast.Add: operator.add,
+    ast.Sub: operator.sub,
+    ast.Mult: operator.mul,
+    ast.Div: operator.truediv,
+    ast.Pow: math.pow,
+}
+_UNARY: dict[type[ast.unaryop], Callable[[float], float]] = {
+    ast.UAdd: operator.pos,
+    ast.USub: operator.neg,
+}
 
 
 def evaluate(value: float | int | str, names: Mapping[str, float]) -> float:
@@ -53,7 +67,9 @@ def _parsed(text: str) -> ast.expr:
     if len(text) > MAX_LENGTH:
         raise InputError(f"expected at most {MAX_LENGTH} characters of arithmetic, not {len(text)}")
     try:
-        with warnings.catch_warnings(action="ignore", category=Warning):  # Python's own, about odd literals
+        with warnings.catch_warnings(
+            action="ignore", category=Warning
+        ):  # Python's own, about odd literals
             return ast.parse(text.strip().replace("^", "**"), mode="eval").body
     except (SyntaxError, ValueError, RecursionError, MemoryError):
         raise InputError("expected a number or arithmetic such as 'pi/4'") from None
@@ -61,7 +77,11 @@ def _parsed(text: str) -> ast.expr:
 
 def _evaluate(node: ast.expr, names: Mapping[str, float]) -> float:
     """Value of a syntax tree, whose depth MAX_LENGTH keeps below Python's limit of recursion."""
-    if isinstance(node, ast.Constant) and isinstance(node.value, (int, float)) and not isinstance(node.value, bool):
+    if (
+        isinstance(node, ast.Constant)
+        and isinstance(node.value, (int, float))
+        and not isinstance(node.value, bool)
+    ):
         return float(node.value)
     if isinstance(node, ast.Name):
         if node.id in names:
@@ -77,7 +97,12 @@ def _evaluate(node: ast.expr, names: Mapping[str, float]) -> float:
             raise InputError(f"{left:g} to the power {right:g} is not a real number") from None
     if isinstance(node, ast.UnaryOp) and type(node.op) in _UNARY:
         return _UNARY[type(node.op)](_evaluate(node.operand, names))
-    if isinstance(node, ast.Call) and isinstance(node.func, ast.Name) and len(node.args) == 1 and not node.keywords:
+    if (
+        isinstance(node, ast.Call)
+        and isinstance(node.func, ast.Name)
+        and len(node.args) == 1
+        and not node.keywords
+    ):
         if node.func.id not in FUNCTIONS:
             raise InputError(_unknown(node.func.id, FUNCTIONS))
         argument = _evaluate(node.args[0], names)
@@ -85,8 +110,12 @@ def _evaluate(node: ast.expr, names: Mapping[str, float]) -> float:
             return FUNCTIONS[node.func.id](argument)
         except ValueError:
             raise InputError(f"{node.func.id}({argument:g}) is not a real number") from None
-    raise InputError("expected arithmetic of numbers, parameters, + - * / ^ and " + ", ".join(FUNCTIONS))
+    raise InputError(
+        "expected arithmetic of numbers, parameters, + - * / ^ and " + ", ".join(FUNCTIONS)
+    )
 
 
 def _unknown(name: str, known: Collection[str]) -> str:
-    return f"unknown name '{name}'" + (did_you_mean(name, known) or f"; known here: {listed(known)}")
+    return f"unknown name '{name}'" + (
+        did_you_mean(name, known) or f"; known here: {listed(known)}"
+    )

@@ -6,8 +6,16 @@ import math
 from collections.abc import Iterable, Iterator
 from typing import Annotated, Any
 
-from pydantic import (AfterValidator, BaseModel, BeforeValidator, ConfigDict, Field, ValidationInfo, WithJsonSchema,
-                      model_validator)
+from pydantic import (
+    AfterValidator,
+    BaseModel,
+    BeforeValidator,
+    ConfigDict,
+    Field,
+    ValidationInfo,
+    WithJsonSchema,
+    model_validator,
+)
 from pydantic_core import PydanticCustomError
 
 from stiction.scenes.base_errors import InputError
@@ -19,7 +27,9 @@ GROUND = "ground"
 class Model(BaseModel):
     """Frozen data; a key that is not declared is an error. The text below a key describes it, in its schema too."""
 
-    model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False, use_attribute_docstrings=True)
+    model_config = ConfigDict(
+        frozen=True, extra="forbid", allow_inf_nan=False, use_attribute_docstrings=True
+    )
 
     def inconsistencies(self) -> Iterator[tuple[str, Any, str]]:
         """Yield problems of fields that are right by themselves: key, value found, what was expected."""
@@ -27,7 +37,11 @@ class Model(BaseModel):
 
     def __dir__(self) -> Iterable[str]:
         """The names of a scene's data, without those of every pydantic model: what completion offers."""
-        return [name for name in super().__dir__() if name.startswith("_") or not hasattr(BaseModel, name)]
+        return [
+            name
+            for name in super().__dir__()
+            if name.startswith("_") or not hasattr(BaseModel, name)
+        ]
 
     @model_validator(mode="after")
     def _consistent(self) -> Model:
@@ -63,7 +77,9 @@ def _number_in_a_file(**limits: float) -> WithJsonSchema:
 
 Number = Annotated[float, BeforeValidator(_number), _number_in_a_file()]
 Positive = Annotated[Number, Field(gt=0), _number_in_a_file(exclusiveMinimum=0)]
-Inertial = Annotated[Positive, AfterValidator(_weighty), _number_in_a_file(minimum=LIGHTEST, maximum=HEAVIEST)]
+Inertial = Annotated[
+    Positive, AfterValidator(_weighty), _number_in_a_file(minimum=LIGHTEST, maximum=HEAVIEST)
+]
 NonNegative = Annotated[Number, Field(ge=0), _number_in_a_file(minimum=0)]
 Vector = tuple[Number, Number]
 Direction = Annotated[Vector, AfterValidator(_direction)]

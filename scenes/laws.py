@@ -64,7 +64,11 @@ class Table(Model):
 
     def inconsistencies(self) -> Iterator[tuple[str, Any, str]]:
         if len(self.times) != len(self.values):
-            yield "values", self.values, f"expected as many as times: {len(self.times)}, not {len(self.values)}"
+            yield (
+                "values",
+                self.values,
+                f"expected as many as times: {len(self.times)}, not {len(self.values)}",
+            )
         for i, (before, after) in enumerate(zip(self.times, self.times[1:])):
             if not after > before:
                 yield f"times.{i + 1}", after, f"expected more than the time before it, {before:g}"
@@ -84,7 +88,9 @@ def spline_slopes(times: np.ndarray, values: np.ndarray) -> np.ndarray:
 
     Its first derivative is continuous, its second zero at both ends (de Boor, A Practical Guide to Splines, ch. IV).
     """
-    from scipy.linalg import solve_banded  # here: a scene without splines is read in half the time without it
+    from scipy.linalg import (
+        solve_banded,  # here: a scene without splines is read in half the time without it
+    )
 
     h = np.diff(times)
     second = np.zeros(len(times))
@@ -100,8 +106,9 @@ def evaluate_law(law: Law, t: float) -> tuple[float, float, float]: ...
 
 
 @overload
-def evaluate_law(law: Constant | Linear | Sine,
-                 t: np.ndarray) -> tuple[float | np.ndarray, float | np.ndarray, float | np.ndarray]: ...
+def evaluate_law(
+    law: Constant | Linear | Sine, t: np.ndarray
+) -> tuple[float | np.ndarray, float | np.ndarray, float | np.ndarray]: ...
 
 
 def evaluate_law(law: Law, t: Any) -> Any:
@@ -116,8 +123,11 @@ def evaluate_law(law: Law, t: Any) -> Any:
     if isinstance(law, Sine):
         phase = law.frequency * t + law.phase
         sine, cosine = np.sin(phase), np.cos(phase)
-        return (law.offset + law.amplitude * sine, law.amplitude * law.frequency * cosine,
-                -law.amplitude * law.frequency ** 2 * sine)
+        return (
+            law.offset + law.amplitude * sine,
+            law.amplitude * law.frequency * cosine,
+            -law.amplitude * law.frequency**2 * sine,
+        )
     times, values = np.array(law.times), np.array(law.values)
     second = spline_slopes(times, values) if law.interpolation == "cubic" else np.zeros(len(times))
     i = int(np.clip(np.searchsorted(times, t, side="right") - 1, 0, len(times) - 2))
@@ -126,11 +136,20 @@ def evaluate_law(law: Law, t: Any) -> Any:
     if t < times[0] or t >= times[-1]:
         if law.interpolation == "linear":
             return float(values[0] if t < times[0] else values[-1]), 0.0, 0.0
-        end, bend = (0, -2 * second[0] - second[1]) if t < times[0] else (-1, second[-2] + 2 * second[-1])
+        end, bend = (
+            (0, -2 * second[0] - second[1]) if t < times[0] else (-1, second[-2] + 2 * second[-1])
+        )
         tangent = slope + h / 6 * bend
         return float(values[end] + tangent * (t - times[end])), float(tangent), 0.0
     u, w = t - times[i], times[i + 1] - t
-    value = (second[i] * w ** 3 + second[i + 1] * u ** 3) / (6 * h) \
-        + (values[i] / h - second[i] * h / 6) * w + (values[i + 1] / h - second[i + 1] * h / 6) * u
-    rate = (second[i + 1] * u ** 2 - second[i] * w ** 2) / (2 * h) + slope - h / 6 * (second[i + 1] - second[i])
+    value = (
+        (second[i] * w**3 + second[i + 1] * u**3) / (6 * h)
+        + (values[i] / h - second[i] * h / 6) * w
+        + (values[i + 1] / h - second[i + 1] * h / 6) * u
+    )
+    rate = (
+        (second[i + 1] * u**2 - second[i] * w**2) / (2 * h)
+        + slope
+        - h / 6 * (second[i + 1] - second[i])
+    )
     return float(value), float(rate), float((second[i] * w + second[i + 1] * u) / h)

@@ -23,12 +23,14 @@ from stiction.scenes.model import Scene
 from stiction.scenes.overrides import flattened, override
 from stiction.scenes.wording import did_you_mean, names, shortened, shown
 
-MAX_FILE_SIZE = 4 * 2 ** 20
+MAX_FILE_SIZE = 4 * 2**20
 """Bytes; a larger file is refused unread (10 000 bodies with a joint each take 2 MB)."""
 MAX_DEPTH = 10
 """Tables and lists within each other; a scene needs 5."""
-_EXPECTED_NAME = ("expected a letter of a-z or A-Z, then such letters, digits or _, "
-                  "and no word of arithmetic or of Python")
+_EXPECTED_NAME = (
+    "expected a letter of a-z or A-Z, then such letters, digits or _, "
+    "and no word of arithmetic or of Python"
+)
 _BASED_KEYS = ("base", "title", "source", "set", "unset")
 _QUOTED = re.compile(r"""(?sx) \"{3} (?: \\. | [^\\] )*? (?: \"{3} | \Z )  |  '{3} .*? (?: '{3} | \Z )
                          | " (?: \\. | [^"\\\n] )*+ "?  |  ' [^'\n]*+ '?  |  \# [^\n]*+""")
@@ -44,7 +46,10 @@ def catalogue(folder: str = "") -> list[str]:
 def _catalogue_files() -> dict[str, Path]:
     """Files by name, listed once: a table asks for each of its rows."""
     folder = Path(str(resources.files("stiction.scenes") / "catalogue"))
-    return {path.relative_to(folder).with_suffix("").as_posix(): path for path in sorted(folder.rglob("*.toml"))}
+    return {
+        path.relative_to(folder).with_suffix("").as_posix(): path
+        for path in sorted(folder.rglob("*.toml"))
+    }
 
 
 def scene_text(name: str) -> str:
@@ -88,8 +93,12 @@ def load_scene(name_or_path: str | Path, overrides: Mapping[str, Any] | None = N
     return scene_from_dict(_read(origin, Path(), ()), origin, overrides, Path(origin).stem)
 
 
-def scene_from_dict(raw: Mapping[str, Any], origin: str = "<scene>",
-                    overrides: Mapping[str, Any] | None = None, name: str | None = None) -> Scene:
+def scene_from_dict(
+    raw: Mapping[str, Any],
+    origin: str = "<scene>",
+    overrides: Mapping[str, Any] | None = None,
+    name: str | None = None,
+) -> Scene:
     """Make a scene from nested dictionaries, as a TOML file would give them; see `load_scene`. None means absent."""
     plain: dict[str, Any] = _plain(raw, origin)
     _apply(plain, overrides or {}, origin)
@@ -137,11 +146,23 @@ def _read(name_or_path: str, folder: Path, derived: tuple[Path, ...]) -> dict[st
         path, kind = Path(), str(error)
     if kind:
         near = sorted(file.name for file in folder.glob("*.toml"))
-        expected = _expected_scene(name_or_path, [*known, *near]).replace("expected", "expected a TOML file or", 1)
-        raise SceneError(asked_by, [Problem(key, f"{shown(name_or_path)} ({shortened(kind)})", expected)])
+        expected = _expected_scene(name_or_path, [*known, *near]).replace(
+            "expected", "expected a TOML file or", 1
+        )
+        raise SceneError(
+            asked_by, [Problem(key, f"{shown(name_or_path)} ({shortened(kind)})", expected)]
+        )
     if path in derived:
-        raise SceneError(asked_by, [Problem(key, " -> ".join(file.stem for file in (*derived, path)),
-                                            "expected a base that does not lead back")])
+        raise SceneError(
+            asked_by,
+            [
+                Problem(
+                    key,
+                    " -> ".join(file.stem for file in (*derived, path)),
+                    "expected a base that does not lead back",
+                )
+            ],
+        )
     raw = read_toml(path, name_or_path)
     return _based(raw, name_or_path, path, derived) if "base" in raw else raw
 
@@ -150,9 +171,13 @@ def read_toml(path: Path, origin: str) -> dict[str, Any]:
     """The tables of one file; raises SceneError for one that cannot be read."""
     try:
         if (size := path.stat().st_size) > MAX_FILE_SIZE:
-            raise SceneError(origin, [Problem("file", f"{size} bytes", f"expected at most {MAX_FILE_SIZE}")])
+            raise SceneError(
+                origin, [Problem("file", f"{size} bytes", f"expected at most {MAX_FILE_SIZE}")]
+            )
         text = path.read_text(encoding="utf-8-sig")
-        if _DEEP_KEY.search(_QUOTED.sub("s", text)):  # tomllib would take hours over a key of 100 000 parts
+        if _DEEP_KEY.search(
+            _QUOTED.sub("s", text)
+        ):  # tomllib would take hours over a key of 100 000 parts
             raise RecursionError
         return _plain(tomllib.loads(text), origin)
     except SceneError:
@@ -165,17 +190,26 @@ def read_toml(path: Path, origin: str) -> dict[str, Any]:
         found, expected = _TOO_DEEP
     except tomllib.TOMLDecodeError as error:
         found, expected = shortened(str(error), 160), "expected TOML (toml.io)"
-        if not _QUOTED.sub("", text).isascii():  # outside of texts and comments there are keys and numbers only
+        if not _QUOTED.sub(
+            "", text
+        ).isascii():  # outside of texts and comments there are keys and numbers only
             expected += ", in which names have no letters but a-z and A-Z"
     except ValueError:  # Python's, of tomllib's call of int()
         found, expected = "an integer of thousands of digits", "expected numbers below 1.8e308"
     raise SceneError(origin, [Problem("file", found, expected)])
 
 
-def _based(raw: dict[str, Any], origin: str, path: Path, derived: tuple[Path, ...]) -> dict[str, Any]:
+def _based(
+    raw: dict[str, Any], origin: str, path: Path, derived: tuple[Path, ...]
+) -> dict[str, Any]:
     """The tables of the base of a file with the changes that the file makes."""
-    problems = [Problem(key, shown(raw[key]), "unknown key beside base; expected one of: " + names(_BASED_KEYS))
-                for key in raw if key not in _BASED_KEYS]
+    problems = [
+        Problem(
+            key, shown(raw[key]), "unknown key beside base; expected one of: " + names(_BASED_KEYS)
+        )
+        for key in raw
+        if key not in _BASED_KEYS
+    ]
     unset = raw.get("unset", [])
     if not isinstance(raw["base"], str):
         problems.append(Problem("base", shown(raw["base"]), "expected the name or path of a scene"))
@@ -193,8 +227,11 @@ def _based(raw: dict[str, Any], origin: str, path: Path, derived: tuple[Path, ..
 
 def _apply(raw: dict[str, Any], changes: Mapping[str, Any], origin: str) -> None:
     """Make overrides in a scene's tables."""
-    problems = [problem for key, value in changes.items()
-                if (problem := override(raw, str(key), None if value is None else _plain(value, origin)))]
+    problems = [
+        problem
+        for key, value in changes.items()
+        if (problem := override(raw, str(key), None if value is None else _plain(value, origin)))
+    ]
     if problems:
         raise SceneError(origin, problems)
 
@@ -209,7 +246,11 @@ def _plain(value: Any, origin: str, depth: int = 0) -> Any:
     if type(value) in (str, float, int, bool):
         return value
     if isinstance(value, Mapping):
-        return {str(key): _plain(item, origin, depth + 1) for key, item in value.items() if item is not None}
+        return {
+            str(key): _plain(item, origin, depth + 1)
+            for key, item in value.items()
+            if item is not None
+        }
     if hasattr(value, "tolist"):  # numpy's arrays and scalars
         return _plain(value.tolist(), origin, depth + 1)
     if isinstance(value, Sequence) and not isinstance(value, (str, bytes)):
@@ -237,7 +278,9 @@ def _parameters(table: Mapping[str, Any]) -> tuple[dict[str, float], list[Proble
 
 def _reference_problems(raw: Mapping[str, Any]) -> Iterator[Problem]:
     """Names used twice, and references to bodies that are not there or to one body twice, whatever else is wrong."""
-    sections = {section: table for section in ELEMENTS if isinstance(table := raw.get(section), dict)}
+    sections = {
+        section: table for section in ELEMENTS if isinstance(table := raw.get(section), dict)
+    }
     bodies = sections.get("bodies", {})
     known = names([*bodies, GROUND])
     seen: dict[str, str] = {}
@@ -245,20 +288,29 @@ def _reference_problems(raw: Mapping[str, Any]) -> Iterator[Problem]:
         for name, element in table.items():
             key = f"{section}.{shortened(name)}"
             if name == GROUND:
-                yield Problem(key, f"'{GROUND}'", "expected another name; this one means the fixed body")
+                yield Problem(
+                    key, f"'{GROUND}'", "expected another name; this one means the fixed body"
+                )
             if name in seen:
-                yield Problem(key, f"the name of {seen[name]}", "expected a name of its own for every element")
+                yield Problem(
+                    key, f"the name of {seen[name]}", "expected a name of its own for every element"
+                )
             seen.setdefault(name, key)
             if not isinstance(element, dict):
                 continue
             pair: list[Any] = found if isinstance(found := element.get("bodies"), list) else []
-            for field, body in [*((field, element.get(field)) for field in ("slider", "guide", "body")),
-                                *((f"bodies.{i}", body) for i, body in enumerate(pair))]:
+            for field, body in [
+                *((field, element.get(field)) for field in ("slider", "guide", "body")),
+                *((f"bodies.{i}", body) for i, body in enumerate(pair)),
+            ]:
                 if body == GROUND and field in ("slider", "body"):
                     yield Problem(f"{key}.{field}", f"'{GROUND}'", "expected a body that can move")
                 elif isinstance(body, str) and body not in bodies and body != GROUND:
-                    yield Problem(f"{key}.{field}", shown(body),
-                                  f"expected a body of the scene: {known}{did_you_mean(body, bodies)}")
+                    yield Problem(
+                        f"{key}.{field}",
+                        shown(body),
+                        f"expected a body of the scene: {known}{did_you_mean(body, bodies)}",
+                    )
             if element.get("type") == "translational":
                 pair = [element.get("slider"), element.get("guide", GROUND)]
             if len(pair) == 2 and pair[0] == pair[1] and isinstance(pair[0], str):

@@ -12,7 +12,17 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 from pydantic import Field, PrivateAttr
 
-from stiction.scenes.fields import GROUND, Direction, Inertial, Model, Name, NonNegative, Number, Positive, Vector
+from stiction.scenes.fields import (
+    GROUND,
+    Direction,
+    Inertial,
+    Model,
+    Name,
+    NonNegative,
+    Number,
+    Positive,
+    Vector,
+)
 from stiction.scenes.laws import Law, Table, evaluate_law
 from stiction.scenes.wording import shortened
 
@@ -111,7 +121,11 @@ class Translational(Model):
 
     def inconsistencies(self) -> Iterator[tuple[str, Any, str]]:
         if self.width is not None and self.length is None:
-            yield "width", self.width, "expected length too: the lever of surface friction needs corner forces"
+            yield (
+                "width",
+                self.width,
+                "expected length too: the lever of surface friction needs corner forces",
+            )
         if self.mus is not None and self.mu is None:
             yield "mus", self.mus, "expected the kinetic coefficient mu too"
         if self.mus is not None and self.mu is not None and self.mus < self.mu:
@@ -142,14 +156,28 @@ class Drive(Model):
 
     def inconsistencies(self) -> Iterator[tuple[str, Any, str]]:
         if isinstance(self.law, Table) and self.law.interpolation != "cubic":
-            yield "law.interpolation", self.law.interpolation, ("expected 'cubic': along straight lines a drive "
-                                                                "would have infinite accelerations")
+            yield (
+                "law.interpolation",
+                self.law.interpolation,
+                (
+                    "expected 'cubic': along straight lines a drive "
+                    "would have infinite accelerations"
+                ),
+            )
         if self.type == "angle":
             for key in ("points", "axis"):
                 if getattr(self, key) != type(self).model_fields[key].default:
-                    yield key, getattr(self, key), "expected in a distance drive only; this one drives an angle"
+                    yield (
+                        key,
+                        getattr(self, key),
+                        "expected in a distance drive only; this one drives an angle",
+                    )
         elif self.axis is None and (start := evaluate_law(self.law, 0.0)[0]) <= 0:
-            yield "law", start, "the distance at t = 0; expected one > 0 (or an axis, which gives it a sign)"
+            yield (
+                "law",
+                start,
+                "the distance at t = 0; expected one > 0 (or an axis, which gives it a sign)",
+            )
 
 
 class LinearSpring(Model):
@@ -177,7 +205,11 @@ class LinearSpring(Model):
 
     def inconsistencies(self) -> Iterator[tuple[str, Any, str]]:
         if self.axis is None and self.rest_length < 0:
-            yield "rest_length", self.rest_length, "expected a distance >= 0 (or an axis, which gives it a sign)"
+            yield (
+                "rest_length",
+                self.rest_length,
+                "expected a distance >= 0 (or an axis, which gives it a sign)",
+            )
 
 
 class TorsionalSpring(Model):
@@ -311,7 +343,9 @@ class Scene(Model):
     @property
     def guides(self) -> dict[str, Translational]:
         """The translational joints, by name."""
-        return {name: joint for name, joint in self.joints.items() if isinstance(joint, Translational)}
+        return {
+            name: joint for name, joint in self.joints.items() if isinstance(joint, Translational)
+        }
 
     @property
     def frictional_guides(self) -> dict[str, Translational]:

@@ -19,15 +19,19 @@ _RATES = {**dict(zip(POSITIONS, VELOCITIES)), "displacement": "slip_velocity"}
 _SECOND_RATES = dict(zip(POSITIONS, ACCELERATIONS))
 
 
-def with_sides(frame: pd.DataFrame, events: Iterable[Event], interpolates: bool = True) -> pd.DataFrame:
+def with_sides(
+    frame: pd.DataFrame, events: Iterable[Event], interpolates: bool = True
+) -> pd.DataFrame:
     """Return a table of a motion, column ``t`` and others, with the two rows of each event.
 
     An event of one of several independent parts does not have the columns of the others: there they are interpolated,
     or NaN if told not to.
     """
     events = tuple(events)
-    sides = pd.DataFrame([{"t": event.time, **side} for event in events for side in (event.before, event.after)],
-                         columns=frame.columns)
+    sides = pd.DataFrame(
+        [{"t": event.time, **side} for event in events for side in (event.before, event.after)],
+        columns=frame.columns,
+    )
     if not interpolates:
         return _in_order(frame, sides) if len(sides) else frame
     # columns that an event does not have; a force that is left open is nan, and stays so
@@ -40,11 +44,15 @@ def with_sides(frame: pd.DataFrame, events: Iterable[Event], interpolates: bool 
     t = sides["t"].to_numpy()
     for pattern, names in groups.items():
         lacks = np.frombuffer(pattern, dtype=bool)
-        columns = interpolated(_in_order(frame[["t", *names]], sides.loc[~lacks, ["t", *names]].dropna()))
+        columns = interpolated(
+            _in_order(frame[["t", *names]], sides.loc[~lacks, ["t", *names]].dropna())
+        )
         before, after = (columns(t[lacks], side) for side in ("before", "after"))
         # of several events at one instant
         passed = np.maximum.accumulate(np.where(lacks, -np.inf, t))[lacks] == t[lacks]
-        sides.loc[lacks, names] = np.array([np.where(passed, after[name], before[name]) for name in names]).T
+        sides.loc[lacks, names] = np.array(
+            [np.where(passed, after[name], before[name]) for name in names]
+        ).T
     return _in_order(frame, sides) if len(sides) else frame
 
 
@@ -55,12 +63,18 @@ def interpolated(frame: pd.DataFrame) -> Callable[[np.ndarray, str], dict[str, n
     """
     t = frame["t"].to_numpy()
     edges = [0, *np.flatnonzero(np.diff(t) == 0) + 1, len(t)]
-    pieces = [frame.iloc[first:behind] for first, behind in zip(edges, edges[1:]) if t[first] < t[behind - 1]]
+    pieces = [
+        frame.iloc[first:behind]
+        for first, behind in zip(edges, edges[1:])
+        if t[first] < t[behind - 1]
+    ]
     starts = np.array([piece["t"].iloc[0] for piece in pieces])
     curves = [_curves(piece) for piece in pieces]
 
     def columns(at: np.ndarray, side: str) -> dict[str, np.ndarray]:
-        number = np.maximum(np.searchsorted(starts, at, side="right" if side == "after" else "left") - 1, 0)
+        number = np.maximum(
+            np.searchsorted(starts, at, side="right" if side == "after" else "left") - 1, 0
+        )
         found = {name: np.empty(len(at)) for name in curves[0]}
         for piece in np.unique(number):
             here = number == piece
@@ -77,16 +91,26 @@ def _in_order(*parts: pd.DataFrame) -> pd.DataFrame:
 
 def _curves(piece: pd.DataFrame) -> dict[str, Callable[[np.ndarray], np.ndarray]]:
     """A function of time for each column of a smooth piece."""
-    from scipy.interpolate import BPoly, CubicSpline, PPoly  # takes longer to import than most tables to make
+    from scipy.interpolate import (  # takes longer to import than most tables to make
+        BPoly,
+        CubicSpline,
+        PPoly,
+    )
 
     t = piece["t"].to_numpy()
     values = {str(name): column.to_numpy(float) for name, column in piece.items() if name != "t"}
-    curves = {name: PPoly(column[:1, None], t[[0, -1]]) if name.endswith(".mode") else CubicSpline(t, column)
-              for name, column in values.items()}
+    curves = {
+        name: PPoly(column[:1, None], t[[0, -1]])
+        if name.endswith(".mode")
+        else CubicSpline(t, column)
+        for name, column in values.items()
+    }
     for name, position in values.items():
         owner, _, label = name.rpartition(".")
         if (rate := f"{owner}.{_RATES.get(label)}") in values:
             second = values.get(f"{owner}.{_SECOND_RATES.get(label)}", curves[rate](t, 1))
-            curves[name] = BPoly.from_derivatives(t, np.stack([position, values[rate], second], axis=1))
+            curves[name] = BPoly.from_derivatives(
+                t, np.stack([position, values[rate], second], axis=1)
+            )
             curves[rate] = curves[name].derivative()
     return curves

@@ -20,21 +20,35 @@ def parse_override(text: str) -> tuple[str, Any]:
     """
     key, equals, value = (part.strip() for part in text.partition("="))
     if not key or not equals:
-        raise SceneError("override", [Problem(shown(text), "no key and value" if not equals else "no key",
-                                              "expected KEY=VALUE such as guide.mu=0.05")])
+        raise SceneError(
+            "override",
+            [
+                Problem(
+                    shown(text),
+                    "no key and value" if not equals else "no key",
+                    "expected KEY=VALUE such as guide.mu=0.05",
+                )
+            ],
+        )
     if value[:1] not in ("[", "{"):
         return key, value or None
     try:
         return key, tomllib.loads(f"value = {value}")["value"]
     except (ValueError, RecursionError) as error:
-        raise SceneError("override", [Problem(key, shown(value), f"expected a TOML list or table ({error})")]) from None
+        raise SceneError(
+            "override", [Problem(key, shown(value), f"expected a TOML list or table ({error})")]
+        ) from None
 
 
 def flattened(table: Mapping[str, Any], prefix: str = "") -> dict[str, Any]:
     """Nested tables as one with dotted keys."""
     flat: dict[str, Any] = {}
     for key, value in table.items():
-        flat |= flattened(value, f"{prefix}{key}.") if isinstance(value, Mapping) else {f"{prefix}{key}": value}
+        flat |= (
+            flattened(value, f"{prefix}{key}.")
+            if isinstance(value, Mapping)
+            else {f"{prefix}{key}": value}
+        )
     return flat
 
 
@@ -52,7 +66,7 @@ def override(raw: dict[str, Any], key: str, value: Any) -> Problem | None:
     for depth, part in enumerate(parts[:-1]):
         below = _get(place, part)
         if below is _MISSING and isinstance(place, dict):
-            below = _default(parts[:depth + 1])
+            below = _default(parts[: depth + 1])
             if below is not _MISSING:
                 place[part] = below
         if not isinstance(below, (dict, list)):
@@ -61,14 +75,18 @@ def override(raw: dict[str, Any], key: str, value: Any) -> Problem | None:
     last = parts[-1]
     if isinstance(place, list):
         if _get(place, last) is _MISSING or value is None:
-            return Problem(key, "no such entry", f"expected an index from 0 to {len(place) - 1} and a value")
+            return Problem(
+                key, "no such entry", f"expected an index from 0 to {len(place) - 1} and a value"
+            )
         place[int(last)] = value
     elif value is not None:
         place[last] = value
     elif last in place:
         del place[last]
     elif _default(parts) is _MISSING:
-        return Problem(key, "nothing to remove", f"expected one of: {names(place)}{did_you_mean(last, place)}")
+        return Problem(
+            key, "nothing to remove", f"expected one of: {names(place)}{did_you_mean(last, place)}"
+        )
     return None
 
 
@@ -96,7 +114,13 @@ def _table(raw: Mapping[str, Any], key: str) -> Mapping[str, Any]:
 def _get(place: Any, part: str) -> Any:
     if isinstance(place, dict):
         return place.get(part, _MISSING)
-    if isinstance(place, list) and part.isdecimal() and part.isascii() and len(part) < 9 and int(part) < len(place):
+    if (
+        isinstance(place, list)
+        and part.isdecimal()
+        and part.isascii()
+        and len(part) < 9
+        and int(part) < len(place)
+    ):
         return place[int(part)]
     return _MISSING
 
@@ -119,5 +143,8 @@ def _listed(value: Any) -> Any:
 def _unknown(raw: Mapping[str, Any], key: str) -> Problem:
     elements = [name for section in ELEMENTS for name in _table(raw, section)]
     known = [*_table(raw, "parameters"), *elements, *Scene.model_fields]
-    return Problem(key, "no such key in the scene",
-                   f"expected one of: {names(known)}{did_you_mean(key.partition('.')[0], known)}")
+    return Problem(
+        key,
+        "no such key in the scene",
+        f"expected one of: {names(known)}{did_you_mean(key.partition('.')[0], known)}",
+    )

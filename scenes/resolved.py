@@ -60,11 +60,21 @@ def resolved_schema() -> dict[str, Any]:
     definitions = scene.pop("$defs")
     del scene["properties"]["parameters"]
     scene["required"] = list(scene["properties"])
-    header = {"format": {"const": FORMAT}, "version": {"const": VERSION},
-              "name": {"type": "string", "description": "Of the scene's file, without its ending"}, "scene": scene}
-    return {"$schema": "https://json-schema.org/draft/2020-12/schema", "title": f"{FORMAT}, version {VERSION}",
-            "type": "object", "properties": header, "required": list(header), "additionalProperties": False,
-            "$defs": definitions}
+    header = {
+        "format": {"const": FORMAT},
+        "version": {"const": VERSION},
+        "name": {"type": "string", "description": "Of the scene's file, without its ending"},
+        "scene": scene,
+    }
+    return {
+        "$schema": "https://json-schema.org/draft/2020-12/schema",
+        "title": f"{FORMAT}, version {VERSION}",
+        "type": "object",
+        "properties": header,
+        "required": list(header),
+        "additionalProperties": False,
+        "$defs": definitions,
+    }
 
 
 def _numbers_only(schema: Any) -> Any:
@@ -73,7 +83,11 @@ def _numbers_only(schema: Any) -> Any:
         return [_numbers_only(entry) for entry in schema]
     if not isinstance(schema, Mapping):
         return schema
-    dropped = {"discriminator", "default", *(["title"] if isinstance(schema.get("title"), str) else [])}
+    dropped = {
+        "discriminator",
+        "default",
+        *(["title"] if isinstance(schema.get("title"), str) else []),
+    }
     made = {key: _numbers_only(value) for key, value in schema.items() if key not in dropped}
     if any(kind.get("type") == "number" for kind in made.get("anyOf", [])):
         kinds = [kind for kind in made.pop("anyOf") if kind != {"type": "string"}]

@@ -25,9 +25,9 @@ if TYPE_CHECKING:
     import pandas as pd
 
 ENDINGS = (".csv", ".parquet")
-MAX_FILE_SIZE = 2 ** 30
+MAX_FILE_SIZE = 2**30
 """Bytes; a larger file is refused unread."""
-BLOCK_SIZE, BLOCK_ROWS = 2 ** 22, 2 ** 16
+BLOCK_SIZE, BLOCK_ROWS = 2**22, 2**16
 """Bytes of a CSV file, and rows of a Parquet file or a DataFrame, that are read at a time: little beside what the
 program itself takes, and much beside the cost of a call."""
 TIME = "t"
@@ -36,9 +36,18 @@ TIME_NAMES = (TIME, "time", "Time", "TIME")
 MOST_ROWS = 9
 """Rows at one instant, at most: a sample, and the two sides of the events of four guides."""
 UNITS: Mapping[str, tuple[str, float]] = {
-    "m": ("length", 1.0), "cm": ("length", 1e-2), "mm": ("length", 1e-3), "rad": ("angle", 1.0),
-    "deg": ("angle", np.pi / 180), "s": ("time", 1.0), "ms": ("time", 1e-3), "us": ("time", 1e-6),
-    "N": ("force", 1.0), "kN": ("force", 1e3), "mN": ("force", 1e-3)}
+    "m": ("length", 1.0),
+    "cm": ("length", 1e-2),
+    "mm": ("length", 1e-3),
+    "rad": ("angle", 1.0),
+    "deg": ("angle", np.pi / 180),
+    "s": ("time", 1.0),
+    "ms": ("time", 1e-3),
+    "us": ("time", 1e-6),
+    "N": ("force", 1.0),
+    "kN": ("force", 1e3),
+    "mN": ("force", 1e-3),
+}
 """Unit -> what it measures, and its size in SI."""
 _ROW = re.compile(r"Row #(\d+)")
 _ROUNDING = 1e-9
@@ -77,11 +86,15 @@ class ResultTable:
         """Row of the side after of each distinct instant, int (instants,); the same row where nothing jumps."""
         return np.flatnonzero(np.diff(self.t, append=np.inf))
 
-    def jumps(self, columns: Mapping[str, np.ndarray]) -> Iterator[tuple[float, dict[str, float], dict[str, float]]]:
+    def jumps(
+        self, columns: Mapping[str, np.ndarray]
+    ) -> Iterator[tuple[float, dict[str, float], dict[str, float]]]:
         """Yield each instant with two sides, and the values of columns before and after it."""
         two = self.first < self.last
-        sides = (rows_of({name: values[rows[two]] for name, values in columns.items()})
-                 for rows in (self.first, self.last))
+        sides = (
+            rows_of({name: values[rows[two]] for name, values in columns.items()})
+            for rows in (self.first, self.last)
+        )
         return zip(self.t[self.first[two]].tolist(), *sides)
 
 
@@ -97,8 +110,10 @@ def parse_map(texts: Iterable[str]) -> dict[str, str]:
     for text in texts:
         mine, equals, column = (part.strip() for part in text.rpartition("="))
         if not (mine and equals):
-            raise InputError(f"found {shown(text)}; expected MINE=COLUMN such as x1=slider.x, x1=-slider.x for the "
-                             "other sign, or x1= to leave it out")
+            raise InputError(
+                f"found {shown(text)}; expected MINE=COLUMN such as x1=slider.x, x1=-slider.x for the "
+                "other sign, or x1= to leave it out"
+            )
         mapping[mine] = column
     return mapping
 
@@ -114,7 +129,9 @@ def parse_units(text: str) -> dict[str, float]:
     sizes: dict[str, float] = {}
     for name in filter(None, (part.strip() for part in text.split(","))):
         if name not in UNITS:
-            raise InputError(f"found {shown(name)}; expected units among {', '.join(UNITS)}{did_you_mean(name, UNITS)}")
+            raise InputError(
+                f"found {shown(name)}; expected units among {', '.join(UNITS)}{did_you_mean(name, UNITS)}"
+            )
         kind, size = UNITS[name]
         if kind in sizes:
             raise InputError(f"found {shown(text)}; expected one unit of {kind}")
@@ -131,10 +148,16 @@ class _Block:
     share: float
 
 
-def result_table(frame: str | Path | pd.DataFrame | Mapping[str, Any], scene: Scene,
-                 mapping: Mapping[str, str] | None = None, units: Mapping[str, float] | None = None,
-                 origin: str = "table", *, spills: bool = False,
-                 tell: Callable[[float], None] | None = None) -> ResultTable:
+def result_table(
+    frame: str | Path | pd.DataFrame | Mapping[str, Any],
+    scene: Scene,
+    mapping: Mapping[str, str] | None = None,
+    units: Mapping[str, float] | None = None,
+    origin: str = "table",
+    *,
+    spills: bool = False,
+    tell: Callable[[float], None] | None = None,
+) -> ResultTable:
     """Check a table of results of the scene, and give it the scene's names and SI units.
 
     A file is read block by block, and only the scene's columns of it are kept.
@@ -172,11 +195,23 @@ def result_table(frame: str | Path | pd.DataFrame | Mapping[str, Any], scene: Sc
     chosen, left_out, problems = _chosen(found, scene, mapping or {})
     # a file's most rows are a bound: whether there are two is known where the first block is all of it
     fewer = start.share == 1.0 and len(start.frame) < 2
-    problems = problems or _first((
-        (TIME not in chosen, "time", f"the columns {names(found)}", "a column t or time, or --map MINE=t"),
-        (len(chosen) < 2, "columns", f"none of the scene's beside {names(found)}",
-         f"one or more of {names(columns_of(scene))}; --map MINE=COLUMN renames"),
-        (fewer, "rows", str(len(start.frame)), "at least 2")))
+    problems = problems or _first(
+        (
+            (
+                TIME not in chosen,
+                "time",
+                f"the columns {names(found)}",
+                "a column t or time, or --map MINE=t",
+            ),
+            (
+                len(chosen) < 2,
+                "columns",
+                f"none of the scene's beside {names(found)}",
+                f"one or more of {names(columns_of(scene))}; --map MINE=COLUMN renames",
+            ),
+            (fewer, "rows", str(len(start.frame)), "at least 2"),
+        )
+    )
     if problems:
         raise ResultError(origin, problems)
     is_long = spills and most * len(chosen) * REAL.itemsize > LARGE
@@ -194,8 +229,13 @@ def result_table(frame: str | Path | pd.DataFrame | Mapping[str, Any], scene: Sc
         if tell is not None:
             tell(block.share)
     kept.shorten(rows)
-    problems = [Problem(f"{shortened(found[chosen[name][0]])}, row {fault.row}", fault.found, fault.expected)
-                for name in chosen if (fault := wrong.get(name)) is not None]
+    problems = [
+        Problem(
+            f"{shortened(found[chosen[name][0]])}, row {fault.row}", fault.found, fault.expected
+        )
+        for name in chosen
+        if (fault := wrong.get(name)) is not None
+    ]
     problems = problems or _first([(rows < 2, "rows", str(rows), "at least 2")])
     if problems:
         raise ResultError(origin, problems)
@@ -207,7 +247,11 @@ def result_table(frame: str | Path | pd.DataFrame | Mapping[str, Any], scene: Sc
 
 def _first(checks: Iterable[tuple[Any, str, str, str]]) -> list[Problem]:
     """The first problem: of each check if it is one, its key, what was found, what was expected."""
-    return [Problem(key, found, f"expected {expected}") for wrong, key, found, expected in checks if wrong][:1]
+    return [
+        Problem(key, found, f"expected {expected}")
+        for wrong, key, found, expected in checks
+        if wrong
+    ][:1]
 
 
 class _Memory(dict[str, np.ndarray]):
@@ -236,7 +280,7 @@ def _and_then(start: _Block, blocks: Iterator[_Block]) -> Iterator[_Block]:
 def _parts(frame: pd.DataFrame) -> Iterator[_Block]:
     """Blocks of a table in memory; one at least."""
     for begin in range(0, max(1, len(frame)), BLOCK_ROWS):
-        part = frame.iloc[begin:begin + BLOCK_ROWS]
+        part = frame.iloc[begin : begin + BLOCK_ROWS]
         yield _Block(begin, part, min(1.0, (begin + BLOCK_ROWS) / max(1, len(frame))))
 
 
@@ -251,8 +295,10 @@ def _read(path: Path) -> tuple[int, Iterator[_Block]]:
             return _parquet_blocks(path)
         else:
             with path.open("rb") as file:
-                ends = sum(max(part.count(b"\n"), part.count(b"\r"))
-                           for part in iter(lambda: file.read(BLOCK_SIZE), b""))
+                ends = sum(
+                    max(part.count(b"\n"), part.count(b"\r"))
+                    for part in iter(lambda: file.read(BLOCK_SIZE), b"")
+                )
             return ends + 1, _explained(path, _csv_blocks(path, size))
     except OSError as error:
         wrong = str(error.strerror or error)
@@ -260,8 +306,16 @@ def _read(path: Path) -> tuple[int, Iterator[_Block]]:
 
 
 def _unreadable(path: Path, wrong: str) -> ResultError:
-    return ResultError(str(path), [Problem("file", wrong, f"expected a table, {' or '.join(ENDINGS)}, of at most "
-                                                          f"{MAX_FILE_SIZE} bytes")])
+    return ResultError(
+        str(path),
+        [
+            Problem(
+                "file",
+                wrong,
+                f"expected a table, {' or '.join(ENDINGS)}, of at most {MAX_FILE_SIZE} bytes",
+            )
+        ],
+    )
 
 
 def _explained(path: Path, blocks: Iterator[_Block]) -> Iterator[_Block]:
@@ -307,28 +361,39 @@ def _csv_blocks(path: Path, size: int) -> Iterator[_Block]:
     from pyarrow import csv
 
     with path.open("rb") as file:
-        heading = file.readline(2 ** 20).decode("utf-8")
+        heading = file.readline(2**20).decode("utf-8")
         file.seek(0)
         delimiter = max(",;\t", key=heading.count)
         column_names: list[str] = []
         begin, read = 0, 0
         while text := file.read(BLOCK_SIZE):
-            while not (cut := max(text.rfind(b"\n"), text.rfind(b"\r")) + 1) and (more := file.read(BLOCK_SIZE)):
+            while not (cut := max(text.rfind(b"\n"), text.rfind(b"\r")) + 1) and (
+                more := file.read(BLOCK_SIZE)
+            ):
                 text += more  # a line longer than a block
             if read + len(text) < size:
                 # a \r that ends the block may have its \n in the next one, and a line behind its end goes there too
-                cut = cut - 1 if text[cut - 1:] == b"\r" and cut > 1 else cut
+                cut = cut - 1 if text[cut - 1 :] == b"\r" and cut > 1 else cut
                 file.seek(cut - len(text), 1)
                 text = text[:cut]
             read += len(text)
             if column_names and not text.strip():
                 continue
-            options = csv.ReadOptions(use_threads=False, block_size=len(text) + 1, column_names=column_names or None)
+            options = csv.ReadOptions(
+                use_threads=False, block_size=len(text) + 1, column_names=column_names or None
+            )
             try:
-                found = csv.read_csv(io.BytesIO(text), options, csv.ParseOptions(delimiter=delimiter))
-            except ValueError as error:  # ArrowInvalid: its row is counted from the block's first line
-                raise type(error)(_ROW.sub(lambda row: f"Row #{int(row[1]) + begin + bool(column_names)}",
-                                           str(error))) from None
+                found = csv.read_csv(
+                    io.BytesIO(text), options, csv.ParseOptions(delimiter=delimiter)
+                )
+            except (
+                ValueError
+            ) as error:  # ArrowInvalid: its row is counted from the block's first line
+                raise type(error)(
+                    _ROW.sub(
+                        lambda row: f"Row #{int(row[1]) + begin + bool(column_names)}", str(error)
+                    )
+                ) from None
             if not column_names:
                 column_names = found.column_names
             cleaned = [name.lstrip("# ").strip() for name in column_names]
@@ -346,39 +411,77 @@ def _frame(table: pd.DataFrame | Mapping[str, Any], origin: str) -> pd.DataFrame
         if not isinstance(table, pd.DataFrame):
             raise ValueError(f"a {type(table).__name__}")
     except ValueError as error:  # lengths that differ, arrays of two dimensions
-        raise ResultError(origin, [Problem("columns", shortened(str(error), 160), "expected a file's name, a DataFrame "
-                                           "or a mapping of arrays of one length")]) from None
+        raise ResultError(
+            origin,
+            [
+                Problem(
+                    "columns",
+                    shortened(str(error), 160),
+                    "expected a file's name, a DataFrame or a mapping of arrays of one length",
+                )
+            ],
+        ) from None
     has_time = set(TIME_NAMES) & set(table.columns)
     return table.reset_index() if not has_time and table.index.name in TIME_NAMES else table
 
 
-def _chosen(found: list[str], scene: Scene,
-            mapping: Mapping[str, str]) -> tuple[dict[str, tuple[int, int]], list[str], list[Problem]]:
+def _chosen(
+    found: list[str], scene: Scene, mapping: Mapping[str, str]
+) -> tuple[dict[str, tuple[int, int]], list[str], list[Problem]]:
     """Number and sign of the table's column by the scene's name; columns left out; problems of names."""
     known = [TIME, *columns_of(scene)]
     chosen: dict[str, tuple[int, int]] = {}
     left_out, misspelt = [], []
-    problems = [Problem("--map", shown(mine), f"expected a column of the table: {names(found)}"
-                                              f"{did_you_mean(mine, found)}") for mine in mapping if mine not in found]
+    problems = [
+        Problem(
+            "--map",
+            shown(mine),
+            f"expected a column of the table: {names(found)}{did_you_mean(mine, found)}",
+        )
+        for mine in mapping
+        if mine not in found
+    ]
     time_is_mapped = {TIME, f"-{TIME}"} & set(mapping.values())
     for number, mine in enumerate(found):
         column = mapping.get(mine, TIME if mine in TIME_NAMES and not time_is_mapped else mine)
         name, sign = column.removeprefix("-"), -1 if column.startswith("-") else 1
         if name in chosen:
-            problems.append(Problem(shortened(mine), f"a second column {name}", "expected each once"))
+            problems.append(
+                Problem(shortened(mine), f"a second column {name}", "expected each once")
+            )
         elif name in known and column != f"-{TIME}":
             chosen[name] = number, sign
         elif mine in mapping and name:
-            problems.append(Problem("--map", shown(column), f"expected a column of the scene: {names(known)}"
-                                    f"{did_you_mean(name, known)}" + "; times have no other sign" * (name == TIME)))
+            problems.append(
+                Problem(
+                    "--map",
+                    shown(column),
+                    f"expected a column of the scene: {names(known)}"
+                    f"{did_you_mean(name, known)}" + "; times have no other sign" * (name == TIME),
+                )
+            )
         elif mine not in mapping and (close := did_you_mean(mine, known)):
-            misspelt.append(Problem(shortened(mine), "a name that the scene does not have", f"expected a column of the "
-                                    f"scene{close}; --map MINE=COLUMN renames, --map MINE= leaves out"))
+            misspelt.append(
+                Problem(
+                    shortened(mine),
+                    "a name that the scene does not have",
+                    f"expected a column of the "
+                    f"scene{close}; --map MINE=COLUMN renames, --map MINE= leaves out",
+                )
+            )
         else:
             left_out.append(mine)
     if len(misspelt) > _TYPING_ERRORS:
-        problems, misspelt = [], [Problem("columns", names([problem.key for problem in misspelt]), "expected those of "
-                                          f"the scene: {names(known)}; is the table of another scene?")]
+        problems, misspelt = (
+            [],
+            [
+                Problem(
+                    "columns",
+                    names([problem.key for problem in misspelt]),
+                    f"expected those of the scene: {names(known)}; is the table of another scene?",
+                )
+            ],
+        )
     return chosen, left_out, problems + misspelt
 
 
@@ -408,30 +511,61 @@ def _numbers(column: pd.Series, may_be_open: bool) -> tuple[np.ndarray, _Wrong |
     if not wrong.any():
         return values, None
     row = int(np.argmax(wrong))
-    found = shown(str(column.iloc[row])) if words[row] else "nothing (NaN)" if np.isnan(values[row]) else "inf"
+    found = (
+        shown(str(column.iloc[row]))
+        if words[row]
+        else "nothing (NaN)"
+        if np.isnan(values[row])
+        else "inf"
+    )
     decimal = re.fullmatch(r"'\s*[-+]?\d*,\d+([eE][-+]?\d+)?\s*'", found)
-    return values, _Wrong(row + 1, found, "expected a finite number" + " with a decimal point" * bool(decimal),
-                          bool(words[row]))
+    return values, _Wrong(
+        row + 1,
+        found,
+        "expected a finite number" + " with a decimal point" * bool(decimal),
+        bool(words[row]),
+    )
 
 
 def _size(unit: str, units: Mapping[str, float]) -> float:
     """Size in SI of a unit such as rad/s²; of norms of mixed units that of their lengths."""
     above, _, below = unit.partition(",")[0].partition("/")
-    numerator, denominator = (np.prod([units.get(UNITS[one][0], 1.0) for one in part.rstrip("²").split()])
-                              for part in (above, below))
+    numerator, denominator = (
+        np.prod([units.get(UNITS[one][0], 1.0) for one in part.rstrip("²").split()])
+        for part in (above, below)
+    )
     return float(numerator / denominator ** (1 + below.endswith("²")))
 
 
 def _time_problems(t: np.ndarray, t_end: float) -> list[Problem]:
     steps, (instants, counts) = np.diff(t), np.unique(t, return_counts=True)
     back, most = int(np.argmax(steps < 0)), int(np.argmax(counts))
-    hint = "are they in ms (--units ms)?" if 50 <= t[-1] / t_end <= 2000 else "--set t_end=.. makes the scene longer"
-    return _first((
-        (steps[back] < 0, f"time, row {back + 2}", f"{t[back + 1]:.9g} s after {t[back]:.9g} s",
-         "times in order; two equal ones are the two sides of an event"),
-        (len(instants) < 2, "time", f"{t[0]:.9g} s in all {len(t)} rows", "increasing times"),
-        (counts[most] > MOST_ROWS, "time", f"{counts[most]} rows at {instants[most]:.9g} s",
-         f"at most {MOST_ROWS}; are the times written with too few digits?"),
-        (t[0] < -_ROUNDING * t_end, "time, row 1", f"{t[0]:.9g} s", "times from 0 on"),
-        (t[-1] > t_end * (1 + _ROUNDING) + np.ptp(instants[-2:]), "time", f"times up to {t[-1]:.9g} s",
-         f"the scene's t_end = {t_end:g} s at most; {hint}")))
+    hint = (
+        "are they in ms (--units ms)?"
+        if 50 <= t[-1] / t_end <= 2000
+        else "--set t_end=.. makes the scene longer"
+    )
+    return _first(
+        (
+            (
+                steps[back] < 0,
+                f"time, row {back + 2}",
+                f"{t[back + 1]:.9g} s after {t[back]:.9g} s",
+                "times in order; two equal ones are the two sides of an event",
+            ),
+            (len(instants) < 2, "time", f"{t[0]:.9g} s in all {len(t)} rows", "increasing times"),
+            (
+                counts[most] > MOST_ROWS,
+                "time",
+                f"{counts[most]} rows at {instants[most]:.9g} s",
+                f"at most {MOST_ROWS}; are the times written with too few digits?",
+            ),
+            (t[0] < -_ROUNDING * t_end, "time, row 1", f"{t[0]:.9g} s", "times from 0 on"),
+            (
+                t[-1] > t_end * (1 + _ROUNDING) + np.ptp(instants[-2:]),
+                "time",
+                f"times up to {t[-1]:.9g} s",
+                f"the scene's t_end = {t_end:g} s at most; {hint}",
+            ),
+        )
+    )

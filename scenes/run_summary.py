@@ -27,23 +27,68 @@ def run_tables(run: Trajectory) -> Iterator[tuple[Sequence[str], list[tuple[str,
     """Yield heads and rows of each table; those of events with jumps of the efforts that an event has values of."""
     digits = _above_noise(run)
     bodies = [name.removesuffix(".omega") for name in run.columns if name.endswith(".omega")]
-    yield ("end state [m, rad, s]", *STATE), [
-        (body, *(digits(name, run[name][-1]) for name in (f"{body}.{key}" for key in STATE))) for body in bodies]
-    shown = [name for name in run.columns
-             if name.rpartition(".")[2] in ("effort", "normal_force", "friction") or name.startswith("drift.")]
-    yield ("over time", "smallest", "largest", "at the end"), [
-        (name, *("left open" if np.isnan(value) else digits(name, value) for value in (
-            np.fmin.reduce(run[name]), np.fmax.reduce(run[name]), run[name][-1]))) for name in shown]
+    yield (
+        ("end state [m, rad, s]", *STATE),
+        [
+            (body, *(digits(name, run[name][-1]) for name in (f"{body}.{key}" for key in STATE)))
+            for body in bodies
+        ],
+    )
+    shown = [
+        name
+        for name in run.columns
+        if name.rpartition(".")[2] in ("effort", "normal_force", "friction")
+        or name.startswith("drift.")
+    ]
+    yield (
+        ("over time", "smallest", "largest", "at the end"),
+        [
+            (
+                name,
+                *(
+                    "left open" if np.isnan(value) else digits(name, value)
+                    for value in (
+                        np.fmin.reduce(run[name]),
+                        np.fmax.reduce(run[name]),
+                        run[name][-1],
+                    )
+                ),
+            )
+            for name in shown
+        ],
+    )
     if run.alternatives:
-        yield (("force that is not unique", "instants", "from [s]", "to [s]", "values at the first of them"),
-               [_not_unique(run, name, digits) for name in run.alternatives])
+        yield (
+            (
+                "force that is not unique",
+                "instants",
+                "from [s]",
+                "to [s]",
+                "values at the first of them",
+            ),
+            [_not_unique(run, name, digits) for name in run.alternatives],
+        )
     efforts = [name for name in run.columns if name.endswith(".effort")]
     several = any(event.other_modes for event in run.events)
-    yield ("event [s]", "kind", "joint", *(f"jump of {name}" for name in efforts),
-           *(["other consistent modes"] * several)), [
-        (f"{event.time:.9f}", event.kind, event.joint,
-         *(_jump(event, name, digits) for name in efforts),
-         *([str(event.other_modes)] * several)) for event in run.events[:EVENTS_SHOWN]]
+    yield (
+        (
+            "event [s]",
+            "kind",
+            "joint",
+            *(f"jump of {name}" for name in efforts),
+            *(["other consistent modes"] * several),
+        ),
+        [
+            (
+                f"{event.time:.9f}",
+                event.kind,
+                event.joint,
+                *(_jump(event, name, digits) for name in efforts),
+                *([str(event.other_modes)] * several),
+            )
+            for event in run.events[:EVENTS_SHOWN]
+        ],
+    )
 
 
 def _jump(event: Event, name: str, digits: Callable[[str, float], str]) -> str:
@@ -58,8 +103,13 @@ def _not_unique(run: Trajectory, name: str, digits: Callable[[str, float], str])
     values = run.alternatives[name]
     rows = np.flatnonzero(~np.isnan(values).all(axis=1))
     first = values[rows[0]]
-    return (name, str(len(rows)), f"{run.t[rows[0]]:.9g}", f"{run.t[rows[-1]]:.9g}",
-            ", ".join(digits(name, value) for value in first[~np.isnan(first)]))
+    return (
+        name,
+        str(len(rows)),
+        f"{run.t[rows[0]]:.9g}",
+        f"{run.t[rows[-1]]:.9g}",
+        ", ".join(digits(name, value) for value in first[~np.isnan(first)]),
+    )
 
 
 def more_events(run: Trajectory) -> str:
@@ -79,7 +129,10 @@ def _above_noise(run: Trajectory) -> Callable[[str, float], str]:
     drifts = {"m": "drift.position", "m/s": "drift.velocity"}
     noise = {}
     for kind in set(kinds.values()):
-        size = max((sizes[name] for name in kinds if kinds[name] == kind and name not in drifts.values()), default=0.0)
+        size = max(
+            (sizes[name] for name in kinds if kinds[name] == kind and name not in drifts.values()),
+            default=0.0,
+        )
         drift = sizes.get(drifts.get(kind, ""), 0.0)
-        noise[kind] = size * max(ROUNDING, min(drift / (size or 1.0), 10.0 ** -DIGITS))
+        noise[kind] = size * max(ROUNDING, min(drift / (size or 1.0), 10.0**-DIGITS))
     return lambda name, value: "0" if abs(value) <= noise[kinds[name]] else f"{value:.{DIGITS}g}"

@@ -19,13 +19,25 @@ _DERIVED = {
     "title": "A scene that is another one with changes",
     "type": "object",
     "properties": {
-        "base": {"type": "string", "description": "A name of the catalogue, or a file beside this one"},
+        "base": {
+            "type": "string",
+            "description": "A name of the catalogue, or a file beside this one",
+        },
         "title": {"type": "string"},
         "source": {"type": "string"},
-        "set": {"type": "object", "description": "Overrides: keys as of `--set`, and the values that they get"},
-        "unset": {"type": "array", "items": {"type": "string"}, "description": "Keys that are removed"}},
+        "set": {
+            "type": "object",
+            "description": "Overrides: keys as of `--set`, and the values that they get",
+        },
+        "unset": {
+            "type": "array",
+            "items": {"type": "string"},
+            "description": "Keys that are removed",
+        },
+    },
     "required": ["base"],
-    "additionalProperties": False}
+    "additionalProperties": False,
+}
 
 
 def scene_schema() -> dict[str, Any]:
@@ -37,8 +49,14 @@ def scene_schema() -> dict[str, Any]:
     """
     made = _strict(Scene.model_json_schema())
     definitions = made.pop("$defs")
-    return {"$schema": DIALECT, "title": "stiction scene", "definitions": definitions,
-            "if": {"required": ["base"]}, "then": _DERIVED, "else": made}
+    return {
+        "$schema": DIALECT,
+        "title": "stiction scene",
+        "definitions": definitions,
+        "if": {"required": ["base"]},
+        "then": _DERIVED,
+        "else": made,
+    }
 
 
 def scene_schema_text() -> str:

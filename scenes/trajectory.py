@@ -49,7 +49,9 @@ class Event:
         return self.after[column] - self.before[column]
 
 
-def stacked(columns: Mapping[str, np.ndarray], bodies: Iterable[str], labels: Iterable[str]) -> np.ndarray:
+def stacked(
+    columns: Mapping[str, np.ndarray], bodies: Iterable[str], labels: Iterable[str]
+) -> np.ndarray:
     """Columns of bodies as one array, (n, bodies * labels), body by body."""
     names = [f"{body}.{label}" for body, label in product(bodies, labels)]
     return np.stack([np.asarray(columns[name], dtype=float) for name in names], axis=1)
@@ -57,7 +59,9 @@ def stacked(columns: Mapping[str, np.ndarray], bodies: Iterable[str], labels: It
 
 def rows_of(columns: Mapping[str, np.ndarray]) -> list[dict[str, float]]:
     """Columns of equal length as one mapping per row, such as the sides of an `Event`."""
-    return [dict(zip(columns, row)) for row in np.array(list(columns.values()), dtype=float).T.tolist()]
+    return [
+        dict(zip(columns, row)) for row in np.array(list(columns.values()), dtype=float).T.tolist()
+    ]
 
 
 @dataclass(frozen=True)
@@ -83,7 +87,9 @@ class Breakdown:
 
     def __str__(self) -> str:
         counted = f" ({self.solutions})" if self.solutions else ""
-        return f"{self.reason}{counted} at t = {self.time:.12g} s" + (f", {self.guide}" if self.guide else "")
+        return f"{self.reason}{counted} at t = {self.time:.12g} s" + (
+            f", {self.guide}" if self.guide else ""
+        )
 
 
 @dataclass(frozen=True)
@@ -156,8 +162,10 @@ class Trajectory:
     def __repr__(self) -> str:
         until = f"t = 0 .. {self.t[-1]:g} s, " if len(self.t) else ""
         ended = "" if self.termination == "end" else f", ended: {shortened(self.termination)}"
-        return (f"<Trajectory: {self.engine} {self.version} on {shortened(self.scene)}, {self.fidelity}, {until}"
-                f"{len(self.t)} rows, {len(self.columns)} columns, {len(self.events)} events{ended}>")
+        return (
+            f"<Trajectory: {self.engine} {self.version} on {shortened(self.scene)}, {self.fidelity}, {until}"
+            f"{len(self.t)} rows, {len(self.columns)} columns, {len(self.events)} events{ended}>"
+        )
 
     @overload
     def __getitem__(self, column: str) -> np.ndarray: ...
@@ -169,14 +177,18 @@ class Trajectory:
         if isinstance(column, list):
             import pandas as pd
 
-            return pd.DataFrame({name: self[name] for name in column}, index=pd.Index(self.t, name="t"))
+            return pd.DataFrame(
+                {name: self[name] for name in column}, index=pd.Index(self.t, name="t")
+            )
         if column == "t":
             return self.t
         try:
             return self.columns[column]
         except KeyError:
-            raise KeyError(f"{self.engine} on {self.scene} has no column {column!r}; it has: "
-                           + ", ".join(["t", *self.columns])) from None
+            raise KeyError(
+                f"{self.engine} on {self.scene} has no column {column!r}; it has: "
+                + ", ".join(["t", *self.columns])
+            ) from None
 
     def __contains__(self, column: str) -> bool:
         return column == "t" or column in self.columns
@@ -235,8 +247,10 @@ class Trajectory:
         from stiction.scenes.pictures.animation import animate
 
         if self.mechanism is None:
-            raise InputError("mechanism: found None; "
-                             f"expected the trajectory of {self.scene} as Engine.simulate returns it")
+            raise InputError(
+                "mechanism: found None; "
+                f"expected the trajectory of {self.scene} as Engine.simulate returns it"
+            )
         return animate(self.mechanism, self, Path(file))
 
     def _repr_html_(self) -> str:
@@ -264,16 +278,31 @@ def events_frame(events: Iterable[Event]) -> pd.DataFrame:
     """A table of events: ``t, kind, joint``, then the values of all columns, ``before.NAME`` and ``after.NAME``."""
     import pandas as pd
 
-    return pd.DataFrame([{"t": e.time, "kind": e.kind, "joint": e.joint,
-                          **{f"before.{k}": v for k, v in e.before.items()},
-                          **{f"after.{k}": v for k, v in e.after.items()}} for e in events])
+    return pd.DataFrame(
+        [
+            {
+                "t": e.time,
+                "kind": e.kind,
+                "joint": e.joint,
+                **{f"before.{k}": v for k, v in e.before.items()},
+                **{f"after.{k}": v for k, v in e.after.items()},
+            }
+            for e in events
+        ]
+    )
 
 
 def events_of(frame: pd.DataFrame) -> tuple[Event, ...]:
     """Events of a table of `events_frame`; what a row has no value for is no column of its event."""
-    def side(row: dict[str, Any], name: str) -> dict[str, float]:
-        return {key.removeprefix(name): float(value) for key, value in row.items()
-                if key.startswith(name) and value == value}
 
-    return tuple(Event(float(row["t"]), row["kind"], row["joint"], side(row, "before."), side(row, "after."))
-                 for row in frame.to_dict("records"))
+    def side(row: dict[str, Any], name: str) -> dict[str, float]:
+        return {
+            key.removeprefix(name): float(value)
+            for key, value in row.items()
+            if key.startswith(name) and value == value
+        }
+
+    return tuple(
+        Event(float(row["t"]), row["kind"], row["joint"], side(row, "before."), side(row, "after."))
+        for row in frame.to_dict("records")
+    )

@@ -22,9 +22,15 @@ _VERSION = 1
 
 def save_trajectory(run: Trajectory, file: str | Path) -> None:
     """Write a trajectory, its events, settings, cost and scene; TypeError for a setting that JSON has no form for."""
-    about = {name: value for name, value in vars(run).items() if name not in ("t", "columns", "mechanism")}
-    about |= {"version of the file": _VERSION,
-              "mechanism": run.mechanism and [run.mechanism.name, tables_of(run.mechanism)]}
+    about = {
+        name: value
+        for name, value in vars(run).items()
+        if name not in ("t", "columns", "mechanism")
+    }
+    about |= {
+        "version of the file": _VERSION,
+        "mechanism": run.mechanism and [run.mechanism.name, tables_of(run.mechanism)],
+    }
     table = pa.table({"t": run.t, **run.columns})
     pq.write_table(table.replace_schema_metadata({_KEY: json.dumps(about, default=_plain)}), file)
 
@@ -38,10 +44,14 @@ def load_trajectory(file: str | Path) -> Trajectory:
     about = json.loads((table.schema.metadata or {}).get(_KEY, "{}"))
     if (found := about.pop("version of the file", None)) != _VERSION:
         there = "no trajectory" if found is None else f"version {found}"
-        raise InputError(f"{file}: found {there}; expected a file of Trajectory.save, version {_VERSION}")
+        raise InputError(
+            f"{file}: found {there}; expected a file of Trajectory.save, version {_VERSION}"
+        )
     columns = {name: table[name].to_numpy() for name in table.column_names}
     alternatives = about.pop("alternatives", {})
-    about["alternatives"] = {name: np.array(values, dtype=float) for name, values in alternatives.items()}
+    about["alternatives"] = {
+        name: np.array(values, dtype=float) for name, values in alternatives.items()
+    }
     about["events"] = tuple(Event(**event) for event in about["events"])
     about["cost"] = Cost(**about["cost"])
     if about["breakdown"]:

@@ -23,10 +23,14 @@ def shown(value: Any) -> str:
     if isinstance(value, str):
         return f"'{shortened(value)}'"
     if isinstance(value, (list, tuple)):
-        return shortened(f"[{', '.join(map(shown, value[:_WIDTH]))}{', ...' * (len(value) > _WIDTH)}]")
-    if isinstance(value, int) and abs(value) >= 10 ** _WIDTH:  # str() refuses integers of many digits
+        return shortened(
+            f"[{', '.join(map(shown, value[:_WIDTH]))}{', ...' * (len(value) > _WIDTH)}]"
+        )
+    if isinstance(value, int) and abs(value) >= 10**_WIDTH:  # str() refuses integers of many digits
         return "a huge integer"
-    return shortened(str(value) if isinstance(value, (int, float)) else f"{type(value).__name__} {value}")
+    return shortened(
+        str(value) if isinstance(value, (int, float)) else f"{type(value).__name__} {value}"
+    )
 
 
 def as_given(value: Any) -> str:
@@ -37,8 +41,10 @@ def as_given(value: Any) -> str:
 def shortened(text: str, width: int = _WIDTH) -> str:
     """Text without characters that cannot be printed, cut to a width."""
     if len(text) > width:
-        text = text[:width - 4] + " ..."
-    return "".join(character if character.isprintable() else "\N{REPLACEMENT CHARACTER}" for character in text)
+        text = text[: width - 4] + " ..."
+    return "".join(
+        character if character.isprintable() else "\N{REPLACEMENT CHARACTER}" for character in text
+    )
 
 
 def last_lines(text: str) -> str:
@@ -52,7 +58,7 @@ def names(known: Collection[str]) -> str:
     line = ", ".join(shortened(str(name)) for name in islice(known, _WIDTH))
     if len(line) <= 2 * _WIDTH and len(known) <= _WIDTH:
         return line
-    return line[:2 * _WIDTH].rpartition(", ")[0] + f", ... ({len(known)} in all)"
+    return line[: 2 * _WIDTH].rpartition(", ")[0] + f", ... ({len(known)} in all)"
 
 
 def did_you_mean(name: Any, known: Iterable[str]) -> str:

@@ -13,21 +13,72 @@ from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
     from stiction.comparisons.judge.judgement import Judgement, judge
-    from stiction.engines import (BadTrajectory, Capabilities, Engine, EngineFailure, EngineMissing, Job, Outcome,
-                                  Refused, UnknownEngine, engine_names, load_engine, run_isolated)
+    from stiction.engines import (
+        BadTrajectory,
+        Capabilities,
+        Engine,
+        EngineFailure,
+        EngineMissing,
+        Job,
+        Outcome,
+        Refused,
+        UnknownEngine,
+        engine_names,
+        load_engine,
+        run_isolated,
+    )
     from stiction.reference_impl.energies import energies
     from stiction.reference_impl.equations_of_motion import EquationsOfMotion, Terms
     from stiction.reference_impl.multibody.reactions import recover_columns
     from stiction.reference_impl.multibody.trajectory_columns import corner_forces
-    from stiction.scenes import (Breakdown, Cost, Event, InputError, Scene, SceneError, StictionError, Trajectory,
-                                 load_scene, scene_from_dict, scene_to_toml)
+    from stiction.scenes import (
+        Breakdown,
+        Cost,
+        Event,
+        InputError,
+        Scene,
+        SceneError,
+        StictionError,
+        Trajectory,
+        load_scene,
+        scene_from_dict,
+        scene_to_toml,
+    )
     from stiction.scenes.laws import evaluate_law
 
-__all__ = ["BadTrajectory", "Breakdown", "Capabilities", "Cost", "Engine", "EngineFailure", "EngineMissing",
-           "EquationsOfMotion", "Event", "InputError", "Job", "Judgement", "Outcome", "Refused", "Scene", "SceneError",
-           "StictionError", "Terms", "Trajectory", "UnknownEngine", "corner_forces", "energies", "engine_names",
-           "evaluate_law", "judge", "load_engine", "load_scene", "recover_columns",
-           "run_isolated", "scene_from_dict", "scene_to_toml"]
+__all__ = [
+    "BadTrajectory",
+    "Breakdown",
+    "Capabilities",
+    "Cost",
+    "Engine",
+    "EngineFailure",
+    "EngineMissing",
+    "EquationsOfMotion",
+    "Event",
+    "InputError",
+    "Job",
+    "Judgement",
+    "Outcome",
+    "Refused",
+    "Scene",
+    "SceneError",
+    "StictionError",
+    "Terms",
+    "Trajectory",
+    "UnknownEngine",
+    "corner_forces",
+    "energies",
+    "engine_names",
+    "evaluate_law",
+    "judge",
+    "load_engine",
+    "load_scene",
+    "recover_columns",
+    "run_isolated",
+    "scene_from_dict",
+    "scene_to_toml",
+]
 
 if (_checkout := Path(__file__).parent.parent).joinpath("pyproject.toml").is_file():
     __path__.append(str(_checkout))  # a checkout has the packages next to this one
@@ -38,8 +89,19 @@ _HOMES = {
     "reference_impl.equations_of_motion": {"EquationsOfMotion", "Terms"},
     "reference_impl.multibody.reactions": {"recover_columns"},
     "reference_impl.multibody.trajectory_columns": {"corner_forces"},
-    "scenes": {"Breakdown", "Cost", "Event", "InputError", "Scene", "SceneError", "StictionError", "Trajectory",
-               "load_scene", "scene_from_dict", "scene_to_toml"},
+    "scenes": {
+        "Breakdown",
+        "Cost",
+        "Event",
+        "InputError",
+        "Scene",
+        "SceneError",
+        "StictionError",
+        "Trajectory",
+        "load_scene",
+        "scene_from_dict",
+        "scene_to_toml",
+    },
     "scenes.laws": {"evaluate_law"},
 }
 """Modules of the public names; those that stand in none of them are of `stiction.engines`."""

@@ -18,8 +18,11 @@ if TYPE_CHECKING:
     from multiprocessing.context import ForkServerContext, SpawnContext
 
 _THREADS = ("OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "OMP_NUM_THREADS")
-_IMPORTED = ("stiction.silent_interrupt", "stiction.reference_impl.integration.paper_scheme",
-             "stiction.engines.isolation")
+_IMPORTED = (
+    "stiction.silent_interrupt",
+    "stiction.reference_impl.integration.paper_scheme",
+    "stiction.engines.isolation",
+)
 """Imports of a run of the reference."""
 _AS_HERE = ("pandas", "scipy.spatial")  # half as long again: only where the caller has them
 
@@ -33,7 +36,9 @@ def child_context() -> ForkServerContext | SpawnContext:
     if "forkserver" not in multiprocessing.get_all_start_methods():
         return multiprocessing.get_context("spawn")
     context = multiprocessing.get_context("forkserver")
-    context.set_forkserver_preload([*_IMPORTED, *(name for name in _AS_HERE if name in sys.modules)])
+    context.set_forkserver_preload(
+        [*_IMPORTED, *(name for name in _AS_HERE if name in sys.modules)]
+    )
     with one_thread():
         forkserver.ensure_running()
     return context
@@ -75,8 +80,10 @@ def undisturbed_end() -> Iterator[Callable[[], None]]:
 
     here = threading.current_thread() is threading.main_thread()
     before: dict[int, Callable[[int, FrameType | None], Any]] = {
-        number: handler for number in (signal.SIGINT, signal.SIGTERM)
-        if here and callable(handler := signal.getsignal(number))}
+        number: handler
+        for number in (signal.SIGINT, signal.SIGTERM)
+        if here and callable(handler := signal.getsignal(number))
+    }
     try:
         for number in before:
             signal.signal(number, take)

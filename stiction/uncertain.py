@@ -38,7 +38,9 @@ class Uncertain:
         if not self.uncertainty > 0:
             return plain(f"{self.value:.{ERROR_DIGITS}g}")
         size = max(abs(self.value), self.uncertainty)
-        unsure = rounded_up(self.uncertainty, 2 if float(f"{self.uncertainty:.2e}"[:4]) < 3.55 else 1)
+        unsure = rounded_up(
+            self.uncertainty, 2 if float(f"{self.uncertainty:.2e}"[:4]) < 3.55 else 1
+        )
         last = int(Decimal(unsure).as_tuple().exponent)
         if 1e-4 <= size < 1e6:
             return f"{self.value:z.{max(-last, 0)}f} ± {unsure}"

@@ -19,7 +19,12 @@ import numpy as np
 from random_mechanisms import extreme_scene
 
 from stiction.comparisons.bench.complementarity import proof
-from stiction.comparisons.bench.complementarity.problems import SOLVED, Problem, problem_at, write_problems
+from stiction.comparisons.bench.complementarity.problems import (
+    SOLVED,
+    Problem,
+    problem_at,
+    write_problems,
+)
 from stiction.comparisons.bench.complementarity.replay import answer, lemke
 from stiction.comparisons.hard import hard_cases
 from stiction.comparisons.hard.examination import examine
@@ -49,7 +54,9 @@ def of_random_scenes(seed: int = 0) -> Iterator[Problem]:
     """Up to `PER_CLASS` of each kind, met at the start of random scenes."""
     kept: Counter[str] = Counter()
     for number in range(MOST_SCENES):
-        scene = scene_from_dict(extreme_scene(np.random.default_rng([seed, number])), name=f"random {seed}/{number}")
+        scene = scene_from_dict(
+            extreme_scene(np.random.default_rng([seed, number])), name=f"random {seed}/{number}"
+        )
         q, v = Mechanism(scene, "none").initial_state()
         found = problem_at("", scene, 0.0, q, v, 1e-11 * float(np.max(np.abs(v))))
         if found is None or len(found.b) > LARGEST:
@@ -64,7 +71,10 @@ def settled(problem: Problem) -> Problem:
     """The problem, or of one without solution that has one its exact solution in floats, and a class of its own."""
     if problem.outcome == SOLVED or (verdict := proof.decide(problem)).decided != proof.SOLVED:
         return problem
-    y, x = (np.array([float(Fraction(int(u.p), int(u.q))) for u in part]) for part in (verdict.y, verdict.x))
+    y, x = (
+        np.array([float(Fraction(int(u.p), int(u.q))) for u in part])
+        for part in (verdict.y, verdict.x)
+    )
     return replace(problem, kind=MISSED, y=y, x=x, outcome=SOLVED)
 
 

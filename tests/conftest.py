@@ -94,7 +94,11 @@ def invoke(command: str, *arguments, exit_code: int | None = 0, **options):
 
 
 def content(folder: Path) -> dict[str, bytes]:
-    return {path.relative_to(folder).as_posix(): path.read_bytes() for path in folder.rglob("*") if path.is_file()}
+    return {
+        path.relative_to(folder).as_posix(): path.read_bytes()
+        for path in folder.rglob("*")
+        if path.is_file()
+    }
 
 
 def called_here(tasks, *, on_result=None, **_):
@@ -113,9 +117,14 @@ def called_here(tasks, *, on_result=None, **_):
 def isolated_by(function):
     """Tasks are made by this function."""
     with pytest.MonkeyPatch.context() as patch:
-        for module in ("stiction.engines", "stiction.comparisons.regression.nightly", "stiction.comparisons.bench.runner",
-                       "stiction.comparisons.bench.executors", "stiction.comparisons.bench.complementarity.replay",
-                       "stiction.comparisons.judge.conformance"):
+        for module in (
+            "stiction.engines",
+            "stiction.comparisons.regression.nightly",
+            "stiction.comparisons.bench.runner",
+            "stiction.comparisons.bench.executors",
+            "stiction.comparisons.bench.complementarity.replay",
+            "stiction.comparisons.judge.conformance",
+        ):
             patch.setattr(f"{module}.isolate", function)
         yield
 
@@ -134,13 +143,17 @@ def in_this_process():
 @pytest.fixture
 def fresh_truths(monkeypatch):
     """Truths are found anew each time, and none is kept for the tests to come: for what changes how they are found."""
-    monkeypatch.setattr("stiction.comparisons.measures.scene_truth._found", scene_truth._found.__wrapped__)
+    monkeypatch.setattr(
+        "stiction.comparisons.measures.scene_truth._found", scene_truth._found.__wrapped__
+    )
 
 
 @pytest.fixture
 def interruptible():
     """Children take SIGINT as they do at a terminal, even where this process was started to ignore it: ``nohup``, ``make test &``."""
-    before = signal.signal(signal.SIGINT, signal.default_int_handler)  # a child inherits what is ignored, not a handler
+    before = signal.signal(
+        signal.SIGINT, signal.default_int_handler
+    )  # a child inherits what is ignored, not a handler
     yield
     signal.signal(signal.SIGINT, before)
 
@@ -152,15 +165,23 @@ LONG_STUDIES = frozenset({"claims", "drift", "long-drift", "orders", "settings",
 def shorten_validation(monkeypatch: pytest.MonkeyPatch, variants: tuple[Variant, ...]) -> None:
     """`validate` with the variants it is given, without the `LONG_STUDIES`, and with few effects and hard cases; for tests that are not about what it finds."""
     chosen = [study for study in studies() if study.name not in LONG_STUDIES]
-    fewer = {"variants": lambda *_: variants, "cost_variants": lambda *_: variants, "suppression_variants": lambda: suppression_variants()[:1],
-             "toggles": lambda scene: islice(toggles(scene), 2)}
+    fewer = {
+        "variants": lambda *_: variants,
+        "cost_variants": lambda *_: variants,
+        "suppression_variants": lambda: suppression_variants()[:1],
+        "toggles": lambda scene: islice(toggles(scene), 2),
+    }
     for module in [import_module(study.present.__module__) for study in chosen]:
         for name in fewer.keys() & vars(module).keys():
             monkeypatch.setattr(module, name, fewer[name])
     for name, value in {
-            "validation.studies": lambda: chosen, "validation.variants": lambda *_: variants,
-            "validation.extent": lambda depth: extent(depth).model_copy(update={"limit": 600.0}),  # a busy machine may take longer than a user waits
-            "hard.table.hard_cases": lambda depth: hard_cases(depth)[:2]}.items():
+        "validation.studies": lambda: chosen,
+        "validation.variants": lambda *_: variants,
+        "validation.extent": lambda depth: extent(depth).model_copy(
+            update={"limit": 600.0}
+        ),  # a busy machine may take longer than a user waits
+        "hard.table.hard_cases": lambda depth: hard_cases(depth)[:2],
+    }.items():
         monkeypatch.setattr(f"stiction.comparisons.{name}", value)
     monkeypatch.setattr("stiction.reports.markdown.validation_report.save_all", leave_dots)
 
@@ -177,8 +198,10 @@ def truths() -> dict:
 
 @pytest.fixture(scope="session")
 def lost_records() -> list[Record]:
-    return [record(Variant(f"engine {i}", f"engine{i}", "dt", (1e-2,), "contact"), 1e-2, status, reason)
-            for i, (status, reason) in enumerate(LOST.items())]
+    return [
+        record(Variant(f"engine {i}", f"engine{i}", "dt", (1e-2,), "contact"), 1e-2, status, reason)
+        for i, (status, reason) in enumerate(LOST.items())
+    ]
 
 
 @pytest.fixture(scope="session")
@@ -188,9 +211,15 @@ def validation(truths, lost_records) -> Results:
     paper = timed(engine.simulate(scene, t_end=T_END, dt=2.5e-3))
     # the paper's scheme stands in for an engine that came out: what matters here is that it has a name of its own
     other = Variant("other", "other", "dt", (2.5e-3,))
-    return validation_of([record(variant("reference"), 1e-9, value=tight), record(variant("paper's scheme"), 2.5e-3, value=paper),
-                          record(other, 2.5e-3, value=replace(paper, engine="other", events=())), *lost_records],
-                         truths)
+    return validation_of(
+        [
+            record(variant("reference"), 1e-9, value=tight),
+            record(variant("paper's scheme"), 2.5e-3, value=paper),
+            record(other, 2.5e-3, value=replace(paper, engine="other", events=())),
+            *lost_records,
+        ],
+        truths,
+    )
 
 
 @pytest.fixture(scope="session")

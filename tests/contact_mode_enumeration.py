@@ -12,8 +12,13 @@ def contact_modes(guides, slip):
     choices = []
     for f, guide in enumerate(guides):
         signs = list(product((1, -1), repeat=2)) if guide["length"] > 0 else [(1, 1), (-1, -1)]
-        moving = [(1, guide["mus"]), (-1, guide["mus"])] if slip[f] == 0 else [(slip[f], guide["mu"])]
-        choices.append(([(0, 0.0, 1, 1)] if slip[f] == 0 else []) + [(d, mu, *s) for d, mu in moving for s in signs])
+        moving = (
+            [(1, guide["mus"]), (-1, guide["mus"])] if slip[f] == 0 else [(slip[f], guide["mu"])]
+        )
+        choices.append(
+            ([(0, 0.0, 1, 1)] if slip[f] == 0 else [])
+            + [(d, mu, *s) for d, mu in moving for s in signs]
+        )
     if np.prod([len(choice) for choice in choices], dtype=float) > MOST_MODES:
         return None
     return np.array(list(product(*choices)), dtype=float).transpose(2, 0, 1)
@@ -37,7 +42,10 @@ def consistent_forces(m, w, slip):
         return None
     rows, count = m.rows, modes.shape[1]
     unit = 1 / np.sqrt(np.diag(w.G))
-    A, b = np.repeat((w.G * unit * unit[:, None])[None], count, axis=0), np.repeat((w.right * unit)[None], count, axis=0)
+    A, b = (
+        np.repeat((w.G * unit * unit[:, None])[None], count, axis=0),
+        np.repeat((w.right * unit)[None], count, axis=0),
+    )
     for f, guide in enumerate(m.friction):
         d, mu, s1, s2 = modes[:, :, f]
         moves, t, row = d != 0, rows + f, guide["row"]
@@ -59,7 +67,9 @@ def consistent_forces(m, w, slip):
         d, mu, s1, s2 = modes[:, :, f]
         row, t = guide["row"], rows + f
         R, T, friction = forces[:, row], forces[:, row + 1], forces[:, t]
-        load = floor * unit[row] + (floor * unit[row + 1] / guide["length"] if guide["length"] > 0 else 0.0)
+        load = floor * unit[row] + (
+            floor * unit[row + 1] / guide["length"] if guide["length"] > 0 else 0.0
+        )
         n1, n2 = corners(guide, R, T, -mu * d)
         moves = d != 0
         fits &= ~moves | ((s1 * n1 >= -load) & (s2 * n2 >= -load))

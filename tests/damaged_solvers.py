@@ -25,8 +25,12 @@ class Slippery(ReferenceEngine):
     name = "slippery"
 
     def run(self, scene, **arguments):
-        joints = {name: joint.model_copy(update={"mus": joint.mu}) if getattr(joint, "mu", None) else joint
-                  for name, joint in scene.joints.items()}
+        joints = {
+            name: joint.model_copy(update={"mus": joint.mu})
+            if getattr(joint, "mu", None)
+            else joint
+            for name, joint in scene.joints.items()
+        }
         return super().run(scene.model_copy(update={"joints": joints}), **arguments)
 
 
@@ -36,8 +40,12 @@ class WrongSign(ReferenceEngine):
     name = "wrong-sign"
 
     def run(self, scene, **arguments):
-        joints = {name: joint.model_copy(update={"width": -joint.width}) if getattr(joint, "width", None) else joint
-                  for name, joint in scene.joints.items()}
+        joints = {
+            name: joint.model_copy(update={"width": -joint.width})
+            if getattr(joint, "width", None)
+            else joint
+            for name, joint in scene.joints.items()
+        }
         return super().run(scene.model_copy(update={"joints": joints}), **arguments)
 
 
@@ -48,7 +56,12 @@ class LooseEvents(ReferenceEngine):
 
     def run(self, scene, **arguments):
         found = super().run(scene, **arguments)
-        return replace(found, events=tuple(replace(event, time=math.ceil(event.time / 1e-6) * 1e-6) for event in found.events))
+        return replace(
+            found,
+            events=tuple(
+                replace(event, time=math.ceil(event.time / 1e-6) * 1e-6) for event in found.events
+            ),
+        )
 
 
 class HalfAsSlowAgain(ReferenceEngine):

@@ -11,25 +11,42 @@ import pandas as pd
 from stiction.comparisons.bench.presentation import Number, Presentation
 from stiction.comparisons.bench.quantities import quantity_of
 from stiction.comparisons.bench.results import Results
-from stiction.comparisons.bench.variants import COEFFICIENTS, EVENTS_BY, FRICTION_BY, Coefficients, Record, Variant
+from stiction.comparisons.bench.variants import (
+    COEFFICIENTS,
+    EVENTS_BY,
+    FRICTION_BY,
+    Coefficients,
+    Record,
+    Variant,
+)
 from stiction.engines import Outcome
 from stiction.scenes import Trajectory
 
 NUMBER = r"-?\d+(?:\.\d+)?(?:e[+-]?\d+)?"
 CASES = ("slider-bar-case-1", "slider-bar-case-2", "slider-bar-case-3")
-VARIANTS = {"reference": Variant("reference", "reference", "rtol", (1e-9, 1e-12)),
-            "paper's scheme": Variant("paper's scheme", "reference", "dt", (1e-2, 1e-3)),
-            "pymunk": Variant("pymunk", "pymunk", "dt", (1e-2, 1e-3)),
-            "PyBullet": Variant("PyBullet", "pybullet", "dt", (1e-2, 1e-3)),
-            "pymunk, contact": Variant("pymunk, contact", "pymunk", "dt", (1e-2, 1e-3), "contact")}
+VARIANTS = {
+    "reference": Variant("reference", "reference", "rtol", (1e-9, 1e-12)),
+    "paper's scheme": Variant("paper's scheme", "reference", "dt", (1e-2, 1e-3)),
+    "pymunk": Variant("pymunk", "pymunk", "dt", (1e-2, 1e-3)),
+    "PyBullet": Variant("PyBullet", "pybullet", "dt", (1e-2, 1e-3)),
+    "pymunk, contact": Variant("pymunk, contact", "pymunk", "dt", (1e-2, 1e-3), "contact"),
+}
 
 
 def record(label: str, case: str, step: float, status: str = "ok", reason: str = "") -> Record:
     variant, key = VARIANTS[label], f"{case}/{label}/{step:g}"
     t = np.array([0.0, 0.01])
     columns = {"slider.x": t + step, "slider.y": 0 * t, "motor.effort": t}
-    run = Trajectory(case, variant.engine, "1", variant.fidelity, t, columns,
-                     settings={"method": label}, termination=reason or "end")
+    run = Trajectory(
+        case,
+        variant.engine,
+        "1",
+        variant.fidelity,
+        t,
+        columns,
+        settings={"method": label},
+        termination=reason or "end",
+    )
     outcome = Outcome(key, status, run) if status == "ok" else Outcome(key, status, None, reason)
     return Record(key, case, variant, step, outcome)
 
@@ -37,9 +54,16 @@ def record(label: str, case: str, step: float, status: str = "ok", reason: str =
 def about(one: Record) -> dict[str, object]:
     """The columns that every table begins with; the reference alone has its own friction law, and locates events."""
     own = one.variant.engine == "reference"
-    suppliers = {FRICTION_BY: "engine" if own else "adapter", EVENTS_BY: "engine" if own else "nobody"}
-    return {**one.describe(), COEFFICIENTS: str(Coefficients.BOTH), **(suppliers if one.trajectory is not None else {}),
-            "truth": one.scene}
+    suppliers = {
+        FRICTION_BY: "engine" if own else "adapter",
+        EVENTS_BY: "engine" if own else "nobody",
+    }
+    return {
+        **one.describe(),
+        COEFFICIENTS: str(Coefficients.BOTH),
+        **(suppliers if one.trajectory is not None else {}),
+        "truth": one.scene,
+    }
 
 
 def shows(text: str, true: float) -> bool:
@@ -70,7 +94,9 @@ def is_in(number: Number, data: dict[str, pd.DataFrame]) -> bool:
         return abs(cells.iloc[0]) <= unsure <= float(first)
     if number.text[0] in "≤>≥":  # a bound stays one
         low, high = (1.0, 1.11) if number.text[0] == "≤" else (0.9, 1.0)
-        return all(low - 1e-9 <= float(first) / (number.factor * true) <= high + 1e-9 for true in cells)
+        return all(
+            low - 1e-9 <= float(first) / (number.factor * true) <= high + 1e-9 for true in cells
+        )
     if "bound" in number.column:  # rounded up
         return all(true * (1 - 1e-12) <= float(first) <= 1.11 * true for true in cells)
     return all(shows(first, number.factor * true) for true in cells)
@@ -78,7 +104,12 @@ def is_in(number: Number, data: dict[str, pd.DataFrame]) -> bool:
 
 def wrong_numbers(said: Presentation, results: Results) -> list[Number]:
     """Numbers of the sentences that their cells do not have."""
-    texts = [said.answer, said.beside, *said.findings, *(cell for headline in said.headlines for cell in headline.cells.values())]
+    texts = [
+        said.answer,
+        said.beside,
+        *said.findings,
+        *(cell for headline in said.headlines for cell in headline.cells.values()),
+    ]
     numbers = [number for text in texts for number in text.numbers]
     assert numbers
     return [number for number in numbers if not is_in(number, results.tables)]

@@ -32,7 +32,17 @@ import tomli_w
 ROOT = Path(__file__).parent.parent
 LIST, PAGE = ROOT / "tests" / "mutations.toml", ROOT / "docs" / "reference" / "mutations.md"
 RESULTS = ROOT / "build" / "mutations.json"
-NOT_COPIED = ("__pycache__", ".git", ".venv", "build", "runs", "nightly", "site", ".hypothesis", ".pytest_cache")
+NOT_COPIED = (
+    "__pycache__",
+    ".git",
+    ".venv",
+    "build",
+    "runs",
+    "nightly",
+    "site",
+    ".hypothesis",
+    ".pytest_cache",
+)
 CAMPAIGN = Path("comparisons", "campaigns", "nightly.toml")
 PARTS = ("equations", "event location", "columns", "adapters", "truths", "gate")
 FINE, FAILED, REGRESSED = 0, 1, 3
@@ -78,7 +88,9 @@ class Mutation:
         path = folder / self.file
         text = path.read_text()
         if (count := text.count(self.find)) != 1 or self.find == self.replace:
-            raise ValueError(f"{self.name}: {self.file} has {self.find!r} {count} times; expected once, and another text for it")
+            raise ValueError(
+                f"{self.name}: {self.file} has {self.find!r} {count} times; expected once, and another text for it"
+            )
         path.write_text(text.replace(self.find, self.replace))
 
 
@@ -104,8 +116,15 @@ def mutations() -> list[Mutation]:
     found = []
     for raw in tomllib.loads(LIST.read_text())["mutation"]:
         engine = re.match(r"engines/(?!shared|reference)(\w+)/", raw["file"])
-        found.append(Mutation(**({"engines": (engine[1],)} if engine else {}), **{
-            key: tuple(value) if isinstance(value, list) else value for key, value in raw.items()}))
+        found.append(
+            Mutation(
+                **({"engines": (engine[1],)} if engine else {}),
+                **{
+                    key: tuple(value) if isinstance(value, list) else value
+                    for key, value in raw.items()
+                },
+            )
+        )
     return found
 
 
@@ -115,26 +134,40 @@ def copied() -> Iterator[Path]:
     with tempfile.TemporaryDirectory() as place:
         folder = Path(place, "stiction")
         shutil.copytree(ROOT, folder, ignore=shutil.ignore_patterns(*NOT_COPIED))
-        told = subprocess.run([sys.executable, "-P", "-c", "import stiction; print(stiction.__file__)"],
-                              env=_environment(folder), capture_output=True, text=True)
+        told = subprocess.run(
+            [sys.executable, "-P", "-c", "import stiction; print(stiction.__file__)"],
+            env=_environment(folder),
+            capture_output=True,
+            text=True,
+        )
         if not Path(told.stdout.strip()).is_relative_to(folder):
             raise NoAnswer(f"expected the code of the copy; found {told.stdout}{told.stderr}")
         yield folder
 
 
 def _environment(folder: Path) -> dict[str, str]:
-    return {key: value for key, value in os.environ.items() if not key.startswith("PYTEST_")} | {"PYTHONPATH": str(folder)}
+    return {key: value for key, value in os.environ.items() if not key.startswith("PYTEST_")} | {
+        "PYTHONPATH": str(folder)
+    }
 
 
 def _ran(folder: Path, *command: str, found: int) -> str:
     """What a command of the copy printed; nothing if all was fine."""
     try:
-        ended = subprocess.run([sys.executable, "-P", "-m", *command], cwd=folder, env=_environment(folder),
-                               capture_output=True, text=True, timeout=LIMIT)
+        ended = subprocess.run(
+            [sys.executable, "-P", "-m", *command],
+            cwd=folder,
+            env=_environment(folder),
+            capture_output=True,
+            text=True,
+            timeout=LIMIT,
+        )
     except subprocess.TimeoutExpired:
         raise NoAnswer(f"{' '.join(command)}: nothing within {LIMIT:g} s") from None
     if ended.returncode not in (FINE, found):
-        raise NoAnswer(f"{' '.join(command)}: exit code {ended.returncode}\n{ended.stdout[-2000:]}{ended.stderr[-2000:]}")
+        raise NoAnswer(
+            f"{' '.join(command)}: exit code {ended.returncode}\n{ended.stdout[-2000:]}{ended.stderr[-2000:]}"
+        )
     return ended.stdout if ended.returncode == found else ""
 
 
@@ -148,20 +181,29 @@ def _tests(folder: Path, mutation: Mutation) -> str:
     return failed.rpartition("::")[2]
 
 
-def _runs(folder: Path, command: str, engines: Sequence[str], scenes: Sequence[str], baseline: str | None) -> str:
+def _runs(
+    folder: Path, command: str, engines: Sequence[str], scenes: Sequence[str], baseline: str | None
+) -> str:
     """The worst line of the report of `stiction check` or `stiction nightly` on the runs of these engines.
 
     Of the campaign's scenes for checks where none are given.
     """
     campaign = tomllib.loads((folder / CAMPAIGN).read_text())
     campaign["variants"] = {
-        label: variant for label, variant in campaign["variants"].items() if variant["engine"] in engines}
+        label: variant
+        for label, variant in campaign["variants"].items()
+        if variant["engine"] in engines
+    }
     check = campaign["check"]
     check["variants"] = [label for label in check["variants"] if label in campaign["variants"]]
     campaign["scenes"] = list(scenes) or check["scenes" if check["variants"] else "every"]
     for key in ("scenes", "every"):
         check[key] = [scene for scene in check[key] if scene in campaign["scenes"]]
-    campaign |= {"measure": ["accuracy", "motion", "event", "drift", "counter"], "random": 0, "random_mechanisms": 0}
+    campaign |= {
+        "measure": ["accuracy", "motion", "event", "drift", "counter"],
+        "random": 0,
+        "random_mechanisms": 0,
+    }
     (part := folder / CAMPAIGN.with_name("part.toml")).write_text(tomli_w.dumps(campaign))
     options = [] if command == "check" else ["--out", str(folder / "night")]
     options += ["--baseline", baseline] if baseline else []
@@ -176,7 +218,9 @@ def _runs(folder: Path, command: str, engines: Sequence[str], scenes: Sequence[s
 
 
 @cache
-def _undamaged(command: str, engines: tuple[str, ...], scenes: tuple[str, ...], baseline: str | None) -> None:
+def _undamaged(
+    command: str, engines: tuple[str, ...], scenes: tuple[str, ...], baseline: str | None
+) -> None:
     """Nothing is found where nothing is damaged, or what is found elsewhere says nothing."""
     with copied() as folder:
         if (told := _runs(folder, command, engines, scenes, baseline)) != UNSEEN:
@@ -198,7 +242,9 @@ def tried(mutation: Mutation, baseline: str | None = None, first: bool = False) 
             if answer.is_found and (first or what == "night"):
                 break
             _undamaged(command, mutation.engines, scenes, baseline)
-            answer = replace(answer, **{what: _runs(folder, command, mutation.engines, scenes, baseline)})
+            answer = replace(
+                answer, **{what: _runs(folder, command, mutation.engines, scenes, baseline)}
+            )
     return answer
 
 
@@ -209,12 +255,23 @@ def read_results(path: Path) -> dict[str, Answer]:
 
 def page(found: dict[str, Answer]) -> str:
     """The table, in Markdown."""
-    lines = ["# Mutations", "", "<!-- made by tests/mutations.py -->", "",
-             "Damages of one line each, and what finds them: the tests that are named for it in `tests/mutations.toml`, the part of",
-             "`stiction check` that runs through the file, and, asked where both find nothing, a night. `python tests/mutations.py` makes",
-             "this table; `pytest -m long tests/test_mutations.py` tries them all."]
+    lines = [
+        "# Mutations",
+        "",
+        "<!-- made by tests/mutations.py -->",
+        "",
+        "Damages of one line each, and what finds them: the tests that are named for it in `tests/mutations.toml`, the part of",
+        "`stiction check` that runs through the file, and, asked where both find nothing, a night. `python tests/mutations.py` makes",
+        "this table; `pytest -m long tests/test_mutations.py` tries them all.",
+    ]
     for part in PARTS:
-        lines += ["", f"## {part.capitalize()}", "", "| what is damaged | file | tests | check | night |", "|---|---|---|---|---|"]
+        lines += [
+            "",
+            f"## {part.capitalize()}",
+            "",
+            "| what is damaged | file | tests | check | night |",
+            "|---|---|---|---|---|",
+        ]
         for mutation in (each for each in mutations() if each.part == part):
             answer = found.get(mutation.name)
             told = ["not tried"] * 3
@@ -225,11 +282,17 @@ def page(found: dict[str, Answer]) -> str:
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
-    parser = argparse.ArgumentParser(description="Try mutations of the code, and write the table of what finds them.")
+    parser = argparse.ArgumentParser(
+        description="Try mutations of the code, and write the table of what finds them."
+    )
     parser.add_argument("names", nargs="*", help="of mutations; all if none is given")
     parser.add_argument("--results", type=Path, default=RESULTS, help="file of the answers so far")
-    parser.add_argument("--baseline", help="what check and night are held to; the suite's own if not given")
-    parser.add_argument("--first", action="store_true", help="ask no more once something has found it")
+    parser.add_argument(
+        "--baseline", help="what check and night are held to; the suite's own if not given"
+    )
+    parser.add_argument(
+        "--first", action="store_true", help="ask no more once something has found it"
+    )
     asked = parser.parse_args(arguments)
     found: dict[str, Any] = read_results(asked.results)
     asked.results.parent.mkdir(parents=True, exist_ok=True)
@@ -240,19 +303,30 @@ def main(arguments: Sequence[str] | None = None) -> int:
         if asked.names and mutation.name not in asked.names or known:
             continue
         try:
-            answer = tried(mutation, asked.baseline and str(Path(asked.baseline).resolve()), asked.first)
+            answer = tried(
+                mutation, asked.baseline and str(Path(asked.baseline).resolve()), asked.first
+            )
         except NoAnswer as error:
             failed.append(mutation.name)
             print(f"{mutation.name}: no answer: {error}", flush=True)
             continue
         found[mutation.name] = answer
-        print(f"{mutation.name}: tests: {answer.tests}; check: {answer.check or 'not asked'}; "
-              f"night: {answer.night or 'not asked'}", flush=True)
+        print(
+            f"{mutation.name}: tests: {answer.tests}; check: {answer.check or 'not asked'}; "
+            f"night: {answer.night or 'not asked'}",
+            flush=True,
+        )
         kept = {name: asdict(each) for name, each in found.items()}
         asked.results.write_text(json.dumps(kept, indent=1, ensure_ascii=False) + "\n")
     PAGE.write_text(page(found))
-    failed += [mutation.name for mutation in mutations() if mutation.name in found and not found[mutation.name].is_found]
-    print(f"{len(found)} of {len(mutations())} tried; found by nobody or without an answer: {', '.join(failed) or 'none'}")
+    failed += [
+        mutation.name
+        for mutation in mutations()
+        if mutation.name in found and not found[mutation.name].is_found
+    ]
+    print(
+        f"{len(found)} of {len(mutations())} tried; found by nobody or without an answer: {', '.join(failed) or 'none'}"
+    )
     return bool(failed)
 
 

@@ -10,7 +10,7 @@ that its coordinate has then.
 
 Friction is weak (mu <= 0.25, in a guide with a length at most a quarter of it wide), so that
 nearly all have one motion, and short runs (0.2 s) of moderate speeds keep errors of the start from
-growing. """
+growing."""
 
 from __future__ import annotations
 
@@ -109,8 +109,18 @@ def _attach(a: Assembly, dice: SeededDice, name: str, base: str) -> None:
         a.pin(name, base, _point(dice, 0.4), _point(dice, 0.4), angle, omega, mass, inertia)
     else:
         speed = dice.one_of([0.0, 1.0, 1.0]) * dice.number(-1, 1)
-        a.slide(name, base, dice.number(-3.1, 3.1), _point(dice, 0.4), angle,
-                dice.number(-0.4, 0.4), speed, mass, inertia, **_friction(dice))
+        a.slide(
+            name,
+            base,
+            dice.number(-3.1, 3.1),
+            _point(dice, 0.4),
+            angle,
+            dice.number(-0.4, 0.4),
+            speed,
+            mass,
+            inertia,
+            **_friction(dice),
+        )
         # the slider's point is moved off its centre of mass: the centre moves the other way, so
         # that the guide stays
         joint, body = a.raw["joints"][f"guide-{name}"], a.raw["bodies"][name]
@@ -128,13 +138,23 @@ def _close(a: Assembly, dice: SeededDice) -> None:
     x, angle, *_ = a.state(second)
     own = list(turn(-angle, place - x))
     if dice.integer(0, 2):
-        joint: dict[str, Any] = {"type": "revolute", "bodies": [first, second],
-                                 "points": [point, own]}
+        joint: dict[str, Any] = {
+            "type": "revolute",
+            "bodies": [first, second],
+            "points": [point, own],
+        }
     else:
         heading = dice.number(-3.1, 3.1)
-        joint = {"type": "translational", "slider": first, "guide": second, "slider_point": point,
-                 "point": own, "direction": [np.cos(heading), np.sin(heading)],
-                 "angle": a.state(first)[1] - angle, **_friction(dice)}
+        joint = {
+            "type": "translational",
+            "slider": first,
+            "guide": second,
+            "slider_point": point,
+            "point": own,
+            "direction": [np.cos(heading), np.sin(heading)],
+            "angle": a.state(first)[1] - angle,
+            **_friction(dice),
+        }
     a.raw["joints"]["closing"] = joint
     if not _is_regular(a.raw, freedoms=1):
         del a.raw["joints"]["closing"]
@@ -182,28 +202,40 @@ def _law(dice: SeededDice, value: float, rate: float, size: float) -> dict[str, 
         amplitude = rate / (frequency * np.cos(phase))
         if not rate:
             phase, amplitude = np.pi / 2, size * dice.number(-0.1, 0.1)
-        return {"type": "sine", "offset": value - amplitude * np.sin(phase), "amplitude": amplitude,
-                "frequency": frequency, "phase": phase}
+        return {
+            "type": "sine",
+            "offset": value - amplitude * np.sin(phase),
+            "amplitude": amplitude,
+            "frequency": frequency,
+            "phase": phase,
+        }
     # the slope of a natural spline at its first knot is affine in the second value
     times = [0.0, 0.11, 0.23, 0.37]
     later = [value + time * rate + size * dice.number(-0.02, 0.02) for time in times[2:]]
 
     def slope(second: float) -> float:
-        law = Table(type="table", times=times, values=[value, second, *later],
-                    interpolation="cubic")
+        law = Table(
+            type="table", times=times, values=[value, second, *later], interpolation="cubic"
+        )
         return float(evaluate_law(law, 0.0)[1])
 
     at_nothing, at_one = slope(0.0), slope(1.0)
     second = (rate - at_nothing) / (at_one - at_nothing)
-    return {"type": "table", "times": times, "values": [value, second, *later],
-            "interpolation": "cubic"}
+    return {
+        "type": "table",
+        "times": times,
+        "values": [value, second, *later],
+        "interpolation": "cubic",
+    }
 
 
 def _two(a: Assembly, dice: SeededDice) -> list[str]:
     """A body, and another one or the ground; more often the one that it is joined to."""
     first = dice.one_of(list(a.raw["bodies"]))
-    pairs = [joint.get("bodies") or [joint["slider"], joint["guide"]]
-             for joint in a.raw["joints"].values()]
+    pairs = [
+        joint.get("bodies") or [joint["slider"], joint["guide"]]
+        for joint in a.raw["joints"].values()
+    ]
     joined = [other for own, other in pairs if own == first]
     others = ["ground", *(name for name in a.raw["bodies"] if name != first)]
     return [first, dice.one_of(joined) if joined and dice.integer(0, 2) else dice.one_of(others)]
@@ -223,8 +255,9 @@ def _drive(a: Assembly, dice: SeededDice, name: str) -> None:
         points = [_point(dice, 0.3), _point(dice, 0.3)]
         drive, size = {"type": "distance", "bodies": bodies, "points": points}, 0.5
         guides = [joint for joint in a.raw["joints"].values() if joint["type"] == "translational"]
-        guide = next((joint for joint in guides if [joint["slider"], joint["guide"]] == bodies),
-                     None)
+        guide = next(
+            (joint for joint in guides if [joint["slider"], joint["guide"]] == bodies), None
+        )
         if kind == 3:
             heading = dice.number(-3, 3)
             axis = [np.cos(heading), np.sin(heading)]
@@ -251,12 +284,22 @@ def _spring(a: Assembly, dice: SeededDice, name: str) -> None:
     damping = dice.one_of([0.0, dice.number(0, 2)])
     if kind == 0:
         a.raw["springs"][name] = {
-            "type": "torsional", "bodies": bodies, "stiffness": dice.number(0, 10),
-            "damping": round(0.1 * damping, 6), "rest_angle": dice.number(-3, 3)}
+            "type": "torsional",
+            "bodies": bodies,
+            "stiffness": dice.number(0, 10),
+            "damping": round(0.1 * damping, 6),
+            "rest_angle": dice.number(-3, 3),
+        }
         return
     points = [_point(dice, 0.3), _point(dice, 0.3)]
-    spring = {"type": "linear", "bodies": bodies, "points": points, "stiffness": dice.number(0, 60),
-              "damping": damping, "rest_length": dice.number(0.1, 0.6)}
+    spring = {
+        "type": "linear",
+        "bodies": bodies,
+        "points": points,
+        "stiffness": dice.number(0, 60),
+        "damping": damping,
+        "rest_length": dice.number(0.1, 0.6),
+    }
     (p, _), (r, _) = a.at(bodies[0], points[0]), a.at(bodies[1], points[1])
     if kind == 1:
         spring["axis"] = [dice.number(-1, 1), 1.0]
@@ -274,16 +317,26 @@ def _load(a: Assembly, dice: SeededDice, name: str) -> None:
     if kind == "constant":
         law = {"type": "constant", "value": dice.number(-size, size)}
     elif kind == "linear":
-        law = {"type": "linear", "offset": dice.number(-size, size),
-               "rate": dice.number(-5 * size, 5 * size)}
+        law = {
+            "type": "linear",
+            "offset": dice.number(-size, size),
+            "rate": dice.number(-5 * size, 5 * size),
+        }
     elif kind == "sine":
-        law = {"type": "sine", "offset": dice.number(-size, size),
-               "amplitude": dice.number(-size, size), "frequency": dice.number(1, 20),
-               "phase": dice.number(-3, 3)}
+        law = {
+            "type": "sine",
+            "offset": dice.number(-size, size),
+            "amplitude": dice.number(-size, size),
+            "frequency": dice.number(1, 20),
+            "phase": dice.number(-3, 3),
+        }
     else:
-        law = {"type": "table", "times": [-0.02, 0.061, 0.083, 0.14],
-               "values": [dice.number(-size, size) for _ in range(4)],
-               "interpolation": kind.split()[0]}
+        law = {
+            "type": "table",
+            "times": [-0.02, 0.061, 0.083, 0.14],
+            "values": [dice.number(-size, size) for _ in range(4)],
+            "interpolation": kind.split()[0],
+        }
     load: dict[str, Any] = {"type": "torque" if torque else "force", "body": body, "law": law}
     if not torque:
         load |= {"point": _point(dice, 0.3), "direction": [dice.number(-1, 1), 1.0]}
@@ -317,15 +370,17 @@ class Convergence:
 def truth_of(scene: Scene) -> Trajectory | None:
     """The reference's motion; None where it ends before, as it has no motion or several."""
     try:
-        found = load_engine("reference").simulate(scene, rtol=TRUTH_TOLERANCE,
-                                                  output_step=OUTPUT_STEP)
+        found = load_engine("reference").simulate(
+            scene, rtol=TRUTH_TOLERANCE, output_step=OUTPUT_STEP
+        )
     except EngineFailure:
         return None
     return found if found.termination == "end" else None
 
 
-def compare(engine: str, scene: Scene, truth: Trajectory, steps: tuple[float, ...] = STEPS,
-            **settings: Any) -> Convergence:
+def compare(
+    engine: str, scene: Scene, truth: Trajectory, steps: tuple[float, ...] = STEPS, **settings: Any
+) -> Convergence:
     """Run an engine with each of the steps and hold it to the truth."""
     errors: list[float] = []
     forces: list[float] = []
@@ -337,11 +392,17 @@ def compare(engine: str, scene: Scene, truth: Trajectory, steps: tuple[float, ..
         except EngineFailure as failure:
             return Convergence("ended", tuple(errors), tuple(forces), f"dt = {dt:g} s: {failure}")
         if run.termination != "end":
-            return Convergence("ended", tuple(errors), tuple(forces),
-                               f"dt = {dt:g} s: {run.breakdown}")
+            return Convergence(
+                "ended", tuple(errors), tuple(forces), f"dt = {dt:g} s: {run.breakdown}"
+            )
         np.testing.assert_allclose(run.t, truth.t, atol=1e-12)
-        errors.append(max(float(np.abs(run[f"{name}.{key}"] - truth[f"{name}.{key}"]).max())
-                          for name in scene.bodies for key in ("x", "y", "angle")))
+        errors.append(
+            max(
+                float(np.abs(run[f"{name}.{key}"] - truth[f"{name}.{key}"]).max())
+                for name in scene.bodies
+                for key in ("x", "y", "angle")
+            )
+        )
         forces.append(_force_error(scene, run, truth))
         if len(errors) >= DECISIVE and converges(errors):
             return Convergence("converged", tuple(errors), tuple(forces))
@@ -349,8 +410,10 @@ def compare(engine: str, scene: Scene, truth: Trajectory, steps: tuple[float, ..
 
 
 def _force_error(scene: Scene, run: Trajectory, truth: Trajectory) -> float:
-    rows = [*EquationsOfMotion(scene).rows,
-            *(f"{name}.friction" for name in scene.frictional_guides)]
+    rows = [
+        *EquationsOfMotion(scene).rows,
+        *(f"{name}.friction" for name in scene.frictional_guides),
+    ]
     # where the motion leaves a force open it is nan in either, or some share in one
     known = [row for row in rows if np.isfinite(truth[row]).all() and np.isfinite(run[row]).all()]
     if not known:

@@ -30,17 +30,35 @@ class Assembly:
     """Bodies with consistent starts, joint by joint."""
 
     def __init__(self, gravity):
-        self.raw = {"gravity": list(gravity), "bodies": {}, "joints": {}, "drives": {}, "springs": {}, "forces": {}}
+        self.raw = {
+            "gravity": list(gravity),
+            "bodies": {},
+            "joints": {},
+            "drives": {},
+            "springs": {},
+            "forces": {},
+        }
 
     def place(self, name, mass, inertia, position, angle, velocity, omega):
-        self.raw["bodies"][name] = {"mass": mass, "inertia": inertia, "position": list(position), "angle": angle,
-                                    "velocity": list(velocity), "angular_velocity": omega}
+        self.raw["bodies"][name] = {
+            "mass": mass,
+            "inertia": inertia,
+            "position": list(position),
+            "angle": angle,
+            "velocity": list(velocity),
+            "angular_velocity": omega,
+        }
 
     def state(self, name):
         if name == "ground":
             return np.zeros(2), 0.0, np.zeros(2), 0.0
         body = self.raw["bodies"][name]
-        return np.array(body["position"]), body["angle"], np.array(body["velocity"]), body["angular_velocity"]
+        return (
+            np.array(body["position"]),
+            body["angle"],
+            np.array(body["velocity"]),
+            body["angular_velocity"],
+        )
 
     def at(self, name, point):
         """Position and velocity of a body's point."""
@@ -54,16 +72,28 @@ class Assembly:
         _, turned, _, omega = self.state(guide)
         x, v = self.at(guide, np.array(point) + s * d)
         self.place(name, mass, inertia, x, turned + angle, v + u * turn(turned, d), omega)
-        self.raw["joints"][f"guide-{name}"] = {"type": "translational", "slider": name, "guide": guide,
-                                               "direction": list(d), "point": list(point), "angle": angle, **friction}
+        self.raw["joints"][f"guide-{name}"] = {
+            "type": "translational",
+            "slider": name,
+            "guide": guide,
+            "direction": list(d),
+            "point": list(point),
+            "angle": angle,
+            **friction,
+        }
 
     def pin(self, name, base, base_point, own_point, angle, omega, mass, inertia):
         """A body pinned to another."""
         x, v = self.at(base, base_point)
         arm = turn(angle, own_point)
-        self.place(name, mass, inertia, x - arm, angle, v - omega * np.array([-arm[1], arm[0]]), omega)
-        self.raw["joints"][f"pin-{name}"] = {"type": "revolute", "bodies": [name, base],
-                                             "points": [list(own_point), list(base_point)]}
+        self.place(
+            name, mass, inertia, x - arm, angle, v - omega * np.array([-arm[1], arm[0]]), omega
+        )
+        self.raw["joints"][f"pin-{name}"] = {
+            "type": "revolute",
+            "bodies": [name, base],
+            "points": [list(own_point), list(base_point)],
+        }
 
     def repeat(self, joint: str, name: str) -> None:
         """A joint a second time: the same constraint, redundant."""
@@ -77,12 +107,23 @@ def moderate_scene(dice: SeededDice, guides: tuple[int, int] = (1, 3)) -> dict[s
     bases = ["ground"]
     if dice.chance():
         omega = dice.number(-1.5, 1.5)
-        a.pin("arm", "ground", [dice.number(-1, 1), dice.number(-1, 1)], [dice.number(-0.2, 0.2), 0],
-              dice.number(-3, 3), omega, dice.number(1, 4), dice.number(0.5, 2))
+        a.pin(
+            "arm",
+            "ground",
+            [dice.number(-1, 1), dice.number(-1, 1)],
+            [dice.number(-0.2, 0.2), 0],
+            dice.number(-3, 3),
+            omega,
+            dice.number(1, 4),
+            dice.number(0.5, 2),
+        )
         bases.append("arm")
         if dice.chance():
-            a.raw["drives"]["motor"] = {"type": "angle", "bodies": ["arm", "ground"], "law":
-                                        {"type": "linear", "offset": a.state("arm")[1], "rate": omega}}
+            a.raw["drives"]["motor"] = {
+                "type": "angle",
+                "bodies": ["arm", "ground"],
+                "law": {"type": "linear", "offset": a.state("arm")[1], "rate": omega},
+            }
     for i in range(dice.integer(*guides)):
         name, guide = f"slider-{i}", dice.one_of(bases)
         # a slider's load far beside the guide that carries it jams that one
@@ -95,43 +136,91 @@ def moderate_scene(dice: SeededDice, guides: tuple[int, int] = (1, 3)) -> dict[s
             friction["length"] = dice.number(0.4, 0.8)
             friction["width"] = round(dice.number(0, 0.5) * friction["length"] / 0.4, 6)
         u = dice.one_of([0.0, 0.0, 1.0]) * dice.number(-1, 1)
-        a.slide(name, guide, dice.number(-3.1, 3.1), [reach * dice.number(-1, 1), reach * dice.number(-1, 1)],
-                dice.number(-1, 1), reach * dice.number(-1, 1), u, dice.number(0.5, 3), dice.number(0.05, 0.3),
-                **friction)
+        a.slide(
+            name,
+            guide,
+            dice.number(-3.1, 3.1),
+            [reach * dice.number(-1, 1), reach * dice.number(-1, 1)],
+            dice.number(-1, 1),
+            reach * dice.number(-1, 1),
+            u,
+            dice.number(0.5, 3),
+            dice.number(0.05, 0.3),
+            **friction,
+        )
         joint = a.raw["joints"][f"guide-{name}"]
-        a.raw["springs"][f"spring-{i}"] = {"type": "linear", "bodies": [name, guide],
-                                           "points": [[0, 0], joint["point"]], "axis": joint["direction"],
-                                           "stiffness": dice.number(0, 60),
-                                           "damping": dice.number(0, 2), "rest_length": dice.number(-0.3, 0.3)}
+        a.raw["springs"][f"spring-{i}"] = {
+            "type": "linear",
+            "bodies": [name, guide],
+            "points": [[0, 0], joint["point"]],
+            "axis": joint["direction"],
+            "stiffness": dice.number(0, 60),
+            "damping": dice.number(0, 2),
+            "rest_length": dice.number(-0.3, 0.3),
+        }
         if dice.chance():
             a.raw["forces"][f"load-{i}"] = {
-                "type": "force", "body": name, "direction": [dice.number(-1, 1), 1],
+                "type": "force",
+                "body": name,
+                "direction": [dice.number(-1, 1), 1],
                 "point": [dice.number(-0.05, 0.05), 0],
-                "law": {"type": "sine", "offset": dice.number(-5, 5), "amplitude": dice.number(0, 20),
-                        "frequency": dice.number(1, 9), "phase": dice.number(0, 6)}}
+                "law": {
+                    "type": "sine",
+                    "offset": dice.number(-5, 5),
+                    "amplitude": dice.number(0, 20),
+                    "frequency": dice.number(1, 9),
+                    "phase": dice.number(0, 6),
+                },
+            }
         bases.append(name)
     sliders = [name for name in a.raw["bodies"] if name != "arm"]
     for i in range(dice.integer(0, 2)):
         base, length = dice.one_of(sliders), dice.number(0.3, 0.8)
         mass = dice.number(0.1, 0.8)
-        a.pin(f"bob-{i}", base, [dice.number(-0.05, 0.05), 0], [-length, 0], dice.number(-3, 3), dice.number(-2, 2),
-              mass, round(mass * length ** 2 / 3, 6))
-        a.raw["springs"][f"twist-{i}"] = {"type": "torsional", "bodies": [f"bob-{i}", base],
-                                          "stiffness": dice.number(0, 3), "damping": dice.number(0, 0.2),
-                                          "rest_angle": dice.number(-1, 1)}
+        a.pin(
+            f"bob-{i}",
+            base,
+            [dice.number(-0.05, 0.05), 0],
+            [-length, 0],
+            dice.number(-3, 3),
+            dice.number(-2, 2),
+            mass,
+            round(mass * length**2 / 3, 6),
+        )
+        a.raw["springs"][f"twist-{i}"] = {
+            "type": "torsional",
+            "bodies": [f"bob-{i}", base],
+            "stiffness": dice.number(0, 3),
+            "damping": dice.number(0, 0.2),
+            "rest_angle": dice.number(-1, 1),
+        }
     if len(sliders) > 1 and dice.chance():
-        a.raw["springs"]["link"] = {"type": "linear", "bodies": sliders[:2], "points": [[0.1, 0], [0, 0.1]],
-                                    "stiffness": dice.number(1, 20), "damping": dice.number(0, 1)}
+        a.raw["springs"]["link"] = {
+            "type": "linear",
+            "bodies": sliders[:2],
+            "points": [[0.1, 0], [0, 0.1]],
+            "stiffness": dice.number(1, 20),
+            "damping": dice.number(0, 1),
+        }
     if "motor" not in a.raw["drives"] and "bob-0" in a.raw["bodies"] and dice.chance():
         base = a.raw["joints"]["pin-bob-0"]["bodies"][1]
         relative = [a.state("bob-0")[k] - a.state(base)[k] for k in (1, 3)]
-        a.raw["drives"]["motor"] = {"type": "angle", "bodies": ["bob-0", base], "law": {
-            "type": "sine", "offset": relative[0], "amplitude": relative[1] / 2.5, "frequency": 2.5}}
+        a.raw["drives"]["motor"] = {
+            "type": "angle",
+            "bodies": ["bob-0", base],
+            "law": {
+                "type": "sine",
+                "offset": relative[0],
+                "amplitude": relative[1] / 2.5,
+                "frequency": 2.5,
+            },
+        }
     return a.raw
 
 
 def extreme_scene(random: np.random.Generator) -> dict[str, Any]:
     """The tables of a random scene with a consistent start; not necessarily one that has a motion, or only one."""
+
     def chance(p: float) -> bool:
         return bool(random.random() < p)
 
@@ -147,19 +236,30 @@ def extreme_scene(random: np.random.Generator) -> dict[str, Any]:
     def point(reach: float) -> list[float]:
         return [size * reach * between(-1, 1), size * reach * between(-1, 1)]
 
-    g = 0.0 if chance(0.15) else size * rate ** 2 * 10 ** between(-1, 1)
+    g = 0.0 if chance(0.15) else size * rate**2 * 10 ** between(-1, 1)
     down = between(0, 2 * np.pi)
     a = Assembly(g * np.array([np.cos(down), np.sin(down)]))
     bases = ["ground"]
     if chance(0.5):
         m = some_mass()
         omega = rate * between(-1, 1)
-        a.pin("arm", "ground", point(1), [0.2 * size * between(-1, 1), 0.0], between(-3, 3), omega, m,
-              m * size ** 2 * between(0.1, 1))
+        a.pin(
+            "arm",
+            "ground",
+            point(1),
+            [0.2 * size * between(-1, 1), 0.0],
+            between(-3, 3),
+            omega,
+            m,
+            m * size**2 * between(0.1, 1),
+        )
         bases.append("arm")
         if chance(0.5):
-            a.raw["drives"]["motor"] = {"type": "angle", "bodies": ["arm", "ground"],
-                                        "law": {"type": "linear", "offset": a.state("arm")[1], "rate": omega}}
+            a.raw["drives"]["motor"] = {
+                "type": "angle",
+                "bodies": ["arm", "ground"],
+                "law": {"type": "linear", "offset": a.state("arm")[1], "rate": omega},
+            }
     at_rest = chance(0.4)
     for i in range(int(random.choice([1, 2, 3, 4, 5, 6], p=[0.35, 0.25, 0.18, 0.1, 0.07, 0.05]))):
         name, m = f"slider-{i}", some_mass()
@@ -170,37 +270,77 @@ def extreme_scene(random: np.random.Generator) -> dict[str, Any]:
         if chance(0.75):
             friction["length"] = size * 10 ** between(-1, 0) * (1e-4 if chance(0.03) else 1.0)
             wide = chance(0.9)
-            friction["width"] = friction["length"] * (between(1, 5) if chance(0.1) else between(0, 1)) if wide else 0.0
+            friction["width"] = (
+                friction["length"] * (between(1, 5) if chance(0.1) else between(0, 1))
+                if wide
+                else 0.0
+            )
         u = 0.0 if at_rest or chance(0.5) else size * rate * between(-1, 1)
         direction, angle = (0.0, 0.0) if chance(0.2) else (between(-3, 3), between(-1, 1))
-        a.slide(name, str(random.choice(bases)), direction, point(0.3), angle, size * between(-0.3, 0.3), u, m,
-                m * size ** 2 * 10 ** between(-3, 0), **friction)
+        a.slide(
+            name,
+            str(random.choice(bases)),
+            direction,
+            point(0.3),
+            angle,
+            size * between(-0.3, 0.3),
+            u,
+            m,
+            m * size**2 * 10 ** between(-3, 0),
+            **friction,
+        )
         joint = a.raw["joints"][f"guide-{name}"]
         if chance(0.06):
             a.repeat(f"guide-{name}", f"again-{name}")
         if chance(0.5):
-            stiffness = m * rate ** 2 * 10 ** (between(4, 8) if chance(0.05) else between(-1, 2))
+            stiffness = m * rate**2 * 10 ** (between(4, 8) if chance(0.05) else between(-1, 2))
             a.raw["springs"][f"spring-{i}"] = {
-                "type": "linear", "bodies": [name, joint["guide"]], "points": [[0, 0], joint["point"]],
-                "axis": joint["direction"], "stiffness": stiffness, "damping": m * rate * between(0, 1),
-                "rest_length": size * between(-0.3, 0.3)}
+                "type": "linear",
+                "bodies": [name, joint["guide"]],
+                "points": [[0, 0], joint["point"]],
+                "axis": joint["direction"],
+                "stiffness": stiffness,
+                "damping": m * rate * between(0, 1),
+                "rest_length": size * between(-0.3, 0.3),
+            }
         if chance(0.6):
-            force = m * size * rate ** 2 * 10 ** between(-1, 1.5)
+            force = m * size * rate**2 * 10 ** between(-1, 1.5)
             a.raw["forces"][f"load-{i}"] = {
-                "type": "force", "body": name, "direction": [between(-1, 1), between(-1, 1)], "point": point(0.2),
-                "law": {"type": "sine", "offset": force * between(-1, 1), "amplitude": force,
-                        "frequency": rate * between(0.5, 5), "phase": between(0, 6)}
-                if chance(0.7) else {"type": "constant", "value": force}}
+                "type": "force",
+                "body": name,
+                "direction": [between(-1, 1), between(-1, 1)],
+                "point": point(0.2),
+                "law": {
+                    "type": "sine",
+                    "offset": force * between(-1, 1),
+                    "amplitude": force,
+                    "frequency": rate * between(0.5, 5),
+                    "phase": between(0, 6),
+                }
+                if chance(0.7)
+                else {"type": "constant", "value": force},
+            }
         bases.append(name)
     sliders = [name for name in a.raw["bodies"] if name != "arm"]
     for i in range(int(random.integers(0, 3))):
         length, m = size * between(0.1, 1), some_mass()
-        a.pin(f"bob-{i}", str(random.choice(sliders)), point(0.1), [-length, 0.0], between(-3, 3),
-              rate * between(-1, 1), m, m * length ** 2 / 3)
+        a.pin(
+            f"bob-{i}",
+            str(random.choice(sliders)),
+            point(0.1),
+            [-length, 0.0],
+            between(-3, 3),
+            rate * between(-1, 1),
+            m,
+            m * length**2 / 3,
+        )
     if "motor" not in a.raw["drives"] and "bob-0" in a.raw["bodies"] and chance(0.4):
         base = a.raw["joints"]["pin-bob-0"]["bodies"][1]
         angle, omega = (a.state("bob-0")[k] - a.state(base)[k] for k in (1, 3))
-        a.raw["drives"]["motor"] = {"type": "angle", "bodies": ["bob-0", base], "law": {
-            "type": "sine", "offset": angle, "amplitude": omega / rate, "frequency": rate}}
+        a.raw["drives"]["motor"] = {
+            "type": "angle",
+            "bodies": ["bob-0", base],
+            "law": {"type": "sine", "offset": angle, "amplitude": omega / rate, "frequency": rate},
+        }
     a.raw["t_end"] = 1.0 / rate
     return a.raw

@@ -10,10 +10,21 @@ from stiction.reference_impl.multibody.mechanism import Mechanism
 from stiction.scenes.laws import evaluate_law, law_kinks
 
 MOTION = ("x", "y", "angle", "vx", "vy", "omega", "ax", "ay", "alpha")
-LAWS = [{"type": "constant", "value": 0.7}, {"type": "linear", "offset": 0.3, "rate": -1.7},
-        {"type": "sine", "offset": 0.2, "amplitude": 1.1, "frequency": 9.0, "phase": 0.4},
-        *({"type": "table", "times": [0.1, 0.2, 0.45, 0.5, 0.8], "values": [0.3, -1, 2, 0.5, 0.25], "interpolation": kind} for kind in ("linear", "cubic")),
-        {"type": "table", "times": [0.1, 0.9], "values": [1, -2], "interpolation": "cubic"}]
+LAWS = [
+    {"type": "constant", "value": 0.7},
+    {"type": "linear", "offset": 0.3, "rate": -1.7},
+    {"type": "sine", "offset": 0.2, "amplitude": 1.1, "frequency": 9.0, "phase": 0.4},
+    *(
+        {
+            "type": "table",
+            "times": [0.1, 0.2, 0.45, 0.5, 0.8],
+            "values": [0.3, -1, 2, 0.5, 0.25],
+            "interpolation": kind,
+        }
+        for kind in ("linear", "cubic")
+    ),
+    {"type": "table", "times": [0.1, 0.9], "values": [1, -2], "interpolation": "cubic"},
+]
 """One of each kind; the last begins later and ends earlier than the runs."""
 
 
@@ -25,8 +36,13 @@ def simulate(scene, **arguments):
 
 def guide_scene(slider=None, guide=None, t_end=1, gravity=(0, -10), **sections):
     """A slider of 1 kg on a horizontal guide, as the tables of a scene file."""
-    return {"t_end": t_end, "gravity": list(gravity), "bodies": {"slider": {"mass": 1, "inertia": 1, **(slider or {})}},
-            "joints": {"guide": {"type": "translational", "slider": "slider", **(guide or {})}}, **sections}
+    return {
+        "t_end": t_end,
+        "gravity": list(gravity),
+        "bodies": {"slider": {"mass": 1, "inertia": 1, **(slider or {})}},
+        "joints": {"guide": {"type": "translational", "slider": "slider", **(guide or {})}},
+        **sections,
+    }
 
 
 def along(direction, **law):
@@ -38,9 +54,16 @@ def errors(trajectory, truth, columns=None, near=1e-8):
     """Largest difference by column, but for instants within `near` of an event, where two sides may be compared."""
     t = trajectory.t
     times = np.array([event.time for event in truth.events])
-    chosen = np.min(np.abs(t[:, None] - times), axis=1) > near if len(times) else np.ones(len(t), dtype=bool)
+    chosen = (
+        np.min(np.abs(t[:, None] - times), axis=1) > near
+        if len(times)
+        else np.ones(len(t), dtype=bool)
+    )
     expected = truth(t[chosen])
-    return {name: np.max(np.abs(trajectory[name][chosen] - expected[name])) for name in columns or expected}
+    return {
+        name: np.max(np.abs(trajectory[name][chosen] - expected[name]))
+        for name in columns or expected
+    }
 
 
 def states(found):
@@ -50,6 +73,7 @@ def states(found):
 
 def same_events(trajectory, truth, tolerance):
     """Same events in the same order, each within tolerance; events of one instant may come in any order."""
+
     def key(event):
         return round(event.time, 6), event.joint, event.kind
 
@@ -68,7 +92,12 @@ def law_rates(law, t):
 
 def motion(scene, columns):
     """q, v, a of shape (instants, coordinates)."""
-    return (np.stack([columns[f"{body}.{label}"] for body in scene.bodies for label in MOTION[k:k + 3]], -1) for k in (0, 3, 6))
+    return (
+        np.stack(
+            [columns[f"{body}.{label}"] for body in scene.bodies for label in MOTION[k : k + 3]], -1
+        )
+        for k in (0, 3, 6)
+    )
 
 
 def balance_residual(scene, t, columns):
@@ -81,7 +110,9 @@ def balance_residual(scene, t, columns):
     terms = equations.at(t, q, v)
     names = np.array([*equations.rows, *(f"{guide}.friction" for guide in equations.guides)])
     known, rows = np.isin(names, list(columns)), np.concatenate([terms.J, terms.W], -2)
-    forces = np.array([columns[name] for name in names[known]]).T.reshape(len(t), -1, 1) * rows[:, known]
+    forces = (
+        np.array([columns[name] for name in names[known]]).T.reshape(len(t), -1, 1) * rows[:, known]
+    )
     residual = equations.mass * a - terms.QE - forces.sum(-2)
     if not known.all():
         others = rows[:, ~known].swapaxes(-1, -2)
@@ -104,7 +135,7 @@ def power(scene, t, columns):
 
 def kinetic_energy(scene, columns):
     _, v, _ = motion(scene, columns)
-    return np.sum(EquationsOfMotion(scene).mass * v ** 2, -1) / 2
+    return np.sum(EquationsOfMotion(scene).mass * v**2, -1) / 2
 
 
 def energy_defect(scene, t_end, rtol, stabilization="projection", panel=0.02, order=12):
@@ -120,8 +151,12 @@ def energy_defect(scene, t_end, rtol, stabilization="projection", panel=0.02, or
     laws = [element.law for element in (*scene.drives.values(), *scene.forces.values())]
     kinks = [kink for law in laws for kink in law_kinks(law, t_end)]
     stops = np.unique([0.0, t_end, *(event.time for event in first.events), *kinks])
-    edges = np.concatenate([np.linspace(a, b, int(np.ceil((b - a) / panel)) + 1)[:-1]
-                            for a, b in zip(stops, stops[1:])])
+    edges = np.concatenate(
+        [
+            np.linspace(a, b, int(np.ceil((b - a) / panel)) + 1)[:-1]
+            for a, b in zip(stops, stops[1:])
+        ]
+    )
     edges = np.append(edges, t_end)
     x, weight = np.polynomial.legendre.leggauss(order)
     half = np.diff(edges)[:, None] / 2
@@ -130,4 +165,6 @@ def energy_defect(scene, t_end, rtol, stabilization="projection", panel=0.02, or
     assert len(run.t) == len(nodes)
     work = (half * weight).ravel() * power(scene, nodes, run.columns)
     change = np.diff(kinetic_energy(scene, first.columns))[0]
-    return abs(change - np.sum(work)) / (np.max(kinetic_energy(scene, run.columns)) + np.sum(np.abs(work)))
+    return abs(change - np.sum(work)) / (
+        np.max(kinetic_energy(scene, run.columns)) + np.sum(np.abs(work))
+    )

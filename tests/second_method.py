@@ -115,7 +115,9 @@ class Motion:
 class _Stopped(Exception):
     """Carries the breakdown out of the search."""
 
-    def __init__(self, kind: str, time: float, reason: str, guide: str = "", solutions: int | None = None):
+    def __init__(
+        self, kind: str, time: float, reason: str, guide: str = "", solutions: int | None = None
+    ):
         self.breakdown = Breakdown(kind, float(time), reason, guide, solutions)
 
 
@@ -133,8 +135,10 @@ class Contact:
         self.mus = np.array([guide.static_coefficient for guide in guides])
         for name, a, b, mus in zip(self.names, self.length, self.width, self.mus):
             if a and mus * b >= a:
-                raise ValueError(f"{name}: found width {b:g}; expected less than length/mus = {a / mus:g}, where it "
-                                 "starts to lock itself")
+                raise ValueError(
+                    f"{name}: found width {b:g}; expected less than length/mus = {a / mus:g}, where it "
+                    "starts to lock itself"
+                )
 
     def forces(self, terms: Terms, mode: Mode, mu: np.ndarray) -> Forces:
         """Forces and accelerations of modes that share `slip`, with a coefficient of friction for each guide.
@@ -150,7 +154,11 @@ class Contact:
         acts = np.broadcast_to(rows, (*shape, *rows.shape[-2:])).copy()
         for g in np.flatnonzero(mode.slip):
             r, friction, s = self.row[g], -mu[g] * mode.slip[g], mode.corner[..., g, :, None]
-            normal, angle, along = terms.J[..., self.row[g], :], terms.J[..., self.row[g] + 1, :], terms.W[..., g, :]
+            normal, angle, along = (
+                terms.J[..., self.row[g], :],
+                terms.J[..., self.row[g] + 1, :],
+                terms.W[..., g, :],
+            )
             if self.length[g] is None:
                 acts[..., r, :] = normal + friction * s[..., 0, :] * along
             else:
@@ -169,13 +177,19 @@ class Contact:
             friction, s = -mu[g] * mode.slip[g], mode.corner[..., g, :]
             first, second = x[..., r], x[..., r + 1]
             if mode.slip[g] == 0:
-                R[..., g], T[..., g], f[..., g] = first, second, x[..., terms.J.shape[-2] + np.searchsorted(stuck, g)]
+                R[..., g], T[..., g], f[..., g] = (
+                    first,
+                    second,
+                    x[..., terms.J.shape[-2] + np.searchsorted(stuck, g)],
+                )
             elif self.length[g] is None:
                 R[..., g], T[..., g], f[..., g] = first, second, friction * s[..., 0] * first
                 n[..., g, :] = first[..., None]
             else:
                 R[..., g] = first + second
-                T[..., g] = self.length[g] / 2 * (second - first) + friction * self.width[g] / 2 * R[..., g]
+                T[..., g] = (
+                    self.length[g] / 2 * (second - first) + friction * self.width[g] / 2 * R[..., g]
+                )
                 f[..., g] = friction * (s[..., 0] * first + s[..., 1] * second)
                 n[..., g, 0], n[..., g, 1] = first, second
         return Forces(acceleration, R, T, f, n)
@@ -184,14 +198,18 @@ class Contact:
         """|n1| + |n2| with both surfaces fully mobilized against slip in the direction d."""
         if self.length[g] is None:
             return np.abs(R)
-        return np.maximum(np.abs(R), 2 / self.length[g] * np.abs(T + self.width[g] / 2 * mu * d * R))
+        return np.maximum(
+            np.abs(R), 2 / self.length[g] * np.abs(T + self.width[g] / 2 * mu * d * R)
+        )
 
     def conditions(self, forces: Forces, mode: Mode) -> Iterator[tuple[Margin, np.ndarray]]:
         """What the forces of a mode must obey: corners press, and guides at rest hold. Each positive where it is."""
         for g, d in enumerate(mode.slip):
             if d == 0:
                 for away in (1, -1):
-                    held = self.mus[g] * self.load(g, forces.R[..., g], forces.T[..., g], self.mus[g], away)
+                    held = self.mus[g] * self.load(
+                        g, forces.R[..., g], forces.T[..., g], self.mus[g], away
+                    )
                     yield Margin(g, "hold", away), held + away * forces.f[..., g]
             else:
                 for j in range(1 if self.length[g] is None else 2):
@@ -200,15 +218,25 @@ class Contact:
     def margins(self, t: np.ndarray, y: np.ndarray, mode: Mode) -> tuple[list[Margin], np.ndarray]:
         """All margins of a frozen mode at instants, (n, margins)."""
         terms = self.equations.at(t, *np.split(y, 2, -1))
-        found = [*self.conditions(self.forces(terms, mode, self.mu), mode),
-                 *((Margin(g, "speed"), d * terms.slip_speed[..., g]) for g, d in enumerate(mode.slip) if d)]
+        found = [
+            *self.conditions(self.forces(terms, mode, self.mu), mode),
+            *(
+                (Margin(g, "speed"), d * terms.slip_speed[..., g])
+                for g, d in enumerate(mode.slip)
+                if d
+            ),
+        ]
         return [margin for margin, _ in found], np.stack([values for _, values in found], -1)
 
     def derivative(self, mode: Mode, t: float, y: np.ndarray) -> np.ndarray:
         q, v = np.split(y, 2)
-        return np.concatenate([v, self.forces(self.equations.at(t, q, v), mode, self.mu).acceleration])
+        return np.concatenate(
+            [v, self.forces(self.equations.at(t, q, v), mode, self.mu).acceleration]
+        )
 
-    def possible(self, terms: Terms, slip: np.ndarray, rest: set[int], left: set[int]) -> list[tuple[Mode, np.ndarray]]:
+    def possible(
+        self, terms: Terms, slip: np.ndarray, rest: set[int], left: set[int]
+    ) -> list[tuple[Mode, np.ndarray]]:
         """All modes at an instant whose forces obey Coulomb's law, with their accelerations; modes of one motion once.
 
         Parameters
@@ -222,15 +250,22 @@ class Contact:
         """
         mu, found = np.where([g in rest for g in range(len(slip))], self.mus, self.mu), []
         for slips in product(*((0, 1, -1) if g in rest else (d,) for g, d in enumerate(slip))):
-            signs = [((1, 1),) if d == 0 else ((1, 1), (-1, -1)) if self.length[g] is None else CORNERS
-                     for g, d in enumerate(slips)]
-            modes = Mode(np.array(slips, dtype=int), np.array(list(product(*signs))).reshape(-1, len(slip), 2))
+            signs = [
+                ((1, 1),) if d == 0 else ((1, 1), (-1, -1)) if self.length[g] is None else CORNERS
+                for g, d in enumerate(slips)
+            ]
+            modes = Mode(
+                np.array(slips, dtype=int),
+                np.array(list(product(*signs))).reshape(-1, len(slip), 2),
+            )
             forces = self.forces(terms, modes, mu)
             kept = np.all(np.isfinite(forces.acceleration), -1)
             for _, value in self.conditions(forces, modes):
                 kept &= value >= -ADMISSIBLE
             for g in (rest | left) & set(np.flatnonzero(modes.slip)):
-                kept &= modes.slip[g] * (forces.acceleration @ terms.W[g] + terms.w[g]) >= -ADMISSIBLE
+                kept &= (
+                    modes.slip[g] * (forces.acceleration @ terms.W[g] + terms.w[g]) >= -ADMISSIBLE
+                )
             for i in np.flatnonzero(kept):
                 a = forces.acceleration[i]
                 if all(np.max(np.abs(a - other)) > SAME for _, other in found):
@@ -274,7 +309,9 @@ def simulate(scene: Scene, t_end: float) -> Motion:
     stops = sorted({time for element in loads for time in law_kinks(element.law, t_end)} | {t_end})
     try:
         speed = contact.equations.at(t, q, v).slip_speed
-        mode = contact.settle(t, y, np.where(np.abs(speed) <= NOISE, 0, np.sign(speed)).astype(int), set())
+        mode = contact.settle(
+            t, y, np.where(np.abs(speed) <= NOISE, 0, np.sign(speed)).astype(int), set()
+        )
         while t < t_end:
             stop = next(time for time in stops if time > t)
             began = t
@@ -287,10 +324,14 @@ def simulate(scene: Scene, t_end: float) -> Motion:
             if passed:
                 at_once = at_once + 1 if t - began <= AT_ONCE else 0
                 if at_once > MOST_AT_ONCE:
-                    raise _Stopped("chatter", t, "contact modes follow each other without time passing")
+                    raise _Stopped(
+                        "chatter", t, "contact modes follow each other without time passing"
+                    )
                 before, mode = mode, _after(contact, mode, t, y, [margin for margin, _ in passed])
                 rate = max(rate for _, rate in passed)
-                events += [Instant(t, kind, contact.names[g], rate) for g, kind in _changes(before, mode)]
+                events += [
+                    Instant(t, kind, contact.names[g], rate) for g, kind in _changes(before, mode)
+                ]
     except _Stopped as stopped:
         breakdown = stopped.breakdown
     except np.linalg.LinAlgError:
@@ -299,11 +340,20 @@ def simulate(scene: Scene, t_end: float) -> Motion:
     return Motion(np.array(times), q, v, tuple(events), violation, force, breakdown)
 
 
-def _steps(contact: Contact, mode: Mode, t: float, y: np.ndarray, stop: float,
-           longest: float) -> Iterator[tuple[DenseOutput, float, list[tuple[Margin, float]]]]:
+def _steps(
+    contact: Contact, mode: Mode, t: float, y: np.ndarray, stop: float, longest: float
+) -> Iterator[tuple[DenseOutput, float, list[tuple[Margin, float]]]]:
     """Steps of a frozen mode up to its end or `stop`: the dense output, its last instant, and the margins that pass
     zero there."""
-    solver = DOP853(partial(contact.derivative, mode), t, y, stop, rtol=TOLERANCE, atol=TOLERANCE, max_step=longest)
+    solver = DOP853(
+        partial(contact.derivative, mode),
+        t,
+        y,
+        stop,
+        rtol=TOLERANCE,
+        atol=TOLERANCE,
+        max_step=longest,
+    )
     passed: list[tuple[Margin, float]] = []
     while solver.status == "running" and not passed:
         solver.step()
@@ -314,7 +364,9 @@ def _steps(contact: Contact, mode: Mode, t: float, y: np.ndarray, stop: float,
         yield piece, end, passed
 
 
-def _first_zero(contact: Contact, mode: Mode, piece: DenseOutput) -> tuple[float, list[tuple[Margin, float]]]:
+def _first_zero(
+    contact: Contact, mode: Mode, piece: DenseOutput
+) -> tuple[float, list[tuple[Margin, float]]]:
     """Where the first margin passes zero in a step, all that pass there, and how fast; the end of the step and none if
     none does."""
     t = piece.t_old + FRACTIONS * (piece.t - piece.t_old)
@@ -322,6 +374,7 @@ def _first_zero(contact: Contact, mode: Mode, piece: DenseOutput) -> tuple[float
     inside = FRACTIONS <= 1.0
     zeros: list[tuple[float, int]] = []
     for k, value in enumerate(values.T):
+
         def at(time: float, k: int = k) -> float:
             return float(contact.margins(np.array(time), piece(time), mode)[1][k])
 
@@ -331,8 +384,12 @@ def _first_zero(contact: Contact, mode: Mode, piece: DenseOutput) -> tuple[float
             left, right = value[i - 1] - value[i], value[i + 1] - value[i]
             # a convex function lies above the lines through its samples continued
             if value[i] > 0 and left >= 0 and right >= 0 and value[i] < max(left, right):
-                lowest = minimize_scalar(at, bounds=(t[i - 1], t[i + 1]), method="bounded",
-                                         options={"xatol": 1e-9 * (t[i + 1] - t[i - 1])})
+                lowest = minimize_scalar(
+                    at,
+                    bounds=(t[i - 1], t[i + 1]),
+                    method="bounded",
+                    options={"xatol": 1e-9 * (t[i + 1] - t[i - 1])},
+                )
                 if lowest.fun < -NOISE and lowest.x <= piece.t:
                     zeros.append((brentq(at, t[i - 1], lowest.x, xtol=1e-15, rtol=1e-14), k))
                     break
@@ -341,13 +398,20 @@ def _first_zero(contact: Contact, mode: Mode, piece: DenseOutput) -> tuple[float
                 above = np.flatnonzero(value[:last] > 0)
                 if not len(above):
                     name = contact.names[margins[k].guide]
-                    raise _Stopped("mode not held", piece.t_old, f"{margins[k].what} falls below zero at once", name)
+                    raise _Stopped(
+                        "mode not held",
+                        piece.t_old,
+                        f"{margins[k].what} falls below zero at once",
+                        name,
+                    )
                 zeros.append((brentq(at, t[above[-1]], t[last], xtol=1e-15, rtol=1e-14), k))
     if not zeros:
         return piece.t, []
     first = min(time for time, _ in zeros)
     beside = first + 1e-6 * (piece.t - piece.t_old) * np.array([-1.0, 1.0])
-    rates = np.abs(np.diff(contact.margins(beside, piece(beside).T, mode)[1], axis=0)[0]) / np.ptp(beside)
+    rates = np.abs(np.diff(contact.margins(beside, piece(beside).T, mode)[1], axis=0)[0]) / np.ptp(
+        beside
+    )
     return first, [(margins[k], float(rates[k])) for time, k in zeros if time - first <= AT_ONCE]
 
 
@@ -398,19 +462,33 @@ def _audit(contact: Contact, mode: Mode, piece: DenseOutput, end: float) -> tupl
             worst += [np.max(np.abs(speed)), *map(np.max, excesses)]
         else:
             sign = np.sign(speed)
-            friction = -contact.mu[g] * np.where(sign == 0, d, sign) * contact.load(g, R, T, contact.mu[g], d)
+            friction = (
+                -contact.mu[g]
+                * np.where(sign == 0, d, sign)
+                * contact.load(g, R, T, contact.mu[g], d)
+            )
             worst.append(np.max(np.where(np.abs(speed) > NOISE, np.abs(f - friction), 0.0)))
     middle = Terms(*(getattr(terms, name)[4] for name in Terms.__dataclass_fields__))
     found = contact.possible(middle, mode.slip, set(np.flatnonzero(mode.slip == 0)), set())
     if len(found) != 1 or np.max(np.abs(found[0][1] - forces.acceleration[4])) > SAME:
-        kind = "several solutions" if len(found) > 1 else "no solution" if not found else "another solution"
-        raise _Stopped(kind, t[4], f"{kind} among all contact modes, inside a step", solutions=len(found))
+        kind = (
+            "several solutions"
+            if len(found) > 1
+            else "no solution"
+            if not found
+            else "another solution"
+        )
+        raise _Stopped(
+            kind, t[4], f"{kind} among all contact modes, inside a step", solutions=len(found)
+        )
     return float(max(worst)), float(max(np.max(np.abs(forces.R)), np.max(np.abs(forces.f))))
 
 
 def random_scene(seed: int, i: int, guides: tuple[int, int] = (2, 3)) -> Scene:
     """Scene i of a seed: moderate, with two or three frictional guides."""
-    return scene_from_dict(moderate_scene(SeededDice((seed, i)), guides), f"random scene {i} of seed {seed}")
+    return scene_from_dict(
+        moderate_scene(SeededDice((seed, i)), guides), f"random scene {i} of seed {seed}"
+    )
 
 
 def differences(scene: Scene, motion: Motion, run: Trajectory, rtol: float) -> list[str]:
@@ -436,7 +514,9 @@ def differences(scene: Scene, motion: Motion, run: Trajectory, rtol: float) -> l
     return found
 
 
-def _event_differences(scene: Scene, motion: Motion, run: Trajectory, tolerance: float, until: float) -> Iterator[str]:
+def _event_differences(
+    scene: Scene, motion: Motion, run: Trajectory, tolerance: float, until: float
+) -> Iterator[str]:
     """What differs in the events of each guide before `until`, in order."""
     for name in scene.frictional_guides:
         expected = [event for event in motion.events if event.joint == name and event.time < until]
@@ -448,7 +528,7 @@ def _event_differences(scene: Scene, motion: Motion, run: Trajectory, tolerance:
                 yield f"{name}: {its.kind} at {its.time:.9g} s, expected {expectation}"
                 break
         else:
-            for event in expected[len(found):]:
+            for event in expected[len(found) :]:
                 yield f"{name}: no {event.kind} at {event.time:.9g} s"
-            for event in found[len(expected):]:
+            for event in found[len(expected) :]:
                 yield f"{name}: {event.kind} at {event.time:.9g} s that is none"

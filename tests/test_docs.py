@@ -93,11 +93,17 @@ def script(text):
     """In a process of its own where that is the main module of children, else in this one, which has imported what takes long."""
     Path("script.py").write_text(text)
     if "__main__" in text:
-        ended = subprocess.run([sys.executable, "script.py"], capture_output=True, text=True, timeout=600)
+        ended = subprocess.run(
+            [sys.executable, "script.py"], capture_output=True, text=True, timeout=600
+        )
         assert ended.returncode == 0, ended.stderr
         printed, complaints = ended.stdout, ended.stderr
     else:
-        with redirect_stdout(StringIO()) as out, redirect_stderr(StringIO()) as err, warnings.catch_warnings():
+        with (
+            redirect_stdout(StringIO()) as out,
+            redirect_stderr(StringIO()) as err,
+            warnings.catch_warnings(),
+        ):
             warnings.simplefilter("error")
             runpy.run_path("script.py", run_name="__main__")
         printed, complaints = out.getvalue(), err.getvalue()
@@ -127,7 +133,12 @@ def shell(command, everything):
 
 def missing_engines(command):
     """By name of an engine that comes with the suite, or with a package, and is not installed here: its state."""
-    named = [name for option, value in zip(command, command[1:]) if option in ("--engine", "--engines") for name in value.split(",")]
+    named = [
+        name
+        for option, value in zip(command, command[1:])
+        if option in ("--engine", "--engines")
+        for name in value.split(",")
+    ]
     found = {}
     for name in named:
         if name in engine_names():
@@ -158,6 +169,7 @@ def test_page(page, compiled, in_this_process, monkeypatch):
 @pytest.mark.parametrize("state", ["not installed", "broken"])
 def test_only_what_an_engine_that_is_missing_keeps_from_being_made_is_left_out(state, monkeypatch):
     """The other commands of the page are made, and a wrong option of one that is left out is found all the same."""
+
     def missing(name):
         error = EngineMissing("Traceback\n" * 40)
         error.state = state
@@ -175,7 +187,9 @@ def test_only_what_an_engine_that_is_missing_keeps_from_being_made_is_left_out(s
 
 
 @pytest.mark.long
-@pytest.mark.parametrize("page", [page for page in TEXT if any(language == "sh" for language, _ in blocks(page))])
+@pytest.mark.parametrize(
+    "page", [page for page in TEXT if any(language == "sh" for language, _ in blocks(page))]
+)
 def test_page_in_full(page, compiled):
     follow(page, everything=True)
 
@@ -183,16 +197,33 @@ def test_page_in_full(page, compiled):
 @pytest.mark.parametrize("page", TEXT)
 def test_commands_within_the_text_exist(page):
     """Those in backticks, in blocks of text and in workflows: `stiction run SCENE --plot`."""
-    found = [command.split("|")[0] for command in re.findall(r"`(stiction [a-z][^`]*)`", re.sub(r"\s+", " ", BLOCK.sub("", TEXT[page])))]
-    found += [line for language, text in blocks(page) if language == "text" for line in re.findall(r"^(stiction [a-z].*)$", text, re.MULTILINE)]
-    found += [line for language, text in blocks(page) if language == "yaml" for line in YAML_COMMAND.findall(text)]
+    found = [
+        command.split("|")[0]
+        for command in re.findall(
+            r"`(stiction [a-z][^`]*)`", re.sub(r"\s+", " ", BLOCK.sub("", TEXT[page]))
+        )
+    ]
+    found += [
+        line
+        for language, text in blocks(page)
+        if language == "text"
+        for line in re.findall(r"^(stiction [a-z].*)$", text, re.MULTILINE)
+    ]
+    found += [
+        line
+        for language, text in blocks(page)
+        if language == "yaml"
+        for line in YAML_COMMAND.findall(text)
+    ]
     for command in found:
         words = shlex.split(command)[1:]
         if words and not {"SCENE", "RUN"} >= set(words[:1]):
             assert options_of(words) <= options_known(words), command
 
 
-@pytest.mark.parametrize("workflow", sorted((ROOT / ".github/workflows").glob("*.yml")), ids=lambda path: path.name)
+@pytest.mark.parametrize(
+    "workflow", sorted((ROOT / ".github/workflows").glob("*.yml")), ids=lambda path: path.name
+)
 def test_commands_of_workflows_exist(workflow):
     for command in YAML_COMMAND.findall(workflow.read_text()):
         words = shlex.split(command)[1:]
@@ -201,7 +232,10 @@ def test_commands_of_workflows_exist(workflow):
 
 def anchors(text):
     """Of the headings of a page, as MkDocs makes them."""
-    return {re.sub(r"[-\s]+", "-", re.sub(r"[^\w\s-]", "", heading).strip().lower()) for heading in re.findall(r"^#+ (.*)$", text, re.MULTILINE)}
+    return {
+        re.sub(r"[-\s]+", "-", re.sub(r"[^\w\s-]", "", heading).strip().lower())
+        for heading in re.findall(r"^#+ (.*)$", text, re.MULTILINE)
+    }
 
 
 @pytest.mark.parametrize("page", TEXT)
@@ -218,13 +252,29 @@ def test_links_lead_somewhere(page):
 
 def test_every_page_is_in_the_navigation():
     listed = set(re.findall(r"[\w/-]+\.md", (ROOT / "mkdocs.yml").read_text()))
-    assert {f"docs/{name}" for name in listed} == {page for page in TEXT if page.startswith("docs/")}
+    assert {f"docs/{name}" for name in listed} == {
+        page for page in TEXT if page.startswith("docs/")
+    }
 
 
 def test_site_is_built_without_a_warning_and_needs_no_network(tmp_path):
     pytest.importorskip("mkdocs", reason="the extra docs is not installed")
-    ended = subprocess.run([sys.executable, "-m", "mkdocs", "build", "--strict", "--config-file", str(ROOT / "mkdocs.yml"), "--site-dir",
-                            str(tmp_path / "site")], capture_output=True, text=True, timeout=600)
+    ended = subprocess.run(
+        [
+            sys.executable,
+            "-m",
+            "mkdocs",
+            "build",
+            "--strict",
+            "--config-file",
+            str(ROOT / "mkdocs.yml"),
+            "--site-dir",
+            str(tmp_path / "site"),
+        ],
+        capture_output=True,
+        text=True,
+        timeout=600,
+    )
     assert ended.returncode == 0, ended.stderr
     pages = list((tmp_path / "site").rglob("*.html"))
     assert len(pages) > len(TEXT) - 3
@@ -237,7 +287,10 @@ def test_site_is_built_without_a_warning_and_needs_no_network(tmp_path):
 def test_what_follows_from_the_code_is_current(page):
     """If not: python docs/generated.py."""
     assert generated.regenerated(TEXT[page]) == TEXT[page]
-    assert TEXT[page].count("<!-- generated: ") == len(generated.PART.findall(TEXT[page])) and "\n{{" not in TEXT[page]
+    assert (
+        TEXT[page].count("<!-- generated: ") == len(generated.PART.findall(TEXT[page]))
+        and "\n{{" not in TEXT[page]
+    )
 
 
 def test_generated_parts_are_written(tmp_path):
@@ -245,7 +298,12 @@ def test_generated_parts_are_written(tmp_path):
     page.write_text("# Above\n<!-- generated: arithmetic -->\nold\n<!-- end -->\n\nbelow\n")
     generated.write(tmp_path)
     above, found, below = page.read_text().partition(generated.GENERATED["arithmetic"]())
-    assert found and "old" not in above + below and above.startswith("# Above\n") and below.endswith("below\n")
+    assert (
+        found
+        and "old" not in above + below
+        and above.startswith("# Above\n")
+        and below.endswith("below\n")
+    )
 
 
 def test_part_of_an_engine_that_is_not_installed_stays(monkeypatch):
@@ -253,11 +311,13 @@ def test_part_of_an_engine_that_is_not_installed_stays(monkeypatch):
         raise EngineMissing(name)
 
     monkeypatch.setattr(generated, "load_engine", missing)
-    assert generated.regenerated(TEXT["docs/reference/engines.md"]) == TEXT["docs/reference/engines.md"]
+    assert (
+        generated.regenerated(TEXT["docs/reference/engines.md"])
+        == TEXT["docs/reference/engines.md"]
+    )
 
 
 class TestReference:
-
     def test_every_column(self):
         named = {name for column in COLUMNS for name in column.names}
         assert all(name in TEXT["docs/reference/columns.md"] for name in named)
@@ -270,9 +330,16 @@ class TestReference:
             assert name in ("app", "main") or f"### {name}\n" in TEXT["docs/reference/python.md"]
 
 
-@pytest.mark.parametrize(("page", "first", "model"), [("program", 'name = "mine"', Declaration), ("fmu", "scene = ", Map)])
+@pytest.mark.parametrize(
+    ("page", "first", "model"),
+    [("program", 'name = "mine"', Declaration), ("fmu", "scene = ", Map)],
+)
 def test_declarations_show_every_key_and_no_other(page, first, model):
-    [text] = [text for language, text in blocks(f"docs/how-to/{page}.md") if language == "toml" and text.startswith(first)]
+    [text] = [
+        text
+        for language, text in blocks(f"docs/how-to/{page}.md")
+        if language == "toml" and text.startswith(first)
+    ]
     assert model.model_validate(tomllib.loads(text)).model_fields_set == set(model.model_fields)
 
 
@@ -285,23 +352,45 @@ def test_engine(tmp_path, in_this_process):
     invoke("run", "ball.toml", "--engine", engine, "--out", "ball.csv")
     frame = pd.read_csv("ball.csv")
     t = frame["t"]
-    assert np.allclose(frame["ball.y"], 4 * t - 9.81 * t ** 2 / 2) and np.allclose(frame["ball.angle"], 5 * t)
-    assert "knows bodies and gravity only" in load_engine(engine).refusal(load_scene("pendulum"), "joint")
+    assert np.allclose(frame["ball.y"], 4 * t - 9.81 * t**2 / 2) and np.allclose(
+        frame["ball.angle"], 5 * t
+    )
+    assert "knows bodies and gravity only" in load_engine(engine).refusal(
+        load_scene("pendulum"), "joint"
+    )
     invoke("run", "ball.toml", "--engine", engine, "--setting", "spin=2", exit_code=2)
 
 
 def test_the_page_on_engines_lists_what_is_obligatory():
-    rows = re.findall(r"^\| `(\w+)[^|]*\|", (ROOT / "docs/how-to/engine.md").read_text().partition("| obligatory |")[2].partition("\n\n")[0], re.MULTILINE)
+    rows = re.findall(
+        r"^\| `(\w+)[^|]*\|",
+        (ROOT / "docs/how-to/engine.md")
+        .read_text()
+        .partition("| obligatory |")[2]
+        .partition("\n\n")[0],
+        re.MULTILINE,
+    )
     assert sorted(rows) == sorted(OBLIGATORY)
 
 
 def test_engine_is_held_to_its_baseline(tmp_path, in_this_process, monkeypatch):
-    monkeypatch.setattr("stiction.comparisons.regression.measurement.relative_time", lambda call, repeats: (1.0, None))  # no test hangs on a time
-    monkeypatch.setattr("stiction.comparisons.regression.nightly.draws_of_night", lambda night, count: [])  # 400 slider-bars, others each time
+    monkeypatch.setattr(
+        "stiction.comparisons.regression.measurement.relative_time",
+        lambda call, repeats: (1.0, None),
+    )  # no test hangs on a time
+    monkeypatch.setattr(
+        "stiction.comparisons.regression.nightly.draws_of_night", lambda night, count: []
+    )  # 400 slider-bars, others each time
     page = "docs/how-to/engine.md"
     for name in ("free_flight.py", "ball.toml"):
         file_in(page, name)
-    held = [command[1:] for language, text in blocks(page) if language == "sh" for command in commands(text) if "--scenes" in command]
+    held = [
+        command[1:]
+        for language, text in blocks(page)
+        if language == "sh"
+        for command in commands(text)
+        if "--scenes" in command
+    ]
     assert [command[0] for command in held] == ["baseline", "check", "nightly"]
     for command in held:
         ended = invoke(*command)
@@ -312,14 +401,28 @@ def test_test_of_a_solver(compiled):
     for name in ("free_flight.py", "ball.toml", "test_free_flight.py"):
         file_in("docs/how-to/engine.md", name)
     with redirect_stdout(StringIO()) as said:
-        assert pytest.main(["-q", "-p", "no:cacheprovider", "-n", "0", "test_free_flight.py"]) == 0, said.getvalue()
+        assert (
+            pytest.main(["-q", "-p", "no:cacheprovider", "-n", "0", "test_free_flight.py"]) == 0
+        ), said.getvalue()
     assert " passed" in said.getvalue() and "failed" not in said.getvalue()
 
 
 def test_motion_that_the_tutorial_tells(compiled):
     """Its times are those of the run, and what it says of later periods is so."""
-    told = [float(number) for number in re.findall(r"(?:At|at) ([\d.]+) s", TEXT["docs/tutorial.md"].partition("## Run it")[2].partition("## See it")[0])]
-    events = [event for event in load_engine("reference").simulate(load_scene("slider-bar-case-1"), t_end=48, rtol=1e-10).events if event.kind != "corner"]
+    told = [
+        float(number)
+        for number in re.findall(
+            r"(?:At|at) ([\d.]+) s",
+            TEXT["docs/tutorial.md"].partition("## Run it")[2].partition("## See it")[0],
+        )
+    ]
+    events = [
+        event
+        for event in load_engine("reference")
+        .simulate(load_scene("slider-bar-case-1"), t_end=48, rtol=1e-10)
+        .events
+        if event.kind != "corner"
+    ]
     assert [event.kind for event in events[:6]] == ["slip", *["reversal"] * 3, "stick", "slip"]
     assert [round(events[i].time, digits) for i, digits in ((0, 4), (4, 3), (5, 3))] == told
     away = np.diff(np.diff([event.time for event in events if event.kind == "stick"]) - 8)
@@ -344,19 +447,36 @@ class TestCampaign:
     def test_runs(self):
         campaign = load_campaign("campaign.toml")
         assert len(campaign.runs) == 10 and [run.key for run in campaign.check_runs][1:] == [
-            "slider-bar-case-1/tight/rtol=1e-06", "slider-bar-case-1/tight/rtol=1e-09", "slider-bar-case-1/pymunk/dt=0.01"]
+            "slider-bar-case-1/tight/rtol=1e-06",
+            "slider-bar-case-1/tight/rtol=1e-09",
+            "slider-bar-case-1/pymunk/dt=0.01",
+        ]
 
-    @pytest.mark.parametrize(("old", "other", "new"), [
-        ("", "", set()), ('engine = "pymunk"', 'engine = "exudyn"', {"pymunk"}), ("tight", "reference", {"reference"})],
-        ids=["as it is", "pymunk is exudyn", "reference is Baumgarte"])
+    @pytest.mark.parametrize(
+        ("old", "other", "new"),
+        [
+            ("", "", set()),
+            ('engine = "pymunk"', 'engine = "exudyn"', {"pymunk"}),
+            ("tight", "reference", {"reference"}),
+        ],
+        ids=["as it is", "pymunk is exudyn", "reference is Baumgarte"],
+    )
     def test_it_is_no_regression_of_the_suite(self, old, other, new, tmp_path, in_this_process):
         """Its variant `pymunk` has the name of one of the suite's baseline, but is that one's `pymunk, contact`; `tight` is its `reference`."""
-        text = file_in(self.PAGE, "campaign.toml").replace(old, other) if old else file_in(self.PAGE, "campaign.toml")
+        text = (
+            file_in(self.PAGE, "campaign.toml").replace(old, other)
+            if old
+            else file_in(self.PAGE, "campaign.toml")
+        )
         text = text.replace('"projection"', '"baumgarte"') if other == "reference" else text
         (tmp_path / "campaign.toml").write_text(text.replace('"time"]', "]"))
         ended = invoke("nightly", "campaign.toml", "--baseline", str(DEFAULT))
         assert "**fine" in ended.output, ended.output
         [summary] = tmp_path.glob("nightly/*/summary.json")
         findings = json.loads(summary.read_text())["findings"]
-        on_the_slider_bar = {finding["key"].split("/")[1] for finding in findings if finding["kind"] == "status" and finding["key"].startswith("slider-bar")}
+        on_the_slider_bar = {
+            finding["key"].split("/")[1]
+            for finding in findings
+            if finding["kind"] == "status" and finding["key"].startswith("slider-bar")
+        }
         assert on_the_slider_bar == new

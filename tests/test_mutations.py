@@ -1,7 +1,19 @@
 """Every mutation of the list can be made, stands in the documentation, and is found."""
 
 import pytest
-from mutations import PAGE, PARTS, RESULTS, ROOT, UNSEEN, Answer, Mutation, mutations, page, read_results, tried
+from mutations import (
+    PAGE,
+    PARTS,
+    RESULTS,
+    ROOT,
+    UNSEEN,
+    Answer,
+    Mutation,
+    mutations,
+    page,
+    read_results,
+    tried,
+)
 
 from stiction.engines.registry import BUILT_IN
 
@@ -22,14 +34,20 @@ def test_it_can_be_made(mutation, tmp_path):
     path.write_text((ROOT / mutation.file).read_text())
     mutation.apply(tmp_path)
     compile(path.read_text(), path, "exec")
-    assert all((ROOT / test.partition("::")[0]).exists() for test in mutation.tests if test.startswith("tests/"))
+    assert all(
+        (ROOT / test.partition("::")[0]).exists()
+        for test in mutation.tests
+        if test.startswith("tests/")
+    )
     with pytest.raises(ValueError, match="0 times; expected once"):
         mutation.apply(tmp_path)
 
 
 def test_the_page_has_the_list():
     written = PAGE.read_text().splitlines()
-    assert [line.partition("`")[0] for line in written] == [line.partition("`")[0] for line in page({}).splitlines()]
+    assert [line.partition("`")[0] for line in written] == [
+        line.partition("`")[0] for line in page({}).splitlines()
+    ]
     assert not [line for line in written if line.endswith(f"| {UNSEEN} | {UNSEEN} | {UNSEEN} |")]
 
 
@@ -37,17 +55,32 @@ def test_an_answer_is_kept_until_the_mutation_is_another(tmp_path):
     mutation = MUTATIONS[0]
     answer = Answer(mutation.digest, UNSEEN, "rhs, slider-bar-case-1/reference/rtol=1e-09")
     assert answer.is_found and not Answer(mutation.digest, UNSEEN, UNSEEN, UNSEEN).is_found
-    row = next(line for line in page({mutation.name: answer}).splitlines() if line.startswith(f"| {mutation.name} |"))
+    row = next(
+        line
+        for line in page({mutation.name: answer}).splitlines()
+        if line.startswith(f"| {mutation.name} |")
+    )
     assert row.endswith("| not found | rhs, slider-bar-case-1/reference/rtol=1e-09 | not asked |")
     old = Answer("of another text", UNSEEN, "rhs")
-    assert "not tried | not tried" in next(line for line in page({mutation.name: old}).splitlines() if line.startswith(f"| {mutation.name} |"))
+    assert "not tried | not tried" in next(
+        line
+        for line in page({mutation.name: old}).splitlines()
+        if line.startswith(f"| {mutation.name} |")
+    )
 
 
 @pytest.mark.long
 def test_a_comment_is_not_found():
     """Nothing but the text of a file is other: tests, check and night that find it would find anything."""
-    harmless = Mutation("a comment", "equations", "truths/closed_form/pendulum.py", "from __future__", "# nothing\nfrom __future__",
-                        ("tests/truths/test_closed_form.py",), night=("pendulum",))
+    harmless = Mutation(
+        "a comment",
+        "equations",
+        "truths/closed_form/pendulum.py",
+        "from __future__",
+        "# nothing\nfrom __future__",
+        ("tests/truths/test_closed_form.py",),
+        night=("pendulum",),
+    )
     assert not tried(harmless).is_found
 
 

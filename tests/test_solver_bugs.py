@@ -41,7 +41,9 @@ def rows(engine: str) -> list:
 def baseline(tmp_path_factory, compiled):
     """Of the right solver."""
     right = rows(str(declared(tmp_path_factory.mktemp("right"), None)))
-    return updated(Baseline(format=FORMAT), right, "the right one", ORIGIN, [row.key for row in right])
+    return updated(
+        Baseline(format=FORMAT), right, "the right one", ORIGIN, [row.key for row in right]
+    )
 
 
 def is_stopped(solver, scene) -> bool:
@@ -60,11 +62,22 @@ def found_by(engine: str, baseline: Baseline) -> set[str]:
     if any(_attempt(engine, scene).verdict != "right" for scene in scenes):
         found.add("--try")
     case = scenes[-1]
-    table = solver.run(case, t_end=case.t_end, dt=1e-3, rtol=None, fidelity="joint", output_step=OUTPUT_STEP, settings={})
+    table = solver.run(
+        case,
+        t_end=case.t_end,
+        dt=1e-3,
+        rtol=None,
+        fidelity="joint",
+        output_step=OUTPUT_STEP,
+        settings={},
+    )
     judged = judge(case, table)
     if judged.hints or len(judged.tables["findings"]) or judged.error > NOTICED:
         found.add("judge")
-    if any(finding.severity == REGRESSION for finding in findings(rows(engine), baseline, KINDS, {}, "these")):
+    if any(
+        finding.severity == REGRESSION
+        for finding in findings(rows(engine), baseline, KINDS, {}, "these")
+    ):
         found.add("check")
     return found
 
@@ -72,9 +85,15 @@ def found_by(engine: str, baseline: Baseline) -> set[str]:
 def table() -> dict[str, set[str]]:
     """The table of the page: commands by mistake."""
     _, _, text = PAGE.read_text(encoding="utf-8").partition("| a mistake |")
-    lines = [[cell.strip() for cell in line.strip("| \n").split("|")] for line in re.findall(r"^\|.*$", text, re.M)]
-    return {name: {command for command, cell in zip(COMMANDS, cells) if cell} for name, *cells in lines[1:]
-            if len(cells) == len(COMMANDS)}
+    lines = [
+        [cell.strip() for cell in line.strip("| \n").split("|")]
+        for line in re.findall(r"^\|.*$", text, re.M)
+    ]
+    return {
+        name: {command for command, cell in zip(COMMANDS, cells) if cell}
+        for name, *cells in lines[1:]
+        if len(cells) == len(COMMANDS)
+    }
 
 
 def test_the_page_has_them_all_and_each_is_found():

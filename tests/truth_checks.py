@@ -10,16 +10,38 @@ from stiction.scenes import load_scene, scene_from_dict, vary
 
 def rocking_trammel(**changes):
     """The catalogue's trammel from rest, with a spring and a sine force, so that it comes to rest again and again."""
-    raw = copy.deepcopy(vary(load_scene("elliptic-trammel"), {"w": 0, "T": 0, "mu": 0.1, "mus": 0.15, **changes})._raw)
-    raw["springs"] = {"spring": {"type": "linear", "bodies": ["slider-x", "ground"], "axis": [1, 0], "stiffness": 40}}
-    raw["forces"]["load"] = {"type": "force", "body": "slider-x", "direction": [1, 0], "law": {"type": "sine", "amplitude": 10, "frequency": 4}}
+    raw = copy.deepcopy(
+        vary(
+            load_scene("elliptic-trammel"), {"w": 0, "T": 0, "mu": 0.1, "mus": 0.15, **changes}
+        )._raw
+    )
+    raw["springs"] = {
+        "spring": {
+            "type": "linear",
+            "bodies": ["slider-x", "ground"],
+            "axis": [1, 0],
+            "stiffness": 40,
+        }
+    }
+    raw["forces"]["load"] = {
+        "type": "force",
+        "body": "slider-x",
+        "direction": [1, 0],
+        "law": {"type": "sine", "amplitude": 10, "frequency": 4},
+    }
     return scene_from_dict(raw, "rocking")
 
 
 def driven_arm():
     """The arm of the catalogue, turned by a motor instead of swinging."""
     raw = copy.deepcopy(load_scene("slider-on-moving-guide", {"w": 2.0})._raw)
-    raw["drives"] = {"motor": {"type": "angle", "bodies": ["arm", "ground"], "law": {"type": "linear", "offset": "phi", "rate": "w"}}}
+    raw["drives"] = {
+        "motor": {
+            "type": "angle",
+            "bodies": ["arm", "ground"],
+            "law": {"type": "linear", "offset": "phi", "rate": "w"},
+        }
+    }
     del raw["springs"]["twist"]
     return scene_from_dict(raw, "driven arm")
 
@@ -27,15 +49,25 @@ def driven_arm():
 def check_newton_and_euler(scene, truth, rtol=1e-12):
     """By the dense equations of motion, which the truths share nothing with; what has no column does not move."""
     t = np.linspace(0, truth.t_end, 1001)
-    still = {f"{body}.{label}": np.full(len(t), value) for body, start in scene.bodies.items()
-             for label, value in zip(MOTION, (*start.position, start.angle, *np.zeros(6)))}
-    assert balance_residual(scene, t, still | truth(t)) < rtol  # rounding, relative to the largest force
+    still = {
+        f"{body}.{label}": np.full(len(t), value)
+        for body, start in scene.bodies.items()
+        for label, value in zip(MOTION, (*start.position, start.angle, *np.zeros(6)))
+    }
+    assert (
+        balance_residual(scene, t, still | truth(t)) < rtol
+    )  # rounding, relative to the largest force
 
 
 def check_motion(scene, truth, atol):
     """Velocities and accelerations are rates, and no state jumps at an event."""
     columns = truth(0.0)
-    pairs = [(f"{body}.{one}", f"{body}.{other}") for body in scene.bodies for k in range(6) for one, other in [(MOTION[k], MOTION[k + 3])]]
+    pairs = [
+        (f"{body}.{one}", f"{body}.{other}")
+        for body in scene.bodies
+        for k in range(6)
+        for one, other in [(MOTION[k], MOTION[k + 3])]
+    ]
     check_derivatives(truth, [pair for pair in pairs if set(pair) <= columns.keys()], 1500, atol)
     for event in truth.events:
         for body in scene.bodies:

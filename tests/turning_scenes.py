@@ -68,8 +68,14 @@ class _Parts:
     mass: float
     gravity: float
     t_end: float
-    tables: dict[str, Any] = field(default_factory=lambda: {name: {} for name in ("bodies", "joints", "drives", "springs", "forces")})
-    forces: list[Callable[[np.ndarray], tuple[np.ndarray, np.ndarray, np.ndarray]]] = field(default_factory=list)
+    tables: dict[str, Any] = field(
+        default_factory=lambda: {
+            name: {} for name in ("bodies", "joints", "drives", "springs", "forces")
+        }
+    )
+    forces: list[Callable[[np.ndarray], tuple[np.ndarray, np.ndarray, np.ndarray]]] = field(
+        default_factory=list
+    )
     fastest: float = 0.0
 
 
@@ -93,7 +99,11 @@ def across(vector):
 
 
 def even(offset, rate):
-    return Angle({"type": "linear", "offset": offset, "rate": rate}, lambda t: (offset + rate * t, rate + 0 * t, 0 * t), abs(rate))
+    return Angle(
+        {"type": "linear", "offset": offset, "rate": rate},
+        lambda t: (offset + rate * t, rate + 0 * t, 0 * t),
+        abs(rate),
+    )
 
 
 def drawn_angle(rng, rate, t_end, kind):
@@ -105,14 +115,40 @@ def drawn_angle(rng, rate, t_end, kind):
         f = abs(rate) / rng.uniform(20, 200)
         a, phase = rate / f, rng.uniform(0, 2 * np.pi)
         law = {"type": "sine", "offset": offset, "amplitude": a, "frequency": f, "phase": phase}
-        return Angle(law, lambda t: (offset + a * np.sin(f * t + phase), a * f * np.cos(f * t + phase), -a * f * f * np.sin(f * t + phase)), abs(rate))
+        return Angle(
+            law,
+            lambda t: (
+                offset + a * np.sin(f * t + phase),
+                a * f * np.cos(f * t + phase),
+                -a * f * f * np.sin(f * t + phase),
+            ),
+            abs(rate),
+        )
     if kind == "table":
-        return Angle({"type": "table", "times": [0, 2 * t_end], "values": [offset, offset + 2 * rate * t_end], "interpolation": "cubic"}, even(offset, rate).at, abs(rate))
+        return Angle(
+            {
+                "type": "table",
+                "times": [0, 2 * t_end],
+                "values": [offset, offset + 2 * rate * t_end],
+                "interpolation": "cubic",
+            },
+            even(offset, rate).at,
+            abs(rate),
+        )
     times = np.linspace(0, 1.01 * t_end, int(rng.integers(3, 8)))
     values = offset + rate * times + rate * times[1] * rng.uniform(-0.15, 0.15, len(times))
     spline = CubicSpline(times, values, bc_type="natural")
-    law = {"type": "table", "times": times.tolist(), "values": values.tolist(), "interpolation": "cubic"}
-    return Angle(law, lambda t: (spline(t), spline(t, 1), spline(t, 2)), float(np.abs(spline(np.linspace(0, t_end, 1000), 1)).max()))
+    law = {
+        "type": "table",
+        "times": times.tolist(),
+        "values": values.tolist(),
+        "interpolation": "cubic",
+    }
+    return Angle(
+        law,
+        lambda t: (spline(t), spline(t, 1), spline(t, 2)),
+        float(np.abs(spline(np.linspace(0, t_end, 1000), 1)).max()),
+    )
 
 
 def start_of(angle):
@@ -121,26 +157,52 @@ def start_of(angle):
     return float(value), float(rate)
 
 
-def add_rotor(parts, name, angle, on, centre, mass=1.0, arm=(0.0, 0.0), motor: str | None = "ground"):
+def add_rotor(
+    parts, name, angle, on, centre, mass=1.0, arm=(0.0, 0.0), motor: str | None = "ground"
+):
     """A rotor whose point `arm` is pinned to a body at `centre`, and its motor."""
     start, rate = start_of(angle)
     lever = turned(start, arm)
-    parts.tables["bodies"][name] = {"mass": mass, "inertia": 0.01, "position": [centre[0] - lever[0], centre[1] - lever[1]], "angle": start,
-                                    "velocity": [rate * lever[1], -rate * lever[0]], "angular_velocity": rate}
-    parts.tables["joints"][f"{name}-pin"] = {"type": "revolute", "bodies": [name, on], "points": [list(arm), list(centre)]}
+    parts.tables["bodies"][name] = {
+        "mass": mass,
+        "inertia": 0.01,
+        "position": [centre[0] - lever[0], centre[1] - lever[1]],
+        "angle": start,
+        "velocity": [rate * lever[1], -rate * lever[0]],
+        "angular_velocity": rate,
+    }
+    parts.tables["joints"][f"{name}-pin"] = {
+        "type": "revolute",
+        "bodies": [name, on],
+        "points": [list(arm), list(centre)],
+    }
     if motor is not None:
-        parts.tables["drives"][f"{name}-motor"] = {"type": "angle", "bodies": [name, motor], "law": angle.law}
+        parts.tables["drives"][f"{name}-motor"] = {
+            "type": "angle",
+            "bodies": [name, motor],
+            "law": angle.law,
+        }
 
 
 def spring_along_axis(parts, rng, force, name, angle):
     """From a point of the slider to a rotor beside it, along an axis of the rotor, with a damper perhaps."""
     centre, p, size = np.array([-0.3, rng.uniform(-0.1, 0.1)]), drawn_point(parts, rng), 0.4
-    on_rotor, direction = rng.uniform(-0.1, 0.1, 2) * rng.integers(0, 2), turned(rng.uniform(0, 6), (1.0, 0.0))
+    on_rotor, direction = (
+        rng.uniform(-0.1, 0.1, 2) * rng.integers(0, 2),
+        turned(rng.uniform(0, 6), (1.0, 0.0)),
+    )
     k, rest = force / size * rng.uniform(0.5, 1), rng.choice([0.0, rng.uniform(-0.1, 0.1)])
     c = rng.choice([0.0, 0.2 * k / angle.fastest])
     add_rotor(parts, name, angle, "ground", centre)
-    parts.tables["springs"][f"{name}-spring"] = {"type": "linear", "bodies": ["s", name], "points": [p.tolist(), on_rotor.tolist()], "axis": direction.tolist(),
-                                     "stiffness": k, "damping": c, "rest_length": rest}
+    parts.tables["springs"][f"{name}-spring"] = {
+        "type": "linear",
+        "bodies": ["s", name],
+        "points": [p.tolist(), on_rotor.tolist()],
+        "axis": direction.tolist(),
+        "stiffness": k,
+        "damping": c,
+        "rest_length": rest,
+    }
 
     def act(t):
         theta, omega, _ = angle.at(t)
@@ -156,15 +218,23 @@ def spring_along_axis(parts, rng, force, name, angle):
 def spring_to_a_rim(parts, rng, force, name, angle):
     """From the slider to a point of a rotor, with a rest length and a damper perhaps."""
     centre, p = np.array([-0.3, rng.uniform(-0.1, 0.1)]), drawn_point(parts, rng)
-    nearest = 10 ** rng.uniform(-3, -0.3)  # part of the distance of the centres that is left where the points pass each other
+    nearest = 10 ** rng.uniform(
+        -3, -0.3
+    )  # part of the distance of the centres that is left where the points pass each other
     radius = (1 - nearest) * np.hypot(*(p - centre))
     parts.fastest = max(parts.fastest, 4 * angle.fastest / nearest)
     rim, rest = radius * turned(rng.uniform(0, 6), (1.0, 0.0)), rng.uniform(0.05, 0.3)
     k = force / 0.3 * rng.uniform(0.5, 1)
     c = rng.choice([0.0, 0.2 * k / angle.fastest])
     add_rotor(parts, name, angle, "ground", centre)
-    parts.tables["springs"][f"{name}-spring"] = {"type": "linear", "bodies": ["s", name], "points": [p.tolist(), rim.tolist()], "stiffness": k, "damping": c,
-                                     "rest_length": rest}
+    parts.tables["springs"][f"{name}-spring"] = {
+        "type": "linear",
+        "bodies": ["s", name],
+        "points": [p.tolist(), rim.tolist()],
+        "stiffness": k,
+        "damping": c,
+        "rest_length": rest,
+    }
 
     def act(t):
         theta, omega, _ = angle.at(t)
@@ -183,12 +253,23 @@ def between_points(d, rate, k, c, rest):
 
 def load_on_a_rim(parts, rng, force, name, angle):
     """A rotor with its centre on the slider, turned against the slider or the ground, and a load on its rim."""
-    pin, rim = drawn_point(parts, rng), rng.uniform(0.05, 0.3) * turned(rng.uniform(0, 6), (1.0, 0.0))
-    load, mass = force * rng.uniform(0.3, 1) * turned(rng.uniform(0, 6), (1.0, 0.0)), rng.uniform(0.1, 1)
+    pin, rim = (
+        drawn_point(parts, rng),
+        rng.uniform(0.05, 0.3) * turned(rng.uniform(0, 6), (1.0, 0.0)),
+    )
+    load, mass = (
+        force * rng.uniform(0.3, 1) * turned(rng.uniform(0, 6), (1.0, 0.0)),
+        rng.uniform(0.1, 1),
+    )
     on_slider = parts.length is not None and rng.integers(0, 2) == 1
     add_rotor(parts, name, angle, "s", pin, mass, motor="s" if on_slider else "ground")
-    parts.tables["forces"][f"{name}-load"] = {"type": "force", "body": name, "point": rim.tolist(), "direction": load.tolist(),
-                                    "law": {"type": "constant", "value": float(np.hypot(*load))}}
+    parts.tables["forces"][f"{name}-load"] = {
+        "type": "force",
+        "body": name,
+        "point": rim.tolist(),
+        "direction": load.tolist(),
+        "law": {"type": "constant", "value": float(np.hypot(*load))},
+    }
 
     def act(t):
         theta, _, alpha = angle.at(t)
@@ -205,21 +286,38 @@ def unbalanced_rotor(parts, rng, force, name, angle, is_free):
     A free one is without weight, and a torque makes it faster or slower.
     """
     mass = rng.uniform(0.05, 0.5)
-    eccentricity = force / (mass * angle.fastest ** 2)
+    eccentricity = force / (mass * angle.fastest**2)
     arm = eccentricity * turned(rng.uniform(0, 6), (1.0, 0.0))
     if is_free:
         offset, begin = rng.uniform(0, 6), angle.fastest * rng.choice([-1, 0.01, 1])
-        gain = rng.choice([0.0, (np.sign(begin) * angle.fastest * rng.uniform(-1, 1) - begin) / parts.t_end])
-        angle = Angle({"type": "linear", "offset": offset, "rate": begin},
-                      lambda t: (offset + begin * t + 0.5 * gain * t * t, begin + gain * t, gain + 0 * t), angle.fastest)
-        parts.tables["forces"][f"{name}-torque"] = {"type": "torque", "body": name,
-                                                    "law": {"type": "constant", "value": gain * (0.01 + mass * eccentricity ** 2)}}
-    add_rotor(parts, name, angle, "s", (0.0, 0.0), mass, tuple(arm.tolist()), None if is_free else "ground")
+        gain = rng.choice(
+            [0.0, (np.sign(begin) * angle.fastest * rng.uniform(-1, 1) - begin) / parts.t_end]
+        )
+        angle = Angle(
+            {"type": "linear", "offset": offset, "rate": begin},
+            lambda t: (offset + begin * t + 0.5 * gain * t * t, begin + gain * t, gain + 0 * t),
+            angle.fastest,
+        )
+        parts.tables["forces"][f"{name}-torque"] = {
+            "type": "torque",
+            "body": name,
+            "law": {"type": "constant", "value": gain * (0.01 + mass * eccentricity**2)},
+        }
+    add_rotor(
+        parts,
+        name,
+        angle,
+        "s",
+        (0.0, 0.0),
+        mass,
+        tuple(arm.tolist()),
+        None if is_free else "ground",
+    )
 
     def act(t):
         theta, omega, alpha = angle.at(t)
         centre = -turned(theta, arm)
-        pull = mass * (omega ** 2 * centre - alpha * across(centre))
+        pull = mass * (omega**2 * centre - alpha * across(centre))
         return pull[0], pull[1] - mass * parts.gravity, 0 * t
 
     parts.forces.append(act)
@@ -228,12 +326,21 @@ def unbalanced_rotor(parts, rng, force, name, angle, is_free):
 def two_rotors(parts, rng, force, name, angle):
     """A spring along an axis of a rotor on the slider, to the rim of another: three factors that turn."""
     other = even(rng.uniform(0, 6), angle.fastest * rng.uniform(-1, 1))
-    centre, rim, mass = np.array([-0.3, 0.1]), rng.uniform(0.05, 0.3) * turned(rng.uniform(0, 6), (1.0, 0.0)), rng.uniform(0.1, 0.5)
+    centre, rim, mass = (
+        np.array([-0.3, 0.1]),
+        rng.uniform(0.05, 0.3) * turned(rng.uniform(0, 6), (1.0, 0.0)),
+        rng.uniform(0.1, 0.5),
+    )
     k, direction = force / 0.6, turned(rng.uniform(0, 6), (1.0, 0.0))
     add_rotor(parts, name, angle, "s", (0.0, 0.0), mass)
     add_rotor(parts, f"{name}-other", other, "ground", centre)
-    parts.tables["springs"][f"{name}-spring"] = {"type": "linear", "bodies": [f"{name}-other", name], "points": [rim.tolist(), [0, 0]], "axis": direction.tolist(),
-                                     "stiffness": k}
+    parts.tables["springs"][f"{name}-spring"] = {
+        "type": "linear",
+        "bodies": [f"{name}-other", name],
+        "points": [rim.tolist(), [0, 0]],
+        "axis": direction.tolist(),
+        "stiffness": k,
+    }
 
     def act(t):
         u = turned(angle.at(t)[0], direction)
@@ -254,12 +361,37 @@ def passing_slider(parts, rng, force, name):
     if is_notch := rng.integers(0, 2) == 1:
         # a load balances the damper, but for the instant in which the damper stands across the guide
         k, rest, c = 0.01 * force, 0.0, rng.uniform(0.5, 3) * force / speed
-        parts.tables["forces"][f"{name}-load"] = {"type": "force", "body": "s", "direction": [-1, 0], "law": {"type": "constant", "value": c * speed}}
-    parts.tables["bodies"][name] = {"mass": 0.5, "inertia": 0.01, "position": [begin, beside], "velocity": [speed, 0]}
-    parts.tables["joints"][f"{name}-guide"] = {"type": "translational", "slider": name, "point": [0, beside]}
-    parts.tables["drives"][f"{name}-motor"] = {"type": "distance", "bodies": [name, "ground"], "axis": [1, 0],
-                                               "law": {"type": "linear", "offset": begin, "rate": speed}}
-    parts.tables["springs"][f"{name}-spring"] = {"type": "linear", "bodies": ["s", name], "points": [p.tolist(), [0, 0]], "stiffness": k, "damping": c, "rest_length": rest}
+        parts.tables["forces"][f"{name}-load"] = {
+            "type": "force",
+            "body": "s",
+            "direction": [-1, 0],
+            "law": {"type": "constant", "value": c * speed},
+        }
+    parts.tables["bodies"][name] = {
+        "mass": 0.5,
+        "inertia": 0.01,
+        "position": [begin, beside],
+        "velocity": [speed, 0],
+    }
+    parts.tables["joints"][f"{name}-guide"] = {
+        "type": "translational",
+        "slider": name,
+        "point": [0, beside],
+    }
+    parts.tables["drives"][f"{name}-motor"] = {
+        "type": "distance",
+        "bodies": [name, "ground"],
+        "axis": [1, 0],
+        "law": {"type": "linear", "offset": begin, "rate": speed},
+    }
+    parts.tables["springs"][f"{name}-spring"] = {
+        "type": "linear",
+        "bodies": ["s", name],
+        "points": [p.tolist(), [0, 0]],
+        "stiffness": k,
+        "damping": c,
+        "rest_length": rest,
+    }
 
     def act(t):
         d = np.stack([p[0] - begin - speed * t, p[1] - beside + 0 * t])
@@ -284,8 +416,17 @@ def drawn_ramp(rng, t_end, value, kind):
         return {"type": "sine", "amplitude": value, "frequency": f}, lambda t: value * np.sin(f * t)
     times = np.array([0, *np.sort(rng.uniform(0.1, 0.9, 3)), 1.05]) * t_end
     values = value * np.array([0, *np.sort(rng.uniform(0, 1, 3)), 1.0])
-    at = CubicSpline(times, values, bc_type="natural") if kind == "cubic" else lambda t: np.interp(t, times, values)
-    return {"type": "table", "times": times.tolist(), "values": values.tolist(), "interpolation": "cubic" if kind == "cubic" else "linear"}, at
+    at = (
+        CubicSpline(times, values, bc_type="natural")
+        if kind == "cubic"
+        else lambda t: np.interp(t, times, values)
+    )
+    return {
+        "type": "table",
+        "times": times.tolist(),
+        "values": values.tolist(),
+        "interpolation": "cubic" if kind == "cubic" else "linear",
+    }, at
 
 
 def draw(rng: np.random.Generator, kind: str | None = None) -> Drawn | None:
@@ -295,18 +436,33 @@ def draw(rng: np.random.Generator, kind: str | None = None) -> Drawn | None:
     is_steady = rng.integers(0, 2) == 1  # nothing but what turns tells that something turns
     turns = 10 ** rng.uniform(1.5 if is_steady else 0.3, 3.3)
     t_end = 2 * np.pi * turns / abs(rate) if kind != "passing" else rng.uniform(0.3, 3)
-    angle = drawn_angle(rng, rate, t_end, "linear" if kind == "free" or is_steady else str(rng.choice(LAWS)))
+    angle = drawn_angle(
+        rng, rate, t_end, "linear" if kind == "free" or is_steady else str(rng.choice(LAWS))
+    )
     ramp = "linear" if is_steady else str(rng.choice(["linear", "sine", "table", "cubic"]))
-    drawn = _arm(rng, angle, t_end, ramp) if kind == "arm" else _level(rng, kind, angle, t_end, ramp)
+    drawn = (
+        _arm(rng, angle, t_end, ramp) if kind == "arm" else _level(rng, kind, angle, t_end, ramp)
+    )
     drawn.turns, drawn.rtol = turns, float(10 ** rng.uniform(-12, -6))
     drawn.output_step = float(np.clip(10 ** rng.uniform(-4, 0), t_end / 2e4, t_end))
-    return drawn if drawn.fastest * t_end / (2 * np.pi) * POINTS < MOST_POINTS and drawn.gap(np.zeros(1))[0] > 0.01 * drawn.size else None
+    return (
+        drawn
+        if drawn.fastest * t_end / (2 * np.pi) * POINTS < MOST_POINTS
+        and drawn.gap(np.zeros(1))[0] > 0.01 * drawn.size
+        else None
+    )
 
 
 def _level(rng, kind, angle, t_end, ramp_kind):
     """A slider on a level guide, with one kind of forces or two."""
     gravity = 0.0 if kind == "free" else G
-    parts = _Parts(float(rng.uniform(0.1, 0.6)), rng.choice([None, float(rng.uniform(0.2, 0.6))]), float(rng.uniform(0.5, 3)), gravity, t_end)
+    parts = _Parts(
+        float(rng.uniform(0.1, 0.6)),
+        rng.choice([None, float(rng.uniform(0.2, 0.6))]),
+        float(rng.uniform(0.5, 3)),
+        gravity,
+        t_end,
+    )
     press = float(rng.uniform(10, 30))
     strength = parts.mus * press * rng.uniform(0.1, 0.7)
     parts.fastest = 4 * angle.fastest
@@ -321,48 +477,112 @@ def _level(rng, kind, angle, t_end, ramp_kind):
         elif name in ("free", "unbalanced"):
             unbalanced_rotor(*own, angle, name == "free")
         else:
-            {"axis": spring_along_axis, "distance": spring_to_a_rim, "rim": load_on_a_rim, "two rotors": two_rotors}[name](*own, angle)
+            {
+                "axis": spring_along_axis,
+                "distance": spring_to_a_rim,
+                "rim": load_on_a_rim,
+                "two rotors": two_rotors,
+            }[name](*own, angle)
     law, ramp = drawn_ramp(rng, t_end, parts.mus * press * rng.uniform(0.6, 2), ramp_kind)
     tables = parts.tables
     tables["bodies"]["s"] = {"mass": parts.mass, "inertia": 0.1}
-    tables["joints"]["guide"] = {"type": "translational", "slider": "s", "mu": 0.9 * parts.mus, "mus": parts.mus, **({"length": parts.length} if parts.length else {})}
+    tables["joints"]["guide"] = {
+        "type": "translational",
+        "slider": "s",
+        "mu": 0.9 * parts.mus,
+        "mus": parts.mus,
+        **({"length": parts.length} if parts.length else {}),
+    }
     tables["forces"]["ramp"] = {"type": "force", "body": "s", "direction": [1, 0], "law": law}
-    tables["forces"]["press"] = {"type": "force", "body": "s", "direction": [0, -1], "law": {"type": "constant", "value": press}}
+    tables["forces"]["press"] = {
+        "type": "force",
+        "body": "s",
+        "direction": [0, -1],
+        "law": {"type": "constant", "value": press},
+    }
 
     def gap(t):
         X, Y, T = ramp(t), -press - parts.mass * gravity + 0 * t, 0 * t
         for act in parts.forces:
             x, y, m = act(t)
             X, Y, T = X + x, Y + y, T + m
-        load = np.abs(Y) if parts.length is None else np.maximum(np.abs(Y), 2 / parts.length * np.abs(T))
+        load = (
+            np.abs(Y)
+            if parts.length is None
+            else np.maximum(np.abs(Y), 2 / parts.length * np.abs(T))
+        )
         return parts.mus * load - np.abs(X)
 
-    return Drawn(tuple(kinds), {"gravity": [0, -gravity], **tables}, gap, t_end, parts.fastest, parts.mus * press, kind == "free")
+    return Drawn(
+        tuple(kinds),
+        {"gravity": [0, -gravity], **tables},
+        gap,
+        t_end,
+        parts.fastest,
+        parts.mus * press,
+        kind == "free",
+    )
 
 
 def _arm(rng, angle, t_end, ramp_kind):
     """A slider that rests on an arm, near its pivot, pressed onto it by a spring across the arm."""
-    mass, mus, press, gravity = float(rng.uniform(0.5, 3)), float(rng.uniform(0.1, 0.6)), float(rng.uniform(30, 80)), float(rng.choice([0.0, G]))
-    along = rng.uniform(0, 0.3) * mus * press / (mass * angle.fastest ** 2)
+    mass, mus, press, gravity = (
+        float(rng.uniform(0.5, 3)),
+        float(rng.uniform(0.1, 0.6)),
+        float(rng.uniform(30, 80)),
+        float(rng.choice([0.0, G])),
+    )
+    along = rng.uniform(0, 0.3) * mus * press / (mass * angle.fastest**2)
     law, ramp = drawn_ramp(rng, t_end, mus * press * rng.uniform(0.6, 2), ramp_kind)
     direction = turned(rng.uniform(0, 6), (1.0, 0.0))
     start, rate = start_of(angle)
     place = turned(start, (along, 0.0))
     tables: dict[str, Any] = {
         "gravity": [0, -gravity],
-        "bodies": {"s": {"mass": mass, "inertia": 0.02, "position": place.tolist(), "angle": start, "velocity": (rate * across(place)).tolist(), "angular_velocity": rate},
-                   "arm": {"mass": 1.0, "inertia": 0.05, "angle": start, "angular_velocity": rate}},
-        "joints": {"guide": {"type": "translational", "slider": "s", "guide": "arm", "mu": 0.9 * mus, "mus": mus},
-                   "pivot": {"type": "revolute", "bodies": ["arm", "ground"]}},
+        "bodies": {
+            "s": {
+                "mass": mass,
+                "inertia": 0.02,
+                "position": place.tolist(),
+                "angle": start,
+                "velocity": (rate * across(place)).tolist(),
+                "angular_velocity": rate,
+            },
+            "arm": {"mass": 1.0, "inertia": 0.05, "angle": start, "angular_velocity": rate},
+        },
+        "joints": {
+            "guide": {
+                "type": "translational",
+                "slider": "s",
+                "guide": "arm",
+                "mu": 0.9 * mus,
+                "mus": mus,
+            },
+            "pivot": {"type": "revolute", "bodies": ["arm", "ground"]},
+        },
         "drives": {"motor": {"type": "angle", "bodies": ["arm", "ground"], "law": angle.law}},
-        "springs": {"press": {"type": "linear", "bodies": ["s", "arm"], "axis": [0, 1], "stiffness": press / 0.1, "rest_length": -0.1}},
-        "forces": {"ramp": {"type": "force", "body": "s", "direction": direction.tolist(), "law": law}}}
+        "springs": {
+            "press": {
+                "type": "linear",
+                "bodies": ["s", "arm"],
+                "axis": [0, 1],
+                "stiffness": press / 0.1,
+                "rest_length": -0.1,
+            }
+        },
+        "forces": {
+            "ramp": {"type": "force", "body": "s", "direction": direction.tolist(), "law": law}
+        },
+    }
 
     def gap(t):
         theta, omega, alpha = angle.at(t)
         u = turned(theta, (1.0, 0.0))
         load = np.stack([ramp(t) * direction[0], ramp(t) * direction[1] - mass * gravity])
-        X, Y = dot(u, load) + mass * omega ** 2 * along, dot(across(u), load) - press - mass * alpha * along
+        X, Y = (
+            dot(u, load) + mass * omega**2 * along,
+            dot(across(u), load) - press - mass * alpha * along,
+        )
         return mus * np.abs(Y) - np.abs(X)
 
     return Drawn(("arm",), tables, gap, t_end, 4 * angle.fastest, mus * press, False)
@@ -376,9 +596,16 @@ def first_break_away(drawn: Drawn) -> tuple[float | None, bool]:
     last = below[0] if len(below) else len(t) - 1
     # minima that parabolas through neighbours may bring below zero
     inner = np.flatnonzero((g[1:-1] <= g[:-2]) & (g[1:-1] <= g[2:])) + 1
-    inner = inner[(inner <= last) & (g[inner] - np.maximum(g[inner - 1], g[inner + 1]) + g[inner] < 2 * zero)]
+    inner = inner[
+        (inner <= last) & (g[inner] - np.maximum(g[inner - 1], g[inner + 1]) + g[inner] < 2 * zero)
+    ]
     for i in inner:
-        found = minimize_scalar(lambda x: float(drawn.gap(np.array([x]))[0]), bounds=(t[i - 1], t[i + 1]), method="bounded", options={"xatol": 1e-15})
+        found = minimize_scalar(
+            lambda x: float(drawn.gap(np.array([x]))[0]),
+            bounds=(t[i - 1], t[i + 1]),
+            method="bounded",
+            options={"xatol": 1e-15},
+        )
         if abs(found.fun) < zero:
             return None, False
         if found.fun < 0:
@@ -389,7 +616,9 @@ def first_break_away(drawn: Drawn) -> tuple[float | None, bool]:
 
 
 def _zero(drawn, low, high):
-    return float(brentq(lambda x: float(drawn.gap(np.array([x]))[0]), low, high, xtol=1e-300, rtol=1e-15))
+    return float(
+        brentq(lambda x: float(drawn.gap(np.array([x]))[0]), low, high, xtol=1e-300, rtol=1e-15)
+    )
 
 
 @dataclass
@@ -411,15 +640,35 @@ def judged(drawn: Drawn, rng: np.random.Generator) -> Verdict | None:
     expected, is_clear = first_break_away(drawn)
     if not is_clear:
         return None
-    end = drawn.t_end if expected is None else min(drawn.t_end, expected + rng.uniform(0.001, 3) * drawn.t_end / drawn.turns)
+    end = (
+        drawn.t_end
+        if expected is None
+        else min(drawn.t_end, expected + rng.uniform(0.001, 3) * drawn.t_end / drawn.turns)
+    )
     scene = scene_from_dict({"t_end": end, **drawn.tables}, "turning")
-    run = ReferenceEngine().simulate(scene, rtol=drawn.rtol, output_step=min(drawn.output_step, end))
-    found = next((event.time for event in run.events if event.kind == "slip" and event.joint == "guide"), None)
+    run = ReferenceEngine().simulate(
+        scene, rtol=drawn.rtol, output_step=min(drawn.output_step, end)
+    )
+    found = next(
+        (event.time for event in run.events if event.kind == "slip" and event.joint == "guide"),
+        None,
+    )
     if found is None or expected is None:
         word = "right" if found is expected else "wrong"
         # one that ends before its time says so; one that has not seen the event does not
-        word = "typed" if run.termination != "end" and run.breakdown.time <= (expected or np.inf) else word
+        word = (
+            "typed"
+            if run.termination != "end" and run.breakdown.time <= (expected or np.inf)
+            else word
+        )
         return Verdict(word, expected, found, run.termination)
     part = 1e-8 + 100 * drawn.rtol * (max(1.0, drawn.turns) if drawn.is_free else 1.0)
     until = drawn.gap(np.append(np.linspace(min(expected, found), found, 1001), found))
-    return Verdict("right" if abs(until[-1]) < part * drawn.size and until.min() > -part * drawn.size else "wrong", expected, found, run.termination)
+    return Verdict(
+        "right"
+        if abs(until[-1]) < part * drawn.size and until.min() > -part * drawn.size
+        else "wrong",
+        expected,
+        found,
+        run.termination,
+    )

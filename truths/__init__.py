@@ -18,10 +18,36 @@ from stiction.truths.reduced.piecewise_smooth import NoMotion, Undecided
 from stiction.truths.reduced.slider_bar import slider_bar_truth
 from stiction.truths.reduced.steady_state import StickThreshold, stick_threshold
 from stiction.truths.reduced.trammel import trammel_truth
-from stiction.truths.truth import (CLOSED_FORM, HIGH_PRECISION, NO_TRUTH, PROVEN, PUBLISHED, NotThisMechanism, Truth,
-                                   TruthRefused)
+from stiction.truths.truth import (
+    CLOSED_FORM,
+    HIGH_PRECISION,
+    NO_TRUTH,
+    PROVEN,
+    PUBLISHED,
+    NotThisMechanism,
+    Truth,
+    TruthRefused,
+)
 
-__all__ = ["CLOSED_FORM", "HIGH_PRECISION", "NO_TRUTH", "NoMotion", "NotThisMechanism", "PROVEN", "PUBLISHED",
-           "StickThreshold", "Truth", "TruthRefused", "Undecided", "four_bar_truth", "incline_truth",
-           "moving_guide_truth", "oscillator_truth", "pendulum_truth", "slider_bar_truth", "slider_crank_truth",
-           "stick_threshold", "trammel_truth"]
+__all__ = [
+    "CLOSED_FORM",
+    "HIGH_PRECISION",
+    "NO_TRUTH",
+    "NoMotion",
+    "NotThisMechanism",
+    "PROVEN",
+    "PUBLISHED",
+    "StickThreshold",
+    "Truth",
+    "TruthRefused",
+    "Undecided",
+    "four_bar_truth",
+    "incline_truth",
+    "moving_guide_truth",
+    "oscillator_truth",
+    "pendulum_truth",
+    "slider_bar_truth",
+    "slider_crank_truth",
+    "stick_threshold",
+    "trammel_truth",
+]

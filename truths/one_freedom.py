@@ -120,34 +120,53 @@ class OneFreedom:
         bodies = scene.bodies.values()
         self.mass = np.array([m for body in bodies for m in (body.mass, body.mass, body.inertia)])
         self.start = np.array([x for body in bodies for x in (*body.position, body.angle)])
-        self.start_rate = np.array([x for body in bodies for x in (*body.velocity, body.angular_velocity)])
+        self.start_rate = np.array(
+            [x for body in bodies for x in (*body.velocity, body.angular_velocity)]
+        )
         pins = [joint for joint in scene.joints.values() if isinstance(joint, Revolute)]
         guides = list(scene.frictional_guides.values())
         k, self.pins = len(guides), 2 * len(pins)
-        if self.pins + 2 * k != len(self.mass) - 1 or k + len(pins) != len(scene.joints) or scene.drives:
+        if (
+            self.pins + 2 * k != len(self.mass) - 1
+            or k + len(pins) != len(scene.joints)
+            or scene.drives
+        ):
             raise NoClearMotion("expected pins and frictional guides that leave one freedom")
-        if any(isinstance(spring, LinearSpring) and spring.axis is not None for spring in scene.springs.values()):
+        if any(
+            isinstance(spring, LinearSpring) and spring.axis is not None
+            for spring in scene.springs.values()
+        ):
             raise NoClearMotion("expected springs between points, without an axis")
         # a row is the distance of a point of body[0] from one of body[1] in a direction that turns with its carrier
         rows = [(pin.bodies, pin.points, e, GROUND) for pin in pins for e in (1, 1j)]
         for side in (1j, 1):  # across the guides, then along them
-            rows += [(g.bodies, (g.slider_point, g.point), side * complex(*g.direction), g.guide) for g in guides]
+            rows += [
+                (g.bodies, (g.slider_point, g.point), side * complex(*g.direction), g.guide)
+                for g in guides
+            ]
         self.body = np.array([[self.index[name] for name in of] for of, *_ in rows]).T
         self.point = np.array([[complex(*point) for point in points] for _, points, *_ in rows]).T
         self.direction = np.array([e / abs(e) for *_, e, _ in rows])
         self.carrier = np.array([self.index[name] for *_, name in rows])
-        self.angle, self.angle_rows = np.array([guide.angle for guide in guides]), np.zeros((k, len(self.mass) + 3))
+        self.angle, self.angle_rows = (
+            np.array([guide.angle for guide in guides]),
+            np.zeros((k, len(self.mass) + 3)),
+        )
         for row, guide in zip(self.angle_rows, guides):
             row[3 * self.index[guide.slider] + 2], row[3 * self.index[guide.guide] + 2] = 1, -1
         self.mu = np.array([guide.kinetic_coefficient for guide in guides])
         self.mus = np.array([guide.static_coefficient for guide in guides])
         self.long = np.array([guide.length is not None for guide in guides])
-        self.of_T = np.array([[-1 / guide.length, 1 / guide.length] if guide.length else [0, 0] for guide in guides])
+        self.of_T = np.array(
+            [[-1 / guide.length, 1 / guide.length] if guide.length else [0, 0] for guide in guides]
+        )
         self.lever = np.array([(guide.width or 0.0) / 2 for guide in guides])
         corners = [product((1, -1), repeat=2) if long else ((1, 1), (-1, -1)) for long in self.long]
         self.signs = np.array(list(product(*corners)))
 
-    def rows(self, q: np.ndarray) -> tuple[np.ndarray, np.ndarray, Callable[[np.ndarray], np.ndarray]]:
+    def rows(
+        self, q: np.ndarray
+    ) -> tuple[np.ndarray, np.ndarray, Callable[[np.ndarray], np.ndarray]]:
         """Residuals and Jacobian of constraints, then of the ways along the guides; gamma as a function of velocities.
 
         Constraints of pins come first, then those across the guides, then their angles.
@@ -166,14 +185,22 @@ class OneFreedom:
         def gamma(v: np.ndarray) -> np.ndarray:
             v = np.concatenate([v, np.zeros(3)])
             spin, turns = v[2::3][self.body], v[2::3][self.carrier]
-            rate, bend = (v[0::3] + 1j * v[1::3])[self.body] + 1j * spin * arm, spin ** 2 * arm
-            there = dot(-turns ** 2 * e, r) + 2 * dot(1j * turns * e, rate[0] - rate[1]) - dot(e, bend[0] - bend[1])
+            rate, bend = (v[0::3] + 1j * v[1::3])[self.body] + 1j * spin * arm, spin**2 * arm
+            there = (
+                dot(-(turns**2) * e, r)
+                + 2 * dot(1j * turns * e, rate[0] - rate[1])
+                - dot(e, bend[0] - bend[1])
+            )
             return np.concatenate([there[:-k], np.zeros(k)])
 
         def stacked(values: np.ndarray, of_angles: np.ndarray) -> np.ndarray:
             return np.concatenate([values[:-k], of_angles, values[-k:]])
 
-        return stacked(dot(e, r), self.angle_rows @ q - self.angle), stacked(J, self.angle_rows)[:, :-3], gamma
+        return (
+            stacked(dot(e, r), self.angle_rows @ q - self.angle),
+            stacked(J, self.angle_rows)[:, :-3],
+            gamma,
+        )
 
     def applied(self, q: np.ndarray, v: np.ndarray) -> np.ndarray:
         """Generalized applied forces Q."""
@@ -181,19 +208,24 @@ class OneFreedom:
 
         def end(body: int, point: tuple[float, float]) -> tuple[complex, complex, complex]:
             k, arm = 3 * body, complex(*point) * np.exp(1j * q[3 * body + 2])
-            return arm, complex(*q[k:k + 2]) + arm, complex(*v[k:k + 2]) + 1j * v[k + 2] * arm
+            return arm, complex(*q[k : k + 2]) + arm, complex(*v[k : k + 2]) + 1j * v[k + 2] * arm
 
         def push(body: int, arm: complex, force: complex) -> None:
-            Q[3 * body:3 * body + 3] += force.real, force.imag, dot(1j * arm, force)
+            Q[3 * body : 3 * body + 3] += force.real, force.imag, dot(1j * arm, force)
 
         for column, g in enumerate(self.scene.gravity or ()):
             Q[column:-3:3] += self.mass[column::3] * g
         for spring in self.scene.springs.values():
             i, j = (self.index[name] for name in spring.bodies)
             if isinstance(spring, LinearSpring):
-                (arm, at, rate), (other_arm, other, other_rate) = end(i, spring.points[0]), end(j, spring.points[1])
+                (arm, at, rate), (other_arm, other, other_rate) = (
+                    end(i, spring.points[0]),
+                    end(j, spring.points[1]),
+                )
                 length, line = abs(at - other), (at - other) / abs(at - other)
-                force = spring.stiffness * (length - spring.rest_length) + spring.damping * dot(line, rate - other_rate)
+                force = spring.stiffness * (length - spring.rest_length) + spring.damping * dot(
+                    line, rate - other_rate
+                )
                 push(i, arm, -force * line)
                 push(j, other_arm, force * line)
             else:
@@ -223,27 +255,31 @@ class OneFreedom:
         N, p = (x * np.sign(p[surest]) * d[surest] for x in (N, p))
         forces = np.column_stack([self.applied(q, N * u), rows[-k:].T])
         reaction = -U @ (V[:-1] @ (forces / root[:, None]) / S[:, None])
-        reaction[:, 0] -= U @ (U.T @ gamma(N * u) / S ** 2)
-        loads = reaction[self.pins:].reshape(2, k, 1 + k)
+        reaction[:, 0] -= U @ (U.T @ gamma(N * u) / S**2)
+        loads = reaction[self.pins :].reshape(2, k, 1 + k)
         return Terms(N, N @ forces[:, 0], p, loads[..., 0], loads[..., 1:])
 
     def distance_to_singular(self, q: np.ndarray) -> float:
         """Smallest singular value of the constraints' Jacobian, see `CLEAR_OF_SINGULAR`."""
-        J = self.rows(q)[1][:-len(self.guides)] / np.sqrt(self.mass)
+        J = self.rows(q)[1][: -len(self.guides)] / np.sqrt(self.mass)
         return float(np.linalg.svd(J / np.linalg.norm(J, axis=1)[:, None], compute_uv=False)[-1])
 
     def onto_constraints(self, q: np.ndarray) -> np.ndarray:
         """The position without the integrator's error, moved in the metric of the mass matrix."""
         for _ in range(2):
-            phi, rows = (x[:-len(self.guides)] for x in self.rows(q)[:2])
+            phi, rows = (x[: -len(self.guides)] for x in self.rows(q)[:2])
             q = q - np.linalg.pinv(rows / np.sqrt(self.mass)) @ phi / np.sqrt(self.mass)
         return q
 
-    def friction(self, terms: Terms, d: np.ndarray, s: np.ndarray, mu: np.ndarray) -> tuple[np.ndarray, ...]:
+    def friction(
+        self, terms: Terms, d: np.ndarray, s: np.ndarray, mu: np.ndarray
+    ) -> tuple[np.ndarray, ...]:
         """Friction (.., k), corner forces (.., k, 2), matrix of their equations; for sides d and corner signs s."""
         of_R = 0.5 + self.of_T * (self.lever * mu * d)[:, None]
         n0 = of_R * terms.load0[0][:, None] + self.of_T * terms.load0[1][:, None]
-        n1 = of_R[..., None] * terms.load[0][:, None] + self.of_T[..., None] * terms.load[1][:, None]
+        n1 = (
+            of_R[..., None] * terms.load[0][:, None] + self.of_T[..., None] * terms.load[1][:, None]
+        )
         A = np.eye(len(d)) + (mu * d)[:, None] * np.sum(s[..., None] * n1, -2)
         f = np.linalg.solve(A, -(mu * d * np.sum(s * n0, -1))[..., None])[..., 0]
         return f, n0 + np.einsum("kjl,...l->...kj", n1, f), A
@@ -263,15 +299,22 @@ class OneFreedom:
         both, difference = np.tile(np.eye(k), 2), np.hstack([np.eye(k), -np.eye(k)])
         for s in self.signs:
             n0 = 0.5 * terms.load0[0][:, None] + self.of_T * terms.load0[1][:, None]
-            n1 = (0.5 * terms.load[0][:, None] + self.of_T[..., None] * terms.load[1][:, None]) @ both
+            n1 = (
+                0.5 * terms.load[0][:, None] + self.of_T[..., None] * terms.load[1][:, None]
+            ) @ both
             n1 -= (self.of_T * self.lever[:, None])[..., None] * difference[:, None]
             pressed0, pressed1 = s * n0, s[..., None] * n1
             A, b = [*-pressed1.reshape(-1, 2 * k)], [*pressed0.ravel()]
             for i, surface, side in product(range(k), range(2), (1, -1)):
                 on = s[i] == (1, -1)[surface]
-                A.append(side * np.eye(2 * k)[i + k * surface] - self.mus[i] * pressed1[i][on].sum(0))
+                A.append(
+                    side * np.eye(2 * k)[i + k * surface] - self.mus[i] * pressed1[i][on].sum(0)
+                )
                 b.append(self.mus[i] * pressed0[i][on].sum())
-            ends = [linprog(way * terms.p @ both, np.array(A), np.array(b), bounds=(None, None)) for way in (1, -1)]
+            ends = [
+                linprog(way * terms.p @ both, np.array(A), np.array(b), bounds=(None, None))
+                for way in (1, -1)
+            ]
             if all(end.status == 0 for end in ends):
                 reach.append([terms.p0 + ends[0].fun, terms.p0 - ends[1].fun])
         inside = [min(-low, high) for low, high in reach if low <= 0 <= high]
@@ -289,12 +332,16 @@ class OneFreedom:
             found += [d] if rate > 0 else []
         if len(found) != 1:
             raise NoClearMotion("several motions" if found else "no motion")
-        if margin < CLEAR_OF_LIMIT * np.sqrt(np.sum(self.applied(q, np.zeros(len(q))) ** 2 / self.mass)):
+        if margin < CLEAR_OF_LIMIT * np.sqrt(
+            np.sum(self.applied(q, np.zeros(len(q))) ** 2 / self.mass)
+        ):
             raise NoClearMotion("near the limit of static friction")
         return found[0]
 
 
-def simulate(scene: Scene, t_end: float, tolerance: float = TOLERANCE, longest: float = LONGEST_STEP) -> Motion:
+def simulate(
+    scene: Scene, t_end: float, tolerance: float = TOLERANCE, longest: float = LONGEST_STEP
+) -> Motion:
     """The motion of a scene; `tolerance` is of a step, which has at most `longest` seconds.
 
     Raises
@@ -306,7 +353,10 @@ def simulate(scene: Scene, t_end: float, tolerance: float = TOLERANCE, longest: 
     m, t, u, d = OneFreedom(scene), 0.0, 0.0, None
     q, pieces, events, fastest = m.start, [], [], 0.0
     if m.start_rate.any():
-        u, d = float(np.sqrt(m.mass @ m.start_rate ** 2)), np.sign(m.rows(q)[1][-len(m.guides):] @ m.start_rate)
+        u, d = (
+            float(np.sqrt(m.mass @ m.start_rate**2)),
+            np.sign(m.rows(q)[1][-len(m.guides) :] @ m.start_rate),
+        )
     elif (d := m.sides(q)) is None:
         raise NoClearMotion("begins at rest")
     s = m.mode(m.terms(q, u, d), d, m.mu)[0]
@@ -317,8 +367,14 @@ def simulate(scene: Scene, t_end: float, tolerance: float = TOLERANCE, longest: 
         fastest = max([fastest, *piece.y(np.linspace(piece.begin, t, 20))[-1]])
         terms = m.terms(q, u, d)
         if margin == "speed":
-            rate, turned = abs(terms.p0 + terms.p @ m.friction(terms, d, s, m.mu)[0]) / fastest, m.sides(q)
-            events += [Instant(t, "stick" if turned is None else "reversal", name, rate) for name in m.guides]
+            rate, turned = (
+                abs(terms.p0 + terms.p @ m.friction(terms, d, s, m.mu)[0]) / fastest,
+                m.sides(q),
+            )
+            events += [
+                Instant(t, "stick" if turned is None else "reversal", name, rate)
+                for name in m.guides
+            ]
             if turned is None:
                 return Motion(m, tuple(pieces), tuple(events), t, q)
             d, u = turned, 0.0
@@ -329,9 +385,13 @@ def simulate(scene: Scene, t_end: float, tolerance: float = TOLERANCE, longest: 
             if events[-1].rate < 0.1:
                 raise NoClearMotion("a slip grazes zero")
             d = np.where(np.arange(len(d)) == margin, -d, d)
-        if isinstance(margin, tuple):  # continuous where it passes zero; both of a guide may pass with R
+        if isinstance(
+            margin, tuple
+        ):  # continuous where it passes zero; both of a guide may pass with R
             n = m.friction(terms, d, s, m.mu)[1]
-            passing = (np.abs(n) <= NOISE * tolerance * np.max(np.abs(n)))[margin[0]] | ~m.long[margin[0]]
+            passing = (np.abs(n) <= NOISE * tolerance * np.max(np.abs(n)))[margin[0]] | ~m.long[
+                margin[0]
+            ]
             passing[margin[1]] = True
             s = s.copy()
             s[margin[0]] = np.where(passing, -s[margin[0]], s[margin[0]])
@@ -339,10 +399,22 @@ def simulate(scene: Scene, t_end: float, tolerance: float = TOLERANCE, longest: 
             s = m.mode(m.terms(q, u, d), d, m.mu)[0]
 
 
-def _piece(m: OneFreedom, t: float, y: np.ndarray, d: np.ndarray, s: np.ndarray, t_end: float,
-           tolerance: float, longest: float) -> tuple[Piece, Any, np.ndarray]:
+def _piece(
+    m: OneFreedom,
+    t: float,
+    y: np.ndarray,
+    d: np.ndarray,
+    s: np.ndarray,
+    t_end: float,
+    tolerance: float,
+    longest: float,
+) -> tuple[Piece, Any, np.ndarray]:
     """The motion until a margin passes zero: "speed", the number of a guide, or guide and corner; the state there."""
-    names: list[Any] = ["speed", *range(len(d)), *((i, j) for i in range(len(d)) for j in range(2 if m.long[i] else 1))]
+    names: list[Any] = [
+        "speed",
+        *range(len(d)),
+        *((i, j) for i in range(len(d)) for j in range(2 if m.long[i] else 1)),
+    ]
     last: dict[tuple[float, float], np.ndarray] = {}
 
     def derivative(_: float, y: np.ndarray) -> np.ndarray:
@@ -354,8 +426,14 @@ def _piece(m: OneFreedom, t: float, y: np.ndarray, d: np.ndarray, s: np.ndarray,
             terms = m.terms(y[:-1], y[-1], d)
             n = s * m.friction(terms, d, s, m.mu)[1]
             last.clear()
-            last[t, y[-1]] = np.array([y[-1], *(d * terms.p), *(n[name] for name in names[1 + len(d):]),
-                                       m.distance_to_singular(y[:-1]) - CLEAR_OF_SINGULAR])
+            last[t, y[-1]] = np.array(
+                [
+                    y[-1],
+                    *(d * terms.p),
+                    *(n[name] for name in names[1 + len(d) :]),
+                    m.distance_to_singular(y[:-1]) - CLEAR_OF_SINGULAR,
+                ]
+            )
         return last[t, y[-1]]
 
     def event(i: int) -> Any:
@@ -367,12 +445,25 @@ def _piece(m: OneFreedom, t: float, y: np.ndarray, d: np.ndarray, s: np.ndarray,
 
     if margins(t, y)[-1] < 0:
         raise NoClearMotion("near a singular position")
-    found = solve_ivp(derivative, (t, t_end), y, "DOP853", rtol=tolerance, atol=tolerance, max_step=longest,
-                      dense_output=True, events=[event(i) for i in range(len(names) + 1)])
+    found = solve_ivp(
+        derivative,
+        (t, t_end),
+        y,
+        "DOP853",
+        rtol=tolerance,
+        atol=tolerance,
+        max_step=longest,
+        dense_output=True,
+        events=[event(i) for i in range(len(names) + 1)],
+    )
     if found.status != 1 or len(found.t_events[-1]):
-        raise NoClearMotion("near a singular position" if found.status == 1 else "does not come to rest")
+        raise NoClearMotion(
+            "near a singular position" if found.status == 1 else "does not come to rest"
+        )
     for time, state in zip(found.t[1:-1], found.y.T[1:-1]):
-        if np.any(margins(time, state) < 0) or np.any(m.mode(m.terms(state[:-1], state[-1], d), d, m.mu)[0] != s):
+        if np.any(margins(time, state) < 0) or np.any(
+            m.mode(m.terms(state[:-1], state[-1], d), d, m.mu)[0] != s
+        ):
             raise NoClearMotion("a margin grazes zero")
     passed = next(i for i, times in enumerate(found.t_events) if len(times))
     return Piece(t, float(found.t[-1]), d, s, found.sol), names[passed], found.y[:, -1]

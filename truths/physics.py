@@ -7,10 +7,16 @@ from stiction.scenes import Scene, vary
 
 def rubbing_guides(scene: Scene) -> frozenset[str]:
     """Return the guides with friction: the motion changes with their contact modes, whatever tier a truth has."""
-    return frozenset(name for name, guide in scene.frictional_guides.items() if guide.static_coefficient > 0)
+    return frozenset(
+        name for name, guide in scene.frictional_guides.items() if guide.static_coefficient > 0
+    )
 
 
 def physics_of(scene: Scene, static_coefficient: bool) -> Scene:
     """Return the scene with the physics of an engine: mus = mu on every guide unless it has a static coefficient."""
-    overrides = {f"{name}.mus": guide.mu for name, guide in scene.frictional_guides.items() if guide.mus is not None}
+    overrides = {
+        f"{name}.mus": guide.mu
+        for name, guide in scene.frictional_guides.items()
+        if guide.mus is not None
+    }
     return scene if static_coefficient or not overrides else vary(scene, overrides)

@@ -35,8 +35,13 @@ class Condition:
             return cls(names, lambda value: isinstance(value, wanted))
         if isinstance(wanted, tuple):
             parts = [cls.of(part) for part in wanted]
-            return cls(f"[{', '.join(part.words for part in parts)}]", lambda value: value is not None
-                       and all(part.holds(inner) for part, inner in zip(parts, value)))
+            return cls(
+                f"[{', '.join(part.words for part in parts)}]",
+                lambda value: (
+                    value is not None
+                    and all(part.holds(inner) for part, inner in zip(parts, value))
+                ),
+            )
         return cls(shown(wanted), lambda value: value == wanted)
 
     def misfit(self, name: str, value: Any) -> Iterator[str]:
@@ -53,8 +58,12 @@ FORWARD = (POSITIVE, 0)
 """A direction along the x axis."""
 ON_X_AXIS = (ANY, 0)
 """A point of the x axis."""
-PULLS_ALONG_X = Condition("axis [> 0, 0], or none and rest_length 0", lambda spring: spring.rest_length == 0
-                          if spring.axis is None else Condition.of(FORWARD).holds(spring.axis))
+PULLS_ALONG_X = Condition(
+    "axis [> 0, 0], or none and rest_length 0",
+    lambda spring: (
+        spring.rest_length == 0 if spring.axis is None else Condition.of(FORWARD).holds(spring.axis)
+    ),
+)
 """Condition on a spring between two points of the x axis."""
 
 ONE, OPTIONAL, SEVERAL = "one", "at most one", "any number"
@@ -67,8 +76,16 @@ class Part:
     the whole element; the requirement on each of the `fields` is as for `Condition.of`.
     """
 
-    def __init__(self, kind: type, *bodies: str, name: str | None = None, count: str = ONE, any_order: bool = False,
-                 where: Condition = ANY, **fields: Any):
+    def __init__(
+        self,
+        kind: type,
+        *bodies: str,
+        name: str | None = None,
+        count: str = ONE,
+        any_order: bool = False,
+        where: Condition = ANY,
+        **fields: Any,
+    ):
         self.kind, self.bodies, self.name, self.count = kind, bodies, name, count
         self.any_order, self.where = any_order, where
         self.fields = {field: Condition.of(wanted) for field, wanted in fields.items()}
@@ -127,10 +144,16 @@ class Structure:
 
     def match(self, scene: Scene) -> Match:
         """Find the parts in a scene; raises NotThisMechanism, naming everything that does not fit."""
-        roles: Mapping[str, str] = {name: name for name in (GROUND, *(() if self.any_names else self.bodies))}
+        roles: Mapping[str, str] = {
+            name: name for name in (GROUND, *(() if self.any_names else self.bodies))
+        }
         faults = list(Condition.of(self.gravity).misfit("gravity", scene.gravity))
-        if len(scene.bodies) != len(self.bodies) or not (self.any_names or set(scene.bodies) == set(self.bodies)):
-            faults.append(f"bodies: found {', '.join(scene.bodies)}; expected {', '.join(self.bodies)}")
+        if len(scene.bodies) != len(self.bodies) or not (
+            self.any_names or set(scene.bodies) == set(self.bodies)
+        ):
+            faults.append(
+                f"bodies: found {', '.join(scene.bodies)}; expected {', '.join(self.bodies)}"
+            )
         others = {**scene.joints, **scene.drives, **scene.springs, **scene.forces}
         elements: dict[str, dict[str, Any]] = {label: {} for label in self.parts}
         for label, part in self.parts.items():
@@ -140,9 +163,13 @@ class Structure:
                     elements[label][name], roles = others.pop(name), bound
                     faults += part.misfits(name, element)
             if part.count == ONE and not elements[label]:
-                faults.append(f"{label}: found none; expected a {part.kind.__name__} of {' and '.join(part.bodies)}")
-        faults += [f"{name}: found a {type(element).__name__} of {' and '.join(_bodies(element))}; expected none"
-                   for name, element in others.items()]
+                faults.append(
+                    f"{label}: found none; expected a {part.kind.__name__} of {' and '.join(part.bodies)}"
+                )
+        faults += [
+            f"{name}: found a {type(element).__name__} of {' and '.join(_bodies(element))}; expected none"
+            for name, element in others.items()
+        ]
         if faults:
             raise self.misfit(scene, *faults)
         return Match(roles, elements)

@@ -67,8 +67,15 @@ class Truth:
         return cls(scene, NO_TRUTH, t_end, lambda t, side: {}, {}, note=note)
 
     @classmethod
-    def of_formulas(cls, scene: Scene, t_end: float, columns: Columns, rounding: float, samples: int,
-                    switches: Sequence[tuple[float, str, str]] | None = None) -> Truth:
+    def of_formulas(
+        cls,
+        scene: Scene,
+        t_end: float,
+        columns: Columns,
+        rounding: float,
+        samples: int,
+        switches: Sequence[tuple[float, str, str]] | None = None,
+    ) -> Truth:
         """Return the closed form of a motion as a Truth.
 
         `rounding` is the error of a column relative to 1 and its largest size at `samples` instants. Of the times of
@@ -76,10 +83,14 @@ class Truth:
         without friction.
         """
         found = columns(np.linspace(0, t_end, samples), "after")
-        uncertainty = {name: rounding * float(1 + np.max(np.abs(values))) for name, values in found.items()}
+        uncertainty = {
+            name: rounding * float(1 + np.max(np.abs(values))) for name, values in found.items()
+        }
         if switches is not None:
             uncertainty["event time"] = rounding * max(t_end, 1.0)
-        return cls(scene.name, CLOSED_FORM, t_end, columns, uncertainty, two_sided(switches or (), columns))
+        return cls(
+            scene.name, CLOSED_FORM, t_end, columns, uncertainty, two_sided(switches or (), columns)
+        )
 
     def __call__(self, t: np.ndarray | float, side: str = "after") -> Mapping[str, np.ndarray]:
         """Return the columns of a Trajectory at times t; `side` says which value holds at an event itself.
@@ -91,7 +102,9 @@ class Truth:
         t = np.atleast_1d(np.asarray(t, dtype=float))
         rounding = 1e-12 * self.t_end
         if not np.all((t >= -rounding) & (t <= self.t_end + rounding)):
-            raise ValueError(f"t: found {t.min():g} .. {t.max():g} s; expected times within 0 .. {self.t_end:g} s")
+            raise ValueError(
+                f"t: found {t.min():g} .. {t.max():g} s; expected times within 0 .. {self.t_end:g} s"
+            )
         return self.columns(np.clip(t, 0.0, self.t_end), side)
 
 
@@ -99,11 +112,16 @@ def two_sided(switches: Sequence[tuple[float, str, str]], columns: Columns) -> t
     """Return events, with the columns on both sides, of the time, kind and guide of each."""
     times = np.array([time for time, _, _ in switches])
     sides = [columns(times, side) for side in SIDES]
-    values = [[dict(zip(side, row)) for row in np.array(list(side.values())).T.tolist()] for side in sides]
+    values = [
+        [dict(zip(side, row)) for row in np.array(list(side.values())).T.tolist()] for side in sides
+    ]
     return tuple(Event(*switch, *both) for switch, *both in zip(switches, *values))
 
 
 def body_columns(body: str, *motion: Sequence[np.ndarray]) -> dict[str, np.ndarray]:
     """Return the columns of a body: x, y and, where it turns, the angle, of position, velocity and acceleration."""
-    return {f"{body}.{name}": values for names, column in zip(BODY_COLUMNS, motion)
-            for name, values in zip(names, column)}
+    return {
+        f"{body}.{name}": values
+        for names, column in zip(BODY_COLUMNS, motion)
+        for name, values in zip(names, column)
+    }

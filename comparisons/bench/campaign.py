@@ -42,7 +42,14 @@ from pydantic import AfterValidator, BeforeValidator, Field, ValidationError, Va
 from stiction.comparisons.bench.depth import Depth, Extent
 from stiction.comparisons.bench.planned_runs import KINDS, Kind, PlannedRun
 from stiction.comparisons.bench.variants import PARAMETERS, Variant
-from stiction.engines.registry import EngineMissing, absolute_name, engine_names, is_file, label_of, load_engine
+from stiction.engines.registry import (
+    EngineMissing,
+    absolute_name,
+    engine_names,
+    is_file,
+    label_of,
+    load_engine,
+)
 from stiction.scenes import FileError, InputError, Scene, SceneError, catalogue, load_scene
 from stiction.scenes.errors import problems_of
 from stiction.scenes.fields import Model, Positive
@@ -73,8 +80,11 @@ class _Steps(Model):
 
     def inconsistencies(self) -> Iterator[tuple[str, Any, str]]:
         if len(self.parameters) != 1:
-            yield (", ".join(PARAMETERS), " and ".join(self.parameters) or "none",
-                   "expected one of them: steps in seconds, tolerances, or iterations of a step")
+            yield (
+                ", ".join(PARAMETERS),
+                " and ".join(self.parameters) or "none",
+                "expected one of them: steps in seconds, tolerances, or iterations of a step",
+            )
             return
         [parameter] = self.parameters
         if not (getattr(self, parameter) or self.cost or self.threshold):
@@ -88,9 +98,22 @@ class _Steps(Model):
     def variant(self, label: str, engine: str, **others: Any) -> Variant:
         [parameter] = self.parameters
         number = int if parameter == "iterations" else float
-        ladder, cost, threshold = (tuple(map(number, getattr(self, name))) for name in (parameter, "cost", "threshold"))
-        portable = label_of(engine) if is_file(engine) else ""  # the name of a file in baselines, for any machine
-        return Variant(label, engine, parameter, ladder, cost=cost, threshold=threshold, stands_for=portable, **others)
+        ladder, cost, threshold = (
+            tuple(map(number, getattr(self, name))) for name in (parameter, "cost", "threshold")
+        )
+        portable = (
+            label_of(engine) if is_file(engine) else ""
+        )  # the name of a file in baselines, for any machine
+        return Variant(
+            label,
+            engine,
+            parameter,
+            ladder,
+            cost=cost,
+            threshold=threshold,
+            stands_for=portable,
+            **others,
+        )
 
 
 def _placed(engine: Any, info: ValidationInfo) -> Any:
@@ -109,12 +132,21 @@ class _Variant(_Steps):
     def inconsistencies(self) -> Iterator[tuple[str, Any, str]]:
         if is_file(self.engine):
             if not Path(self.engine).is_file():
-                yield "engine", Path(self.engine).name, ("expected the declaration of a program or an FMU, relative to "
-                                                         "this file")
+                yield (
+                    "engine",
+                    Path(self.engine).name,
+                    ("expected the declaration of a program or an FMU, relative to this file"),
+                )
         elif ":" not in self.engine and self.engine not in (known := engine_names()):
             hint = did_you_mean(self.engine, known)
-            yield "engine", self.engine, (f"expected {', '.join(known)}, module:Class, a program's FILE.toml or a "
-                                          f"FILE.fmu{hint}")
+            yield (
+                "engine",
+                self.engine,
+                (
+                    f"expected {', '.join(known)}, module:Class, a program's FILE.toml or a "
+                    f"FILE.fmu{hint}"
+                ),
+            )
         yield from super().inconsistencies()
 
 
@@ -143,10 +175,16 @@ class _Check(Model):
         yield from _unknown("every", self.every, self.scenes, "the check's scenes")
 
 
-def _unknown(key: str, given: Sequence[str], known: Sequence[str], of: str) -> Iterator[tuple[str, str, str]]:
+def _unknown(
+    key: str, given: Sequence[str], known: Sequence[str], of: str
+) -> Iterator[tuple[str, str, str]]:
     for i, name in enumerate(given):
         if name not in known:
-            yield f"{key}.{i}", name, f"expected one of {of}: {names(known)}{did_you_mean(name, known)}"
+            yield (
+                f"{key}.{i}",
+                name,
+                f"expected one of {of}: {names(known)}{did_you_mean(name, known)}",
+            )
 
 
 def _loaded(given: Any) -> Scene:
@@ -156,13 +194,25 @@ def _loaded(given: Any) -> Scene:
     try:
         return load_scene(given)
     except SceneError as error:
-        raise InputError("; ".join(problem.expected if problem.key == "scene" else str(problem)
-                                   for problem in error.problems)) from None
+        raise InputError(
+            "; ".join(
+                problem.expected if problem.key == "scene" else str(problem)
+                for problem in error.problems
+            )
+        ) from None
 
 
 def _as_variants(tables: dict[str, _Variant]) -> tuple[Variant, ...]:
-    return tuple(table.variant(label, table.engine, fidelity=table.fidelity, settings=table.settings,
-                               effects=table.effects) for label, table in tables.items())
+    return tuple(
+        table.variant(
+            label,
+            table.engine,
+            fidelity=table.fidelity,
+            settings=table.settings,
+            effects=table.effects,
+        )
+        for label, table in tables.items()
+    )
 
 
 _Label = Annotated[str, Field(pattern=r"^[^/|\n]+$")]
@@ -219,18 +269,35 @@ class Campaign(Model):
     @property
     def runs(self) -> list[PlannedRun]:
         """Scene by scene, its truth first: a child works out a truth once for all runs that follow each other."""
-        return [run for scene in self.scenes for run in (
-            PlannedRun(scene), *(PlannedRun(scene, variant, step, scene.name in self.every)
-                                 for variant in self.variants for step in variant.ladder))]
+        return [
+            run
+            for scene in self.scenes
+            for run in (
+                PlannedRun(scene),
+                *(
+                    PlannedRun(scene, variant, step, scene.name in self.every)
+                    for variant in self.variants
+                    for step in variant.ladder
+                ),
+            )
+        ]
 
     @property
     def check_runs(self) -> list[PlannedRun]:
         """Runs of a check: those of its scenes and variants, and each variant's first step on the scenes of `every`."""
         if (check := self.check) is None:
             return self.runs
-        return [run for run in self.runs if run.scene.name in check.scene_names and (
-            run.variant is None or run.variant.label in check.variants
-            or run.followed and run.step == run.variant.ladder[0])]
+        return [
+            run
+            for run in self.runs
+            if run.scene.name in check.scene_names
+            and (
+                run.variant is None
+                or run.variant.label in check.variants
+                or run.followed
+                and run.step == run.variant.ladder[0]
+            )
+        ]
 
     def of_engine(self, name: str) -> Campaign:
         """Return the campaign for one engine alone, all of whose runs belong to the check; errors of `load_engine`.
@@ -239,12 +306,21 @@ class Campaign(Model):
         its place and is held to that one's baseline. Any other has `variants_of` its own.
         """
         name = absolute_name(name)
-        engine = load_engine(name)  # unlike one of many in a campaign, one that is requested alone must be there
-        own = (tuple(variant for variant in self.variants if variant.engine == name)
-               or tuple(replace(variant, engine=name, stands_for=variant.engine) for variant in self.variants
-                        if _is_derived(engine, variant.engine))
-               or self.variants_of(name))
-        check = self.check and self.check.model_copy(update={"variants": tuple(variant.label for variant in own)})
+        engine = load_engine(
+            name
+        )  # unlike one of many in a campaign, one that is requested alone must be there
+        own = (
+            tuple(variant for variant in self.variants if variant.engine == name)
+            or tuple(
+                replace(variant, engine=name, stands_for=variant.engine)
+                for variant in self.variants
+                if _is_derived(engine, variant.engine)
+            )
+            or self.variants_of(name)
+        )
+        check = self.check and self.check.model_copy(
+            update={"variants": tuple(variant.label for variant in own)}
+        )
         return self.model_copy(update={"variants": own, "check": check})
 
     def variants_of(self, name: str) -> tuple[Variant, ...]:
@@ -256,8 +332,12 @@ class Campaign(Model):
         except EngineMissing:  # the row of its run will say so
             return (others.dt.variant(label_of(name), name),)
         steps, label = others.rtol if capabilities.adaptive else others.dt, label_of(name)
-        return tuple(steps.variant(label if fidelity == "joint" else f"{label}, {fidelity}", name, fidelity=fidelity)
-                     for fidelity in capabilities.fidelities)
+        return tuple(
+            steps.variant(
+                label if fidelity == "joint" else f"{label}, {fidelity}", name, fidelity=fidelity
+            )
+            for fidelity in capabilities.fidelities
+        )
 
 
 def _is_derived(engine: Any, name: str) -> bool:

@@ -56,9 +56,13 @@ class Extent(Model):
     """Runs that are stored: those that a figure shows, or every one that is compared."""
 
 
-def down_to(ladder: tuple[float, ...], parameter: str, finest: Mapping[str, float]) -> tuple[float, ...]:
+def down_to(
+    ladder: tuple[float, ...], parameter: str, finest: Mapping[str, float]
+) -> tuple[float, ...]:
     """Return the part of a series that is no finer than `finest`: no shorter step, no more iterations."""
     limit = finest.get(parameter)
     if limit is None:
         return ladder
-    return tuple(step for step in ladder if (step <= limit if parameter == "iterations" else step >= limit))
+    return tuple(
+        step for step in ladder if (step <= limit if parameter == "iterations" else step >= limit)
+    )

@@ -29,8 +29,12 @@ BUILT_FROM = ROOT / "comparisons" / "built_from.json"
 def origin() -> dict[str, Any]:
     """Return versions, machine, conditions and commit (None, or its hash, ``-dirty`` where files differ) for JSON."""
     found = commit()
-    return {"versions": versions(), "machine": machine(), "conditions": conditions(),
-            "commit": found and found["hash"] + "-dirty" * found["dirty"]}
+    return {
+        "versions": versions(),
+        "machine": machine(),
+        "conditions": conditions(),
+        "commit": found and found["hash"] + "-dirty" * found["dirty"],
+    }
 
 
 def versions() -> dict[str, str]:
@@ -54,22 +58,33 @@ def requirements() -> list[str]:
         found[name] = package.version
         needed = map(Requirement, package.requires or ())
         extras = [{"extra": extra} for extra in ("", *wanted.extras)]
-        waiting += [one for one in needed if one.marker is None or any(map(one.marker.evaluate, extras))]
+        waiting += [
+            one for one in needed if one.marker is None or any(map(one.marker.evaluate, extras))
+        ]
     return [f"{name}=={number}" for name, number in sorted(found.items()) if name != SUITE]
 
 
 def machine() -> dict[str, Any]:
     """Return what stays the same from run to run, some of it unknown to the system; ``load`` has what does not."""
     physical = psutil.cpu_count(logical=False)
-    return {"cpu": _cpu_model(), "logical cores": os.cpu_count(), "physical cores": physical or UNKNOWN,
-            "largest frequency": _frequency("max"), "caches": _caches() or UNKNOWN,
-            "memory": f"{psutil.virtual_memory().total / 2 ** 30:.1f} GiB", "os": platform.platform()}
+    return {
+        "cpu": _cpu_model(),
+        "logical cores": os.cpu_count(),
+        "physical cores": physical or UNKNOWN,
+        "largest frequency": _frequency("max"),
+        "caches": _caches() or UNKNOWN,
+        "memory": f"{psutil.virtual_memory().total / 2**30:.1f} GiB",
+        "os": platform.platform(),
+    }
 
 
 def load() -> dict[str, Any]:
     """Return frequency, processes that wait for a processor (mean of a minute), and memory left, now."""
-    return {"frequency": _frequency("current"), "load": round(psutil.getloadavg()[0], 2),
-            "memory left": f"{psutil.virtual_memory().available / 2 ** 30:.1f} GiB"}
+    return {
+        "frequency": _frequency("current"),
+        "load": round(psutil.getloadavg()[0], 2),
+        "memory left": f"{psutil.virtual_memory().available / 2**30:.1f} GiB",
+    }
 
 
 def conditions() -> str:
@@ -85,7 +100,8 @@ def conditions() -> str:
     widest = next((name for name in ("avx512f", "avx2") if features.get(name)), "no AVX2")
     python = ".".join(platform.python_version_tuple()[:2])
     return f"{_cpu_model()} ({llvm.get_host_cpu_name()}, {widest}); python {python}, " + ", ".join(
-        f"{name} {_installed(name)}" for name in ("numpy", "scipy", "numba"))
+        f"{name} {_installed(name)}" for name in ("numpy", "scipy", "numba")
+    )
 
 
 def commit() -> dict[str, Any] | None:
@@ -99,10 +115,20 @@ def commit() -> dict[str, Any] | None:
         except FileNotFoundError:
             return None
     try:
-        head, changes = (subprocess.run(["git", "-C", str(ROOT), *words], capture_output=True, text=True, check=True,
-                                        timeout=20).stdout.strip()
-                         for words in (["rev-parse", "HEAD"], ["status", "--porcelain"]))
-    except (OSError, subprocess.SubprocessError):  # no git, or a checkout that it will not read: nothing known
+        head, changes = (
+            subprocess.run(
+                ["git", "-C", str(ROOT), *words],
+                capture_output=True,
+                text=True,
+                check=True,
+                timeout=20,
+            ).stdout.strip()
+            for words in (["rev-parse", "HEAD"], ["status", "--porcelain"])
+        )
+    except (
+        OSError,
+        subprocess.SubprocessError,
+    ):  # no git, or a checkout that it will not read: nothing known
         return None
     return {"hash": head, "dirty": bool(changes)}
 
@@ -138,7 +164,9 @@ def _caches() -> str:
     found = {}
     for index in CACHES.glob("index*"):
         try:
-            level, kind, size = ((index / name).read_text().strip() for name in ("level", "type", "size"))
+            level, kind, size = (
+                (index / name).read_text().strip() for name in ("level", "type", "size")
+            )
         except OSError:
             continue
         found[f"L{level}{kind[0].lower() if kind != 'Unified' else ''}"] = size
@@ -151,5 +179,9 @@ def _cpu_model() -> str:
         lines = Path("/proc/cpuinfo").read_text().splitlines()
     except OSError:
         lines = []
-    names = [line.partition(":")[2].strip() for line in lines if line.lower().startswith(("model name", "hardware"))]
+    names = [
+        line.partition(":")[2].strip()
+        for line in lines
+        if line.lower().startswith(("model name", "hardware"))
+    ]
     return next(iter(names), platform.processor() or platform.machine() or "unknown")

@@ -19,7 +19,15 @@ from uuid import uuid4
 
 from stiction.child_processes import child_context, undisturbed_end
 from stiction.comparisons.bench.environment import source_digest
-from stiction.engines.isolation import IdleChildren, Isolate, Outcome, Task, isolate, sealed, unsealed
+from stiction.engines.isolation import (
+    IdleChildren,
+    Isolate,
+    Outcome,
+    Task,
+    isolate,
+    sealed,
+    unsealed,
+)
 from stiction.scenes import InputError
 
 EXPECTED = "expected processes, dask (a cluster on this machine) or dask:ADDRESS such as dask:tcp://host:8786"
@@ -30,13 +38,20 @@ BATCH = 4
 def check_executor(name: str) -> None:
     """Raise InputError if there is no executor of that name, or if it needs a package that is not installed."""
     kind, _, address = name.partition(":")
-    if kind not in ("processes", "dask") or kind == "processes" and name != kind or name.endswith(":"):
+    if (
+        kind not in ("processes", "dask")
+        or kind == "processes"
+        and name != kind
+        or name.endswith(":")
+    ):
         raise InputError(f"executor: found {name!r}; {EXPECTED}")
     if kind == "dask":
         try:
             import_module("distributed")
         except ImportError as error:
-            raise InputError(f"executor: {name} needs the extra: pip install 'stiction[dask]' ({error})") from None
+            raise InputError(
+                f"executor: {name} needs the extra: pip install 'stiction[dask]' ({error})"
+            ) from None
 
 
 @contextmanager
@@ -68,8 +83,15 @@ def open_isolate(name: str = "processes", workers: int | None = None) -> Iterato
             client.run(_end_children, block, on_error="ignore")
 
 
-def _isolate_on(executor: Executor, block: str, tasks: Sequence[Task], *, workers: int | None = None, timeout_s: float,
-                on_result: Callable[[Outcome], None] | None = None) -> list[Outcome]:
+def _isolate_on(
+    executor: Executor,
+    block: str,
+    tasks: Sequence[Task],
+    *,
+    workers: int | None = None,
+    timeout_s: float,
+    on_result: Callable[[Outcome], None] | None = None,
+) -> list[Outcome]:
     from distributed.scheduler import KilledWorker
 
     one_by_one = partial(_isolate_at_worker, block, timeout_s=timeout_s)
@@ -79,14 +101,17 @@ def _isolate_on(executor: Executor, block: str, tasks: Sequence[Task], *, worker
     """First task of each batch. What has been read is dropped, so that its worker need not hold it any longer."""
     try:
         for first in range(0, len(tasks), BATCH):
-            begun[executor.submit(one_by_one, shares[first:first + BATCH])] = first
+            begun[executor.submit(one_by_one, shares[first : first + BATCH])] = first
         for future in as_completed(begun):
             first = begun.pop(future)
             try:
                 found[first] = [unsealed(outcome) for outcome in future.result()]
             except KilledWorker as error:
                 reason = " ".join(f"workers died: {error}".split())
-                found[first] = [Outcome(task.label, "crashed", reason=reason) for task in tasks[first:first + BATCH]]
+                found[first] = [
+                    Outcome(task.label, "crashed", reason=reason)
+                    for task in tasks[first : first + BATCH]
+                ]
             if on_result is not None:
                 for outcome in found[first]:
                     on_result(outcome)
@@ -125,14 +150,25 @@ def _dask_client(name: str, workers: int | None) -> Iterator[Any]:
     if address := name.partition(":")[2]:
         try:
             client = Client(address, timeout="10s")
-        except (OSError, ValueError) as error:  # Dask's, of an address that is none, or where nobody answers
+        except (
+            OSError,
+            ValueError,
+        ) as error:  # Dask's, of an address that is none, or where nobody answers
             raise InputError(f"executor: {name}: no scheduler answers ({error})") from None
         with client:
             yield client
         return
     # threads of this process cost no start, and no limit of its memory concerns what children have
-    with LocalCluster(n_workers=1, threads_per_worker=workers or os.cpu_count() or 1, processes=False,
-                      memory_limit=None, dashboard_address=None) as cluster, Client(cluster) as client:
+    with (
+        LocalCluster(
+            n_workers=1,
+            threads_per_worker=workers or os.cpu_count() or 1,
+            processes=False,
+            memory_limit=None,
+            dashboard_address=None,
+        ) as cluster,
+        Client(cluster) as client,
+    ):
         yield client
 
 
@@ -141,14 +177,20 @@ def _check_workers(name: str, client: Any) -> None:
     try:
         found = client.run(_worker)
     except ImportError as error:
-        raise InputError(f"executor: {name}: its workers need stiction as it is here ({error})") from None
+        raise InputError(
+            f"executor: {name}: its workers need stiction as it is here ({error})"
+        ) from None
     for worker, (digest, daemon) in found.items():
         if digest != source_digest():
-            raise InputError(f"executor: {name}: found other code at the worker {worker}; expected stiction as it is "
-                             "here")
+            raise InputError(
+                f"executor: {name}: found other code at the worker {worker}; expected stiction as it is "
+                "here"
+            )
         if daemon:
-            raise InputError(f"executor: {name}: found a worker that may start no processes, {worker}; expected "
-                             "workers started with DASK_DISTRIBUTED__WORKER__DAEMON=False in their environment")
+            raise InputError(
+                f"executor: {name}: found a worker that may start no processes, {worker}; expected "
+                "workers started with DASK_DISTRIBUTED__WORKER__DAEMON=False in their environment"
+            )
 
 
 def _worker() -> tuple[str, bool]:

@@ -12,7 +12,14 @@ import pandas as pd
 from stiction.comparisons.bench.participants import REFERENCE
 from stiction.comparisons.bench.presentation.cells import setting_of
 from stiction.comparisons.bench.results import Results
-from stiction.comparisons.bench.variants import COEFFICIENTS, COMMON_STEP, EVENTS_BY, FRICTION_BY, UNMADE, Record
+from stiction.comparisons.bench.variants import (
+    COEFFICIENTS,
+    COMMON_STEP,
+    EVENTS_BY,
+    FRICTION_BY,
+    UNMADE,
+    Record,
+)
 from stiction.scenes import catalogue, load_scene
 
 CONTACT = ", contact"
@@ -28,7 +35,9 @@ def one_per_variant(records: Iterable[Record]) -> list[Record]:
     for record in records:
         if record.trajectory is not None:
             made.setdefault(record.variant.label, []).append(record)
-    return [min(runs, key=lambda run: rank(run.variant.parameter, run.step)) for runs in made.values()]
+    return [
+        min(runs, key=lambda run: rank(run.variant.parameter, run.step)) for runs in made.values()
+    ]
 
 
 def representatives(records: Iterable[Record]) -> list[Record]:
@@ -43,8 +52,13 @@ def representatives(records: Iterable[Record]) -> list[Record]:
 def drawn_runs(results: Results) -> list[Record]:
     """The run that stands for each engine, fidelity and method on each scene."""
     scenes = dict.fromkeys(record.scene for record in results.records)
-    return [run for scene in scenes
-            for run in representatives(one_per_variant(run for run in results.records if run.scene == scene))]
+    return [
+        run
+        for scene in scenes
+        for run in representatives(
+            one_per_variant(run for run in results.records if run.scene == scene)
+        )
+    ]
 
 
 def rank(parameter: str, step: float) -> float:
@@ -124,16 +138,26 @@ def methods(results: Results) -> list[str]:
     """
     made = representatives(record for record in results.records if record.trajectory is not None)
     known = {(record.variant.engine, record.variant.fidelity) for record in made}
-    failed = representatives(record for record in results.records if record.outcome.status != MISSING_ENGINE
-                             and (record.variant.engine, record.variant.fidelity) not in known)
+    failed = representatives(
+        record
+        for record in results.records
+        if record.outcome.status != MISSING_ENGINE
+        and (record.variant.engine, record.variant.fidelity) not in known
+    )
     chosen = {record.variant.label for record in (*made, *failed)}
-    return [label for label in dict.fromkeys(record.variant.label for record in results.records) if label in chosen]
+    return [
+        label
+        for label in dict.fromkeys(record.variant.label for record in results.records)
+        if label in chosen
+    ]
 
 
 Grouping = Callable[[pd.DataFrame], Iterator[tuple[Group, pd.DataFrame]]]
 
 
-def grouped_methods(results: Results, grouping: Grouping = groups) -> Iterator[tuple[Group, list[str]]]:
+def grouped_methods(
+    results: Results, grouping: Grouping = groups
+) -> Iterator[tuple[Group, list[str]]]:
     """`methods` by `groups` or, for rankings, by `same_work`."""
     accuracy, chosen = results.tables.get("accuracy", pd.DataFrame()), methods(results)
     for group, rows in grouping(accuracy) if len(accuracy) else ():
@@ -163,7 +187,9 @@ def at_equal_step(table: pd.DataFrame, variant: str) -> pd.DataFrame:
     rows = table[table["variant"] == variant] if "variant" in table else pd.DataFrame()
     if rows.empty:
         return rows
-    ranks = pd.Series([rank(*pair) for pair in zip(rows["parameter"], rows["step"])], index=rows.index)
+    ranks = pd.Series(
+        [rank(*pair) for pair in zip(rows["parameter"], rows["step"])], index=rows.index
+    )
     return rows[ranks == ranks.min()]
 
 

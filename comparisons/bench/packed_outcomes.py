@@ -37,16 +37,20 @@ def pack(outcome: Outcome) -> bytes:
     arrays: list[pickle.PickleBuffer] = []
     frame = pickle.dumps(outcome, protocol=5, buffer_callback=arrays.append)
     whole = pickle.dumps((frame, [_shuffled(array.raw()) for array in arrays]))
-    return MARK + len(whole).to_bytes(_SIZE, "little") + pa.compress(whole, codec=CODEC, asbytes=True)
+    return (
+        MARK + len(whole).to_bytes(_SIZE, "little") + pa.compress(whole, codec=CODEC, asbytes=True)
+    )
 
 
 def unpack(content: bytes) -> Outcome:
     """Return the outcome of `pack`. Raises NotAnOutcome."""
     if not content.startswith(MARK):
         raise NotAnOutcome("found a run of another version of stiction, or something else")
-    rest = content[len(MARK):]
+    rest = content[len(MARK) :]
     try:
-        whole = pa.decompress(rest[_SIZE:], int.from_bytes(rest[:_SIZE], "little"), codec=CODEC, asbytes=True)
+        whole = pa.decompress(
+            rest[_SIZE:], int.from_bytes(rest[:_SIZE], "little"), codec=CODEC, asbytes=True
+        )
         frame, arrays = pickle.loads(whole)
         return pickle.loads(frame, buffers=[_unshuffled(array) for array in arrays])
     except (pa.ArrowException, OSError, MemoryError, pickle.UnpicklingError, EOFError) as error:

@@ -31,10 +31,19 @@ def participants(engines: Iterable[str] | None = None) -> tuple[Variant, ...]:
     """
     campaign = validation_campaign()
     known_here = [name for name in engine_names() if name not in PROGRAMS]
-    chosen = dict.fromkeys([REFERENCE, *(known_here if engines is None else map(absolute_name, engines))])
+    chosen = dict.fromkeys(
+        [REFERENCE, *(known_here if engines is None else map(absolute_name, engines))]
+    )
     known = {variant.engine for variant in campaign.variants}
-    return (*(variant for variant in campaign.variants if variant.engine in chosen),
-            *(variant for name in chosen if name not in known for variant in campaign.variants_of(name)))
+    return (
+        *(variant for variant in campaign.variants if variant.engine in chosen),
+        *(
+            variant
+            for name in chosen
+            if name not in known
+            for variant in campaign.variants_of(name)
+        ),
+    )
 
 
 def extent(depth: Depth) -> Extent:
@@ -42,26 +51,36 @@ def extent(depth: Depth) -> Extent:
     return validation_campaign().depths[depth]
 
 
-def variants(engines: Iterable[str] | None = None, depth: Depth = Depth.FULL) -> tuple[Variant, ...]:
+def variants(
+    engines: Iterable[str] | None = None, depth: Depth = Depth.FULL
+) -> tuple[Variant, ...]:
     """Return those whose runs are compared."""
     return _refined(engines, depth, "ladder", "runs")
 
 
-def cost_variants(engines: Iterable[str] | None = None, depth: Depth = Depth.FULL) -> tuple[Variant, ...]:
+def cost_variants(
+    engines: Iterable[str] | None = None, depth: Depth = Depth.FULL
+) -> tuple[Variant, ...]:
     """Return those of work-precision diagrams, with the steps for it."""
     return _refined(engines, depth, "cost", "cost")
 
 
-def threshold_variants(engines: Iterable[str] | None = None, depth: Depth = Depth.FULL) -> tuple[Variant, ...]:
+def threshold_variants(
+    engines: Iterable[str] | None = None, depth: Depth = Depth.FULL
+) -> tuple[Variant, ...]:
     """Return those whose stick threshold is measured, with the steps for it."""
     return _refined(engines, depth, "threshold", "threshold")
 
 
-def _refined(engines: Iterable[str] | None, depth: Depth, series: str, of_depth: str) -> tuple[Variant, ...]:
+def _refined(
+    engines: Iterable[str] | None, depth: Depth, series: str, of_depth: str
+) -> tuple[Variant, ...]:
     """Return the participants with one of their series as ladder, as far as a depth goes, if any is left."""
     finest = getattr(extent(depth), of_depth)
-    found = ((variant, down_to(getattr(variant, series), variant.parameter, finest))
-             for variant in participants(engines))
+    found = (
+        (variant, down_to(getattr(variant, series), variant.parameter, finest))
+        for variant in participants(engines)
+    )
     return tuple(replace(variant, ladder=ladder) for variant, ladder in found if ladder)
 
 

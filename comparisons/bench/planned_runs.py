@@ -108,7 +108,11 @@ class PlannedRun:
     @property
     def key(self) -> str:
         """Name of the run, for people."""
-        name = f"{self.scene.name}/{TRUTH}" if self.variant is None else run_key(self.scene, self.variant, self.step)
+        name = (
+            f"{self.scene.name}/{TRUTH}"
+            if self.variant is None
+            else run_key(self.scene, self.variant, self.step)
+        )
         return f"{name}, {self.way}" if self.way else name
 
     @property
@@ -122,15 +126,28 @@ class PlannedRun:
         if variant is None:
             return f"{TRUTH}; {scene}"
         settings = sorted({**variant.settings, variant.parameter: self.step}.items())
-        words = ", ".join(f"{name} = {json.dumps(value, sort_keys=True, default=str)}" for name, value in settings)
+        words = ", ".join(
+            f"{name} = {json.dumps(value, sort_keys=True, default=str)}" for name, value in settings
+        )
         return f"{variant.stands_for or variant.engine}, {variant.fidelity}, {words}; {scene}"
 
     @property
     def row(self) -> Row:
         """Row before the run is made."""
         variant = self.variant or Variant(TRUTH, TRUTH, "", (), fidelity="")
-        return Row(self.key, self.identity, self.scene.name, variant.label, variant.engine, None, variant.fidelity,
-                   variant.parameter, self.step, NOT_RUN, "")
+        return Row(
+            self.key,
+            self.identity,
+            self.scene.name,
+            variant.label,
+            variant.engine,
+            None,
+            variant.fidelity,
+            variant.parameter,
+            self.step,
+            NOT_RUN,
+            "",
+        )
 
 
 class HasRow(Protocol):
@@ -144,4 +161,6 @@ def row_of(run: HasRow, outcome: Outcome) -> Row:
     """Return the row of a run whose task had an outcome."""
     if outcome.status == "ok":
         return outcome.value
-    return replace(run.row, status=outcome.status, reason=outcome.reason, traceback=outcome.traceback)
+    return replace(
+        run.row, status=outcome.status, reason=outcome.reason, traceback=outcome.traceback
+    )

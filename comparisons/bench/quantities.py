@@ -42,8 +42,16 @@ class Kind(StrEnum):
     """Settings, as a JSON object."""
 
 
-DIGITS: Mapping[Kind, int] = {Kind.ERROR: 2, Kind.UNCERTAINTY: 2, Kind.TIME: 2, Kind.EXPONENT: 2, Kind.JUMP: 6,
-                              Kind.VALUE: 6,                               Kind.EXACT: 10, Kind.COUNT: 6}
+DIGITS: Mapping[Kind, int] = {
+    Kind.ERROR: 2,
+    Kind.UNCERTAINTY: 2,
+    Kind.TIME: 2,
+    Kind.EXPONENT: 2,
+    Kind.JUMP: 6,
+    Kind.VALUE: 6,
+    Kind.EXACT: 10,
+    Kind.COUNT: 6,
+}
 """Significant digits with which a number of a kind is written; whole numbers are written as they are."""
 NUMERIC = frozenset(DIGITS)
 """Kinds of numbers."""
@@ -89,7 +97,9 @@ class Quantity:
 
 
 def _category(key: str, label: str = "", description: str = "") -> Quantity:
-    return Quantity(key, label or key.replace("_", " "), kind=Kind.CATEGORY, description=description)
+    return Quantity(
+        key, label or key.replace("_", " "), kind=Kind.CATEGORY, description=description
+    )
 
 
 def _text(key: str, label: str = "", description: str = "") -> Quantity:
@@ -104,20 +114,31 @@ def _count(key: str, label: str = "", description: str = "") -> Quantity:
     return Quantity(key, label or key.replace("_", " "), kind=Kind.COUNT, description=description)
 
 
-def _value(key: str, label: str = "", unit: str = "", description: str = "", uncertainty: str = "",
-           symbol: str = "") -> Quantity:
-    return Quantity(key, label or key.replace("_", " "), unit, Kind.VALUE, uncertainty, symbol, description)
+def _value(
+    key: str,
+    label: str = "",
+    unit: str = "",
+    description: str = "",
+    uncertainty: str = "",
+    symbol: str = "",
+) -> Quantity:
+    return Quantity(
+        key, label or key.replace("_", " "), unit, Kind.VALUE, uncertainty, symbol, description
+    )
 
 
 def _time(key: str, label: str, unit: str = "s", description: str = "") -> Quantity:
     return Quantity(key, label, unit, Kind.TIME, description=description)
 
 
-def _measured(kind: Kind, key: str, label: str, unit: str, uncertainty: str, of: str,
-              description: str = "") -> tuple[Quantity, Quantity]:
+def _measured(
+    kind: Kind, key: str, label: str, unit: str, uncertainty: str, of: str, description: str = ""
+) -> tuple[Quantity, Quantity]:
     """A quantity and its uncertainty, the latter of `of` in words."""
-    return (Quantity(key, label, unit, kind, uncertainty, description=description),
-            Quantity(uncertainty, f"uncertainty of {of}", unit, Kind.UNCERTAINTY))
+    return (
+        Quantity(key, label, unit, kind, uncertainty, description=description),
+        Quantity(uncertainty, f"uncertainty of {of}", unit, Kind.UNCERTAINTY),
+    )
 
 
 def _error(key: str, label: str, unit: str, description: str = "") -> Quantity:
@@ -129,20 +150,40 @@ RUN = (
     _category("variant", description="an engine with its fidelity and settings"),
     _category("engine"),
     _text("version", "version", "version of the engine"),
-    _category("fidelity", description="joint: an ideal guide with a friction law; contact: two surfaces with clearance"),
+    _category(
+        "fidelity",
+        description="joint: an ideal guide with a friction law; contact: two surfaces with clearance",
+    ),
     _category("friction_by", "friction law supplied by"),
     _category("events_by", "events located by"),
-    _category("coefficients", "coefficients of friction", "whether the engine has a static one; else mus = mu"),
+    _category(
+        "coefficients",
+        "coefficients of friction",
+        "whether the engine has a static one; else mus = mu",
+    ),
     _category("parameter", description="what is refined: dt, rtol or iterations"),
-    _value("step", "step or tolerance", description="value of the parameter: s for dt, no unit for others"),
+    _value(
+        "step",
+        "step or tolerance",
+        description="value of the parameter: s for dt, no unit for others",
+    ),
     _category("status"),
     _text("reason", description="why the run failed or ended early"),
-    Quantity("settings", "settings", kind=Kind.JSON, description="all settings of the run, as the engine states them"),
+    Quantity(
+        "settings",
+        "settings",
+        kind=Kind.JSON,
+        description="all settings of the run, as the engine states them",
+    ),
     _text("key", "key", "name of the run: scene/variant/parameter=step"),
     _text("trajectory", "file of the trajectory", "relative to the run folder"),
     _text("rerun_command", "command that repeats the run"),
     _text("ladder", "refinement series", "the values of the parameter"),
-    _text("method"), _text("friction_law"), _text("stabilization"), _text("iterations"), _text("other_settings"),
+    _text("method"),
+    _text("friction_law"),
+    _text("stabilization"),
+    _text("iterations"),
+    _text("other_settings"),
 )
 """Which run a row is of, and how it went."""
 
@@ -161,18 +202,29 @@ COST = (
     _time("cpu_time", "CPU time", description="CPU time of all steps, the adapter included"),
     _time("cpu_time_low", "CPU time, lower end of the interval"),
     _time("cpu_time_high", "CPU time, upper end of the interval"),
-    _time("engine_time", "engine's CPU time", description="CPU time inside the engine's own calls, part of cpu_time"),
+    _time(
+        "engine_time",
+        "engine's CPU time",
+        description="CPU time inside the engine's own calls, part of cpu_time",
+    ),
     _time("engine_time_low", "engine's CPU time, lower end of the interval"),
     _time("engine_time_high", "engine's CPU time, upper end of the interval"),
     _value("interval_level", "probability of the interval"),
     _time("stepping_time", "stepping time"),
-    _time("setup_time", "set-up time"), _time("setup_cpu_time", "set-up, CPU time"),
-    _time("compile_time", "compilation time"), _time("compile_cpu_time", "compilation, CPU time"),
+    _time("setup_time", "set-up time"),
+    _time("setup_cpu_time", "set-up, CPU time"),
+    _time("compile_time", "compilation time"),
+    _time("compile_cpu_time", "compilation, CPU time"),
     _time("wall_time", "wall time"),
     _count("repeats", description="number of timed samples"),
-    _count("round", description="round of timing, from 1"), _count("runs"),
+    _count("round", description="round of timing, from 1"),
+    _count("runs"),
     _text("timing", description="what makes the time unsure"),
-    _time("kernel_time", "calibration kernel", description="time of the calibration kernel beside the sample"),
+    _time(
+        "kernel_time",
+        "calibration kernel",
+        description="time of the calibration kernel beside the sample",
+    ),
     _value("other_load", "load by others", "cores"),
     _time("relative_time", "least CPU time per calibration kernel", ""),
     Quantity("position_order", "observed order of the position", kind=Kind.EXPONENT),
@@ -181,23 +233,60 @@ COST = (
 
 ACCURACY = (
     _value("time_covered", "time covered", "s"),
-    *_measured(Kind.ERROR, "position_error", "position error", "m", "position_uncertainty", "the position error",
-               "largest over all bodies and output times"),
-    *_measured(Kind.ERROR, "velocity_error", "velocity error", "m/s", "velocity_uncertainty", "the velocity error",
-               "largest over all bodies and output times"),
-    *_measured(Kind.ERROR, "torque_error", "torque error, mean", "N m", "torque_uncertainty", "the torque error",
-               "mean of the size of the error over time, largest of all drives"),
-    *_measured(Kind.ERROR, "event_time_error", "event time error", "s", "event_time_uncertainty",
-               "the event times", "largest over all events that are found"),
-    _count("events_matched", "events found"), _count("events_missed", "events missed"),
+    *_measured(
+        Kind.ERROR,
+        "position_error",
+        "position error",
+        "m",
+        "position_uncertainty",
+        "the position error",
+        "largest over all bodies and output times",
+    ),
+    *_measured(
+        Kind.ERROR,
+        "velocity_error",
+        "velocity error",
+        "m/s",
+        "velocity_uncertainty",
+        "the velocity error",
+        "largest over all bodies and output times",
+    ),
+    *_measured(
+        Kind.ERROR,
+        "torque_error",
+        "torque error, mean",
+        "N m",
+        "torque_uncertainty",
+        "the torque error",
+        "mean of the size of the error over time, largest of all drives",
+    ),
+    *_measured(
+        Kind.ERROR,
+        "event_time_error",
+        "event time error",
+        "s",
+        "event_time_uncertainty",
+        "the event times",
+        "largest over all events that are found",
+    ),
+    _count("events_matched", "events found"),
+    _count("events_missed", "events missed"),
     _count("events_spurious", "spurious events"),
-    *(_count(f"{kind}_events_missed", f"{kind} events missed") for kind in ("slip", "stick", "reversal", "corner")),
+    *(
+        _count(f"{kind}_events_missed", f"{kind} events missed")
+        for kind in ("slip", "stick", "reversal", "corner")
+    ),
     _value("path_length", "path of the bodies", "m"),
 )
 """Errors of the motion and of events."""
 
 DRIFT = (
-    _error("position_drift", "position drift, largest", "m", "norm of the residuals of all constraints, m and rad"),
+    _error(
+        "position_drift",
+        "position drift, largest",
+        "m",
+        "norm of the residuals of all constraints, m and rad",
+    ),
     _error("position_drift_end", "position drift at the end", "m"),
     _error("velocity_drift", "velocity drift, largest", "m/s"),
     _error("velocity_drift_end", "velocity drift at the end", "m/s"),
@@ -207,20 +296,39 @@ DRIFT = (
     Quantity("drift_rounding", "drift by rounding", "m", Kind.UNCERTAINTY),
     _error("decay_error", "error of the decay to the joints", ""),
     _category("growth", "growth of the drift"),
-    *_measured(Kind.EXPONENT, "growth_exponent", "exponent of growth", "", "growth_exponent_uncertainty",
-               "the exponent of growth"),
+    *_measured(
+        Kind.EXPONENT,
+        "growth_exponent",
+        "exponent of growth",
+        "",
+        "growth_exponent_uncertainty",
+        "the exponent of growth",
+    ),
     _flag("joint_coordinates"),
     _category("choice", description="choice of stabilization"),
     _category("run", description="key of a run"),
-    _value("alpha", "alpha", "1/s", symbol=r"\alpha"), _value("beta", "beta", "1/s", symbol=r"\beta"),
-    _value("time", "time", "s"), _value("octave_end", "end of the octave", "s"),
+    _value("alpha", "alpha", "1/s", symbol=r"\alpha"),
+    _value("beta", "beta", "1/s", symbol=r"\beta"),
+    _value("time", "time", "s"),
+    _value("octave_end", "end of the octave", "s"),
     _error("drift_ratio", "drift, of that without stabilization", ""),
     _error("error_ratio", "error, of that without stabilization", ""),
-    *(quantity for length in (24, 240, 2400) for quantity in (
-        _category(f"growth_{length}s", f"growth, {length} s"),
-        *_measured(Kind.EXPONENT, f"growth_exponent_{length}s", f"exponent of growth, {length} s", "",
-                   f"growth_exponent_uncertainty_{length}s", f"the exponent of growth, {length} s"),
-        _value(f"walk_spread_{length}s", f"spread, of a random walk's, {length} s"))),
+    *(
+        quantity
+        for length in (24, 240, 2400)
+        for quantity in (
+            _category(f"growth_{length}s", f"growth, {length} s"),
+            *_measured(
+                Kind.EXPONENT,
+                f"growth_exponent_{length}s",
+                f"exponent of growth, {length} s",
+                "",
+                f"growth_exponent_uncertainty_{length}s",
+                f"the exponent of growth, {length} s",
+            ),
+            _value(f"walk_spread_{length}s", f"spread, of a random walk's, {length} s"),
+        )
+    ),
 )
 """Drift from the constraints."""
 
@@ -228,40 +336,76 @@ THRESHOLD = (
     Quantity("F0_with_stick", "largest F0 with stick", "N", Kind.EXACT),
     Quantity("F0_without_stick", "smallest F0 without stick", "N", Kind.EXACT),
     Quantity("F0_threshold", "threshold on F0", "N", Kind.EXACT, symbol="F_0"),
-    *_measured(Kind.EXACT, "true_threshold", "true threshold", "N", "true_threshold_uncertainty",
-               "the true threshold"),
-    *_measured(Kind.ERROR, "threshold_error", "threshold error", "N", "threshold_uncertainty", "the threshold error"),
-    Quantity("paper_threshold", "the paper's threshold", "N", Kind.EXACT,
-             description="empty: the figure is lost in the text that we have"),
+    *_measured(
+        Kind.EXACT,
+        "true_threshold",
+        "true threshold",
+        "N",
+        "true_threshold_uncertainty",
+        "the true threshold",
+    ),
+    *_measured(
+        Kind.ERROR,
+        "threshold_error",
+        "threshold error",
+        "N",
+        "threshold_uncertainty",
+        "the threshold error",
+    ),
+    Quantity(
+        "paper_threshold",
+        "the paper's threshold",
+        "N",
+        Kind.EXACT,
+        description="empty: the figure is lost in the text that we have",
+    ),
     _error("threshold_change", "change from the coarser step", "N"),
-    _text("sticks_again", description="amplitudes above the threshold at which the slider sticks again"),
+    _text(
+        "sticks_again",
+        description="amplitudes above the threshold at which the slider sticks again",
+    ),
     _value("scanned_to", "scanned up to F0", "N"),
     _value("mu", "mu", description="kinetic coefficient of friction", symbol=r"\mu"),
     _value("mus", "mus", description="static coefficient of friction", symbol=r"\mu_s"),
-    Quantity("threshold", "threshold", "N", Kind.EXACT), _value("window_begin", "begin of the window", "s"),
+    Quantity("threshold", "threshold", "N", Kind.EXACT),
+    _value("window_begin", "begin of the window", "s"),
 )
 """The stick threshold on the amplitude of the load."""
 
 TORQUE = (
     _category("effort", description="the drive whose effort jumps"),
-    _text("event"), _category("kind"), _category("joint"),
+    _text("event"),
+    _category("kind"),
+    _category("joint"),
     Quantity("event_time", "event time", "s", Kind.EXACT),
-    *_measured(Kind.JUMP, "true_jump", "true jump", "N m", "true_jump_uncertainty", "the true jump"),
+    *_measured(
+        Kind.JUMP, "true_jump", "true jump", "N m", "true_jump_uncertainty", "the true jump"
+    ),
     Quantity("closed_form_jump", "jump in closed form", "N m", Kind.JUMP),
     _flag("resolved", description="whether the jump is read off the run"),
     Quantity("jump", "jump", "N m", Kind.JUMP),
     *_measured(Kind.ERROR, "jump_error", "jump error", "N m", "jump_uncertainty", "the jump error"),
     *_measured(Kind.ERROR, "time_error", "time error", "s", "time_uncertainty", "the time error"),
     _error("jump_bound", "bound of the jump error", "N m"),
-    _value("t", "time", "s"), _value("effort_value", "effort", "N m"),
+    _value("t", "time", "s"),
+    _value("effort_value", "effort", "N m"),
 )
 """Jumps of the driving torque."""
 
 EFFECTS = (
-    _category("effect"), _category("effect_kind"), _category("effect_left_out"), _text("blocks_left_out"), _count("hlcp_pairs", "HLCP pairs in slip"),
-    *(_count(f"{kind}_events", f"{kind} events") for kind in ("slip", "stick", "reversal", "corner")),
-    _value("first_event", "first event", "s"), _value("time_compared", "time compared", "s"),
-    _error("position_change", "position change", "m"), _error("velocity_change", "velocity change", "m/s"),
+    _category("effect"),
+    _category("effect_kind"),
+    _category("effect_left_out"),
+    _text("blocks_left_out"),
+    _count("hlcp_pairs", "HLCP pairs in slip"),
+    *(
+        _count(f"{kind}_events", f"{kind} events")
+        for kind in ("slip", "stick", "reversal", "corner")
+    ),
+    _value("first_event", "first event", "s"),
+    _value("time_compared", "time compared", "s"),
+    _error("position_change", "position change", "m"),
+    _error("velocity_change", "velocity change", "m/s"),
     _error("effort_change", "effort change, mean", "N, N m"),
     _value("largest_effort", "largest effort", "N, N m"),
     _time("engine_time_ratio", "engine's CPU time, of the baseline's", ""),
@@ -271,104 +415,203 @@ EFFECTS = (
 """What each effect of a scene changes, and costs."""
 
 EQUAL_ERROR = (
-    _category("quantity", description="what the error is of"), _value("error", description="error to reach"),
-    _category("unit"), _flag("is_bound", "an upper bound"), _error("smallest_error", "smallest error reached", ""),
-    _category("because", description="what limits the method"), _text("why"),
+    _category("quantity", description="what the error is of"),
+    _value("error", description="error to reach"),
+    _category("unit"),
+    _flag("is_bound", "an upper bound"),
+    _error("smallest_error", "smallest error reached", ""),
+    _category("because", description="what limits the method"),
+    _text("why"),
     *_measured(Kind.EXPONENT, "order", "order", "", "order_uncertainty", "the order"),
 )
 """Time to reach an error."""
 
 ORDERS = (
-    _value("mean_step", "mean step", "s"), _count("promised_order", "order of the method"),
-    *_measured(Kind.EXPONENT, "observed_order", "observed order", "", "observed_order_uncertainty",
-               "the observed order"),
+    _value("mean_step", "mean step", "s"),
+    _count("promised_order", "order of the method"),
+    *_measured(
+        Kind.EXPONENT,
+        "observed_order",
+        "observed order",
+        "",
+        "observed_order_uncertainty",
+        "the observed order",
+    ),
     _text("why_none", "why there is no order"),
 )
 """Observed orders of convergence."""
 
 SETTINGS = (
-    _category("subject", description="the method whose setting is changed"), _category("setting"),
+    _category("subject", description="the method whose setting is changed"),
+    _category("setting"),
     _category("changed", "name of the setting"),
-    _time("time_of_fastest", "time, of the fastest setting's", ""), _time("time_ratio", "time, of the default's", ""),
+    _time("time_of_fastest", "time, of the fastest setting's", ""),
+    _time("time_ratio", "time, of the default's", ""),
     _error("largest_error_ratio", "largest error, of the default's", ""),
-    _flag("on_front", "on the Pareto front"), _flag("better_everywhere"), _count("failed_runs"),
+    _flag("on_front", "on the Pareto front"),
+    _flag("better_everywhere"),
+    _count("failed_runs"),
 )
 """What a setting of an engine does."""
 
 HOLD = (
-    _category("test"), _value("load", "load, of the limit"),
+    _category("test"),
+    _value("load", "load, of the limit"),
     *_measured(Kind.ERROR, "creep", "creep", "m/s", "creep_uncertainty", "the creep"),
-    _value("bound_fraction", "friction, of its bound"), _flag("lets_go"), _flag("holds"),
-    _error("creep_per_g_dt", "creep, of g dt", ""), _error("creep_per_regularization", "creep, of the regularization", ""),
+    _value("bound_fraction", "friction, of its bound"),
+    _flag("lets_go"),
+    _flag("holds"),
+    _error("creep_per_g_dt", "creep, of g dt", ""),
+    _error("creep_per_regularization", "creep, of the regularization", ""),
     _error("landing", "landing", "m"),
-    *_measured(Kind.ERROR, "break_away_error", "break-away error, of the limit", "", "break_away_uncertainty",
-               "the break-away error"),
+    *_measured(
+        Kind.ERROR,
+        "break_away_error",
+        "break-away error, of the limit",
+        "",
+        "break_away_uncertainty",
+        "the break-away error",
+    ),
     _category("bound", description="sign of a value that is a bound"),
     _error("acceleration_error", "acceleration error, relative", ""),
     *_measured(Kind.ERROR, "stop_error", "stop error", "m", "stop_uncertainty", "the stop error"),
-    _error("creep_ratio", "creep, of the default's", ""), _count("failed", "failed runs"),
-    _category("over", description="setting over which the creep follows a law"), _value("law", "law"),
+    _error("creep_ratio", "creep, of the default's", ""),
+    _count("failed", "failed runs"),
+    _category("over", description="setting over which the creep follows a law"),
+    _value("law", "law"),
     *_measured(Kind.VALUE, "found", "found", "", "found_uncertainty", "what is found"),
-    _category("verdict"), _text("source"),
+    _category("verdict"),
+    _text("source"),
     _value("published_creep", "published creep", "um/s"),
-    *_measured(Kind.ERROR, "creep_um", "creep here", "um/s", "creep_um_uncertainty", "the creep here"),
-    _flag("matched"), _value("published_load", "published load", "N"), _value("load_N", "load", "N"),
+    *_measured(
+        Kind.ERROR, "creep_um", "creep here", "um/s", "creep_um_uncertainty", "the creep here"
+    ),
+    _flag("matched"),
+    _value("published_load", "published load", "N"),
+    _value("load_N", "load", "N"),
     _value("margin"),
 )
 """Whether a method holds below the limit of static friction."""
 
 HARD = (
-    _category("topic"), _category("case"), _category("must", "expected"), _text("about"), _value("size"),
+    _category("topic"),
+    _category("case"),
+    _category("must", "expected"),
+    _text("about"),
+    _value("size"),
     _value("limit"),
 )
 """Hard cases."""
 
 CLAIMS = (
-    _text("claim"), _text("figure", "figure behind it"), _category("margin_kind", "what the margin is"),
-    _value("run_needed", "length of the run that is needed", "s"), _value("step_needed", "step that is needed", "s"),
-    _text("place", description="where the paper says it"), _text("study_runs", "runs of the study"),
-    *(_value(f"margin_{part}", f"margin, {words}") for part, words in (
-        ("truth_from_start", "truth from the start"), ("truth_steady", "truth in the steady state"),
-        ("run_from_start", "HLCP from the start"), ("run_last_period", "HLCP in the last period"))),
-    _text("claims_that_change"), _text("numbers_that_change"),
-    *(quantity for case in (1, 2, 3) for quantity in (
-        _value(f"stick_time_case_{case}", f"stick time per period, case {case}", "s"),
-        _value(f"largest_corner_force_case_{case}", f"largest F_i, case {case}", "N"),
-        _value(f"largest_moment_case_{case}", f"largest moment, case {case}", "N m"))),
+    _text("claim"),
+    _text("figure", "figure behind it"),
+    _category("margin_kind", "what the margin is"),
+    _value("run_needed", "length of the run that is needed", "s"),
+    _value("step_needed", "step that is needed", "s"),
+    _text("place", description="where the paper says it"),
+    _text("study_runs", "runs of the study"),
+    *(
+        _value(f"margin_{part}", f"margin, {words}")
+        for part, words in (
+            ("truth_from_start", "truth from the start"),
+            ("truth_steady", "truth in the steady state"),
+            ("run_from_start", "HLCP from the start"),
+            ("run_last_period", "HLCP in the last period"),
+        )
+    ),
+    _text("claims_that_change"),
+    _text("numbers_that_change"),
+    *(
+        quantity
+        for case in (1, 2, 3)
+        for quantity in (
+            _value(f"stick_time_case_{case}", f"stick time per period, case {case}", "s"),
+            _value(f"largest_corner_force_case_{case}", f"largest F_i, case {case}", "N"),
+            _value(f"largest_moment_case_{case}", f"largest moment, case {case}", "N m"),
+        )
+    ),
     Quantity("threshold_on_F0", "threshold on F0", "N", Kind.EXACT),
 )
 """Claims of the paper."""
 
 JUDGE = (
-    _category("measure", description="how the error of a column is measured"), _text("hint"), _flag("is_input", "prescribed"),
+    _category("measure", description="how the error of a column is measured"),
+    _text("hint"),
+    _flag("is_input", "prescribed"),
     _value("error_time", "time of the error", "s"),
-    _category("guide"), _value("begin", "begin", "s"), _value("duration", "duration", "s"), _count("samples"),
+    _category("guide"),
+    _value("begin", "begin", "s"),
+    _value("duration", "duration", "s"),
+    _count("samples"),
     _value("fastest_slip", "fastest slip", "m/s"),
-    _value("table_begin", "begin of the table", "s"), _value("table_end", "end of the table", "s"),
-    _value("t_end", "end of the scene", "s"), _value("sample_distance", "distance of the samples", "s"),
+    _value("table_begin", "begin of the table", "s"),
+    _value("table_end", "end of the table", "s"),
+    _value("t_end", "end of the scene", "s"),
+    _value("sample_distance", "distance of the samples", "s"),
     _count("two_sided_instants", "instants with two sides"),
-    *_measured(Kind.ERROR, "energy_error", "energy not accounted for", "J", "energy_uncertainty",
-               "the energy not accounted for"),
+    *_measured(
+        Kind.ERROR,
+        "energy_error",
+        "energy not accounted for",
+        "J",
+        "energy_uncertainty",
+        "the energy not accounted for",
+    ),
     _value("energy_exchanged", "energy exchanged", "J"),
-    *_measured(Kind.ERROR, "completed_energy_error", "energy of the completed motion not accounted for", "J",
-               "completed_energy_uncertainty", "the energy of the completed motion not accounted for"),
+    *_measured(
+        Kind.ERROR,
+        "completed_energy_error",
+        "energy of the completed motion not accounted for",
+        "J",
+        "completed_energy_uncertainty",
+        "the energy of the completed motion not accounted for",
+    ),
     _value("completed_energy_exchanged", "energy exchanged by the completed motion", "J"),
 )
 """Judgement of a table of results from anywhere."""
 
-REPLAY = (_category("class"), _time("median_time", "median time", "us"), _error("largest_residual", "largest residual", ""))
+REPLAY = (
+    _category("class"),
+    _time("median_time", "median time", "us"),
+    _error("largest_residual", "largest residual", ""),
+)
 """Complementarity problems that are solved again."""
 
-QUANTITIES: Mapping[str, Quantity] = {quantity.key: quantity for quantity in (
-    *RUN, *TRUTHS, *COST, *ACCURACY, *DRIFT, *THRESHOLD, *TORQUE, *EFFECTS, *EQUAL_ERROR, *ORDERS, *SETTINGS, *HOLD,
-    *HARD, *CLAIMS, *JUDGE, *REPLAY)}
+QUANTITIES: Mapping[str, Quantity] = {
+    quantity.key: quantity
+    for quantity in (
+        *RUN,
+        *TRUTHS,
+        *COST,
+        *ACCURACY,
+        *DRIFT,
+        *THRESHOLD,
+        *TORQUE,
+        *EFFECTS,
+        *EQUAL_ERROR,
+        *ORDERS,
+        *SETTINGS,
+        *HOLD,
+        *HARD,
+        *CLAIMS,
+        *JUDGE,
+        *REPLAY,
+    )
+}
 """All quantities, by key."""
 
 
-FAMILIES: Mapping[str, Quantity] = {quantity.key: quantity for quantity in (
-    _value("end", "{} at the end"), _count("events", "events of {}"), _value("last_event", "last event of {}", "s"),
-    _time("over_older", "{} over that of the older code", ""), _count("counter", "{}"),
-)}
+FAMILIES: Mapping[str, Quantity] = {
+    quantity.key: quantity
+    for quantity in (
+        _value("end", "{} at the end"),
+        _count("events", "events of {}"),
+        _value("last_event", "last event of {}", "s"),
+        _time("over_older", "{} over that of the older code", ""),
+        _count("counter", "{}"),
+    )
+}
 """Quantities of something in particular, by the first part of their keys: ``end:slider.x``."""
 
 
@@ -384,5 +627,7 @@ def quantity_of(key: str) -> Quantity:
     if subject and family in FAMILIES:
         base = FAMILIES[family]
         words = QUANTITIES[subject].label if subject in QUANTITIES else subject
-        return replace(base, key=key, label=base.label.format(words), unit=base.unit or unit_of(subject))
+        return replace(
+            base, key=key, label=base.label.format(words), unit=base.unit or unit_of(subject)
+        )
     return Quantity(key, key)

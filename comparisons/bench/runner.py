@@ -16,7 +16,16 @@ from typing import Any, Generic, TypeVar
 
 from stiction.comparisons.bench.timing.timed_runs import affordable, call_of, time_runs, with_time
 from stiction.comparisons.bench.variants import Record, Variant, has_static_coefficient, job
-from stiction.engines import Engine, EngineMissing, Isolate, Outcome, Task, isolate, load_engine, simulation
+from stiction.engines import (
+    Engine,
+    EngineMissing,
+    Isolate,
+    Outcome,
+    Task,
+    isolate,
+    load_engine,
+    simulation,
+)
 from stiction.engines.reference.engine import compile_kernels
 from stiction.scenes import Scene
 from stiction.truths.physics import physics_of
@@ -49,8 +58,14 @@ class Comparison(Generic[T]):
 
     def then(self, convert: Callable[[T], S]) -> Comparison[S]:
         """Return a comparison of the same runs whose yield is converted."""
-        return Comparison(self.tasks, lambda outcomes: convert(self.tabulate(outcomes)), self.variants, self.rounds,
-                          self.ladders, self.budget_s)
+        return Comparison(
+            self.tasks,
+            lambda outcomes: convert(self.tabulate(outcomes)),
+            self.variants,
+            self.rounds,
+            self.ladders,
+            self.budget_s,
+        )
 
     def make(self, **options: Any) -> T:
         """Make the runs and return the yield; options of `make`."""
@@ -59,38 +74,64 @@ class Comparison(Generic[T]):
 
 def side_by_side(parts: Sequence[Comparison[S]], combine: Callable[[list[S]], T]) -> Comparison[T]:
     """Return comparisons as one, timed in the same rounds with the same budget, whose yields are combined."""
+
     def tabulate(outcomes: Sequence[Outcome]) -> T:
         rest = iter(outcomes)
         return combine([part.tabulate([next(rest) for _ in part.tasks]) for part in parts])
 
     variants = {variant.label: variant for part in parts for variant in part.variants}
-    return Comparison(tuple(task for part in parts for task in part.tasks), tabulate, tuple(variants.values()),
-                      parts[0].rounds, tuple(name for part in parts for name in part.ladders), parts[0].budget_s)
+    return Comparison(
+        tuple(task for part in parts for task in part.tasks),
+        tabulate,
+        tuple(variants.values()),
+        parts[0].rounds,
+        tuple(name for part in parts for name in part.ladders),
+        parts[0].budget_s,
+    )
 
 
-def records_comparison(scenes: Sequence[Scene], variants: Sequence[Variant],
-                       t_end: float | None = None) -> Comparison[tuple[Record, ...]]:
+def records_comparison(
+    scenes: Sequence[Scene], variants: Sequence[Variant], t_end: float | None = None
+) -> Comparison[tuple[Record, ...]]:
     """Return the comparison of every variant with every step on every scene; it yields the records in this order.
 
     Engines without a static coefficient run the scene with mus = mu. The finest steps are begun first, so that no core
     waits for another at the end.
     """
-    runs = [(scene, variant, step) for scene in scenes for variant in variants for step in variant.ladder]
-    tasks = [simulation(job(physics_of(scene, has_static_coefficient(variant)), variant, step, t_end=t_end))
-             for scene, variant, step in runs]
+    runs = [
+        (scene, variant, step)
+        for scene in scenes
+        for variant in variants
+        for step in variant.ladder
+    ]
+    tasks = [
+        simulation(
+            job(physics_of(scene, has_static_coefficient(variant)), variant, step, t_end=t_end)
+        )
+        for scene, variant, step in runs
+    ]
     order = sorted(range(len(runs)), key=lambda i: (runs[i][1].parameter, runs[i][2]))
 
     def tabulate(outcomes: Sequence[Outcome]) -> tuple[Record, ...]:
         by_run = dict(zip(order, outcomes))
-        return tuple(Record(by_run[i].label, scene.name, variant, step, by_run[i])
-                     for i, (scene, variant, step) in enumerate(runs))
+        return tuple(
+            Record(by_run[i].label, scene.name, variant, step, by_run[i])
+            for i, (scene, variant, step) in enumerate(runs)
+        )
 
     return Comparison(tuple(tasks[i] for i in order), tabulate, tuple(variants))
 
 
-def make(comparisons: Sequence[Comparison[Any]], *, workers: int | None = None, timeout_s: float = TIME_LIMIT,
-         on_start: Callable[[int], None] | None = None, on_result: Callable[[Outcome], None] | None = None,
-         isolated: Isolate | None = None, timed_by: Isolate | None = None) -> list[Any]:
+def make(
+    comparisons: Sequence[Comparison[Any]],
+    *,
+    workers: int | None = None,
+    timeout_s: float = TIME_LIMIT,
+    on_start: Callable[[int], None] | None = None,
+    on_result: Callable[[Outcome], None] | None = None,
+    isolated: Isolate | None = None,
+    timed_by: Isolate | None = None,
+) -> list[Any]:
     """Make all runs of comparisons, and return their yields.
 
     Parameters
@@ -108,18 +149,33 @@ def make(comparisons: Sequence[Comparison[Any]], *, workers: int | None = None, 
     least = max((comparison.rounds for comparison in comparisons), default=0)
     tasks = [task for comparison in comparisons for task in comparison.tasks]
     if on_start is not None:
-        on_start(len(tasks) + least * sum(len(comparison.tasks) for comparison in comparisons if comparison.rounds))
+        on_start(
+            len(tasks)
+            + least * sum(len(comparison.tasks) for comparison in comparisons if comparison.rounds)
+        )
     found = iter(_outcomes(tasks, isolated, on_result, workers=workers, timeout_s=timeout_s))
     pairs = [[(task, next(found)) for task in comparison.tasks] for comparison in comparisons]
-    to_time = [run for comparison, part in zip(comparisons, pairs) if comparison.rounds
-               for run in affordable(part, comparison.ladders, least, comparison.budget_s)]
+    to_time = [
+        run
+        for comparison, part in zip(comparisons, pairs)
+        if comparison.rounds
+        for run in affordable(part, comparison.ladders, least, comparison.budget_s)
+    ]
     times = time_runs(to_time, least, timed_by or isolated, timeout_s, on_result, workers)
-    return [comparison.tabulate([with_time(task, outcome, times, comparison.rounds > 0) for task, outcome in part])
-            for comparison, part in zip(comparisons, pairs)]
+    return [
+        comparison.tabulate(
+            [with_time(task, outcome, times, comparison.rounds > 0) for task, outcome in part]
+        )
+        for comparison, part in zip(comparisons, pairs)
+    ]
 
 
-def _outcomes(tasks: Sequence[Task], isolated: Isolate, on_result: Callable[[Outcome], None] | None,
-              **options: Any) -> list[Outcome]:
+def _outcomes(
+    tasks: Sequence[Task],
+    isolated: Isolate,
+    on_result: Callable[[Outcome], None] | None,
+    **options: Any,
+) -> list[Outcome]:
     """Return the outcome of each task. Equal tasks are made once, under whatever labels; CPU time counts once."""
     calls = [call_of(task) for task in tasks]
     alike: dict[str, list[Task]] = defaultdict(list)
@@ -135,7 +191,11 @@ def _outcomes(tasks: Sequence[Task], isolated: Isolate, on_result: Callable[[Out
             for task in others.pop(outcome.label, ()):
                 on_result(replace(outcome, label=task.label, cpu_s=0.0))
 
-    found = isolated([first for first, *_ in alike.values()], on_result=report, **options) if tasks else []
+    found = (
+        isolated([first for first, *_ in alike.values()], on_result=report, **options)
+        if tasks
+        else []
+    )
     made = dict(zip(alike, found, strict=True))
     return [replace(made[call], label=task.label) for call, task in zip(calls, tasks)]
 

@@ -51,8 +51,15 @@ class KeptRuns:
         self._path, self._connection, self._circumstances = path, connection, circumstances
         self._seen: Counter[str] = Counter()
 
-    def isolate(self, tasks: Sequence[Task], *, workers: int | None = None, timeout_s: float,
-                on_result: Callable[[Outcome], None] | None = None, made_by: Isolate = isolate) -> list[Outcome]:
+    def isolate(
+        self,
+        tasks: Sequence[Task],
+        *,
+        workers: int | None = None,
+        timeout_s: float,
+        on_result: Callable[[Outcome], None] | None = None,
+        made_by: Isolate = isolate,
+    ) -> list[Outcome]:
         """Return the outcomes as `made_by` does, for tasks that are not kept yet; `on_result` gets the others first.
 
         Raises `NotWritten` if an outcome cannot be kept, `KeptRefused` if the file is damaged, and a KeyboardInterrupt
@@ -82,8 +89,16 @@ class KeptRuns:
         self._making = True
         try:
             if self.interrupt is None:
-                made_by([replace(task, label=str(i)) for i, task in enumerate(tasks) if i not in outcomes],
-                        workers=workers, timeout_s=timeout_s, on_result=keep)
+                made_by(
+                    [
+                        replace(task, label=str(i))
+                        for i, task in enumerate(tasks)
+                        if i not in outcomes
+                    ],
+                    workers=workers,
+                    timeout_s=timeout_s,
+                    on_result=keep,
+                )
         except KeyboardInterrupt as interrupt:
             if not self.settled:
                 raise
@@ -112,10 +127,14 @@ class KeptRuns:
 
     def _read(self, key: str) -> Outcome | None:
         try:
-            row = self._connection.execute("SELECT outcome FROM outcomes WHERE key = ?", (key,)).fetchone()
+            row = self._connection.execute(
+                "SELECT outcome FROM outcomes WHERE key = ?", (key,)
+            ).fetchone()
             return None if row is None else unpack(row[0])
         except (sqlite3.DatabaseError, NotAnOutcome) as error:
-            raise KeptRefused(f"{self._path}: damaged ({error}); delete it to begin anew") from error
+            raise KeptRefused(
+                f"{self._path}: damaged ({error}); delete it to begin anew"
+            ) from error
 
     def _write(self, key: str, outcome: Outcome) -> None:
         try:
@@ -146,15 +165,23 @@ def kept_runs(folder: Path, engines: Iterable[str]) -> Iterator[KeptRuns]:
         connection = sqlite3.connect(path, timeout=0.5)
         connection.execute("PRAGMA locking_mode = EXCLUSIVE")
         connection.execute("PRAGMA journal_mode = WAL")  # a killed process loses nothing
-        connection.execute("PRAGMA synchronous = NORMAL")  # an fsync for each of a thousand outcomes would take 15 s
+        connection.execute(
+            "PRAGMA synchronous = NORMAL"
+        )  # an fsync for each of a thousand outcomes would take 15 s
         with connection:
             connection.execute("BEGIN EXCLUSIVE")
-            connection.execute("CREATE TABLE IF NOT EXISTS outcomes (key TEXT PRIMARY KEY, outcome BLOB NOT NULL)")
+            connection.execute(
+                "CREATE TABLE IF NOT EXISTS outcomes (key TEXT PRIMARY KEY, outcome BLOB NOT NULL)"
+            )
         runs = KeptRuns(path, connection, digest(circumstances(engines)))
     except sqlite3.Error as error:
         if connection is not None:
             connection.close()
-        words = "another process writes to it" if "locked" in str(error) else f"{error}; delete it to begin anew"
+        words = (
+            "another process writes to it"
+            if "locked" in str(error)
+            else f"{error}; delete it to begin anew"
+        )
         raise KeptRefused(f"{path}: {words}") from error
     try:
         yield runs

@@ -113,12 +113,18 @@ class Study:
     def presented(self, results: Results) -> Presentation:
         """Return what the tables say, without empty findings and without charts that have no point."""
         said = self.present(results)
-        figures = [figure for figure in said.figures if not isinstance(figure, Chart)
-                   or any(len(series.x) for panel in figure.panels for series in panel.series)]
+        figures = [
+            figure
+            for figure in said.figures
+            if not isinstance(figure, Chart)
+            or any(len(series.x) for panel in figure.panels for series in panel.series)
+        ]
         return replace(said, findings=list(filter(None, said.findings)), figures=figures)
 
 
-def planned(scope: Scope, chosen: Sequence[Study], **options: Any) -> dict[Study, Comparison[Tables]]:
+def planned(
+    scope: Scope, chosen: Sequence[Study], **options: Any
+) -> dict[Study, Comparison[Tables]]:
     """Return the runs of each study within a scope, the longest first, so that no core waits for them in the end.
 
     Requirements of studies are made on the way; options of `make`.
@@ -128,12 +134,19 @@ def planned(scope: Scope, chosen: Sequence[Study], **options: Any) -> dict[Study
     known = dict(zip(required, made, strict=True))
     scope = replace(scope, known=known)
     plans = {study: study.plan(scope) for study in chosen if study.plan is not None}
-    return {study: plan for study, plan in sorted(plans.items(), key=lambda item: -item[0].seconds)
-            if plan is not None}
+    return {
+        study: plan
+        for study, plan in sorted(plans.items(), key=lambda item: -item[0].seconds)
+        if plan is not None
+    }
 
 
-def union(made: Sequence[Tables], settings: Mapping[str, object] = MappingProxyType({}), wall_s: float = 0.0,
-          cpu_s: float = 0.0) -> Results:
+def union(
+    made: Sequence[Tables],
+    settings: Mapping[str, object] = MappingProxyType({}),
+    wall_s: float = 0.0,
+    cpu_s: float = 0.0,
+) -> Results:
     """Return the results of several studies as one.
 
     Tables of one name follow each other. Runs of one key are kept once, the first of them.
@@ -148,6 +161,13 @@ def union(made: Sequence[Tables], settings: Mapping[str, object] = MappingProxyT
             records.setdefault(record.key, record)
         truths |= one.truths
     tables = {name: pd.concat(tables, ignore_index=True) for name, tables in parts.items()}
-    return Results(tuple(records.values()), truths, tables, settings, wall_s, cpu_s,
-                   tuple(record for one in made for record in one.timed),
-                   tuple(problem for one in made for problem in one.problems))
+    return Results(
+        tuple(records.values()),
+        truths,
+        tables,
+        settings,
+        wall_s,
+        cpu_s,
+        tuple(record for one in made for record in one.timed),
+        tuple(problem for one in made for problem in one.problems),
+    )

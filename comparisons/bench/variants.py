@@ -94,23 +94,32 @@ class Record:
     def run(self) -> Trajectory:
         """The trajectory of a run that succeeded; raises ValueError for others."""
         if self.trajectory is None:
-            raise ValueError(f"{self.key}: found a run that is {self.outcome.status}; expected one that succeeded")
+            raise ValueError(
+                f"{self.key}: found a run that is {self.outcome.status}; expected one that succeeded"
+            )
         return self.trajectory
 
     def describe(self) -> dict[str, Any]:
         """Return the columns that every table begins with."""
         trajectory = self.trajectory
         early = trajectory.termination if trajectory and trajectory.termination != "end" else ""
-        return {"scene": self.scene, "variant": self.variant.label, "engine": label_of(self.variant.engine),
-                "version": trajectory.version if trajectory else None, "fidelity": self.variant.fidelity,
-                FRICTION_BY: trajectory.settings.get(FRICTION_SUPPLIED_BY) if trajectory else None,
-                EVENTS_BY: trajectory.settings.get(EVENTS_LOCATED_BY) if trajectory else None,
-                "parameter": self.variant.parameter, "step": self.step, "status": self.outcome.status,
-                "reason": self.outcome.reason or early,
-                "cpu_time": trajectory.cost.stepping_s if trajectory else None,
-                OWN_CPU: trajectory.cost.own_s if trajectory else None,
-                "settings": json.dumps(dict(trajectory.settings), default=str) if trajectory else None,
-                "key": self.key}
+        return {
+            "scene": self.scene,
+            "variant": self.variant.label,
+            "engine": label_of(self.variant.engine),
+            "version": trajectory.version if trajectory else None,
+            "fidelity": self.variant.fidelity,
+            FRICTION_BY: trajectory.settings.get(FRICTION_SUPPLIED_BY) if trajectory else None,
+            EVENTS_BY: trajectory.settings.get(EVENTS_LOCATED_BY) if trajectory else None,
+            "parameter": self.variant.parameter,
+            "step": self.step,
+            "status": self.outcome.status,
+            "reason": self.outcome.reason or early,
+            "cpu_time": trajectory.cost.stepping_s if trajectory else None,
+            OWN_CPU: trajectory.cost.own_s if trajectory else None,
+            "settings": json.dumps(dict(trajectory.settings), default=str) if trajectory else None,
+            "key": self.key,
+        }
 
 
 COARSEST = 1e-2
@@ -135,12 +144,20 @@ def time_factor(scene: Scene, t_end: float | None = None) -> float:
     the fastest period. For the latter a run has no more than some `MOST_STEPS`.
     """
     end = scene.t_end if t_end is None else t_end
-    longest = min(end / STEPS_PER_RUN, max(fastest_period(scene) / STEPS_PER_PERIOD, end / MOST_STEPS))
-    limit = longest / COARSEST * (1 + 1e-9)  # a run of 1 s has 100 steps of 1e-2 s, whatever rounding says
+    longest = min(
+        end / STEPS_PER_RUN, max(fastest_period(scene) / STEPS_PER_PERIOD, end / MOST_STEPS)
+    )
+    limit = (
+        longest / COARSEST * (1 + 1e-9)
+    )  # a run of 1 s has 100 steps of 1e-2 s, whatever rounding says
     if limit >= 1:
         return 1.0
     decade = math.floor(math.log10(limit))
-    return next(float(f"{digit}e{decade}") for digit in (5, 2, 1) if digit * 10.0 ** decade <= limit * (1 + 1e-9))
+    return next(
+        float(f"{digit}e{decade}")
+        for digit in (5, 2, 1)
+        if digit * 10.0**decade <= limit * (1 + 1e-9)
+    )
 
 
 def fastest_period(scene: Scene) -> float:
@@ -168,7 +185,9 @@ def fastest_period(scene: Scene) -> float:
     return 2 * math.pi / fastest if fastest else math.inf
 
 
-def scaled(given: Iterable[Variant], scene: Scene, t_end: float | None = None) -> tuple[Variant, ...]:
+def scaled(
+    given: Iterable[Variant], scene: Scene, t_end: float | None = None
+) -> tuple[Variant, ...]:
     """Return the variants with their steps, and a step among their settings, times `time_factor`."""
     factor = time_factor(scene, t_end)
     if factor == 1:
@@ -177,8 +196,11 @@ def scaled(given: Iterable[Variant], scene: Scene, t_end: float | None = None) -
     def scaled_one(variant: Variant) -> Variant:
         steps = tuple(_rounded(step * factor) for step in variant.ladder)
         own = {"dt": _rounded(variant.settings["dt"] * factor)} if "dt" in variant.settings else {}
-        return replace(variant, ladder=steps if variant.parameter == "dt" else variant.ladder,
-                       settings={**variant.settings, **own})
+        return replace(
+            variant,
+            ladder=steps if variant.parameter == "dt" else variant.ladder,
+            settings={**variant.settings, **own},
+        )
 
     return tuple(map(scaled_one, given))
 
@@ -201,23 +223,40 @@ def job(scene: Scene, variant: Variant, step: float, **arguments: Any) -> Job:
     """
     arguments = {name: value for name, value in arguments.items() if value is not None}
     factor = time_factor(scene, arguments.get("t_end"))
-    fine = step == variant.ladder[-1] or (variant.parameter == "dt" and step <= _rounded(COMMON_STEP * factor))
+    fine = step == variant.ladder[-1] or (
+        variant.parameter == "dt" and step <= _rounded(COMMON_STEP * factor)
+    )
     output = {"output_step": _rounded((0.002 if fine else 0.01) * factor)}
-    return Job(run_key(scene, variant, step), variant.engine, scene,
-               {variant.parameter: step, "fidelity": variant.fidelity, **output, **variant.settings, **arguments})
+    return Job(
+        run_key(scene, variant, step),
+        variant.engine,
+        scene,
+        {
+            variant.parameter: step,
+            "fidelity": variant.fidelity,
+            **output,
+            **variant.settings,
+            **arguments,
+        },
+    )
 
 
 def run_command(scene: str, engine: str, options: Iterable[tuple[str, str]]) -> str | None:
     """Return the command of a run, for a shell, options by name; None if its scene is not in the catalogue."""
     words = ["stiction", "run", scene, "--engine", engine]
-    return shlex.join(words + [word for name, value in options for word in (f"--{name}", value)]
-                      ) if scene in catalogue() else None
+    return (
+        shlex.join(words + [word for name, value in options for word in (f"--{name}", value)])
+        if scene in catalogue()
+        else None
+    )
 
 
 def has_static_coefficient(variant: Variant) -> bool:
     """Tell if the variant represents mus > mu; else it is compared with the truth for mus = mu."""
     try:
-        return load_engine(variant.engine).capabilities.static_coefficient.get(variant.fidelity, False)
+        return load_engine(variant.engine).capabilities.static_coefficient.get(
+            variant.fidelity, False
+        )
     except EngineMissing:
         return True  # its runs will be rows with status "missing"; any truth will do
 

@@ -17,7 +17,12 @@ from stiction.comparisons.hard.scaled_scenes import Units, scaled
 from stiction.scenes import Scene, load_scene, scene_from_dict
 from stiction.scenes.expressions import evaluate
 
-MOTION, NO_MOTION, REFUSAL, MOTION_OR_WORD = "a motion", "no motion", "a refusal", "a motion or a word"
+MOTION, NO_MOTION, REFUSAL, MOTION_OR_WORD = (
+    "a motion",
+    "no motion",
+    "a refusal",
+    "a motion or a word",
+)
 """Expectations: one motion; a stop where existence or uniqueness ends; a refusal of the input; the one motion, or the
 admission that this method cannot have it."""
 NONE, SEVERAL = "no solution", "several solutions"
@@ -106,7 +111,11 @@ class HardCase:
 
     def limits(self, parameter: str) -> Limits:
         """Limits of the variants with a parameter."""
-        return Limits(*self.rtol_limits) if self.rtol_limits and parameter == "rtol" else LIMITS[parameter]
+        return (
+            Limits(*self.rtol_limits)
+            if self.rtol_limits and parameter == "rtol"
+            else LIMITS[parameter]
+        )
 
     def stops_at(self, scene: Scene) -> float:
         """Time (s) at which the motion of a scene ends."""
@@ -115,7 +124,9 @@ class HardCase:
     @property
     def units(self) -> Units:
         """Units of the first variation."""
-        return next(_units(variation) for variation in self.variations if not isinstance(variation, str))
+        return next(
+            _units(variation) for variation in self.variations if not isinstance(variation, str)
+        )
 
     def scenes(self, static_coefficient: bool = True) -> tuple[Scene, ...]:
         """Load the scene of the case and its variations; without a static coefficient with mus = mu.
@@ -126,12 +137,18 @@ class HardCase:
             If it cannot be loaded, as some cases expect.
         """
         if self.text:
-            texts = {**_tables()["texts"], "chain": chain(), "five MiB": "#" * (5 * 2 ** 20) + "\n",
-                     "nested": "x = " + "[" * 50_000}
+            texts = {
+                **_tables()["texts"],
+                "chain": chain(),
+                "five MiB": "#" * (5 * 2**20) + "\n",
+                "nested": "x = " + "[" * 50_000,
+            }
             text = "".join(texts[name] for name in self.text)
             for found, replacement in self.change.items():
                 if (times := text.count(found)) != 1:
-                    raise ValueError(f"cases.toml: {self.name}: change: found {found!r} {times} times; expected once")
+                    raise ValueError(
+                        f"cases.toml: {self.name}: change: found {found!r} {times} times; expected once"
+                    )
                 text = text.replace(found, replacement)
             with tempfile.TemporaryDirectory() as folder:
                 path = Path(folder) / "scene.toml"
@@ -140,8 +157,10 @@ class HardCase:
         first = load_scene(self.scene, self.set)
         if not static_coefficient and not self.static and "mus" in first.parameters:
             first = load_scene(self.scene, {**self.set, "mus": "mu"})
-        return first, *(reordered(first) if isinstance(variation, str) else scaled(first, _units(variation))
-                        for variation in self.variations)
+        return first, *(
+            reordered(first) if isinstance(variation, str) else scaled(first, _units(variation))
+            for variation in self.variations
+        )
 
 
 def _units(factors: Mapping[str, Any]) -> Units:
@@ -163,15 +182,30 @@ def _tables() -> dict[str, Any]:
 @cache
 def hard_cases(depth: Depth = Depth.FULL) -> tuple[HardCase, ...]:
     """Return the cases that a depth reaches."""
-    cases = (HardCase(name, topic, **{"expected": NO_MOTION if "stop" in table else MOTION, **table,
-                                      "depth": Depth(table.get("depth", Depth.DEFAULT))})
-             for topic, tables in _tables()["cases"].items() for name, table in tables.items())
+    cases = (
+        HardCase(
+            name,
+            topic,
+            **{
+                "expected": NO_MOTION if "stop" in table else MOTION,
+                **table,
+                "depth": Depth(table.get("depth", Depth.DEFAULT)),
+            },
+        )
+        for topic, tables in _tables()["cases"].items()
+        for name, table in tables.items()
+    )
     return tuple(case for case in cases if depth.reaches(case.depth))
 
 
 def chain() -> str:
     """Write a scene file of `LINKS` rods that hang on each other, at rest."""
-    rods = "\n".join(f"b{i} = {{ mass = 1, inertia = 0.1, position = [0, {-i - 0.5}] }}" for i in range(LINKS))
-    pins = "\n".join(f'j{i} = {{ type = "revolute", bodies = ["b{i}", "{f"b{i - 1}" if i else "ground"}"], '
-                     f"points = [[0, 0.5], [0, {-0.5 if i else 0}]] }}" for i in range(LINKS))
+    rods = "\n".join(
+        f"b{i} = {{ mass = 1, inertia = 0.1, position = [0, {-i - 0.5}] }}" for i in range(LINKS)
+    )
+    pins = "\n".join(
+        f'j{i} = {{ type = "revolute", bodies = ["b{i}", "{f"b{i - 1}" if i else "ground"}"], '
+        f"points = [[0, 0.5], [0, {-0.5 if i else 0}]] }}"
+        for i in range(LINKS)
+    )
     return f"t_end = 0.01\ngravity = [0, -9.81]\n[bodies]\n{rods}\n[joints]\n{pins}\n"

@@ -39,12 +39,21 @@ STATE = ("x", "y", "angle", "vx", "vy", "omega")
 
 def measures(case: HardCase, scenes: Scenes, runs: Runs) -> dict[str, float]:
     """Return all errors that a case asks for."""
-    keyed = {"rests": at_rest, "follows": follows, "truth": follows_truth, "same_motion": same_motion}
-    checks = [check for key, check in keyed.items() if getattr(case, key)] + [NAMED[name] for name in case.checks]
+    keyed = {
+        "rests": at_rest,
+        "follows": follows,
+        "truth": follows_truth,
+        "same_motion": same_motion,
+    }
+    checks = [check for key, check in keyed.items() if getattr(case, key)] + [
+        NAMED[name] for name in case.checks
+    ]
     return {name: error for check in checks for name, error in check(case, scenes, runs).items()}
 
 
-def gap(found: np.ndarray | float, expected: np.ndarray | float, size: float | None = None) -> float:
+def gap(
+    found: np.ndarray | float, expected: np.ndarray | float, size: float | None = None
+) -> float:
     """Largest difference, relative to `size` (the largest expected value where None); infinite if one is not finite."""
     size = float(np.max(np.abs(expected))) if size is None else size
     worst = float(np.max(np.abs(np.asarray(found) - expected))) if np.size(found) else np.inf
@@ -53,9 +62,13 @@ def gap(found: np.ndarray | float, expected: np.ndarray | float, size: float | N
 
 def at_rest(case: HardCase, _: Scenes, runs: Runs) -> dict[str, float]:
     """Measure by how much (m, rad) bodies of the first run leave their places."""
-    return {f"creep of {body}": max(gap(column, column[0], 1.0)
-                                    for column in (runs[0][f"{body}.{key}"] for key in STATE[:3]))
-            for body in case.rests}
+    return {
+        f"creep of {body}": max(
+            gap(column, column[0], 1.0)
+            for column in (runs[0][f"{body}.{key}"] for key in STATE[:3])
+        )
+        for body in case.rests
+    }
 
 
 def follows(case: HardCase, scenes: Scenes, runs: Runs) -> dict[str, float]:
@@ -79,23 +92,36 @@ def carried(run: Trajectory, column: str) -> np.ndarray:
 
 def follows_truth(case: HardCase, scenes: Scenes, runs: Runs) -> dict[str, float]:
     """Compare columns of the first run with a truth, by their range; of a method that locates events, those as well."""
-    [run, *_], wanted = runs, {"columns": ["slider.x"], "events": True, "time_at_rest": False, **case.truth}
+    [run, *_], wanted = (
+        runs,
+        {"columns": ["slider.x"], "events": True, "time_at_rest": False, **case.truth},
+    )
     t_end = float(run.t[-1])
     true: Truth = _known(getattr(truths, f"{wanted['of']}_truth"), pickle.dumps(scenes[0]), t_end)
     expected = true(np.minimum(run.t, true.t_end))
     found = {}
     for name in wanted["columns"]:
         seen = carried(run, name)
-        found[name] = gap(run[name][seen], expected[name][seen], float(np.ptp(expected[name])) or None)
+        found[name] = gap(
+            run[name][seen], expected[name][seen], float(np.ptp(expected[name])) or None
+        )
     if run.events and wanted["events"]:
-        kinds = {event.kind for event in run.events} | {"slip", "stick", "reversal"}  # not all locate corners
-        found |= _other_events([event for event in true.events if event.kind in kinds], run.events, true.t_end)
+        kinds = {event.kind for event in run.events} | {
+            "slip",
+            "stick",
+            "reversal",
+        }  # not all locate corners
+        found |= _other_events(
+            [event for event in true.events if event.kind in kinds], run.events, true.t_end
+        )
     if run.events and wanted["time_at_rest"]:
         found["time at rest"] = abs(time_at_rest(run.events) - time_at_rest(true.events)) / t_end
     return found
 
 
-def _other_events(expected: Sequence[Event | Instant], found: Sequence[Event], t_end: float) -> dict[str, float]:
+def _other_events(
+    expected: Sequence[Event | Instant], found: Sequence[Event], t_end: float
+) -> dict[str, float]:
     matched = match_events(expected, found, 0.01 * t_end)
     return {"events missed or invented": float(len(matched.missed) + len(matched.spurious))}
 
@@ -122,11 +148,17 @@ def same_motion(case: HardCase, _: Scenes, runs: Runs) -> dict[str, float]:
     (one, other), units = runs, case.units
     n = min(len(one.t), len(other.t))
     size = float(np.ptp(one["slider.x"]))
-    found = {"motion in other units": gap(other["slider.x"][:n] / units.length, one["slider.x"][:n], size)}
+    found = {
+        "motion in other units": gap(
+            other["slider.x"][:n] / units.length, one["slider.x"][:n], size
+        )
+    }
     if one.events or other.events:
         same = [event.kind for event in one.events] == [event.kind for event in other.events]
         times, expected = (np.array([event.time for event in run.events]) for run in (other, one))
-        found["events in other units"] = gap(times / units.time, expected, one.t[-1]) if same else np.inf
+        found["events in other units"] = (
+            gap(times / units.time, expected, one.t[-1]) if same else np.inf
+        )
     return found
 
 
@@ -147,7 +179,11 @@ def friction_excess(scene: Scene, columns: Mapping[str, np.ndarray]) -> float:
                 return np.inf
             load = F.sum(axis=0)
         size = max(size, float(np.max(load)))
-        excess = np.where(mode != 0, np.abs(f + guide.mu * mode * load), np.abs(f) - guide.static_coefficient * load)
+        excess = np.where(
+            mode != 0,
+            np.abs(f + guide.mu * mode * load),
+            np.abs(f) - guide.static_coefficient * load,
+        )
         worst = max(worst, float(np.max(excess))) if np.isfinite(excess).all() else np.inf
     return worst / size
 
@@ -165,10 +201,19 @@ def shared(force: np.ndarray) -> np.ndarray:
 def accepted_start(_: HardCase, scenes: Scenes, runs: Runs) -> dict[str, float]:
     """Measure a run from an inconsistent start: the residual it began with, and how far it moved the start silently."""
     scene, run = scenes[0], runs[0]
-    moved = [abs(run[f"{name}.{column}"][0] - declared) for name, body in scene.bodies.items()
-             for column, declared in zip(STATE, (*body.position, body.angle, *body.velocity, body.angular_velocity))]
-    return {"start accepted off its constraints": float(max(run["drift.position"][0], run["drift.velocity"][0])),
-            "start moved silently": float(max(moved))}
+    moved = [
+        abs(run[f"{name}.{column}"][0] - declared)
+        for name, body in scene.bodies.items()
+        for column, declared in zip(
+            STATE, (*body.position, body.angle, *body.velocity, body.angular_velocity)
+        )
+    ]
+    return {
+        "start accepted off its constraints": float(
+            max(run["drift.position"][0], run["drift.velocity"][0])
+        ),
+        "start moved silently": float(max(moved)),
+    }
 
 
 def comes_to_rest(_: HardCase, scenes: Scenes, runs: Runs) -> dict[str, float]:
@@ -182,9 +227,11 @@ def comes_to_rest(_: HardCase, scenes: Scenes, runs: Runs) -> dict[str, float]:
     terms = m.terms(motion.q, 0.0, np.ones(len(m.guides)))
     power = shared(np.array([terms.p @ [run[f"{name}.friction"][-1] for name in m.guides]]))
     place = [run[f"{name}.{key}"][-1] for name in scene.bodies for key in STATE[:3]]
-    found = {"place of rest": gap(np.array(place), motion.q),
-             "virtual power of friction": gap(power, -terms.p0) if power.size else 0.0,
-             "slip at rest": max(gap(slip[-1], 0.0, float(np.max(np.abs(slip)))) for slip in slips)}
+    found = {
+        "place of rest": gap(np.array(place), motion.q),
+        "virtual power of friction": gap(power, -terms.p0) if power.size else 0.0,
+        "slip at rest": max(gap(slip[-1], 0.0, float(np.max(np.abs(slip)))) for slip in slips),
+    }
     if run.events:
         located = [event for event in run.events if event.kind != "corner"]
         found |= _other_events(motion.events, located, run.t[-1])
@@ -195,7 +242,11 @@ def rod_force_at_start(_: HardCase, scenes: Scenes, runs: Runs) -> dict[str, flo
     """Compare the normal force at t = 0 with the one that the balances of `sliding-rod` have."""
     expected = rod_normal_force(scenes[0])
     found = float(runs[0]["guide.normal_force"][0])
-    return {"normal force at t = 0": min(gap(found, one) for one in expected) if expected else abs(found)}
+    return {
+        "normal force at t = 0": min(gap(found, one) for one in expected)
+        if expected
+        else abs(found)
+    }
 
 
 def periodic(_: HardCase, scenes: Scenes, runs: Runs) -> dict[str, float]:
@@ -205,10 +256,12 @@ def periodic(_: HardCase, scenes: Scenes, runs: Runs) -> dict[str, float]:
     size = float(np.ptp(run["slider.x"]))
     whole = int(np.floor(run.t[-1] / period * (1 + 1e-12))) * period
     last, before = (int(np.argmin(np.abs(run.t - t))) for t in (whole, whole - period))
-    found = {"position after the last period": gap(run["slider.x"][last], x, size),
-             "velocity after the last period": gap(run["slider.vx"][last], v, size * 2 * np.pi / period),
-             "change over the last period": gap(run["slider.x"][last], run["slider.x"][before], size),
-             "drift": float(run["drift.position"][-1]) / bar.L}
+    found = {
+        "position after the last period": gap(run["slider.x"][last], x, size),
+        "velocity after the last period": gap(run["slider.vx"][last], v, size * 2 * np.pi / period),
+        "change over the last period": gap(run["slider.x"][last], run["slider.x"][before], size),
+        "drift": float(run["drift.position"][-1]) / bar.L,
+    }
     if run.events:
         times = np.array([event.time for event in run.events])
         counts = np.histogram(times, np.arange(20 * period, whole + period / 2, period))[0]
@@ -221,7 +274,10 @@ def sums_of_three_guides(_: HardCase, scenes: Scenes, runs: Runs) -> dict[str, f
     incline, found = np.deg2rad(15), dict[str, float]()
     for scene, run in zip(scenes, runs):
         weight = -(scene.gravity or (0.0, 0.0))[1] * scene.bodies["slider"].mass
-        for name, total in (("friction", -weight * np.sin(incline)), ("normal_force", weight * np.cos(incline))):
+        for name, total in (
+            ("friction", -weight * np.sin(incline)),
+            ("normal_force", weight * np.cos(incline)),
+        ):
             first, second, third = (settled(run, f"guide-{i}.{name}") for i in (1, 2, 3))
             sums = shared(first + second + third)
             if len(sums):
@@ -256,7 +312,9 @@ def friction_balances_the_pull(_: HardCase, scenes: Scenes, runs: Runs) -> dict[
     p, run = scenes[0].parameters, runs[0]
     start = p["mus"] * 2 * p["T"] / p["a"] / p["rate"]
     held = (run.t < 0.95 * start) & carried(run, "guide.friction")
-    return {"friction before it breaks away": gap(run["guide.friction"][held], -p["rate"] * run.t[held])}
+    return {
+        "friction before it breaks away": gap(run["guide.friction"][held], -p["rate"] * run.t[held])
+    }
 
 
 def drift_accepted(_: HardCase, __: Scenes, runs: Runs) -> dict[str, float]:
@@ -264,6 +322,17 @@ def drift_accepted(_: HardCase, __: Scenes, runs: Runs) -> dict[str, float]:
     return {"drift accepted": float(runs[0]["drift.position"][-1])}
 
 
-NAMED = {check.__name__: check for check in (
-    accepted_start, comes_to_rest, drift_accepted, friction_balances_the_pull, normal_force_of_two_guides, periodic,
-    rod_force_at_start, sums_of_three_guides, virtual_power_of_friction)}
+NAMED = {
+    check.__name__: check
+    for check in (
+        accepted_start,
+        comes_to_rest,
+        drift_accepted,
+        friction_balances_the_pull,
+        normal_force_of_two_guides,
+        periodic,
+        rod_force_at_start,
+        sums_of_three_guides,
+        virtual_power_of_friction,
+    )
+}

@@ -12,25 +12,55 @@ import numpy as np
 from stiction.comparisons.bench.complementarity.problems import Problem, problems_met
 from stiction.comparisons.bench.variants import Variant, has_static_coefficient
 from stiction.comparisons.hard import checks
-from stiction.comparisons.hard.case import (CONDITIONS, MOTION_OR_WORD, NO_MOTION, NONE, REFUSAL, SEVERAL, HardCase,
-                                            Limits, hard_cases)
+from stiction.comparisons.hard.case import (
+    CONDITIONS,
+    MOTION_OR_WORD,
+    NO_MOTION,
+    NONE,
+    REFUSAL,
+    SEVERAL,
+    HardCase,
+    Limits,
+    hard_cases,
+)
 from stiction.engines.isolation import Outcome
 from stiction.engines.protocol import UNSETTLED, BadTrajectory, Declined, EngineFailure, Refused
 from stiction.engines.registry import OWN_METHODS, load_engine
 from stiction.scenes import Scene, SceneError, Trajectory
 
 RIGHT, DEGRADED, WRONG, FAILED = "right", "degraded", "wrong", "failed"
-DECLINED, DECLINED_BY_ADAPTER, IMPULSIVE, UNREAD = "declined", "declined by adapter", "impulsive", "refused by reader"
+DECLINED, DECLINED_BY_ADAPTER, IMPULSIVE, UNREAD = (
+    "declined",
+    "declined by adapter",
+    "impulsive",
+    "refused by reader",
+)
 INEXPRESSIBLE, NOT_RUN, NOT_INSTALLED = "not expressible", "not run", "not installed"
-VERDICTS = (RIGHT, DEGRADED, DECLINED, DECLINED_BY_ADAPTER, IMPULSIVE, UNREAD, INEXPRESSIBLE, NOT_RUN, NOT_INSTALLED,
-            WRONG, FAILED)
+VERDICTS = (
+    RIGHT,
+    DEGRADED,
+    DECLINED,
+    DECLINED_BY_ADAPTER,
+    IMPULSIVE,
+    UNREAD,
+    INEXPRESSIBLE,
+    NOT_RUN,
+    NOT_INSTALLED,
+    WRONG,
+    FAILED,
+)
 """Declined: the method states that it cannot have this motion. Declined by adapter: our code states it, and the engine
 was not asked. Impulsive: goes on by impulses where no motion with finite forces exists, and is not judged. Refused by
 reader: the file, for all methods alike. Not expressible: the adapter cannot build the scene. Failed: a crash, a hang,
 an unforeseen exception."""
 READER, ADAPTER, METHOD = "reader", "adapter", "method"
 """Origins of a refusal of the input."""
-WITHOUT_RESULT = {"refused": INEXPRESSIBLE, "missing": NOT_INSTALLED, NOT_RUN: NOT_RUN, "failed": FAILED}
+WITHOUT_RESULT = {
+    "refused": INEXPRESSIBLE,
+    "missing": NOT_INSTALLED,
+    NOT_RUN: NOT_RUN,
+    "failed": FAILED,
+}
 """Verdict by the status of a child that returned nothing."""
 STOP = {"rtol": 1e-8, "dt": 2e-2}
 """Error of the time at which existence ends, relative to the time scale 1000 dt of the case: an adaptive method locates
@@ -88,8 +118,13 @@ def examine(name: str, variant: Variant) -> Examination:
         by = METHOD if variant.engine in OWN_METHODS else ADAPTER
         steps = scenes[0].t_end / case.dt
         if variant.parameter == "dt" and steps > case.most_steps * 1.001:
-            return Examination(verdict=Verdict(NOT_RUN, f"{steps:.3g} steps of {case.dt:g} s are more than this table "
-                                                        f"spends on a case ({case.most_steps})"))
+            return Examination(
+                verdict=Verdict(
+                    NOT_RUN,
+                    f"{steps:.3g} steps of {case.dt:g} s are more than this table "
+                    f"spends on a case ({case.most_steps})",
+                )
+            )
         runs: list[Trajectory] = []
         for scene in scenes:
             runs.append(_run(case, scene, case.dt * scene.t_end / scenes[0].t_end, variant))
@@ -113,17 +148,29 @@ def examine(name: str, variant: Variant) -> Examination:
     else:
         scene, run = scenes[len(runs) - 1], runs[-1]
         measures = _beyond(case, scene, run)
-        kind, time = (run.breakdown.kind, run.breakdown.time) if run.breakdown else ("", float(run.t[-1]))
+        kind, time = (
+            (run.breakdown.kind, run.breakdown.time) if run.breakdown else ("", float(run.t[-1]))
+        )
         stop = {"stopped": run.termination, "stop_kind": kind, "stop_time": time}
-    problems = problems_met(case.topic, scene, run) if reference and variant.parameter == "rtol" else []
-    return Examination(measures, version=run.version, cpu_s=sum(run.cost.stepping_s for run in runs),
-                       engine_s=sum(run.cost.own_s for run in runs), problems=tuple(problems), **stop)
+    problems = (
+        problems_met(case.topic, scene, run) if reference and variant.parameter == "rtol" else []
+    )
+    return Examination(
+        measures,
+        version=run.version,
+        cpu_s=sum(run.cost.stepping_s for run in runs),
+        engine_s=sum(run.cost.own_s for run in runs),
+        problems=tuple(problems),
+        **stop,
+    )
 
 
 def _run(case: HardCase, scene: Scene, dt: float, variant: Variant) -> Trajectory:
     """Run a scene with its step or tolerance; `dt` is in the units of a scaled scene."""
-    if not has_static_coefficient(variant) and any(guide.static_coefficient > guide.kinetic_coefficient
-                                                   for guide in scene.frictional_guides.values()):
+    if not has_static_coefficient(variant) and any(
+        guide.static_coefficient > guide.kinetic_coefficient
+        for guide in scene.frictional_guides.values()
+    ):
         raise Refused("has no static coefficient; the case is about mus > mu")
     step = {"dt": dt} if variant.parameter == "dt" else {"rtol": variant.ladder[-1]}
     settings = {**variant.settings, **(case.reference if variant.engine == "reference" else {})}
@@ -135,7 +182,9 @@ def _run(case: HardCase, scene: Scene, dt: float, variant: Variant) -> Trajector
 
 def _beyond(case: HardCase, scene: Scene, run: Trajectory) -> dict[str, float]:
     """`BEYOND`, where a run has instants there and states which guides stick in them."""
-    needed = {f"{name}.{column}" for name in scene.frictional_guides for column in ("mode", "friction")}
+    needed = {
+        f"{name}.{column}" for name in scene.frictional_guides for column in ("mode", "friction")
+    }
     if case.expected != NO_MOTION or not needed <= run.columns.keys():
         return {}
     later = run.t > case.stops_at(scene)
@@ -152,9 +201,12 @@ def _conditions(scene: Scene, run: Trajectory) -> dict[str, float]:
 
     method = run.settings["stabilization"]["method"]
     found = audit(run, Mechanism(scene, method), AUDITED)
-    return {COMPLEMENTARITY: found.complementarity, COULOMB: checks.friction_excess(scene, run.columns),
-            "acceleration against the HLCP": found.acceleration,
-            "instants that the HLCP does not accept": float(found.unsolved)}
+    return {
+        COMPLEMENTARITY: found.complementarity,
+        COULOMB: checks.friction_excess(scene, run.columns),
+        "acceleration against the HLCP": found.acceleration,
+        "instants that the HLCP does not accept": float(found.unsolved),
+    }
 
 
 def judge(case: HardCase, variant: Variant, outcome: Outcome) -> Verdict:
@@ -177,15 +229,20 @@ def judge(case: HardCase, variant: Variant, outcome: Outcome) -> Verdict:
     if found.stopped:
         # that there is none, or more than one, is a statement, and here it is false; any other reason is its own limit
         claim = found.stop_kind in (NONE, SEVERAL)
-        return Verdict(RIGHT if case.expected == REFUSAL else WRONG if claim else DECLINED, found.stopped)
+        return Verdict(
+            RIGHT if case.expected == REFUSAL else WRONG if claim else DECLINED, found.stopped
+        )
     if case.expected == REFUSAL:
-        name, size = max(found.measures.items(), key=lambda item: item[1], default=("accepted", 1.0))
+        name, size = max(
+            found.measures.items(), key=lambda item: item[1], default=("accepted", 1.0)
+        )
         return Verdict(WRONG, name, size, 0.0)
     return _judge_motion(found.measures, case.limits(variant.parameter))
 
 
 def _judge_motion(measures: Mapping[str, float], limits: Limits) -> Verdict:
     """Judge a motion by the measure that is worst for its limit."""
+
     def limits_of(name: str) -> Limits:
         return CONDITIONS if name in (COMPLEMENTARITY, COULOMB) else limits
 
@@ -209,15 +266,23 @@ def _judge_stop(case: HardCase, variant: Variant, found: Examination) -> Verdict
             reason = "goes on with one of several motions, and does not say that there are others"
             return Verdict(DEGRADED, reason, found.measures[BEYOND], law)
         beyond = scene.t_end - time
-        if kind == NONE and load_engine(variant.engine).steps_by_impulses(variant.fidelity, variant.settings):
+        if kind == NONE and load_engine(variant.engine).steps_by_impulses(
+            variant.fidelity, variant.settings
+        ):
             reason = "goes on by impulses for so many seconds where there is no motion with finite forces"
             return Verdict(IMPULSIVE, reason, beyond)
-        what = "are several motions, and follows none of them" if kind == SEVERAL else "is no motion with finite forces"
+        what = (
+            "are several motions, and follows none of them"
+            if kind == SEVERAL
+            else "is no motion with finite forces"
+        )
         return Verdict(WRONG, f"goes on for so many seconds where there {what}", beyond, 0.0)
     late = found.stop_time - time
     if math.isnan(late):
         return Verdict(DECLINED, found.stopped)
-    if late < -limit and found.stop_kind == UNSETTLED:  # where there still is a motion, its own limit
+    if (
+        late < -limit and found.stop_kind == UNSETTLED
+    ):  # where there still is a motion, its own limit
         return Verdict(DECLINED, found.stopped, -late, limit)
     if late > limit and follows and found.stop_kind in (kind, UNSETTLED):
         reason = f"stops {late:.2g} s late, until then on one of several motions: {found.stopped}"
@@ -227,5 +292,7 @@ def _judge_stop(case: HardCase, variant: Variant, found: Examination) -> Verdict
         return Verdict(WRONG, reason, abs(late), limit)
     # an engine that stops there and states that friction has no solution is right
     if found.stop_kind not in (kind, UNSETTLED):
-        return Verdict(DEGRADED, f"stops, but does not say {kind!r}: {found.stopped}", abs(late), limit)
+        return Verdict(
+            DEGRADED, f"stops, but does not say {kind!r}: {found.stopped}", abs(late), limit
+        )
     return Verdict(RIGHT, found.stopped, abs(late), limit)

@@ -20,18 +20,28 @@ from stiction.engines.registry import label_of
 REFERENCE = (
     Variant("reference", "reference", "rtol", (1e-10,), settings={"stabilization": "projection"}),
     Variant("paper's scheme", "reference", "dt", (), settings={"method": "paper"}),
-    Variant("trial and error", "reference", "rtol", (1e-10,),
-            settings={"solver": "trial", "stabilization": "projection"}),
+    Variant(
+        "trial and error",
+        "reference",
+        "rtol",
+        (1e-10,),
+        settings={"solver": "trial", "stabilization": "projection"},
+    ),
 )
 """The methods of the reference. Fixed steps are those of the cases."""
 
 
 def hard_variants(engines: Iterable[str] | None = None) -> tuple[Variant, ...]:
     """The reference's methods and the external engines, limited to those named where `engines` is given."""
-    return (*REFERENCE, *(variant for variant in variants(engines) if variant.engine != "reference"))
+    return (
+        *REFERENCE,
+        *(variant for variant in variants(engines) if variant.engine != "reference"),
+    )
 
 
-def hard_comparison(depth: Depth = Depth.FULL, engines: Iterable[str] | None = None) -> Comparison[Tables]:
+def hard_comparison(
+    depth: Depth = Depth.FULL, engines: Iterable[str] | None = None
+) -> Comparison[Tables]:
     """Examine the cases of a depth with every variant: what must be true, the verdict, its reason, size and limit.
 
     With the table, a row per case and variant, come the complementarity problems that the reference met.
@@ -40,20 +50,37 @@ def hard_comparison(depth: Depth = Depth.FULL, engines: Iterable[str] | None = N
     runs = [(case, variant) for case in hard_cases(depth) for variant in chosen]
 
     def tabulate(outcomes: Sequence[Outcome]) -> Tables:
-        met = [problem for outcome in outcomes if outcome.value for problem in outcome.value.problems]
+        met = [
+            problem for outcome in outcomes if outcome.value for problem in outcome.value.problems
+        ]
         table = pd.DataFrame([_row(*run, outcome) for run, outcome in zip(runs, outcomes)])
         return Tables({"hard": table}, problems=tuple(met))
 
-    tasks = tuple(Task(f"{case.name}/{variant.label}", examine, (case.name, variant)) for case, variant in runs)
+    tasks = tuple(
+        Task(f"{case.name}/{variant.label}", examine, (case.name, variant))
+        for case, variant in runs
+    )
     return Comparison(tasks, tabulate, chosen)
 
 
 def _row(case: HardCase, variant: Variant, outcome: Outcome) -> dict[str, Any]:
     verdict, value = judge(case, variant, outcome), outcome.value
     step = case.dt if variant.parameter == "dt" else variant.ladder[-1]
-    return {"topic": case.topic, "case": case.name, "scene": case.scene, "must": case.must, "variant": variant.label,
-            "engine": label_of(variant.engine), "version": value.version if value else None,
-            "fidelity": variant.fidelity, "parameter": variant.parameter, "step": step,
-            "verdict": verdict.word, "about": verdict.about,
-            "size": verdict.size, "limit": verdict.limit, "cpu_time": value.cpu_s if value else None,
-            OWN_CPU: value.engine_s if value else None}
+    return {
+        "topic": case.topic,
+        "case": case.name,
+        "scene": case.scene,
+        "must": case.must,
+        "variant": variant.label,
+        "engine": label_of(variant.engine),
+        "version": value.version if value else None,
+        "fidelity": variant.fidelity,
+        "parameter": variant.parameter,
+        "step": step,
+        "verdict": verdict.word,
+        "about": verdict.about,
+        "size": verdict.size,
+        "limit": verdict.limit,
+        "cpu_time": value.cpu_s if value else None,
+        OWN_CPU: value.engine_s if value else None,
+    }

@@ -17,7 +17,13 @@ import numpy as np
 import pandas as pd
 
 from stiction.comparisons.bench.presentation.presentation import Presentation
-from stiction.comparisons.judge.judgement_in_words import FOUND, INVENTED, MISSED, UNRESOLVED, presentation
+from stiction.comparisons.judge.judgement_in_words import (
+    FOUND,
+    INVENTED,
+    MISSED,
+    UNRESOLVED,
+    presentation,
+)
 from stiction.comparisons.judge.truth_folder import is_truth_folder, read_truth
 from stiction.comparisons.measures.accuracy import EVENT_WINDOW, errors, size_of
 from stiction.comparisons.measures.completed_motion import Completion, energy_of_motion, slips
@@ -29,7 +35,14 @@ from stiction.comparisons.measures.scene_truth import ground_truth
 from stiction.comparisons.measures.steady_stretch import stick_intervals
 from stiction.comparisons.measures.torque_jumps import SAMPLES, jump_rows
 from stiction.engines import coherence
-from stiction.engines.examined import ACCELERATIONS, POSITIONS, VELOCITIES, Examined, Predicate, changed_modes
+from stiction.engines.examined import (
+    ACCELERATIONS,
+    POSITIONS,
+    VELOCITIES,
+    Examined,
+    Predicate,
+    changed_modes,
+)
 from stiction.reference_impl.energies import needed_columns, unaccounted_energy
 from stiction.reference_impl.equations_of_motion import EquationsOfMotion
 from stiction.reference_impl.multibody.mechanism import Mechanism
@@ -54,9 +67,9 @@ PLACES, HELD = 21, 1e-6
 is held: a truth without some of the bodies' angles leaves rounding, a free coordinate has a thousandth and more."""
 CORNERS, EDGE = ("F1", "F2", "F3", "F4"), 3
 """Corner forces of a guide, and rows on either side of a part of a table that checks of neighbours look at."""
-AT_ONCE = 2 ** 16
+AT_ONCE = 2**16
 """Instants of a table that are looked at together, at most: all columns of a mechanism there take some 20 MB."""
-SOLVED, RUN = 2 ** 14, 2 ** 18
+SOLVED, RUN = 2**14, 2**18
 """Instants at which a truth is found together, at most: a truth keeps its columns at the last ones that it was asked
 for, and one that is our own run is integrated anew each time."""
 READING, COMPARING = 0.2, 0.5
@@ -131,13 +144,19 @@ class Judgement:
     @property
     def says_nothing(self) -> bool:
         """True where all positions that are judged are `held`."""
-        return set(self.tables["errors"].loc[self.in_metres("error").notna(), "column"]) <= {*self.held}
+        return set(self.tables["errors"].loc[self.in_metres("error").notna(), "column"]) <= {
+            *self.held
+        }
 
     @property
     def hints(self) -> dict[str, list[str]]:
         """Columns by the likely cause of their errors."""
         table = self.tables["errors"]
-        return {str(cause): list(rows["column"]) for cause, rows in table.groupby("hint", sort=False) if cause}
+        return {
+            str(cause): list(rows["column"])
+            for cause, rows in table.groupby("hint", sort=False)
+            if cause
+        }
 
     @property
     def is_misread(self) -> bool:
@@ -154,9 +173,14 @@ class Judgement:
         return "\n".join(part.text for part in (said.answer, *said.findings))
 
 
-def judge(scene: Scene | str | Path, frame: Any, mapping: Mapping[str, str] | None = None,
-          units: Mapping[str, float] | None = None, t_end: float | None = None,
-          tell: Callable[[float], None] | None = None) -> Judgement:
+def judge(
+    scene: Scene | str | Path,
+    frame: Any,
+    mapping: Mapping[str, str] | None = None,
+    units: Mapping[str, float] | None = None,
+    t_end: float | None = None,
+    tell: Callable[[float], None] | None = None,
+) -> Judgement:
     """Judge the results of anybody's program on a scene.
 
     Parameters
@@ -183,40 +207,73 @@ def judge(scene: Scene | str | Path, frame: Any, mapping: Mapping[str, str] | No
     """
     truth = None
     if not isinstance(scene, Scene):
-        scene, truth = read_truth(Path(scene)) if is_truth_folder(scene) else (load_scene(scene), None)
+        scene, truth = (
+            read_truth(Path(scene)) if is_truth_folder(scene) else (load_scene(scene), None)
+        )
     if t_end is not None:
         if truth is not None and t_end > truth.t_end:
-            raise InputError(f"t_end: found {t_end:g} s; expected at most {truth.t_end:g} s, the end of the truth in "
-                             "the folder")
+            raise InputError(
+                f"t_end: found {t_end:g} s; expected at most {truth.t_end:g} s, the end of the truth in "
+                "the folder"
+            )
         scene = vary(scene, {"t_end": t_end})
     if isinstance(frame, Trajectory):
         frame = frame.to_frame(events=True, interpolated=True)
     done = _forwards(tell or (lambda share: None))
-    table = result_table(frame, scene, mapping, units, spills=True, tell=lambda share: done(READING * share))
+    table = result_table(
+        frame, scene, mapping, units, spills=True, tell=lambda share: done(READING * share)
+    )
     truth = truth or ground_truth(scene)
     table = _within(table, min(scene.t_end, truth.t_end))
-    wanted = {*table.columns, *(f"{guide}.{label}" for guide in scene.guides for label in ("slip_velocity", "mode")),
-              *(f"{body}.{label}" for body in scene.bodies for label in POSITIONS)}
-    compared = Compared(truth.columns, wanted, RUN if truth.tier == OWN_RUN else SOLVED,
-                        lambda share: done(READING + COMPARING * share))
+    wanted = {
+        *table.columns,
+        *(f"{guide}.{label}" for guide in scene.guides for label in ("slip_velocity", "mode")),
+        *(f"{body}.{label}" for body in scene.bodies for label in POSITIONS),
+    }
+    compared = Compared(
+        truth.columns,
+        wanted,
+        RUN if truth.tier == OWN_RUN else SOLVED,
+        lambda share: done(READING + COMPARING * share),
+    )
     truth = replace(truth, columns=compared)
     given = _trajectory(scene, table, truth)
     derived = _derived(scene, given, truth)
     full = replace(given, columns=Joined(given.columns, derived))
     errors_of_columns = column_errors(table, given, truth, scene)
     done(READING + COMPARING)
-    phases = [] if truth.tier == NO_TRUTH else [
-        phase for guide in scene.frictional_guides for phase in _stick_phases(scene, full, truth, guide)]
+    phases = (
+        []
+        if truth.tier == NO_TRUTH
+        else [
+            phase
+            for guide in scene.frictional_guides
+            for phase in _stick_phases(scene, full, truth, guide)
+        ]
+    )
     # a table that must be read in another way, or is a row late, is explained by that
-    others = [] if truth.tier == NO_TRUTH or (errors_of_columns["hint"] != "").any() else explanations(
-        scene, table, truth)
+    others = (
+        []
+        if truth.tier == NO_TRUTH or (errors_of_columns["hint"] != "").any()
+        else explanations(scene, table, truth)
+    )
     summary = _summary(scene, table, replace(full, columns=Joined(derived, full.columns)), truth)
-    judged = Judgement(scene, table, truth, {
-        "errors": errors_of_columns, "summary": pd.DataFrame([summary]),
-        "stick-phases": pd.DataFrame(phases, columns=PHASE),
-        "other-parameters": pd.DataFrame([one.row() for one in others], columns=OTHER),
-        "jumps": pd.DataFrame([*_jumps(scene, full, truth)] or {"effort": []}),
-        "findings": pd.DataFrame({"finding": list(_findings(scene, full, given.columns))}, dtype=object)}, full)
+    judged = Judgement(
+        scene,
+        table,
+        truth,
+        {
+            "errors": errors_of_columns,
+            "summary": pd.DataFrame([summary]),
+            "stick-phases": pd.DataFrame(phases, columns=PHASE),
+            "other-parameters": pd.DataFrame([one.row() for one in others], columns=OTHER),
+            "jumps": pd.DataFrame([*_jumps(scene, full, truth)] or {"effort": []}),
+            "findings": pd.DataFrame(
+                {"finding": list(_findings(scene, full, given.columns))}, dtype=object
+            ),
+        },
+        full,
+    )
     done(1.0)
     return judged
 
@@ -230,6 +287,7 @@ def _forwards(tell: Callable[[float], None]) -> Callable[[float], None]:
         if share > furthest:
             furthest = share
             tell(share)
+
     return done
 
 
@@ -241,14 +299,18 @@ class Compared:
     temporary file. `tell` is called with the part of such a search that is done.
     """
 
-    def __init__(self, columns: Columns, wanted: Collection[str], most: int, tell: Callable[[float], None]):
+    def __init__(
+        self, columns: Columns, wanted: Collection[str], most: int, tell: Callable[[float], None]
+    ):
         self._columns, self._wanted, self._most, self._tell = columns, wanted, most, tell
         self._found: dict[tuple[bytes, str], Mapping[str, np.ndarray]] = {}
 
     def __call__(self, t: np.ndarray, side: str) -> Mapping[str, np.ndarray]:
         key = hashlib.sha256(np.ascontiguousarray(t).data).digest(), side
         if key not in self._found:
-            self._found[key] = self._columns(t, side) if len(t) <= self._most else self._in_parts(t, side)
+            self._found[key] = (
+                self._columns(t, side) if len(t) <= self._most else self._in_parts(t, side)
+            )
         return self._found[key]
 
     def _in_parts(self, t: np.ndarray, side: str) -> Mapping[str, np.ndarray]:
@@ -256,6 +318,7 @@ class Compared:
             found = self._columns(np.array(t[part]), side)
             self._tell(part.stop / len(t))
             return {name: values for name, values in found.items() if name in self._wanted}
+
         return collected(len(t), self._most, made)
 
 
@@ -263,17 +326,26 @@ def _within(table: ResultTable, t_end: float) -> ResultTable:
     """The rows until the end; what rounding adds to the last one is taken off, and angles within a turn go on."""
     rows = int(np.count_nonzero(table.t <= t_end * (1 + 1e-9)))  # times are in order
     if rows < 2:
-        raise InputError(f"{table.origin}: found times from {table.t[0]:g} s on; "
-                         f"expected two rows within 0 .. {t_end:g} s")
+        raise InputError(
+            f"{table.origin}: found times from {table.t[0]:g} s on; "
+            f"expected two rows within 0 .. {t_end:g} s"
+        )
     columns = Changed(table.columns, lambda name, values: values[:rows])
     angles = [name for name in columns if name.endswith(".angle")]
     wrapped = [name for name in angles if np.ptp(columns[name]) <= TURN * (1 + 1e-6)]
     turned = {name for name in wrapped if np.any(np.abs(np.diff(columns[name])) > np.pi)}
-    return replace(table, t=np.clip(table.t[:rows], 0.0, t_end), columns=columns if not turned else Joined(
-        _kept(rows, turned, lambda name: np.unwrap(columns[name])), columns))
+    return replace(
+        table,
+        t=np.clip(table.t[:rows], 0.0, t_end),
+        columns=columns
+        if not turned
+        else Joined(_kept(rows, turned, lambda name: np.unwrap(columns[name])), columns),
+    )
 
 
-def _kept(rows: int, names: Iterable[str], made: Callable[[str], np.ndarray]) -> Mapping[str, np.ndarray]:
+def _kept(
+    rows: int, names: Iterable[str], made: Callable[[str], np.ndarray]
+) -> Mapping[str, np.ndarray]:
     """Columns that are made one after another: in memory, or of many rows in a temporary file."""
     if rows <= AT_ONCE:
         return {name: made(name) for name in names}
@@ -289,27 +361,36 @@ def _trajectory(scene: Scene, table: ResultTable, truth: Truth) -> Trajectory:
     An event is a change of a guide's mode; without one it is what the truth has at the nearest event.
     """
     t, first, last = table.t, table.first, table.last
-    events = [Event(time, kind, guide, before, after) for time, before, after in table.jumps(table.columns)
-              if t[0] < time < t[-1]
-              for kind, guide in [*changed_modes(scene.frictional_guides, before, after)] or _nearest(truth, time)]
+    events = [
+        Event(time, kind, guide, before, after)
+        for time, before, after in table.jumps(table.columns)
+        if t[0] < time < t[-1]
+        for kind, guide in [*changed_modes(scene.frictional_guides, before, after)]
+        or _nearest(truth, time)
+    ]
     rows = last[(first == last) | (t[last] == t[0]) | (t[last] == t[-1])]
     columns = table.columns
     if len(rows) < len(t):
         columns = _kept(len(rows), table.columns, lambda name: table.columns[name][rows])
-    return Trajectory(scene.name, "table", "", "joint", t[rows], columns, tuple(events), mechanism=scene)
+    return Trajectory(
+        scene.name, "table", "", "joint", t[rows], columns, tuple(events), mechanism=scene
+    )
 
 
 def _nearest(truth: Truth, time: float) -> list[tuple[str, str]]:
     """Kinds and guides of the true events nearest to an instant."""
     near = min((abs(event.time - time) for event in truth.events), default=np.inf)
     reach = near + 1e-9 * truth.t_end if near <= EVENT_WINDOW else -1.0
-    return [(event.kind, event.joint) for event in truth.events
-            if abs(event.time - time) <= reach] or [("unknown", "")]
+    return [
+        (event.kind, event.joint) for event in truth.events if abs(event.time - time) <= reach
+    ] or [("unknown", "")]
 
 
 def _has(columns: Collection[str], scene: Scene, *labels: tuple[str, ...]) -> bool:
     """Test if all bodies have these columns."""
-    return all(f"{body}.{label}" in columns for body in scene.bodies for kind in labels for label in kind)
+    return all(
+        f"{body}.{label}" in columns for body in scene.bodies for kind in labels for label in kind
+    )
 
 
 def _derived(scene: Scene, found: Trajectory, truth: Truth) -> Mapping[str, np.ndarray]:
@@ -322,16 +403,32 @@ def _derived(scene: Scene, found: Trajectory, truth: Truth) -> Mapping[str, np.n
     moves = _has(found.columns, scene, VELOCITIES)
     if _has(found.columns, scene, POSITIONS):
         mechanism = Mechanism(scene, stabilization="none")
-        names = [f"{guide}.{label}" for guide in scene.guides for label in ("displacement", "slip_velocity")]
+        names = [
+            f"{guide}.{label}"
+            for guide in scene.guides
+            for label in ("displacement", "slip_velocity")
+        ]
 
         def made(part: slice) -> dict[str, np.ndarray]:
-            here = {name: found[name][part] for labels in (POSITIONS, VELOCITIES) for body in scene.bodies
-                    for label in labels if (name := f"{body}.{label}") in found}
+            here = {
+                name: found[name][part]
+                for labels in (POSITIONS, VELOCITIES)
+                for body in scene.bodies
+                for label in labels
+                if (name := f"{body}.{label}") in found
+            }
             q = stacked(here, scene.bodies, POSITIONS)
             v = stacked(here, scene.bodies, VELOCITIES) if moves else np.zeros_like(q)
             force = np.zeros((len(q), len(mechanism.row_names) + len(mechanism.guide_names)))
-            return build_columns(mechanism, found.t[part], q, v, np.zeros_like(q), force,
-                                 names=[*names, "drift.position", "drift.velocity"])
+            return build_columns(
+                mechanism,
+                found.t[part],
+                q,
+                v,
+                np.zeros_like(q),
+                force,
+                names=[*names, "drift.position", "drift.velocity"],
+            )
 
         columns = collected(len(found.t), AT_ONCE, made)
         if moves:
@@ -344,8 +441,11 @@ def _derived(scene: Scene, found: Trajectory, truth: Truth) -> Mapping[str, np.n
             return columns
     way = Joined(found.columns, columns)
     named = [f"{guide}.slip_velocity" for guide in scene.guides if f"{guide}.displacement" in way]
-    quotients = _kept(len(found.t), named, lambda name: np.gradient(
-        way[f"{name.rpartition('.')[0]}.displacement"], found.t))
+    quotients = _kept(
+        len(found.t),
+        named,
+        lambda name: np.gradient(way[f"{name.rpartition('.')[0]}.displacement"], found.t),
+    )
     return Joined(quotients, columns)
 
 
@@ -385,26 +485,43 @@ def _step(t: np.ndarray) -> float:
 def _summary(scene: Scene, table: ResultTable, full: Trajectory, truth: Truth) -> dict[str, Any]:
     """Sampling, errors of all columns together, drift, energy."""
     row: dict[str, Any] = {
-        "two_sided_instants": len(full.events), "table_begin": float(table.t[0]),
-        "table_end": float(table.t[-1]), "t_end": scene.t_end, "sample_distance": _step(full.t),
+        "two_sided_instants": len(full.events),
+        "table_begin": float(table.t[0]),
+        "table_end": float(table.t[-1]),
+        "t_end": scene.t_end,
+        "sample_distance": _step(full.t),
         **(drift(full) if "drift.position" in full and "drift.velocity" in full else {}),
-        **errors(full, truth, size_of(scene))}
+        **errors(full, truth, size_of(scene)),
+    }
     if all(name in table.columns for name in needed_columns(scene)):
-        row |= zip(("energy_error", "energy_uncertainty", "energy_exchanged"),
-                   unaccounted_energy(scene, table.t, table.columns))
+        row |= zip(
+            ("energy_error", "energy_uncertainty", "energy_exchanged"),
+            unaccounted_energy(scene, table.t, table.columns),
+        )
         return row
     instants = table.last
-    columns = table.columns if len(instants) == len(table.t) else Changed(
-        table.columns, lambda name, values: values[instants])
+    columns = (
+        table.columns
+        if len(instants) == len(table.t)
+        else Changed(table.columns, lambda name, values: values[instants])
+    )
     completion = Completion.of(scene, columns, truth)
     found = completion and energy_of_motion(completion, table.t[instants], columns)
     if found:
-        row |= zip(("completed_energy_error", "completed_energy_uncertainty",
-                    "completed_energy_exchanged"), found)
+        row |= zip(
+            (
+                "completed_energy_error",
+                "completed_energy_uncertainty",
+                "completed_energy_exchanged",
+            ),
+            found,
+        )
     return row
 
 
-def _stick_phases(scene: Scene, full: Trajectory, truth: Truth, guide: str) -> Iterator[tuple[Any, ...]]:
+def _stick_phases(
+    scene: Scene, full: Trajectory, truth: Truth, guide: str
+) -> Iterator[tuple[Any, ...]]:
     """Stick phases of the truth as far as the table goes, and rests of the table where the truth slips."""
     t, true, slip, mode = full.t, truth(full.t), f"{guide}.slip_velocity", f"{guide}.mode"
     if slip not in true or (slip not in full and mode not in full):
@@ -421,7 +538,9 @@ def _stick_phases(scene: Scene, full: Trajectory, truth: Truth, guide: str) -> I
             continue
         inner = inside[1:-1]
         verdict = UNRESOLVED if len(inside) < RESOLVED else FOUND if rests[inner].all() else MISSED
-        fastest = float(np.max(np.abs(full[slip][inner]))) if slip in full and len(inner) else np.nan
+        fastest = (
+            float(np.max(np.abs(full[slip][inner]))) if slip in full and len(inner) else np.nan
+        )
         yield guide, begin, end, end - begin, len(inside), verdict, fastest
     wrong = np.concatenate([[False], rests & (true_speed > 2 * slow), [False]])
     for first, behind in np.flatnonzero(np.diff(wrong.astype(int))).reshape(-1, 2):
@@ -438,21 +557,33 @@ def _jumps(scene: Scene, full: Trajectory, truth: Truth) -> Iterator[dict[str, A
             time = row["event_time"]
             room = np.min(np.abs(times[times != time] - time), initial=truth.t_end)
             if full.t[0] <= time <= full.t[-1]:
-                yield {**row, "readable": bool(full.events or room > (min(SAMPLES) + 1) * _step(full.t))}
+                yield {
+                    **row,
+                    "readable": bool(full.events or room > (min(SAMPLES) + 1) * _step(full.t)),
+                }
 
 
 def _findings(scene: Scene, full: Trajectory, given: Collection[str]) -> Iterator[str]:
     """What the gate finds of the columns that are given: the first fault of each of its checks."""
     states = _has(given, scene, POSITIONS, VELOCITIES)
-    forces = all(name in given for name in columns_of(scene) if unit_of(name, scene) in ("N", "N m"))
+    forces = all(
+        name in given for name in columns_of(scene) if unit_of(name, scene) in ("N", "N m")
+    )
     rates = states and _has(given, scene, ACCELERATIONS)
     checks: dict[Predicate, bool] = {
-        coherence.start: states and full.t[0] == 0, coherence.residuals: states, coherence.velocities: states,
-        coherence.displacements: states, coherence.dissipation: states and forces,
-        coherence.momentum_of_steps: rates and forces, coherence.balance: rates and forces,
+        coherence.start: states and full.t[0] == 0,
+        coherence.residuals: states,
+        coherence.velocities: states,
+        coherence.displacements: states,
+        coherence.dissipation: states and forces,
+        coherence.momentum_of_steps: rates and forces,
+        coherence.balance: rates and forces,
         coherence.corner_forces: forces,
-        coherence.modes: True, coherence.unreported_events: states, coherence.cone: states and forces,
-        coherence.continuity: states}
+        coherence.modes: True,
+        coherence.unreported_events: states,
+        coherence.cone: states and forces,
+        coherence.continuity: states,
+    }
     step = _step(full.t)
     settings = {} if full.events else {"dt": step}
     for check, applies in checks.items():
@@ -460,11 +591,26 @@ def _findings(scene: Scene, full: Trajectory, given: Collection[str]) -> Iterato
             continue
         for found in _looked_at(scene, full, check) if len(full.t) > AT_ONCE else [full]:
             # of accelerations that are not given the check of velocities takes the size
-            second = {f"{body}.{label}": np.gradient(found[f"{body}.{rate}"], found.t) for body in scene.bodies
-                      for rate, label in zip(VELOCITIES, ACCELERATIONS)} if states else {}
+            second = (
+                {
+                    f"{body}.{label}": np.gradient(found[f"{body}.{rate}"], found.t)
+                    for body in scene.bodies
+                    for rate, label in zip(VELOCITIES, ACCELERATIONS)
+                }
+                if states
+                else {}
+            )
             found = replace(found, columns=Joined(found.columns, second), settings=settings)
-            run = Examined(found, scene, float(full.t[-1]), None, step, "joint", lambda _: bool(full.events),
-                           lambda _: True)
+            run = Examined(
+                found,
+                scene,
+                float(full.t[-1]),
+                None,
+                step,
+                "joint",
+                lambda _: bool(full.events),
+                lambda _: True,
+            )
             if finding := next(check(run), None):
                 yield finding
                 break
@@ -484,15 +630,29 @@ def _looked_at(scene: Scene, full: Trajectory, check: Predicate) -> Iterator[Tra
     if check is coherence.start:
         yield _rows(full, np.arange(2))
         return
-    largest = [0, *(int(np.nanargmax(np.abs(full[name]))) for name in full.columns if np.isfinite(full[name]).any())]
+    largest = [
+        0,
+        *(
+            int(np.nanargmax(np.abs(full[name])))
+            for name in full.columns
+            if np.isfinite(full[name]).any()
+        ),
+    ]
     for guide in scene.frictional_guides:
         if all(f"{guide}.{corner}" in full for corner in CORNERS):
-            largest.append(int(np.nanargmax(sum(np.nan_to_num(np.abs(full[f"{guide}.{corner}"]))
-                                                for corner in CORNERS))))
+            largest.append(
+                int(
+                    np.nanargmax(
+                        sum(np.nan_to_num(np.abs(full[f"{guide}.{corner}"])) for corner in CORNERS)
+                    )
+                )
+            )
     for part in in_parts(rows, AT_ONCE):
         begin, end = max(0, part.start - EDGE), min(rows, part.stop + EDGE)
         beside = [row + shift for row in largest for shift in range(-EDGE, EDGE + 1)]
-        extra = np.array([row for row in beside if 0 <= row < rows and not begin <= row < end], dtype=int)
+        extra = np.array(
+            [row for row in beside if 0 <= row < rows and not begin <= row < end], dtype=int
+        )
         yield _rows(full, np.unique(np.concatenate([extra, np.arange(begin, end)])))
 
 

@@ -26,7 +26,13 @@ from stiction.truths import Truth
 from stiction.truths.proof.truth import certificate_of
 
 FORMAT, VERSION = "stiction truth", 1
-ABOUT, SCENE, MOTION, EVENTS, SUMS = "truth.json", "scene.json", "truth.parquet", "events.csv", "SHA256SUMS"
+ABOUT, SCENE, MOTION, EVENTS, SUMS = (
+    "truth.json",
+    "scene.json",
+    "truth.parquet",
+    "events.csv",
+    "SHA256SUMS",
+)
 INTERVALS, FEWEST, DISTANCE = 1200, 8, 0.02
 """Intervals between the rows of a motion, and of each of its smooth pieces, at least; seconds of one, at most."""
 SHARES = (0.28, 0.5, 0.72)
@@ -46,14 +52,30 @@ def write_truth(scene: Scene, truth: Truth, folder: Path) -> dict[str, Any]:
     t = frame["t"].to_numpy()
     between = np.unique(np.concatenate([t[:-1] + share * np.diff(t) for share in SHARES]))
     true, found = truth(between), interpolated(frame)(between, "after")
-    about = {"format": FORMAT, "version": VERSION, "scene": scene.name, "title": scene.title, "source": scene.source,
-             "t_end [s]": truth.t_end, "tier": truth.tier, "tier of forces": truth.effort_tier, "note": truth.note,
-             "guides": sorted(truth.guides or ()), "events": len(truth.events),
-             "uncertainty": {name: float(value) for name, value in truth.uncertainty.items()},
-             "uncertainty between rows": {name: SAFETY * float(np.max(np.abs(true[name] - found[name])))
-                                          for name in true if name in frame}}
-    for name, text in {SCENE: resolved_text(scene), "scene.toml": scene_to_toml(scene),
-                       ABOUT: json.dumps(about, indent=1) + "\n"}.items():
+    about = {
+        "format": FORMAT,
+        "version": VERSION,
+        "scene": scene.name,
+        "title": scene.title,
+        "source": scene.source,
+        "t_end [s]": truth.t_end,
+        "tier": truth.tier,
+        "tier of forces": truth.effort_tier,
+        "note": truth.note,
+        "guides": sorted(truth.guides or ()),
+        "events": len(truth.events),
+        "uncertainty": {name: float(value) for name, value in truth.uncertainty.items()},
+        "uncertainty between rows": {
+            name: SAFETY * float(np.max(np.abs(true[name] - found[name])))
+            for name in true
+            if name in frame
+        },
+    }
+    for name, text in {
+        SCENE: resolved_text(scene),
+        "scene.toml": scene_to_toml(scene),
+        ABOUT: json.dumps(about, indent=1) + "\n",
+    }.items():
         (folder / name).write_text(text, encoding="utf-8")
     scene.draw().write(folder / "scene.svg")
     frame.to_csv(folder / "truth.csv", index=False)
@@ -73,26 +95,53 @@ def is_truth_folder(name: str | Path) -> bool:
 def read_truth(folder: Path) -> tuple[Scene, Truth]:
     """Read the scene and the truth of a folder; nothing is solved. TruthFolderError with all that is wrong in it."""
     sums, about = folder / SUMS, {}
-    listed = set(sums.read_text(encoding="utf-8", errors="replace").splitlines()) if sums.is_file() else set()
+    listed = (
+        set(sums.read_text(encoding="utf-8", errors="replace").splitlines())
+        if sums.is_file()
+        else set()
+    )
     if not (folder / ABOUT).is_file():
         inside = sorted(folder.glob(f"**/{ABOUT}"))
-        wrong = [Problem(ABOUT, "no such file", "expected the folder of a scene"
-                         + (f", such as {inside[0].parent}" if inside else ""))]
-    elif not (wrong := [Problem(name, "another file, or none", f"expected the one with the SHA-256 in {SUMS}")
-                        for name in (ABOUT, SCENE, MOTION, EVENTS)
-                        if not (folder / name).is_file() or _sum(folder / name, folder) not in listed]):
+        wrong = [
+            Problem(
+                ABOUT,
+                "no such file",
+                "expected the folder of a scene"
+                + (f", such as {inside[0].parent}" if inside else ""),
+            )
+        ]
+    elif not (
+        wrong := [
+            Problem(name, "another file, or none", f"expected the one with the SHA-256 in {SUMS}")
+            for name in (ABOUT, SCENE, MOTION, EVENTS)
+            if not (folder / name).is_file() or _sum(folder / name, folder) not in listed
+        ]
+    ):
         about = json.loads((folder / ABOUT).read_text(encoding="utf-8"))
-        wrong = [Problem(key, shown(about.get(key)), f"expected {shown(value)}")
-                 for key, value in (("format", FORMAT), ("version", VERSION)) if about.get(key) != value]
+        wrong = [
+            Problem(key, shown(about.get(key)), f"expected {shown(value)}")
+            for key, value in (("format", FORMAT), ("version", VERSION))
+            if about.get(key) != value
+        ]
     if wrong:
         raise TruthFolderError(str(folder), wrong)
     scene = load_resolved((folder / SCENE).read_text(encoding="utf-8"), str(folder / SCENE))
-    uncertainty = {name: value + about["uncertainty between rows"].get(name, 0.0)
-                   for name, value in about["uncertainty"].items()}
+    uncertainty = {
+        name: value + about["uncertainty between rows"].get(name, 0.0)
+        for name, value in about["uncertainty"].items()
+    }
     events = events_of(csv.read_csv(folder / EVENTS).to_pandas()) if about["events"] else ()
-    return scene, Truth(scene.name, about["tier"], about["t_end [s]"], interpolated(pd.read_parquet(folder / MOTION)),
-                        uncertainty, events, note=about["note"], tier_below=about["tier of forces"],
-                        guides=frozenset(about["guides"]))
+    return scene, Truth(
+        scene.name,
+        about["tier"],
+        about["t_end [s]"],
+        interpolated(pd.read_parquet(folder / MOTION)),
+        uncertainty,
+        events,
+        note=about["note"],
+        tier_below=about["tier of forces"],
+        guides=frozenset(about["guides"]),
+    )
 
 
 def motion_frame(truth: Truth) -> pd.DataFrame:
@@ -100,15 +149,22 @@ def motion_frame(truth: Truth) -> pd.DataFrame:
     ends = np.unique([0.0, *(event.time for event in truth.events), truth.t_end])
     distance = min(truth.t_end / INTERVALS, DISTANCE)
     counts = np.maximum(FEWEST, np.ceil(np.diff(ends) / distance)).astype(int)
-    inner = [np.linspace(begin, end, count + 1)[1:-1] for begin, end, count in zip(ends, ends[1:], counts)]
-    t = np.setdiff1d(np.concatenate([[0.0, truth.t_end], *inner]), [event.time for event in truth.events])
+    inner = [
+        np.linspace(begin, end, count + 1)[1:-1]
+        for begin, end, count in zip(ends, ends[1:], counts)
+    ]
+    t = np.setdiff1d(
+        np.concatenate([[0.0, truth.t_end], *inner]), [event.time for event in truth.events]
+    )
     return with_sides(pd.DataFrame({"t": t, **truth(t)}), truth.events)
 
 
 def write_sums(folder: Path) -> None:
     """Write `SUMS` of all files in a folder and below it, for ``sha256sum --check``."""
     files = sorted(path for path in folder.rglob("*") if path.is_file() and path != folder / SUMS)
-    (folder / SUMS).write_text("".join(f"{_sum(path, folder)}\n" for path in files), encoding="utf-8")
+    (folder / SUMS).write_text(
+        "".join(f"{_sum(path, folder)}\n" for path in files), encoding="utf-8"
+    )
 
 
 def _sum(path: Path, folder: Path) -> str:

@@ -22,7 +22,7 @@ EVENT_WINDOW = 0.05
 KINDS = ("slip", "stick", "reversal", "corner")
 """Kinds of events."""
 
-AT_ONCE = 2 ** 17
+AT_ONCE = 2**17
 """Intervals whose area is found together: of a table of millions of rows there is memory for some of them at a time."""
 TORQUE_ERROR = "torque_error"
 WRONG = "wrong"
@@ -55,18 +55,26 @@ def errors(trajectory: Trajectory | None, truth: Truth, size: float = math.inf) 
     exact = truth(t)
     row["time_covered"] = float(t[-1])
     for label, suffixes in (("position", ("x", "y")), ("velocity", ("vx", "vy"))):
-        names = [name for name in exact if name.rpartition(".")[2] in suffixes and name in trajectory]
+        names = [
+            name for name in exact if name.rpartition(".")[2] in suffixes and name in trajectory
+        ]
         if names:
             error = max(float(np.max(np.abs(trajectory[name] - exact[name]))) for name in names)
             reach = max(size, *(float(np.max(np.abs(exact[name]))) for name in names))
             if label == "position" and not error <= reach:
                 stopped = "" if trajectory.termination == "end" else f"; {trajectory.termination}"
-                return {**row, "status": WRONG, "reason": f"position error {error:.2g} m, where the mechanism and its "
-                                                          f"motion measure {reach:.2g} m{stopped}"}
+                return {
+                    **row,
+                    "status": WRONG,
+                    "reason": f"position error {error:.2g} m, where the mechanism and its "
+                    f"motion measure {reach:.2g} m{stopped}",
+                }
             row[f"{label}_error"] = error
             row[f"{label}_uncertainty"] = max(truth.uncertainty.get(name, 0.0) for name in names)
     efforts = [name for name in exact if name.endswith(".effort") and is_known(trajectory, name)]
-    means = [mean for name in efforts if (mean := effort_error(trajectory, truth, name)) is not None]
+    means = [
+        mean for name in efforts if (mean := effort_error(trajectory, truth, name)) is not None
+    ]
     if means:
         mean = max(means, key=lambda error: error.value)
         row |= {TORQUE_ERROR: mean.value, "torque_uncertainty": mean.uncertainty}
@@ -83,13 +91,19 @@ def _event_errors(trajectory: Trajectory, truth: Truth) -> dict[str, Any]:
     if not trajectory.events and not (truth.events and trajectory.engine == "reference"):
         return {}
     true = [event for event in truth.events if event.time <= trajectory.t[-1]]
-    found = [event for event in trajectory.events if truth.guides is None or event.joint in truth.guides]
+    found = [
+        event for event in trajectory.events if truth.guides is None or event.joint in truth.guides
+    ]
     matched = match_events(true, found, EVENT_WINDOW)
     absent, kinds = Counter(event.kind for event in matched.missed), {event.kind for event in true}
-    return {"event_time_error": matched.time_error,
-            "event_time_uncertainty": truth.uncertainty.get("event time", 0.0),
-            "events_matched": len(matched.matched), "events_missed": len(matched.missed),
-            "events_spurious": len(matched.spurious), **{missed(kind): absent[kind] for kind in KINDS if kind in kinds}}
+    return {
+        "event_time_error": matched.time_error,
+        "event_time_uncertainty": truth.uncertainty.get("event time", 0.0),
+        "events_matched": len(matched.matched),
+        "events_missed": len(matched.missed),
+        "events_spurious": len(matched.spurious),
+        **{missed(kind): absent[kind] for kind in KINDS if kind in kinds},
+    }
 
 
 def effort_error(trajectory: Trajectory, truth: Truth, name: str) -> Uncertain | None:
@@ -108,7 +122,9 @@ def effort_error(trajectory: Trajectory, truth: Truth, name: str) -> Uncertain |
     t, error = found.t, found.values - truth(found.t)[name]
     inner = [event for event in _inside(truth, t) if name in event.before]
     times = np.array([event.time for event in inner])
-    jumps = np.nan_to_num([event.jump(name) for event in inner])  # beside an open stretch there is no jump to add
+    jumps = np.nan_to_num(
+        [event.jump(name) for event in inner]
+    )  # beside an open stretch there is no jump to add
     unsure = 0.0
     if not has_two_sided_events(trajectory):
         right = np.clip(np.searchsorted(t, times), 1, len(t) - 1)
@@ -134,7 +150,7 @@ def effort_error(trajectory: Trajectory, truth: Truth, name: str) -> Uncertain |
 def _areas(t: np.ndarray, values: np.ndarray) -> Iterator[Uncertain]:
     """The area below |values|, of `AT_ONCE` intervals at a time: the parts add up to that of all."""
     for first in range(0, len(t) - 1, AT_ONCE):
-        part_t, part = (numbers[first:first + AT_ONCE + 1] for numbers in (t, values))
+        part_t, part = (numbers[first : first + AT_ONCE + 1] for numbers in (t, values))
         if part_t[-1] > part_t[0]:
             yield l1(Graph(part_t, part), Graph(part_t[[0, -1]], np.zeros(2)))
 
@@ -142,33 +158,50 @@ def _areas(t: np.ndarray, values: np.ndarray) -> Iterator[Uncertain]:
 def _known_stretches(values: np.ndarray) -> list[tuple[int, int]]:
     """Return the first place and the place behind the last of each stretch of values that are not nan."""
     known = np.concatenate([[False], ~np.isnan(values), [False]])
-    return [(int(first), int(behind)) for first, behind in np.flatnonzero(np.diff(known.astype(int))).reshape(-1, 2)]
+    return [
+        (int(first), int(behind))
+        for first, behind in np.flatnonzero(np.diff(known.astype(int))).reshape(-1, 2)
+    ]
 
 
 def graph(trajectory: Trajectory, column: str) -> Graph:
     """Return a column over time, jumps at located events as vertical lines."""
-    frame = replace(trajectory, columns={column: trajectory[column]}).to_frame(events=has_two_sided_events(trajectory))
+    frame = replace(trajectory, columns={column: trajectory[column]}).to_frame(
+        events=has_two_sided_events(trajectory)
+    )
     return Graph(frame["t"].to_numpy(), frame[column].to_numpy())
 
 
 def is_known(trajectory: Trajectory, column: str) -> bool:
     """Check that a run has a column throughout: forces that guides at rest leave open are nan."""
-    return (column in trajectory and not np.isnan(trajectory[column]).any()
-            and not any(np.isnan(side[column]) for event in trajectory.events
-                        for side in (event.before, event.after) if column in side))
+    return (
+        column in trajectory
+        and not np.isnan(trajectory[column]).any()
+        and not any(
+            np.isnan(side[column])
+            for event in trajectory.events
+            for side in (event.before, event.after)
+            if column in side
+        )
+    )
 
 
 def has_two_sided_events(trajectory: Trajectory) -> bool:
     """Check that there are events, and that they carry the values from both sides of the instant."""
-    return bool(trajectory.events) and all(event.before and event.after for event in trajectory.events)
+    return bool(trajectory.events) and all(
+        event.before and event.after for event in trajectory.events
+    )
 
 
 def truth_over_time(truth: Truth, column: str, t: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Return times and values of the truth at times t, with both values at its events; nan where it is left open."""
     inner = _inside(truth, t)
     times = [event.time for event in inner]
-    return _in_order((t, truth(t)[column]), (times, [event.before[column] for event in inner]),
-                     (times, [event.after[column] for event in inner]))
+    return _in_order(
+        (t, truth(t)[column]),
+        (times, [event.before[column] for event in inner]),
+        (times, [event.after[column] for event in inner]),
+    )
 
 
 def _inside(truth: Truth, t: np.ndarray) -> list[Event]:

@@ -56,7 +56,9 @@ class Example:
 
     def stretch(self, case: int, **parameters: float) -> Stretch:
         """Return the motion of a case, with other values of some parameters."""
-        return self.stretch_of(vary(self.cases[case], parameters) if parameters else self.cases[case])
+        return self.stretch_of(
+            vary(self.cases[case], parameters) if parameters else self.cases[case]
+        )
 
     def with_parameter(self, name: str, case: int, other: int) -> Stretch:
         """Return the motion of a case with a parameter as in another one."""
@@ -94,7 +96,9 @@ def sticks(example: Example, case: int) -> ClaimMargin:
         for name in ("slider.vx", ACCELERATION):
             largest = np.max(np.abs(stretch.columns[name][inside]), initial=0.0)
             rests = max(rests, float(largest) / stretch.maximum(name))
-    return ClaimMargin(min(end - start for start, end in stretch.phases) if rests <= STILL else -rests)
+    return ClaimMargin(
+        min(end - start for start, end in stretch.phases) if rests <= STILL else -rests
+    )
 
 
 def slips(example: Example, case: int) -> ClaimMargin:
@@ -126,15 +130,22 @@ def jumps(example: Example, case: int, column: str, unit: str) -> ClaimMargin:
 def friction_causes_jumps(example: Example, case: int) -> ClaimMargin:
     """Part of the jump of mass times acceleration that is no jump of friction, the largest of all events."""
     mass = SliderBar.from_scene(example.cases[case]).mass
-    rest = [abs(1 - event.jump(FRICTION) / (mass * event.jump(ACCELERATION)))
-            for event in example.stretch(case).turning if event.jump(ACCELERATION)]
+    rest = [
+        abs(1 - event.jump(FRICTION) / (mass * event.jump(ACCELERATION)))
+        for event in example.stretch(case).turning
+        if event.jump(ACCELERATION)
+    ]
     return below(max(rest), 0.5) if rest else NO_EVENT
 
 
 def friction_turns(example: Example, case: int) -> ClaimMargin:
     """Friction of opposite signs before and after each event."""
     events = example.stretch(case).turning
-    return all_of([event.before[FRICTION] * event.after[FRICTION] < 0 for event in events]) if events else NO_EVENT
+    return (
+        all_of([event.before[FRICTION] * event.after[FRICTION] < 0 for event in events])
+        if events
+        else NO_EVENT
+    )
 
 
 def contacts_alternate(example: Example, case: int) -> ClaimMargin:
@@ -143,13 +154,18 @@ def contacts_alternate(example: Example, case: int) -> ClaimMargin:
     adjacent = [name in ADJACENT for name, _ in found]
     pairs = all(name in ADJACENT + OPPOSITE for name, _ in found)
     turns = all(one != other for one, other in zip(adjacent, adjacent[1:]))
-    return as_said(pairs and turns, [sum(seconds for (_, seconds), so in zip(found, adjacent) if so == kind)
-                                     for kind in (True, False)])
+    return as_said(
+        pairs and turns,
+        [
+            sum(seconds for (_, seconds), so in zip(found, adjacent) if so == kind)
+            for kind in (True, False)
+        ],
+    )
 
 
 def contacts_in_order(example: Example, case: int, order: Sequence[str]) -> ClaimMargin:
     """The first configurations, and how long each lasts."""
-    found = example.stretch(case).configurations[:len(order)]
+    found = example.stretch(case).configurations[: len(order)]
     return as_said([name for name, _ in found] == list(order), [seconds for _, seconds in found])
 
 
@@ -158,14 +174,22 @@ def contacts_as_in(example: Example, case: int, other: int) -> ClaimMargin:
     whole = (example.stretch(case), example.stretch(other))
     last = [stretch.between(stretch.end - stretch.period, stretch.end) for stretch in whole]
     one, two = (stretch.cycle() for stretch in last)
-    return as_said(one == two, [seconds for stretch in last for _, seconds in
-                                stretch.configurations[1:-1] or stretch.configurations])
+    return as_said(
+        one == two,
+        [
+            seconds
+            for stretch in last
+            for _, seconds in stretch.configurations[1:-1] or stretch.configurations
+        ],
+    )
 
 
 def all_contacts(example: Example, case: int) -> ClaimMargin:
     """Times of the four configurations."""
     found = example.stretch(case).configurations
-    times = [sum(seconds for name, seconds in found if name == pair) for pair in OPPOSITE + ADJACENT]
+    times = [
+        sum(seconds for name, seconds in found if name == pair) for pair in OPPOSITE + ADJACENT
+    ]
     return as_said(all(times), times, any(times))
 
 
@@ -179,21 +203,33 @@ def larger_than_in(example: Example, case: int, other: int) -> ClaimMargin:
     return above(_ratios(example.stretch(case), example.stretch(other)), 1)
 
 
-def larger_by_parameters(example: Example, case: int, other: int, names: Sequence[str]) -> ClaimMargin:
+def larger_by_parameters(
+    example: Example, case: int, other: int, names: Sequence[str]
+) -> ClaimMargin:
     """Largest corner force and moment of the other case with each of the parameters alone as in this one."""
-    return above([ratio for name in names for ratio in
-                  _ratios(example.with_parameter(name, other, case), example.stretch(other))], 1)
+    return above(
+        [
+            ratio
+            for name in names
+            for ratio in _ratios(example.with_parameter(name, other, case), example.stretch(other))
+        ],
+        1,
+    )
 
 
 def parameter_decides(example: Example, case: int, other: int, name: str) -> ClaimMargin:
     """One parameter exchanged between the two cases: this one must stick, the other must not."""
-    return _one_sticks(example.with_parameter(name, case, other), example.with_parameter(name, other, case))
+    return _one_sticks(
+        example.with_parameter(name, case, other), example.with_parameter(name, other, case)
+    )
 
 
 def amplitude_decides(example: Example, case: int, other: int) -> ClaimMargin:
     """Two cases that differ in F0 alone: this one must stick, the other must not."""
     parameters = example.cases[other].parameters
-    differing = {name for name, value in example.cases[case].parameters.items() if value != parameters[name]}
+    differing = {
+        name for name, value in example.cases[case].parameters.items() if value != parameters[name]
+    }
     return _one_sticks(example.stretch(case), example.stretch(other), alone=differing == {"F0"})
 
 
@@ -207,11 +243,30 @@ def sticks_below_threshold(example: Example, case: int) -> ClaimMargin:
     F0 = example.threshold.F0
     if F0 is None:
         return ClaimMargin(-1.0, why=f"no threshold: {example.threshold.note}")
-    right = [bool(example.stretch(case, F0=factor * F0).stick_time) == (factor < 1) for factor in AMPLITUDES]
+    right = [
+        bool(example.stretch(case, F0=factor * F0).stick_time) == (factor < 1)
+        for factor in AMPLITUDES
+    ]
     return as_said(all(right), [abs(factor - 1) for factor in AMPLITUDES], any(right))
 
 
-MEASURES: dict[str, Callable[..., ClaimMargin]] = {measure.__name__: measure for measure in (
-    periodic, sticks, slips, jumps, friction_causes_jumps, friction_turns, contacts_alternate, contacts_in_order,
-    contacts_as_in, all_contacts, larger_than_in, larger_by_parameters, parameter_decides, amplitude_decides,
-    sticks_below_threshold)}
+MEASURES: dict[str, Callable[..., ClaimMargin]] = {
+    measure.__name__: measure
+    for measure in (
+        periodic,
+        sticks,
+        slips,
+        jumps,
+        friction_causes_jumps,
+        friction_turns,
+        contacts_alternate,
+        contacts_in_order,
+        contacts_as_in,
+        all_contacts,
+        larger_than_in,
+        larger_by_parameters,
+        parameter_decides,
+        amplitude_decides,
+        sticks_below_threshold,
+    )
+}

@@ -33,7 +33,7 @@ ROUNDS, CONVERGED = 20, 1e-10
 LEFT = 1e-2
 """Part of the mechanism's size by which a completed state may violate the constraints: columns that contradict each
 other by more are of no motion of it."""
-AT_ONCE = 2 ** 13
+AT_ONCE = 2**13
 """Instants that are solved together."""
 MOST = 20_001
 """Instants whose energy is balanced where accelerations are differences of velocities: of closer ones the differences
@@ -61,9 +61,13 @@ class Completion:
     @classmethod
     def of(cls, scene: Scene, columns: Mapping[str, np.ndarray], truth: Truth) -> Completion | None:
         """Return the completion of a table; None where it has no coordinate."""
-        places, rates = (np.array([f"{body}.{label}" in columns for body in scene.bodies for label in labels])
-                         for labels in (POSITIONS, VELOCITIES))
-        ways = tuple(name for name in scene.guides if f"{name}.displacement" in columns and not places.all())
+        places, rates = (
+            np.array([f"{body}.{label}" in columns for body in scene.bodies for label in labels])
+            for labels in (POSITIONS, VELOCITIES)
+        )
+        ways = tuple(
+            name for name in scene.guides if f"{name}.displacement" in columns and not places.all()
+        )
         return cls(scene, truth, places, rates, ways) if places.any() or ways else None
 
     def names(self, labels: tuple[str, ...]) -> list[str]:
@@ -72,13 +76,27 @@ class Completion:
 
     def positions(self, t: np.ndarray, columns: Mapping[str, np.ndarray]) -> np.ndarray | None:
         """Coordinates of all bodies, (n, k); None where the given ones do not determine the others at all instants."""
-        found = [self._positions(t[part], {name: columns[name][part] for name in self._given(columns)})
-                 for part in in_parts(len(t), AT_ONCE)]
-        return None if any(q is None for q in found) else np.concatenate([q for q in found if q is not None])
+        found = [
+            self._positions(t[part], {name: columns[name][part] for name in self._given(columns)})
+            for part in in_parts(len(t), AT_ONCE)
+        ]
+        return (
+            None
+            if any(q is None for q in found)
+            else np.concatenate([q for q in found if q is not None])
+        )
 
     def _given(self, columns: Mapping[str, np.ndarray]) -> list[str]:
-        labels = {f"{guide}.{label}" for guide in self.scene.guides for label in ("displacement", "slip_velocity")}
-        return [name for name in columns if name in {*self.names(POSITIONS), *self.names(VELOCITIES), *labels}]
+        labels = {
+            f"{guide}.{label}"
+            for guide in self.scene.guides
+            for label in ("displacement", "slip_velocity")
+        }
+        return [
+            name
+            for name in columns
+            if name in {*self.names(POSITIONS), *self.names(VELOCITIES), *labels}
+        ]
 
     def _positions(self, t: np.ndarray, columns: Mapping[str, np.ndarray]) -> np.ndarray | None:
         equations = EquationsOfMotion(self.scene)
@@ -101,7 +119,9 @@ class Completion:
         else:
             return None
         residual, J = self._equations(equations, t, q, columns)
-        if np.max(np.abs(residual)) > LEFT * scale.max() or not _are_determined(J / scale, unknown, len(self.ways)):
+        if np.max(np.abs(residual)) > LEFT * scale.max() or not _are_determined(
+            J / scale, unknown, len(self.ways)
+        ):
             return None
         return q
 
@@ -110,8 +130,13 @@ class Completion:
         size = Mechanism(self.scene, stabilization="none").arrays.length_scale
         return np.tile([1.0, 1.0, size], len(self.scene.bodies))
 
-    def _equations(self, equations: EquationsOfMotion, t: np.ndarray, q: np.ndarray,
-                   columns: Mapping[str, np.ndarray]) -> tuple[np.ndarray, np.ndarray]:
+    def _equations(
+        self,
+        equations: EquationsOfMotion,
+        t: np.ndarray,
+        q: np.ndarray,
+        columns: Mapping[str, np.ndarray],
+    ) -> tuple[np.ndarray, np.ndarray]:
         """Residuals (n, rows) of the constraints and of given displacements, and their Jacobian (n, rows, k)."""
         terms = equations.at(t, q, np.zeros_like(q))
         motion = Motion(list(self.scene.bodies), t, q, np.zeros_like(q))
@@ -119,16 +144,23 @@ class Completion:
         for name in self.ways:
             guide = self.scene.guides[name]
             way = motion.direction(guide.guide, guide.direction).dot(
-                motion.between(guide.bodies, (guide.slider_point, guide.point)))
+                motion.between(guide.bodies, (guide.slider_point, guide.point))
+            )
             residuals.append((way.value - columns[f"{name}.displacement"])[:, None])
             jacobians.append(way.jacobian[:, None])
         return np.concatenate(residuals, axis=1), np.concatenate(jacobians, axis=1)
 
-    def velocities(self, t: np.ndarray, q: np.ndarray, columns: Mapping[str, np.ndarray]) -> np.ndarray | None:
+    def velocities(
+        self, t: np.ndarray, q: np.ndarray, columns: Mapping[str, np.ndarray]
+    ) -> np.ndarray | None:
         """Velocities of all bodies, (n, k), from those that are given, where these determine the others; else None."""
-        return self._velocities(t, q, {name: columns[name] for name in self._given(columns)}, self.rates)
+        return self._velocities(
+            t, q, {name: columns[name] for name in self._given(columns)}, self.rates
+        )
 
-    def differences(self, t: np.ndarray, q: np.ndarray, columns: Mapping[str, np.ndarray]) -> np.ndarray:
+    def differences(
+        self, t: np.ndarray, q: np.ndarray, columns: Mapping[str, np.ndarray]
+    ) -> np.ndarray:
         """Velocities of all bodies: given ones, and else the difference quotients of coordinates."""
         v = np.gradient(q, t, axis=0, edge_order=2)
         for place, name in enumerate(self.names(VELOCITIES)):
@@ -136,19 +168,24 @@ class Completion:
                 v[:, place] = columns[name]
         return v
 
-    def _velocities(self, t: np.ndarray, q: np.ndarray, columns: Mapping[str, np.ndarray],
-                    rates: np.ndarray) -> np.ndarray | None:
+    def _velocities(
+        self, t: np.ndarray, q: np.ndarray, columns: Mapping[str, np.ndarray], rates: np.ndarray
+    ) -> np.ndarray | None:
         unknown, equations, scale = ~rates, EquationsOfMotion(self.scene), self._scale()
         v = np.zeros_like(q)
         for place, name in enumerate(self.names(VELOCITIES)):
             if rates[place]:
                 v[:, place] = columns[name]
         for part in in_parts(len(t), AT_ONCE) if unknown.any() else ():
-            terms = equations.at(t[part], q[part], v[part])  # phi_dot = J v + Phi_t, with zero for the unknown
+            terms = equations.at(
+                t[part], q[part], v[part]
+            )  # phi_dot = J v + Phi_t, with zero for the unknown
             if not _are_determined(terms.J / scale, unknown):
                 return None
             J = terms.J[..., unknown] / scale[unknown]
-            v[part, unknown] = -np.einsum("nij,nj->ni", np.linalg.pinv(J), terms.phi_dot) / scale[unknown]
+            v[part, unknown] = (
+                -np.einsum("nij,nj->ni", np.linalg.pinv(J), terms.phi_dot) / scale[unknown]
+            )
         return v
 
 
@@ -164,11 +201,13 @@ def _are_determined(J: np.ndarray, unknown: np.ndarray, ways: int = 0) -> bool:
     if not np.all(size[:, -1] > RANK * size[:, 0]):
         return False
     inverse = np.linalg.pinv(wanted)
-    enlarged = [inverse @ J[..., ~unknown], inverse[..., rows - ways:]]
+    enlarged = [inverse @ J[..., ~unknown], inverse[..., rows - ways :]]
     return all(np.max(np.abs(one), initial=0.0) <= ENLARGED for one in enlarged)
 
 
-def slips(completion: Completion, t: np.ndarray, columns: Mapping[str, np.ndarray]) -> dict[str, np.ndarray]:
+def slips(
+    completion: Completion, t: np.ndarray, columns: Mapping[str, np.ndarray]
+) -> dict[str, np.ndarray]:
     """Return slip velocities of the frictional guides; none where the columns do not determine them.
 
     Of given velocities where they determine all others, else difference quotients of displacements.
@@ -179,25 +218,32 @@ def slips(completion: Completion, t: np.ndarray, columns: Mapping[str, np.ndarra
     v = completion.velocities(t, q, columns)
     found: dict[str, list[np.ndarray]] = {}
     for part in in_parts(len(t), AT_ONCE):
-        for name, way, rate in _ways(completion.scene, t[part], q[part], None if v is None else v[part]):
+        for name, way, rate in _ways(
+            completion.scene, t[part], q[part], None if v is None else v[part]
+        ):
             found.setdefault(name, []).append(way if v is None else rate)
     joined = {name: np.concatenate(values) for name, values in found.items()}
-    return {f"{name}.slip_velocity": np.gradient(values, t) if v is None else values
-            for name, values in joined.items()}
+    return {
+        f"{name}.slip_velocity": np.gradient(values, t) if v is None else values
+        for name, values in joined.items()
+    }
 
 
-def _ways(scene: Scene, t: np.ndarray, q: np.ndarray,
-          v: np.ndarray | None) -> Iterator[tuple[str, np.ndarray, np.ndarray]]:
+def _ways(
+    scene: Scene, t: np.ndarray, q: np.ndarray, v: np.ndarray | None
+) -> Iterator[tuple[str, np.ndarray, np.ndarray]]:
     """Name, displacement and slip velocity of each frictional guide."""
     motion = Motion(list(scene.bodies), t, q, np.zeros_like(q) if v is None else v)
     for name, guide in scene.frictional_guides.items():
         way = motion.direction(guide.guide, guide.direction).dot(
-            motion.between(guide.bodies, (guide.slider_point, guide.point)))
+            motion.between(guide.bodies, (guide.slider_point, guide.point))
+        )
         yield name, way.value, way.rate
 
 
-def energy_of_motion(completion: Completion, t: np.ndarray,
-                     columns: Mapping[str, np.ndarray]) -> tuple[float, float, float] | None:
+def energy_of_motion(
+    completion: Completion, t: np.ndarray, columns: Mapping[str, np.ndarray]
+) -> tuple[float, float, float] | None:
     """Return what `unaccounted_energy` does, for a table that lacks velocities, efforts or frictions.
 
     Forces are those that the motion needs, with difference quotients for accelerations (`recover_columns`). Only what
@@ -209,8 +255,11 @@ def energy_of_motion(completion: Completion, t: np.ndarray,
     """
     every = -(-len(t) // MOST)
     t = t[::every]
-    chosen = {name: columns[name][::every] for name in {*completion._given(columns), *needed_columns(
-        completion.scene)} if name in columns}
+    chosen = {
+        name: columns[name][::every]
+        for name in {*completion._given(columns), *needed_columns(completion.scene)}
+        if name in columns
+    }
     if len(t) < FEWEST:
         return None
     fine = _balance(completion, t, chosen)
@@ -218,7 +267,9 @@ def energy_of_motion(completion: Completion, t: np.ndarray,
         return None
     unsure = 0.0
     for stride in STRIDES:
-        coarse = _balance(completion, t[::stride], {name: values[::stride] for name, values in chosen.items()})
+        coarse = _balance(
+            completion, t[::stride], {name: values[::stride] for name, values in chosen.items()}
+        )
         if coarse is None:
             return None
         off = fine["balance"].to_numpy()[::stride] - coarse["balance"].to_numpy()
@@ -227,7 +278,9 @@ def energy_of_motion(completion: Completion, t: np.ndarray,
     return float(fine["balance"].abs().max()), float(2 * unsure), float(changes)
 
 
-def _balance(completion: Completion, t: np.ndarray, columns: Mapping[str, np.ndarray]) -> pd.DataFrame | None:
+def _balance(
+    completion: Completion, t: np.ndarray, columns: Mapping[str, np.ndarray]
+) -> pd.DataFrame | None:
     """`energy_columns` of the completed motion; None where forces are not determined."""
     scene = completion.scene
     q = completion.positions(t, columns)
@@ -236,9 +289,15 @@ def _balance(completion: Completion, t: np.ndarray, columns: Mapping[str, np.nda
     v = completion.velocities(t, q, columns)
     if v is None:
         v = completion.differences(t, q, columns)
-    given = {name: columns[name] for name in needed_columns(scene)
-             if name in columns and name.endswith((".effort", ".friction"))}
-    found = {**recover_columns(scene, t, q, v, np.gradient(v, t, axis=0, edge_order=2), given), **given}
+    given = {
+        name: columns[name]
+        for name in needed_columns(scene)
+        if name in columns and name.endswith((".effort", ".friction"))
+    }
+    found = {
+        **recover_columns(scene, t, q, v, np.gradient(v, t, axis=0, edge_order=2), given),
+        **given,
+    }
     for name, _, slip in _ways(scene, t, q, v):
         if f"{name}.friction" not in given:
             found[f"{name}.friction"] = _coulomb(scene, name, slip, found)
@@ -247,7 +306,9 @@ def _balance(completion: Completion, t: np.ndarray, columns: Mapping[str, np.nda
     return energy_columns(scene, t, found)
 
 
-def _coulomb(scene: Scene, name: str, slip: np.ndarray, found: Mapping[str, np.ndarray]) -> np.ndarray:
+def _coulomb(
+    scene: Scene, name: str, slip: np.ndarray, found: Mapping[str, np.ndarray]
+) -> np.ndarray:
     """Friction on the slider of a guide by the kinetic coefficient; zero at rest, where it does no work."""
     guide = scene.guides[name]
     mode = np.where(np.abs(slip) > STILL * np.max(np.abs(slip)), np.sign(slip), 0.0)

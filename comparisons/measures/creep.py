@@ -56,8 +56,15 @@ class Slip:
     acceleration: float | None
 
 
-def slip_of(t: np.ndarray, displacement: np.ndarray, velocity: np.ndarray, rounding: float = 0.0, *,
-            landed: float = LANDING, period: float | None = None) -> Slip:
+def slip_of(
+    t: np.ndarray,
+    displacement: np.ndarray,
+    velocity: np.ndarray,
+    rounding: float = 0.0,
+    *,
+    landed: float = LANDING,
+    period: float | None = None,
+) -> Slip:
     """Reduce a motion along a guide to the numbers of its slip.
 
     The creep is the slope of Theil and Sen: the median of the slopes between all pairs of instants after the landing. A
@@ -85,7 +92,11 @@ def slip_of(t: np.ndarray, displacement: np.ndarray, velocity: np.ndarray, round
     if period is not None:
         integral = cumulative_trapezoid(place - first, times, initial=0.0)
         starts = times[times + period <= times[-1] * (1 + 1e-9)]
-        place = first + (np.interp(starts + period, times, integral) - np.interp(starts, times, integral)) / period
+        place = (
+            first
+            + (np.interp(starts + period, times, integral) - np.interp(starts, times, integral))
+            / period
+        )
         times = starts
     floor = rounding / float(times[-1] - times[0])
     creep, steady = Uncertain(0.0, floor), 0.0
@@ -98,9 +109,12 @@ def slip_of(t: np.ndarray, displacement: np.ndarray, velocity: np.ndarray, round
         half, rest = len(times) // 2, place - slope * times
         tenths = slice(half, half + tenth), slice(-tenth, None)
         (begins, first_rest), (ends, last_rest) = (
-            (float(np.median(times[part])), float(np.median(rest[part]))) for part in tenths)
+            (float(np.median(times[part])), float(np.median(rest[part]))) for part in tenths
+        )
         mean = float(slope) + (last_rest - first_rest) / (ends - begins)
-        scatter = 1.4826 * float(np.median(np.abs(rest - np.median(rest))))  # standard deviation where it is normal
+        scatter = 1.4826 * float(
+            np.median(np.abs(rest - np.median(rest)))
+        )  # standard deviation where it is normal
         of_medians = 1.2533 * scatter * math.sqrt(2 / tenth) / (ends - begins)
         if abs(mean - creep.value) > creep.uncertainty + SURE * of_medians:
             creep = Uncertain(mean, abs(mean - creep.value))
@@ -119,4 +133,6 @@ def _let_go(t: np.ndarray, speed: np.ndarray) -> float | None:
     if not len(fast):
         return None
     i = int(fast[0])
-    return float(t[0]) if i == 0 else float(np.interp(LET_GO, speed[i - 1:i + 1], t[i - 1:i + 1]))
+    return (
+        float(t[0]) if i == 0 else float(np.interp(LET_GO, speed[i - 1 : i + 1], t[i - 1 : i + 1]))
+    )

@@ -35,12 +35,18 @@ class Graph:
     def __post_init__(self) -> None:
         t, values = np.asarray(self.t, dtype=float), np.asarray(self.values, dtype=float)
         if t.ndim != 1 or t.shape != values.shape or len(t) < 2:
-            raise ValueError(f"graph: found t of shape {t.shape}, values of shape {values.shape}; "
-                             "expected one value per time and at least two")
+            raise ValueError(
+                f"graph: found t of shape {t.shape}, values of shape {values.shape}; "
+                "expected one value per time and at least two"
+            )
         if not (np.all(np.isfinite(t)) and np.all(np.isfinite(values))):
-            raise ValueError("graph: found values that are not finite; expected finite times and values")
+            raise ValueError(
+                "graph: found values that are not finite; expected finite times and values"
+            )
         if np.any(np.diff(t) < 0) or t[-1] <= t[0]:
-            raise ValueError("graph: found times that decrease or do not advance; expected times in order")
+            raise ValueError(
+                "graph: found times that decrease or do not advance; expected times in order"
+            )
         object.__setattr__(self, "t", t)
         object.__setattr__(self, "values", values)
 
@@ -56,16 +62,20 @@ class Graph:
         smooth = h > 8 * np.finfo(float).eps * np.max(np.abs(self.t))
         slope = np.divide(rise, h, out=np.zeros_like(h), where=smooth)
         pair = smooth[1:] & smooth[:-1]
-        bend = np.where(pair, 2 * np.abs(np.diff(slope)) / np.maximum(h[1:] + h[:-1], np.finfo(float).tiny), 0.0)
+        bend = np.where(
+            pair, 2 * np.abs(np.diff(slope)) / np.maximum(h[1:] + h[:-1], np.finfo(float).tiny), 0.0
+        )
         second = np.maximum(np.append(bend, 0.0), np.append(0.0, bend))
-        return second * h ** 2 / 4
+        return second * h**2 / 4
 
 
 def l1(a: Graph, b: Graph) -> Uncertain:
     """Integrate |a - b| over the times that both cover, exactly for the two broken lines."""
     start, end = max(a.t[0], b.t[0]), min(a.t[-1], b.t[-1])
     if end <= start:
-        raise ValueError(f"no time in common: {a.t[0]:g} .. {a.t[-1]:g} s and {b.t[0]:g} .. {b.t[-1]:g} s")
+        raise ValueError(
+            f"no time in common: {a.t[0]:g} .. {a.t[-1]:g} s and {b.t[0]:g} .. {b.t[-1]:g} s"
+        )
     t = np.unique(np.concatenate([a.t, b.t, [start, end]]))
     t = t[(t >= start) & (t <= end)]
     left = value_at(a, t[:-1], "after") - value_at(b, t[:-1], "after")
@@ -73,7 +83,7 @@ def l1(a: Graph, b: Graph) -> Uncertain:
     size, other, h = np.abs(left), np.abs(right), np.diff(t)
     crossing = left * right < 0
     total = size + other
-    area = np.where(crossing, (size ** 2 + other ** 2) / np.where(total > 0, 2 * total, 1.0), total / 2)
+    area = np.where(crossing, (size**2 + other**2) / np.where(total > 0, 2 * total, 1.0), total / 2)
     # the mean deviation of a parabola from its chord is two thirds of the largest
     unsure = sum(float(np.sum(2 / 3 * g.interpolation_error * np.diff(g.t))) for g in (a, b))
     return Uncertain(float(np.sum(area * h)), unsure)
@@ -117,8 +127,12 @@ def match_events(true: Sequence[Any], found: Sequence[Event], window: float) -> 
     """
     if not window > 0:
         raise ValueError(f"window: found {window:g}; expected a positive time in seconds")
-    gap = np.abs(np.subtract.outer([e.time for e in true], [e.time for e in found])).reshape(len(true), len(found))
-    alike = np.array([[e.kind == f.kind and e.joint == f.joint for f in found] for e in true], dtype=bool)
+    gap = np.abs(np.subtract.outer([e.time for e in true], [e.time for e in found])).reshape(
+        len(true), len(found)
+    )
+    alike = np.array(
+        [[e.kind == f.kind and e.joint == f.joint for f in found] for e in true], dtype=bool
+    )
     alike = alike.reshape(gap.shape) & (gap <= window)
     # one pair more is worth more than any sum of time errors
     cost = np.where(alike, gap, window * (1 + min(gap.shape)))

@@ -35,10 +35,15 @@ def drift(trajectory: Trajectory | None) -> dict[str, Any]:
     t, position, velocity = trajectory.t, trajectory["drift.position"], trajectory["drift.velocity"]
     law = growth(t, position, t[-1] / SETTLED, rounding_of(trajectory))
     return row | {
-        "position_drift": float(np.max(position)), "position_drift_end": float(position[-1]),
-        "velocity_drift": float(np.max(velocity)), "velocity_drift_end": float(velocity[-1]),
-        "growth": law.verdict, "growth_exponent": law.exponent, "growth_exponent_uncertainty": law.uncertainty,
-        "drift_uncertainty": ROUNDING}
+        "position_drift": float(np.max(position)),
+        "position_drift_end": float(position[-1]),
+        "velocity_drift": float(np.max(velocity)),
+        "velocity_drift_end": float(velocity[-1]),
+        "growth": law.verdict,
+        "growth_exponent": law.exponent,
+        "growth_exponent_uncertainty": law.uncertainty,
+        "drift_uncertainty": ROUNDING,
+    }
 
 
 def decay_error(trajectory: Trajectory, scene: Scene) -> Uncertain | None:
@@ -54,10 +59,16 @@ def decay_error(trajectory: Trajectory, scene: Scene) -> Uncertain | None:
         return None
     if not rounding + trajectory["drift.velocity"][0] < CLEAR * position[0]:
         return None
-    root = np.sqrt(complex(law.alpha ** 2 - law.beta ** 2)) or 1e-8 * law.alpha  # equal ones are the limit
+    root = (
+        np.sqrt(complex(law.alpha**2 - law.beta**2)) or 1e-8 * law.alpha
+    )  # equal ones are the limit
     faster, slower = -law.alpha - root, -law.alpha + root
-    factor = (slower * np.exp(faster * trajectory.t) - faster * np.exp(slower * trajectory.t)) / (slower - faster)
-    return Uncertain(float(np.max(np.abs(position / position[0] - np.abs(factor.real)))), rounding / position[0])
+    factor = (slower * np.exp(faster * trajectory.t) - faster * np.exp(slower * trajectory.t)) / (
+        slower - faster
+    )
+    return Uncertain(
+        float(np.max(np.abs(position / position[0] - np.abs(factor.real)))), rounding / position[0]
+    )
 
 
 def rounding_of(trajectory: Trajectory) -> float:
@@ -66,8 +77,16 @@ def rounding_of(trajectory: Trajectory) -> float:
     A coordinate is rounded by eps times its size, which for the angle of a turning bar grows; a residual is the sum of
     some squares, each of the difference of some products.
     """
-    states = [values for name, values in trajectory.columns.items() if name.rpartition(".")[2] in ("x", "y", "angle")]
-    return 16 * np.finfo(float).eps * float(max((np.max(np.abs(values)) for values in states), default=0.0))
+    states = [
+        values
+        for name, values in trajectory.columns.items()
+        if name.rpartition(".")[2] in ("x", "y", "angle")
+    ]
+    return (
+        16
+        * np.finfo(float).eps
+        * float(max((np.max(np.abs(values)) for values in states), default=0.0))
+    )
 
 
 def rounding_over(trajectory: Trajectory) -> float:

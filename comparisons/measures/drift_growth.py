@@ -43,7 +43,9 @@ class Growth:
     spread: float = np.nan
 
 
-def growth(t: np.ndarray, values: np.ndarray, first: float, rounding: float | np.ndarray = 0.0) -> Growth:
+def growth(
+    t: np.ndarray, values: np.ndarray, first: float, rounding: float | np.ndarray = 0.0
+) -> Growth:
     """Find the law of growth of sampled values.
 
     The law is that of root mean squares over octaves (T/2, T], (T/4, T/2], .. before the end T, from `first` on. The
@@ -68,11 +70,11 @@ def growth(t: np.ndarray, values: np.ndarray, first: float, rounding: float | np
         inside = values[within]
         if len(inside) == 0 or not np.all(np.isfinite(inside)):
             break
-        octaves.insert(0, (end, float(np.sqrt(np.mean(inside ** 2)))))
+        octaves.insert(0, (end, float(np.sqrt(np.mean(inside**2)))))
         above.insert(0, octaves[0][1] > np.sqrt(np.mean(limit[within] ** 2)))
         end /= 2
     seen = [octave for octave, is_above in zip(octaves, above) if is_above]
-    are_successive = all(above[:len(seen)])  # a law is of successive octaves
+    are_successive = all(above[: len(seen)])  # a law is of successive octaves
     rounding_follows = are_successive and len(seen) < len(octaves)
     if len(values) and np.all(values <= limit) or rounding_follows and len(seen) < FEWEST:
         return Growth(ROUNDED, tuple(octaves))
@@ -101,5 +103,5 @@ def walk_spread(octaves: int) -> float:
     steps = random.normal(size=(WALKS, len(times))) * np.sqrt(np.diff(times, prepend=0.0))
     walks = np.cumsum(steps, axis=1)[:, 1:].reshape(WALKS, octaves, PER_OCTAVE)
     weights = np.diff(times).reshape(octaves, PER_OCTAVE)
-    sizes = np.sqrt(np.sum(walks ** 2 * weights, axis=2) / np.sum(weights, axis=1))
+    sizes = np.sqrt(np.sum(walks**2 * weights, axis=2) / np.sum(weights, axis=1))
     return float(np.quantile(np.ptp(np.log(sizes), axis=1), (1 - CONFIDENCE) / 2))

@@ -36,19 +36,31 @@ def engine_costs(scene: Scene) -> Iterator[str]:
 
     Every method of every engine is run at that step, equally often, in turns; where there is no time the reason stands.
     """
-    engines = [replace(variant, ladder=(COMMON_STEP,)) for variant in cost_variants()
-               if variant.engine != REFERENCE and variant.parameter == "dt"]
+    engines = [
+        replace(variant, ladder=(COMMON_STEP,))
+        for variant in cost_variants()
+        if variant.engine != REFERENCE and variant.parameter == "dt"
+    ]
     table = work_precision(scene, engines, t_end=PERIOD, repeats=REPEATS).make().table
-    yield (f"{scene.name}, {PERIOD:g} s, {1e3 * COMMON_STEP:g} ms: us of CPU a step, "
-           f"medians of {table['repeats'].max():.0f} repeats each")
+    yield (
+        f"{scene.name}, {PERIOD:g} s, {1e3 * COMMON_STEP:g} ms: us of CPU a step, "
+        f"medians of {table['repeats'].max():.0f} repeats each"
+    )
     yield "\n| method | version | total | the engine | the rest / its own | error [m] |\n|---|---|---|---|---|---|"
     notes: dict[str, int] = {}
     for row in table.to_dict("records"):
         found = [f"{row['status']}: {row['reason']}", "", "", ""]
         if row["status"] == "ok" and not row["reason"]:
-            total, own = (1e6 * row[name] / (PERIOD / COMMON_STEP) for name in ("cpu_time", OWN_CPU))
+            total, own = (
+                1e6 * row[name] / (PERIOD / COMMON_STEP) for name in ("cpu_time", OWN_CPU)
+            )
             mark = f" ({notes.setdefault(row['timing'], len(notes) + 1)})" if row["timing"] else ""
-            found = [f"{total:.3g}{mark}", f"{own:.3g}", f"{total / own - 1:.1f}", f"{row['position_error']:.1e}"]
+            found = [
+                f"{total:.3g}{mark}",
+                f"{own:.3g}",
+                f"{total / own - 1:.1f}",
+                f"{row['position_error']:.1e}",
+            ]
         version = row["version"] if row["status"] == "ok" else ""
         yield f"| {' | '.join([row['variant'], version, *found])} |"
     yield ""

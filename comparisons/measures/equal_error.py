@@ -35,12 +35,26 @@ from stiction.comparisons.bench.timing.intervals import median_interval
 from stiction.comparisons.bench.timing.visits import doubt
 from stiction.comparisons.bench.variants import OWN_CPU
 from stiction.comparisons.measures.power_law import fitted_exponent
-from stiction.comparisons.measures.work_precision import HIGH, LEVEL, LOW, TIMING, TOTAL, TOTAL_HIGH, TOTAL_LOW
+from stiction.comparisons.measures.work_precision import (
+    HIGH,
+    LEVEL,
+    LOW,
+    TIMING,
+    TOTAL,
+    TOTAL_HIGH,
+    TOTAL_LOW,
+)
 from stiction.engines.protocol import FRICTION_SUPPLIED_BY, Supplier
 from stiction.uncertain import Uncertain
 
-SCENES = ("slider-bar-case-1", "slider-bar-case-2", "slider-bar-case-3", "slider-on-moving-guide", "elliptic-trammel",
-          "hard/stiff-spring")
+SCENES = (
+    "slider-bar-case-1",
+    "slider-bar-case-2",
+    "slider-bar-case-3",
+    "slider-on-moving-guide",
+    "elliptic-trammel",
+    "hard/stiff-spring",
+)
 """The paper's cases, and mechanisms with a truth: a guide that moves, two guides with friction, a stiff spring."""
 COARSEST = -2
 """Power of ten of the largest error of the table."""
@@ -68,15 +82,48 @@ class Quantity:
     without_events: str = ""
 
 
-QUANTITIES = (Quantity("position", "position_error", "position_uncertainty", "m"),
-              Quantity("torque", "torque_error", "torque_uncertainty", "N m",
-                       "between two output instants it is not known when it jumps"),
-              Quantity("event time", "event_time_error", "event_time_uncertainty", "s",
-                       "there is nothing to compare"))
+QUANTITIES = (
+    Quantity("position", "position_error", "position_uncertainty", "m"),
+    Quantity(
+        "torque",
+        "torque_error",
+        "torque_uncertainty",
+        "N m",
+        "between two output instants it is not known when it jumps",
+    ),
+    Quantity(
+        "event time",
+        "event_time_error",
+        "event_time_uncertainty",
+        "s",
+        "there is nothing to compare",
+    ),
+)
 SMALLEST = "smallest_error"
-COLUMNS = ("scene", "truth", "fidelity", "variant", "engine", "quantity", "error", "unit", OWN_CPU, LOW, HIGH,
-           TOTAL, TOTAL_LOW, TOTAL_HIGH, LEVEL, TIMING, "is_bound", SMALLEST, "because", "why", "order",
-           "order_uncertainty")
+COLUMNS = (
+    "scene",
+    "truth",
+    "fidelity",
+    "variant",
+    "engine",
+    "quantity",
+    "error",
+    "unit",
+    OWN_CPU,
+    LOW,
+    HIGH,
+    TOTAL,
+    TOTAL_LOW,
+    TOTAL_HIGH,
+    LEVEL,
+    TIMING,
+    "is_bound",
+    SMALLEST,
+    "because",
+    "why",
+    "order",
+    "order_uncertainty",
+)
 """Columns of `equal_error`."""
 
 
@@ -114,28 +161,51 @@ def equal_error(runs: pd.DataFrame, samples: pd.DataFrame) -> pd.DataFrame:
         reaches it; their `LEVEL`, and `TIMING`, the reason why it is unsure; ``at most``: the coarsest run already
         meets it; `SMALLEST` error on this scene; over all scenes the fields of `Limit`.
     """
-    limits = {(quantity.name, variant): limit_of(series, quantity, accelerations_of(series, runs))
-              for quantity in QUANTITIES for variant, series in runs.groupby("variant", sort=False)}
-    rows = [row for _, there in runs.groupby("scene", sort=False) for quantity in QUANTITIES
-            for row in _rows(there, samples, quantity, limits)]
+    limits = {
+        (quantity.name, variant): limit_of(series, quantity, accelerations_of(series, runs))
+        for quantity in QUANTITIES
+        for variant, series in runs.groupby("variant", sort=False)
+    }
+    rows = [
+        row
+        for _, there in runs.groupby("scene", sort=False)
+        for quantity in QUANTITIES
+        for row in _rows(there, samples, quantity, limits)
+    ]
     return pd.DataFrame(rows, columns=COLUMNS)
 
 
-def _rows(runs: pd.DataFrame, samples: pd.DataFrame, quantity: Quantity,
-          limits: Mapping[tuple[str, str], Limit]) -> Iterator[dict[str, Any]]:
+def _rows(
+    runs: pd.DataFrame,
+    samples: pd.DataFrame,
+    quantity: Quantity,
+    limits: Mapping[tuple[str, str], Limit],
+) -> Iterator[dict[str, Any]]:
     sizes = _sizes(runs[succeeded(runs)], quantity)
     sizes = sizes[np.isfinite(sizes) & (sizes > 0)]
     if sizes.empty:
         return
     coarsest = min(COARSEST, math.floor(math.log10(sizes.max())))
-    targets = [float(f"1e{power}") for power in range(coarsest, math.ceil(math.log10(sizes.min())) - 1, -1)]
+    targets = [
+        float(f"1e{power}") for power in range(coarsest, math.ceil(math.log10(sizes.min())) - 1, -1)
+    ]
     for variant, series in runs.groupby("variant", sort=False):
-        limit, truths = limits[quantity.name, variant], series["truth"].dropna() if "truth" in series else ()
+        limit, truths = (
+            limits[quantity.name, variant],
+            series["truth"].dropna() if "truth" in series else (),
+        )
         order = limit.order or Uncertain(math.nan, math.nan)
-        about = {**series.iloc[0][["scene", "fidelity", "variant", "engine"]], "truth": next(iter(truths), None),
-                 "quantity": quantity.name, "unit": quantity.unit,
-                 SMALLEST: _smallest(series[succeeded(series)], quantity), "because": limit.because,
-                 "why": limit.why, "order": order.value, "order_uncertainty": order.uncertainty}
+        about = {
+            **series.iloc[0][["scene", "fidelity", "variant", "engine"]],
+            "truth": next(iter(truths), None),
+            "quantity": quantity.name,
+            "unit": quantity.unit,
+            SMALLEST: _smallest(series[succeeded(series)], quantity),
+            "because": limit.because,
+            "why": limit.why,
+            "order": order.value,
+            "order_uncertainty": order.uncertainty,
+        }
         for target in targets:
             time = time_to(series, samples, quantity, target)
             yield about | {"error": target} | time
@@ -147,7 +217,12 @@ def _sizes(rows: pd.DataFrame, quantity: Quantity) -> pd.Series:
     """Errors, or their uncertainties where these are larger."""
     if quantity.error not in rows:
         return pd.Series(np.nan, rows.index)
-    return rows[[quantity.error, quantity.uncertainty]].astype(float).max(axis=1).where(rows[quantity.error].notna())
+    return (
+        rows[[quantity.error, quantity.uncertainty]]
+        .astype(float)
+        .max(axis=1)
+        .where(rows[quantity.error].notna())
+    )
 
 
 def _smallest(rows: pd.DataFrame, quantity: Quantity) -> float:
@@ -155,23 +230,38 @@ def _smallest(rows: pd.DataFrame, quantity: Quantity) -> float:
     return float(_sizes(rows, quantity).groupby(rows["scene"]).min().max())
 
 
-def time_to(series: pd.DataFrame, samples: pd.DataFrame, quantity: Quantity, target: float) -> dict[str, Any]:
+def time_to(
+    series: pd.DataFrame, samples: pd.DataFrame, quantity: Quantity, target: float
+) -> dict[str, Any]:
     """Columns of the time at which a series, coarse to fine, meets an error first; none where it does not."""
     rounds = rounds_to(series, samples, quantity, target)
     if rounds is None:
         return {}
     own, total = (median_interval(rounds[name]) for name in (OWN_CPU, TOTAL))
     coarsest = _sizes(series[succeeded(series)], quantity).iloc[0]
-    return {OWN_CPU: own.value, LOW: own.low, HIGH: own.high, TOTAL: total.value, TOTAL_LOW: total.low,
-            TOTAL_HIGH: total.high, LEVEL: own.level, TIMING: doubt(total), "is_bound": bool(coarsest <= target)}
+    return {
+        OWN_CPU: own.value,
+        LOW: own.low,
+        HIGH: own.high,
+        TOTAL: total.value,
+        TOTAL_LOW: total.low,
+        TOTAL_HIGH: total.high,
+        LEVEL: own.level,
+        TIMING: doubt(total),
+        "is_bound": bool(coarsest <= target),
+    }
 
 
-def rounds_to(series: pd.DataFrame, samples: pd.DataFrame, quantity: Quantity, target: float) -> pd.DataFrame | None:
+def rounds_to(
+    series: pd.DataFrame, samples: pd.DataFrame, quantity: Quantity, target: float
+) -> pd.DataFrame | None:
     """Time to an error by round, `OWN_CPU` and `TOTAL`; for a ratio to another variant's of the same round."""
     rows = series[succeeded(series)]
     sizes, keys = _sizes(rows, quantity).to_numpy(), list(rows["key"])
-    times = {key: part.set_index("round")[[OWN_CPU, TOTAL]]
-             for key, part in samples[samples["key"].isin(keys)].groupby("key", sort=False)}
+    times = {
+        key: part.set_index("round")[[OWN_CPU, TOTAL]]
+        for key, part in samples[samples["key"].isin(keys)].groupby("key", sort=False)
+    }
     meetings = [times[key] for key, size in zip(keys, sizes) if size <= target and key in times]
     for i in range(1, len(keys)):
         if sizes[i - 1] > target > sizes[i] and {keys[i - 1], keys[i]} <= set(times):
@@ -186,11 +276,15 @@ def accelerations_of(series: pd.DataFrame, runs: pd.DataFrame) -> pd.DataFrame |
     first, rows = series.iloc[0], runs[succeeded(runs)]
     alike = (rows["engine"] == first["engine"]) & (rows["fidelity"] == first["fidelity"])
     rows = rows[alike & (rows["variant"] != first["variant"])]
-    rows = rows[[json.loads(settings).get("method") == "accelerations" for settings in rows["settings"]]]
+    rows = rows[
+        [json.loads(settings).get("method") == "accelerations" for settings in rows["settings"]]
+    ]
     return rows if len(rows) else None
 
 
-def limit_of(series: pd.DataFrame, quantity: Quantity, accelerations: pd.DataFrame | None = None) -> Limit:
+def limit_of(
+    series: pd.DataFrame, quantity: Quantity, accelerations: pd.DataFrame | None = None
+) -> Limit:
     """Find the limit of the error of a variant by the rules of the module, in their order.
 
     Parameters
@@ -216,21 +310,34 @@ def limit_of(series: pd.DataFrame, quantity: Quantity, accelerations: pd.DataFra
     order = order_of(rows, quantity)
     if order is None:
         return Limit(UNKNOWN, "too few runs for an order with an interval")
-    parameter, low, high = rows["parameter"].iloc[0], order.value - order.uncertainty, order.value + order.uncertainty
+    parameter, low, high = (
+        rows["parameter"].iloc[0],
+        order.value - order.uncertainty,
+        order.value + order.uncertainty,
+    )
     found = f"order {order.value:.2g} ± {order.uncertainty:.1g} in {parameter} at the finest runs"
     falls_everywhere = all(errors[-1] < errors[0] for _, errors in _finest(rows, quantity))
     if high >= FALLS and low > 0 and falls_everywhere:
         return Limit(INTEGRATION, f"still falls: {found}", order)
     settings = json.loads(rows["settings"].iloc[-1])
     if parameter == "iterations":
-        return Limit(INTEGRATION, f"does not fall with {parameter}: its step of {settings['dt']:g} s is fixed", order)
+        return Limit(
+            INTEGRATION,
+            f"does not fall with {parameter}: its step of {settings['dt']:g} s is fixed",
+            order,
+        )
     if high >= FALLS:
         return Limit(UNKNOWN, found, order)
     return Limit(*_level(rows, quantity, accelerations, settings, f"does not fall: {found}"), order)
 
 
-def _level(rows: pd.DataFrame, quantity: Quantity, accelerations: pd.DataFrame | None, settings: Mapping[str, Any],
-           found: str) -> tuple[str, str]:
+def _level(
+    rows: pd.DataFrame,
+    quantity: Quantity,
+    accelerations: pd.DataFrame | None,
+    settings: Mapping[str, Any],
+    found: str,
+) -> tuple[str, str]:
     """Limit of an error that does not fall, and the evidence."""
     if rows["fidelity"].iloc[0] == "contact":
         return MODEL, f"{found}; bodies in contact, with clearance or contacts that give way"
@@ -238,7 +345,10 @@ def _level(rows: pd.DataFrame, quantity: Quantity, accelerations: pd.DataFrame |
         ours = _smallest(rows[rows["scene"].isin(accelerations["scene"])], quantity)
         theirs = _smallest(accelerations[accelerations["scene"].isin(rows["scene"])], quantity)
         if theirs < FURTHER * ours:
-            return ADAPTER, f"{found}; the engine's accelerations lead to {theirs:.1g} {quantity.unit}"
+            return (
+                ADAPTER,
+                f"{found}; the engine's accelerations lead to {theirs:.1g} {quantity.unit}",
+            )
         if np.isfinite(theirs):
             under = "the engine's accelerations under an integrator of high order"
             return MODEL, f"{found}; {under} end at {theirs:.1g} {quantity.unit}"
@@ -262,5 +372,7 @@ def _finest(rows: pd.DataFrame, quantity: Quantity) -> list[tuple[np.ndarray, np
     """The `FINEST` steps on each scene and their errors, coarse to fine, those above the truth's uncertainty."""
     sizes = _sizes(rows, quantity)
     known = rows[sizes > rows[quantity.uncertainty]] if quantity.error in rows else rows.iloc[:0]
-    return [(finest["step"].to_numpy(dtype=float), sizes[finest.index].to_numpy())
-            for finest in (series.iloc[-FINEST:] for _, series in known.groupby("scene", sort=False))]
+    return [
+        (finest["step"].to_numpy(dtype=float), sizes[finest.index].to_numpy())
+        for finest in (series.iloc[-FINEST:] for _, series in known.groupby("scene", sort=False))
+    ]

@@ -92,9 +92,12 @@ def invariant_shifts(scene: Scene, size: float) -> InvariantShifts:
     count = 3 * len(scene.bodies)
     rows = np.array([row for row, _, _ in conditions]).reshape(-1, count)
     is_length = np.any(np.delete(rows, np.s_[2::3], axis=1) != 0.0, axis=1)
-    return InvariantShifts(rows, np.array([rate for _, rate, _ in conditions], dtype=float),
-                           np.array([turns for _, _, turns in conditions], dtype=bool),
-                           np.where(is_length, 1.0, size))
+    return InvariantShifts(
+        rows,
+        np.array([rate for _, rate, _ in conditions], dtype=float),
+        np.array([turns for _, _, turns in conditions], dtype=bool),
+        np.where(is_length, 1.0, size),
+    )
 
 
 def _conditions(scene: Scene) -> Iterator[Condition]:
@@ -144,8 +147,13 @@ class _Rules:
         if rate:
             yield np.zeros(3 * len(self.places)), rate, False
 
-    def along(self, bodies: tuple[str, str], direction: tuple[float, float], rate: float | None,
-              across: bool) -> Iterator[Condition]:
+    def along(
+        self,
+        bodies: tuple[str, str],
+        direction: tuple[float, float],
+        rate: float | None,
+        across: bool,
+    ) -> Iterator[Condition]:
         """A coordinate along a direction in the axes of the second body changes at a rate; None leaves it free.
 
         `across`: the coordinate is the one across the direction, which is then the guide's.
@@ -154,7 +162,11 @@ class _Rules:
             yield from self.together(bodies)
             yield from self.grows(rate or 0.0)
         elif rate is not None:
-            angle = self.angles[bodies[1]] + np.arctan2(direction[1], direction[0]) + (np.pi / 2 if across else 0.0)
+            angle = (
+                self.angles[bodies[1]]
+                + np.arctan2(direction[1], direction[0])
+                + (np.pi / 2 if across else 0.0)
+            )
             yield self.row(bodies, (np.cos(angle), np.sin(angle), 0.0)), rate, False
 
     def spring(self, spring: LinearSpring | TorsionalSpring) -> Iterator[Condition]:
@@ -163,7 +175,9 @@ class _Rules:
                 yield self.row(spring.bodies, ANGLE), 0.0, False
         elif spring.axis is not None:
             if spring.stiffness or spring.damping:
-                yield from self.along(spring.bodies, spring.axis, 0.0 if spring.stiffness else None, across=False)
+                yield from self.along(
+                    spring.bodies, spring.axis, 0.0 if spring.stiffness else None, across=False
+                )
         elif spring.stiffness or spring.damping:
             yield from self.together(spring.bodies)
 
@@ -201,7 +215,10 @@ def _linked(guides: list[Translational]) -> Iterator[tuple[str, str, float]]:
     while waiting:
         body = waiting.pop()
         for guide in guides:
-            ways = (guide.guide, guide.slider, guide.angle), (guide.slider, guide.guide, -guide.angle)
+            ways = (
+                (guide.guide, guide.slider, guide.angle),
+                (guide.slider, guide.guide, -guide.angle),
+            )
             for here, there, angle in ways:
                 if here == body and there not in reached:
                     reached.add(there)

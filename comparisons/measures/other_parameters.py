@@ -55,7 +55,17 @@ RANGE = (0.1, 10.0)
 USUAL_G = (9.8, 9.80665, 9.81, 10.0)
 """Values of g in common use, m/s²; one that explains a table as well as the fitted value (`AS_GOOD`) is taken."""
 AS_GOOD = 1.2
-COLUMNS = ["hypothesis", "element", "factor", "value", "unit", "error before", "error after", "noise", "named"]
+COLUMNS = [
+    "hypothesis",
+    "element",
+    "factor",
+    "value",
+    "unit",
+    "error before",
+    "error after",
+    "noise",
+    "named",
+]
 
 
 class Hypothesis(Enum):
@@ -117,13 +127,24 @@ class Explanation:
     @property
     def explains(self) -> bool:
         """True where little of the error is left, see `EXPLAINED`."""
-        return self.after <= min(max(EXPLAINED * self.before, QUIET * self.noise), LEAST * self.before)
+        return self.after <= min(
+            max(EXPLAINED * self.before, QUIET * self.noise), LEAST * self.before
+        )
 
     def row(self) -> tuple[object, ...]:
         """As a row with `COLUMNS`."""
         unit = {Hypothesis.GRAVITY: "m/s²"}.get(self.hypothesis, "")
-        return (self.hypothesis.value, self.parameter.element, self.factor, self.value, unit, self.before, self.after,
-                self.noise, self.is_named)
+        return (
+            self.hypothesis.value,
+            self.parameter.element,
+            self.factor,
+            self.value,
+            unit,
+            self.before,
+            self.after,
+            self.noise,
+            self.is_named,
+        )
 
 
 def explanations(scene: Scene, table: ResultTable, truth: Truth) -> list[Explanation]:
@@ -148,17 +169,30 @@ def explanations(scene: Scene, table: ResultTable, truth: Truth) -> list[Explana
     found = sorted(map(explained, parameters), key=lambda one: one.after)
     best = found[0]
     # of two related ones that do as well the one that changes less is meant
-    if len(found) > 1 and {best.hypothesis, found[1].hypothesis} == RELATED \
-            and found[1].after < ALONE * max(best.after, equal):
+    if (
+        len(found) > 1
+        and {best.hypothesis, found[1].hypothesis} == RELATED
+        and found[1].after < ALONE * max(best.after, equal)
+    ):
         best = next(one for one in found[:2] if one.hypothesis is Hypothesis.KINETIC)
     if not best.explains:
         return found
     # others must not have failed for want of a start, and what is not asked about may explain it as well
-    others = [min(one, explained(one.parameter, best.factor), key=lambda one: one.after)
-              if one.parameter.has_number and best.parameter.has_number else one for one in found if one is not best]
-    rivals = [one for one in others
-              if not (best.hypothesis is Hypothesis.KINETIC and one.hypothesis is Hypothesis.FRICTION)]
-    is_usual = best.hypothesis is Hypothesis.GRAVITY and any(math.isclose(best.value, g) for g in USUAL_G)
+    others = [
+        min(one, explained(one.parameter, best.factor), key=lambda one: one.after)
+        if one.parameter.has_number and best.parameter.has_number
+        else one
+        for one in found
+        if one is not best
+    ]
+    rivals = [
+        one
+        for one in others
+        if not (best.hypothesis is Hypothesis.KINETIC and one.hypothesis is Hypothesis.FRICTION)
+    ]
+    is_usual = best.hypothesis is Hypothesis.GRAVITY and any(
+        math.isclose(best.value, g) for g in USUAL_G
+    )
     if not is_usual and all(one.after >= ALONE * max(best.after, equal) for one in rivals):
         more = list(map(explained, _not_asked(scene)))
         others, rivals = others + more, rivals + more
@@ -166,16 +200,22 @@ def explanations(scene: Scene, table: ResultTable, truth: Truth) -> list[Explana
     return [replace(best, is_named=is_named), *sorted(others, key=lambda one: one.after)]
 
 
-def _explanation(scene: Scene, parameter: Parameter, seen: _Seen, before: float, start: float) -> Explanation:
+def _explanation(
+    scene: Scene, parameter: Parameter, seen: _Seen, before: float, start: float
+) -> Explanation:
     """A hypothesis with its number fitted, from a start on."""
     t_end = float(seen.t[-1])
     if not parameter.has_number:
         after = _left(scene, parameter, 1.0, seen, t_end)
-        return Explanation(parameter, math.nan, _value(scene, parameter, 1.0), before, after, seen.noise)
+        return Explanation(
+            parameter, math.nan, _value(scene, parameter, 1.0), before, after, seen.noise
+        )
     factor, after = _fitted(scene, parameter, seen, start)
     if parameter.hypothesis is Hypothesis.GRAVITY:
         factor, after = _usual(scene, seen, factor, after)
-    return Explanation(parameter, factor, _value(scene, parameter, factor), before, after, seen.noise)
+    return Explanation(
+        parameter, factor, _value(scene, parameter, factor), before, after, seen.noise
+    )
 
 
 def _possible(scene: Scene) -> Iterator[Parameter]:
@@ -193,9 +233,15 @@ def _possible(scene: Scene) -> Iterator[Parameter]:
 
 def _not_asked(scene: Scene) -> list[Parameter]:
     """Parameters that are never named, but may explain a table as well as one that would be; none of many."""
-    found = [Parameter(kind, name) for kind, names in (
-        (Hypothesis.MASS, scene.bodies), (Hypothesis.STIFFNESS, scene.springs), (Hypothesis.LOAD, scene.forces))
-             for name in names]
+    found = [
+        Parameter(kind, name)
+        for kind, names in (
+            (Hypothesis.MASS, scene.bodies),
+            (Hypothesis.STIFFNESS, scene.springs),
+            (Hypothesis.LOAD, scene.forces),
+        )
+        for name in names
+    ]
     return found if len(found) <= RIVALS else []
 
 
@@ -204,14 +250,28 @@ def changed(scene: Scene, parameter: Parameter, factor: float) -> Scene:
     hypothesis, name = parameter.hypothesis, parameter.element
     if hypothesis is Hypothesis.MASS:
         body = scene.bodies[name]
-        return scene.model_copy(update={"bodies": {**scene.bodies, name: body.model_copy(
-            update={"mass": factor * body.mass})}})
+        return scene.model_copy(
+            update={
+                "bodies": {
+                    **scene.bodies,
+                    name: body.model_copy(update={"mass": factor * body.mass}),
+                }
+            }
+        )
     if hypothesis is Hypothesis.STIFFNESS:
         spring = scene.springs[name]
-        return scene.model_copy(update={"springs": {**scene.springs, name: spring.model_copy(
-            update={"stiffness": factor * spring.stiffness})}})
+        return scene.model_copy(
+            update={
+                "springs": {
+                    **scene.springs,
+                    name: spring.model_copy(update={"stiffness": factor * spring.stiffness}),
+                }
+            }
+        )
     if hypothesis is Hypothesis.LOAD:
-        return scene.model_copy(update={"forces": {**scene.forces, name: _scaled_load(scene.forces[name], factor)}})
+        return scene.model_copy(
+            update={"forces": {**scene.forces, name: _scaled_load(scene.forces[name], factor)}}
+        )
     if hypothesis is Hypothesis.GRAVITY:
         x, y = scene.gravity or (0.0, 0.0)
         return scene.model_copy(update={"gravity": (factor * x, factor * y)})
@@ -231,7 +291,9 @@ def _scaled_load(load: Load, factor: float) -> Load:
     """A load whose law is `factor` times as large at all times."""
     law = load.law
     sizes = ("value", "offset", "rate", "amplitude") if not isinstance(law, Table) else ()
-    update: dict[str, object] = {name: factor * getattr(law, name) for name in sizes if hasattr(law, name)}
+    update: dict[str, object] = {
+        name: factor * getattr(law, name) for name in sizes if hasattr(law, name)
+    }
     if isinstance(law, Table):
         update["values"] = tuple(factor * value for value in law.values)
     return load.model_copy(update={"law": law.model_copy(update=update)})
@@ -244,8 +306,11 @@ def _value(scene: Scene, parameter: Parameter, factor: float) -> float:
         return math.nan
     if hypothesis is Hypothesis.GRAVITY:
         return factor * math.hypot(*(scene.gravity or (0.0, 0.0)))
-    values = {factor * guide.kinetic_coefficient for guide in scene.frictional_guides.values()
-              if guide.static_coefficient > 0}
+    values = {
+        factor * guide.kinetic_coefficient
+        for guide in scene.frictional_guides.values()
+        if guide.static_coefficient > 0
+    }
     return values.pop() if len(values) == 1 else math.nan
 
 
@@ -263,7 +328,9 @@ class _Seen:
         """Some rows of the columns that do not jump; None where there is none with a truth, or nothing moves."""
         rows = np.unique(np.linspace(0, len(table.t) - 1, INSTANTS).round().astype(int))
         true = truth(table.t[rows])
-        names = [name for name in table.columns if name in true and name.rpartition(".")[2] in CONTINUOUS]
+        names = [
+            name for name in table.columns if name in true and name.rpartition(".")[2] in CONTINUOUS
+        ]
         units = {name: unit_of(name, scene) for name in names}
         largest: dict[str, float] = {}
         for name in names:
@@ -279,7 +346,7 @@ class _Seen:
         """Errors of the table's first instants against a motion, in parts of its size, all columns in one array."""
         parts = []
         for name, scale in self.scales.items():
-            off = self.columns[name][:len(motion[name])] - motion[name]
+            off = self.columns[name][: len(motion[name])] - motion[name]
             if name.endswith(".angle"):
                 off = off - TURN * np.round(off / TURN)
             parts.append(off / scale)
@@ -305,8 +372,10 @@ def _noise(table: ResultTable, truth: Truth, scales: Mapping[str, float]) -> flo
     true = [truth(t) for t in times]
     share = (times[1] - times[0]) / (times[2] - times[0])
     for name, scale in scales.items():
-        before, here, behind = (table.columns[name][single[middle + shift]] - known[name]
-                                for shift, known in zip((-1, 0, 1), true))
+        before, here, behind = (
+            table.columns[name][single[middle + shift]] - known[name]
+            for shift, known in zip((-1, 0, 1), true)
+        )
         bend = here - (1 - share) * before - share * behind
         deviation = np.median(np.abs(bend)) / MEDIAN_OF_NORMAL / math.sqrt(1.5)
         scatter.append(deviation / scale)
@@ -369,10 +438,14 @@ def _gauss_newton(errors: Callable[[float], np.ndarray | None], start: float) ->
             break
         there, at_there = here, at_here
         here, at_here = wanted, errors(wanted)
-        if at_here is None or at_here @ at_here > at_there @ at_there:  # no better: half the way, once a round
+        if (
+            at_here is None or at_here @ at_here > at_there @ at_there
+        ):  # no better: half the way, once a round
             here = (wanted + there) / 2
             at_here = errors(here)
-    candidates = [(at @ at, factor) for factor, at in ((here, at_here), (there, at_there)) if at is not None]
+    candidates = [
+        (at @ at, factor) for factor, at in ((here, at_here), (there, at_there)) if at is not None
+    ]
     return min(candidates)[1] if candidates else start
 
 
@@ -380,5 +453,9 @@ def _usual(scene: Scene, seen: _Seen, factor: float, after: float) -> tuple[floa
     """The nearest value of g in common use, where it explains as much; else the fitted one."""
     own = math.hypot(*(scene.gravity or (0.0, 0.0)))
     usual = min(USUAL_G, key=lambda g: abs(g / own - factor)) / own
-    left = _left(scene, Parameter(Hypothesis.GRAVITY), usual, seen, float(seen.t[-1])) if usual != 1.0 else math.inf
+    left = (
+        _left(scene, Parameter(Hypothesis.GRAVITY), usual, seen, float(seen.t[-1]))
+        if usual != 1.0
+        else math.inf
+    )
     return (usual, left) if left <= AS_GOOD * max(after, seen.noise) else (factor, after)

@@ -31,7 +31,10 @@ def fitted_exponent(series: Sequence[tuple[np.ndarray, np.ndarray]]) -> Uncertai
     free = sum(len(steps) for steps, _ in series) - len(series) - 1
     if free < 1:
         return None
-    x, y = (np.concatenate([np.log(part) - np.log(part).mean() for part in parts]) for parts in zip(*series))
+    x, y = (
+        np.concatenate([np.log(part) - np.log(part).mean() for part in parts])
+        for parts in zip(*series)
+    )
     exponent = float(x @ y / (x @ x))
     scatter = math.sqrt(float(np.sum((y - exponent * x) ** 2)) / free / float(x @ x))
     return Uncertain(exponent, float(student.ppf((1 + CONFIDENCE) / 2, free)) * scatter)

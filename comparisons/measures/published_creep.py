@@ -16,10 +16,17 @@ import pandas as pd
 from stiction.engines.mujoco.grasp import creep_and_load
 from stiction.engines.registry import load_engine
 
-_DATA = tomllib.loads((resources.files("stiction.comparisons") / "data" / "published_creep.toml").read_text("utf-8"))
+_DATA = tomllib.loads(
+    (resources.files("stiction.comparisons") / "data" / "published_creep.toml").read_text("utf-8")
+)
 ENGINE = _DATA["engine"]
 """The engine whose creep was published."""
-PUBLISHED, CREEP, UNCERTAINTY, MATCHED = "published_creep", "creep_um", "creep_um_uncertainty", "matched"
+PUBLISHED, CREEP, UNCERTAINTY, MATCHED = (
+    "published_creep",
+    "creep_um",
+    "creep_um_uncertainty",
+    "matched",
+)
 
 
 def published_creep() -> pd.DataFrame:
@@ -42,9 +49,18 @@ def published_creep() -> pd.DataFrame:
     rows = []
     for case in _DATA["cases"]:
         creep, uncertainty, load = creep_and_load(model, **case["options"])
-        rows.append({"case": case["name"], PUBLISHED: case.get("published_um_s", np.nan), CREEP: creep,
-                     UNCERTAINTY: uncertainty, "load_N": load,
-                     "published_load": case.get("published_N", np.nan),
-                     "margin": model["friction"][0] * load / (model["capsule_mass"] * model["gravity"]),
-                     MATCHED: case.get("matched", False), "source": case["source"], "version": version})
+        rows.append(
+            {
+                "case": case["name"],
+                PUBLISHED: case.get("published_um_s", np.nan),
+                CREEP: creep,
+                UNCERTAINTY: uncertainty,
+                "load_N": load,
+                "published_load": case.get("published_N", np.nan),
+                "margin": model["friction"][0] * load / (model["capsule_mass"] * model["gravity"]),
+                MATCHED: case.get("matched", False),
+                "source": case["source"],
+                "version": version,
+            }
+        )
     return pd.DataFrame(rows)

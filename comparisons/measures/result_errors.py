@@ -20,7 +20,18 @@ from stiction.truths import NO_TRUTH, Truth
 
 CONTINUOUS = (*BODY_COLUMNS[0], *BODY_COLUMNS[1], "displacement", "slip_velocity")
 """Columns without jumps: their largest error counts; of the others, which a jump a step late makes large, the mean."""
-COLUMNS = ["column", "unit", "size", "tier", "error_time", "error", "uncertainty", "measure", "hint", "is_input"]
+COLUMNS = [
+    "column",
+    "unit",
+    "size",
+    "tier",
+    "error_time",
+    "error",
+    "uncertainty",
+    "measure",
+    "hint",
+    "is_input",
+]
 TURN = 2 * np.pi
 EXPLAINS = 0.1
 """Part of the mean error, and of the mean size, that is left at most where a cause explains it: what has blown up to a
@@ -30,7 +41,7 @@ COARSE, SLIGHT = 1e-2, 1e-6
 is sought."""
 UNDETERMINED = "not determined by the motion"
 """Measure of a column that the motion and Coulomb's law leave open throughout."""
-AT_ONCE = 2 ** 17
+AT_ONCE = 2**17
 """Rows of a table that are summed together."""
 KNOWN = 1e3
 """Ratio of a column's size to its uncertainty above which it is not nothing but rounding."""
@@ -43,17 +54,25 @@ class Hint(NamedTuple):
     is_input: bool = False
 
 
-def column_errors(table: ResultTable, trajectory: Trajectory, truth: Truth, scene: Scene) -> pd.DataFrame:
+def column_errors(
+    table: ResultTable, trajectory: Trajectory, truth: Truth, scene: Scene
+) -> pd.DataFrame:
     """Return a row per column that both the table and the truth have: error, its instant, uncertainty, size, hint.
 
     `trajectory` holds the same results, one row per instant and the sides of jumps as events. Angles are compared up to
     whole turns. Of a column that jumps the error is the mean of |error| over time.
     """
-    before, after = ({} if truth.tier == NO_TRUTH else truth(table.t, side) for side in ("before", "after"))
+    before, after = (
+        {} if truth.tier == NO_TRUTH else truth(table.t, side) for side in ("before", "after")
+    )
     single = np.isin(table.t, table.t[table.last[table.first == table.last]])
     rows = []
     for name, found in table.columns.items():
-        label, unit, unsure = name.rpartition(".")[2], unit_of(name, scene), truth.uncertainty.get(name, 0.0)
+        label, unit, unsure = (
+            name.rpartition(".")[2],
+            unit_of(name, scene),
+            truth.uncertainty.get(name, 0.0),
+        )
         if name not in after or label == "mode" or name.startswith("drift."):
             continue
         off = np.empty(len(found))
@@ -69,19 +88,29 @@ def column_errors(table: ResultTable, trajectory: Trajectory, truth: Truth, scen
         if label in CONTINUOUS:
             worst = int(np.argmax(np.abs(off)))
             time, error, measure = float(table.t[worst]), abs(float(off[worst])), "largest"
-            tier = truth.tier if label in CONTINUOUS[:6] else tier  # a proof encloses positions and velocities
+            tier = (
+                truth.tier if label in CONTINUOUS[:6] else tier
+            )  # a proof encloses positions and velocities
         elif is_known(trajectory, name):
             mean = effort_error(trajectory, truth, name)
             if mean is not None:
                 error, unsure = mean.value, mean.uncertainty
-                measure = "mean over time" if len(known_truth) == len(found) else "mean over the time it is determined"
+                measure = (
+                    "mean over time"
+                    if len(known_truth) == len(found)
+                    else "mean over the time it is determined"
+                )
             else:
                 measure = UNDETERMINED
         is_complete = np.isfinite(found).all() and np.isfinite(after[name]).all()
         known = is_complete and size > KNOWN * truth.uncertainty.get(name, 0.0) and single.any()
         # most tables have a row for each instant, and are taken as they are
         rows_of_one = slice(None) if single.all() else single
-        cause = hint(found[rows_of_one], after[name][rows_of_one], off[rows_of_one], unit) if known else Hint()
+        cause = (
+            hint(found[rows_of_one], after[name][rows_of_one], off[rows_of_one], unit)
+            if known
+            else Hint()
+        )
         rows.append((name, unit, size, tier, time, error, unsure, measure, *cause))
     return pd.DataFrame(rows, columns=COLUMNS).astype({"error_time": float, "error": float})
 
@@ -94,8 +123,10 @@ def hint(found: np.ndarray, true: np.ndarray, off: np.ndarray, unit: str) -> Hin
     error, size = _mean_size(off), _mean_size(true)
     if not error > SLIGHT * size:
         return Hint()
-    left, best = min((_mean_left(cause, found, true), cause.hint)
-                     for cause in _causes(true, off, unit, size, error > COARSE * size))
+    left, best = min(
+        (_mean_left(cause, found, true), cause.hint)
+        for cause in _causes(true, off, unit, size, error > COARSE * size)
+    )
     return best if left <= EXPLAINS * min(error, size) else Hint()
 
 
@@ -108,18 +139,25 @@ class _Cause(NamedTuple):
     shift: int = 0
 
 
-def _causes(true: np.ndarray, off: np.ndarray, unit: str, size: float, is_coarse: bool) -> Iterator[_Cause]:
+def _causes(
+    true: np.ndarray, off: np.ndarray, unit: str, size: float, is_coarse: bool
+) -> Iterator[_Cause]:
     """Causes that there can be; `size` is the mean of |true|."""
     kind = unit.partition("/")[0]
     if is_coarse and kind == "rad":
         yield _Cause(Hint("57.3 times the truth: degrees? (--units deg)", True), np.pi / 180)
     elif is_coarse and kind in ("m", "N", "N m"):
-        yield _Cause(Hint("1000 times the truth: other units?" + " (--units mm)" * (kind != "N"), True), 1e-3)
+        yield _Cause(
+            Hint("1000 times the truth: other units?" + " (--units mm)" * (kind != "N"), True), 1e-3
+        )
         yield _Cause(Hint("a thousandth of the truth: other units?", True), 1e3)
     if is_coarse:
         yield _Cause(Hint("the other sign (--map MINE=-COLUMN)", True), -1.0)
     if is_coarse and unit in ("m", "rad") and np.ptp(true) > COARSE * size:
-        yield _Cause(Hint("off by a constant: another origin or point of the body?", True), origin=float(np.mean(off)))
+        yield _Cause(
+            Hint("off by a constant: another origin or point of the body?", True),
+            origin=float(np.mean(off)),
+        )
     yield _Cause(Hint("a sample late: each row has the value of the row before", False), shift=1)
     yield _Cause(Hint("a sample early: each row has the value of the row behind", False), shift=-1)
 
@@ -130,11 +168,15 @@ def _mean_left(cause: _Cause, found: np.ndarray, true: np.ndarray) -> float:
     rows = len(found) - later - earlier
     total = 0.0
     for part in in_parts(rows, AT_ONCE):
-        with np.errstate(over="ignore"):  # huge values in another unit: infinite, and no explanation
+        with np.errstate(
+            over="ignore"
+        ):  # huge values in another unit: infinite, and no explanation
             read = cause.factor * found[later:][part] - cause.origin
             total += float(np.sum(np.abs(read - true[earlier:][part])))
     return total / rows if rows > 0 else np.nan
 
 
 def _mean_size(values: np.ndarray) -> float:
-    return sum(float(np.sum(np.abs(values[part]))) for part in in_parts(len(values), AT_ONCE)) / len(values)
+    return sum(
+        float(np.sum(np.abs(values[part]))) for part in in_parts(len(values), AT_ONCE)
+    ) / len(values)

@@ -16,15 +16,35 @@ from stiction.reference_impl.integration.result import Run
 from stiction.reference_impl.multibody.initial_state import consistent_start
 from stiction.reference_impl.multibody.mechanism import Mechanism
 from stiction.scenes import Scene, scene_to_toml
-from stiction.truths import (NoMotion, NotThisMechanism, Truth, TruthRefused, Undecided, four_bar_truth, incline_truth,
-                             moving_guide_truth, oscillator_truth, pendulum_truth, slider_bar_truth, slider_crank_truth,
-                             trammel_truth)
+from stiction.truths import (
+    NoMotion,
+    NotThisMechanism,
+    Truth,
+    TruthRefused,
+    Undecided,
+    four_bar_truth,
+    incline_truth,
+    moving_guide_truth,
+    oscillator_truth,
+    pendulum_truth,
+    slider_bar_truth,
+    slider_crank_truth,
+    trammel_truth,
+)
 from stiction.truths.physics import physics_of, rubbing_guides
 from stiction.truths.proof.truth import with_proof
 from stiction.truths.truth import OWN_RUN
 
-INDEPENDENT = (slider_bar_truth, oscillator_truth, incline_truth, slider_crank_truth, pendulum_truth, four_bar_truth,
-               trammel_truth, moving_guide_truth)
+INDEPENDENT = (
+    slider_bar_truth,
+    oscillator_truth,
+    incline_truth,
+    slider_crank_truth,
+    pendulum_truth,
+    four_bar_truth,
+    trammel_truth,
+    moving_guide_truth,
+)
 OWN_RTOL, COARSER_RTOL = 1e-12, 1e-10
 
 
@@ -41,7 +61,9 @@ def ground_truth(scene: Scene, t_end: float | None = None) -> Truth:
     motion or several, the tier is "none": there is nothing to compare with. All tiers have the same events: those of
     `rubbing_guides`. The truth of a scene is kept.
     """
-    return _found(_Request(scene_to_toml(scene), scene.name, scene.t_end if t_end is None else t_end, scene))
+    return _found(
+        _Request(scene_to_toml(scene), scene.name, scene.t_end if t_end is None else t_end, scene)
+    )
 
 
 @dataclass(frozen=True)
@@ -83,18 +105,27 @@ def truth_for(scene: Scene, records: Sequence[Record], t_end: float | None = Non
     if any(record.trajectory is not None for record in records):
         found = ground_truth(physics_of(scene, static_coefficient), t_end)
     else:
-        found = Truth.unknown(scene.name, scene.t_end if t_end is None else t_end,
-                              "all runs that could be compared with it failed")
+        found = Truth.unknown(
+            scene.name,
+            scene.t_end if t_end is None else t_end,
+            "all runs that could be compared with it failed",
+        )
     return replace(found, scene=truth_key(scene.name, static_coefficient))
 
 
-def truths_for(scene: Scene, records: Iterable[Record], t_end: float | None = None) -> dict[str, Truth]:
+def truths_for(
+    scene: Scene, records: Iterable[Record], t_end: float | None = None
+) -> dict[str, Truth]:
     """Return `truth_for` each run by its key: of a failed one, if another with its physics did not fail."""
     by_physics: dict[bool, list[Record]] = defaultdict(list)
     for record in records:
         by_physics[has_static_coefficient(record.variant)].append(record)
-    return {record.key: truth for alike in by_physics.values() for truth in [truth_for(scene, alike, t_end)]
-            for record in alike}
+    return {
+        record.key: truth
+        for alike in by_physics.values()
+        for truth in [truth_for(scene, alike, t_end)]
+        for record in alike
+    }
 
 
 def _counted(scene: Scene, truth: Truth) -> Truth:
@@ -102,7 +133,9 @@ def _counted(scene: Scene, truth: Truth) -> Truth:
     guides = rubbing_guides(scene)
     kept = [i for i, event in enumerate(truth.events) if event.joint in guides]
     jumps = None if truth.jump_closed_form is None else truth.jump_closed_form[kept]
-    return replace(truth, events=tuple(truth.events[i] for i in kept), jump_closed_form=jumps, guides=guides)
+    return replace(
+        truth, events=tuple(truth.events[i] for i in kept), jump_closed_form=jumps, guides=guides
+    )
 
 
 def _own_truth(scene: Scene, t_end: float) -> Truth:
@@ -118,7 +151,10 @@ def _own_truth(scene: Scene, t_end: float) -> Truth:
 
     check = np.linspace(0.0, t_end, 101)
     fine, coarse = run(check), run(check, COARSER_RTOL)
-    once, again = (sorted((event.joint, event.kind, event.time) for event in found.events) for found in (fine, coarse))
+    once, again = (
+        sorted((event.joint, event.kind, event.time) for event in found.events)
+        for found in (fine, coarse)
+    )
     same = [event[:2] for event in once] == [event[:2] for event in again]
     # where the two have other events nothing is known of their times
     shift = max((abs(a[2] - b[2]) for a, b in zip(once, again)), default=0.0) if same else t_end
@@ -132,5 +168,10 @@ def _own_truth(scene: Scene, t_end: float) -> Truth:
                     found[name][t == event.time] = value
         return found
 
-    uncertainty = {name: float(np.max(np.abs(fine.columns[name] - coarse.columns[name]))) for name in fine.columns}
-    return Truth(scene.name, OWN_RUN, t_end, columns, {**uncertainty, "event time": shift}, fine.events)
+    uncertainty = {
+        name: float(np.max(np.abs(fine.columns[name] - coarse.columns[name])))
+        for name in fine.columns
+    }
+    return Truth(
+        scene.name, OWN_RUN, t_end, columns, {**uncertainty, "event time": shift}, fine.events
+    )

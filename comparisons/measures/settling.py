@@ -46,22 +46,34 @@ def excitation_period(scene: Scene, since: float = 0.0) -> float:
         elif isinstance(law, Linear) and law.rate and element.type != "distance":
             raise NoCommonPeriod(f"{scene.name}: the law of {name} grows for ever")
         elif isinstance(law, Table) and (law.interpolation == "cubic" or law.times[-1] > since):
-            raise NoCommonPeriod(f"{scene.name}: the law of {name} is a table that has not come to its end")
+            raise NoCommonPeriod(
+                f"{scene.name}: the law of {name} is a table that has not come to its end"
+            )
     changing = tuple(rate for rate in rates if rate > 0)
     if not changing:
         return np.inf
     ratios = [Fraction(rate / changing[0]).limit_denominator(64) for rate in changing]
-    if any(abs(rate / changing[0] - ratio) > 1e-9 or not ratio for rate, ratio in zip(changing, ratios)):
-        raise NoCommonPeriod(f"{scene.name}: frequencies {list(changing)} rad/s have no common period")
+    if any(
+        abs(rate / changing[0] - ratio) > 1e-9 or not ratio for rate, ratio in zip(changing, ratios)
+    ):
+        raise NoCommonPeriod(
+            f"{scene.name}: frequencies {list(changing)} rad/s have no common period"
+        )
     denominator = int(np.lcm.reduce([ratio.denominator for ratio in ratios]))
-    divisor = Fraction(int(np.gcd.reduce([int(ratio * denominator) for ratio in ratios])), denominator)
-    return float(2 * np.pi / (changing[0] * float(divisor)))  # all rates are multiples of changing[0] * divisor
+    divisor = Fraction(
+        int(np.gcd.reduce([int(ratio * denominator) for ratio in ratios])), denominator
+    )
+    return float(
+        2 * np.pi / (changing[0] * float(divisor))
+    )  # all rates are multiples of changing[0] * divisor
 
 
 def common_period(scene: Scene) -> float:
     """Return `excitation_period`; a constant excitation has none."""
     if (period := excitation_period(scene)) == np.inf:
-        raise NoCommonPeriod(f"{scene.name}: no sine law or turning drive; expected a periodic excitation")
+        raise NoCommonPeriod(
+            f"{scene.name}: no sine law or turning drive; expected a periodic excitation"
+        )
     return period
 
 
@@ -77,8 +89,13 @@ class Settled:
     distance: float
 
 
-def settled(x: np.ndarray, distance: float = SETTLED, floor: float = SETTLED,
-            orders: Iterable[int] = range(1, MOST_PERIODS + 1), size: float | None = None) -> Settled | None:
+def settled(
+    x: np.ndarray,
+    distance: float = SETTLED,
+    floor: float = SETTLED,
+    orders: Iterable[int] = range(1, MOST_PERIODS + 1),
+    size: float | None = None,
+) -> Settled | None:
     """Find the way in which states at successive multiples of a period repeat themselves; None if they do not.
 
     Parameters
@@ -96,7 +113,9 @@ def settled(x: np.ndarray, distance: float = SETTLED, floor: float = SETTLED,
         passes = len(x) // order
         if passes < LEAST_PASSES:
             return None
-        change = np.max(np.abs(np.diff(x[-passes * order:].reshape(passes, -1), axis=0)), axis=1) / size
+        change = (
+            np.max(np.abs(np.diff(x[-passes * order :].reshape(passes, -1), axis=0)), axis=1) / size
+        )
         above = np.flatnonzero(change > floor)
         last = int(above[-1]) if len(above) else 0
         first = max(last - PASSES, 0)

@@ -25,8 +25,9 @@ ROUNDING = 1e-9
 """Seconds by which the ends of a stretch may miss a sample or an event."""
 
 
-def stick_intervals(events: Iterable[Event], start: float, end: float,
-                    starts_at_rest: bool) -> list[tuple[float, float]]:
+def stick_intervals(
+    events: Iterable[Event], start: float, end: float, starts_at_rest: bool
+) -> list[tuple[float, float]]:
     """Return begin and end of each stick phase, s, from the events of one guide; a phase lasts to `end` at most."""
     found, since = [], start if starts_at_rest else None
     for event in events:
@@ -71,14 +72,21 @@ class Stretch:
     def between(self, start: float, end: float) -> Stretch:
         """Return a part of the stretch."""
         inside = (self.t >= start - ROUNDING) & (self.t <= end + ROUNDING)
-        return replace(self, start=start, end=end, t=self.t[inside],
-                       columns={name: values[inside] for name, values in self.columns.items()},
-                       events=tuple(event for event in self.events if start < event.time < end))
+        return replace(
+            self,
+            start=start,
+            end=end,
+            t=self.t[inside],
+            columns={name: values[inside] for name, values in self.columns.items()},
+            events=tuple(event for event in self.events if start < event.time < end),
+        )
 
     @cached_property
     def phases(self) -> list[tuple[float, float]]:
         """Start and end of each stick phase, cut at the ends of the stretch."""
-        return stick_intervals(self.events, self.start, self.end, bool(self.columns[f"{GUIDE}.mode"][0] == 0))
+        return stick_intervals(
+            self.events, self.start, self.end, bool(self.columns[f"{GUIDE}.mode"][0] == 0)
+        )
 
     @property
     def stick_time(self) -> float:
@@ -87,7 +95,12 @@ class Stretch:
 
     def maximum(self, *names: str) -> float:
         """Return the largest size of columns, both sides of events included."""
-        sides = [abs(side[name]) for event in self.events for side in (event.before, event.after) for name in names]
+        sides = [
+            abs(side[name])
+            for event in self.events
+            for side in (event.before, event.after)
+            for name in names
+        ]
         return float(max([np.max(np.abs(self.columns[name])) for name in names] + sides))
 
     @property
@@ -102,7 +115,9 @@ class Stretch:
         for event in self.turning:
             quiet &= (t[1:] < event.time - ROUNDING) | (t[:-1] > event.time + ROUNDING)
         rate = np.abs(np.diff(values)) / np.diff(t)
-        return float(self.step * np.max(rate[quiet], initial=0.0) + self.uncertainty.get(column, 0.0))
+        return float(
+            self.step * np.max(rate[quiet], initial=0.0) + self.uncertainty.get(column, 0.0)
+        )
 
     def change(self) -> float:
         """Return the largest change of position and velocity from one period to the next, relative to their ranges."""
@@ -110,7 +125,10 @@ class Stretch:
         worst = 0.0
         for name in ("slider.x", "slider.vx"):
             values = np.interp(instants, self.t, self.columns[name])
-            worst = max(worst, float(np.max(np.abs(np.diff(values)))) / (float(np.ptp(self.columns[name])) or 1.0))
+            worst = max(
+                worst,
+                float(np.max(np.abs(np.diff(values)))) / (float(np.ptp(self.columns[name])) or 1.0),
+            )
         return worst
 
     @cached_property
@@ -118,7 +136,9 @@ class Stretch:
         """Corners that touch, in their order, each with the seconds it lasts: ``"1+3"``: corners 1 and 3 touch."""
         touching = np.stack([self.columns[f"{GUIDE}.F{i}"] > 0 for i in range(1, 5)], axis=1)
         starts = np.flatnonzero(np.append(True, np.any(np.diff(touching, axis=0), axis=1)))
-        names = ["+".join(str(corner + 1) for corner in np.flatnonzero(touching[i])) for i in starts]
+        names = [
+            "+".join(str(corner + 1) for corner in np.flatnonzero(touching[i])) for i in starts
+        ]
         return list(zip(names, np.diff([*self.t[starts], self.end]).tolist()))
 
     def cycle(self) -> list[str]:
@@ -141,18 +161,37 @@ def steady_stretch(scene: Scene) -> Stretch:
     mechanism = SliderBar.from_scene(scene)
     found, period = steady_state(mechanism), mechanism.period()
     end = period * found.periods
-    t = np.linspace(0.0, end, (SAMPLES_PER_PERIOD - 1) * found.periods + 1)  # the same instants of each period
-    return Stretch(0.0, end, period, t, motion_columns(mechanism, found.motion, t, "after"),
-                   motion_events(mechanism, found.motion, (GUIDE,)), uncertainty={"residual": found.residual})
+    t = np.linspace(
+        0.0, end, (SAMPLES_PER_PERIOD - 1) * found.periods + 1
+    )  # the same instants of each period
+    return Stretch(
+        0.0,
+        end,
+        period,
+        t,
+        motion_columns(mechanism, found.motion, t, "after"),
+        motion_events(mechanism, found.motion, (GUIDE,)),
+        uncertainty={"residual": found.residual},
+    )
 
 
 def truth_stretch(scene: Scene, truth: Truth) -> Stretch:
     """Return all of an independent solution."""
     period = SliderBar.from_scene(scene).period()
     t = np.linspace(0.0, truth.t_end, round((SAMPLES_PER_PERIOD - 1) * truth.t_end / period) + 1)
-    return Stretch(0.0, truth.t_end, period, t, truth(t), truth.events, uncertainty=truth.uncertainty)
+    return Stretch(
+        0.0, truth.t_end, period, t, truth(t), truth.events, uncertainty=truth.uncertainty
+    )
 
 
 def run_stretch(scene: Scene, run: Trajectory, step: float) -> Stretch:
     """Return all of a run of a method of fixed step."""
-    return Stretch(0.0, float(run.t[-1]), SliderBar.from_scene(scene).period(), run.t, run.columns, run.events, step)
+    return Stretch(
+        0.0,
+        float(run.t[-1]),
+        SliderBar.from_scene(scene).period(),
+        run.t,
+        run.columns,
+        run.events,
+        step,
+    )

@@ -50,7 +50,9 @@ class JumpEstimate:
     size_uncertainty: float
 
 
-def torque_table(records: Iterable[Record], truths: Mapping[str, Truth], effort: str = "motor.effort") -> pd.DataFrame:
+def torque_table(
+    records: Iterable[Record], truths: Mapping[str, Truth], effort: str = "motor.effort"
+) -> pd.DataFrame:
     """Return one row per run and jump of the truth; per run where it was not made or there is no truth.
 
     The true jump is two-sided, and for the slider-bar also known in closed form, -c sin(th) times the jump of the
@@ -64,40 +66,68 @@ def torque_table(records: Iterable[Record], truths: Mapping[str, Truth], effort:
     for record in records:
         truth = truths[record.key]
         if truth.tier == NO_TRUTH or record.outcome.status in UNMADE:
-            rows.append({**record.describe(), "truth": truth.scene, "effort": effort, "truth_tier": truth.effort_tier,
-                         "truth_note": truth.note})
+            rows.append(
+                {
+                    **record.describe(),
+                    "truth": truth.scene,
+                    "effort": effort,
+                    "truth_tier": truth.effort_tier,
+                    "truth_note": truth.note,
+                }
+            )
             continue
-        rows += [{**record.describe(), "truth": truth.scene, **row}
-                 for row in jump_rows(record.trajectory, truth, effort)]
+        rows += [
+            {**record.describe(), "truth": truth.scene, **row}
+            for row in jump_rows(record.trajectory, truth, effort)
+        ]
     return pd.DataFrame(rows)
 
 
 def jump_rows(trajectory: Trajectory | None, truth: Truth, effort: str) -> list[dict[str, Any]]:
     """Return a row per jump of the truth, read off a run as `torque_table` says; None is a run that failed."""
-    return [_row(trajectory, truth, i, effort) for i, event in enumerate(truth.events)
-            if effort in event.before and abs(event.jump(effort)) >= SMALLEST]
+    return [
+        _row(trajectory, truth, i, effort)
+        for i, event in enumerate(truth.events)
+        if effort in event.before and abs(event.jump(effort)) >= SMALLEST
+    ]
 
 
 def _row(trajectory: Trajectory | None, truth: Truth, i: int, effort: str) -> dict[str, Any]:
     event = truth.events[i]
     true = event.jump(effort)
     closed = truth.jump_closed_form[i] if truth.jump_closed_form is not None else None
-    unsure = max(truth.uncertainty.get(effort, 0.0), abs(true - closed) if closed is not None else 0.0)
+    unsure = max(
+        truth.uncertainty.get(effort, 0.0), abs(true - closed) if closed is not None else 0.0
+    )
     row: dict[str, Any] = {
-        "effort": effort, "event": i, "event_time": event.time, "kind": event.kind, "joint": event.joint,
-        "true_jump": true, "closed_form_jump": closed, "truth_tier": truth.effort_tier,
-        "truth_note": truth.note, "true_jump_uncertainty": unsure}
+        "effort": effort,
+        "event": i,
+        "event_time": event.time,
+        "kind": event.kind,
+        "joint": event.joint,
+        "true_jump": true,
+        "closed_form_jump": closed,
+        "truth_tier": truth.effort_tier,
+        "truth_note": truth.note,
+        "true_jump_uncertainty": unsure,
+    }
     estimate = _read(trajectory, truth, i, effort)
     if estimate is None:
         return {**row, "resolved": False, BOUND: abs(true) + unsure}
     error = estimate.size - true
     bound = abs(error) + estimate.size_uncertainty + unsure
     is_read = abs(error) < FARTHEST * abs(true)
-    return {**row, "resolved": is_read, "jump": estimate.size, "jump_error": error,
-            "jump_uncertainty": estimate.size_uncertainty + unsure, "time": estimate.time,
-            "time_error": estimate.time - event.time,
-            "time_uncertainty": estimate.time_uncertainty + truth.uncertainty.get("event time", 0.0),
-            BOUND: bound if is_read else max(bound, abs(true) + unsure)}
+    return {
+        **row,
+        "resolved": is_read,
+        "jump": estimate.size,
+        "jump_error": error,
+        "jump_uncertainty": estimate.size_uncertainty + unsure,
+        "time": estimate.time,
+        "time_error": estimate.time - event.time,
+        "time_uncertainty": estimate.time_uncertainty + truth.uncertainty.get("event time", 0.0),
+        BOUND: bound if is_read else max(bound, abs(true) + unsure),
+    }
 
 
 def _read(trajectory: Trajectory | None, truth: Truth, i: int, effort: str) -> JumpEstimate | None:
@@ -108,7 +138,9 @@ def _read(trajectory: Trajectory | None, truth: Truth, i: int, effort: str) -> J
     if has_two_sided_events(trajectory):
         found = counterpart(trajectory.events, event, effort, SEARCH)
         jump = math.nan if found is None else found.jump(effort)
-        estimate = None if found is None or math.isnan(jump) else JumpEstimate(found.time, jump, 0.0, 0.0)
+        estimate = (
+            None if found is None or math.isnan(jump) else JumpEstimate(found.time, jump, 0.0, 0.0)
+        )
     else:
         times = np.array([event.time for event in truth.events])
         others = np.abs(np.delete(times, i) - times[i])
@@ -121,14 +153,18 @@ def _read(trajectory: Trajectory | None, truth: Truth, i: int, effort: str) -> J
 
 def counterpart(events: Iterable[Event], event: Event, effort: str, reach: float) -> Event | None:
     """Return the event of the same kind that is nearest in time, with the effort, if it is within reach (s)."""
-    alike = [other for other in events
-             if (other.kind, other.joint) == (event.kind, event.joint) and effort in other.before]
+    alike = [
+        other
+        for other in events
+        if (other.kind, other.joint) == (event.kind, event.joint) and effort in other.before
+    ]
     nearest = min(alike, key=lambda other: abs(other.time - event.time), default=None)
     return nearest if nearest is not None and abs(nearest.time - event.time) <= reach else None
 
 
-def estimate_jump(trajectory: Trajectory, event: Event, room: float,
-                  effort: str = "motor.effort") -> JumpEstimate | None:
+def estimate_jump(
+    trajectory: Trajectory, event: Event, room: float, effort: str = "motor.effort"
+) -> JumpEstimate | None:
     """Read size and time of a jump off samples.
 
     An engine of fixed step has one value in the step of a jump, anywhere between the two sides of it or beyond both.
@@ -156,27 +192,43 @@ def estimate_jump(trajectory: Trajectory, event: Event, room: float,
         return None
     reach = min(max(SEARCH, 2 * float(np.median(np.diff(t)))), room)
     near = np.flatnonzero(np.abs(t - event.time) <= reach)
-    estimates = [estimate for count, gap in product(SAMPLES, range(1, GAP + 1))
-                 for estimate in _over_gaps(t, values, near, count, gap)]
-    best = max(estimates, key=lambda estimate: abs(estimate.size) / estimate.size_uncertainty, default=None)
+    estimates = [
+        estimate
+        for count, gap in product(SAMPLES, range(1, GAP + 1))
+        for estimate in _over_gaps(t, values, near, count, gap)
+    ]
+    best = max(
+        estimates, key=lambda estimate: abs(estimate.size) / estimate.size_uncertainty, default=None
+    )
     return best if best is not None and abs(best.size) > CERTAIN * best.size_uncertainty else None
 
 
-def _over_gaps(t: np.ndarray, values: np.ndarray, last: np.ndarray, count: int, gap: int) -> Iterator[JumpEstimate]:
+def _over_gaps(
+    t: np.ndarray, values: np.ndarray, last: np.ndarray, count: int, gap: int
+) -> Iterator[JumpEstimate]:
     """The jump over `gap` intervals after each of the samples `last` that has `count` samples on either side."""
     last = last[(last >= count - 1) & (last + gap + count <= len(t))]
     middle, half = (t[last + gap] + t[last]) / 2, (t[last + gap] - t[last]) / 2
-    (before, slope_before, squares_before, leverage_before), (after, slope_after, squares_after, leverage_after) = (
-        _continued(t, values, first, count, middle) for first in (last - count + 1, last + gap))
+    (
+        (before, slope_before, squares_before, leverage_before),
+        (after, slope_after, squares_after, leverage_after),
+    ) = (_continued(t, values, first, count, middle) for first in (last - count + 1, last + gap))
     deviation = np.sqrt((squares_before + squares_after) / (2 * (count - 3)))
-    error = student.ppf((1 + CONFIDENCE) / 2, 2 * (count - 3)) * deviation * np.sqrt(leverage_before + leverage_after)
+    error = (
+        student.ppf((1 + CONFIDENCE) / 2, 2 * (count - 3))
+        * deviation
+        * np.sqrt(leverage_before + leverage_after)
+    )
     bend = np.abs(slope_after - slope_before) * (half + 2 * half / gap)
     unsure = error + bend + 4 * np.spacing(np.max(np.abs(values)))
-    return map(JumpEstimate, middle.tolist(), (after - before).tolist(), half.tolist(), unsure.tolist())
+    return map(
+        JumpEstimate, middle.tolist(), (after - before).tolist(), half.tolist(), unsure.tolist()
+    )
 
 
-def _continued(t: np.ndarray, values: np.ndarray, first: np.ndarray, count: int,
-               to: np.ndarray) -> tuple[np.ndarray, ...]:
+def _continued(
+    t: np.ndarray, values: np.ndarray, first: np.ndarray, count: int, to: np.ndarray
+) -> tuple[np.ndarray, ...]:
     """Continue parabolas through `count` samples from each of `first` on to the instants `to`; all of shape (n,).
 
     Value and slope there, sum of the squared residuals of the samples, and the value's variance over a sample's.
@@ -187,5 +239,9 @@ def _continued(t: np.ndarray, values: np.ndarray, first: np.ndarray, count: int,
     inverse = np.linalg.inv(np.swapaxes(powers, 1, 2) @ powers) @ np.swapaxes(powers, 1, 2)
     coefficients = (inverse @ values[window][..., None])[..., 0]
     off = values[window] - (powers @ coefficients[..., None])[..., 0]
-    return (coefficients[:, 0], coefficients[:, 1] / scale, np.sum(off ** 2, axis=1),
-            np.sum(inverse[:, 0] ** 2, axis=1))
+    return (
+        coefficients[:, 0],
+        coefficients[:, 1] / scale,
+        np.sum(off**2, axis=1),
+        np.sum(inverse[:, 0] ** 2, axis=1),
+    )

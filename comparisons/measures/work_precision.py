@@ -19,7 +19,13 @@ from stiction.comparisons.bench.runner import Comparison
 from stiction.comparisons.bench.study import Tables
 from stiction.comparisons.bench.timing.timed_runs import samples_table
 from stiction.comparisons.bench.timing.visits import Timing
-from stiction.comparisons.bench.variants import Record, Variant, coefficients_of, has_static_coefficient, job
+from stiction.comparisons.bench.variants import (
+    Record,
+    Variant,
+    coefficients_of,
+    has_static_coefficient,
+    job,
+)
 from stiction.comparisons.measures.accuracy import errors, size_of
 from stiction.comparisons.measures.scene_truth import truths_for
 from stiction.engines.isolation import Outcome, simulation
@@ -64,8 +70,14 @@ class TimedRun:
 Rows = Callable[[Sequence[Record], Sequence[Timing | None]], Iterable[dict[str, Any]]]
 
 
-def timed_comparison(scene: Scene, runs: Sequence[TimedRun], t_end: float | None, repeats: int, rows: Rows,
-                     budget_s: float = math.inf) -> Comparison[Timed]:
+def timed_comparison(
+    scene: Scene,
+    runs: Sequence[TimedRun],
+    t_end: float | None,
+    repeats: int,
+    rows: Rows,
+    budget_s: float = math.inf,
+) -> Comparison[Timed]:
     """Time runs in at least `repeats` rounds, those of a variant beyond `budget_s` once; `rows` makes the table."""
     jobs = []
     for run in runs:
@@ -74,22 +86,38 @@ def timed_comparison(scene: Scene, runs: Sequence[TimedRun], t_end: float | None
 
     def tabulate(outcomes: Sequence[Outcome]) -> Timed:
         timings = [outcome.value for outcome in outcomes]
-        made = [replace(outcome, value=timing.trajectory if timing else None)
-                for outcome, timing in zip(outcomes, timings)]
-        records = tuple(Record(job.label, scene.name, run.variant, run.step, outcome)
-                        for run, job, outcome in zip(runs, jobs, made))
+        made = [
+            replace(outcome, value=timing.trajectory if timing else None)
+            for outcome, timing in zip(outcomes, timings)
+        ]
+        records = tuple(
+            Record(job.label, scene.name, run.variant, run.step, outcome)
+            for run, job, outcome in zip(runs, jobs, made)
+        )
         times = samples_table({record.key: timing for record, timing in zip(records, timings)})
         return Timed(pd.DataFrame(list(rows(records, timings))), records, times)
 
     # a label of its own: another comparison may have a run with the same key
     tasks = tuple(replace(simulation(job), label=f"timed/{job.label}") for job in jobs)
     variants = tuple({run.variant.label: run.variant for run in runs}.values())
-    return Comparison(tasks, tabulate, variants, rounds=repeats, budget_s=budget_s,
-                      ladders=tuple(f"{scene.name}/{run.variant.label}" for run in runs))
+    return Comparison(
+        tasks,
+        tabulate,
+        variants,
+        rounds=repeats,
+        budget_s=budget_s,
+        ladders=tuple(f"{scene.name}/{run.variant.label}" for run in runs),
+    )
 
 
-def work_precision(scene: Scene, variants: Sequence[Variant], *, t_end: float | None = None, repeats: int = 5,
-                   budget_s: float = math.inf) -> Comparison[Timed]:
+def work_precision(
+    scene: Scene,
+    variants: Sequence[Variant],
+    *,
+    t_end: float | None = None,
+    repeats: int = 5,
+    budget_s: float = math.inf,
+) -> Comparison[Timed]:
     """Error and cost of every run of every refinement series, a row per run, failures included.
 
     Parameters
@@ -101,14 +129,23 @@ def work_precision(scene: Scene, variants: Sequence[Variant], *, t_end: float | 
     """
     size = size_of(scene)
 
-    def rows(records: Sequence[Record], timings: Sequence[Timing | None]) -> Iterator[dict[str, Any]]:
+    def rows(
+        records: Sequence[Record], timings: Sequence[Timing | None]
+    ) -> Iterator[dict[str, Any]]:
         truths = truths_for(scene, records, t_end)
         for record, timing in zip(records, timings):
-            yield {**record.describe(), **coefficients_of(record.variant), **cost_of(timing),
-                   **errors(record.trajectory, truths[record.key], size)}
+            yield {
+                **record.describe(),
+                **coefficients_of(record.variant),
+                **cost_of(timing),
+                **errors(record.trajectory, truths[record.key], size),
+            }
 
-    runs = [TimedRun(physics_of(scene, has_static_coefficient(variant)), variant, step)
-            for variant in variants for step in variant.ladder]
+    runs = [
+        TimedRun(physics_of(scene, has_static_coefficient(variant)), variant, step)
+        for variant in variants
+        for step in variant.ladder
+    ]
     found = timed_comparison(scene, runs, t_end, repeats, rows, budget_s)
     return found.then(lambda timed: replace(timed, table=_with_orders(timed.table)))
 
@@ -117,11 +154,24 @@ def cost_of(timing: Timing | None) -> dict[str, Any]:
     """The columns of what a run costs, for tables whose rows begin with `Record.describe`."""
     if timing is None:
         return {}
-    cost, total, own = timing.trajectory.cost, timing.interval("stepping_s"), timing.interval("own_s")
-    return {"setup_time": cost.setup_s, "compile_time": cost.compile_s, "stepping_time": cost.stepping_s,
-            TOTAL_LOW: total.low, TOTAL_HIGH: total.high, LOW: own.low, HIGH: own.high, LEVEL: own.level,
-            "repeats": own.samples, TIMING: timing.note,
-            **{f"counter:{name}": count for name, count in cost.counters.items()}}
+    cost, total, own = (
+        timing.trajectory.cost,
+        timing.interval("stepping_s"),
+        timing.interval("own_s"),
+    )
+    return {
+        "setup_time": cost.setup_s,
+        "compile_time": cost.compile_s,
+        "stepping_time": cost.stepping_s,
+        TOTAL_LOW: total.low,
+        TOTAL_HIGH: total.high,
+        LOW: own.low,
+        HIGH: own.high,
+        LEVEL: own.level,
+        "repeats": own.samples,
+        TIMING: timing.note,
+        **{f"counter:{name}": count for name, count in cost.counters.items()},
+    }
 
 
 def _with_orders(table: pd.DataFrame) -> pd.DataFrame:
@@ -129,8 +179,12 @@ def _with_orders(table: pd.DataFrame) -> pd.DataFrame:
     table = table.assign(**{ORDER: np.nan})
     if POSITION not in table:
         return table
-    for _, series in table[succeeded(table) & (table["parameter"] == "dt")].groupby("variant", sort=False):
-        step, error, unsure = (series[name].to_numpy(float) for name in ("step", POSITION, "position_uncertainty"))
+    for _, series in table[succeeded(table) & (table["parameter"] == "dt")].groupby(
+        "variant", sort=False
+    ):
+        step, error, unsure = (
+            series[name].to_numpy(float) for name in ("step", POSITION, "position_uncertainty")
+        )
         fine = 1 + np.flatnonzero((error[1:] > FLOOR * unsure[1:]) & (error[:-1] > 0))
         ratio = np.log(error[fine - 1] / error[fine])
         table.loc[series.index[fine], ORDER] = ratio / np.log(step[fine - 1] / step[fine])

@@ -14,7 +14,9 @@ from stiction.comparisons.random_scenes.night_draws import STUDIES
 
 def main(arguments: Sequence[str] | None = None) -> int:
     """Judge scenes as the command line says."""
-    parser = argparse.ArgumentParser(prog=f"python -m {__package__}", description="Judge random scenes of a seed.")
+    parser = argparse.ArgumentParser(
+        prog=f"python -m {__package__}", description="Judge random scenes of a seed."
+    )
     parser.add_argument("study", choices=STUDIES)
     parser.add_argument("seed", type=int)
     parser.add_argument("first", type=int, help="number of the first scene")

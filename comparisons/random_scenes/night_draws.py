@@ -18,7 +18,10 @@ from stiction.engines.isolation import Task
 from stiction.engines.registry import load_engine
 from stiction.truths import HIGH_PRECISION
 
-STUDIES: Mapping[str, RandomScenes] = {"slider-bars": random_slider_bars.STUDY, "mechanisms": resting_mechanisms.STUDY}
+STUDIES: Mapping[str, RandomScenes] = {
+    "slider-bars": random_slider_bars.STUDY,
+    "mechanisms": resting_mechanisms.STUDY,
+}
 """By the words of a report."""
 BATCH = {"slider-bars": 20, "mechanisms": 4}
 """Scenes of one run of a night: some seconds."""
@@ -44,9 +47,26 @@ class Draw:
     @property
     def row(self) -> Row:
         """Row before the run is made."""
-        settings = {"what": self.what, "seed": self.seed, "count": self.count, "rtol": STUDIES[self.what].rtols}
-        return Row(self.key, self.identity, f"random {self.what}", RANDOM, "reference", None, "joint", "first",
-                   self.first, NOT_RUN, "", settings)
+        settings = {
+            "what": self.what,
+            "seed": self.seed,
+            "count": self.count,
+            "rtol": STUDIES[self.what].rtols,
+        }
+        return Row(
+            self.key,
+            self.identity,
+            f"random {self.what}",
+            RANDOM,
+            "reference",
+            None,
+            "joint",
+            "first",
+            self.first,
+            NOT_RUN,
+            "",
+            settings,
+        )
 
     def task(self, kinds: Collection[str], repeats: int) -> Task:
         return Task(self.key, _measured, (self,))
@@ -55,8 +75,11 @@ class Draw:
 def draws_of_night(night: str, counts: Mapping[str, int]) -> list[Draw]:
     """The draws of a night, with a seed that is the night's own: one that is gone on with goes on with its draws."""
     seed = int.from_bytes(hashlib.sha256(night.encode()).digest()[:4])
-    return [Draw(what, seed, first, min(BATCH[what], count - first)) for what, count in counts.items()
-            for first in range(0, count, BATCH[what])]
+    return [
+        Draw(what, seed, first, min(BATCH[what], count - first))
+        for what, count in counts.items()
+        for first in range(0, count, BATCH[what])
+    ]
 
 
 def _measured(draw: Draw) -> Row:
@@ -67,27 +90,47 @@ def _measured(draw: Draw) -> Row:
         if verdict.outcome in study.failing:
             again = f"python -m {__package__} {draw.what} {draw.seed} {i}"
             failing.append(f"{verdict.outcome}: {verdict.detail}; {verdict.about}; {again}")
-    metrics = tuple(Metric(outcome, RANDOM, counts[outcome], tier=HIGH_PRECISION)
-                    for outcome in study.outcomes if counts[outcome])
-    return replace(draw.row, version=load_engine("reference").version, status=WRONG if failing else "ok",
-                   reason=" | ".join(failing), metrics=metrics)
+    metrics = tuple(
+        Metric(outcome, RANDOM, counts[outcome], tier=HIGH_PRECISION)
+        for outcome in study.outcomes
+        if counts[outcome]
+    )
+    return replace(
+        draw.row,
+        version=load_engine("reference").version,
+        status=WRONG if failing else "ok",
+        reason=" | ".join(failing),
+        metrics=metrics,
+    )
 
 
 def sentences_on_draws(rows: Sequence[Row]) -> str:
     """Sentences on the draws among the rows of a night, with their seed; empty if there are none."""
     said = []
-    drawn = [(row.settings, row.metrics) for row in rows if row.variant == RANDOM and row.settings is not None]
+    drawn = [
+        (row.settings, row.metrics)
+        for row in rows
+        if row.variant == RANDOM and row.settings is not None
+    ]
     for what, study in STUDIES.items():
-        if not (of_study := [(settings, metrics) for settings, metrics in drawn if settings["what"] == what]):
+        if not (
+            of_study := [
+                (settings, metrics) for settings, metrics in drawn if settings["what"] == what
+            ]
+        ):
             continue
         counts, scenes, missing = Counter[str](), 0, 0
         for settings, metrics in of_study:
             counts.update({metric.name: int(metric.value) for metric in metrics})
             scenes += settings["count"]
             missing += 0 if metrics else settings["count"]
-        numbers = ", ".join(f"{counts[outcome]} {outcome}" for outcome in study.outcomes if counts[outcome])
+        numbers = ", ".join(
+            f"{counts[outcome]} {outcome}" for outcome in study.outcomes if counts[outcome]
+        )
         rtols = ", ".join(f"{rtol:g}" for rtol in study.rtols)
-        said.append(f"Seed {of_study[0][0]['seed']}, {scenes} {what} of at most {study.t_end:g} s at rtol {rtols}, "
-                    f"against the independent solution: {numbers or 'none'}"
-                    + (f"; {missing} {what} without a result." if missing else "."))
+        said.append(
+            f"Seed {of_study[0][0]['seed']}, {scenes} {what} of at most {study.t_end:g} s at rtol {rtols}, "
+            f"against the independent solution: {numbers or 'none'}"
+            + (f"; {missing} {what} without a result." if missing else ".")
+        )
     return " ".join(said)

@@ -12,7 +12,11 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from stiction.comparisons.random_scenes.random_study import RandomScenes, SceneOutcome, event_differences
+from stiction.comparisons.random_scenes.random_study import (
+    RandomScenes,
+    SceneOutcome,
+    event_differences,
+)
 from stiction.engines.registry import load_engine
 from stiction.scenes import Scene, Trajectory, load_scene, vary
 from stiction.truths import NoMotion, Truth, TruthRefused, Undecided, slider_bar_truth
@@ -28,7 +32,11 @@ REFUSAL_WINDOW = 1e-6
 """Seconds between two breakdowns that are one."""
 
 AGREES, GRAZES, SAME_BREAKDOWN = "agrees", "grazes", "same breakdown"
-REFERENCE_REFUSES, TRUTH_REFUSES, SILENTLY_WRONG = "reference refuses", "truth refuses", "silently wrong"
+REFERENCE_REFUSES, TRUTH_REFUSES, SILENTLY_WRONG = (
+    "reference refuses",
+    "truth refuses",
+    "silently wrong",
+)
 UNDECIDED = "undecided"
 OUTCOMES = {
     AGREES: "events of the same kinds in the same order; their times, and x at the end, within the bound",
@@ -37,7 +45,8 @@ OUTCOMES = {
     UNDECIDED: "the truth cannot decide",
     REFERENCE_REFUSES: "the run stops where the truth goes on",
     TRUTH_REFUSES: "the truth stops where the run goes on",
-    SILENTLY_WRONG: "the run comes to its end, and neither it nor the one at 1e-12 is the truth"}
+    SILENTLY_WRONG: "the run comes to its end, and neither it nor the one at 1e-12 is the truth",
+}
 FAILING = (SILENTLY_WRONG, REFERENCE_REFUSES, TRUTH_REFUSES)
 """Outcomes that no scene is known to have."""
 
@@ -50,11 +59,24 @@ def drawn(seed: int, i: int) -> dict[str, float]:
         return float(np.exp(rng.uniform(np.log(low), np.log(high))))
 
     mu, w0 = float(rng.uniform(0.0, 0.4)), between(0.2, 6.0)
-    frequency = between(0.3, 6.0) if rng.random() < 0.5 else float(w0 * rng.integers(1, 4) / rng.integers(1, 3))
-    return {"F0": between(0.2, 12.0), "L": between(0.5, 5.0), "w0": w0,
-            "m1": between(0.2, 5.0), "m2": between(0.2, 5.0),
-            "guide.length": between(0.1, 2.0), "guide.width": between(0.05, 1.5), "k": between(0.2, 20.0),
-            "Omega": frequency, "mu": mu, "mus": float(mu * rng.uniform(1.0, 2.0))}
+    frequency = (
+        between(0.3, 6.0)
+        if rng.random() < 0.5
+        else float(w0 * rng.integers(1, 4) / rng.integers(1, 3))
+    )
+    return {
+        "F0": between(0.2, 12.0),
+        "L": between(0.5, 5.0),
+        "w0": w0,
+        "m1": between(0.2, 5.0),
+        "m2": between(0.2, 5.0),
+        "guide.length": between(0.1, 2.0),
+        "guide.width": between(0.05, 1.5),
+        "k": between(0.2, 20.0),
+        "Omega": frequency,
+        "mu": mu,
+        "mus": float(mu * rng.uniform(1.0, 2.0)),
+    }
 
 
 def slider_bar(parameters: dict[str, float]) -> Scene:
@@ -68,11 +90,15 @@ def judge(parameters: dict[str, float], rtols: Sequence[float]) -> list[SceneOut
     try:
         truth = slider_bar_truth(scene, T_END)
     except (NoMotion, Undecided) as refusal:
-        return [SceneOutcome(*_refused(refusal, _simulate(scene, rtol, T_END)), about) for rtol in rtols]
+        return [
+            SceneOutcome(*_refused(refusal, _simulate(scene, rtol, T_END)), about) for rtol in rtols
+        ]
     return [SceneOutcome(*_compared(scene, truth, rtol), about) for rtol in rtols]
 
 
-STUDY = RandomScenes(lambda seed, i, rtols: judge(drawn(seed, i), rtols), OUTCOMES, FAILING, (1e-9, 1e-12), T_END)
+STUDY = RandomScenes(
+    lambda seed, i, rtols: judge(drawn(seed, i), rtols), OUTCOMES, FAILING, (1e-9, 1e-12), T_END
+)
 
 
 def _compared(scene: Scene, truth: Truth, rtol: float) -> tuple[str, str]:
@@ -83,8 +109,13 @@ def _compared(scene: Scene, truth: Truth, rtol: float) -> tuple[str, str]:
     if error <= max(LOOSE * rtol, TIGHT_BOUND):
         return AGREES, ""
     tight = _simulate(scene, TIGHT_RTOL, truth.t_end)
-    error, again = (np.inf, _stop(tight)) if tight.breakdown is not None else difference(tight, truth)
-    return GRAZES if error <= TIGHT_BOUND else SILENTLY_WRONG, f"{detail}; at {TIGHT_RTOL:g}: {again}"
+    error, again = (
+        (np.inf, _stop(tight)) if tight.breakdown is not None else difference(tight, truth)
+    )
+    return (
+        GRAZES if error <= TIGHT_BOUND else SILENTLY_WRONG,
+        f"{detail}; at {TIGHT_RTOL:g}: {again}",
+    )
 
 
 def difference(run: Trajectory, truth: Truth) -> tuple[float, str]:
@@ -92,7 +123,10 @@ def difference(run: Trajectory, truth: Truth) -> tuple[float, str]:
 
     Corners that change surface are left out: the motion has a kink there in x'', which its errors show.
     """
-    true, found = ([event for event in events if event.kind != "corner"] for events in (truth.events, run.events))
+    true, found = (
+        [event for event in events if event.kind != "corner"]
+        for events in (truth.events, run.events)
+    )
     errors = {}
     for i, (one, other, error) in enumerate(event_differences(true, found), 1):
         if error == np.inf:
@@ -105,7 +139,9 @@ def difference(run: Trajectory, truth: Truth) -> tuple[float, str]:
 
 def _simulate(scene: Scene, rtol: float, t_end: float) -> Trajectory:
     engine = load_engine("reference")
-    return engine.simulate(scene, t_end=t_end, rtol=rtol, output_step=t_end, stabilization="projection")
+    return engine.simulate(
+        scene, t_end=t_end, rtol=rtol, output_step=t_end, stabilization="projection"
+    )
 
 
 def _stop(run: Trajectory) -> str:

@@ -42,9 +42,14 @@ class RandomScenes:
                 yield i, verdict
 
 
-def event_differences(expected: Sequence[Any], found: Sequence[Any]) -> Iterator[tuple[str, str, float]]:
+def event_differences(
+    expected: Sequence[Any], found: Sequence[Any]
+) -> Iterator[tuple[str, str, float]]:
     """Yield events of two motions in words, one by one, and the difference of their times; infinite between kinds."""
     for one, other in zip_longest(expected, found):
         same = one is not None and other is not None and one.kind == other.kind
-        words = [f"{event.kind} at {event.time:.9f} s" if event is not None else "none" for event in (one, other)]
+        words = [
+            f"{event.kind} at {event.time:.9f} s" if event is not None else "none"
+            for event in (one, other)
+        ]
         yield words[0], words[1], abs(one.time - other.time) if same else np.inf

@@ -15,14 +15,25 @@ from typing import Any, TypeVar
 
 import numpy as np
 
-from stiction.comparisons.random_scenes.random_study import RandomScenes, SceneOutcome, event_differences
+from stiction.comparisons.random_scenes.random_study import (
+    RandomScenes,
+    SceneOutcome,
+    event_differences,
+)
 from stiction.engines.reference.engine import ReferenceEngine
 from stiction.scenes import Scene, Trajectory, scene_from_dict
 from stiction.scenes.columns import BODY_COLUMNS
 from stiction.scenes.fields import GROUND
 from stiction.scenes.model import Revolute
 from stiction.scenes.trajectory import stacked
-from stiction.truths.one_freedom import LONGEST_STEP, TOLERANCE, Motion, NoClearMotion, OneFreedom, simulate
+from stiction.truths.one_freedom import (
+    LONGEST_STEP,
+    TOLERANCE,
+    Motion,
+    NoClearMotion,
+    OneFreedom,
+    simulate,
+)
 
 T = TypeVar("T")
 
@@ -67,8 +78,13 @@ class Draft:
         down, mu = dice.number(0, 2 * np.pi), dice.number(0.04, 0.3)
         self.dice, self.sliders = dice, 0
         self.friction = {"mu": mu, "mus": round(mu * dice.one_of([1.0, dice.number(1, 1.4)]), 6)}
-        self.raw: dict[str, Any] = {"gravity": [9.81 * np.cos(down), 9.81 * np.sin(down)],
-                                    "bodies": {}, "joints": {}, "springs": {}, "forces": {}}
+        self.raw: dict[str, Any] = {
+            "gravity": [9.81 * np.cos(down), 9.81 * np.sin(down)],
+            "bodies": {},
+            "joints": {},
+            "springs": {},
+            "forces": {},
+        }
 
     def near(self, reach: float) -> complex:
         return complex(self.dice.number(-reach, reach), self.dice.number(-reach, reach))
@@ -78,10 +94,17 @@ class Draft:
 
     def body(self, name: str, *points: complex) -> None:
         """A body about some points, its axes turned at random."""
-        mass, size = self.dice.number(0.5, 3), max(0.2, max(abs(a - b) for a in points for b in points))
+        mass, size = (
+            self.dice.number(0.5, 3),
+            max(0.2, max(abs(a - b) for a in points for b in points)),
+        )
         centre = np.mean(points) + self.near(0.1 * size)
-        self.raw["bodies"][name] = {"mass": mass, "inertia": mass * size ** 2 * self.dice.number(0.08, 0.2),
-                                    "position": [centre.real, centre.imag], "angle": self.dice.number(-3, 3)}
+        self.raw["bodies"][name] = {
+            "mass": mass,
+            "inertia": mass * size**2 * self.dice.number(0.08, 0.2),
+            "position": [centre.real, centre.imag],
+            "angle": self.dice.number(-3, 3),
+        }
 
     def own(self, name: str, point: complex) -> list[float]:
         """A point in the axes of a body."""
@@ -93,8 +116,11 @@ class Draft:
         return self.raw["bodies"][name]["angle"] if name != GROUND else 0.0
 
     def pin(self, first: str, second: str, point: complex) -> None:
-        self.raw["joints"][f"pin-{first}-{second}"] = {"type": "revolute", "bodies": [first, second],
-                                                       "points": [self.own(first, point), self.own(second, point)]}
+        self.raw["joints"][f"pin-{first}-{second}"] = {
+            "type": "revolute",
+            "bodies": [first, second],
+            "points": [self.own(first, point), self.own(second, point)],
+        }
 
     def slider(self, at: complex, along: complex, guide: str = GROUND) -> str:
         """A slider about a point, on a guide of the given direction that passes near it."""
@@ -105,9 +131,16 @@ class Draft:
             length = self.dice.number(0.15, 0.5)
             shape = {"length": length, "width": round(self.dice.number(0, 0.6) * length, 6)}
         self.raw["joints"][f"guide-{name}"] = {
-            "type": "translational", "slider": name, "guide": guide, "direction": [line.real, line.imag],
-            "point": self.own(guide, on + self.dice.number(-0.3, 0.3) * along), "slider_point": self.own(name, on),
-            "angle": self.angle(name) - self.angle(guide), **self.friction, **shape}
+            "type": "translational",
+            "slider": name,
+            "guide": guide,
+            "direction": [line.real, line.imag],
+            "point": self.own(guide, on + self.dice.number(-0.3, 0.3) * along),
+            "slider_point": self.own(name, on),
+            "angle": self.angle(name) - self.angle(guide),
+            **self.friction,
+            **shape,
+        }
         return name
 
     def rod(self, body: str, end: complex, along: complex) -> None:
@@ -178,16 +211,29 @@ def drawn(seed: int, i: int) -> tuple[Scene, Motion]:
         bodies, name = list(a.raw["bodies"]), f"{family.__name__} {i} of seed {seed}"
         if dice.chance():
             a.raw["springs"]["spring"] = {
-                "type": "linear", "bodies": [dice.one_of(bodies), GROUND], "points": [[0, 0], [dice.number(-1, 1), 2]],
-                "stiffness": dice.number(0, 20), "damping": dice.number(0, 1), "rest_length": dice.number(0, 2)}
+                "type": "linear",
+                "bodies": [dice.one_of(bodies), GROUND],
+                "points": [[0, 0], [dice.number(-1, 1), 2]],
+                "stiffness": dice.number(0, 20),
+                "damping": dice.number(0, 1),
+                "rest_length": dice.number(0, 2),
+            }
         if dice.chance():
             a.raw["springs"]["twist"] = {
-                "type": "torsional", "bodies": [dice.one_of(bodies), GROUND], "stiffness": dice.number(0, 3),
-                "damping": dice.number(0, 0.2), "rest_angle": dice.number(-2, 2)}
+                "type": "torsional",
+                "bodies": [dice.one_of(bodies), GROUND],
+                "stiffness": dice.number(0, 3),
+                "damping": dice.number(0, 0.2),
+                "rest_angle": dice.number(-2, 2),
+            }
         if dice.chance():
             a.raw["forces"]["load"] = {
-                "type": "force", "body": dice.one_of(bodies), "direction": [dice.number(-1, 1), 1],
-                "point": [dice.number(-0.1, 0.1), 0], "law": {"type": "constant", "value": dice.number(-10, 10)}}
+                "type": "force",
+                "body": dice.one_of(bodies),
+                "direction": [dice.number(-1, 1), 1],
+                "point": [dice.number(-0.1, 0.1), 0],
+                "law": {"type": "constant", "value": dice.number(-10, 10)},
+            }
         try:
             m = OneFreedom(scene_from_dict(a.raw, name))
             speed = dice.one_of([0.0, dice.number(-2, 2)]) * np.sqrt(m.mass.sum())
@@ -206,14 +252,21 @@ def drawn(seed: int, i: int) -> tuple[Scene, Motion]:
 
 
 AGREES, SLIPS, OTHER_EVENTS, OTHER_MOTION, NO_BALANCE, STOPS = (
-    "agrees", "slips at rest", "other events", "other motion", "no balance at rest", "stops")
+    "agrees",
+    "slips at rest",
+    "other events",
+    "other motion",
+    "no balance at rest",
+    "stops",
+)
 OUTCOMES = {
     AGREES: "events, positions and forces within the bound; all guides at rest at the end, balanced, in their cones",
     SLIPS: "a guide is not at rest at the end, though the mechanism is",
     OTHER_EVENTS: "stick, slip or reversals are others, or at other times",
     OTHER_MOTION: "a position, a normal force or a friction of the motion is another, or the place of rest",
     NO_BALANCE: "forces at rest are not in balance, or not in the static cones of their surfaces",
-    STOPS: "a typed breakdown, though there is one motion"}
+    STOPS: "a typed breakdown, though there is one motion",
+}
 
 
 def judge(scene: Scene, motion: Motion, run: Trajectory, rtol: float) -> SceneOutcome:
@@ -222,8 +275,12 @@ def judge(scene: Scene, motion: Motion, run: Trajectory, rtol: float) -> SceneOu
     if run.breakdown is not None:
         return SceneOutcome(STOPS, str(run.breakdown), about)
     bound = max(RESERVE * rtol, OWN_ERROR)
-    for outcome, found in ((SLIPS, _slips(motion, run)), (OTHER_EVENTS, _events(motion, run, bound)),
-                           (OTHER_MOTION, _motion(motion, run, bound)), (NO_BALANCE, _balance(motion, run, bound))):
+    for outcome, found in (
+        (SLIPS, _slips(motion, run)),
+        (OTHER_EVENTS, _events(motion, run, bound)),
+        (OTHER_MOTION, _motion(motion, run, bound)),
+        (NO_BALANCE, _balance(motion, run, bound)),
+    ):
         for error, detail in found:  # in units of what is allowed
             if not error <= 1:
                 return SceneOutcome(outcome, detail, about)
@@ -233,7 +290,10 @@ def judge(scene: Scene, motion: Motion, run: Trajectory, rtol: float) -> SceneOu
 def _slips(motion: Motion, run: Trajectory) -> Iterator[tuple[float, str]]:
     for name in motion.equations.guides:
         mode, speed = run[f"{name}.mode"][-1], run[f"{name}.slip_velocity"][-1]
-        yield np.inf if mode else abs(speed) / AT_REST, f"{name}: mode {mode}, {speed:.2g} m/s at the end"
+        yield (
+            np.inf if mode else abs(speed) / AT_REST,
+            f"{name}: mode {mode}, {speed:.2g} m/s at the end",
+        )
 
 
 def _events(motion: Motion, run: Trajectory, bound: float) -> Iterator[tuple[float, str]]:
@@ -259,10 +319,17 @@ def _motion(motion: Motion, run: Trajectory, bound: float) -> Iterator[tuple[flo
     """
     q = stacked(run.columns, motion.equations.scene.bodies, BODY_COLUMNS[0])
     forces = _columns(motion, run, "normal_force", "friction")
-    rows = [k for k, t in enumerate(run.t) if t < motion.rest and all(
-        abs(t - event.time) > 10 * bound * (1 + 1 / event.rate) for event in motion.events)]
+    rows = [
+        k
+        for k, t in enumerate(run.t)
+        if t < motion.rest
+        and all(abs(t - event.time) > 10 * bound * (1 + 1 / event.rate) for event in motion.events)
+    ]
     true = [motion.at(run.t[k]) for k in rows]
-    size, load = max(1.0, np.max(np.abs(motion.q))), max((np.max(np.abs(force)) for _, force in true), default=0.0)
+    size, load = (
+        max(1.0, np.max(np.abs(motion.q))),
+        max((np.max(np.abs(force)) for _, force in true), default=0.0),
+    )
     for k, (position, force) in zip(rows, true):
         away, other = np.max(np.abs(q[k] - position)), np.max(np.abs(forces[k] - force))
         yield away / (bound * size), f"position at {run.t[k]:.6g} s by {away:.2g}"
@@ -282,7 +349,7 @@ def _answer(motion: Motion, run: Trajectory, k: int) -> float:
     if law["method"] != "baumgarte":
         return 0.0
     q, v = (stacked(run.columns, m.scene.bodies, labels)[k] for labels in BODY_COLUMNS[:2])
-    residual, J = (values[:-len(m.guides)] for values in m.rows(q)[:2])
+    residual, J = (values[: -len(m.guides)] for values in m.rows(q)[:2])
     accelerated = 2 * law["alpha"] * J @ v + law["beta"] ** 2 * residual
     return float(np.max(np.abs(np.linalg.solve(J / m.mass @ J.T, accelerated))))
 
@@ -291,8 +358,12 @@ def _balance(motion: Motion, run: Trajectory, bound: float) -> Iterator[tuple[fl
     """Guides share a load in ways not determined: forces are in balance, and in the static cone of each surface."""
     m = motion.equations
     q = stacked(run.columns, m.scene.bodies, BODY_COLUMNS[0])[-1]
-    pins = [run[f"{name}.{key}"][-1] for name, joint in m.scene.joints.items() if isinstance(joint, Revolute)
-            for key in ("fx", "fy")]
+    pins = [
+        run[f"{name}.{key}"][-1]
+        for name, joint in m.scene.joints.items()
+        if isinstance(joint, Revolute)
+        for key in ("fx", "fy")
+    ]
     [normal, moment, friction] = _columns(motion, run, "normal_force", "moment", "friction")[-1]
     applied = m.applied(q, np.zeros(len(q)))
     size = np.max(np.abs(applied)) + np.max(np.abs([normal, moment, friction]))
@@ -304,16 +375,29 @@ def _balance(motion: Motion, run: Trajectory, bound: float) -> Iterator[tuple[fl
             held = [run[f"{name}.friction_{side}"][-1] for side in ("lower", "upper")]
             F = [run[f"{name}.F{corner}"][-1] for corner in (1, 2, 3, 4)]
             pressed = [F[0] + F[1], F[2] + F[3]]
-            split = max(-min(F), abs(sum(held) - friction[i]), abs(pressed[0] - pressed[1] - normal[i]))
+            split = max(
+                -min(F), abs(sum(held) - friction[i]), abs(pressed[0] - pressed[1] - normal[i])
+            )
         excess = max(split, *(abs(f) - m.mus[i] * n for f, n in zip(held, pressed)))
-        yield excess / (bound * size), f"{name}: friction {held} N of surfaces with {pressed} N, mus = {m.mus[i]}"
+        yield (
+            excess / (bound * size),
+            f"{name}: friction {held} N of surfaces with {pressed} N, mus = {m.mus[i]}",
+        )
 
 
 def runs(scene: Scene, rtols: Sequence[float]) -> Iterator[tuple[float, Trajectory]]:
     """Runs of the reference, at each tolerance with each stabilization."""
     for rtol, method in product(rtols, STABILIZATIONS):
-        yield rtol, ReferenceEngine().simulate(scene, rtol=rtol, stabilization=method, output_step=scene.t_end / 50,
-                                               event_values=False)
+        yield (
+            rtol,
+            ReferenceEngine().simulate(
+                scene,
+                rtol=rtol,
+                stabilization=method,
+                output_step=scene.t_end / 50,
+                event_values=False,
+            ),
+        )
 
 
 def judge_drawn(seed: int, i: int, rtols: Sequence[float]) -> list[SceneOutcome]:
@@ -333,5 +417,10 @@ def judge_drawn(seed: int, i: int, rtols: Sequence[float]) -> list[SceneOutcome]
     return found
 
 
-STUDY = RandomScenes(judge_drawn, OUTCOMES, tuple(outcome for outcome in OUTCOMES if outcome != AGREES), RTOLS,
-                     LONGEST)
+STUDY = RandomScenes(
+    judge_drawn,
+    OUTCOMES,
+    tuple(outcome for outcome in OUTCOMES if outcome != AGREES),
+    RTOLS,
+    LONGEST,
+)

@@ -42,7 +42,15 @@ from typing import TYPE_CHECKING, Annotated, Any, Final, Literal
 
 from pydantic import Field, ValidationError
 
-from stiction.comparisons.bench.planned_runs import KINDS, NOT_RUN, RANDOM, TRUTH, Metric, Row, outcome_of
+from stiction.comparisons.bench.planned_runs import (
+    KINDS,
+    NOT_RUN,
+    RANDOM,
+    TRUTH,
+    Metric,
+    Row,
+    outcome_of,
+)
 from stiction.comparisons.regression.tolerances import not_judged
 from stiction.scenes import FileError, Problem, StictionError
 from stiction.scenes.atomic_files import write_text
@@ -58,9 +66,11 @@ FORMAT: Final = 2
 DIGITS = 3
 """Significant digits of what is held to a bound of tens of per cent or more; truths and counts are written in full."""
 _ROUNDED = ("accuracy", "drift", "time")
-_HEAD = ("# What every run of the campaign is held to; see comparisons/regression/baseline.py. "
-         "Written by `stiction baseline update`, which leaves truths\n"
-         "# of a tier above our own run alone. Reviewed like code.\n")
+_HEAD = (
+    "# What every run of the campaign is held to; see comparisons/regression/baseline.py. "
+    "Written by `stiction baseline update`, which leaves truths\n"
+    "# of a tier above our own run alone. Reviewed like code.\n"
+)
 
 
 class BaselineError(FileError):
@@ -114,14 +124,20 @@ class Expected(Model):
     @property
     def metrics(self) -> dict[str, Metric]:
         """Numbers by name."""
-        return {name: Metric(name, kind, number.value, number.uncertainty, number.tier, number.rounding)
-                for kind in (TRUTH, *KINDS) for name, number in getattr(self, kind).items()}
+        return {
+            name: Metric(name, kind, number.value, number.uncertainty, number.tier, number.rounding)
+            for kind in (TRUTH, *KINDS)
+            for name, number in getattr(self, kind).items()
+        }
 
     @property
     def fixed(self) -> dict[str, Metric]:
         """Numbers that no update may touch."""
-        return {name: metric for name, metric in self.metrics.items()
-                if metric.kind == TRUTH and metric.tier != OWN_RUN}
+        return {
+            name: metric
+            for name, metric in self.metrics.items()
+            if metric.kind == TRUTH and metric.tier != OWN_RUN
+        }
 
 
 class _Update(Model):
@@ -141,7 +157,11 @@ class Baseline(Model):
 
     def expected(self, row: Row) -> Expected | None:
         """Return the expected run of this identity; where several names have it, under the same name."""
-        same = {key: expected for key, expected in self.runs.items() if expected.identity == row.identity}
+        same = {
+            key: expected
+            for key, expected in self.runs.items()
+            if expected.identity == row.identity
+        }
         return same.get(row.key) or next(iter(same.values()), None)
 
 
@@ -156,12 +176,27 @@ def load_baseline(reference: str | None = None) -> Baseline:
         return _parsed(path.read_bytes(), str(path))
     what = reference if ":" in reference else f"{reference}:./{DEFAULT.name}"
     try:
-        found = subprocess.run(["git", "show", "--end-of-options", what], capture_output=True, timeout=60, check=True,
-                               cwd=None if ":" in reference else DEFAULT.parent)
+        found = subprocess.run(
+            ["git", "show", "--end-of-options", what],
+            capture_output=True,
+            timeout=60,
+            check=True,
+            cwd=None if ":" in reference else DEFAULT.parent,
+        )
     except (OSError, subprocess.SubprocessError) as error:
-        words = " ".join((getattr(error, "stderr", None) or str(error).encode()).decode(errors="replace").split())
-        raise BaselineError(reference, [Problem("baseline", f"no such file, and git says: {shortened(words, 200)}",
-                                                "expected a file, a commit, or COMMIT:PATH")]) from None
+        words = " ".join(
+            (getattr(error, "stderr", None) or str(error).encode()).decode(errors="replace").split()
+        )
+        raise BaselineError(
+            reference,
+            [
+                Problem(
+                    "baseline",
+                    f"no such file, and git says: {shortened(words, 200)}",
+                    "expected a file, a commit, or COMMIT:PATH",
+                )
+            ],
+        ) from None
     return _parsed(found.stdout, what)
 
 
@@ -169,19 +204,42 @@ def _parsed(text: bytes, origin: str) -> Baseline:
     try:
         raw = tomllib.loads(text.decode())
         if raw.get("runs") and raw.get("format") != FORMAT:  # one problem, not one per run
-            raise BaselineError(origin, [Problem("format", shown(raw.get("format")),
-                                                 f"expected {FORMAT}: make it anew with `stiction baseline update`")])
+            raise BaselineError(
+                origin,
+                [
+                    Problem(
+                        "format",
+                        shown(raw.get("format")),
+                        f"expected {FORMAT}: make it anew with `stiction baseline update`",
+                    )
+                ],
+            )
         return Baseline.model_validate(raw)
     except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
-        raise BaselineError(origin, [Problem("file", shortened(str(error), 160), "expected TOML in UTF-8")]) from None
+        raise BaselineError(
+            origin, [Problem("file", shortened(str(error), 160), "expected TOML in UTF-8")]
+        ) from None
     except ValidationError as error:
-        raise BaselineError(origin, [
-            Problem(shortened(".".join(map(str, detail["loc"])), 200), found_in(detail), expectation(detail))
-            for detail in error.errors(include_url=False)]) from None
+        raise BaselineError(
+            origin,
+            [
+                Problem(
+                    shortened(".".join(map(str, detail["loc"])), 200),
+                    found_in(detail),
+                    expectation(detail),
+                )
+                for detail in error.errors(include_url=False)
+            ],
+        ) from None
 
 
-def updated(baseline: Baseline, rows: Iterable[Row], reason: str, origin: Mapping[str, Any],
-            campaign: Collection[str]) -> Baseline:
+def updated(
+    baseline: Baseline,
+    rows: Iterable[Row],
+    reason: str,
+    origin: Mapping[str, Any],
+    campaign: Collection[str],
+) -> Baseline:
     """Return the baseline with the numbers of the rows, whose `environment.origin` is `origin`.
 
     Runs that were not made keep what they have, unless they are not among the keys of the campaign.
@@ -192,38 +250,68 @@ def updated(baseline: Baseline, rows: Iterable[Row], reason: str, origin: Mappin
         If a truth of a tier above our own run is not, within the uncertainties, that of the baseline, or would be
         dropped for that of another scene under its name.
     """
-    runs = {key: expected for key, expected in baseline.runs.items() if key in campaign or expected.fixed}
+    runs = {
+        key: expected
+        for key, expected in baseline.runs.items()
+        if key in campaign or expected.fixed
+    }
     moved: list[str] = []
     for row in rows:
         if row.status in ("missing", NOT_RUN) or row.variant == RANDOM:
             continue  # says nothing about a run that comes again
         named = baseline.runs.get(row.key)
         if named is not None and named.identity != row.identity and named.fixed:
-            moved.append(f"{row.key}: the baseline's is of another scene of that name ({named.identity}), "
-                         f"now {row.identity}")
+            moved.append(
+                f"{row.key}: the baseline's is of another scene of that name ({named.identity}), "
+                f"now {row.identity}"
+            )
         old = baseline.expected(row) or Expected(identity=row.identity)
-        moved += [f"{row.key}: {fixed.name}: {fixed.value!r}, now {now and now.value!r}: {why}"
-                  for fixed, now, why in moved_truths(row, old)]
+        moved += [
+            f"{row.key}: {fixed.name}: {fixed.value!r}, now {now and now.value!r}: {why}"
+            for fixed, now, why in moved_truths(row, old)
+        ]
         runs[row.key] = expected_of(row, origin["conditions"], old.fixed)
     if moved:
         title = "a truth of a tier above our own run is not what the baseline says, and no update changes one:"
         raise BaselineRefused("\n  ".join([title, *moved]))
     versions = ", ".join(f"{name} {version}" for name, version in origin["versions"].items())
-    update = _Update(date=datetime.now(UTC).date().isoformat(), reason=reason, commit=origin["commit"] or "",
-                     machine=origin["machine"]["cpu"], versions=versions)
+    update = _Update(
+        date=datetime.now(UTC).date().isoformat(),
+        reason=reason,
+        commit=origin["commit"] or "",
+        machine=origin["machine"]["cpu"],
+        versions=versions,
+    )
     return Baseline(format=FORMAT, updates=(*baseline.updates, update), runs=runs)
 
 
-def expected_of(row: Row, conditions: str, fixed: Mapping[str, Metric] = MappingProxyType({})) -> Expected:
+def expected_of(
+    row: Row, conditions: str, fixed: Mapping[str, Metric] = MappingProxyType({})
+) -> Expected:
     """Return what a row, made under these conditions, makes expected; numbers that are `fixed` stay as they are."""
     numbers: dict[str, dict[str, _Number]] = defaultdict(dict)
     for metric in ({metric.name: metric for metric in row.metrics} | dict(fixed)).values():
-        number = _Number(value=metric.value, uncertainty=metric.uncertainty, tier=metric.tier, rounding=metric.rounding)
-        short = {name: float(f"{value:.{DIGITS}g}") for name, value in number
-                 if isinstance(value, float) and (name != "value" or metric.kind in _ROUNDED)}
+        number = _Number(
+            value=metric.value,
+            uncertainty=metric.uncertainty,
+            tier=metric.tier,
+            rounding=metric.rounding,
+        )
+        short = {
+            name: float(f"{value:.{DIGITS}g}")
+            for name, value in number
+            if isinstance(value, float) and (name != "value" or metric.kind in _ROUNDED)
+        }
         numbers[metric.kind][metric.name] = number.model_copy(update=short)
-    return Expected(identity=row.identity, version=row.version or "", conditions=conditions, status=row.status,
-                    reason=row.reason, other_ends=row.other_ends, **numbers)
+    return Expected(
+        identity=row.identity,
+        version=row.version or "",
+        conditions=conditions,
+        status=row.status,
+        reason=row.reason,
+        other_ends=row.other_ends,
+        **numbers,
+    )
 
 
 def moved_truths(row: Row, expected: Expected) -> Iterator[tuple[Metric, Metric | None, str]]:
@@ -234,10 +322,19 @@ def moved_truths(row: Row, expected: Expected) -> Iterator[tuple[Metric, Metric 
         if now is None:
             yield fixed, now, f"{fixed.tier}; found nothing: {row.reason or row.status}"
             continue
-        allowed, moved = (now.uncertainty or 0.0) + (fixed.uncertainty or 0.0), abs(now.value - fixed.value)
+        allowed, moved = (
+            (now.uncertainty or 0.0) + (fixed.uncertainty or 0.0),
+            abs(now.value - fixed.value),
+        )
         if moved > allowed:
-            yield fixed, now, (f"{fixed.tier}, now {now.tier}: they differ by {moved:.2g}, "
-                               f"the uncertainties of both allow {allowed:.2g}")
+            yield (
+                fixed,
+                now,
+                (
+                    f"{fixed.tier}, now {now.tier}: they differ by {moved:.2g}, "
+                    f"the uncertainties of both allow {allowed:.2g}"
+                ),
+            )
 
 
 def write_baseline(baseline: Baseline, path: Path) -> None:
@@ -260,7 +357,9 @@ def _lines_of(key: str, expected: Expected) -> Iterator[str]:
     parameter = key.rpartition("/")[2].partition("=")[0]
     for kind in (TRUTH, *KINDS):
         for name, number in sorted(getattr(expected, kind).items()):
-            fields = ", ".join(f"{field} = {_toml(value)}" for field, value in number if value is not None)
+            fields = ", ".join(
+                f"{field} = {_toml(value)}" for field, value in number if value is not None
+            )
             why = not_judged(expected.metrics[name], parameter)
             yield f"{kind}.{_toml(name)} = {{ {fields} }}" + (f"  # {why}" if why else "")
 
@@ -269,4 +368,4 @@ def _toml(value: str | float) -> str:
     """Write a string or a number as TOML has it; a basic string escapes as JSON does."""
     if isinstance(value, str):
         return json.dumps(value, ensure_ascii=False).replace("\x7f", "\\u007f")
-    return repr(int(value)) if value.is_integer() and abs(value) < 2 ** 53 else repr(value)
+    return repr(int(value)) if value.is_integer() and abs(value) < 2**53 else repr(value)

@@ -29,11 +29,24 @@ from stiction.comparisons.bench.planned_runs import MOTION, RANDOM, TRUTH, Metri
 from stiction.comparisons.measures.accuracy import WRONG
 from stiction.comparisons.regression.baseline import Baseline, Expected, moved_truths
 from stiction.comparisons.regression.older_code import TOTAL
-from stiction.comparisons.regression.tolerances import FURTHER, MARGIN, PATH_MOVED, bound, not_judged, tolerance
+from stiction.comparisons.regression.tolerances import (
+    FURTHER,
+    MARGIN,
+    PATH_MOVED,
+    bound,
+    not_judged,
+    tolerance,
+)
 from stiction.engines.registry import EXTRAS
 from stiction.truths.truth import OWN_RUN
 
-REGRESSION, COULD_NOT_RUN, BETTER, NOT_JUDGED, NEW = "regression", "could not run", "better", "not judged", "new"
+REGRESSION, COULD_NOT_RUN, BETTER, NOT_JUDGED, NEW = (
+    "regression",
+    "could not run",
+    "better",
+    "not judged",
+    "new",
+)
 SEVERITIES = (REGRESSION, COULD_NOT_RUN, BETTER, NOT_JUDGED, NEW)
 """Severities of a finding, worst first."""
 FINE, NOTHING = "fine", "nothing compared"
@@ -91,42 +104,89 @@ class Times:
     past: Sequence[float] = ()
 
 
-def findings(rows: Iterable[Row], baseline: Baseline, kinds: Collection[str], times: Mapping[str, Times],
-             conditions: str, turns: Mapping[str, Mapping[str, float] | str] = MappingProxyType({})) -> list[Finding]:
+def findings(
+    rows: Iterable[Row],
+    baseline: Baseline,
+    kinds: Collection[str],
+    times: Mapping[str, Times],
+    conditions: str,
+    turns: Mapping[str, Mapping[str, float] | str] = MappingProxyType({}),
+) -> list[Finding]:
     """Return all that is not as the baseline has it, worst first. Rows that only the baseline has are not missed.
 
     The rows have numbers of these `kinds`, made under these `environment.conditions`. `times` are those that are
     reported, by key of the run; `turns` the yield of `older_code.times_in_turns`.
     """
-    drawn, compared = ([row for row in rows if (row.variant == RANDOM) == random] for random in (True, False))
-    found = [Finding(REGRESSION if row.status == WRONG else COULD_NOT_RUN, RANDOM, row.key, "", None, row.status,
-                     math.inf, f"{row.identity}: {row.reason}") for row in drawn if row.status != "ok"]
+    drawn, compared = (
+        [row for row in rows if (row.variant == RANDOM) == random] for random in (True, False)
+    )
+    found = [
+        Finding(
+            REGRESSION if row.status == WRONG else COULD_NOT_RUN,
+            RANDOM,
+            row.key,
+            "",
+            None,
+            row.status,
+            math.inf,
+            f"{row.identity}: {row.reason}",
+        )
+        for row in drawn
+        if row.status != "ok"
+    ]
     for row in compared:
         expected = baseline.expected(row)
         if finding := _of_status(row, expected, baseline):
             found.append(finding)
         elif expected is not None:
             tiers = {metric.tier for metric in row.metrics if metric.kind == TRUTH}
-            found += [Finding(NOT_JUDGED if now is None and tiers and fixed.tier not in tiers else REGRESSION, TRUTH,
-                              row.key, fixed.name, fixed.value, None if now is None else now.value, math.inf, why)
-                      for fixed, now, why in moved_truths(row, expected)]
-            found += _compared(row, expected, kinds, times.get(row.key), expected.conditions == conditions)
+            found += [
+                Finding(
+                    NOT_JUDGED if now is None and tiers and fixed.tier not in tiers else REGRESSION,
+                    TRUTH,
+                    row.key,
+                    fixed.name,
+                    fixed.value,
+                    None if now is None else now.value,
+                    math.inf,
+                    why,
+                )
+                for fixed, now, why in moved_truths(row, expected)
+            ]
+            found += _compared(
+                row, expected, kinds, times.get(row.key), expected.conditions == conditions
+            )
     found += _of_turns(compared, turns)
     found += _without_ends(compared, baseline)
-    return sorted(found, key=lambda f: (SEVERITIES.index(f.severity), _RANKS.index(f.kind), -f.ratio, f.key, f.metric))
+    return sorted(
+        found,
+        key=lambda f: (
+            SEVERITIES.index(f.severity),
+            _RANKS.index(f.kind),
+            -f.ratio,
+            f.key,
+            f.metric,
+        ),
+    )
 
 
 def verdict(found: Iterable[Finding], compared: int) -> str:
     """Return `REGRESSION` or `COULD_NOT_RUN` if there is one; else `FINE`, or `NOTHING` where no run was compared."""
     severities = {finding.severity for finding in found}
-    return next((severity for severity in (REGRESSION, COULD_NOT_RUN) if severity in severities),
-                FINE if compared else NOTHING)
+    return next(
+        (severity for severity in (REGRESSION, COULD_NOT_RUN) if severity in severities),
+        FINE if compared else NOTHING,
+    )
 
 
 def compared(rows: Iterable[Row], baseline: Baseline) -> int:
     """Count the runs that were made and have an entry in the baseline; truths are no runs, and draws have none."""
-    return sum(row.variant not in (RANDOM, TRUTH) and row.outcome in _STATUSES and baseline.expected(row) is not None
-               for row in rows)
+    return sum(
+        row.variant not in (RANDOM, TRUTH)
+        and row.outcome in _STATUSES
+        and baseline.expected(row) is not None
+        for row in rows
+    )
 
 
 def _of_status(row: Row, expected: Expected | None, baseline: Baseline) -> Finding | None:
@@ -136,7 +196,9 @@ def _of_status(row: Row, expected: Expected | None, baseline: Baseline) -> Findi
     elif expected is None:
         severity = NEW if now in ("ok", "refused") else COULD_NOT_RUN
         other = baseline.runs.get(row.key)
-        words = "not in the baseline" + (f", where the name is that of another run ({other.identity})" if other else "")
+        words = "not in the baseline" + (
+            f", where the name is that of another run ({other.identity})" if other else ""
+        )
         words += f": {row.reason}" if row.reason else ""
     elif now == before:
         return None
@@ -152,15 +214,25 @@ def _of_status(row: Row, expected: Expected | None, baseline: Baseline) -> Findi
     return Finding(severity, "status", row.key, "", before, now, math.inf, words)
 
 
-def _compared(row: Row, expected: Expected, kinds: Collection[str], times: Times | None,
-                alike: bool) -> Iterator[Finding]:
+def _compared(
+    row: Row, expected: Expected, kinds: Collection[str], times: Times | None, alike: bool
+) -> Iterator[Finding]:
     """Compare the numbers of a row with those expected, made under the same conditions where `alike`."""
     measured, known = {metric.name: metric for metric in row.metrics}, expected.metrics
     for name, new in measured.items():
         if name not in known:
             if new.kind == MOTION:  # `_without_ends`, once for all
                 continue
-            yield Finding(NEW, new.kind, row.key, name, None, new.value, math.inf, "the baseline does not have it")
+            yield Finding(
+                NEW,
+                new.kind,
+                row.key,
+                name,
+                None,
+                new.value,
+                math.inf,
+                "the baseline does not have it",
+            )
     for name, old in known.items():
         if name not in measured:
             if old.kind in kinds:
@@ -170,11 +242,18 @@ def _compared(row: Row, expected: Expected, kinds: Collection[str], times: Times
         if not alike and old.rounding is None and old.kind in (*FURTHER, MOTION):
             why = "not judged: made under other conditions, and how far rounding moves it was not measured"
         rule = _of_error if old.kind in ("accuracy", "drift") else _of_number
-        found = (times and _of_time(row.key, old, times, alike) if old.kind == "time"
-                 else rule(row, old, measured[name]))
+        found = (
+            times and _of_time(row.key, old, times, alike)
+            if old.kind == "time"
+            else rule(row, old, measured[name])
+        )
         if found:
             found = replace(found, reason=found.reason + _other_version(row, expected))
-            yield replace(found, severity=NOT_JUDGED, reason=f"{why}; {found.reason}") if why else found
+            yield (
+                replace(found, severity=NOT_JUDGED, reason=f"{why}; {found.reason}")
+                if why
+                else found
+            )
 
 
 def _without_ends(rows: Iterable[Row], baseline: Baseline) -> Iterator[Finding]:
@@ -183,19 +262,33 @@ def _without_ends(rows: Iterable[Row], baseline: Baseline) -> Iterator[Finding]:
     for row in rows:
         expected = baseline.expected(row)
         new = [metric.name for metric in row.metrics if metric.kind == MOTION]
-        if expected is not None and expected.outcome == row.outcome and not expected.motion.keys() >= {*new}:
+        if (
+            expected is not None
+            and expected.outcome == row.outcome
+            and not expected.motion.keys() >= {*new}
+        ):
             keys.append(row.key)
     if keys:
         others = f" and {len(keys) - 1} others" if len(keys) > 1 else ""
-        yield Finding(NEW, MOTION, keys[0] + others, "positions at the end", None, None, math.inf,
-                      "the baseline, of an earlier version, does not have them: `stiction baseline update` records "
-                      "them")
+        yield Finding(
+            NEW,
+            MOTION,
+            keys[0] + others,
+            "positions at the end",
+            None,
+            None,
+            math.inf,
+            "the baseline, of an earlier version, does not have them: `stiction baseline update` records "
+            "them",
+        )
 
 
 def _gone(row: Row, old: Metric) -> Finding:
     """Return the finding of a number that the baseline has and the row has not."""
     kinds = ("accuracy", "event")
-    tiers = sorted({metric.tier for metric in row.metrics if metric.kind in kinds} if old.kind in kinds else ())
+    tiers = sorted(
+        {metric.tier for metric in row.metrics if metric.kind in kinds} if old.kind in kinds else ()
+    )
     severity, words = REGRESSION, "the baseline has it, this run has nothing"
     if tiers and old.tier not in tiers:
         severity = NOT_JUDGED
@@ -207,7 +300,9 @@ def _gone(row: Row, old: Metric) -> Finding:
 
 def _other_version(row: Row, expected: Expected) -> str:
     known = row.version and expected.version and row.version != expected.version
-    return f" ({row.engine} {row.version}; the baseline's is of {expected.version})" if known else ""
+    return (
+        f" ({row.engine} {row.version}; the baseline's is of {expected.version})" if known else ""
+    )
 
 
 def _of_number(row: Row, old: Metric, new: Metric) -> Finding | None:
@@ -218,8 +313,10 @@ def _of_number(row: Row, old: Metric, new: Metric) -> Finding | None:
     severity, ratio = REGRESSION, _ratio(old.value, new.value)
     if old.kind == MOTION:
         if old.uncertainty is None:
-            words = (f"by {abs(new.value / old.value - 1):.2g} of itself; allowed {PATH_MOVED:g}: fixed steps stay "
-                     "where they are")
+            words = (
+                f"by {abs(new.value / old.value - 1):.2g} of itself; allowed {PATH_MOVED:g}: fixed steps stay "
+                "where they are"
+            )
         else:
             words = f"it ends {abs(moved):.2g} from where it did; allowed {allowed:.2g}"
             ratio = abs(moved) / allowed if allowed else math.inf
@@ -229,7 +326,11 @@ def _of_number(row: Row, old: Metric, new: Metric) -> Finding | None:
     else:
         if (moved > 0) == (old.name in _MORE_IS_BETTER):
             severity = BETTER
-        words = f"rounding moves it by {old.rounding:g}, allowed {allowed:g}" if allowed else "counted exactly"
+        words = (
+            f"rounding moves it by {old.rounding:g}, allowed {allowed:g}"
+            if allowed
+            else "counted exactly"
+        )
         words += f", against the truth ({new.tier})" if old.kind == "event" else ""
         words = f"{'more' if moved > 0 else 'fewer'}; {words}"
     return Finding(severity, old.kind, row.key, old.name, old.value, new.value, ratio, words)
@@ -263,18 +364,32 @@ def _of_time(key: str, old: Metric, times: Times, alike: bool) -> Finding | None
     slow = shortest > before
     now = shortest if slow else longest
     ratio = _ratio(before, now)
-    why = "a busy machine does that too" if alike else "the baseline was made under other conditions"
-    return Finding(NOT_JUDGED, "time", key, old.name, before, now, ratio,
-                   f"{ratio:.2f} times as {'slow' if slow else 'fast'} at least in {len(times.now)}; reported from "
-                   f"{factor:.2f} times {words}; no verdict: {why}, `stiction check --control` decides")
+    why = (
+        "a busy machine does that too" if alike else "the baseline was made under other conditions"
+    )
+    return Finding(
+        NOT_JUDGED,
+        "time",
+        key,
+        old.name,
+        before,
+        now,
+        ratio,
+        f"{ratio:.2f} times as {'slow' if slow else 'fast'} at least in {len(times.now)}; reported from "
+        f"{factor:.2f} times {words}; no verdict: {why}, `stiction check --control` decides",
+    )
 
 
-def _of_turns(rows: Sequence[Row], turns: Mapping[str, Mapping[str, float] | str]) -> Iterator[Finding]:
+def _of_turns(
+    rows: Sequence[Row], turns: Mapping[str, Mapping[str, float] | str]
+) -> Iterator[Finding]:
     """Compare the times of each engine with those of the code before, by the median of its runs."""
     measured: dict[tuple[str, str], list[float]] = {}
     for row in rows:
         if isinstance(of_row := turns.get(row.key, {}), str):
-            yield Finding(NOT_JUDGED, "time", row.key, IN_TURNS.format(TOTAL), None, None, math.inf, of_row)
+            yield Finding(
+                NOT_JUDGED, "time", row.key, IN_TURNS.format(TOTAL), None, None, math.inf, of_row
+            )
             continue
         for what, ratio in of_row.items():
             measured.setdefault((row.engine, what), []).append(ratio)
@@ -283,10 +398,22 @@ def _of_turns(rows: Sequence[Row], turns: Mapping[str, Mapping[str, float] | str
         if 1 / BOUND_TURNS <= now <= BOUND_TURNS and enough:
             continue
         severity = NOT_JUDGED if not enough else REGRESSION if now > 1 else BETTER
-        why = f"noise ends at {BOUND_TURNS:g}" if enough else f"no verdict on fewer than {FEWEST} runs"
-        yield Finding(severity, "time", engine, IN_TURNS.format(what), 1.0, now, _ratio(1.0, now),
-                      f"median of {len(ratios)} runs, {min(ratios):.2f} to {max(ratios):.2f}, timed in turns with the "
-                      f"code before; {why}")
+        why = (
+            f"noise ends at {BOUND_TURNS:g}"
+            if enough
+            else f"no verdict on fewer than {FEWEST} runs"
+        )
+        yield Finding(
+            severity,
+            "time",
+            engine,
+            IN_TURNS.format(what),
+            1.0,
+            now,
+            _ratio(1.0, now),
+            f"median of {len(ratios)} runs, {min(ratios):.2f} to {max(ratios):.2f}, timed in turns with the "
+            f"code before; {why}",
+        )
 
 
 def _uncertainty(old: Metric, new: Metric) -> float:

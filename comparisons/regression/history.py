@@ -96,14 +96,23 @@ class History:
         The digest stands for all that the numbers depend on; `origin` is that of `environment.origin`.
         """
         last = self._connection.execute(
-            "SELECT night, digest, finished FROM nights ORDER BY night DESC LIMIT 1").fetchone()
+            "SELECT night, digest, finished FROM nights ORDER BY night DESC LIMIT 1"
+        ).fetchone()
         if last is not None and last[1:] == (digest, None):
             return last[0]
         night = _now()
         with self._connection:
             self._connection.execute(
                 "INSERT INTO nights VALUES (?, ?, ?, ?, ?, ?, NULL, NULL)",
-                (night, campaign, digest, origin["conditions"], origin["commit"], json.dumps(origin)))
+                (
+                    night,
+                    campaign,
+                    digest,
+                    origin["conditions"],
+                    origin["commit"],
+                    json.dumps(origin),
+                ),
+            )
         return night
 
     def append(self, night: str, row: Row) -> None:
@@ -111,15 +120,31 @@ class History:
         fields = [getattr(row, name) for name in _RUN.split(", ")]
         settings = None if row.settings is None else json.dumps(row.settings, default=str)
         with self._connection:
-            self._connection.execute(f"INSERT INTO runs VALUES ({', '.join('?' * 13)})", (night, *fields, settings))
-            self._connection.executemany("INSERT INTO metrics VALUES (?, ?, ?, ?, ?, ?, ?)", [
-                (night, row.key, metric.name, metric.kind, metric.value, metric.uncertainty, metric.tier)
-                for metric in row.metrics])
+            self._connection.execute(
+                f"INSERT INTO runs VALUES ({', '.join('?' * 13)})", (night, *fields, settings)
+            )
+            self._connection.executemany(
+                "INSERT INTO metrics VALUES (?, ?, ?, ?, ?, ?, ?)",
+                [
+                    (
+                        night,
+                        row.key,
+                        metric.name,
+                        metric.kind,
+                        metric.value,
+                        metric.uncertainty,
+                        metric.tier,
+                    )
+                    for metric in row.metrics
+                ],
+            )
 
     def finish(self, night: str, verdict: str) -> None:
         with self._connection:
-            self._connection.execute("UPDATE nights SET finished = ?, verdict = ? WHERE night = ?",
-                                     (_now(), verdict, night))
+            self._connection.execute(
+                "UPDATE nights SET finished = ?, verdict = ? WHERE night = ?",
+                (_now(), verdict, night),
+            )
 
     def rows(self, night: str) -> list[Row]:
         """Return the rows that the night has so far, in the order in which they were added."""
@@ -133,42 +158,61 @@ class History:
         found = self._connection.execute(
             "SELECT night, key FROM runs JOIN nights USING (night) WHERE identity = ? AND night < ? "
             "AND finished IS NOT NULL AND status IN ('ok', 'refused') ORDER BY night LIMIT 1",
-            (identity, before)).fetchone()
+            (identity, before),
+        ).fetchone()
         return None if found is None else (found[0], self._rows("night = ? AND key = ?", *found)[0])
 
     def _rows(self, where: str, *values: str) -> list[Row]:
         metrics: dict[str, list[Metric]] = {}
         numbers = self._connection.execute(
-            f"SELECT key, metric, kind, value, uncertainty, tier FROM metrics WHERE {where} ORDER BY rowid", values)
+            f"SELECT key, metric, kind, value, uncertainty, tier FROM metrics WHERE {where} ORDER BY rowid",
+            values,
+        )
         for key, *metric in numbers:
             metrics.setdefault(key, []).append(Metric(*metric))
-        runs = self._connection.execute(f"SELECT {_RUN}, settings FROM runs WHERE {where} ORDER BY rowid", values)
-        return [Row(*(*run, settings and json.loads(settings), tuple(metrics.get(run[0], ()))))
-                for *run, settings in runs]
+        runs = self._connection.execute(
+            f"SELECT {_RUN}, settings FROM runs WHERE {where} ORDER BY rowid", values
+        )
+        return [
+            Row(*(*run, settings and json.loads(settings), tuple(metrics.get(run[0], ()))))
+            for *run, settings in runs
+        ]
 
     def origin(self, night: str) -> dict[str, Any]:
         """Return the `environment.origin` of its numbers."""
-        return json.loads(self._connection.execute("SELECT origin FROM nights WHERE night = ?", (night,)).fetchone()[0])
+        return json.loads(
+            self._connection.execute(
+                "SELECT origin FROM nights WHERE night = ?", (night,)
+            ).fetchone()[0]
+        )
 
     def engines(self, night: str) -> dict[str, str]:
         """Return the versions of the engines of a night, by name."""
-        return engine_versions(self._connection.execute(
-            "SELECT DISTINCT engine, version FROM runs WHERE night = ? ORDER BY rowid", (night,)))
+        return engine_versions(
+            self._connection.execute(
+                "SELECT DISTINCT engine, version FROM runs WHERE night = ? ORDER BY rowid", (night,)
+            )
+        )
 
     def finished_before(self, night: str = "~") -> str | None:
         """Return the last night before another one that is finished."""
-        return self._connection.execute("SELECT max(night) FROM nights WHERE finished IS NOT NULL AND night < ?",
-                                        (night,)).fetchone()[0]
+        return self._connection.execute(
+            "SELECT max(night) FROM nights WHERE finished IS NOT NULL AND night < ?", (night,)
+        ).fetchone()[0]
 
     def last_finished(self) -> str | None:
-        return self._connection.execute("SELECT max(night) FROM nights WHERE finished IS NOT NULL").fetchone()[0]
+        return self._connection.execute(
+            "SELECT max(night) FROM nights WHERE finished IS NOT NULL"
+        ).fetchone()[0]
 
     def times(self, conditions: str, night: str = "~") -> dict[tuple[str, str], list[float]]:
         """Return times of finished nights before `night`, oldest first, by identity and engine of the run."""
         found: dict[tuple[str, str], list[float]] = {}
         for identity, engine, value in self._connection.execute(
-                "SELECT identity, engine, value FROM history WHERE kind = 'time' AND metric = ? AND machine = ? "
-                "AND finished IS NOT NULL AND night < ? ORDER BY night", (TIME, conditions, night)):
+            "SELECT identity, engine, value FROM history WHERE kind = 'time' AND metric = ? AND machine = ? "
+            "AND finished IS NOT NULL AND night < ? ORDER BY night",
+            (TIME, conditions, night),
+        ):
             found.setdefault((identity, engine), []).append(value)
         return found
 
@@ -180,8 +224,10 @@ def open_history(path: Path, write: bool = True) -> Iterator[History]:
     Raises `HistoryRefused` if the file cannot be used, and `NotWritten` if the disk is full: what is in there stays.
     """
     if path.is_dir():
-        raise HistoryRefused(f"{path}: found a folder; expected the file of a history, such as "
-                             f"{path / 'history.sqlite'}")
+        raise HistoryRefused(
+            f"{path}: found a folder; expected the file of a history, such as "
+            f"{path / 'history.sqlite'}"
+        )
     address = f"{path.absolute().as_uri()}?mode={'rwc' if write else 'ro'}"
     try:
         with closing(sqlite3.connect(address, uri=True, timeout=60.0)) as connection:
@@ -202,7 +248,9 @@ def _prepare(path: Path, connection: sqlite3.Connection, write: bool) -> None:
             connection.executescript(f"BEGIN; {_SCHEMA} COMMIT;")
         elif found != FORMAT:
             what = "an empty file" if empty else f"a database of format {found}"
-            raise HistoryRefused(f"{path}: found {what}; expected a history of format {FORMAT}, or no file")
+            raise HistoryRefused(
+                f"{path}: found {what}; expected a history of format {FORMAT}, or no file"
+            )
         connection.execute("PRAGMA synchronous = FULL")
         connection.execute("PRAGMA foreign_keys = ON")
     except sqlite3.DatabaseError as error:

@@ -15,7 +15,17 @@ from typing import Any
 
 import numpy as np
 
-from stiction.comparisons.bench.planned_runs import GRID, MOTION, MOVED, ORDER, TRUTH, ULPS, Metric, PlannedRun, Row
+from stiction.comparisons.bench.planned_runs import (
+    GRID,
+    MOTION,
+    MOVED,
+    ORDER,
+    TRUTH,
+    ULPS,
+    Metric,
+    PlannedRun,
+    Row,
+)
 from stiction.comparisons.bench.timing.calibration import TIME, relative_time
 from stiction.comparisons.bench.timing.visits import bare_run
 from stiction.comparisons.bench.variants import Variant, has_static_coefficient, job
@@ -28,8 +38,12 @@ from stiction.scenes import Scene, Trajectory, vary
 from stiction.truths import CLOSED_FORM, NO_TRUTH, Truth
 from stiction.truths.physics import physics_of
 
-_ACCURACY = {"position_error": "position_uncertainty", "velocity_error": "velocity_uncertainty",
-             TORQUE_ERROR: "torque_uncertainty", "event_time_error": "event_time_uncertainty"}
+_ACCURACY = {
+    "position_error": "position_uncertainty",
+    "velocity_error": "velocity_uncertainty",
+    TORQUE_ERROR: "torque_uncertainty",
+    "event_time_error": "event_time_uncertainty",
+}
 _EVENTS = ("events_matched", "events_missed", "events_spurious")
 _DRIFT = ("position_drift", "velocity_drift")
 PATH = "path_length"
@@ -43,6 +57,7 @@ are a hundred tolerances. Its errors are held to closer bounds."""
 OUTPUT_STEP = 0.01
 """Seconds between the instants at which errors are measured."""
 _STATE = {"x": "m", "y": "m", "angle": "rad"}
+
 
 def task_of(run: PlannedRun, kinds: Collection[str], repeats: int) -> Task:
     """Return the measurement of a run, for `stiction.engines.isolate`; `row_of` makes a row of its outcome."""
@@ -60,10 +75,13 @@ def disturbed(scene: Scene, way: str) -> Scene:
     chance = np.random.default_rng([int(way.removeprefix(MOVED)), 5])
 
     def moved(value: float) -> float:
-        return float(value * (1 + 2.0 ** -52 * chance.choice([-1, 1]) * chance.integers(1, ULPS + 1)))
+        return float(value * (1 + 2.0**-52 * chance.choice([-1, 1]) * chance.integers(1, ULPS + 1)))
 
-    numbers: dict[str, Any] = {f"bodies.{name}.{key}": moved(getattr(body, key))
-                               for name, body in scene.bodies.items() for key in ("mass", "inertia")}
+    numbers: dict[str, Any] = {
+        f"bodies.{name}.{key}": moved(getattr(body, key))
+        for name, body in scene.bodies.items()
+        for key in ("mass", "inertia")
+    }
     if scene.gravity is not None:
         numbers["gravity"] = [moved(part) for part in scene.gravity]
     return vary(scene, numbers)
@@ -73,13 +91,19 @@ def _run_row(run: PlannedRun, variant: Variant, kinds: Collection[str], repeats:
     """Simulate and measure against the truth, in the child; the time is that of the whole `Engine.run`."""
     compile_kernels()
     solver, has_static = load_engine(variant.engine), has_static_coefficient(variant)
-    scene, given = (physics_of(each, has_static) for each in (run.scene, disturbed(run.scene, run.way)))
+    scene, given = (
+        physics_of(each, has_static) for each in (run.scene, disturbed(run.scene, run.way))
+    )
     output_step = OUTPUT_STEP * (2 if run.way == GRID else 1)
     arguments = job(run.scene, variant, run.step, output_step=output_step).arguments
     trajectory = solver.simulate(given, **arguments)
     status, reason = "ok", "" if trajectory.termination == "end" else trajectory.termination
     found, metrics = drift(trajectory), [*_motion(trajectory, scene, variant.parameter, run.step)]
-    metrics += [Metric(name, "drift", found[name], ROUNDING, CLOSED_FORM) for name in _DRIFT if name in found]
+    metrics += [
+        Metric(name, "drift", found[name], ROUNDING, CLOSED_FORM)
+        for name in _DRIFT
+        if name in found
+    ]
     if (decay := decay_error(trajectory, scene)) is not None:
         metrics.append(Metric(DECAY_ERROR, "drift", decay.value, decay.uncertainty, CLOSED_FORM))
     metrics += [Metric(name, "counter", count) for name, count in trajectory.cost.counters.items()]
@@ -91,9 +115,17 @@ def _run_row(run: PlannedRun, variant: Variant, kinds: Collection[str], repeats:
         status, reason = found.get("status", status), found.get("reason", reason)
         metrics = [*_errors(found, truth), *metrics]
     if "time" in kinds and status == "ok" and trajectory.termination == "end":
-        metrics.append(Metric(TIME, "time", *relative_time(bare_run(solver, given, arguments), repeats)))
-    return replace(run.row, version=trajectory.version, status=status, reason=reason, settings=trajectory.settings,
-                   metrics=tuple(metric for metric in metrics if metric.kind in kinds))
+        metrics.append(
+            Metric(TIME, "time", *relative_time(bare_run(solver, given, arguments), repeats))
+        )
+    return replace(
+        run.row,
+        version=trajectory.version,
+        status=status,
+        reason=reason,
+        settings=trajectory.settings,
+        metrics=tuple(metric for metric in metrics if metric.kind in kinds),
+    )
 
 
 def _errors(found: Mapping[str, Any], truth: Truth) -> Iterator[Metric]:
@@ -101,7 +133,9 @@ def _errors(found: Mapping[str, Any], truth: Truth) -> Iterator[Metric]:
         if math.isfinite(found.get(name, math.nan)):
             tier = truth.effort_tier if name == TORQUE_ERROR else truth.tier
             yield Metric(name, "accuracy", found[name], found[unsure], tier)
-    yield from (Metric(name, "event", found[name], tier=truth.tier) for name in _EVENTS if name in found)
+    yield from (
+        Metric(name, "event", found[name], tier=truth.tier) for name in _EVENTS if name in found
+    )
 
 
 def _motion(trajectory: Trajectory, scene: Scene, parameter: str, step: float) -> Iterator[Metric]:
@@ -134,14 +168,30 @@ def _truth_row(run: PlannedRun) -> Row:
     """Find where the bodies are at the end, and the events on the way, in the child."""
     truth = ground_truth(run.scene)
     end = truth(np.array([truth.t_end]))
-    metrics = [Metric(f"{AT_THE_END}:{body}.{name}", TRUTH, float(end[f"{body}.{name}"][0]),
-                      truth.uncertainty.get(f"{body}.{name}"), truth.tier)
-               for body in run.scene.bodies for name in _STATE if f"{body}.{name}" in end]
+    metrics = [
+        Metric(
+            f"{AT_THE_END}:{body}.{name}",
+            TRUTH,
+            float(end[f"{body}.{name}"][0]),
+            truth.uncertainty.get(f"{body}.{name}"),
+            truth.tier,
+        )
+        for body in run.scene.bodies
+        for name in _STATE
+        if f"{body}.{name}" in end
+    ]
     times: dict[tuple[str, str], list[float]] = defaultdict(list)
     for event in truth.events:
         times[event.kind, event.joint].append(event.time)
     for (kind, joint), found in sorted(times.items()):
-        metrics += [Metric(f"events:{joint}.{kind}", TRUTH, len(found), 0.0, truth.tier),
-                    Metric(f"last_event:{joint}.{kind}", TRUTH, max(found), truth.uncertainty.get("event time"),
-                           truth.tier)]
+        metrics += [
+            Metric(f"events:{joint}.{kind}", TRUTH, len(found), 0.0, truth.tier),
+            Metric(
+                f"last_event:{joint}.{kind}",
+                TRUTH,
+                max(found),
+                truth.uncertainty.get("event time"),
+                truth.tier,
+            ),
+        ]
     return replace(run.row, status="ok", reason=truth.note, metrics=tuple(metrics))

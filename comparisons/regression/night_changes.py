@@ -21,17 +21,28 @@ def engine_versions(versions: Iterable[tuple[str, str | None]]) -> dict[str, str
     return {engine: " and ".join(several) for engine, several in found.items() if several}
 
 
-def environment_changes(before: Mapping[str, Any], now: Mapping[str, Any], engines_before: Mapping[str, str],
-                        engines_now: Mapping[str, str]) -> list[str]:
+def environment_changes(
+    before: Mapping[str, Any],
+    now: Mapping[str, Any],
+    engines_before: Mapping[str, str],
+    engines_now: Mapping[str, str],
+) -> list[str]:
     """Return what changed from one night to another, as ``"numba 0.61.0 -> 0.62.1"``.
 
     `before` and `now` are what `stiction.comparisons.bench.environment.origin` returned. An engine that has runs in one of
     the nights only is no change of its version.
     """
-    both = {name: (version, engines_now[name]) for name, version in engines_before.items() if name in engines_now}
+    both = {
+        name: (version, engines_now[name])
+        for name, version in engines_before.items()
+        if name in engines_now
+    }
     pairs = chain(
-        both.items(), _pairs(before, now, "versions"), _pairs(before, now, "machine"),
-        [("commit", (_short(before.get("commit")), _short(now.get("commit"))))])
+        both.items(),
+        _pairs(before, now, "versions"),
+        _pairs(before, now, "machine"),
+        [("commit", (_short(before.get("commit")), _short(now.get("commit"))))],
+    )
     found: dict[str, str] = {}
     for name, (old, new) in pairs:
         if old != new:
@@ -39,9 +50,13 @@ def environment_changes(before: Mapping[str, Any], now: Mapping[str, Any], engin
     return list(found.values())
 
 
-def _pairs(before: Mapping[str, Any], now: Mapping[str, Any], part: str) -> list[tuple[str, tuple[str, str]]]:
+def _pairs(
+    before: Mapping[str, Any], now: Mapping[str, Any], part: str
+) -> list[tuple[str, tuple[str, str]]]:
     old, new = before.get(part, {}), now.get(part, {})
-    return [(name, (str(old.get(name, ABSENT)), str(new.get(name, ABSENT)))) for name in {**old, **new}]
+    return [
+        (name, (str(old.get(name, ABSENT)), str(new.get(name, ABSENT)))) for name in {**old, **new}
+    ]
 
 
 def _short(commit: str | None) -> str:

@@ -16,12 +16,27 @@ from filelock import FileLock, Timeout
 from stiction.comparisons.bench.campaign import Campaign
 from stiction.comparisons.bench.environment import origin
 from stiction.comparisons.bench.identity import circumstances
-from stiction.comparisons.bench.planned_runs import NOT_RUN, RANDOM, TRUTH, WAYS, PlannedRun, Row, row_of
+from stiction.comparisons.bench.planned_runs import (
+    NOT_RUN,
+    RANDOM,
+    TRUTH,
+    WAYS,
+    PlannedRun,
+    Row,
+    row_of,
+)
 from stiction.comparisons.bench.runner import prepare
 from stiction.comparisons.bench.timing.calibration_kernel import calibration_kernel
 from stiction.comparisons.random_scenes.night_draws import Draw, draws_of_night, sentences_on_draws
 from stiction.comparisons.regression.baseline import Baseline, expected_of
-from stiction.comparisons.regression.check import SESSIONS, Finding, Times, compared, findings, verdict
+from stiction.comparisons.regression.check import (
+    SESSIONS,
+    Finding,
+    Times,
+    compared,
+    findings,
+    verdict,
+)
 from stiction.comparisons.regression.history import History, HistoryRefused, open_history
 from stiction.comparisons.regression.measurement import task_of
 from stiction.comparisons.regression.night_changes import engine_versions, environment_changes
@@ -68,8 +83,16 @@ class _Spent(Exception):
     """The campaign has used up its time."""
 
 
-def run_night(campaign: Campaign, folder: Path, baseline: Baseline, publish: Callable[[Result], None], *,
-              isolated: Isolate = isolate, on_start: OnStart = None, on_result: OnRow = None) -> Result:
+def run_night(
+    campaign: Campaign,
+    folder: Path,
+    baseline: Baseline,
+    publish: Callable[[Result], None],
+    *,
+    isolated: Isolate = isolate,
+    on_start: OnStart = None,
+    on_result: OnRow = None,
+) -> Result:
     """Run the rest of the last night, if it was cut off, or a new one; each run is in the history as soon as it ended.
 
     The history is in `folder`. `publish` is called with the result before the night counts as finished: if it is cut
@@ -93,9 +116,13 @@ def run_night(campaign: Campaign, folder: Path, baseline: Baseline, publish: Cal
             if on_result is not None:
                 on_result(row)
 
-        draws = draws_of_night(night, {"slider-bars": campaign.random, "mechanisms": campaign.random_mechanisms})
+        draws = draws_of_night(
+            night, {"slider-bars": campaign.random, "mechanisms": campaign.random_mechanisms}
+        )
         planned: list[PlannedRun | Draw] = [*campaign.runs, *draws]
-        _measure([run for run in planned if run.key not in done], campaign, isolated, on_start, keep)
+        _measure(
+            [run for run in planned if run.key not in done], campaign, isolated, on_start, keep
+        )
         rows, past = history.rows(night), history.times(here["conditions"], night)
         times = {}
         for row in rows:
@@ -104,22 +131,39 @@ def run_night(campaign: Campaign, folder: Path, baseline: Baseline, publish: Cal
                 times[row.key] = Times(sessions[-SESSIONS:], sessions[:-SESSIONS])
         known, first_nights = _with_first_nights(baseline, rows, history, night)
         night_before, changed = _since_night_before(history, night, here, rows)
-        result = replace(_judged(night, campaign, rows, known, times, here, started), resumed=len(done),
-                         random=sentences_on_draws(rows), first_nights=first_nights, night_before=night_before,
-                         changed=changed)
+        result = replace(
+            _judged(night, campaign, rows, known, times, here, started),
+            resumed=len(done),
+            random=sentences_on_draws(rows),
+            first_nights=first_nights,
+            night_before=night_before,
+            changed=changed,
+        )
         publish(result)
         history.finish(night, result.verdict)
     return result
 
 
-def run_check(campaign: Campaign, baseline: Baseline, history: Path | None = None, control: Path | None = None, *,
-              whole: bool = False, on_start: OnStart = None, on_result: OnRow = None) -> Result:
+def run_check(
+    campaign: Campaign,
+    baseline: Baseline,
+    history: Path | None = None,
+    control: Path | None = None,
+    *,
+    whole: bool = False,
+    on_start: OnStart = None,
+    on_result: OnRow = None,
+) -> Result:
     """Run the part of a campaign for checks, or the `whole`.
 
     Times are compared with those of a file with nights, the `history`, else with the baseline's. They lead to a verdict
     only against the code before: `control`, its checkout (`older_code.times_in_turns`).
     """
-    started, here, runs = time.monotonic(), origin(), campaign.runs if whole else campaign.check_runs
+    started, here, runs = (
+        time.monotonic(),
+        origin(),
+        campaign.runs if whole else campaign.check_runs,
+    )
     past: Mapping[tuple[str, str], Sequence[float]] = {}
     rows = _measure(runs, campaign, isolate, on_start, on_result)
     night_before, changed = "", tuple[str, ...]()
@@ -127,34 +171,60 @@ def run_check(campaign: Campaign, baseline: Baseline, history: Path | None = Non
         with open_history(history, write=False) as nights:
             past = nights.times(here["conditions"])
             night_before, changed = _since_night_before(nights, "~", here, rows)
-    times = {row.key: Times(_times(row), past.get((row.identity, row.engine), ())) for row in rows if _times(row)}
+    times = {
+        row.key: Times(_times(row), past.get((row.identity, row.engine), ()))
+        for row in rows
+        if _times(row)
+    }
     timed = [run for run in runs if run.key in times]
     turns = {} if control is None else times_in_turns(timed, control, campaign.budget.run)
-    return replace(_judged("check", campaign, rows, baseline, times, here, started, turns), night_before=night_before,
-                   changed=changed)
+    return replace(
+        _judged("check", campaign, rows, baseline, times, here, started, turns),
+        night_before=night_before,
+        changed=changed,
+    )
 
 
-def _since_night_before(history: History, night: str, here: Mapping[str, Any],
-                        rows: Sequence[Row]) -> tuple[str, tuple[str, ...]]:
+def _since_night_before(
+    history: History, night: str, here: Mapping[str, Any], rows: Sequence[Row]
+) -> tuple[str, tuple[str, ...]]:
     """The finished night before a night, and what changed since then; empty where there is none."""
     before = history.finished_before(night)
     if before is None:
         return "", ()
     engines = engine_versions((row.engine, row.version) for row in rows)
-    return before, tuple(environment_changes(history.origin(before), here, history.engines(before), engines))
+    return before, tuple(
+        environment_changes(history.origin(before), here, history.engines(before), engines)
+    )
 
 
-def _judged(name: str, campaign: Campaign, rows: Sequence[Row], baseline: Baseline, times: Mapping[str, Times],
-            here: Mapping[str, Any], started: float,
-            turns: Mapping[str, Mapping[str, float] | str] = MappingProxyType({})) -> Result:
+def _judged(
+    name: str,
+    campaign: Campaign,
+    rows: Sequence[Row],
+    baseline: Baseline,
+    times: Mapping[str, Times],
+    here: Mapping[str, Any],
+    started: float,
+    turns: Mapping[str, Mapping[str, float] | str] = MappingProxyType({}),
+) -> Result:
     found = findings(rows, baseline, campaign.measure, times, here["conditions"], turns)
     count = compared(rows, baseline)
-    return Result(name, campaign, tuple(rows), tuple(found), verdict(found, count), here, count,
-                  time.monotonic() - started)
+    return Result(
+        name,
+        campaign,
+        tuple(rows),
+        tuple(found),
+        verdict(found, count),
+        here,
+        count,
+        time.monotonic() - started,
+    )
 
 
-def measured_rounding(campaign: Campaign, rows: Sequence[Row], on_start: OnStart = None,
-                      on_result: OnRow = None) -> list[Row]:
+def measured_rounding(
+    campaign: Campaign, rows: Sequence[Row], on_start: OnStart = None, on_result: OnRow = None
+) -> list[Row]:
     """Return the rows with the effect of rounding on each number, for which the runs are made again.
 
     They stay as they are where the campaign's time is over first.
@@ -162,17 +232,26 @@ def measured_rounding(campaign: Campaign, rows: Sequence[Row], on_start: OnStart
     known = {row.key for row in rows if row.metrics}
     runs = [run for run in campaign.runs if run.variant is not None and run.key in known]
     again = [replace(run, way=way) for run in runs for way in WAYS]
-    untimed = campaign.model_copy(update={  # so that runs may disturb each other
-        "workers": os.cpu_count() or 1, "measure": tuple(kind for kind in campaign.measure if kind != "time")})
+    untimed = campaign.model_copy(
+        update={  # so that runs may disturb each other
+            "workers": os.cpu_count() or 1,
+            "measure": tuple(kind for kind in campaign.measure if kind != "time"),
+        }
+    )
     found: dict[str, list[Row]] = defaultdict(list)
     for run, row in zip(again, _measure(again, untimed, isolate, on_start, on_result), strict=True):
-        if row.status not in (NOT_RUN, "timed out", "crashed"):  # these are of a busy machine, and no rounding
+        if row.status not in (
+            NOT_RUN,
+            "timed out",
+            "crashed",
+        ):  # these are of a busy machine, and no rounding
             found[replace(run, way="").key].append(row)
     return [with_rounding(row, found[row.key]) for row in rows]
 
 
-def _with_first_nights(baseline: Baseline, rows: Sequence[Row], history: History,
-                       night: str) -> tuple[Baseline, dict[str, str]]:
+def _with_first_nights(
+    baseline: Baseline, rows: Sequence[Row], history: History, night: str
+) -> tuple[Baseline, dict[str, str]]:
     """Return the baseline with the first nights of runs that it does not have, and by key these nights."""
     runs, nights = dict(baseline.runs), dict[str, str]()
     for row in rows:
@@ -186,8 +265,13 @@ def _with_first_nights(baseline: Baseline, rows: Sequence[Row], history: History
     return baseline.model_copy(update={"runs": runs}), nights
 
 
-def _measure(runs: Sequence[PlannedRun | Draw], campaign: Campaign, isolated: Isolate, on_start: OnStart,
-             on_row: OnRow) -> list[Row]:
+def _measure(
+    runs: Sequence[PlannedRun | Draw],
+    campaign: Campaign,
+    isolated: Isolate,
+    on_start: OnStart,
+    on_row: OnRow,
+) -> list[Row]:
     """Return the rows of the runs; a run that there is no time left for has a row as well."""
     prepare(variant.engine for variant in campaign.variants)
     calibration_kernel()
@@ -205,7 +289,12 @@ def _measure(runs: Sequence[PlannedRun | Draw], campaign: Campaign, isolated: Is
             raise _Spent
 
     try:
-        tasks = [task_of(run, campaign.measure, campaign.repeats) if isinstance(run, PlannedRun) else run.task(campaign.measure, campaign.repeats) for run in runs]
+        tasks = [
+            task_of(run, campaign.measure, campaign.repeats)
+            if isinstance(run, PlannedRun)
+            else run.task(campaign.measure, campaign.repeats)
+            for run in runs
+        ]
         isolated(tasks, workers=campaign.workers, timeout_s=budget.run, on_result=keep)
     except _Spent:
         for key in [key for key in by_key if key not in rows]:
@@ -219,6 +308,17 @@ def _times(row: Row) -> list[float]:
 
 def _digest(campaign: Campaign) -> str:
     engines = dict.fromkeys(["reference", *(variant.engine for variant in campaign.variants)])
-    return digest([campaign.name, campaign.scenes, campaign.variants, campaign.measure, campaign.random,
-                   campaign.random_mechanisms, campaign.repeats, campaign.workers, campaign.budget.run,
-                   circumstances(engines)])
+    return digest(
+        [
+            campaign.name,
+            campaign.scenes,
+            campaign.variants,
+            campaign.measure,
+            campaign.random,
+            campaign.random_mechanisms,
+            campaign.repeats,
+            campaign.workers,
+            campaign.budget.run,
+            circumstances(engines),
+        ]
+    )

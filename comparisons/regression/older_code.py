@@ -65,8 +65,9 @@ class ControlRefused(InputError):
     """Code before that cannot be run."""
 
 
-def times_in_turns(runs: Sequence[PlannedRun], before: Path,
-                   limit_s: float = 240.0) -> dict[str, dict[str, float] | str]:
+def times_in_turns(
+    runs: Sequence[PlannedRun], before: Path, limit_s: float = 240.0
+) -> dict[str, dict[str, float] | str]:
     """Return CPU times now over those before, by key of the run: `TOTAL`, and `STEPPING` where both codes state it.
 
     They are timed in rounds as of `stiction.comparisons.bench.timing.visits`. Where there are none the value is the reason.
@@ -74,9 +75,13 @@ def times_in_turns(runs: Sequence[PlannedRun], before: Path,
     `COMPILING` longer. Raises `ControlRefused` if `before` is no checkout of the suite, or the process died.
     """
     made = [(run, run.variant) for run in runs if run.variant is not None]
-    of_then, of_now = ([_task(run, variant, stand_in) for run, variant in made] for stand_in in (True, False))
-    with (closing(_Code(before.resolve(), of_then, limit_s)) as then,
-          closing(_Code(None, of_now, limit_s)) as now):
+    of_then, of_now = (
+        [_task(run, variant, stand_in) for run, variant in made] for stand_in in (True, False)
+    )
+    with (
+        closing(_Code(before.resolve(), of_then, limit_s)) as then,
+        closing(_Code(None, of_now, limit_s)) as now,
+    ):
         return {run.key: _ratios({BEFORE: then, NOW: now}, i) for i, (run, _) in enumerate(made)}
 
 
@@ -86,8 +91,14 @@ def _ratios(codes: Mapping[str, _Code], i: int) -> dict[str, float] | str:
 
     def one_round(when: Sequence[str]) -> dict[str, dict[str, float]]:
         answers = {name: codes[name].timed(i) for name in when}
-        failed.extend(f"{name}: {answer}" for name, answer in answers.items() if isinstance(answer, str))
-        return {} if failed else {name: answer for name, answer in answers.items() if not isinstance(answer, str)}
+        failed.extend(
+            f"{name}: {answer}" for name, answer in answers.items() if isinstance(answer, str)
+        )
+        return (
+            {}
+            if failed
+            else {name: answer for name, answer in answers.items() if not isinstance(answer, str)}
+        )
 
     first = one_round((BEFORE, NOW))  # may have to compile: not counted
     if not failed:
@@ -95,7 +106,10 @@ def _ratios(codes: Mapping[str, _Code], i: int) -> dict[str, float] | str:
         times = in_rounds((BEFORE, NOW), one_round, least)
     if failed:
         return "; ".join(failed)
-    then, now = ({what: min(sample[what] for sample in times[when]) for what in first[when]} for when in (BEFORE, NOW))
+    then, now = (
+        {what: min(sample[what] for sample in times[when]) for what in first[when]}
+        for when in (BEFORE, NOW)
+    )
     return {what: now[what] / then[what] for what in now if then.get(what)}
 
 
@@ -147,10 +161,17 @@ class _Code:
     def _start(self) -> None:
         places = [str(place) for place in (self._folder, os.environ.get("PYTHONPATH")) if place]
         self._errors = tempfile.TemporaryFile("w+")
-        self._process = subprocess.Popen([sys.executable, "-P", "-c", _CHILD], text=True, stdin=subprocess.PIPE,
-                                         stdout=subprocess.PIPE, stderr=self._errors,
-                                         env=os.environ | {"PYTHONPATH": os.pathsep.join(places)})
-        assert self._process.stdin is not None and self._process.stdout is not None  # both are pipes
+        self._process = subprocess.Popen(
+            [sys.executable, "-P", "-c", _CHILD],
+            text=True,
+            stdin=subprocess.PIPE,
+            stdout=subprocess.PIPE,
+            stderr=self._errors,
+            env=os.environ | {"PYTHONPATH": os.pathsep.join(places)},
+        )
+        assert (
+            self._process.stdin is not None and self._process.stdout is not None
+        )  # both are pipes
         self._questions, self._answers = self._process.stdin, self._process.stdout
         self._ask(json.dumps([self._folder and str(self._folder), self._tasks]))
 

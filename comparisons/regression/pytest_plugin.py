@@ -1,8 +1,8 @@
 """A plugin of pytest that makes any scene a test, in any repository that has stiction installed.
 
-    def test_slider_bar(stiction_scene):
-        numbers = stiction_scene("slider-bar-case-1", "my_solver:MySolver", dt=1e-3)
-        assert numbers["position_error"] < 1e-4
+def test_slider_bar(stiction_scene):
+    numbers = stiction_scene("slider-bar-case-1", "my_solver:MySolver", dt=1e-3)
+    assert numbers["position_error"] < 1e-4
 """
 
 from __future__ import annotations
@@ -47,9 +47,18 @@ def stiction_scene(request: pytest.FixtureRequest) -> Callable[..., dict[str, fl
     return lambda scene, engine, **options: _numbers(scene, engine, request.path.parent, **options)
 
 
-def _numbers(scene: str, engine: str, folder: Path, *, dt: float | None = None, rtol: float | None = None,
-             fidelity: str = "joint", overrides: Mapping[str, Any] | None = None, timeout_s: float = 120.0,
-             **settings: Any) -> dict[str, float]:
+def _numbers(
+    scene: str,
+    engine: str,
+    folder: Path,
+    *,
+    dt: float | None = None,
+    rtol: float | None = None,
+    fidelity: str = "joint",
+    overrides: Mapping[str, Any] | None = None,
+    timeout_s: float = 120.0,
+    **settings: Any,
+) -> dict[str, float]:
     # imported here: pytest loads this module in every run of every project on the machine
     from stiction.comparisons.bench.planned_runs import PlannedRun, row_of
     from stiction.comparisons.bench.variants import Variant
@@ -63,11 +72,15 @@ def _numbers(scene: str, engine: str, folder: Path, *, dt: float | None = None, 
     elif rtol is not None and dt is None:
         parameter, step = "rtol", rtol
     else:
-        raise InputError(f"dt, rtol: found {dt}, {rtol}; expected one of them: a fixed step in seconds or a tolerance")
+        raise InputError(
+            f"dt, rtol: found {dt}, {rtol}; expected one of them: a fixed step in seconds or a tolerance"
+        )
     loaded = load_scene(scene if scene in catalogue() else folder / scene, overrides)
     run = PlannedRun(loaded, Variant(engine, engine, parameter, (step,), fidelity, settings), step)
     compile_kernels()  # here, lest the child does it within its time limit
-    [outcome] = isolate([task_of(run, ("accuracy", "event", "drift", "counter"), 1)], workers=1, timeout_s=timeout_s)
+    [outcome] = isolate(
+        [task_of(run, ("accuracy", "event", "drift", "counter"), 1)], workers=1, timeout_s=timeout_s
+    )
     row = row_of(run, outcome)
     if row.status != "ok" or row.reason:
         pytest.fail(f"{row.key}: {row.status}: {row.reason}", pytrace=False)

@@ -41,10 +41,15 @@ def bound(error: float, parameter: str, margin: float) -> float:
 
 def tolerance(old: Metric, uncertainty: float) -> float:
     """Return the largest change of a number other than an error, whose truths are as uncertain as this together."""
-    if old.kind == MOTION:  # an end position has what is no change as its uncertainty, a path has none
+    if (
+        old.kind == MOTION
+    ):  # an end position has what is no change as its uncertainty, a path has none
         return PATH_MOVED * old.value if old.uncertainty is None else old.uncertainty
-    return {"event": 0.0, "counter": FURTHER["counter"] * (old.rounding or 0.0),
-            TRUTH: MARGIN[OWN_RUN] * uncertainty}[old.kind]
+    return {
+        "event": 0.0,
+        "counter": FURTHER["counter"] * (old.rounding or 0.0),
+        TRUTH: MARGIN[OWN_RUN] * uncertainty,
+    }[old.kind]
 
 
 def not_judged(metric: Metric, parameter: str) -> str:
@@ -56,9 +61,16 @@ def not_judged(metric: Metric, parameter: str) -> str:
     if moved is None or metric.kind == "counter":
         return ""
     uncertainty = 2 * (metric.uncertainty or 0.0)
-    tolerated = (tolerance(metric, uncertainty) if metric.kind in ("event", MOTION)
-                 else bound(metric.value, parameter, MARGIN[metric.tier] * uncertainty) - metric.value)
-    return f"not judged: rounding moves it by {moved:.3g}" if FURTHER.get(metric.kind, 1.0) * moved > tolerated else ""
+    tolerated = (
+        tolerance(metric, uncertainty)
+        if metric.kind in ("event", MOTION)
+        else bound(metric.value, parameter, MARGIN[metric.tier] * uncertainty) - metric.value
+    )
+    return (
+        f"not judged: rounding moves it by {moved:.3g}"
+        if FURTHER.get(metric.kind, 1.0) * moved > tolerated
+        else ""
+    )
 
 
 def with_rounding(row: Row, again: Sequence[Row]) -> Row:
@@ -72,11 +84,22 @@ def with_rounding(row: Row, again: Sequence[Row]) -> Row:
     values = [{metric.name: metric.value for metric in other.metrics} for other in again]
 
     def moved(metric: Metric) -> float:
-        *rounded, by_grid = (abs(found.get(metric.name, math.inf) - metric.value) for found in values)
-        if metric.kind in ("counter", MOTION):  # samples are work too, and with half as many a path has other corners
+        *rounded, by_grid = (
+            abs(found.get(metric.name, math.inf) - metric.value) for found in values
+        )
+        if metric.kind in (
+            "counter",
+            MOTION,
+        ):  # samples are work too, and with half as many a path has other corners
             return max(rounded)
         return max(*rounded, by_grid / FURTHER.get(metric.kind, 1.0))
 
-    metrics = tuple(metric if metric.kind == "time" else replace(metric, rounding=moved(metric))
-                    for metric in row.metrics)
-    return replace(row, metrics=metrics, other_ends=tuple(sorted({other.outcome for other in again} - {row.outcome})))
+    metrics = tuple(
+        metric if metric.kind == "time" else replace(metric, rounding=moved(metric))
+        for metric in row.metrics
+    )
+    return replace(
+        row,
+        metrics=metrics,
+        other_ends=tuple(sorted({other.outcome for other in again} - {row.outcome})),
+    )

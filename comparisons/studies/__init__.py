@@ -18,6 +18,8 @@ if TYPE_CHECKING:
 @cache
 def studies() -> tuple[Study, ...]:
     """All studies of this folder, in the order of the report."""
-    modules = [import_module(f"{__name__}.{module.name}") for module in pkgutil.iter_modules(__path__)]
+    modules = [
+        import_module(f"{__name__}.{module.name}") for module in pkgutil.iter_modules(__path__)
+    ]
     found = [module.STUDY for module in modules if hasattr(module, "STUDY")]
     return tuple(sorted(found, key=lambda study: study.place))

@@ -21,15 +21,42 @@ import numpy as np
 import pandas as pd
 
 from stiction.comparisons.bench.participants import extent
-from stiction.comparisons.bench.presentation import Column, Presentation, TracedText, count, listed, traced, view
+from stiction.comparisons.bench.presentation import (
+    Column,
+    Presentation,
+    TracedText,
+    count,
+    listed,
+    traced,
+    view,
+)
 from stiction.comparisons.bench.quantities import quantity_of
 from stiction.comparisons.bench.results import Results
 from stiction.comparisons.bench.runner import Comparison, side_by_side
 from stiction.comparisons.bench.study import Scope, Study, Tables
-from stiction.comparisons.measures.claim_measures import CORNERS, EFFORT, LINE, MEASURES, ClaimMargin, Example
+from stiction.comparisons.measures.claim_measures import (
+    CORNERS,
+    EFFORT,
+    LINE,
+    MEASURES,
+    ClaimMargin,
+    Example,
+)
 from stiction.comparisons.measures.drift_growth import INCONCLUSIVE, ROUNDED
-from stiction.comparisons.measures.steady_stretch import Stretch, run_stretch, steady_stretch, truth_stretch
-from stiction.comparisons.studies.long_drift import LENGTHS, NONE, PAPERS, Law, decisive_runs, drift_study_comparison
+from stiction.comparisons.measures.steady_stretch import (
+    Stretch,
+    run_stretch,
+    steady_stretch,
+    truth_stretch,
+)
+from stiction.comparisons.studies.long_drift import (
+    LENGTHS,
+    NONE,
+    PAPERS,
+    Law,
+    decisive_runs,
+    drift_study_comparison,
+)
 from stiction.comparisons.studies.threshold import STUDY as THRESHOLD_STUDY
 from stiction.comparisons.studies.threshold import TRUTH
 from stiction.engines.isolation import Outcome, Task
@@ -41,10 +68,15 @@ from stiction.truths.reduced.steady_state import NoSteadyState, stick_threshold
 
 HOLDS, STEADY, PARTLY, FAILS = "holds", "holds in the steady state only", "partly", "does not hold"
 CONTRADICTS, NOT_TESTABLE, UNDECIDED = "contradicts itself", "not testable", "not decided"
-WORDS = {HOLDS: ("holds", "hold"), STEADY: ("holds in the steady state only", "hold in the steady state only"),
-         PARTLY: ("holds partly", "hold partly"), CONTRADICTS: ("contradicts itself", "contradict themselves"),
-         FAILS: ("does not hold", "do not hold"), NOT_TESTABLE: ("is not testable", "are not testable"),
-         UNDECIDED: ("is not decided", "are not decided")}
+WORDS = {
+    HOLDS: ("holds", "hold"),
+    STEADY: ("holds in the steady state only", "hold in the steady state only"),
+    PARTLY: ("holds partly", "hold partly"),
+    CONTRADICTS: ("contradicts itself", "contradict themselves"),
+    FAILS: ("does not hold", "do not hold"),
+    NOT_TESTABLE: ("is not testable", "are not testable"),
+    UNDECIDED: ("is not decided", "are not decided"),
+}
 """Each verdict after 1 and after another number."""
 
 
@@ -69,8 +101,12 @@ class Part(StrEnum):
     @property
     def label(self) -> str:
         """Words of it: ``truth, from the start``."""
-        return {Part.TRUTH_FROM_START: "truth, from the start", Part.TRUTH_STEADY: "truth, steady",
-                Part.RUN_FROM_START: "HLCP, from the start", Part.RUN_LAST_PERIOD: "HLCP, last period"}[self]
+        return {
+            Part.TRUTH_FROM_START: "truth, from the start",
+            Part.TRUTH_STEADY: "truth, steady",
+            Part.RUN_FROM_START: "HLCP, from the start",
+            Part.RUN_LAST_PERIOD: "HLCP, last period",
+        }[self]
 
 
 RUN, FROM_START = 80.0, 24.0
@@ -113,12 +149,16 @@ class Claim:
     def measured(self, views: Views, view: View) -> ClaimMargin:
         """The margin in one of the views; not a number where there is no such motion."""
         try:
-            return MEASURES[self.measure](Example(views.cases, views.threshold, view), self.number, **self.arguments)
+            return MEASURES[self.measure](
+                Example(views.cases, views.threshold, view), self.number, **self.arguments
+            )
         except (NoSteadyState, NoMotion) as error:
             return ClaimMargin(float("nan"), why=str(error))
 
 
-_QUOTED = tomllib.loads((resources.files("stiction.comparisons") / "data" / "paper_claims.toml").read_text("utf-8"))
+_QUOTED = tomllib.loads(
+    (resources.files("stiction.comparisons") / "data" / "paper_claims.toml").read_text("utf-8")
+)
 CHOICES: Mapping[str, Mapping[str, Any]] = _QUOTED["choices"]
 """Values that the paper does not give, as overrides of `stiction.scenes.vary`; the first choice is ours."""
 
@@ -130,13 +170,17 @@ def claims() -> tuple[Claim, ...]:
 
 def paper_run(scene: Scene, t_end: float, step: float) -> Trajectory:
     """The paper's scheme with its stabilization, samples as the steps or every 2 ms."""
-    return ReferenceEngine().simulate(scene, t_end=t_end, dt=step, output_step=max(step, 2e-3), assemble=True)
+    return ReferenceEngine().simulate(
+        scene, t_end=t_end, dt=step, output_step=max(step, 2e-3), assemble=True
+    )
 
 
 class Views:
     """The stretches of the cases' motions that claims are measured on; each motion is made once."""
 
-    def __init__(self, cases: Mapping[int, Scene], threshold: StickThreshold, simulate: Simulate = paper_run):
+    def __init__(
+        self, cases: Mapping[int, Scene], threshold: StickThreshold, simulate: Simulate = paper_run
+    ):
         self.cases, self.threshold = cases, threshold
         self._simulate = simulate
         self._known: dict[tuple[str, object], Stretch] = {}
@@ -145,13 +189,17 @@ class Views:
         return self._once(scene, "steady", lambda: steady_stretch(scene))
 
     def truth(self, scene: Scene) -> Stretch:
-        return self._once(scene, "truth", lambda: truth_stretch(scene, slider_bar_truth(scene, FROM_START)))
+        return self._once(
+            scene, "truth", lambda: truth_stretch(scene, slider_bar_truth(scene, FROM_START))
+        )
 
     def run(self, step: float, scene: Scene) -> Stretch:
         """All of a run of the scheme: as many periods as `RUN` has."""
         period = SliderBar.from_scene(scene).period()
         t_end = period * max(2, round(RUN / period))
-        return self._once(scene, step, lambda: run_stretch(scene, self._simulate(scene, t_end, step), step))
+        return self._once(
+            scene, step, lambda: run_stretch(scene, self._simulate(scene, t_end, step), step)
+        )
 
     def beginning(self, step: float, scene: Scene) -> Stretch:
         return self.run(step, scene).between(0.0, FROM_START)
@@ -170,7 +218,9 @@ class Views:
         return self._known[key]
 
 
-def claims_comparison(cases: Mapping[int, Scene], threshold: StickThreshold) -> Comparison[pd.DataFrame]:
+def claims_comparison(
+    cases: Mapping[int, Scene], threshold: StickThreshold
+) -> Comparison[pd.DataFrame]:
     """`claims_table` in tasks: those of one case share motions. The claims of a failed task are one row."""
     first: dict[str, int] = {}
     for row, claim in enumerate(claims()):
@@ -179,14 +229,23 @@ def claims_comparison(cases: Mapping[int, Scene], threshold: StickThreshold) -> 
     def tabulate(outcomes: Sequence[Outcome]) -> pd.DataFrame:
         parts = []
         for case, outcome in zip(first, outcomes, strict=True):
-            failed = {"case": case, "place": "", "claim": f"[all about case {case}]", "verdict": UNDECIDED,
-                      "why": outcome.reason}
+            failed = {
+                "case": case,
+                "place": "",
+                "claim": f"[all about case {case}]",
+                "verdict": UNDECIDED,
+                "why": outcome.reason,
+            }
             found = pd.DataFrame(failed, [first[case]]) if outcome.value is None else outcome.value
             parts.append(found.assign(status=outcome.status, reason=outcome.reason))
         return pd.concat(parts).sort_index().reset_index(drop=True)
 
-    return Comparison(tuple(Task(f"claims/{case}", claims_table, (dict(cases), threshold, case)) for case in first),
-                      tabulate)
+    return Comparison(
+        tuple(
+            Task(f"claims/{case}", claims_table, (dict(cases), threshold, case)) for case in first
+        ),
+        tabulate,
+    )
 
 
 def claims_table(cases: Mapping[int, Scene], threshold: StickThreshold, about: str) -> pd.DataFrame:
@@ -196,8 +255,19 @@ def claims_table(cases: Mapping[int, Scene], threshold: StickThreshold, about: s
     """
     views = Views(cases, threshold)
     chosen = {place: claim for place, claim in enumerate(claims()) if claim.case == about}
-    return pd.DataFrame([{"case": claim.case, "place": claim.place, "claim": claim.words, **_examine(claim, views),
-                          "truth_tier": HIGH_PRECISION} for claim in chosen.values()], index=list(chosen))
+    return pd.DataFrame(
+        [
+            {
+                "case": claim.case,
+                "place": claim.place,
+                "claim": claim.words,
+                **_examine(claim, views),
+                "truth_tier": HIGH_PRECISION,
+            }
+            for claim in chosen.values()
+        ],
+        index=list(chosen),
+    )
 
 
 def drift_claims(study: pd.DataFrame, scene: str) -> list[dict[str, Any]]:
@@ -207,24 +277,45 @@ def drift_claims(study: pd.DataFrame, scene: str) -> list[dict[str, Any]]:
     zero for drift that grows, and how far its spread is below that of a random walk for drift that does not. Drift that
     is no more than the rounding of a coordinate counts as bounded: the sentence is about the method.
     """
-    return [_drift_row(decisive_runs(study, scene, PAPERS if entry["stabilized"] else NONE), **entry)
-            for entry in _QUOTED["drift_claim"]]
+    return [
+        _drift_row(decisive_runs(study, scene, PAPERS if entry["stabilized"] else NONE), **entry)
+        for entry in _QUOTED["drift_claim"]
+    ]
 
 
-def _drift_row(found: Sequence[tuple[Mapping[Any, Any], Law]], words: str, stabilized: bool, allowed: Sequence[str],
-               margin: str) -> dict[str, Any]:
+def _drift_row(
+    found: Sequence[tuple[Mapping[Any, Any], Law]],
+    words: str,
+    stabilized: bool,
+    allowed: Sequence[str],
+    margin: str,
+) -> dict[str, Any]:
     runs, laws = [run for run, _ in found], [law for _, law in found]
-    held = [law in allowed for law, *_ in laws if law != INCONCLUSIVE]  # a run that is too short decides nothing
+    held = [
+        law in allowed for law, *_ in laws if law != INCONCLUSIVE
+    ]  # a run that is too short decides nothing
     said = UNDECIDED if not held else HOLDS if all(held) else PARTLY if any(held) else FAILS
     row: dict[str, Any] = {
-        "case": "-", "place": "Sect. 5, p. 445", "claim": words, "verdict": said, "margin_kind": margin,
-        "truth_tier": "closed form", "study_runs": "; ".join(run["run"] for run in runs)}
-    margins = [1 - spread if stabilized else exponent - half for law, exponent, half, spread, _ in laws
-               if law not in (ROUNDED, INCONCLUSIVE)]
+        "case": "-",
+        "place": "Sect. 5, p. 445",
+        "claim": words,
+        "verdict": said,
+        "margin_kind": margin,
+        "truth_tier": "closed form",
+        "study_runs": "; ".join(run["run"] for run in runs),
+    }
+    margins = [
+        1 - spread if stabilized else exponent - half
+        for law, exponent, half, spread, _ in laws
+        if law not in (ROUNDED, INCONCLUSIVE)
+    ]
     if margins:
         row[Part.RUN_FROM_START.margin] = min(margins)
-    lengths = [length for length in LENGTHS
-               if runs and all(run.get(f"growth_{length:g}s") in allowed for run in runs)]
+    lengths = [
+        length
+        for length in LENGTHS
+        if runs and all(run.get(f"growth_{length:g}s") in allowed for run in runs)
+    ]
     if lengths:
         row |= {"run_needed": lengths[0], "step_needed": max(run["step"] for run in runs)}
     return row
@@ -235,21 +326,35 @@ def _examine(claim: Claim, views: Views) -> dict[str, Any]:
         return {"verdict": NOT_TESTABLE, "why": claim.why}
     found = findings(claim, views)
     said = verdict(claim, found)
-    why = "; ".join(f"{part.label}: {finding.why}" for part, finding in found.items() if finding.why)
-    return {"verdict": said, "why": claim.contradiction if said == CONTRADICTS else why,
-            "margin_kind": _QUOTED["margin"][claim.measure].format(LINE=LINE, **claim.arguments) + claim.remark,
-            **{part.margin: finding.margin for part, finding in found.items()},
-            **(_needs(claim, views) if said in (HOLDS, STEADY, CONTRADICTS) else {})}
+    why = "; ".join(
+        f"{part.label}: {finding.why}" for part, finding in found.items() if finding.why
+    )
+    return {
+        "verdict": said,
+        "why": claim.contradiction if said == CONTRADICTS else why,
+        "margin_kind": _QUOTED["margin"][claim.measure].format(LINE=LINE, **claim.arguments)
+        + claim.remark,
+        **{part.margin: finding.margin for part, finding in found.items()},
+        **(_needs(claim, views) if said in (HOLDS, STEADY, CONTRADICTS) else {}),
+    }
 
 
 def findings(claim: Claim, views: Views, truths_only: bool = False) -> dict[Part, ClaimMargin]:
     """Measure a claim on each stretch of motion; one about the beginning on those from the start."""
-    where: dict[Part, View] = {Part.TRUTH_FROM_START: views.truth, Part.TRUTH_STEADY: views.steady_truth}
+    where: dict[Part, View] = {
+        Part.TRUTH_FROM_START: views.truth,
+        Part.TRUTH_STEADY: views.steady_truth,
+    }
     if not truths_only:
-        where |= {Part.RUN_FROM_START: partial(views.beginning, STEPS[-1]),
-                  Part.RUN_LAST_PERIOD: partial(views.period, STEPS[-1], 0)}
-    return {part: claim.measured(views, view) for part, view in where.items()
-            if not (part.is_steady and claim.beginning)}
+        where |= {
+            Part.RUN_FROM_START: partial(views.beginning, STEPS[-1]),
+            Part.RUN_LAST_PERIOD: partial(views.period, STEPS[-1], 0),
+        }
+    return {
+        part: claim.measured(views, view)
+        for part, view in where.items()
+        if not (part.is_steady and claim.beginning)
+    }
 
 
 def verdict(claim: Claim, found: Mapping[Part, ClaimMargin]) -> str:
@@ -267,24 +372,36 @@ def verdict(claim: Claim, found: Mapping[Part, ClaimMargin]) -> str:
     steady = [held for part, held in holds.items() if part.is_steady]
     if steady and all(steady):
         return STEADY
-    return PARTLY if any(holds.values()) or any(finding.some for finding in found.values()) else FAILS
+    return (
+        PARTLY if any(holds.values()) or any(finding.some for finding in found.values()) else FAILS
+    )
 
 
 def _needs(claim: Claim, views: Views) -> dict[str, Any]:
     """The shortest run from which on the claim holds in every period, and the largest step from which on it does."""
+
     def held(step: float, age: float) -> bool:
-        view = partial(views.beginning, step) if claim.beginning else partial(views.period, step, age)
+        view = (
+            partial(views.beginning, step) if claim.beginning else partial(views.period, step, age)
+        )
         return claim.measured(views, view).holds
 
     period, number = SliderBar.from_scene(views.cases[claim.number]).period(), 0
-    while not claim.beginning and (number + 2) * period <= RUN and held(STEPS[-1], (number + 1) * period):
+    while (
+        not claim.beginning
+        and (number + 2) * period <= RUN
+        and held(STEPS[-1], (number + 1) * period)
+    ):
         number += 1
     coarsest = STEPS[-1]
     for step in STEPS[-2::-1]:
         if not held(step, 0):
             break
         coarsest = step
-    return {"run_needed": FROM_START if claim.beginning else RUN - number * period, "step_needed": coarsest}
+    return {
+        "run_needed": FROM_START if claim.beginning else RUN - number * period,
+        "step_needed": coarsest,
+    }
 
 
 SAMPLING = 1e-5
@@ -312,8 +429,13 @@ def sensitivity(cases: Mapping[int, Scene], overrides: Mapping[str, Any]) -> Sen
     views = Views(varied, threshold)
     numbers = {} if threshold.F0 is None else {THRESHOLD: threshold.F0}
     reasons = [threshold.note] if threshold.F0 is None else []
-    verdicts = {f"case {claim.case}: {claim.words}": verdict(claim, findings(claim, views, truths_only=True))
-                for claim in claims() if claim.measure}
+    verdicts = {
+        f"case {claim.case}: {claim.words}": verdict(
+            claim, findings(claim, views, truths_only=True)
+        )
+        for claim in claims()
+        if claim.measure
+    }
     for case in varied:
         try:
             steady = views.steady_truth(varied[case])
@@ -321,8 +443,11 @@ def sensitivity(cases: Mapping[int, Scene], overrides: Mapping[str, Any]) -> Sen
             reasons.append(f"case {case}: {error}")
             continue
         stuck = steady.stick_time * steady.period / (steady.end - steady.start)
-        numbers |= {f"stick_time_case_{case}": stuck, f"largest_corner_force_case_{case}": steady.maximum(*CORNERS),
-                    f"largest_moment_case_{case}": steady.maximum(EFFORT)}
+        numbers |= {
+            f"stick_time_case_{case}": stuck,
+            f"largest_corner_force_case_{case}": steady.maximum(*CORNERS),
+            f"largest_moment_case_{case}": steady.maximum(EFFORT),
+        }
     return Sensitivity(numbers, verdicts, "; ".join(reasons))
 
 
@@ -333,14 +458,28 @@ def sensitivity_comparison(cases: Mapping[int, Scene]) -> Comparison[pd.DataFram
     truth that are not those under the first choice; ``numbers that change``: those that differ from the first choice
     by more than `SAMPLING`; `THRESHOLD` and the other numbers.
     """
+
     def tabulate(outcomes: Sequence[Outcome]) -> pd.DataFrame:
         ours: Sensitivity | None = outcomes[0].value
-        return pd.DataFrame([{"choice": choice, "status": outcome.status, "reason": outcome.reason,
-                              **({} if outcome.value is None else _changes(outcome.value, ours))}
-                             for choice, outcome in zip(CHOICES, outcomes, strict=True)])
+        return pd.DataFrame(
+            [
+                {
+                    "choice": choice,
+                    "status": outcome.status,
+                    "reason": outcome.reason,
+                    **({} if outcome.value is None else _changes(outcome.value, ours)),
+                }
+                for choice, outcome in zip(CHOICES, outcomes, strict=True)
+            ]
+        )
 
-    return Comparison(tuple(Task(f"sensitivity/{choice}", sensitivity, (dict(cases), overrides))
-                            for choice, overrides in CHOICES.items()), tabulate)
+    return Comparison(
+        tuple(
+            Task(f"sensitivity/{choice}", sensitivity, (dict(cases), overrides))
+            for choice, overrides in CHOICES.items()
+        ),
+        tabulate,
+    )
 
 
 def _changes(found: Sensitivity, ours: Sensitivity | None) -> dict[str, Any]:
@@ -348,13 +487,32 @@ def _changes(found: Sensitivity, ours: Sensitivity | None) -> dict[str, Any]:
         of_claims = of_numbers = "not known: the first choice has no result"
     else:
         before = {words: ours.verdicts.get(words, UNDECIDED) for words in found.verdicts}
-        of_claims = "; ".join(f"\"{textwrap.shorten(words, 90, placeholder=' ..')}\" {said} (was: {before[words]})"
-                              for words, said in found.verdicts.items() if said != before[words]) or "none"
-        changed = {quantity_of(name).label: (old, new) for name, old in ours.numbers.items()
-                   if abs((new := found.numbers.get(name, old)) - old) > SAMPLING * abs(old)}
-        of_numbers = "; ".join(f"{name} {100 * (new / old - 1):+.2g} %" if old else f"{name} {new:.3g} (was: 0)"
-                               for name, (old, new) in changed.items()) or "none"
-    return {"reason": found.reason, "claims_that_change": of_claims, "numbers_that_change": of_numbers, **found.numbers}
+        of_claims = (
+            "; ".join(
+                f'"{textwrap.shorten(words, 90, placeholder=" ..")}" {said} (was: {before[words]})'
+                for words, said in found.verdicts.items()
+                if said != before[words]
+            )
+            or "none"
+        )
+        changed = {
+            quantity_of(name).label: (old, new)
+            for name, old in ours.numbers.items()
+            if abs((new := found.numbers.get(name, old)) - old) > SAMPLING * abs(old)
+        }
+        of_numbers = (
+            "; ".join(
+                f"{name} {100 * (new / old - 1):+.2g} %" if old else f"{name} {new:.3g} (was: 0)"
+                for name, (old, new) in changed.items()
+            )
+            or "none"
+        )
+    return {
+        "reason": found.reason,
+        "claims_that_change": of_claims,
+        "numbers_that_change": of_numbers,
+        **found.numbers,
+    }
 
 
 def general_claims() -> list[dict[str, Any]]:
@@ -371,18 +529,35 @@ def general_claims() -> list[dict[str, Any]]:
         known = run[entry["effort"]][:1] if forces is None else forces[0][~np.isnan(forces[0])]
         margin = 2.0 - len(known)
         why = f"{scene.name} at t = 0: {entry['effort']} of {' or '.join(f'{value:.5g}' for value in known)} N"
-        rows.append({"case": "-", "place": entry["place"], "claim": entry["words"],
-                     "verdict": HOLDS if margin > 0.0 else FAILS, "why": why, "margin_kind": entry["margin"],
-                     "truth_tier": "closed form", Part.RUN_FROM_START.margin: margin})
+        rows.append(
+            {
+                "case": "-",
+                "place": entry["place"],
+                "claim": entry["words"],
+                "verdict": HOLDS if margin > 0.0 else FAILS,
+                "why": why,
+                "margin_kind": entry["margin"],
+                "truth_tier": "closed form",
+                Part.RUN_FROM_START.margin: margin,
+            }
+        )
     return rows
 
 
 def general_claims_comparison() -> Comparison[pd.DataFrame]:
     """`general_claims` in a task of its own; a row that says why where it failed."""
+
     def tabulate(outcomes: Sequence[Outcome]) -> pd.DataFrame:
-        outcome, = outcomes
-        failed = [{"case": "-", "place": "", "claim": "[about all systems]", "verdict": UNDECIDED,
-                   "why": outcome.reason}]
+        (outcome,) = outcomes
+        failed = [
+            {
+                "case": "-",
+                "place": "",
+                "claim": "[about all systems]",
+                "verdict": UNDECIDED,
+                "why": outcome.reason,
+            }
+        ]
         found = pd.DataFrame(failed if outcome.value is None else outcome.value)
         return found.assign(status=outcome.status, reason=outcome.reason)
 
@@ -392,16 +567,20 @@ def general_claims_comparison() -> Comparison[pd.DataFrame]:
 def plan(scope: Scope) -> Comparison[Tables]:
     """Statements about the motion, about drift on the runs of its study, and at full depth about open choices."""
     cases = dict(enumerate(scope.scenes, 1))
-    parts: list[Comparison[Any]] = [claims_comparison(cases, scope.known[TRUTH][True]),
-                                    drift_study_comparison(cases, scope.depth), general_claims_comparison()]
+    parts: list[Comparison[Any]] = [
+        claims_comparison(cases, scope.known[TRUTH][True]),
+        drift_study_comparison(cases, scope.depth),
+        general_claims_comparison(),
+    ]
     if extent(scope.depth).sensitivity:
         parts.append(sensitivity_comparison(cases))
 
     def tables(found: list[Any]) -> Tables:
         motion, drift, general, *open_choices = found
         about_drift = pd.DataFrame(drift_claims(drift.tables["study"], scope.scenes[0].name))
-        every = pd.concat([motion, about_drift.assign(status="ok", reason=""), general],
-                          ignore_index=True)
+        every = pd.concat(
+            [motion, about_drift.assign(status="ok", reason=""), general], ignore_index=True
+        )
         return Tables({"claims": every, **dict(zip(["sensitivity"], open_choices))})
 
     return side_by_side(parts, tables)
@@ -412,33 +591,83 @@ def present(results: Results) -> Presentation:
     table = results.table("claims")
     if table.empty:
         return Presentation()
-    said = [traced("{} {}", number, words[number.text != "1"]) for verdict, words in WORDS.items()
-            if (number := count("claims", table, verdict=verdict)).text != "0"]
+    said = [
+        traced("{} {}", number, words[number.text != "1"])
+        for verdict, words in WORDS.items()
+        if (number := count("claims", table, verdict=verdict)).text != "0"
+    ]
     answer = traced("Of {} statements {}.", count("claims", table), listed(said))
-    rarest = table.sort_values("verdict", key=lambda verdicts: verdicts.map(verdicts.value_counts()), kind="stable")
+    rarest = table.sort_values(
+        "verdict", key=lambda verdicts: verdicts.map(verdicts.value_counts()), kind="stable"
+    )
     parts = [part for part in Part if part.margin in table]
-    rarest["margins"] = ["; ".join(f"{part.label}: {row[part.margin]:.2g}" for part in parts
-                                   if pd.notna(row[part.margin])) for row in rarest.to_dict("records")]
+    rarest["margins"] = [
+        "; ".join(
+            f"{part.label}: {row[part.margin]:.2g}" for part in parts if pd.notna(row[part.margin])
+        )
+        for row in rarest.to_dict("records")
+    ]
     short = (Column("case"), Column("verdict"), Column("claim", "statement"), Column("why"))
-    columns = (*short, Column("place", "where"), Column("margins"), Column("run_needed", "run needed"),
-               Column("step_needed", "step needed"))
-    tables = [view("claims-open", "The paper's statements that do not simply hold: about its example (Sect. 5), and "
-                                  "about forces.",
-                   rarest[rarest["verdict"] != HOLDS], short, source="claims"),
-              view("claims", "All statements of the paper about its example and about forces, the rarest verdicts "
-                             "first.", rarest,
-                   columns, in_report=False)]
+    columns = (
+        *short,
+        Column("place", "where"),
+        Column("margins"),
+        Column("run_needed", "run needed"),
+        Column("step_needed", "step needed"),
+    )
+    tables = [
+        view(
+            "claims-open",
+            "The paper's statements that do not simply hold: about its example (Sect. 5), and "
+            "about forces.",
+            rarest[rarest["verdict"] != HOLDS],
+            short,
+            source="claims",
+        ),
+        view(
+            "claims",
+            "All statements of the paper about its example and about forces, the rarest verdicts "
+            "first.",
+            rarest,
+            columns,
+            in_report=False,
+        ),
+    ]
     open_choices, choices = TracedText(), results.table("sensitivity")
     if len(choices):
         changed = choices.get("claims_that_change", pd.Series(dtype=object)).dropna()
-        open_choices = traced("Of {} choices that the paper leaves open, {} change a verdict.",
-                              count("sensitivity", choices), str((changed != "none").sum()))
+        open_choices = traced(
+            "Of {} choices that the paper leaves open, {} change a verdict.",
+            count("sensitivity", choices),
+            str((changed != "none").sum()),
+        )
         every = [Column(str(name)) for name in choices if name not in ("status", "reason")]
-        tables.append(view("sensitivity", "What the paper leaves open, decided otherwise: the truth's numbers, and "
-                           "statements whose verdict changes.", choices, every, in_report=False))
-    return Presentation(answer, [open_choices], tables=tables,
-                        notes=["A margin is how far a statement is from failing; negative where it fails."])
+        tables.append(
+            view(
+                "sensitivity",
+                "What the paper leaves open, decided otherwise: the truth's numbers, and "
+                "statements whose verdict changes.",
+                choices,
+                every,
+                in_report=False,
+            )
+        )
+    return Presentation(
+        answer,
+        [open_choices],
+        tables=tables,
+        notes=["A margin is how far a statement is from failing; negative where it fails."],
+    )
 
 
-STUDY = Study("claims", "The paper", "Does what the paper says hold?", 9, present, plan, THRESHOLD_STUDY.requires,
-              seconds=1.9, compared=False)
+STUDY = Study(
+    "claims",
+    "The paper",
+    "Does what the paper says hold?",
+    9,
+    present,
+    plan,
+    THRESHOLD_STUDY.requires,
+    seconds=1.9,
+    compared=False,
+)

@@ -19,8 +19,19 @@ import pandas as pd
 from stiction.comparisons.bench.methods import MISSING_ENGINE, called
 from stiction.comparisons.bench.participants import extent
 from stiction.comparisons.bench.participants import variants as all_variants
-from stiction.comparisons.bench.presentation import (Column, Number, Presentation, TracedText, listed, sentence, short,
-                                                     traced, value, view, within)
+from stiction.comparisons.bench.presentation import (
+    Column,
+    Number,
+    Presentation,
+    TracedText,
+    listed,
+    sentence,
+    short,
+    traced,
+    value,
+    view,
+    within,
+)
 from stiction.comparisons.bench.results import Results
 from stiction.comparisons.bench.runner import Comparison
 from stiction.comparisons.bench.study import Scope, Study, Tables
@@ -29,7 +40,13 @@ from stiction.comparisons.bench.timing.visits import Timing
 from stiction.comparisons.bench.variants import Record, Variant, scaled
 from stiction.comparisons.measures.accuracy import graph, is_known
 from stiction.comparisons.measures.distances import l1
-from stiction.comparisons.measures.work_precision import TOTAL, Timed, TimedRun, cost_of, timed_comparison
+from stiction.comparisons.measures.work_precision import (
+    TOTAL,
+    Timed,
+    TimedRun,
+    cost_of,
+    timed_comparison,
+)
 from stiction.reference_impl.multibody.equation_summary import blocks, hlcp_size
 from stiction.scenes import Scene, Trajectory, vary
 from stiction.scenes.model import Baumgarte
@@ -83,37 +100,92 @@ def toggles(scene: Scene) -> Iterator[Effect]:
     guides, frictional = scene.guides, scene.frictional_guides
     removed = (
         ("gravity", "", ["gravity"] if scene.gravity and any(scene.gravity) else []),
-        ("friction", "", [f"{name}.{key}" for name, guide in frictional.items() for key in ("mu", "mus")
-                          if getattr(guide, key) is not None]),
-        ("static coefficient", "mus = mu", [f"{name}.mus" for name, guide in frictional.items()
-                                            if guide.static_coefficient > guide.kinetic_coefficient]),
-        ("surface levers", "width", [f"{name}.width" for name, guide in frictional.items() if guide.width]),
-        ("corner forces", "length, width", [f"{name}.{key}" for name, guide in guides.items()
-                                            for key in ("length", "width") if getattr(guide, key) is not None]),
+        (
+            "friction",
+            "",
+            [
+                f"{name}.{key}"
+                for name, guide in frictional.items()
+                for key in ("mu", "mus")
+                if getattr(guide, key) is not None
+            ],
+        ),
+        (
+            "static coefficient",
+            "mus = mu",
+            [
+                f"{name}.mus"
+                for name, guide in frictional.items()
+                if guide.static_coefficient > guide.kinetic_coefficient
+            ],
+        ),
+        (
+            "surface levers",
+            "width",
+            [f"{name}.width" for name, guide in frictional.items() if guide.width],
+        ),
+        (
+            "corner forces",
+            "length, width",
+            [
+                f"{name}.{key}"
+                for name, guide in guides.items()
+                for key in ("length", "width")
+                if getattr(guide, key) is not None
+            ],
+        ),
         ("drive", "", [f"drives.{name}" for name in scene.drives]),
-        ("spring", "", [f"springs.{name}.stiffness" for name, spring in scene.springs.items() if spring.stiffness]),
-        ("damper", "", [f"springs.{name}.damping" for name, spring in scene.springs.items() if spring.damping]),
+        (
+            "spring",
+            "",
+            [
+                f"springs.{name}.stiffness"
+                for name, spring in scene.springs.items()
+                if spring.stiffness
+            ],
+        ),
+        (
+            "damper",
+            "",
+            [f"springs.{name}.damping" for name, spring in scene.springs.items() if spring.damping],
+        ),
         ("load", "", [f"forces.{name}" for name in scene.forces]),
     )
     for effect, how, keys in removed:
         if keys:
             name = f"no {effect} ({how})" if how else f"no {effect}"
-            yield Effect(name, {**PROJECTION, **dict.fromkeys(keys)}, kind=EffectKind.LEFT_OUT, left_out=effect)
+            yield Effect(
+                name,
+                {**PROJECTION, **dict.fromkeys(keys)},
+                kind=EffectKind.LEFT_OUT,
+                left_out=effect,
+            )
     terms = scene.stabilization if isinstance(scene.stabilization, Baumgarte) else PAPERS
-    yield Effect(NO_STABILIZATION, {"stabilization": {"method": "none"}}, kind=EffectKind.UNSTABILIZED)
-    yield Effect(f"{BAUMGARTE} (alpha = {terms.alpha:g}, beta = {terms.beta:g})",
-                 {"stabilization": {"method": "baumgarte", "alpha": terms.alpha, "beta": terms.beta}},
-                 kind=EffectKind.BAUMGARTE)
+    yield Effect(
+        NO_STABILIZATION, {"stabilization": {"method": "none"}}, kind=EffectKind.UNSTABILIZED
+    )
+    yield Effect(
+        f"{BAUMGARTE} (alpha = {terms.alpha:g}, beta = {terms.beta:g})",
+        {"stabilization": {"method": "baumgarte", "alpha": terms.alpha, "beta": terms.beta}},
+        kind=EffectKind.BAUMGARTE,
+    )
 
 
 def effects_variants(engines: Sequence[str] = ()) -> tuple[Variant, ...]:
     """The reference at rtol 1e-9, and the variants of the engines named at the middle of their refinement series."""
     others = (variant for variant in all_variants(engines) if variant.engine != "reference")
-    return REFERENCE, *(replace(variant, ladder=(variant.ladder[len(variant.ladder) // 2],)) for variant in others)
+    return REFERENCE, *(
+        replace(variant, ladder=(variant.ladder[len(variant.ladder) // 2],)) for variant in others
+    )
 
 
-def effects_comparison(scene: Scene, variants: Sequence[Variant] = (REFERENCE,), *, t_end: float | None = None,
-                       repeats: int = 5) -> Comparison[Timed]:
+def effects_comparison(
+    scene: Scene,
+    variants: Sequence[Variant] = (REFERENCE,),
+    *,
+    t_end: float | None = None,
+    repeats: int = 5,
+) -> Comparison[Timed]:
     """One row per variant and effect; arguments as of `stiction.comparisons.measures.work_precision.work_precision`.
 
     Engine times are medians; their ratio to the baseline's has an interval, from the ratios of each round. Differences
@@ -125,20 +197,38 @@ def effects_comparison(scene: Scene, variants: Sequence[Variant] = (REFERENCE,),
         own = (Effect(name, PROJECTION, settings) for name, settings in variant.effects.items())
         changed = (*toggles(scene), *own)
         effects += changed
-        runs += [TimedRun(vary(scene, effect.overrides), variant, variant.ladder[0], effect.name, effect.settings)
-                 for effect in changed]
+        runs += [
+            TimedRun(
+                vary(scene, effect.overrides),
+                variant,
+                variant.ladder[0],
+                effect.name,
+                effect.settings,
+            )
+            for effect in changed
+        ]
     drive = next(iter(scene.drives), None)
 
-    def rows(records: Sequence[Record], timings: Sequence[Timing | None]) -> Iterator[dict[str, Any]]:
-        baselines = {run.variant.label: timing for run, timing in zip(runs, timings) if run.name == BASELINE}
+    def rows(
+        records: Sequence[Record], timings: Sequence[Timing | None]
+    ) -> Iterator[dict[str, Any]]:
+        baselines = {
+            run.variant.label: timing for run, timing in zip(runs, timings) if run.name == BASELINE
+        }
         assembled = [block.name for block in blocks(runs[0].scene) if block.elements]
         for run, effect, record, timing in zip(runs, effects, records, timings):
             there = {block.name for block in blocks(run.scene) if block.elements}
-            yield {**record.describe(), "effect": run.name, EFFECT_KIND: str(effect.kind),
-                   WITHOUT: effect.left_out or None,
-                   LEFT_OUT: ", ".join(name for name in assembled if name not in there), PAIRS: hlcp_size(run.scene),
-                   **_events(record.trajectory), **_changes(timing, baselines[run.variant.label], drive),
-                   **cost_of(timing)}
+            yield {
+                **record.describe(),
+                "effect": run.name,
+                EFFECT_KIND: str(effect.kind),
+                WITHOUT: effect.left_out or None,
+                LEFT_OUT: ", ".join(name for name in assembled if name not in there),
+                PAIRS: hlcp_size(run.scene),
+                **_events(record.trajectory),
+                **_changes(timing, baselines[run.variant.label], drive),
+                **cost_of(timing),
+            }
 
     return timed_comparison(scene, runs, t_end, repeats, rows)
 
@@ -148,8 +238,10 @@ def _events(trajectory: Trajectory | None) -> dict[str, Any]:
     if trajectory is None or (not trajectory.events and trajectory.engine != "reference"):
         return {}
     count = Counter(event.kind for event in trajectory.events)
-    return {**{f"{kind}_events": count[kind] for kind in KINDS},
-            "first_event": trajectory.events[0].time if trajectory.events else None}
+    return {
+        **{f"{kind}_events": count[kind] for kind in KINDS},
+        "first_event": trajectory.events[0].time if trajectory.events else None,
+    }
 
 
 def _changes(timing: Timing | None, baseline: Timing | None, drive: str | None) -> dict[str, Any]:
@@ -166,65 +258,122 @@ def _changes(timing: Timing | None, baseline: Timing | None, drive: str | None) 
     common = min(len(run.t), len(other.t))
     t = run.t[:common]
     if common < 2 or not np.array_equal(t, other.t[:common]):
-        return {**row, "status": "failed", "reason": "output instants differ from those of the run with all effects, "
-                                                     "which has the same settings"}
+        return {
+            **row,
+            "status": "failed",
+            "reason": "output instants differ from those of the run with all effects, "
+            "which has the same settings",
+        }
     for label, suffixes in ((MOTION, ("x", "y")), ("velocity_change", ("vx", "vy"))):
-        row[label] = max(float(np.max(np.abs(run[name][:common] - other[name][:common])))
-                         for name in run.columns if name.rpartition(".")[2] in suffixes and name in other)
+        row[label] = max(
+            float(np.max(np.abs(run[name][:common] - other[name][:common])))
+            for name in run.columns
+            if name.rpartition(".")[2] in suffixes and name in other
+        )
     if is_known(run, effort) and is_known(other, effort):
         a, b = graph(run, effort), graph(other, effort)
         row["effort_change"] = l1(a, b).value / float(t[-1] - t[0])
     row["time_compared"] = float(t[-1])
-    ratio = ratio_interval(*([sample.own_s for sample in each.samples] for each in (timing, baseline)))
+    ratio = ratio_interval(
+        *([sample.own_s for sample in each.samples] for each in (timing, baseline))
+    )
     return row | {RATIO: ratio.value, LOW: ratio.low, HIGH: ratio.high}
 
 
 def plan(scope: Scope) -> Comparison[Tables]:
     """The effects of the first scene, of the reference; with one scene, of the engines that are named as well."""
     named = scope.engines or () if len(scope.scenes) == 1 else ()
-    found = effects_comparison(scope.scenes[0], effects_variants(named), t_end=scope.t_end,
-                               repeats=scope.repeats or extent(scope.depth).repeats)
+    found = effects_comparison(
+        scope.scenes[0],
+        effects_variants(named),
+        t_end=scope.t_end,
+        repeats=scope.repeats or extent(scope.depth).repeats,
+    )
     return found.then(lambda timed: timed.as_tables("effects"))
 
 
 def present(results: Results) -> Presentation:
     """Engine time of the scene without each effect over the baseline's, and the other changes that go with it."""
     table = results.table("effects")
-    failed = [traced("{} failed: {}.", called(variant), listed(list(rows["effect"]))) for variant, rows in
-              table[~table["status"].isin(["ok", MISSING_ENGINE])].groupby("variant", sort=False)] if len(table) else []
+    failed = (
+        [
+            traced("{} failed: {}.", called(variant), listed(list(rows["effect"])))
+            for variant, rows in table[~table["status"].isin(["ok", MISSING_ENGINE])].groupby(
+                "variant", sort=False
+            )
+        ]
+        if len(table)
+        else []
+    )
     if RATIO not in table or not (table[EFFECT_KIND] == EffectKind.BASELINE).any():
         return Presentation(findings=failed)
-    own = table[(table["engine"] == REFERENCE.engine) & (table[EFFECT_KIND] != EffectKind.BASELINE)
-                & table[RATIO].notna()]
+    own = table[
+        (table["engine"] == REFERENCE.engine)
+        & (table[EFFECT_KIND] != EffectKind.BASELINE)
+        & table[RATIO].notna()
+    ]
     removed = own[own[EFFECT_KIND] == EffectKind.LEFT_OUT]
     faster = removed[removed[HIGH] < 1]
-    parts = [traced("{} without {}", value("effects", table, int(row), RATIO, ".2g"), table.at[row, WITHOUT])
-             for row in faster.sort_values(RATIO).index[:3]]
+    parts = [
+        traced(
+            "{} without {}", value("effects", table, int(row), RATIO, ".2g"), table.at[row, WITHOUT]
+        )
+        for row in faster.sort_values(RATIO).index[:3]
+    ]
     baumgarte = [_ratio(table, row) for row in own.index[own[EFFECT_KIND] == EffectKind.BAUMGARTE]]
     paid = sentence("{} with Baumgarte's terms at equal error", _at_equal_error(results))
-    answer = sentence("Time over that with all effects: {}.", listed(
-        [*filter(None, [listed(parts, ", ", ", "), paid])], "; ", "; "))
-    findings = [*_promise(table, faster),
-                sentence("At the same tolerance, by which their error is another, Baumgarte's terms take {} times as "
-                         "long as projection.", listed(baumgarte)),
-                *failed]
-    notes = ("The time is that inside the engine's own calls, all of it for the reference. The baseline has all "
-             "effects of the scene, and projection against drift. In brackets stands the interval of the ratio. "
-             "Without an effect the motion differs, so a scene can take longer. Other engines ignore the stabilization "
-             "of a scene.",)
-    ratios = [_ratio(table, row).text if pd.notna(table.at[row, RATIO]) else "" for row in table.index]
-    columns = (Column("effect"), Column("ratio", "engine time, of baseline"),
-               Column(MOTION, "position change"), Column("stick_events"), Column("counter:rhs", "right-hand sides"),
-               Column(PAIRS, "HLCP pairs"), Column(LEFT_OUT, brief=False),
-               Column("velocity_change", "velocity change", brief=False),
-               Column("effort_change", "effort change, mean", brief=False),
-               Column("reason", brief=False))
-    shown = view("effects", "The scene without each of its effects, and with other stabilizations than projection. "
-                 "Time inside the engine's own calls over the baseline's, which comes first; position: largest change "
-                 "of any body.", table.assign(ratio=ratios), columns,
-                 group="variant" if table["variant"].nunique() > 1 else "")
+    answer = sentence(
+        "Time over that with all effects: {}.",
+        listed([*filter(None, [listed(parts, ", ", ", "), paid])], "; ", "; "),
+    )
+    findings = [
+        *_promise(table, faster),
+        sentence(
+            "At the same tolerance, by which their error is another, Baumgarte's terms take {} times as "
+            "long as projection.",
+            listed(baumgarte),
+        ),
+        *failed,
+    ]
+    notes = (
+        "The time is that inside the engine's own calls, all of it for the reference. The baseline has all "
+        "effects of the scene, and projection against drift. In brackets stands the interval of the ratio. "
+        "Without an effect the motion differs, so a scene can take longer. Other engines ignore the stabilization "
+        "of a scene.",
+    )
+    ratios = [
+        _ratio(table, row).text if pd.notna(table.at[row, RATIO]) else "" for row in table.index
+    ]
+    columns = (
+        Column("effect"),
+        Column("ratio", "engine time, of baseline"),
+        Column(MOTION, "position change"),
+        Column("stick_events"),
+        Column("counter:rhs", "right-hand sides"),
+        Column(PAIRS, "HLCP pairs"),
+        Column(LEFT_OUT, brief=False),
+        Column("velocity_change", "velocity change", brief=False),
+        Column("effort_change", "effort change, mean", brief=False),
+        Column("reason", brief=False),
+    )
+    shown = view(
+        "effects",
+        "The scene without each of its effects, and with other stabilizations than projection. "
+        "Time inside the engine's own calls over the baseline's, which comes first; position: largest change "
+        "of any body.",
+        table.assign(ratio=ratios),
+        columns,
+        group="variant" if table["variant"].nunique() > 1 else "",
+    )
     every = [Column(name) for name in table if name not in ("settings", "version", "key")]
-    runs = view("effects-all", "Every run behind the effects.", table, every, source="effects", in_report=False)
+    runs = view(
+        "effects-all",
+        "Every run behind the effects.",
+        table,
+        every,
+        source="effects",
+        in_report=False,
+    )
     return Presentation(answer, findings, tables=[shown, runs], notes=notes)
 
 
@@ -237,15 +386,41 @@ def _at_equal_error(results: Results) -> TracedText:
     equal = results.table("equal-error")
     if equal.empty:
         return TracedText()
-    equal = equal[(equal["quantity"] == "position") & (equal["error"] <= LARGEST_ERROR) & equal[TOTAL].notna()
-                  & ~equal["is_bound"].eq(True)]
-    over, under = ({(row["scene"], row["error"]): label for label, row in equal[equal["variant"] == name].iterrows()}
-                   for name in (f"reference, {BAUMGARTE}", "reference"))
+    equal = equal[
+        (equal["quantity"] == "position")
+        & (equal["error"] <= LARGEST_ERROR)
+        & equal[TOTAL].notna()
+        & ~equal["is_bound"].eq(True)
+    ]
+    over, under = (
+        {
+            (row["scene"], row["error"]): label
+            for label, row in equal[equal["variant"] == name].iterrows()
+        }
+        for name in (f"reference, {BAUMGARTE}", "reference")
+    )
     pairs = [(over[key], under[key]) for key in over if key in under]
     ratios = [equal.at[a, TOTAL] / equal.at[b, TOTAL] for a, b in pairs]
-    ends = dict.fromkeys(pairs[place] for place in (np.argmin(ratios), np.argmax(ratios))) if pairs else ()
-    return listed([traced("{}", Number(short(equal.at[a, TOTAL] / equal.at[b, TOTAL]), "equal-error", TOTAL,
-                                       (int(a) + 1, int(b) + 1))) for a, b in ends], last=" to ")
+    ends = (
+        dict.fromkeys(pairs[place] for place in (np.argmin(ratios), np.argmax(ratios)))
+        if pairs
+        else ()
+    )
+    return listed(
+        [
+            traced(
+                "{}",
+                Number(
+                    short(equal.at[a, TOTAL] / equal.at[b, TOTAL]),
+                    "equal-error",
+                    TOTAL,
+                    (int(a) + 1, int(b) + 1),
+                ),
+            )
+            for a, b in ends
+        ],
+        last=" to ",
+    )
 
 
 def _promise(table: pd.DataFrame, faster: pd.DataFrame) -> list[TracedText]:
@@ -254,15 +429,37 @@ def _promise(table: pd.DataFrame, faster: pd.DataFrame) -> list[TracedText]:
     if sized.empty:
         return []
     row = int(sized.sort_values([PAIRS, RATIO]).index[0])
-    base = int(table.index[(table[EFFECT_KIND] == EffectKind.BASELINE) & (table["engine"] == "reference")][0])
+    base = int(
+        table.index[(table[EFFECT_KIND] == EffectKind.BASELINE) & (table["engine"] == "reference")][
+            0
+        ]
+    )
     pairs = [value("effects", table, at, PAIRS, "g") for at in (base, row)]
     evaluations = [value("effects", table, at, "counter:rhs", "g") for at in (row, base)]
-    return [traced("Without {}, `stiction explain` leaves out these blocks: {}.", table.at[row, WITHOUT],
-                   table.at[row, LEFT_OUT]),
-            traced("Its HLCP goes from {} to {} pairs, and engine time to {}, with {} instead of {} right-hand sides. "
-                   "Its motion changes by up to {} m.",
-                   *pairs, _ratio(table, row), *evaluations, value("effects", table, row, MOTION))]
+    return [
+        traced(
+            "Without {}, `stiction explain` leaves out these blocks: {}.",
+            table.at[row, WITHOUT],
+            table.at[row, LEFT_OUT],
+        ),
+        traced(
+            "Its HLCP goes from {} to {} pairs, and engine time to {}, with {} instead of {} right-hand sides. "
+            "Its motion changes by up to {} m.",
+            *pairs,
+            _ratio(table, row),
+            *evaluations,
+            value("effects", table, row, MOTION),
+        ),
+    ]
 
 
-STUDY = Study("effects", "Effects", "What does a scene cost without each of its effects?", 7, present, plan,
-              seconds=0.1, takes=frozenset({"engines", "t_end", "repeats"}))
+STUDY = Study(
+    "effects",
+    "Effects",
+    "What does a scene cost without each of its effects?",
+    7,
+    present,
+    plan,
+    seconds=0.1,
+    takes=frozenset({"engines", "t_end", "repeats"}),
+)

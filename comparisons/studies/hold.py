@@ -18,22 +18,57 @@ import pandas as pd
 
 from stiction.comparisons.bench.methods import at_equal_step, called, rank, succeeded, with_columns
 from stiction.comparisons.bench.participants import REFERENCE, variants
-from stiction.comparisons.bench.presentation import (CHOSEN, OTHER, Axis, Chart, Column, Headline, Number, Panel,
-                                                     Presentation, Series, TableView, TracedText, count, interval,
-                                                     joined, listed, sentence, traced, value, view)
+from stiction.comparisons.bench.presentation import (
+    CHOSEN,
+    OTHER,
+    Axis,
+    Chart,
+    Column,
+    Headline,
+    Number,
+    Panel,
+    Presentation,
+    Series,
+    TableView,
+    TracedText,
+    count,
+    interval,
+    joined,
+    listed,
+    sentence,
+    traced,
+    value,
+    view,
+)
 from stiction.comparisons.bench.presentation.cells import AGAIN
 from stiction.comparisons.bench.results import Results
 from stiction.comparisons.bench.runner import Comparison
 from stiction.comparisons.bench.study import Scope, Study, Tables
 from stiction.comparisons.bench.timing.intervals import ratio_interval
 from stiction.comparisons.bench.timing.visits import visit
-from stiction.comparisons.bench.variants import (COEFFICIENTS, FRICTION_BY, OWN_CPU, UNMADE, Coefficients, Record,
-                                                 Variant, has_static_coefficient, run_command, truth_key)
+from stiction.comparisons.bench.variants import (
+    COEFFICIENTS,
+    FRICTION_BY,
+    OWN_CPU,
+    UNMADE,
+    Coefficients,
+    Record,
+    Variant,
+    has_static_coefficient,
+    run_command,
+    truth_key,
+)
 from stiction.comparisons.measures.creep import LANDING, LET_GO, Slip, slip_of
 from stiction.comparisons.measures.drift import ROUNDING
 from stiction.comparisons.measures.power_law import fitted_exponent
 from stiction.comparisons.measures.published_creep import CREEP as OURS
-from stiction.comparisons.measures.published_creep import ENGINE, MATCHED, PUBLISHED, UNCERTAINTY, published_creep
+from stiction.comparisons.measures.published_creep import (
+    ENGINE,
+    MATCHED,
+    PUBLISHED,
+    UNCERTAINTY,
+    published_creep,
+)
 from stiction.comparisons.measures.scene_truth import ground_truth
 from stiction.comparisons.studies.hold_data import FORMS, load_data
 from stiction.comparisons.studies.settings import DEFAULT, SETTING, SUBJECT
@@ -80,15 +115,17 @@ EDGES = f"Rest, and slower creep, stand at {ENDS[0]:g} m/s, faster slip at {ENDS
 REST = "none: it rests"
 """What the creep of the reference grows with, by its law."""
 OBEYED, BROKEN, OPEN = "obeyed", "broken", "inconclusive"
-NOTES = ("Held: a load below the limit leaves the slider at rest; creep is its steady slip speed there. A creep below "
-         "the rounding of the coordinate over the run is 0.",
-         f"A method holds if it creeps no faster than {STILL:g} m/s. Creep is the median slope after 0.1 s. If the "
-         "mean speed lies outside its interval, that is used. A method is undecided if its creep may exceed the limit, "
-         f"but by no more than {SURE:g} uncertainties.",
-         f"A slider has let go at {LET_GO:g} m/s; the load at which the truth is as fast is subtracted.",
-         "Where the adapter supplies the friction law, what creeps or lets go early may be ours. The load is there "
-         "from the start: where mus > mu, a method that slips as it lands meets kinetic friction, which need not hold.",
-         "At contact fidelity and for settings mus = mu: most engines' own contacts have one coefficient.")
+NOTES = (
+    "Held: a load below the limit leaves the slider at rest; creep is its steady slip speed there. A creep below "
+    "the rounding of the coordinate over the run is 0.",
+    f"A method holds if it creeps no faster than {STILL:g} m/s. Creep is the median slope after 0.1 s. If the "
+    "mean speed lies outside its interval, that is used. A method is undecided if its creep may exceed the limit, "
+    f"but by no more than {SURE:g} uncertainties.",
+    f"A slider has let go at {LET_GO:g} m/s; the load at which the truth is as fast is subtracted.",
+    "Where the adapter supplies the friction law, what creeps or lets go early may be ours. The load is there "
+    "from the start: where mus > mu, a method that slips as it lands meets kinetic friction, which need not hold.",
+    "At contact fidelity and for settings mus = mu: most engines' own contacts have one coefficient.",
+)
 
 
 @dataclass(frozen=True)
@@ -116,7 +153,11 @@ class Trial:
     def tried(self) -> tuple[str | None, str | None, str | None]:
         """Subject and setting that are tried, and the name of the setting; None for a method as it is."""
         variant = self.variant
-        return (variant.subject, variant.setting, variant.changed or None) if variant.setting else (None, None, None)
+        return (
+            (variant.subject, variant.setting, variant.changed or None)
+            if variant.setting
+            else (None, None, None)
+        )
 
     @property
     def truth(self) -> str:
@@ -133,15 +174,22 @@ def changes(scene: Scene, test: str, load: float, static_coefficient: bool) -> d
         If the scene lacks one of `PARAMETERS`.
     """
     if missing := [name for name in PARAMETERS if name not in scene.parameters]:
-        raise InputError(f"{scene.name}: parameters: found no {', '.join(missing)}; expected {', '.join(PARAMETERS)}, "
-                         "as the scenes hold-.. of the catalogue have them")
+        raise InputError(
+            f"{scene.name}: parameters: found no {', '.join(missing)}; expected {', '.join(PARAMETERS)}, "
+            "as the scenes hold-.. of the catalogue have them"
+        )
     data = load_data()
-    change = {HELD: {"part": load}, RAMP: data.ramp.model_dump(), STOP: data.stop.model_dump(exclude={"landed"})}
+    change = {
+        HELD: {"part": load},
+        RAMP: data.ramp.model_dump(),
+        STOP: data.stop.model_dump(exclude={"landed"}),
+    }
     return {**change[test], **({} if static_coefficient else {"mus": scene.parameters["mu"]})}
 
 
-def measured(engine: str, scene: Scene, test: str, arguments: Mapping[str, Any],
-             timed: bool = False) -> tuple[Slip, Trajectory]:
+def measured(
+    engine: str, scene: Scene, test: str, arguments: Mapping[str, Any], timed: bool = False
+) -> tuple[Slip, Trajectory]:
     """Run a scene and reduce it: the numbers of its slip, and the ends of its trajectory.
 
     Where it is `timed`, its engine time is the median of repeats (`visit`).
@@ -155,14 +203,28 @@ def measured(engine: str, scene: Scene, test: str, arguments: Mapping[str, Any],
     if run.termination != "end":
         raise EngineFailure(run.termination)
     guide = next(iter(scene.frictional_guides))
-    size = max(1.0, *(float(np.max(np.abs(run[f"{body}.{name}"]))) for body in scene.bodies for name in "xy"))
+    size = max(
+        1.0,
+        *(float(np.max(np.abs(run[f"{body}.{name}"]))) for body in scene.bodies for name in "xy"),
+    )
     rounding = np.finfo(float).eps * size * max(1, run.cost.counters.get("steps", len(run.t)))
-    found = slip_of(run.t, run[f"{guide}.displacement"], run[f"{guide}.slip_velocity"], rounding,
-                    **_window(scene, test))
-    ends = replace(run, t=run.t[[0, -1]], columns={name: column[[0, -1]] for name, column in run.columns.items()},
-                   events=())
+    found = slip_of(
+        run.t,
+        run[f"{guide}.displacement"],
+        run[f"{guide}.slip_velocity"],
+        rounding,
+        **_window(scene, test),
+    )
+    ends = replace(
+        run,
+        t=run.t[[0, -1]],
+        columns={name: column[[0, -1]] for name, column in run.columns.items()},
+        events=(),
+    )
     if timed:
-        ends = replace(ends, cost=replace(ends.cost, engine_s=visit(engine, scene, arguments).own_s))
+        ends = replace(
+            ends, cost=replace(ends.cost, engine_s=visit(engine, scene, arguments).own_s)
+        )
     return found, ends
 
 
@@ -179,7 +241,12 @@ def true_slip(scene: Scene, test: str) -> tuple[Slip, float]:
         raise InputError(f"{scene.name}: found no truth: {truth.note}; expected one of its motion")
     t = np.linspace(0.0, scene.t_end, round(scene.t_end / TRUE_STEP) + 1)
     columns = truth(t)
-    found = slip_of(t, columns[f"{guide}.displacement"], columns[f"{guide}.slip_velocity"], **_window(scene, test))
+    found = slip_of(
+        t,
+        columns[f"{guide}.displacement"],
+        columns[f"{guide}.slip_velocity"],
+        **_window(scene, test),
+    )
     return found, truth.uncertainty.get(f"{guide}.displacement", 0.0)
 
 
@@ -198,62 +265,129 @@ def plan(scope: Scope) -> Comparison[Tables]:
     data, one = load_data(), scope.scenes if len(scope.scenes) == 1 else ()
     depth = data.depths[scope.depth]
     steps, middle = depth.steps, min(depth.steps, key=lambda step: rank("dt", step))
-    compared = [replace(variant, ladder=steps if variant.parameter == "dt" else variant.ladder[-1:])
-                for variant in variants(scope.engines)]
-    tried = [variant for subject in data.subjects if scope.engines is None or subject.engine in scope.engines
-             for variant in subject.variants((middle,))]
+    compared = [
+        replace(variant, ladder=steps if variant.parameter == "dt" else variant.ladder[-1:])
+        for variant in variants(scope.engines)
+    ]
+    tried = [
+        variant
+        for subject in data.subjects
+        if scope.engines is None or subject.engine in scope.engines
+        for variant in subject.variants((middle,))
+    ]
     held = [(HELD, load) for load in depth.loads]
     moved = [(RAMP, data.ramp.part), (STOP, data.stop.part)] if depth.moved else []
     usual = [(test, load) for test, load in held if load <= USUAL]
-    ways = [(scene, variant, variant.fidelity == "joint" and has_static_coefficient(variant), held + moved)
-            for scene in one or map(load_scene, depth.scenes) for variant in compared]
-    ways += [(scene, variant, False, usual) for scene in (one or map(load_scene, depth.settings))
-             if depth.settings for variant in tried]
+    ways = [
+        (
+            scene,
+            variant,
+            variant.fidelity == "joint" and has_static_coefficient(variant),
+            held + moved,
+        )
+        for scene in one or map(load_scene, depth.scenes)
+        for variant in compared
+    ]
+    ways += [
+        (scene, variant, False, usual)
+        for scene in (one or map(load_scene, depth.settings))
+        if depth.settings
+        for variant in tried
+    ]
     trials = []
     for scene, variant, static, chosen in ways:
         for test, load in chosen:
             if test == RAMP and "period" in scene.parameters:
                 continue  # it may rest again a moment after it let go
             changed = changes(scene, test, load, static)
-            trials += [Trial(vary(scene, changed), changed, static, variant, step, test, load)
-                       for step in variant.ladder]
-    truths = {trial.truth: Task(trial.truth, true_slip, (trial.scene, trial.test))
-              for trial in trials if trial.test != HELD}
-    tasks = [Task(trial.key, measured, (trial.variant.engine, trial.scene, trial.test, {
-        trial.variant.parameter: trial.step, "fidelity": trial.variant.fidelity, **trial.variant.settings},
-        any(trial.tried))) for trial in trials]
+            trials += [
+                Trial(vary(scene, changed), changed, static, variant, step, test, load)
+                for step in variant.ladder
+            ]
+    truths = {
+        trial.truth: Task(trial.truth, true_slip, (trial.scene, trial.test))
+        for trial in trials
+        if trial.test != HELD
+    }
+    tasks = [
+        Task(
+            trial.key,
+            measured,
+            (
+                trial.variant.engine,
+                trial.scene,
+                trial.test,
+                {
+                    trial.variant.parameter: trial.step,
+                    "fidelity": trial.variant.fidelity,
+                    **trial.variant.settings,
+                },
+                any(trial.tried),
+            ),
+        )
+        for trial in trials
+    ]
     is_published = moved and not one and any(variant.engine == ENGINE for _, variant, _, _ in ways)
     published = [Task("hold/published creep", published_creep)] if is_published else []
 
     def tabulate(outcomes: Sequence[Outcome]) -> Tables:
-        known, runs = dict(zip(truths, outcomes)), outcomes[len(truths):len(truths) + len(trials)]
-        table = pd.DataFrame([_row(trial, outcome, known.get(trial.truth))
-                              for trial, outcome in zip(trials, runs, strict=True)])
-        tables = {"hold": table, "hold-methods": methods_table(table), "hold-laws": laws_table(table),
-                  "hold-settings": settings_table(table)}
-        for outcome in outcomes[len(truths) + len(trials):]:
+        known, runs = dict(zip(truths, outcomes)), outcomes[len(truths) : len(truths) + len(trials)]
+        table = pd.DataFrame(
+            [
+                _row(trial, outcome, known.get(trial.truth))
+                for trial, outcome in zip(trials, runs, strict=True)
+            ]
+        )
+        tables = {
+            "hold": table,
+            "hold-methods": methods_table(table),
+            "hold-laws": laws_table(table),
+            "hold-settings": settings_table(table),
+        }
+        for outcome in outcomes[len(truths) + len(trials) :]:
             if outcome.status not in UNMADE:
-                failed = pd.DataFrame([{"case": "all", "status": outcome.status, "reason": outcome.reason}])
+                failed = pd.DataFrame(
+                    [{"case": "all", "status": outcome.status, "reason": outcome.reason}]
+                )
                 tables["hold-published"] = failed if outcome.value is None else outcome.value
         return Tables(tables)
 
-    return Comparison((*truths.values(), *tasks, *published), tabulate,
-                      tuple({way[1].label: way[1] for way in ways}.values()))
+    return Comparison(
+        (*truths.values(), *tasks, *published),
+        tabulate,
+        tuple({way[1].label: way[1] for way in ways}.values()),
+    )
 
 
 def _row(trial: Trial, outcome: Outcome, true: Outcome | None) -> dict[str, Any]:
     """A row of the table: of a failed run with its reason, of a run without truth without errors."""
     ends = outcome.value and outcome.value[1]
-    record = Record(trial.key, trial.scene.name, trial.variant, trial.step, replace(outcome, value=ends))
-    row = {**record.describe(), COEFFICIENTS: str(Coefficients.of(trial.static)),
-           "truth": truth_key(trial.scene.name, trial.static),
-           **dict(zip((SUBJECT, SETTING, CHANGED), trial.tried)), TEST: trial.test, LOAD: trial.load}
+    record = Record(
+        trial.key, trial.scene.name, trial.variant, trial.step, replace(outcome, value=ends)
+    )
+    row = {
+        **record.describe(),
+        COEFFICIENTS: str(Coefficients.of(trial.static)),
+        "truth": truth_key(trial.scene.name, trial.static),
+        **dict(zip((SUBJECT, SETTING, CHANGED), trial.tried)),
+        TEST: trial.test,
+        LOAD: trial.load,
+    }
     if outcome.value is None:
         return row
-    row[AGAIN] = run_command(trial.scene.name, trial.variant.engine, [
-        (trial.variant.parameter, f"{trial.step:g}"), ("fidelity", trial.variant.fidelity),
-        *(("set", f"{name}={as_given(value)}") for name, value in trial.changed.items()),
-        *(("setting", f"{name}={as_given(value)}") for name, value in trial.variant.settings.items())])
+    row[AGAIN] = run_command(
+        trial.scene.name,
+        trial.variant.engine,
+        [
+            (trial.variant.parameter, f"{trial.step:g}"),
+            ("fidelity", trial.variant.fidelity),
+            *(("set", f"{name}={as_given(value)}") for name, value in trial.changed.items()),
+            *(
+                ("setting", f"{name}={as_given(value)}")
+                for name, value in trial.variant.settings.items()
+            ),
+        ],
+    )
     found = outcome.value[0]
     if trial.test != RAMP:
         speed, gravity = abs(found.creep.value), trial.scene.gravity
@@ -264,7 +398,11 @@ def _row(trial: Trial, outcome: Outcome, true: Outcome | None) -> dict[str, Any]
         if zone is not None:
             row[OF_ZONE] = speed / float(ends.settings[zone])
     if trial.test == HELD:
-        row |= {LANDED: found.landing, LETS_GO: found.lets_go, PART: _part_of_bound(trial.scene, ends)}
+        row |= {
+            LANDED: found.landing,
+            LETS_GO: found.lets_go,
+            PART: _part_of_bound(trial.scene, ends),
+        }
     if true is None or true.value is None:
         return row if true is None else row | {"truth_note": f"{true.status}: {true.reason}"}
     exact, unsure = true.value
@@ -329,16 +467,40 @@ def methods_table(table: pd.DataFrame) -> pd.DataFrame:
         made = runs[succeeded(runs) & runs[CREEP].notna()]
         if runs.empty:
             continue
-        row = {**runs.iloc[0][["variant", "engine", "fidelity", COEFFICIENTS]], "failed": len(runs) - len(made)}
+        row = {
+            **runs.iloc[0][["variant", "engine", "fidelity", COEFFICIENTS]],
+            "failed": len(runs) - len(made),
+        }
         if len(made):
             worst, unsure = made.loc[fastest(made)], made[CREEP].abs() + made[UNSURE] > STILL
             moves = moving(made).any() or len(made) < len(runs)
-            row |= {HOLDS: False if moves else None if unsure.any() else True, LETS_GO: worst[LETS_GO],
-                    "scene": worst["scene"], LOAD: worst[LOAD], CREEP: abs(worst[CREEP]), UNSURE: worst[UNSURE],
-                    OF_ZONE: worst[OF_ZONE]}
+            row |= {
+                HOLDS: False if moves else None if unsure.any() else True,
+                LETS_GO: worst[LETS_GO],
+                "scene": worst["scene"],
+                LOAD: worst[LOAD],
+                CREEP: abs(worst[CREEP]),
+                UNSURE: worst[UNSURE],
+                OF_ZONE: worst[OF_ZONE],
+            }
         rows.append(row)
-    return pd.DataFrame(rows, columns=["variant", "engine", "fidelity", COEFFICIENTS, "failed", HOLDS, LETS_GO, "scene",
-                                       LOAD, CREEP, UNSURE, OF_ZONE])
+    return pd.DataFrame(
+        rows,
+        columns=[
+            "variant",
+            "engine",
+            "fidelity",
+            COEFFICIENTS,
+            "failed",
+            HOLDS,
+            LETS_GO,
+            "scene",
+            LOAD,
+            CREEP,
+            UNSURE,
+            OF_ZONE,
+        ],
+    )
 
 
 def laws_table(table: pd.DataFrame) -> pd.DataFrame:
@@ -353,24 +515,51 @@ def laws_table(table: pd.DataFrame) -> pd.DataFrame:
     held = tried[tried[TEST].eq(HELD)]
     tried, own = held[succeeded(held)], held[held["variant"] == REFERENCE]
     if succeeded(own).any():
-        word = BROKEN if own[CREEP].fillna(0.0).ne(0).any() else OBEYED if succeeded(own).all() else OPEN
-        rows.append({SUBJECT: REFERENCE, "over": REST, "source": "derived in each scene",
-                     "runs": int(succeeded(own).sum()), "verdict": word})
+        word = (
+            BROKEN
+            if own[CREEP].fillna(0.0).ne(0).any()
+            else OBEYED
+            if succeeded(own).all()
+            else OPEN
+        )
+        rows.append(
+            {
+                SUBJECT: REFERENCE,
+                "over": REST,
+                "source": "derived in each scene",
+                "runs": int(succeeded(own).sum()),
+                "verdict": word,
+            }
+        )
     tried = tried[tried[CREEP].abs() > tried[UNSURE]]
     for law in load_data().laws:
         runs = tried[tried[SUBJECT] == law.subject]
         runs = runs[(runs[SETTING] == DEFAULT) | runs[CHANGED].eq(law.over)]
-        runs = runs.assign(over=[json.loads(settings).get(law.over) for settings in runs["settings"]])
+        runs = runs.assign(
+            over=[json.loads(settings).get(law.over) for settings in runs["settings"]]
+        )
         runs = runs[runs["over"] >= law.least]
         if runs.empty:
             continue
         kind, expected = ("exponent", law.exponent) if law.exponent is not None else ("ratio", 1.0)
         found = _farthest(runs, law.form) if law.form else _power(runs)
-        rows.append({SUBJECT: law.subject, "over": law.over, "kind": kind, "law": expected, "source": law.source,
-                     "runs": len(runs), FOUND: found and found.value, FOUND_UNSURE: found and found.uncertainty,
-                     "verdict": verdict(found, expected, BAND[kind])})
-    return pd.DataFrame(rows, columns=[SUBJECT, "over", "kind", "law", "source", "runs", FOUND, FOUND_UNSURE,
-                                       "verdict"])
+        rows.append(
+            {
+                SUBJECT: law.subject,
+                "over": law.over,
+                "kind": kind,
+                "law": expected,
+                "source": law.source,
+                "runs": len(runs),
+                FOUND: found and found.value,
+                FOUND_UNSURE: found and found.uncertainty,
+                "verdict": verdict(found, expected, BAND[kind]),
+            }
+        )
+    return pd.DataFrame(
+        rows,
+        columns=[SUBJECT, "over", "kind", "law", "source", "runs", FOUND, FOUND_UNSURE, "verdict"],
+    )
 
 
 def _farthest(runs: pd.DataFrame, form: str) -> Uncertain:
@@ -378,13 +567,18 @@ def _farthest(runs: pd.DataFrame, form: str) -> Uncertain:
     predicted = FORMS[form](runs[PART].to_numpy(float), runs["over"].to_numpy(float))
     ratios = runs[CREEP].abs().to_numpy(float) / predicted
     place = int(np.abs(ratios - 1).argmax())
-    return Uncertain(float(ratios[place]), float(runs[UNSURE].to_numpy(float)[place] / predicted[place]))
+    return Uncertain(
+        float(ratios[place]), float(runs[UNSURE].to_numpy(float)[place] / predicted[place])
+    )
 
 
 def _power(runs: pd.DataFrame) -> Uncertain | None:
     """The exponent over the setting, at each scene and load."""
-    series = [(part["over"].to_numpy(float), part[CREEP].abs().to_numpy(float))
-              for _, part in runs.groupby(["scene", LOAD], sort=False) if part["over"].nunique() > 1]
+    series = [
+        (part["over"].to_numpy(float), part[CREEP].abs().to_numpy(float))
+        for _, part in runs.groupby(["scene", LOAD], sort=False)
+        if part["over"].nunique() > 1
+    ]
     return fitted_exponent(series) if series else None
 
 
@@ -393,7 +587,13 @@ def verdict(found: Uncertain | None, law: float, band: float) -> str:
     if found is None or math.isnan(found.value):
         return OPEN
     off = abs(found.value - law)
-    return OBEYED if off + found.uncertainty <= band else BROKEN if off - found.uncertainty > band else OPEN
+    return (
+        OBEYED
+        if off + found.uncertainty <= band
+        else BROKEN
+        if off - found.uncertainty > band
+        else OPEN
+    )
 
 
 def settings_table(table: pd.DataFrame) -> pd.DataFrame:
@@ -411,17 +611,39 @@ def settings_table(table: pd.DataFrame) -> pd.DataFrame:
         for setting in group[SETTING].unique():
             found = made[made[SETTING] == setting]
             shared = default.index.intersection(found.index)
-            row = {SUBJECT: subject, SETTING: setting, "failed": int((group[SETTING] == setting).sum()) - len(found)}
+            row = {
+                SUBJECT: subject,
+                SETTING: setting,
+                "failed": int((group[SETTING] == setting).sum()) - len(found),
+            }
             if len(shared):
                 found, before = found.loc[shared], default.loc[shared]
                 worst, slip = (abs(runs.at[fastest(runs), CREEP]) for runs in (found, before))
                 times = ratio_interval(found[OWN_CPU].tolist(), before[OWN_CPU].tolist())
                 ratio = worst / slip if slip > 0 else 1.0 if worst == 0 else math.nan
-                row |= {CREEP: worst, UNSURE: found.at[fastest(found), UNSURE], SLOWER: ratio,
-                        TIME: times.value, f"{TIME}, low": times.low, f"{TIME}, high": times.high}
+                row |= {
+                    CREEP: worst,
+                    UNSURE: found.at[fastest(found), UNSURE],
+                    SLOWER: ratio,
+                    TIME: times.value,
+                    f"{TIME}, low": times.low,
+                    f"{TIME}, high": times.high,
+                }
             rows.append(row)
-    return pd.DataFrame(rows, columns=[SUBJECT, SETTING, "failed", CREEP, UNSURE, SLOWER, TIME, f"{TIME}, low",
-                                       f"{TIME}, high"])
+    return pd.DataFrame(
+        rows,
+        columns=[
+            SUBJECT,
+            SETTING,
+            "failed",
+            CREEP,
+            UNSURE,
+            SLOWER,
+            TIME,
+            f"{TIME}, low",
+            f"{TIME}, high",
+        ],
+    )
 
 
 def present(results: Results) -> Presentation:
@@ -434,23 +656,54 @@ def present(results: Results) -> Presentation:
         return Presentation(TracedText("No run under a held load succeeded."), (_failed(methods),))
     ranked = methods[methods[CREEP].notna()].sort_values(CREEP, kind="stable")
     creeping, best = ranked[moving(ranked)], _best(settings)
-    answer = traced("Up to 90 % of static friction {} hold{}.", listed([
-        traced("{} of {} {}", count("hold-methods", methods, holds=True, variant=frozenset(rows["variant"])),
-               count("hold-methods", methods, variant=frozenset(rows["variant"])), name)
-        for name, rows in (("engines", ranked[~ranked["engine"].isin(OWN_METHODS)]),
-                           ("of our own", ranked[ranked["engine"].isin(OWN_METHODS)])) if len(rows)]),
-                    _speeds(methods, ranked, creeping))
-    headline = Headline("creep up to 90 % of static friction [m/s]", {
-        row["variant"]: TracedText("lets_go") if row[LETS_GO] is True else
-        traced("{}", _speed("hold-methods", methods, label)) for label, row in ranked.iterrows()})
+    answer = traced(
+        "Up to 90 % of static friction {} hold{}.",
+        listed(
+            [
+                traced(
+                    "{} of {} {}",
+                    count("hold-methods", methods, holds=True, variant=frozenset(rows["variant"])),
+                    count("hold-methods", methods, variant=frozenset(rows["variant"])),
+                    name,
+                )
+                for name, rows in (
+                    ("engines", ranked[~ranked["engine"].isin(OWN_METHODS)]),
+                    ("of our own", ranked[ranked["engine"].isin(OWN_METHODS)]),
+                )
+                if len(rows)
+            ]
+        ),
+        _speeds(methods, ranked, creeping),
+    )
+    headline = Headline(
+        "creep up to 90 % of static friction [m/s]",
+        {
+            row["variant"]: TracedText("lets_go")
+            if row[LETS_GO] is True
+            else traced("{}", _speed("hold-methods", methods, label))
+            for label, row in ranked.iterrows()
+        },
+    )
     loads = sorted(table.loc[table[TEST] == HELD, LOAD].unique())
     by_load = _by_load(table, methods, loads)
     figures = [_over_load(by_load, loads), *([_over_cost(settings)] if len(settings) else [])]
     of_others, published = _published(results.table("hold-published"))
-    findings = (*_named(table, ranked, creeping), _least(settings, best), *_laws(laws), of_others, _failed(methods))
-    return Presentation(answer, tuple(filter(None, findings)), (headline,),
-                        (*_tables(table, methods, settings, laws, by_load, loads), *published),
-                        tuple(figures), NOTES, joined(_regularized(methods, creeping), _most_helpful(settings, best)))
+    findings = (
+        *_named(table, ranked, creeping),
+        _least(settings, best),
+        *_laws(laws),
+        of_others,
+        _failed(methods),
+    )
+    return Presentation(
+        answer,
+        tuple(filter(None, findings)),
+        (headline,),
+        (*_tables(table, methods, settings, laws, by_load, loads), *published),
+        tuple(figures),
+        NOTES,
+        joined(_regularized(methods, creeping), _most_helpful(settings, best)),
+    )
 
 
 def _at_rest(table: pd.DataFrame) -> pd.DataFrame:
@@ -465,60 +718,125 @@ def _speed(name: str, table: pd.DataFrame, label: Any) -> Number:
 
 def _speeds(methods: pd.DataFrame, ranked: pd.DataFrame, failing: pd.DataFrame) -> TracedText:
     """The slowest and the fastest of those that creep, and the number of those that let go or are undecided."""
+
     def number(rows: pd.DataFrame) -> Number:
         return count("hold-methods", methods, variant=frozenset(rows["variant"]))
 
     gone = failing[LETS_GO].eq(True)
     creeping, undecided = failing[~gone], ranked[ranked[HOLDS].isna()]
-    ends = [traced("{} at {} m/s", called(creeping.at[label, "variant"]), _speed("hold-methods", methods, label))
-            for label in dict.fromkeys((*creeping.index[:1], *creeping.index[-1:]))]
+    ends = [
+        traced(
+            "{} at {} m/s",
+            called(creeping.at[label, "variant"]),
+            _speed("hold-methods", methods, label),
+        )
+        for label in dict.fromkeys((*creeping.index[:1], *creeping.index[-1:]))
+    ]
     parts = [traced("; {} creep, {}", number(creeping), listed(ends, last=" to "))] if ends else []
-    return listed([*parts, *(traced(words, number(rows)) for words, rows in (
-        ("; {} let go", failing[gone]), ("; {} undecided", undecided)) if len(rows))], "", "")
+    return listed(
+        [
+            *parts,
+            *(
+                traced(words, number(rows))
+                for words, rows in (("; {} let go", failing[gone]), ("; {} undecided", undecided))
+                if len(rows)
+            ),
+        ],
+        "",
+        "",
+    )
 
 
-def _named(table: pd.DataFrame, ranked: pd.DataFrame, failing: pd.DataFrame) -> Iterator[TracedText]:
+def _named(
+    table: pd.DataFrame, ranked: pd.DataFrame, failing: pd.DataFrame
+) -> Iterator[TracedText]:
     """The methods that hold, those that let go, with their break-away under a slow ramp, and the undecided, by name."""
-    for words, chosen in (("At rest: {}.", ranked[HOLDS].eq(True)), ("Undecided: {}.", ranked[HOLDS].isna())):
-        yield sentence(words, listed([called(variant) for variant in ranked.loc[chosen, "variant"]], "; ", "; "))
+    for words, chosen in (
+        ("At rest: {}.", ranked[HOLDS].eq(True)),
+        ("Undecided: {}.", ranked[HOLDS].isna()),
+    ):
+        yield sentence(
+            words,
+            listed([called(variant) for variant in ranked.loc[chosen, "variant"]], "; ", "; "),
+        )
     gone = []
     for _, row in failing[failing[LETS_GO].eq(True)].iterrows():
-        ramps = with_columns(at_equal_step(table, row["variant"]), BREAK_AWAY, "bound").dropna(subset=[BREAK_AWAY])
+        ramps = with_columns(at_equal_step(table, row["variant"]), BREAK_AWAY, "bound").dropna(
+            subset=[BREAK_AWAY]
+        )
         ramp = TracedText()
         if len(ramps):
             label = ramps[BREAK_AWAY].abs().idxmax()
-            sign = f"{ramps.at[label, 'bound']} " if isinstance(ramps.at[label, "bound"], str) else ""
-            ramp = traced("; under a slow ramp it breaks away {}{} % off the limit", sign, Number(
-                f"{100 * ramps.at[label, BREAK_AWAY]:+.2g}", "hold", BREAK_AWAY, rows=(int(label) + 1,), factor=100.0))
+            sign = (
+                f"{ramps.at[label, 'bound']} " if isinstance(ramps.at[label, "bound"], str) else ""
+            )
+            ramp = traced(
+                "; under a slow ramp it breaks away {}{} % off the limit",
+                sign,
+                Number(
+                    f"{100 * ramps.at[label, BREAK_AWAY]:+.2g}",
+                    "hold",
+                    BREAK_AWAY,
+                    rows=(int(label) + 1,),
+                    factor=100.0,
+                ),
+            )
         gone.append(traced("{} (on {}{})", called(row["variant"]), row["scene"], ramp))
     yield sentence("Let go where the load acts at once: {}.", listed(gone, "; ", "; "))
 
 
 def _regularized(methods: pd.DataFrame, creeping: pd.DataFrame) -> TracedText:
     """The creep of engines that state the speed at which they regularize friction, as a part of it."""
-    return sentence("Of the regularization speed, a setting, that is: {}.", listed([
-        traced("{} {}", called(methods.at[label, "variant"]),
-               value("hold-methods", methods, int(label), OF_ZONE, ".2g"))
-        for label in creeping.index if pd.notna(methods.at[label, OF_ZONE])]))
+    return sentence(
+        "Of the regularization speed, a setting, that is: {}.",
+        listed(
+            [
+                traced(
+                    "{} {}",
+                    called(methods.at[label, "variant"]),
+                    value("hold-methods", methods, int(label), OF_ZONE, ".2g"),
+                )
+                for label in creeping.index
+                if pd.notna(methods.at[label, OF_ZONE])
+            ]
+        ),
+    )
 
 
 def _best(settings: pd.DataFrame) -> list[int]:
     """Rows of the settings with the least creep of each subject whose default creeps."""
     found = []
-    whole = settings[settings["failed"].eq(0) & settings[CREEP].notna()] if len(settings) else settings
+    whole = (
+        settings[settings["failed"].eq(0) & settings[CREEP].notna()] if len(settings) else settings
+    )
     for _, rows in whole.groupby(SUBJECT, sort=False) if len(whole) else ():
         best = int(rows[CREEP].idxmin())
-        if (rows.loc[rows[SETTING] == DEFAULT, CREEP] > STILL).any() and rows.at[best, SETTING] != DEFAULT:
+        if (rows.loc[rows[SETTING] == DEFAULT, CREEP] > STILL).any() and rows.at[
+            best, SETTING
+        ] != DEFAULT:
             found.append(best)
     return found
 
 
 def _least(settings: pd.DataFrame, best: Sequence[int]) -> TracedText:
     """The best settings with their creep and cost."""
-    return sentence("Least creep, and time over the default's: {}.", listed([
-        traced("{} with {} ({} m/s, {})", settings.at[label, SUBJECT], settings.at[label, SETTING],
-               _speed("hold-settings", settings, label), value("hold-settings", settings, label, TIME, ".2g"))
-        for label in best], "; ", "; "))
+    return sentence(
+        "Least creep, and time over the default's: {}.",
+        listed(
+            [
+                traced(
+                    "{} with {} ({} m/s, {})",
+                    settings.at[label, SUBJECT],
+                    settings.at[label, SETTING],
+                    _speed("hold-settings", settings, label),
+                    value("hold-settings", settings, label, TIME, ".2g"),
+                )
+                for label in best
+            ],
+            "; ",
+            "; ",
+        ),
+    )
 
 
 def _most_helpful(settings: pd.DataFrame, best: Sequence[int]) -> TracedText:
@@ -528,21 +846,32 @@ def _most_helpful(settings: pd.DataFrame, best: Sequence[int]) -> TracedText:
     label = min(best, key=lambda label: tuple(settings.loc[label, [SLOWER, TIME]]))
     subject = settings.at[label, SUBJECT]
     default = int(settings.index[settings[SUBJECT].eq(subject) & settings[SETTING].eq(DEFAULT)][0])
-    return traced("Of all settings {} of {} helps most: {} instead of {} m/s, at {} times its cost.",
-                  value("hold-settings", settings, label, SETTING), subject,
-                  *(_speed("hold-settings", settings, row) for row in (label, default)),
-                  value("hold-settings", settings, label, TIME, ".2g"))
+    return traced(
+        "Of all settings {} of {} helps most: {} instead of {} m/s, at {} times its cost.",
+        value("hold-settings", settings, label, SETTING),
+        subject,
+        *(_speed("hold-settings", settings, row) for row in (label, default)),
+        value("hold-settings", settings, label, TIME, ".2g"),
+    )
 
 
 def _laws(laws: pd.DataFrame) -> Iterator[TracedText]:
     """The verdict on the reference, and those on laws, each kind in a sentence."""
     for label, row in laws[laws["over"] == REST].iterrows() if len(laws) else ():
-        words = {OBEYED: "rests", BROKEN: "creeps", OPEN: "rests where it ran, and has runs that failed"}
-        yield traced(f"The reference {words[row['verdict']]} ({{}} runs).",
-                     value("hold-laws", laws, int(label), "runs", ".0f"))
+        words = {
+            OBEYED: "rests",
+            BROKEN: "creeps",
+            OPEN: "rests where it ran, and has runs that failed",
+        }
+        yield traced(
+            f"The reference {words[row['verdict']]} ({{}} runs).",
+            value("hold-laws", laws, int(label), "runs", ".0f"),
+        )
     for word in (BROKEN, OBEYED, OPEN) if len(laws) else ():
-        found = [traced("{} over {}{}", row[SUBJECT], row["over"], _found(laws, int(label)))
-                 for label, row in laws[(laws["verdict"] == word) & (laws["over"] != REST)].iterrows()]
+        found = [
+            traced("{} over {}{}", row[SUBJECT], row["over"], _found(laws, int(label)))
+            for label, row in laws[(laws["verdict"] == word) & (laws["over"] != REST)].iterrows()
+        ]
         if found:
             yield traced(f"Laws of creep that are {word}: {{}}.", listed(found))
 
@@ -550,77 +879,176 @@ def _laws(laws: pd.DataFrame) -> Iterator[TracedText]:
 def _found(laws: pd.DataFrame, label: int) -> TracedText:
     if pd.isna(laws.at[label, FOUND]):
         return TracedText()
-    return traced(" ({} {})", str(laws.at[label, "kind"]), interval("hold-laws", laws, label, FOUND, FOUND_UNSURE))
+    return traced(
+        " ({} {})",
+        str(laws.at[label, "kind"]),
+        interval("hold-laws", laws, label, FOUND, FOUND_UNSURE),
+    )
 
 
 def _published(published: pd.DataFrame) -> tuple[TracedText, list[TableView]]:
     """The farthest of our numbers from published ones, without those that chose the model; and all of them."""
     if PUBLISHED not in published:
         reasons = published["reason"] if len(published) else ()
-        return TracedText("".join(f"Published creep was not run: {reason}." for reason in reasons)), []
+        return TracedText(
+            "".join(f"Published creep was not run: {reason}." for reason in reasons)
+        ), []
     others = published[published[PUBLISHED].notna() & ~published[MATCHED].astype(bool)]
     farthest = int((others[OURS] / others[PUBLISHED] - 1).abs().idxmax())
-    said = traced("MuJoCo's published creep of a capsule between pads: {} here where it is farthest, {} um/s there.",
-                  interval("hold-published", published, farthest, OURS, UNCERTAINTY),
-                  value("hold-published", published, farthest, PUBLISHED, "g"))
-    return said, [view("hold-published", "Creep of a capsule between two pads in MuJoCo, as published in its issue "
-                       "3328 and ours. Matched: what the model's listing leaves open was chosen to meet this number.",
-                       published, (Column("case"), Column(PUBLISHED, "published", "um/s", form="g"),
-                                   Column(OURS, "ours", "um/s", UNCERTAINTY, interval=True),
-                                   Column("margin", form=".3g"), Column(MATCHED), Column("source", brief=False)))]
+    said = traced(
+        "MuJoCo's published creep of a capsule between pads: {} here where it is farthest, {} um/s there.",
+        interval("hold-published", published, farthest, OURS, UNCERTAINTY),
+        value("hold-published", published, farthest, PUBLISHED, "g"),
+    )
+    return said, [
+        view(
+            "hold-published",
+            "Creep of a capsule between two pads in MuJoCo, as published in its issue "
+            "3328 and ours. Matched: what the model's listing leaves open was chosen to meet this number.",
+            published,
+            (
+                Column("case"),
+                Column(PUBLISHED, "published", "um/s", form="g"),
+                Column(OURS, "ours", "um/s", UNCERTAINTY, interval=True),
+                Column("margin", form=".3g"),
+                Column(MATCHED),
+                Column("source", brief=False),
+            ),
+        )
+    ]
 
 
 def _failed(methods: pd.DataFrame) -> TracedText:
     found = methods[methods["failed"] > 0]
-    return sentence("Runs that failed: {}.", listed([
-        traced("{} ({})", called(row["variant"]), value("hold-methods", methods, int(label), "failed", ".0f"))
-        for label, row in found.iterrows()]))
+    return sentence(
+        "Runs that failed: {}.",
+        listed(
+            [
+                traced(
+                    "{} ({})",
+                    called(row["variant"]),
+                    value("hold-methods", methods, int(label), "failed", ".0f"),
+                )
+                for label, row in found.iterrows()
+            ]
+        ),
+    )
 
 
 Rows = list[tuple[dict[str, Any], pd.DataFrame]]
 """Rows of a table, each with the runs that it sums up."""
 
 
-def _tables(table: pd.DataFrame, methods: pd.DataFrame, settings: pd.DataFrame, laws: pd.DataFrame, by_load: Rows,
-            loads: Sequence[float]) -> Iterator[TableView]:
+def _tables(
+    table: pd.DataFrame,
+    methods: pd.DataFrame,
+    settings: pd.DataFrame,
+    laws: pd.DataFrame,
+    by_load: Rows,
+    loads: Sequence[float],
+) -> Iterator[TableView]:
     """Creep by method and load, what is beyond the limit, settings, laws, and every run."""
-    at_loads = [Column(f"creep at {load:g}", f"{100 * load:g} %", "m/s", f"uncertainty at {load:g}", of=CREEP)
-                for load in loads]
-    yield view("hold", "Creep of each method, the fastest on any scene, at loads in parts of the limit; the step "
-               "nearest to 1 ms or the tightest tolerance.", by_load,
-               (Column("variant", "method"), Column("fidelity"), Column(FRICTION_BY, "friction law supplied by"),
-                *at_loads, Column("scene", "fastest on", brief=False), Column(HOLDS)))
+    at_loads = [
+        Column(
+            f"creep at {load:g}", f"{100 * load:g} %", "m/s", f"uncertainty at {load:g}", of=CREEP
+        )
+        for load in loads
+    ]
+    yield view(
+        "hold",
+        "Creep of each method, the fastest on any scene, at loads in parts of the limit; the step "
+        "nearest to 1 ms or the tightest tolerance.",
+        by_load,
+        (
+            Column("variant", "method"),
+            Column("fidelity"),
+            Column(FRICTION_BY, "friction law supplied by"),
+            *at_loads,
+            Column("scene", "fastest on", brief=False),
+            Column(HOLDS),
+        ),
+    )
     usual = with_columns(table, CREEP, UNSURE, LETS_GO)
-    usual = usual[usual[SUBJECT].isna() & usual[TEST].eq(HELD) & usual[LOAD].eq(USUAL) & usual[CREEP].notna()]
-    yield view("hold-steps", f"Creep at {100 * USUAL:g} % of the limit along each refinement series, fastest on any "
-               "scene.", _at_rest(usual.loc[[fastest(runs) for _, runs in usual.groupby(["variant", "step"],
-                                                                                       sort=False)]]), (
-                   Column("variant", "method"), Column("parameter", "refined by"), Column("step", form="g"),
-                   Column(CREEP, "creep", "m/s", UNSURE), Column(OF_STEP, "of g dt", form=".2g"),
-                   Column(OF_ZONE, "of the regularization", form=".2g"), Column("scene", "on")),
-               source="hold", in_report=False)
+    usual = usual[
+        usual[SUBJECT].isna() & usual[TEST].eq(HELD) & usual[LOAD].eq(USUAL) & usual[CREEP].notna()
+    ]
+    yield view(
+        "hold-steps",
+        f"Creep at {100 * USUAL:g} % of the limit along each refinement series, fastest on any "
+        "scene.",
+        _at_rest(
+            usual.loc[[fastest(runs) for _, runs in usual.groupby(["variant", "step"], sort=False)]]
+        ),
+        (
+            Column("variant", "method"),
+            Column("parameter", "refined by"),
+            Column("step", form="g"),
+            Column(CREEP, "creep", "m/s", UNSURE),
+            Column(OF_STEP, "of g dt", form=".2g"),
+            Column(OF_ZONE, "of the regularization", form=".2g"),
+            Column("scene", "on"),
+        ),
+        source="hold",
+        in_report=False,
+    )
     moved = _beyond(table, methods)
     if moved:
-        yield view("hold-limit", "What a method does besides: displacement in the first 0.1 s; load at break-away "
-                   "under a slow ramp and acceleration after it, both less the truth's; where it comes to rest less "
-                   "where the truth does. Each the worst of all scenes.", moved,
-                   (Column("variant", "method"), Column("fidelity"), Column(LANDED, form=".2g"),
-                    Column(BREAK_AWAY, "break-away, of the limit", "%", BREAK_UNSURE, interval=True, scale=100,
-                           bound="bound"),
-                    Column(FASTER, "acceleration", "%", form=".2g", scale=100),
-                    Column(STOPPED, "stop", "m", STOP_UNSURE)), source="hold")
+        yield view(
+            "hold-limit",
+            "What a method does besides: displacement in the first 0.1 s; load at break-away "
+            "under a slow ramp and acceleration after it, both less the truth's; where it comes to rest less "
+            "where the truth does. Each the worst of all scenes.",
+            moved,
+            (
+                Column("variant", "method"),
+                Column("fidelity"),
+                Column(LANDED, form=".2g"),
+                Column(
+                    BREAK_AWAY,
+                    "break-away, of the limit",
+                    "%",
+                    BREAK_UNSURE,
+                    interval=True,
+                    scale=100,
+                    bound="bound",
+                ),
+                Column(FASTER, "acceleration", "%", form=".2g", scale=100),
+                Column(STOPPED, "stop", "m", STOP_UNSURE),
+            ),
+            source="hold",
+        )
     if len(settings):
-        yield view("hold-settings", "Creep with each setting, one changed at a time; the fastest of all scenes and "
-                   "loads, and engine time over the default's.", _at_rest(settings),
-                   (Column(SUBJECT, "engine"), Column(SETTING), Column(CREEP, "creep", "m/s", UNSURE),
-                    Column(SLOWER, "of the default's", form=".2g"), Column(TIME, "time, of the default's", form=".2g"),
-                    Column("failed")))
+        yield view(
+            "hold-settings",
+            "Creep with each setting, one changed at a time; the fastest of all scenes and "
+            "loads, and engine time over the default's.",
+            _at_rest(settings),
+            (
+                Column(SUBJECT, "engine"),
+                Column(SETTING),
+                Column(CREEP, "creep", "m/s", UNSURE),
+                Column(SLOWER, "of the default's", form=".2g"),
+                Column(TIME, "time, of the default's", form=".2g"),
+                Column("failed"),
+            ),
+        )
     if len(laws[laws["over"] != REST] if len(laws) else laws):
-        yield view("hold-laws", "Laws of creep over a setting: the exponent with which it grows, or the farthest ratio "
-                   "of creep to what the law predicts.", laws,
-                   (Column(SUBJECT, "engine"), Column("over"), Column("kind"), Column("law", "law", form="g"),
-                    Column(FOUND, "found", "", FOUND_UNSURE, interval=True), Column("runs"),
-                    Column("verdict"), Column("source", brief=False)))
+        yield view(
+            "hold-laws",
+            "Laws of creep over a setting: the exponent with which it grows, or the farthest ratio "
+            "of creep to what the law predicts.",
+            laws,
+            (
+                Column(SUBJECT, "engine"),
+                Column("over"),
+                Column("kind"),
+                Column("law", "law", form="g"),
+                Column(FOUND, "found", "", FOUND_UNSURE, interval=True),
+                Column("runs"),
+                Column("verdict"),
+                Column("source", brief=False),
+            ),
+        )
     every = [Column(name) for name in table if name not in ("settings", "version", AGAIN)]
     yield view("hold-all", "Every run.", table, every, source="hold", in_report=False)
 
@@ -631,27 +1059,48 @@ def _by_load(table: pd.DataFrame, methods: pd.DataFrame, loads: Sequence[float])
     for _, method in methods.iterrows():
         runs = at_equal_step(own, method["variant"])
         held = _at_rest(runs[runs[TEST].eq(HELD) & runs[CREEP].notna()])
-        row = {**method[["variant", "fidelity", "scene"]], HOLDS: OPEN if pd.isna(method[HOLDS]) else method[HOLDS],
-               FRICTION_BY: next(iter(runs[FRICTION_BY].dropna()), "")}
+        row = {
+            **method[["variant", "fidelity", "scene"]],
+            HOLDS: OPEN if pd.isna(method[HOLDS]) else method[HOLDS],
+            FRICTION_BY: next(iter(runs[FRICTION_BY].dropna()), ""),
+        }
         for load in loads:
             if len(there := held[held[LOAD] == load]):
                 worst = there.loc[fastest(there)]
-                row |= {f"creep at {load:g}": abs(worst[CREEP]), f"uncertainty at {load:g}": worst[UNSURE]}
+                row |= {
+                    f"creep at {load:g}": abs(worst[CREEP]),
+                    f"uncertainty at {load:g}": worst[UNSURE],
+                }
         found.append((row, held))
     return found
 
 
 def _beyond(table: pd.DataFrame, methods: pd.DataFrame) -> Rows:
     """The worst landing, break-away, acceleration and stop of each method."""
-    own = with_columns(table[table[SUBJECT].isna()], LANDED, BREAK_AWAY, BREAK_UNSURE, FASTER, STOPPED, STOP_UNSURE,
-                       "bound")
+    own = with_columns(
+        table[table[SUBJECT].isna()],
+        LANDED,
+        BREAK_AWAY,
+        BREAK_UNSURE,
+        FASTER,
+        STOPPED,
+        STOP_UNSURE,
+        "bound",
+    )
     exact = own[[LANDED, STOPPED]].abs() < ROUNDING
-    own = own.assign(**{column: own[column].mask(exact[column], 0.0) for column in exact},
-                     **{STOP_UNSURE: own[STOP_UNSURE].mask(exact[STOPPED])})
+    own = own.assign(
+        **{column: own[column].mask(exact[column], 0.0) for column in exact},
+        **{STOP_UNSURE: own[STOP_UNSURE].mask(exact[STOPPED])},
+    )
     found = []
     for _, method in methods.iterrows() if own[BREAK_AWAY].notna().any() else ():
         runs, row = at_equal_step(own, method["variant"]), {**method[["variant", "fidelity"]]}
-        for names in ((LANDED,), (BREAK_AWAY, BREAK_UNSURE, "bound"), (FASTER,), (STOPPED, STOP_UNSURE)):
+        for names in (
+            (LANDED,),
+            (BREAK_AWAY, BREAK_UNSURE, "bound"),
+            (FASTER,),
+            (STOPPED, STOP_UNSURE),
+        ):
             if runs[names[0]].notna().any():
                 row |= dict(runs.loc[runs[names[0]].abs().idxmax(), list(names)])
         found.append((row, runs))
@@ -667,13 +1116,28 @@ def _over_load(by_load: Rows, loads: Sequence[float]) -> Chart:
             known = [load for load in loads if f"creep at {load:g}" in row]
             creep = np.array([row[f"creep at {load:g}"] for load in known], dtype=float)
             if row["fidelity"] == fidelity and creep.any():
-                series.append(Series(row["variant"], 100 * np.array(known), np.clip(creep, *ENDS),
-                                     look=row["variant"], points=True))
+                series.append(
+                    Series(
+                        row["variant"],
+                        100 * np.array(known),
+                        np.clip(creep, *ENDS),
+                        look=row["variant"],
+                        points=True,
+                    )
+                )
         if series:
-            panels.append(Panel(f"{fidelity} fidelity", Axis("load [% of the limit]"), SPEEDS, series))
-    return Chart("hold", "Creep over load, the fastest on any scene, at the step nearest to 1 ms or the tightest "
-                 f"tolerance. Methods at rest under every load are not drawn. {EDGES}", panels, columns=2, height=2.8,
-                 share_y=True)
+            panels.append(
+                Panel(f"{fidelity} fidelity", Axis("load [% of the limit]"), SPEEDS, series)
+            )
+    return Chart(
+        "hold",
+        "Creep over load, the fastest on any scene, at the step nearest to 1 ms or the tightest "
+        f"tolerance. Methods at rest under every load are not drawn. {EDGES}",
+        panels,
+        columns=2,
+        height=2.8,
+        share_y=True,
+    )
 
 
 def _over_cost(settings: pd.DataFrame) -> Chart:
@@ -682,15 +1146,49 @@ def _over_cost(settings: pd.DataFrame) -> Chart:
     for subject, rows in settings[settings[CREEP].notna()].groupby(SUBJECT, sort=False):
         is_default = rows[SETTING] == DEFAULT
         times, creep = rows[TIME].clip(upper=SLOWEST), rows[CREEP].clip(*ENDS)
-        series = [Series(label, times[chosen].to_numpy(float), creep[chosen].to_numpy(float), look=look, line=False,
-                         points=True)
-                  for label, look, chosen in (("another choice", OTHER, ~is_default), (DEFAULT, CHOSEN, is_default))
-                  if chosen.any()]
-        panels.append(Panel(str(subject), Axis("time, of the default's", limits=(0.0, 1.05 * SLOWEST)), SPEEDS, series))
-    return Chart("hold-settings", "Creep against engine time with each setting, one changed at a time: the fastest "
-                 f"creep of all scenes and loads. {EDGES} A time of {SLOWEST:g} and more stands at {SLOWEST:g}.",
-                 panels, columns=2, height=1.5, share_x=True, share_y=True)
+        series = [
+            Series(
+                label,
+                times[chosen].to_numpy(float),
+                creep[chosen].to_numpy(float),
+                look=look,
+                line=False,
+                points=True,
+            )
+            for label, look, chosen in (
+                ("another choice", OTHER, ~is_default),
+                (DEFAULT, CHOSEN, is_default),
+            )
+            if chosen.any()
+        ]
+        panels.append(
+            Panel(
+                str(subject),
+                Axis("time, of the default's", limits=(0.0, 1.05 * SLOWEST)),
+                SPEEDS,
+                series,
+            )
+        )
+    return Chart(
+        "hold-settings",
+        "Creep against engine time with each setting, one changed at a time: the fastest "
+        f"creep of all scenes and loads. {EDGES} A time of {SLOWEST:g} and more stands at {SLOWEST:g}.",
+        panels,
+        columns=2,
+        height=1.5,
+        share_x=True,
+        share_y=True,
+    )
 
 
-STUDY = Study("hold", "Hold", "Does it hold, below the limit of static friction?", 4.5, present, plan, seconds=0.1,
-              needs_scene=False, takes=frozenset({"engines"}))
+STUDY = Study(
+    "hold",
+    "Hold",
+    "Does it hold, below the limit of static friction?",
+    4.5,
+    present,
+    plan,
+    seconds=0.1,
+    needs_scene=False,
+    takes=frozenset({"engines"}),
+)

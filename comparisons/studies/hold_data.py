@@ -16,7 +16,8 @@ from stiction.scenes.fields import Model, Positive
 
 FORMS: Mapping[str, Callable[[Any, Any], Any]] = {
     "linear_zone": lambda part, zone: part * zone,
-    "soft_norm": lambda part, tolerance: tolerance * part / np.sqrt(1.0 - part * part)}
+    "soft_norm": lambda part, tolerance: tolerance * part / np.sqrt(1.0 - part * part),
+}
 """Creep at a part p of mu N by a law f = mu N g(v) that is zero at rest: g^-1(p), whatever mu and N are.
 
 `linear_zone` has g = v/zone (Exudyn's ``friction_zone``), `soft_norm` g = v/sqrt(v^2 + e^2): Drake's "lagged",

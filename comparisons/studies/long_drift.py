@@ -29,8 +29,22 @@ from scipy.optimize import brentq
 from stiction.comparisons.bench.depth import Depth
 from stiction.comparisons.bench.methods import case_of
 from stiction.comparisons.bench.participants import validation_campaign
-from stiction.comparisons.bench.presentation import (Axis, Chart, Column, Number, Panel, Presentation, Series,
-                                                     TableView, TracedText, count, listed, traced, value, view)
+from stiction.comparisons.bench.presentation import (
+    Axis,
+    Chart,
+    Column,
+    Number,
+    Panel,
+    Presentation,
+    Series,
+    TableView,
+    TracedText,
+    count,
+    listed,
+    traced,
+    value,
+    view,
+)
 from stiction.comparisons.bench.presentation.cells import AGAIN
 from stiction.comparisons.bench.results import Results
 from stiction.comparisons.bench.runner import Comparison
@@ -61,8 +75,13 @@ TWICE = 2.0
 """Ratio to the error without stabilization, above which stabilization does harm."""
 IN_SHORT, ERROR, OCTAVE = "position_drift_24s", "position_error", "position_drift_rms"
 DRIFT_RATIO, ERROR_RATIO = "drift_ratio", "error_ratio"
-LAWS = {GROWS: "grows in {}", BOUNDED: "is bounded in {}", ROUNDED: "is rounding in {}",
-        INCONCLUSIVE: "is inconclusive in {}", "": "is unknown (stopped early) in {}"}
+LAWS = {
+    GROWS: "grows in {}",
+    BOUNDED: "is bounded in {}",
+    ROUNDED: "is rounding in {}",
+    INCONCLUSIVE: "is inconclusive in {}",
+    "": "is unknown (stopped early) in {}",
+}
 
 
 @dataclass(frozen=True)
@@ -75,33 +94,55 @@ class Choice:
 
     @property
     def label(self) -> str:
-        return f"Baumgarte ({self.alpha:g}, {self.beta:g})" if self.method == "baumgarte" else self.method
+        return (
+            f"Baumgarte ({self.alpha:g}, {self.beta:g})"
+            if self.method == "baumgarte"
+            else self.method
+        )
 
     @property
     def roots(self) -> np.ndarray:
-        return np.roots([1.0, 2 * self.alpha, self.beta ** 2])
+        return np.roots([1.0, 2 * self.alpha, self.beta**2])
 
     def amplification(self, step: float) -> float:
         """Largest factor by which a step multiplies a residual with these Baumgarte terms; nan without them."""
-        return math.nan if self.method != "baumgarte" else float(np.max(np.abs(runge_kutta_factor(step * self.roots))))
+        return (
+            math.nan
+            if self.method != "baumgarte"
+            else float(np.max(np.abs(runge_kutta_factor(step * self.roots))))
+        )
 
     def largest_step(self) -> float:
         """The step at which residuals begin to grow with these Baumgarte terms, s; infinite without them."""
         if self.method != "baumgarte":
             return math.inf
         fastest = float(np.max(np.abs(self.roots)))
-        return float(brentq(lambda step: self.amplification(step) - 1, 1.0 / fastest, 10.0 / fastest, xtol=1e-12))
+        return float(
+            brentq(
+                lambda step: self.amplification(step) - 1, 1.0 / fastest, 10.0 / fastest, xtol=1e-12
+            )
+        )
 
 
 def runge_kutta_factor(z: np.ndarray) -> np.ndarray:
     """The factor of a step of the Runge-Kutta method of order 4, for z = h lambda; the exact one is exp(z)."""
-    return 1 + z + z ** 2 / 2 + z ** 3 / 6 + z ** 4 / 24
+    return 1 + z + z**2 / 2 + z**3 / 6 + z**4 / 24
 
 
 NONE, PAPERS, PROJECTION = Choice("none"), Choice("baumgarte", 90.0, 10.0), Choice("projection")
-CHOICES = (NONE, PAPERS, Choice("baumgarte", 50.0, 50.0), Choice("baumgarte", 10.0, 10.0),
-           Choice("baumgarte", 5.0, 5.0), PROJECTION)
-CALLED = {NONE: "Without stabilization", PAPERS: "With the paper's Baumgarte terms", PROJECTION: "With projection"}
+CHOICES = (
+    NONE,
+    PAPERS,
+    Choice("baumgarte", 50.0, 50.0),
+    Choice("baumgarte", 10.0, 10.0),
+    Choice("baumgarte", 5.0, 5.0),
+    PROJECTION,
+)
+CALLED = {
+    NONE: "Without stabilization",
+    PAPERS: "With the paper's Baumgarte terms",
+    PROJECTION: "With projection",
+}
 
 
 @dataclass(frozen=True)
@@ -131,7 +172,13 @@ def long_runs(cases: Mapping[int, Scene], depth: Depth = Depth.FULL) -> list[Lon
         of_paper, is_coarse = choice in (NONE, PAPERS), step >= STEPS[2]
         stated = case == 1 and (of_paper or choice == PROJECTION) and step in STEPS
         suffers = case == 3 and of_paper and step in STEPS[2:]
-        least = Depth.QUICK if case == 1 and is_coarse else Depth.DEFAULT if stated or suffers else Depth.FULL
+        least = (
+            Depth.QUICK
+            if case == 1 and is_coarse
+            else Depth.DEFAULT
+            if stated or suffers
+            else Depth.FULL
+        )
         if case == 2 or step in BEYOND and not of_paper or not depth.reaches(least):
             continue
         if depth is Depth.FULL:
@@ -142,11 +189,15 @@ def long_runs(cases: Mapping[int, Scene], depth: Depth = Depth.FULL) -> list[Lon
     return runs
 
 
-def drift_study_comparison(cases: Mapping[int, Scene], depth: Depth = Depth.FULL) -> Comparison[Tables]:
+def drift_study_comparison(
+    cases: Mapping[int, Scene], depth: Depth = Depth.FULL
+) -> Comparison[Tables]:
     """The tables of `drift_study` for the paper's cases, by number; the longest runs begin first."""
     runs = sorted(long_runs(cases, depth), key=lambda run: -run.t_end / run.step)
-    return Comparison(tuple(Task(f"drift/{run.name}", drift_run, (run,)) for run in runs),
-                      lambda outcomes: drift_study(runs, outcomes))
+    return Comparison(
+        tuple(Task(f"drift/{run.name}", drift_run, (run,)) for run in runs),
+        lambda outcomes: drift_study(runs, outcomes),
+    )
 
 
 def plan(scope: Scope) -> Comparison[Tables] | None:
@@ -164,10 +215,16 @@ def rounding_level(scene: Scene, choice: Choice, step: float, run: Trajectory) -
     evaluation = np.full(len(run.t), rounding_of(run))
     if choice.method != "baumgarte":
         return evaluation
-    states = [np.abs(values) for name, values in run.columns.items() if name.endswith((".x", ".y", ".angle"))]
+    states = [
+        np.abs(values)
+        for name, values in run.columns.items()
+        if name.endswith((".x", ".y", ".angle"))
+    ]
     ulp = np.spacing(np.maximum.accumulate(np.max(states, axis=0)))
-    lever = np.hypot(1.0, scene.parameters["L"] / 2)  # an angle is in the drive's residual, times L/2 in the pin's
-    return evaluation + ADDITIONS * ulp / 2 / step * 2 * choice.alpha / choice.beta ** 2 * lever
+    lever = np.hypot(
+        1.0, scene.parameters["L"] / 2
+    )  # an angle is in the drive's residual, times L/2 in the pin's
+    return evaluation + ADDITIONS * ulp / 2 / step * 2 * choice.alpha / choice.beta**2 * lever
 
 
 DriftRun = tuple[dict[str, Any], tuple[tuple[float, float], ...]]
@@ -181,23 +238,40 @@ def drift_run(long: LongRun) -> DriftRun:
     stabilized = vary(scene, terms) if choice.method == "baumgarte" else scene
 
     def simulate(end: float, output_step: float) -> Trajectory:
-        return ReferenceEngine().simulate(stabilized, t_end=end, dt=step, output_step=output_step,
-                                          stabilization=choice.method, event_values=False)
+        return ReferenceEngine().simulate(
+            stabilized,
+            t_end=end,
+            dt=step,
+            output_step=output_step,
+            stabilization=choice.method,
+            event_values=False,
+        )
 
     run = simulate(t_end, max(step, t_end / SAMPLES))
     rounding, drift = rounding_level(scene, choice, step, run), run["drift.position"]
     row: dict[str, Any] = {
-        "reason": "" if run.termination == "end" else run.termination, IN_SHORT: float(np.max(drift[run.t <= SHORT])),
-        POSITION: float(np.max(drift)), VELOCITY: float(np.max(run["drift.velocity"]))}
+        "reason": "" if run.termination == "end" else run.termination,
+        IN_SHORT: float(np.max(drift[run.t <= SHORT])),
+        POSITION: float(np.max(drift)),
+        VELOCITY: float(np.max(run["drift.velocity"])),
+    }
     octaves: tuple[tuple[float, float], ...] = ()
     for length in LENGTHS if run.termination == "end" else ():
         if length <= t_end:
             within = run.t <= length + step / 2
-            law = growth(run.t[within], drift[within], SliderBar.from_scene(scene).period() / 2, rounding[within])
+            law = growth(
+                run.t[within],
+                drift[within],
+                SliderBar.from_scene(scene).period() / 2,
+                rounding[within],
+            )
             octaves = law.octaves
-            row |= {f"growth_{length:g}s": law.verdict, f"growth_exponent_{length:g}s": law.exponent,
-                    f"growth_exponent_uncertainty_{length:g}s": law.uncertainty,
-                    f"walk_spread_{length:g}s": law.spread}
+            row |= {
+                f"growth_{length:g}s": law.verdict,
+                f"growth_exponent_{length:g}s": law.exponent,
+                f"growth_exponent_uncertainty_{length:g}s": law.uncertainty,
+                f"walk_spread_{length:g}s": law.spread,
+            }
     found = errors(simulate(SHORT, 1e-2), slider_bar_truth(scene, SHORT), size_of(scene))
     return row | {name: found.get(name) for name in (ERROR, "position_uncertainty")}, octaves
 
@@ -213,21 +287,43 @@ def drift_study(runs: Sequence[LongRun], outcomes: Sequence[Outcome]) -> Tables:
         made: DriftRun = outcome.value or ({"reason": outcome.reason or outcome.status}, ())
         row = {"scene": run.scene.name, "choice": run.choice.label, "step": run.step}
         choice, gains = run.choice, run.choice.method == "baumgarte"
-        options = [("t-end", f"{run.t_end:g}"), ("dt", f"{run.step:g}"), ("setting", f"stabilization={choice.method}"),
-                   *(("set", f"stabilization.{name}={getattr(choice, name):g}") for name in ("alpha", "beta") if gains)]
-        rows.append({**row, "run": run.name, "alpha": choice.alpha or None, "beta": choice.beta or None,
-                     "time": run.t_end, **made[0], "status": outcome.status,
-                     AGAIN: run_command(run.scene.name, "reference", options) if outcome.value else None})
+        options = [
+            ("t-end", f"{run.t_end:g}"),
+            ("dt", f"{run.step:g}"),
+            ("setting", f"stabilization={choice.method}"),
+            *(
+                ("set", f"stabilization.{name}={getattr(choice, name):g}")
+                for name in ("alpha", "beta")
+                if gains
+            ),
+        ]
+        rows.append(
+            {
+                **row,
+                "run": run.name,
+                "alpha": choice.alpha or None,
+                "beta": choice.beta or None,
+                "time": run.t_end,
+                **made[0],
+                "status": outcome.status,
+                AGAIN: run_command(run.scene.name, "reference", options) if outcome.value else None,
+            }
+        )
         octaves += [{**row, "octave_end": end, OCTAVE: size} for end, size in made[1]]
     table = pd.DataFrame(rows)
     if IN_SHORT in table:
         without = table[table["choice"] == NONE.label].set_index(["scene", "step"])
-        without = without.reindex(pd.MultiIndex.from_frame(table[["scene", "step"]])).set_index(table.index)
+        without = without.reindex(pd.MultiIndex.from_frame(table[["scene", "step"]])).set_index(
+            table.index
+        )
         for ratio, column in ((DRIFT_RATIO, IN_SHORT), (ERROR_RATIO, ERROR)):
             table[ratio] = (table[column] / without[column]).where(table["choice"] != NONE.label)
     order = {choice.label: number for number, choice in enumerate(CHOICES)}
-    table = table.sort_values(["scene", "choice", "step"], ignore_index=True,
-                              key=lambda column: column.map(order) if column.name == "choice" else column)
+    table = table.sort_values(
+        ["scene", "choice", "step"],
+        ignore_index=True,
+        key=lambda column: column.map(order) if column.name == "choice" else column,
+    )
     return Tables({"study": table, "octaves": pd.DataFrame(octaves)})
 
 
@@ -241,16 +337,22 @@ class Law(NamedTuple):
     length: float
 
 
-def decisive_runs(table: pd.DataFrame, scene: str, choice: Choice) -> list[tuple[dict[Hashable, Any], Law]]:
+def decisive_runs(
+    table: pd.DataFrame, scene: str, choice: Choice
+) -> list[tuple[dict[Hashable, Any], Law]]:
     """Return the runs on a scene that decide what the paper says of drift, with the laws of their longest parts."""
     if table.empty:
         return []
     decisive = (table["scene"] == scene) & (table["reason"] == "") & table["step"].isin(STEPS)
     found = []
     for run in table[decisive & (table["choice"] == choice.label)].to_dict("records"):
-        length = max(length for length in LENGTHS if isinstance(run.get(f"growth_{length:g}s"), str))
-        exponent, interval, spread = (run[f"{name}_{length:g}s"] for name in (
-            "growth_exponent", "growth_exponent_uncertainty", "walk_spread"))
+        length = max(
+            length for length in LENGTHS if isinstance(run.get(f"growth_{length:g}s"), str)
+        )
+        exponent, interval, spread = (
+            run[f"{name}_{length:g}s"]
+            for name in ("growth_exponent", "growth_exponent_uncertainty", "walk_spread")
+        )
         found.append((run, Law(run[f"growth_{length:g}s"], exponent, interval, spread, length)))
     return found
 
@@ -263,43 +365,103 @@ def present(results: Results) -> Presentation:
     sizes, harmed = _price(study)
     findings = [*(_laws(study, choice, words) for choice, words in CALLED.items()), harmed]
     scenes = octaves.loc[octaves["octave_end"] > SHORT, "scene"].unique() if len(octaves) else ()
-    figures = [_figure(study[study["scene"] == scene], octaves[octaves["scene"] == scene],
-                       f"drift-{scene}" if number else "fig14-drift") for number, scene in enumerate(scenes)]
-    laws = [column for length in LENGTHS for column in (
-        Column(f"growth_{length:g}s"),
-        Column(f"growth_exponent_{length:g}s", f"power, {length:g} s",
-               uncertainty=f"growth_exponent_uncertainty_{length:g}s", interval=True))]
-    columns = (Column("scene"), Column("choice"), Column("step", unit="s", form="g"),
-               Column("time", "time", "s", form="g"), Column(IN_SHORT, "drift in 24 s", "m, rad"),
-               Column(POSITION, "drift", "m, rad"), Column(VELOCITY, "velocity drift", "m/s"),
-               Column(ERROR, "position error in 24 s", "m"), Column(DRIFT_RATIO, "drift / that without"),
-               Column(ERROR_RATIO, "error / that without"), *laws, Column("status"), Column("reason"))
-    runs = view("study-all", "Every run of the paper's scheme; drift and position error in 24 s, and their ratio to "
-                "those without stabilization.", study, columns, source="study", in_report=False)
-    return Presentation(sizes, findings, (), [_by_choice(study), runs], figures,
-                        [_why_harm(), "Drift is the largest in 24 s where no other time is said. Rounding: no more "
-                         "drift than rounding of coordinates in each step may add. Baumgarte's terms hold it at a "
-                         "level that small steps raise, and it may rise and fall."])
+    figures = [
+        _figure(
+            study[study["scene"] == scene],
+            octaves[octaves["scene"] == scene],
+            f"drift-{scene}" if number else "fig14-drift",
+        )
+        for number, scene in enumerate(scenes)
+    ]
+    laws = [
+        column
+        for length in LENGTHS
+        for column in (
+            Column(f"growth_{length:g}s"),
+            Column(
+                f"growth_exponent_{length:g}s",
+                f"power, {length:g} s",
+                uncertainty=f"growth_exponent_uncertainty_{length:g}s",
+                interval=True,
+            ),
+        )
+    ]
+    columns = (
+        Column("scene"),
+        Column("choice"),
+        Column("step", unit="s", form="g"),
+        Column("time", "time", "s", form="g"),
+        Column(IN_SHORT, "drift in 24 s", "m, rad"),
+        Column(POSITION, "drift", "m, rad"),
+        Column(VELOCITY, "velocity drift", "m/s"),
+        Column(ERROR, "position error in 24 s", "m"),
+        Column(DRIFT_RATIO, "drift / that without"),
+        Column(ERROR_RATIO, "error / that without"),
+        *laws,
+        Column("status"),
+        Column("reason"),
+    )
+    runs = view(
+        "study-all",
+        "Every run of the paper's scheme; drift and position error in 24 s, and their ratio to "
+        "those without stabilization.",
+        study,
+        columns,
+        source="study",
+        in_report=False,
+    )
+    return Presentation(
+        sizes,
+        findings,
+        (),
+        [_by_choice(study), runs],
+        figures,
+        [
+            _why_harm(),
+            "Drift is the largest in 24 s where no other time is said. Rounding: no more "
+            "drift than rounding of coordinates in each step may add. Baumgarte's terms hold it at a "
+            "level that small steps raise, and it may rise and fall.",
+        ],
+    )
 
 
 def _laws(study: pd.DataFrame, choice: Choice, words: str) -> TracedText:
     """The number of runs by their law, over the longest time for which there is one, and the powers of growth."""
     runs = study[study["choice"] == choice.label]
-    lengths = [length for length in LENGTHS[1:] if f"growth_{length:g}s" in runs.dropna(axis="columns", how="all")]
+    lengths = [
+        length
+        for length in LENGTHS[1:]
+        if f"growth_{length:g}s" in runs.dropna(axis="columns", how="all")
+    ]
     if not lengths:
         return TracedText()
     length = max(lengths)
     runs = runs[runs["time"] >= length]
     laws = runs[f"growth_{length:g}s"].fillna("")
-    found = [traced(phrase, count("study", study, run=frozenset(runs.loc[laws == law, "run"])))
-             for law, phrase in LAWS.items() if (laws == law).any()]
-    ends = [_milliseconds(study, int(row)) for row in (runs["step"].idxmin(), runs["step"].idxmax())]
+    found = [
+        traced(phrase, count("study", study, run=frozenset(runs.loc[laws == law, "run"])))
+        for law, phrase in LAWS.items()
+        if (laws == law).any()
+    ]
+    ends = [
+        _milliseconds(study, int(row)) for row in (runs["step"].idxmin(), runs["step"].idxmax())
+    ]
     cases = listed([case_of(scene) for scene in runs["scene"].unique()])
-    sentence = traced("{}, drift {} of {} runs of {} s ({}; {} ms)", words, listed(found),
-                      count("study", study, run=frozenset(runs["run"])), f"{length:g}", cases, _span(ends))
+    sentence = traced(
+        "{}, drift {} of {} runs of {} s ({}; {} ms)",
+        words,
+        listed(found),
+        count("study", study, run=frozenset(runs["run"])),
+        f"{length:g}",
+        cases,
+        _span(ends),
+    )
     powers = runs.loc[laws == GROWS, f"growth_exponent_{length:g}s"].dropna()
     if len(powers):
-        ends = [value("study", study, int(row), powers.name, ".3g") for row in (powers.idxmin(), powers.idxmax())]
+        ends = [
+            value("study", study, int(row), powers.name, ".3g")
+            for row in (powers.idxmin(), powers.idxmax())
+        ]
         sentence = traced("{}, with powers of time of {}", sentence, _span(ends))
     return traced("{}.", sentence)
 
@@ -315,8 +477,13 @@ def _milliseconds(study: pd.DataFrame, row: int) -> Number:
 
 def _price(study: pd.DataFrame) -> tuple[TracedText, TracedText]:
     """Drift without and with the paper's terms at the finest and the coarsest step, and where they harm motion most."""
-    papers = study[(study["choice"] == PAPERS.label) & study["step"].isin(STEPS) & study[DRIFT_RATIO].notna()]
-    plain = {(run.scene, run.step): run.Index for run in study[study["choice"] == NONE.label].itertuples()}
+    papers = study[
+        (study["choice"] == PAPERS.label) & study["step"].isin(STEPS) & study[DRIFT_RATIO].notna()
+    ]
+    plain = {
+        (run.scene, run.step): run.Index
+        for run in study[study["choice"] == NONE.label].itertuples()
+    }
 
     def pair(row: int) -> tuple[str, Number, tuple[int, int]]:
         scene, step = study.loc[row, ["scene", "step"]]
@@ -325,16 +492,44 @@ def _price(study: pd.DataFrame) -> tuple[TracedText, TracedText]:
     sizes = harmed = TracedText()
     first = papers[papers["scene"] == study["scene"].iloc[0]]
     if len(first):
-        found = [pair(row) for row in dict.fromkeys((first["step"].idxmin(), first["step"].idxmax()))]
-        sizes = traced("In {} the paper's terms change drift {}.", found[0][0], listed([
-            traced("from {} to {} m at {} ms",
-                   *(drift_size("study", study, row, IN_SHORT) for row in rows), step) for _, step, rows in found]))
+        found = [
+            pair(row) for row in dict.fromkeys((first["step"].idxmin(), first["step"].idxmax()))
+        ]
+        sizes = traced(
+            "In {} the paper's terms change drift {}.",
+            found[0][0],
+            listed(
+                [
+                    traced(
+                        "from {} to {} m at {} ms",
+                        *(drift_size("study", study, row, IN_SHORT) for row in rows),
+                        step,
+                    )
+                    for _, step, rows in found
+                ]
+            ),
+        )
     if (papers[ERROR_RATIO] > TWICE).any():
-        worst = papers.loc[papers.groupby("scene")[ERROR_RATIO].idxmax()].sort_values(ERROR_RATIO, ascending=False)
+        worst = papers.loc[papers.groupby("scene")[ERROR_RATIO].idxmax()].sort_values(
+            ERROR_RATIO, ascending=False
+        )
         found = [pair(row) for row in worst.index]
-        harmed = traced("The paper's terms change the position error most {}.", listed([
-            traced("in {} at {} ms, from {} to {} m", case, step, *(value("study", study, row, ERROR) for row in rows))
-            for case, step, rows in found], "; ", "; "))
+        harmed = traced(
+            "The paper's terms change the position error most {}.",
+            listed(
+                [
+                    traced(
+                        "in {} at {} ms, from {} to {} m",
+                        case,
+                        step,
+                        *(value("study", study, row, ERROR) for row in rows),
+                    )
+                    for case, step, rows in found
+                ],
+                "; ",
+                "; ",
+            ),
+        )
     return sizes, harmed
 
 
@@ -343,51 +538,106 @@ def _why_harm() -> str:
     fastest, step = PAPERS.roots[np.argmax(np.abs(PAPERS.roots))].real, STEPS[-1]
     factor = float(runge_kutta_factor(np.array(step * fastest)))
     slowest = PAPERS.roots[np.argmin(np.abs(PAPERS.roots))].real
-    return (f"The paper's alpha and beta disturb the motion at large steps: their error equation has roots of "
-            f"{fastest:.3g} and {slowest:.2g} 1/s. In {1e3 * step:g} ms the exact residual of the first falls to "
-            f"{np.exp(step * fastest):.2g} of itself, that of the Runge-Kutta method to {factor:.2g}. That of the "
-            f"second falls to {np.exp(step * slowest):.3g}. Beyond {1e3 * PAPERS.largest_step():.3g} ms residuals grow "
-            "with each step.")
+    return (
+        f"The paper's alpha and beta disturb the motion at large steps: their error equation has roots of "
+        f"{fastest:.3g} and {slowest:.2g} 1/s. In {1e3 * step:g} ms the exact residual of the first falls to "
+        f"{np.exp(step * fastest):.2g} of itself, that of the Runge-Kutta method to {factor:.2g}. That of the "
+        f"second falls to {np.exp(step * slowest):.3g}. Beyond {1e3 * PAPERS.largest_step():.3g} ms residuals grow "
+        "with each step."
+    )
 
 
 def _by_choice(study: pd.DataFrame) -> TableView:
     scene, heads = study["scene"].iloc[0], {step: f"drift at {1e3 * step:g} ms" for step in STEPS}
     runs, law = study[study["scene"] == scene], "growth_240s"
     frame = above_rounding(runs, [IN_SHORT]).pivot(index="choice", columns="step", values=IN_SHORT)
-    frame = frame.reindex(runs["choice"].unique(), columns=STEPS).rename(columns=heads).reset_index()
+    frame = (
+        frame.reindex(runs["choice"].unique(), columns=STEPS).rename(columns=heads).reset_index()
+    )
     behind = [runs.index[runs["choice"] == choice] + 1 for choice in frame["choice"]]
     if law in runs:
         counts = [runs.loc[rows - 1, law].value_counts() for rows in behind]
-        frame["laws"] = [", ".join(f"{verdict} {number}" for verdict, number in each.items()) for each in counts]
-    columns = (Column("choice", "stabilization"), *(Column(head, unit="m") for head in heads.values()),
-               Column("laws", "growth in 240 s: runs"))
-    return view("study", f"Largest drift of the paper's scheme in 24 s, {case_of(scene)}, and the laws of its growth "
-                "at all steps that were tried. In brackets alpha and beta, 1/s.",
-                frame, columns, source="study", rows=behind)
+        frame["laws"] = [
+            ", ".join(f"{verdict} {number}" for verdict, number in each.items()) for each in counts
+        ]
+    columns = (
+        Column("choice", "stabilization"),
+        *(Column(head, unit="m") for head in heads.values()),
+        Column("laws", "growth in 240 s: runs"),
+    )
+    return view(
+        "study",
+        f"Largest drift of the paper's scheme in 24 s, {case_of(scene)}, and the laws of its growth "
+        "at all steps that were tried. In brackets alpha and beta, 1/s.",
+        frame,
+        columns,
+        source="study",
+        rows=behind,
+    )
 
 
 def _figure(study: pd.DataFrame, octaves: pd.DataFrame, name: str) -> Chart:
     """The paper's Fig. 14 over a longer time, and drift over the step, in one scene."""
     steps = [step for step in STEPS if step in set(octaves["step"])]
-    over_time = [Series("", rows["octave_end"].to_numpy(), rows[OCTAVE].to_numpy(), look=choice.label, points=True,
-                        hollow=step != steps[-1])
-                 for choice, step in product((NONE, PAPERS, PROJECTION), dict.fromkeys((steps[0], steps[-1])))
-                 if len(rows := octaves[(octaves["choice"] == choice.label) & (octaves["step"] == step)])]
+    over_time = [
+        Series(
+            "",
+            rows["octave_end"].to_numpy(),
+            rows[OCTAVE].to_numpy(),
+            look=choice.label,
+            points=True,
+            hollow=step != steps[-1],
+        )
+        for choice, step in product(
+            (NONE, PAPERS, PROJECTION), dict.fromkeys((steps[0], steps[-1]))
+        )
+        if len(rows := octaves[(octaves["choice"] == choice.label) & (octaves["step"] == step)])
+    ]
     ended = study[(study["status"] == "ok") & (study["reason"] == "")].sort_values("step")
-    over_step = [Series(choice.label, rows["step"].to_numpy(), rows[IN_SHORT].to_numpy(), look=choice.label,
-                        points=True)
-                 for choice in CHOICES if len(rows := ended[ended["choice"] == choice.label])]
+    over_step = [
+        Series(
+            choice.label,
+            rows["step"].to_numpy(),
+            rows[IN_SHORT].to_numpy(),
+            look=choice.label,
+            points=True,
+        )
+        for choice in CHOICES
+        if len(rows := ended[ended["choice"] == choice.label])
+    ]
     title = f"hollow: {1e3 * steps[0]:g} ms, full: {1e3 * steps[-1]:g} ms" if len(steps) > 1 else ""
     unstable = PAPERS.largest_step()
-    panels = (Panel(title, Axis("time [s]", log=True, ticks=sorted(set(octaves["octave_end"]))),
-                    Axis("drift, rms of an octave [m, rad]", log=True), over_time),
-              Panel("largest in 24 s", Axis("step [s]", log=True, ticks=sorted(set(study["step"]))),
-                    Axis("drift, largest in 24 s [m, rad]", log=True), over_step, lines=(unstable,)))
-    caption = (f"Constraint drift of the paper's scheme (the paper's Fig. 14, over a longer time), "
-               f"{case_of(study['scene'].iloc[0])}: (a) over time, (b) over the step. In brackets alpha and beta, 1/s. "
-               f"Dotted: the step of {1e3 * unstable:.3g} ms beyond which residuals grow with the paper's choice.")
+    panels = (
+        Panel(
+            title,
+            Axis("time [s]", log=True, ticks=sorted(set(octaves["octave_end"]))),
+            Axis("drift, rms of an octave [m, rad]", log=True),
+            over_time,
+        ),
+        Panel(
+            "largest in 24 s",
+            Axis("step [s]", log=True, ticks=sorted(set(study["step"]))),
+            Axis("drift, largest in 24 s [m, rad]", log=True),
+            over_step,
+            lines=(unstable,),
+        ),
+    )
+    caption = (
+        f"Constraint drift of the paper's scheme (the paper's Fig. 14, over a longer time), "
+        f"{case_of(study['scene'].iloc[0])}: (a) over time, (b) over the step. In brackets alpha and beta, 1/s. "
+        f"Dotted: the step of {1e3 * unstable:.3g} ms beyond which residuals grow with the paper's choice."
+    )
     return Chart(name, caption, panels, columns=2, height=2.5)
 
 
-STUDY = Study("long-drift", "Long runs", "What does stabilization do against drift over long runs?", 5.5, present, plan,
-              seconds=0.8, on_page_one=False, compared=False)
+STUDY = Study(
+    "long-drift",
+    "Long runs",
+    "What does stabilization do against drift over long runs?",
+    5.5,
+    present,
+    plan,
+    seconds=0.8,
+    on_page_one=False,
+    compared=False,
+)

@@ -14,8 +14,21 @@ from itertools import combinations
 import numpy as np
 import pandas as pd
 
-from stiction.comparisons.bench.presentation import (LIMIT, Axis, Chart, Column, Panel, Presentation, Series,
-                                                     TracedText, interval, listed, traced, value, view)
+from stiction.comparisons.bench.presentation import (
+    LIMIT,
+    Axis,
+    Chart,
+    Column,
+    Panel,
+    Presentation,
+    Series,
+    TracedText,
+    interval,
+    listed,
+    traced,
+    value,
+    view,
+)
 from stiction.comparisons.bench.results import Results
 from stiction.comparisons.bench.runner import Comparison
 from stiction.comparisons.bench.study import Scope, Study, Tables
@@ -46,7 +59,20 @@ HALVES = (10, 20, 40, 80, 160)
 ERROR, UNSURE = "position_error", "position_uncertainty"
 STEP, ORDER, OBSERVED = "mean_step", "promised_order", "observed_order"
 HALF = "observed_order_uncertainty"
-COLUMNS = ("scene", "method", STEP, ERROR, UNSURE, ORDER, OBSERVED, HALF, "runs", "why_none", "status", "reason")
+COLUMNS = (
+    "scene",
+    "method",
+    STEP,
+    ERROR,
+    UNSURE,
+    ORDER,
+    OBSERVED,
+    HALF,
+    "runs",
+    "why_none",
+    "status",
+    "reason",
+)
 METHODS = {"reference": 8, "paper's scheme": 4, "paper's scheme, across a break-away": 1}
 """Refinement series, without events where no other is said, each with the order of its method."""
 LOOKS = dict(zip(METHODS, ("reference", "paper's scheme", "trial and error")))
@@ -63,7 +89,9 @@ class Order:
     reason: str = ""
 
 
-def observed_order(step: Sequence[float], error: Sequence[float], uncertainty: Sequence[float]) -> Order:
+def observed_order(
+    step: Sequence[float], error: Sequence[float], uncertainty: Sequence[float]
+) -> Order:
     """Fit the order over the longest part of a refinement series in which neighbouring slopes are alike.
 
     Parameters
@@ -77,48 +105,104 @@ def observed_order(step: Sequence[float], error: Sequence[float], uncertainty: S
     good = np.isfinite(e) & (e > FLOOR * u) & (e > 0)
     h, e = h[good], e[good]
     if len(h) < FEWEST:
-        return Order(np.nan, np.nan, len(h), f"{len(h)} runs above the uncertainty of the truth; {FEWEST} are needed")
+        return Order(
+            np.nan,
+            np.nan,
+            len(h),
+            f"{len(h)} runs above the uncertainty of the truth; {FEWEST} are needed",
+        )
     slopes = np.diff(np.log(e)) / np.diff(np.log(h))
-    parts = [(first, last) for first, last in combinations(range(len(slopes) + 1), 2)
-             if np.ptp(slopes[first:last]) <= ALIKE * abs(slopes[first:last].mean()) and slopes[first:last].mean() > 0]
-    first, last = max(parts, key=lambda part: (part[1] - part[0], part), default=(0, 0))  # the finer of two as long
+    parts = [
+        (first, last)
+        for first, last in combinations(range(len(slopes) + 1), 2)
+        if np.ptp(slopes[first:last]) <= ALIKE * abs(slopes[first:last].mean())
+        and slopes[first:last].mean() > 0
+    ]
+    first, last = max(
+        parts, key=lambda part: (part[1] - part[0], part), default=(0, 0)
+    )  # the finer of two as long
     runs = last - first + 1
     if runs < FEWEST:
-        return Order(np.nan, np.nan, runs, "slopes between neighbouring runs differ: not in the asymptotic range "
-                     f"({', '.join(f'{slope:.2g}' for slope in slopes)})")
-    fit = fitted_exponent([(h[first:last + 1], e[first:last + 1])])
-    return Order(np.nan, np.nan, runs, "too few runs") if fit is None else Order(fit.value, fit.uncertainty, runs)
+        return Order(
+            np.nan,
+            np.nan,
+            runs,
+            "slopes between neighbouring runs differ: not in the asymptotic range "
+            f"({', '.join(f'{slope:.2g}' for slope in slopes)})",
+        )
+    fit = fitted_exponent([(h[first : last + 1], e[first : last + 1])])
+    return (
+        Order(np.nan, np.nan, runs, "too few runs")
+        if fit is None
+        else Order(fit.value, fit.uncertainty, runs)
+    )
 
 
 def order_rows(scene: Scene, method: str) -> list[dict[str, object]]:
     """One row per run of a method on a scene: error over step; the fitted order in every row."""
-    truth, runs = (_across_a_break_away(scene) if method.endswith("break-away")
-                   else _without_events(scene, method == "reference"))
+    truth, runs = (
+        _across_a_break_away(scene)
+        if method.endswith("break-away")
+        else _without_events(scene, method == "reference")
+    )
     found = [(step, errors(run, truth)) for step, run in runs]
-    fit = observed_order([step for step, _ in found], *([row[name] for _, row in found] for name in (ERROR, UNSURE)))
-    return [{"method": method, STEP: step, ERROR: row[ERROR], UNSURE: row[UNSURE], ORDER: METHODS[method],
-             OBSERVED: fit.order, HALF: fit.uncertainty, "runs": fit.runs, "why_none": fit.reason}
-            for step, row in found]
+    fit = observed_order(
+        [step for step, _ in found], *([row[name] for _, row in found] for name in (ERROR, UNSURE))
+    )
+    return [
+        {
+            "method": method,
+            STEP: step,
+            ERROR: row[ERROR],
+            UNSURE: row[UNSURE],
+            ORDER: METHODS[method],
+            OBSERVED: fit.order,
+            HALF: fit.uncertainty,
+            "runs": fit.runs,
+            "why_none": fit.reason,
+        }
+        for step, row in found
+    ]
 
 
-def _without_events(scene: Scene, event_driven: bool) -> tuple[Truth, list[tuple[float, Trajectory]]]:
+def _without_events(
+    scene: Scene, event_driven: bool
+) -> tuple[Truth, list[tuple[float, Trajectory]]]:
     """The truth without friction, and runs with their mean steps."""
     engine, smooth = ReferenceEngine(), vary(scene, {"guide.mu": 0.0, "guide.mus": None})
     if event_driven:
-        made = [engine.simulate(smooth, t_end=SMOOTH, rtol=rtol, output_step=SMOOTH / 80, stabilization="projection")
-                for rtol in TOLERANCES]
+        made = [
+            engine.simulate(
+                smooth, t_end=SMOOTH, rtol=rtol, output_step=SMOOTH / 80, stabilization="projection"
+            )
+            for rtol in TOLERANCES
+        ]
         runs = [(SMOOTH / run.cost.counters["steps"], run) for run in made]
     else:
-        runs = [(dt, engine.simulate(smooth, t_end=SMOOTH, dt=dt, output_step=SMOOTH / 80, stabilization="none"))
-                for dt in STEPS]
+        runs = [
+            (
+                dt,
+                engine.simulate(
+                    smooth, t_end=SMOOTH, dt=dt, output_step=SMOOTH / 80, stabilization="none"
+                ),
+            )
+            for dt in STEPS
+        ]
     return ground_truth(smooth, SMOOTH), runs
 
 
 def _across_a_break_away(scene: Scene) -> tuple[Truth, list[tuple[float, Trajectory]]]:
     engine, instant = ReferenceEngine(), slider_bar_truth(scene, 1.0).events[0].time
     steps = [instant / (n + 0.5) for n in HALVES]
-    runs = [(dt, engine.simulate(scene, t_end=dt * round(AFTER / dt), dt=dt, output_step=dt, stabilization="none"))
-            for dt in steps]
+    runs = [
+        (
+            dt,
+            engine.simulate(
+                scene, t_end=dt * round(AFTER / dt), dt=dt, output_step=dt, stabilization="none"
+            ),
+        )
+        for dt in steps
+    ]
     return ground_truth(scene, AFTER + steps[0]), runs
 
 
@@ -127,14 +211,31 @@ def plan(scope: Scope) -> Comparison[Tables]:
     scene = scope.scenes[0]
 
     def tabulate(outcomes: Sequence[Outcome]) -> Tables:
-        return Tables({"orders": pd.DataFrame([
-            {"scene": scene.name, **row, "status": outcome.status, "reason": outcome.reason}
-            for (method, order), outcome in zip(METHODS.items(), outcomes, strict=True)
-            for row in outcome.value or [{"method": method, ORDER: order, "runs": 0, "why_none": outcome.status}]],
-            columns=COLUMNS)})
+        return Tables(
+            {
+                "orders": pd.DataFrame(
+                    [
+                        {
+                            "scene": scene.name,
+                            **row,
+                            "status": outcome.status,
+                            "reason": outcome.reason,
+                        }
+                        for (method, order), outcome in zip(METHODS.items(), outcomes, strict=True)
+                        for row in outcome.value
+                        or [{"method": method, ORDER: order, "runs": 0, "why_none": outcome.status}]
+                    ],
+                    columns=COLUMNS,
+                )
+            }
+        )
 
-    return Comparison(tuple(Task(f"orders/{scene.name}/{method}", order_rows, (scene, method)) for method in METHODS),
-                      tabulate)
+    return Comparison(
+        tuple(
+            Task(f"orders/{scene.name}/{method}", order_rows, (scene, method)) for method in METHODS
+        ),
+        tabulate,
+    )
 
 
 def present(results: Results) -> Presentation:
@@ -145,25 +246,59 @@ def present(results: Results) -> Presentation:
         return Presentation()
     parts, orders = [(rows.iloc[0], rows) for _, rows in known.groupby("method", sort=False)], []
     for row, _ in parts:
-        orders.append(TracedText(f"{row['method']} none ({row['why none']})") if np.isnan(row[OBSERVED]) else
-                      traced("{} {} ({})", row["method"], interval("orders", table, int(row.name), OBSERVED, HALF),
-                             value("orders", table, int(row.name), ORDER, "g")))
-    columns = (Column("method"), Column(ORDER, "order promised"),
-               Column(OBSERVED, "order observed (95 %)", uncertainty=HALF, interval=True), Column("runs"),
-               Column("why_none"))
-    shown = view("orders", "Observed orders, fitted where neighbouring slopes agree; of runs without events, but "
-                 "across a break-away where that is said.", parts, columns)
+        orders.append(
+            TracedText(f"{row['method']} none ({row['why none']})")
+            if np.isnan(row[OBSERVED])
+            else traced(
+                "{} {} ({})",
+                row["method"],
+                interval("orders", table, int(row.name), OBSERVED, HALF),
+                value("orders", table, int(row.name), ORDER, "g"),
+            )
+        )
+    columns = (
+        Column("method"),
+        Column(ORDER, "order promised"),
+        Column(OBSERVED, "order observed (95 %)", uncertainty=HALF, interval=True),
+        Column("runs"),
+        Column("why_none"),
+    )
+    shown = view(
+        "orders",
+        "Observed orders, fitted where neighbouring slopes agree; of runs without events, but "
+        "across a break-away where that is said.",
+        parts,
+        columns,
+    )
     series = []
     for method, runs in known.groupby("method", sort=False):
         step, error = runs[STEP].to_numpy(), runs[ERROR].to_numpy()
         promised = error[-1] * (step / step[-1]) ** float(runs[ORDER].iloc[0])
-        series += [Series(method, step, error, look=LOOKS.get(method, ""), line=False, points=True),
-                   Series("", step, promised, look=LIMIT)]
-    chart = Chart("orders", "Position error over the step. Dotted, through the finest run: the order "
-                  "that each method promises.", [Panel("", Axis(STEP, log=True), Axis(ERROR, log=True), series)],
-                  columns=1, height=3.0)
-    return Presentation(traced("Observed orders (promised): {}.", listed(orders)), tables=[shown], figures=[chart])
+        series += [
+            Series(method, step, error, look=LOOKS.get(method, ""), line=False, points=True),
+            Series("", step, promised, look=LIMIT),
+        ]
+    chart = Chart(
+        "orders",
+        "Position error over the step. Dotted, through the finest run: the order "
+        "that each method promises.",
+        [Panel("", Axis(STEP, log=True), Axis(ERROR, log=True), series)],
+        columns=1,
+        height=3.0,
+    )
+    return Presentation(
+        traced("Observed orders (promised): {}.", listed(orders)), tables=[shown], figures=[chart]
+    )
 
 
-STUDY = Study("orders", "Convergence", "Does the reference converge as its methods promise?", 10, present, plan,
-              seconds=0.7, on_page_one=False, compared=False)
+STUDY = Study(
+    "orders",
+    "Convergence",
+    "Does the reference converge as its methods promise?",
+    10,
+    present,
+    plan,
+    seconds=0.7,
+    on_page_one=False,
+    compared=False,
+)

@@ -21,8 +21,23 @@ import pandas as pd
 
 from stiction.comparisons.bench.methods import case_of, succeeded, with_columns
 from stiction.comparisons.bench.participants import extent
-from stiction.comparisons.bench.presentation import (BETTER, CHOSEN, OTHER, Axis, Chart, Column, Panel, Presentation,
-                                                     Series, TracedText, count, listed, sentence, traced, view)
+from stiction.comparisons.bench.presentation import (
+    BETTER,
+    CHOSEN,
+    OTHER,
+    Axis,
+    Chart,
+    Column,
+    Panel,
+    Presentation,
+    Series,
+    TracedText,
+    count,
+    listed,
+    sentence,
+    traced,
+    view,
+)
 from stiction.comparisons.bench.results import Results
 from stiction.comparisons.bench.runner import Comparison, side_by_side
 from stiction.comparisons.bench.study import Scope, Study, Tables
@@ -46,10 +61,12 @@ MORE = 1.01
 """Ratio from which one error counts as larger than another: a solver that has converged leaves less."""
 ENDS = 0.5, 200.0
 """Ends of the axis of errors in units of the default's: what lies beyond stands at the edge."""
-NOTES = ("One setting is changed at a time. The default is on the front where no other choice is clearly faster with "
-         "no larger error of position or torque and no more drift, or clearly more accurate and no slower.",
-         "Times are those inside the engine's own calls. A default is one for all mechanisms: "
-         "a choice is better everywhere if it is no worse on any scene and step, and clearly better on one.")
+NOTES = (
+    "One setting is changed at a time. The default is on the front where no other choice is clearly faster with "
+    "no larger error of position or torque and no more drift, or clearly more accurate and no slower.",
+    "Times are those inside the engine's own calls. A default is one for all mechanisms: "
+    "a choice is better everywhere if it is no worse on any scene and step, and clearly better on one.",
+)
 
 
 @dataclass(frozen=True)
@@ -74,15 +91,40 @@ class Subject:
 
     @property
     def label(self) -> str:
-        return ", ".join([self.engine, self.fidelity, *([self.name] if self.name else map(str, self.fixed.values()))])
+        return ", ".join(
+            [
+                self.engine,
+                self.fidelity,
+                *([self.name] if self.name else map(str, self.fixed.values())),
+            ]
+        )
 
     def variants(self, steps: Sequence[float]) -> list[Variant]:
         """The default and every choice, which the label names."""
-        default = Variant(f"{self.label}: {DEFAULT}", self.engine, "dt", tuple(steps), self.fidelity, dict(self.fixed),
-                          subject=self.label, setting=DEFAULT)
-        return [default, *(replace(default, label=f"{self.label}: {name}={value}", settings={**self.fixed, name: value},
-                                   setting=f"{name}={value}", changed=name)
-                           for name, values in self.choices.items() for value in values)]
+        default = Variant(
+            f"{self.label}: {DEFAULT}",
+            self.engine,
+            "dt",
+            tuple(steps),
+            self.fidelity,
+            dict(self.fixed),
+            subject=self.label,
+            setting=DEFAULT,
+        )
+        return [
+            default,
+            *(
+                replace(
+                    default,
+                    label=f"{self.label}: {name}={value}",
+                    settings={**self.fixed, name: value},
+                    setting=f"{name}={value}",
+                    changed=name,
+                )
+                for name, values in self.choices.items()
+                for value in values
+            ),
+        ]
 
 
 @dataclass(frozen=True)
@@ -98,7 +140,11 @@ def load_study() -> Trials:
     """The trials of ``data/engine_settings.toml``."""
     file = resources.files("stiction.comparisons") / "data" / "engine_settings.toml"
     data = tomllib.loads(file.read_text(encoding="utf-8"))
-    return Trials(tuple(data["steps"]), data["scenes"], tuple(Subject(**subject) for subject in data["subjects"]))
+    return Trials(
+        tuple(data["steps"]),
+        data["scenes"],
+        tuple(Subject(**subject) for subject in data["subjects"]),
+    )
 
 
 def settings_table(timed: Timed) -> pd.DataFrame:
@@ -160,7 +206,9 @@ def _errors(rows: pd.DataFrame) -> np.ndarray:
     for error, unsure in JUDGED.items():
         pair = rows.reindex(columns=[error, unsure]).astype(float)
         known = pair[error].notna()
-        found.append(pair.max(axis="columns").where(known, np.inf if known.any() else 0.0).to_numpy())
+        found.append(
+            pair.max(axis="columns").where(known, np.inf if known.any() else 0.0).to_numpy()
+        )
     return np.array(found)
 
 
@@ -189,13 +237,27 @@ def ranks_of_defaults(table: pd.DataFrame) -> pd.DataFrame:
                 elsewhere = "" if best["step"] == default["step"] else f" at {best['step']:g} s"
                 fronts.append(default[ON_FRONT])
                 if DEFAULT not in fastest:
-                    gains.append({FACTOR: default[OWN_CPU] / best[OWN_CPU], "choice": ", ".join(fastest) + elsewhere,
-                                  "scene": scene, "step": default["step"]})
+                    gains.append(
+                        {
+                            FACTOR: default[OWN_CPU] / best[OWN_CPU],
+                            "choice": ", ".join(fastest) + elsewhere,
+                            "scene": scene,
+                            "step": default["step"],
+                        }
+                    )
         if fronts:
             better = ", ".join(better_everywhere(group)) or "none"
-            rows.append({SUBJECT: subject, ON_FRONT: f"{sum(fronts)} of {len(fronts)}", EVERYWHERE: better,
-                         **max(gains, key=lambda gain: gain[FACTOR], default={})})
-    return pd.DataFrame(rows, columns=[SUBJECT, ON_FRONT, EVERYWHERE, FACTOR, "choice", "scene", "step"])
+            rows.append(
+                {
+                    SUBJECT: subject,
+                    ON_FRONT: f"{sum(fronts)} of {len(fronts)}",
+                    EVERYWHERE: better,
+                    **max(gains, key=lambda gain: gain[FACTOR], default={}),
+                }
+            )
+    return pd.DataFrame(
+        rows, columns=[SUBJECT, ON_FRONT, EVERYWHERE, FACTOR, "choice", "scene", "step"]
+    )
 
 
 def better_everywhere(table: pd.DataFrame) -> list[str]:
@@ -225,16 +287,32 @@ def against_defaults(table: pd.DataFrame) -> pd.DataFrame:
                 continue
             found, default = found.loc[shared], defaults.loc[shared]
             errors, others = np.split(_errors(pd.concat([found, default])), 2, axis=1)
-            larger = np.divide(errors, others, out=np.where(errors > others, np.inf, 1.0),
-                               where=(others > 0) & np.isfinite(others))
+            larger = np.divide(
+                errors,
+                others,
+                out=np.where(errors > others, np.inf, 1.0),
+                where=(others > 0) & np.isfinite(others),
+            )
             times, failed = found[OWN_CPU] / default[OWN_CPU], len(defaults) - len(shared)
             no_worse = _no_larger(errors, others) & (found[LOW] <= default[HIGH])
             better = _smaller(errors, others) | (found[HIGH] < default[LOW])
-            rows.append({SUBJECT: subject, SETTING: setting, TIME_RATIO: float(np.exp(np.log(times).mean())),
-                         **dict(zip(TIME_RATIO_ENDS, (times.min(), times.max()))), ERROR_RATIO: float(larger.max()),
-                         FAILED: failed, EVERYWHERE: bool(setting != DEFAULT and not failed and no_worse.all()
-                                                          and better.any())})
-    return pd.DataFrame(rows, columns=[SUBJECT, SETTING, TIME_RATIO, *TIME_RATIO_ENDS, ERROR_RATIO, FAILED, EVERYWHERE])
+            rows.append(
+                {
+                    SUBJECT: subject,
+                    SETTING: setting,
+                    TIME_RATIO: float(np.exp(np.log(times).mean())),
+                    **dict(zip(TIME_RATIO_ENDS, (times.min(), times.max()))),
+                    ERROR_RATIO: float(larger.max()),
+                    FAILED: failed,
+                    EVERYWHERE: bool(
+                        setting != DEFAULT and not failed and no_worse.all() and better.any()
+                    ),
+                }
+            )
+    return pd.DataFrame(
+        rows,
+        columns=[SUBJECT, SETTING, TIME_RATIO, *TIME_RATIO_ENDS, ERROR_RATIO, FAILED, EVERYWHERE],
+    )
 
 
 def plan(scope: Scope) -> Comparison[Tables] | None:
@@ -251,22 +329,46 @@ def plan(scope: Scope) -> Comparison[Tables] | None:
     order = {subject.label: place for place, subject in enumerate(trials.subjects)}
     known = dict.fromkeys(subject.engine for subject in trials.subjects)
     if len(scope.scenes) == 1:
-        where, engines, repeats = [(scope.scenes[0], scope.t_end)], engines or None, scope.repeats or 3
+        where, engines, repeats = (
+            [(scope.scenes[0], scope.t_end)],
+            engines or None,
+            scope.repeats or 3,
+        )
         if unknown := set(engines or ()) - set(known):
-            raise InputError(f"engines: found {min(unknown)!r}; expected some of {', '.join(known)}, "
-                             "which the study has settings of")
+            raise InputError(
+                f"engines: found {min(unknown)!r}; expected some of {', '.join(known)}, "
+                "which the study has settings of"
+            )
     else:
-        where = [(load_scene(name), seconds) for name, seconds in trials.scenes.items()] if limits.settings else []
+        where = (
+            [(load_scene(name), seconds) for name, seconds in trials.scenes.items()]
+            if limits.settings
+            else []
+        )
         repeats = scope.repeats or limits.repeats
-    variants = [variant for subject in trials.subjects if engines is None or subject.engine in engines
-                for variant in subject.variants(trials.steps)]
+    variants = [
+        variant
+        for subject in trials.subjects
+        if engines is None or subject.engine in engines
+        for variant in subject.variants(trials.steps)
+    ]
 
     def tables(found: list[pd.DataFrame]) -> Tables:
-        return Tables({"settings": pd.concat(found).sort_values(SUBJECT, key=lambda labels: labels.map(order),
-                                                                kind="stable", ignore_index=True)})
+        return Tables(
+            {
+                "settings": pd.concat(found).sort_values(
+                    SUBJECT, key=lambda labels: labels.map(order), kind="stable", ignore_index=True
+                )
+            }
+        )
 
-    parts = [work_precision(scene, scaled(variants, scene, t_end), t_end=t_end, repeats=repeats).then(settings_table)
-             for scene, t_end in where if variants]
+    parts = [
+        work_precision(scene, scaled(variants, scene, t_end), t_end=t_end, repeats=repeats).then(
+            settings_table
+        )
+        for scene, t_end in where
+        if variants
+    ]
     return side_by_side(parts, tables) if parts else None
 
 
@@ -278,30 +380,64 @@ def present(results: Results) -> Presentation:
     ranks = ranks_of_defaults(table)
     if ranks.empty:
         return Presentation(TracedText("No run with the default settings of an engine succeeded."))
-    answer = traced("The defaults are on the front of error and time in {} of {} comparisons.",
-                    count("settings", table, **{SETTING: DEFAULT, ON_FRONT: True}),
-                    count("settings", table, **{SETTING: DEFAULT, "status": "ok"}))
+    answer = traced(
+        "The defaults are on the front of error and time in {} of {} comparisons.",
+        count("settings", table, **{SETTING: DEFAULT, ON_FRONT: True}),
+        count("settings", table, **{SETTING: DEFAULT, "status": "ok"}),
+    )
     choices = against_defaults(table)
-    better = [traced("{} with {}", subject, listed(list(rows[SETTING])))
-              for subject, rows in choices[choices[EVERYWHERE]].groupby(SUBJECT, sort=False)]
-    where = "on every scene" if table["scene"].nunique() > 1 else f"in {case_of(table['scene'].iloc[0])}"
-    finding = (sentence("Better than the default {}: {}.", where, listed(better, "; ", "; "))
-               or traced("No other choice is better than its default {}.", where))
+    better = [
+        traced("{} with {}", subject, listed(list(rows[SETTING])))
+        for subject, rows in choices[choices[EVERYWHERE]].groupby(SUBJECT, sort=False)
+    ]
+    where = (
+        "on every scene"
+        if table["scene"].nunique() > 1
+        else f"in {case_of(table['scene'].iloc[0])}"
+    )
+    finding = sentence(
+        "Better than the default {}: {}.", where, listed(better, "; ", "; ")
+    ) or traced("No other choice is better than its default {}.", where)
     ranks["where"] = ranks["scene"].map(case_of, na_action="ignore")
-    columns = (Column(SUBJECT, "engine"), Column(ON_FRONT, "default on the front"), Column(EVERYWHERE),
-               Column(FACTOR, "largest gain in time", form=".2g"), Column("choice", "by"), Column("where", "in"),
-               Column("step", unit="s", form="g"))
-    caption = ("How the default settings of each engine stand among other choices, over all scenes and steps. "
-               "The largest gain: time of the default over that of the fastest choice with no larger error.")
+    columns = (
+        Column(SUBJECT, "engine"),
+        Column(ON_FRONT, "default on the front"),
+        Column(EVERYWHERE),
+        Column(FACTOR, "largest gain in time", form=".2g"),
+        Column("choice", "by"),
+        Column("where", "in"),
+        Column("step", unit="s", form="g"),
+    )
+    caption = (
+        "How the default settings of each engine stand among other choices, over all scenes and steps. "
+        "The largest gain: time of the default over that of the fastest choice with no larger error."
+    )
     by_method = [(row, table[table[SUBJECT] == row[SUBJECT]]) for row in ranks.to_dict("records")]
-    every = (Column(SUBJECT, "engine"), Column(SETTING), Column(TIME_RATIO, "time, of the default's", form=".2g"),
-             Column(TIME_RATIO_ENDS[0], "least", form=".2g"), Column(TIME_RATIO_ENDS[1], "most", form=".2g"),
-             Column(ERROR_RATIO, "largest error, of the default's", form=".2g"), Column(FAILED))
-    by_choice = [(row, table[(table[SUBJECT] == row[SUBJECT]) & (table[SETTING] == row[SETTING])])
-                 for row in choices.to_dict("records")]
-    tables = [view("settings", caption, by_method, columns),
-              view("settings-all", "Every choice in units of its default: geometric mean of times over all scenes and "
-                   "steps, largest error.", by_choice, every, source="settings", in_report=False)]
+    every = (
+        Column(SUBJECT, "engine"),
+        Column(SETTING),
+        Column(TIME_RATIO, "time, of the default's", form=".2g"),
+        Column(TIME_RATIO_ENDS[0], "least", form=".2g"),
+        Column(TIME_RATIO_ENDS[1], "most", form=".2g"),
+        Column(ERROR_RATIO, "largest error, of the default's", form=".2g"),
+        Column(FAILED),
+    )
+    by_choice = [
+        (row, table[(table[SUBJECT] == row[SUBJECT]) & (table[SETTING] == row[SETTING])])
+        for row in choices.to_dict("records")
+    ]
+    tables = [
+        view("settings", caption, by_method, columns),
+        view(
+            "settings-all",
+            "Every choice in units of its default: geometric mean of times over all scenes and "
+            "steps, largest error.",
+            by_choice,
+            every,
+            source="settings",
+            in_report=False,
+        ),
+    ]
     return Presentation(answer, [finding], (), tables, [_figure(choices, where)], NOTES)
 
 
@@ -310,18 +446,47 @@ def _figure(choices: pd.DataFrame, where: str) -> Chart:
     panels = []
     for subject, rows in choices.groupby(SUBJECT, sort=False):
         is_default, is_better = rows[SETTING] == DEFAULT, rows[EVERYWHERE]
-        kinds = (("another choice", OTHER, ~is_better & ~is_default), (EVERYWHERE, BETTER, is_better),
-                 (DEFAULT, CHOSEN, is_default))
-        series = [Series(label, rows.loc[chosen, TIME_RATIO].to_numpy(float),
-                         rows.loc[chosen, ERROR_RATIO].clip(*ENDS).to_numpy(float), look=look, line=False, points=True)
-                  for label, look, chosen in kinds if chosen.any()]
-        panels.append(Panel(str(subject), Axis("time, of the default's", log=True),
-                            Axis("largest error, of the default's", log=True), series))
-    caption = (f"Settings of the engines, one changed at a time, in units of the default {where}: mean time and "
-               f"largest error over all steps. Errors beyond {ENDS[0]:g} and {ENDS[1]:g} stand at the edge. Left of "
-               "the default and above it, a choice is faster and somewhere less accurate.")
+        kinds = (
+            ("another choice", OTHER, ~is_better & ~is_default),
+            (EVERYWHERE, BETTER, is_better),
+            (DEFAULT, CHOSEN, is_default),
+        )
+        series = [
+            Series(
+                label,
+                rows.loc[chosen, TIME_RATIO].to_numpy(float),
+                rows.loc[chosen, ERROR_RATIO].clip(*ENDS).to_numpy(float),
+                look=look,
+                line=False,
+                points=True,
+            )
+            for label, look, chosen in kinds
+            if chosen.any()
+        ]
+        panels.append(
+            Panel(
+                str(subject),
+                Axis("time, of the default's", log=True),
+                Axis("largest error, of the default's", log=True),
+                series,
+            )
+        )
+    caption = (
+        f"Settings of the engines, one changed at a time, in units of the default {where}: mean time and "
+        f"largest error over all steps. Errors beyond {ENDS[0]:g} and {ENDS[1]:g} stand at the edge. Left of "
+        "the default and above it, a choice is faster and somewhere less accurate."
+    )
     return Chart("engine-settings", caption, panels, height=1.9)
 
 
-STUDY = Study("settings", "Settings", "Are the engines at their best?", 11, present, plan, seconds=0.5,
-              on_page_one=False, takes=frozenset({"engines", "t_end", "repeats"}))
+STUDY = Study(
+    "settings",
+    "Settings",
+    "Are the engines at their best?",
+    11,
+    present,
+    plan,
+    seconds=0.5,
+    on_page_one=False,
+    takes=frozenset({"engines", "t_end", "repeats"}),
+)

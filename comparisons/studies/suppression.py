@@ -10,8 +10,18 @@ from typing import Any
 
 from stiction.comparisons.bench.methods import with_columns
 from stiction.comparisons.bench.participants import extent
-from stiction.comparisons.bench.presentation import (Column, Number, Presentation, TracedText, listed, sentence, short,
-                                                     traced, value, view)
+from stiction.comparisons.bench.presentation import (
+    Column,
+    Number,
+    Presentation,
+    TracedText,
+    listed,
+    sentence,
+    short,
+    traced,
+    value,
+    view,
+)
 from stiction.comparisons.bench.presentation.cells import setting_of
 from stiction.comparisons.bench.results import Results
 from stiction.comparisons.bench.runner import Comparison
@@ -22,7 +32,13 @@ from stiction.comparisons.bench.variants import OWN_CPU, Record, Variant, scaled
 from stiction.comparisons.measures.accuracy import errors, size_of
 from stiction.comparisons.measures.drift import drift
 from stiction.comparisons.measures.scene_truth import truth_for
-from stiction.comparisons.measures.work_precision import HIGH, LOW, TimedRun, cost_of, timed_comparison
+from stiction.comparisons.measures.work_precision import (
+    HIGH,
+    LOW,
+    TimedRun,
+    cost_of,
+    timed_comparison,
+)
 from stiction.comparisons.studies.drift import POSITION, VELOCITY, above_rounding, drift_size
 
 ERROR = "position_error"
@@ -32,9 +48,20 @@ WAYS = (("reference", "rtol", (1e-6, 1e-9)), ("paper's scheme", "dt", (1e-2, 1e-
 
 def suppression_variants() -> tuple[Variant, ...]:
     """Both ways of the reference with each choice, at two tolerances or steps."""
-    return tuple(Variant(f"{way}, {choice}", "reference", parameter, steps, settings={
-        "method": "event" if parameter == "rtol" else "paper", "stabilization": choice})
-        for way, parameter, steps in WAYS for choice in CHOICES)
+    return tuple(
+        Variant(
+            f"{way}, {choice}",
+            "reference",
+            parameter,
+            steps,
+            settings={
+                "method": "event" if parameter == "rtol" else "paper",
+                "stabilization": choice,
+            },
+        )
+        for way, parameter, steps in WAYS
+        for choice in CHOICES
+    )
 
 
 def plan(scope: Scope) -> Comparison[Tables]:
@@ -45,14 +72,24 @@ def plan(scope: Scope) -> Comparison[Tables]:
     """
     scene, t_end = scope.scenes[0], scope.t_end
 
-    def rows(records: Sequence[Record], timings: Sequence[Timing | None]) -> Iterator[dict[str, Any]]:
+    def rows(
+        records: Sequence[Record], timings: Sequence[Timing | None]
+    ) -> Iterator[dict[str, Any]]:
         truth, size = truth_for(scene, records, t_end), size_of(scene)
         for record, timing in zip(records, timings):
-            yield {**record.describe(), "suppression": record.variant.settings["stabilization"], **cost_of(timing),
-                   **drift(record.trajectory), **errors(record.trajectory, truth, size)}
+            yield {
+                **record.describe(),
+                "suppression": record.variant.settings["stabilization"],
+                **cost_of(timing),
+                **drift(record.trajectory),
+                **errors(record.trajectory, truth, size),
+            }
 
-    runs = [TimedRun(scene, variant, step) for variant in scaled(suppression_variants(), scene, t_end)
-            for step in variant.ladder]
+    runs = [
+        TimedRun(scene, variant, step)
+        for variant in scaled(suppression_variants(), scene, t_end)
+        for step in variant.ladder
+    ]
     timed = timed_comparison(scene, runs, t_end, scope.repeats or extent(scope.depth).repeats, rows)
     return timed.then(lambda timed: timed.as_tables("suppression"))
 
@@ -67,8 +104,10 @@ def present(results: Results) -> Presentation:
     samples = with_columns(results.table("times"), "key", OWN_CPU)
     times = {key: part[OWN_CPU].tolist() for key, part in samples.groupby("key")}
     measured = table[table[POSITION].notna() & table["key"].isin(times)]
-    rows = {run: dict(zip(there["suppression"], map(int, there.index)))
-            for run, there in measured.groupby(["parameter", "step"], sort=False)}
+    rows = {
+        run: dict(zip(there["suppression"], map(int, there.index)))
+        for run, there in measured.groupby(["parameter", "step"], sort=False)
+    }
 
     def drift_with(run: tuple[str, float], choice: str) -> Number:
         return drift_size("suppression", table, rows[run][choice], POSITION)
@@ -77,7 +116,9 @@ def present(results: Results) -> Presentation:
         """By the rounds, of which each has both, as of the effects."""
         labels = [rows[run][choice] for choice in (over, under)]
         found = ratio_interval(*(times[table.at[label, "key"]] for label in labels))
-        text = "{} ({} to {})".format(*(short(each, ".3g") for each in (found.value, found.low, found.high)))
+        text = "{} ({} to {})".format(
+            *(short(each, ".3g") for each in (found.value, found.low, found.high))
+        )
         return Number(text, "suppression", OWN_CPU, tuple(label + 1 for label in labels))
 
     def error_with(run: tuple[str, float], choice: str) -> Number:
@@ -86,31 +127,72 @@ def present(results: Results) -> Presentation:
     answer, findings = TracedText(), list[TracedText]()
     for run in measured.groupby("parameter", sort=False)["step"].min().items():
         if run[0] == "rtol" and {"baumgarte", "projection"} <= rows[run].keys():
-            answer = traced("At {} Baumgarte's terms take {} times projection's time; drift {}, not {} m; error {}, "
-                            "not {} m.", setting_of(*run), time_ratio(run, "baumgarte", "projection"),
-                            *(cell(run, choice) for cell in (drift_with, error_with)
-                              for choice in ("baumgarte", "projection")))
+            answer = traced(
+                "At {} Baumgarte's terms take {} times projection's time; drift {}, not {} m; error {}, "
+                "not {} m.",
+                setting_of(*run),
+                time_ratio(run, "baumgarte", "projection"),
+                *(
+                    cell(run, choice)
+                    for cell in (drift_with, error_with)
+                    for choice in ("baumgarte", "projection")
+                ),
+            )
         if {"none", "projection"} <= rows[run].keys():
-            findings.append(traced("At {} projection takes {} times the engine time without stabilization.",
-                                   setting_of(*run), time_ratio(run, "projection", "none")))
+            findings.append(
+                traced(
+                    "At {} projection takes {} times the engine time without stabilization.",
+                    setting_of(*run),
+                    time_ratio(run, "projection", "none"),
+                )
+            )
     half = (table[HIGH] - table[OWN_CPU]).combine(table[OWN_CPU] - table[LOW], max)
     settings = [setting_of(*run) for run in zip(table["parameter"], table["step"])]
-    columns = (Column("variant", "method, stabilization"), Column("setting"),
-               Column(OWN_CPU, "engine time", "ms", "half", interval=True, scale=1e3),
-               Column("counter:rhs", "right-hand sides"), Column(POSITION, "drift", "m, rad"),
-               Column(VELOCITY, "velocity drift", "m/s"),
-               Column(ERROR, "position error", "m", "position_uncertainty"),
-               Column("reason", brief=False))
-    shown = view("suppression", "Cost, drift and error of the reference and of the paper's scheme, by stabilization; "
-                 "tolerance or step, and all else, are equal.",
-                 above_rounding(table.assign(half=half, setting=settings)), columns)
+    columns = (
+        Column("variant", "method, stabilization"),
+        Column("setting"),
+        Column(OWN_CPU, "engine time", "ms", "half", interval=True, scale=1e3),
+        Column("counter:rhs", "right-hand sides"),
+        Column(POSITION, "drift", "m, rad"),
+        Column(VELOCITY, "velocity drift", "m/s"),
+        Column(ERROR, "position error", "m", "position_uncertainty"),
+        Column("reason", brief=False),
+    )
+    shown = view(
+        "suppression",
+        "Cost, drift and error of the reference and of the paper's scheme, by stabilization; "
+        "tolerance or step, and all else, are equal.",
+        above_rounding(table.assign(half=half, setting=settings)),
+        columns,
+    )
     every = [Column(name) for name in table if name not in ("settings", "version", "key")]
-    runs = view("suppression-all", "Every run behind the stabilizations.", table, every, source="suppression",
-                in_report=False)
-    return Presentation(answer, [*findings, without], tables=[shown, runs], notes=[
-        "Drift is read at the output instants, as in the comparison of methods. The reference projects after each "
-        "step; between steps it interpolates."])
+    runs = view(
+        "suppression-all",
+        "Every run behind the stabilizations.",
+        table,
+        every,
+        source="suppression",
+        in_report=False,
+    )
+    return Presentation(
+        answer,
+        [*findings, without],
+        tables=[shown, runs],
+        notes=[
+            "Drift is read at the output instants, as in the comparison of methods. The reference projects after each "
+            "step; between steps it interpolates."
+        ],
+    )
 
 
-STUDY = Study("suppression", "Stabilization", "What does each stabilization cost and yield?", 8, present, plan,
-              seconds=0.1, on_page_one=False, takes=frozenset({"t_end", "repeats"}))
+STUDY = Study(
+    "suppression",
+    "Stabilization",
+    "What does each stabilization cost and yield?",
+    8,
+    present,
+    plan,
+    seconds=0.1,
+    on_page_one=False,
+    takes=frozenset({"t_end", "repeats"}),
+)

@@ -16,14 +16,34 @@ import pandas as pd
 
 from stiction.comparisons.bench.methods import MISSING_ENGINE, called, with_columns
 from stiction.comparisons.bench.participants import extent, threshold_variants
-from stiction.comparisons.bench.presentation import (Axis, Chart, Column, Headline, Number, Panel, Presentation, Series,
-                                                     TracedText, interval, listed, sentence, traced, view)
+from stiction.comparisons.bench.presentation import (
+    Axis,
+    Chart,
+    Column,
+    Headline,
+    Number,
+    Panel,
+    Presentation,
+    Series,
+    TracedText,
+    interval,
+    listed,
+    sentence,
+    traced,
+    view,
+)
 from stiction.comparisons.bench.presentation.cells import setting_of
 from stiction.comparisons.bench.results import Results
 from stiction.comparisons.bench.runner import Comparison
 from stiction.comparisons.bench.study import Scope, Study, Tables
 from stiction.comparisons.bench.variants import Variant, has_static_coefficient, run_key, truth_key
-from stiction.comparisons.measures.settling import MOST_PERIODS, SETTLED, NotSettled, common_period, settled
+from stiction.comparisons.measures.settling import (
+    MOST_PERIODS,
+    SETTLED,
+    NotSettled,
+    common_period,
+    settled,
+)
 from stiction.engines.isolation import Outcome, Task
 from stiction.engines.protocol import EngineFailure
 from stiction.engines.registry import label_of, load_engine
@@ -145,20 +165,30 @@ class StickProbe:
     residual: float = 0.0
 
     def __post_init__(self) -> None:
-        self.period, self.guide = common_period(self.scene), next(iter(self.scene.frictional_guides))
+        self.period, self.guide = (
+            common_period(self.scene),
+            next(iter(self.scene.frictional_guides)),
+        )
 
     def sticks(self, F0: float) -> bool:
         if F0 not in self.seen:
-            self.seen[F0] = self._sampled(F0, self.arguments["dt"]) if "dt" in self.arguments else self._located(F0)
+            self.seen[F0] = (
+                self._sampled(F0, self.arguments["dt"])
+                if "dt" in self.arguments
+                else self._located(F0)
+            )
         return self.seen[F0][0]
 
-    def bracket(self, with_stick: float | None, without_stick: float | None, remark: str = "") -> Threshold:
+    def bracket(
+        self, with_stick: float | None, without_stick: float | None, remark: str = ""
+    ) -> Threshold:
         """The result of a search."""
         return Threshold(with_stick, without_stick, self.runs, remark, self.residual)
 
     def _simulate(self, F0: float, end: float, output_step: float) -> Trajectory:
-        run = load_engine(self.engine).simulate(vary(self.scene, {AMPLITUDE: F0}), t_end=end, output_step=output_step,
-                                                **self.arguments)
+        run = load_engine(self.engine).simulate(
+            vary(self.scene, {AMPLITUDE: F0}), t_end=end, output_step=output_step, **self.arguments
+        )
         if run.termination != "end":
             raise EngineFailure(f"F0 = {F0:g}: {run.termination}")
         self.runs += 1
@@ -172,14 +202,21 @@ class StickProbe:
         periods = self.settle_periods
         while periods <= (self.most_settling or MOST_SETTLING):
             run = self._simulate(F0, periods * self.period, self.period)
-            state = settled(run[f"{self.guide}.displacement"][:periods + 1], self.distance, self.floor)
+            state = settled(
+                run[f"{self.guide}.displacement"][: periods + 1], self.distance, self.floor
+            )
             if state is not None:
-                self.settle_periods, self.residual = periods, max(self.residual, state.distance * F0)
+                self.settle_periods, self.residual = (
+                    periods,
+                    max(self.residual, state.distance * F0),
+                )
                 start = (periods - state.order) * self.period * (1 - 1e-12)
                 return sticks(run, self.guide, start, 0.0)[0], None
             periods *= 2
-        raise NotSettled(f"not settled after {periods // 2} periods of {self.period:g} s at F0 = {F0:.9g} N: no steady "
-                         f"state of up to {MOST_PERIODS} periods")
+        raise NotSettled(
+            f"not settled after {periods // 2} periods of {self.period:g} s at F0 = {F0:.9g} N: no steady "
+            f"state of up to {MOST_PERIODS} periods"
+        )
 
 
 def sticks(run: Trajectory, guide: str, start: float, step: float) -> tuple[bool, float]:
@@ -193,12 +230,21 @@ def sticks(run: Trajectory, guide: str, start: float, step: float) -> tuple[bool
     creep = float(np.median(stretches[slowest]))
     if run.settings.get("method") == "event":
         events = [event for event in run.events if event.kind == "stick" and event.joint == guide]
-        return bool(np.any(run[f"{guide}.mode"][window] == 0) or any(event.time >= start for event in events)), creep
+        return bool(
+            np.any(run[f"{guide}.mode"][window] == 0)
+            or any(event.time >= start for event in events)
+        ), creep
     return bool(worst[slowest] <= CREEP_TOLERANCE), creep
 
 
-def measure_threshold(scene: Scene, engine: str, arguments: Mapping[str, Any], search: Search,
-                      distance: float = SETTLED, floor: float = SETTLED) -> Threshold:
+def measure_threshold(
+    scene: Scene,
+    engine: str,
+    arguments: Mapping[str, Any],
+    search: Search,
+    distance: float = SETTLED,
+    floor: float = SETTLED,
+) -> Threshold:
     """Bracket the threshold of an engine on the amplitude; see `Search` and `StickProbe`."""
     probe = StickProbe(scene, engine, arguments, distance, floor)
     try:
@@ -238,13 +284,17 @@ def _ends(stuck: Callable[[float], bool], search: Search) -> tuple[float, float]
     last = len(amplitudes) - 1
     own = last if search.own is None else int(np.argmin(np.abs(np.array(amplitudes) - search.own)))
     # the band of its own amplitude, else the next one below, else the next one above; then its upper end
-    inside = next((i for i in (*range(own, -1, -1), *range(own + 1, last + 1)) if stuck(amplitudes[i])), 0)
+    inside = next(
+        (i for i in (*range(own, -1, -1), *range(own + 1, last + 1)) if stuck(amplitudes[i])), 0
+    )
     while inside < last and stuck(amplitudes[inside + 1]):
         inside += 1
     return amplitudes[inside], amplitudes[min(inside + 1, last)]
 
 
-def around(stuck: Callable[[float], bool], near: float, low: float, high: float, step: float) -> tuple[float, float]:
+def around(
+    stuck: Callable[[float], bool], near: float, low: float, high: float, step: float
+) -> tuple[float, float]:
     """Two amplitudes around the threshold, N: a stick phase at the first and none at the second.
 
     Steps from `near` on double until one has passed the threshold, or is `low` or `high`.
@@ -264,8 +314,14 @@ def bands_above(scene: Scene, threshold: float, start: float | None = None) -> S
     farther up, is not seen. The ends of a band are halved to `SCAN_WIDTH` of the threshold; an amplitude without a
     steady state counts as one without a stick phase there.
     """
-    probe = StickProbe(scene, "reference", {"rtol": SCAN_RTOL, "stabilization": "projection", "assemble": True},
-                       SCAN_DISTANCE, SCAN_FLOOR * SCAN_DISTANCE, SCAN_SETTLING)
+    probe = StickProbe(
+        scene,
+        "reference",
+        {"rtol": SCAN_RTOL, "stabilization": "projection", "assemble": True},
+        SCAN_DISTANCE,
+        SCAN_FLOOR * SCAN_DISTANCE,
+        SCAN_SETTLING,
+    )
     unknown: list[float] = []
 
     def stuck(F0: float) -> bool:
@@ -283,14 +339,21 @@ def bands_above(scene: Scene, threshold: float, start: float | None = None) -> S
         return inside
 
     step = SCAN_STEP * threshold
-    amplitudes = [float(F0) for F0 in np.arange(start or threshold + step, SCAN_END * threshold + 0.5 * step, step)]
+    amplitudes = [
+        float(F0)
+        for F0 in np.arange(start or threshold + step, SCAN_END * threshold + 0.5 * step, step)
+    ]
     seen = [stuck(F0) for F0 in amplitudes]
     without, bands = tuple(unknown), []
     for i, F0 in enumerate(amplitudes):
         if seen[i] and not (i and seen[i - 1]):
             last = next((j for j in range(i, len(seen)) if not seen[j]), len(seen)) - 1
             low = end_of(F0, amplitudes[i - 1]) if i else F0
-            high = end_of(amplitudes[last], amplitudes[last + 1]) if last + 1 < len(amplitudes) else amplitudes[last]
+            high = (
+                end_of(amplitudes[last], amplitudes[last + 1])
+                if last + 1 < len(amplitudes)
+                else amplitudes[last]
+            )
             bands.append((low, high))
     return StickBands(tuple(bands), amplitudes[-1], step, without)
 
@@ -328,12 +391,24 @@ def true_thresholds(scene: Scene) -> Comparison[dict[bool, StickThreshold]]:
     proven = {has_mus: threshold_of_theorem(varied) for has_mus, varied in physics.items()}
 
     def tabulate(outcomes: Sequence[Outcome]) -> dict[bool, StickThreshold]:
-        return {has_mus: outcome.value or proven[has_mus]
-                or StickThreshold(None, None, (np.nan, np.nan), f"{outcome.status}: {outcome.reason}")
-                for has_mus, outcome in zip(physics, outcomes, strict=True)}
+        return {
+            has_mus: outcome.value
+            or proven[has_mus]
+            or StickThreshold(None, None, (np.nan, np.nan), f"{outcome.status}: {outcome.reason}")
+            for has_mus, outcome in zip(physics, outcomes, strict=True)
+        }
 
-    return Comparison(tuple(Task(f"threshold/{truth_key(scene.name, has_mus)}/truth", with_bands,
-                                 (varied, proven[has_mus])) for has_mus, varied in physics.items()), tabulate)
+    return Comparison(
+        tuple(
+            Task(
+                f"threshold/{truth_key(scene.name, has_mus)}/truth",
+                with_bands,
+                (varied, proven[has_mus]),
+            )
+            for has_mus, varied in physics.items()
+        ),
+        tabulate,
+    )
 
 
 def plan(scope: Scope) -> Comparison[Tables]:
@@ -345,21 +420,45 @@ def plan(scope: Scope) -> Comparison[Tables]:
     own: it was seen to stick at one end and not at the other.
     """
     scene, true = scope.scenes[0], scope.known[TRUTH]
-    variants, width, tasks = threshold_variants(scope.engines, scope.depth), extent(scope.depth).bracket, []
+    variants, width, tasks = (
+        threshold_variants(scope.engines, scope.depth),
+        extent(scope.depth).bracket,
+        [],
+    )
     for variant in variants:
         has_mus = has_static_coefficient(variant)
         physics = physics_of(scene, has_mus)
-        start = max(load.law.amplitude for load in physics.forces.values() if isinstance(load.law, Sine))
+        start = max(
+            load.law.amplitude for load in physics.forces.values() if isinstance(load.law, Sine)
+        )
         centre = true[has_mus].F0 or start
-        search = Search(min(start, centre) / 2, 2 * max(start, centre),
-                        LOCATED_WIDTH if variant.parameter == "rtol" else width, start, FIRST_PART * start)
-        tasks.append(Task(f"threshold/{scene.name}/{variant.label}", measure_series, (physics, variant, search)))
-    return Comparison(tuple(tasks), lambda outcomes: Tables({
-        "threshold": threshold_table(scene, variants, outcomes, true)}), variants)
+        search = Search(
+            min(start, centre) / 2,
+            2 * max(start, centre),
+            LOCATED_WIDTH if variant.parameter == "rtol" else width,
+            start,
+            FIRST_PART * start,
+        )
+        tasks.append(
+            Task(
+                f"threshold/{scene.name}/{variant.label}",
+                measure_series,
+                (physics, variant, search),
+            )
+        )
+    return Comparison(
+        tuple(tasks),
+        lambda outcomes: Tables({"threshold": threshold_table(scene, variants, outcomes, true)}),
+        variants,
+    )
 
 
-def threshold_table(scene: Scene, variants: Sequence[Variant], outcomes: Sequence[Outcome],
-                    true: Mapping[bool, StickThreshold]) -> pd.DataFrame:
+def threshold_table(
+    scene: Scene,
+    variants: Sequence[Variant],
+    outcomes: Sequence[Outcome],
+    true: Mapping[bool, StickThreshold],
+) -> pd.DataFrame:
     """One row per variant and step; the values of the outcomes are those of `measure_series`.
 
     The numerical uncertainty is the width of the bracket plus the rest of the transient. Along a refinement series the
@@ -368,20 +467,45 @@ def threshold_table(scene: Scene, variants: Sequence[Variant], outcomes: Sequenc
     rows = []
     for variant, outcome in zip(variants, outcomes, strict=True):
         has_mus = has_static_coefficient(variant)
-        truth, guide = true[has_mus], next(iter(physics_of(scene, has_mus).frictional_guides.values()))
+        truth, guide = (
+            true[has_mus],
+            next(iter(physics_of(scene, has_mus).frictional_guides.values())),
+        )
         tier = NO_TRUTH if truth.F0 is None else PROVEN if truth.theorem else HIGH_PRECISION
-        for step, found in zip(variant.ladder, outcome.value or [None] * len(variant.ladder), strict=True):
-            row = {"scene": scene.name, "variant": variant.label, "engine": label_of(variant.engine),
-                   "fidelity": variant.fidelity, "parameter": variant.parameter, "step": step,
-                   "status": outcome.status, "reason": outcome.reason or (found.remark if found else ""),
-                   "true_threshold": truth.F0, "truth_tier": tier, "truth_note": truth.note,
-                   "true_threshold_uncertainty": truth.uncertainty, "theorem": truth.theorem, "paper_threshold": PAPER_VALUE,
-                   AGAIN: truth.above.words if truth.above else "",
-                   SCANNED: truth.above.end if truth.above else np.nan,
-                   "mus": guide.static_coefficient, "key": f"threshold/{run_key(scene, variant, step)}"}
-            rows.append(row if found is None else row | {
-                WITH_STICK: found.with_stick, WITHOUT_STICK: found.without_stick, "runs": found.runs,
-                "residual": found.residual})
+        for step, found in zip(
+            variant.ladder, outcome.value or [None] * len(variant.ladder), strict=True
+        ):
+            row = {
+                "scene": scene.name,
+                "variant": variant.label,
+                "engine": label_of(variant.engine),
+                "fidelity": variant.fidelity,
+                "parameter": variant.parameter,
+                "step": step,
+                "status": outcome.status,
+                "reason": outcome.reason or (found.remark if found else ""),
+                "true_threshold": truth.F0,
+                "truth_tier": tier,
+                "truth_note": truth.note,
+                "true_threshold_uncertainty": truth.uncertainty,
+                "theorem": truth.theorem,
+                "paper_threshold": PAPER_VALUE,
+                AGAIN: truth.above.words if truth.above else "",
+                SCANNED: truth.above.end if truth.above else np.nan,
+                "mus": guide.static_coefficient,
+                "key": f"threshold/{run_key(scene, variant, step)}",
+            }
+            rows.append(
+                row
+                if found is None
+                else row
+                | {
+                    WITH_STICK: found.with_stick,
+                    WITHOUT_STICK: found.without_stick,
+                    "runs": found.runs,
+                    "residual": found.residual,
+                }
+            )
     table = pd.DataFrame(rows)
     if WITH_STICK not in table:
         return table
@@ -389,8 +513,15 @@ def threshold_table(scene: Scene, variants: Sequence[Variant], outcomes: Sequenc
     middle = 0.5 * (ends[WITH_STICK] + ends[WITHOUT_STICK])
     change = middle.dropna().groupby(table["variant"]).diff().abs().reindex(table.index)
     width = ends[WITHOUT_STICK] - ends[WITH_STICK]
-    return table.assign(**ends, **{MIDDLE: middle, ERROR: middle - table["true_threshold"].astype(float),
-                                   UNCERTAINTY: width + residual + change.fillna(0.0), CHANGE: change})
+    return table.assign(
+        **ends,
+        **{
+            MIDDLE: middle,
+            ERROR: middle - table["true_threshold"].astype(float),
+            UNCERTAINTY: width + residual + change.fillna(0.0),
+            CHANGE: change,
+        },
+    )
 
 
 def present(results: Results) -> Presentation:
@@ -398,47 +529,95 @@ def present(results: Results) -> Presentation:
     table = results.table("threshold")
     if table.empty or ERROR not in table or table[ERROR].isna().all():
         return Presentation()
-    table = with_columns(table, CHANGE).assign(setting=list(map(setting_of, table["parameter"], table["step"])))
+    table = with_columns(table, CHANGE).assign(
+        setting=list(map(setting_of, table["parameter"], table["step"]))
+    )
     measured = table[table[ERROR].notna()]
     finest = measured.loc[measured.groupby("variant", sort=False)["step"].idxmin()]
-    off = {variant: interval("threshold", table, int(row), ERROR) for row, variant in finest["variant"].items()}
+    off = {
+        variant: interval("threshold", table, int(row), ERROR)
+        for row, variant in finest["variant"].items()
+    }
     row = int(measured.index[0])
-    truth = Number(known(table.at[row, "true_threshold"], table.at[row, "true_threshold_uncertainty"]), "threshold", "true_threshold",
-                   rows=(row + 1,))
-    beyond = finest[finest[ERROR].abs() > finest[UNCERTAINTY]].sort_values(ERROR, key=abs, kind="stable")
+    truth = Number(
+        known(table.at[row, "true_threshold"], table.at[row, "true_threshold_uncertainty"]),
+        "threshold",
+        "true_threshold",
+        rows=(row + 1,),
+    )
+    beyond = finest[finest[ERROR].abs() > finest[UNCERTAINTY]].sort_values(
+        ERROR, key=abs, kind="stable"
+    )
     steps = finest.loc[finest["parameter"] == "dt", "step"]
-    moves = beyond["parameter"].eq("dt") & ((beyond["step"] > steps.min())
-                                            | ~(beyond[CHANGE] < SETTLES * beyond[ERROR].abs()))
-    clearly, moving = (listed(_named([traced("{} ({} N)", called(variant), off[variant]) for variant in names]))
-                       for names in (beyond.loc[~moves, "variant"], beyond.loc[moves, "variant"]))
-    answer = traced("The band of stick next to the scene's F0 ends at {} N. {}{}", truth,
-                    sentence("Clearly off: {}.", clearly) or "No method is clearly off.",
-                    sentence(" Inconclusive at its finest step: {}.", moving))
+    moves = beyond["parameter"].eq("dt") & (
+        (beyond["step"] > steps.min()) | ~(beyond[CHANGE] < SETTLES * beyond[ERROR].abs())
+    )
+    clearly, moving = (
+        listed(_named([traced("{} ({} N)", called(variant), off[variant]) for variant in names]))
+        for names in (beyond.loc[~moves, "variant"], beyond.loc[moves, "variant"])
+    )
+    answer = traced(
+        "The band of stick next to the scene's F0 ends at {} N. {}{}",
+        truth,
+        sentence("Clearly off: {}.", clearly) or "No method is clearly off.",
+        sentence(" Inconclusive at its finest step: {}.", moving),
+    )
     installed = table.loc[table["status"] != MISSING_ENGINE, "variant"].unique()
     none = [called(variant) for variant in installed if variant not in off]
     findings = [traced("No threshold was found for {}.", listed(none))] if none else []
-    proven = table.dropna(subset="theorem").drop_duplicates("theorem") if "theorem" in table else table.iloc[:0]
-    findings += [TracedText(f"Proven for mus = {row['mus']:g}: it {text[text.rindex('lies between'):]}")
-                 for row in proven.to_dict("records") if "lies between" in (text := row["theorem"])]
+    proven = (
+        table.dropna(subset="theorem").drop_duplicates("theorem")
+        if "theorem" in table
+        else table.iloc[:0]
+    )
+    findings += [
+        TracedText(f"Proven for mus = {row['mus']:g}: it {text[text.rindex('lies between') :]}")
+        for row in proven.to_dict("records")
+        if "lies between" in (text := row["theorem"])
+    ]
     findings += _above(table)
-    headline = Headline("stick limit off [N]", {variant: traced("{}", number) for variant, number in off.items()})
-    columns = (Column("variant", "method"), Column("fidelity"), Column("mus", form="g"),
-               Column("setting"),
-               Column(WITH_STICK, "sticks at", "N", form=".6g", brief=False),
-               Column(WITHOUT_STICK, "slips at", "N", form=".6g", brief=False),
-               Column(ERROR, "F0 less truth", "N", UNCERTAINTY, interval=True), Column(AGAIN),
-               Column("runs", brief=False), Column("reason", brief=False))
-    shown = view("threshold", "Upper end of the band of load amplitudes F0, next to the scene's own, with a stick "
-                 "phase in the steady state, less that of the truth; the finest step of each method.", finest, columns)
-    whole = view("threshold-all", "The threshold at every step.", table, columns, source="threshold", in_report=False)
-    notes = ("The uncertainty is the width of the bracket that the search ends with, and the change from the next "
-             "coarser step. Brackets are not ranked: a method is off only where its error is larger than its "
-             "uncertainty. Its step must be the finest of all, and must have changed the error by less than "
-             f"{100 * SETTLES:g} %.",
-             "Above the threshold the slider may stick again. The event-driven reference is asked every "
-             f"{100 * SCAN_STEP:g} % of it, up to {SCAN_END:g} times it, and the truth in the middle of each band that "
-             "is found. Narrower bands, and those farther up, are not seen.")
-    return Presentation(answer, tuple(findings), (headline,), (shown, whole), (_figure(measured),), notes)
+    headline = Headline(
+        "stick limit off [N]", {variant: traced("{}", number) for variant, number in off.items()}
+    )
+    columns = (
+        Column("variant", "method"),
+        Column("fidelity"),
+        Column("mus", form="g"),
+        Column("setting"),
+        Column(WITH_STICK, "sticks at", "N", form=".6g", brief=False),
+        Column(WITHOUT_STICK, "slips at", "N", form=".6g", brief=False),
+        Column(ERROR, "F0 less truth", "N", UNCERTAINTY, interval=True),
+        Column(AGAIN),
+        Column("runs", brief=False),
+        Column("reason", brief=False),
+    )
+    shown = view(
+        "threshold",
+        "Upper end of the band of load amplitudes F0, next to the scene's own, with a stick "
+        "phase in the steady state, less that of the truth; the finest step of each method.",
+        finest,
+        columns,
+    )
+    whole = view(
+        "threshold-all",
+        "The threshold at every step.",
+        table,
+        columns,
+        source="threshold",
+        in_report=False,
+    )
+    notes = (
+        "The uncertainty is the width of the bracket that the search ends with, and the change from the next "
+        "coarser step. Brackets are not ranked: a method is off only where its error is larger than its "
+        "uncertainty. Its step must be the finest of all, and must have changed the error by less than "
+        f"{100 * SETTLES:g} %.",
+        "Above the threshold the slider may stick again. The event-driven reference is asked every "
+        f"{100 * SCAN_STEP:g} % of it, up to {SCAN_END:g} times it, and the truth in the middle of each band that "
+        "is found. Narrower bands, and those farther up, are not seen.",
+    )
+    return Presentation(
+        answer, tuple(findings), (headline,), (shown, whole), (_figure(measured),), notes
+    )
 
 
 def _above(table: pd.DataFrame) -> list[TracedText]:
@@ -446,8 +625,11 @@ def _above(table: pd.DataFrame) -> list[TracedText]:
     if AGAIN not in table:
         return []
     scanned = table[table[SCANNED].notna()].drop_duplicates("mus")
-    found = [TracedText(f"With mus = {row['mus']:g} it sticks again {row[AGAIN]}.")
-             for row in scanned.to_dict("records") if row[AGAIN]]
+    found = [
+        TracedText(f"With mus = {row['mus']:g} it sticks again {row[AGAIN]}.")
+        for row in scanned.to_dict("records")
+        if row[AGAIN]
+    ]
     if len(scanned) and not found:
         found = [TracedText(f"No other band is seen above, up to {scanned[SCANNED].min():.3g} N.")]
     return found
@@ -455,7 +637,11 @@ def _above(table: pd.DataFrame) -> list[TracedText]:
 
 def _named(methods: list[TracedText]) -> list[TracedText]:
     """All of them, or the first and the last where they are many: the table has those between."""
-    return methods if len(methods) <= MOST_NAMED else [traced("from {} to {}", methods[0], methods[-1])]
+    return (
+        methods
+        if len(methods) <= MOST_NAMED
+        else [traced("from {} to {}", methods[0], methods[-1])]
+    )
 
 
 def _figure(measured: pd.DataFrame) -> Chart:
@@ -463,18 +649,40 @@ def _figure(measured: pd.DataFrame) -> Chart:
     series, names = [], list(measured["variant"].unique())
     for place, variant in enumerate(names):
         runs = measured[measured["variant"] == variant].sort_values("step", ascending=False)
-        y = -place + np.linspace(0.25, -0.25, len(runs)) if len(runs) > 1 else np.array([float(-place)])
+        y = (
+            -place + np.linspace(0.25, -0.25, len(runs))
+            if len(runs) > 1
+            else np.array([float(-place)])
+        )
         is_known = runs[CHANGE].notna() | (runs["parameter"] != "dt")
-        error, unsure = runs[ERROR].to_numpy(float), runs[UNCERTAINTY].where(is_known).to_numpy(float)
-        series.append(Series("", error, y, error - unsure, error + unsure, look=variant, line=False, points=True))
+        error, unsure = (
+            runs[ERROR].to_numpy(float),
+            runs[UNCERTAINTY].where(is_known).to_numpy(float),
+        )
+        series.append(
+            Series(
+                "", error, y, error - unsure, error + unsure, look=variant, line=False, points=True
+            )
+        )
     places = Axis("", ticks=[float(-place) for place in range(len(names))], words=names)
-    panel = Panel("", Axis("upper end of the band of F0 with stick, less that of the truth [N]"), places, series,
-                  horizontal=True, lines=(0.0,))
-    return Chart("threshold", "Stick threshold of each method (upper end of the band of F0 with a stick phase next to "
-                 "the scene's own F0) less that of the truth, at each step from coarse (above) to fine. "
-                 "Bars: the bracket that the search ended with and the change from the coarser step. The "
-                 "coarsest step has none.",
-                 (panel,), columns=1, height=1.0 + 0.24 * len(names))
+    panel = Panel(
+        "",
+        Axis("upper end of the band of F0 with stick, less that of the truth [N]"),
+        places,
+        series,
+        horizontal=True,
+        lines=(0.0,),
+    )
+    return Chart(
+        "threshold",
+        "Stick threshold of each method (upper end of the band of F0 with a stick phase next to "
+        "the scene's own F0) less that of the truth, at each step from coarse (above) to fine. "
+        "Bars: the bracket that the search ended with and the change from the coarser step. The "
+        "coarsest step has none.",
+        (panel,),
+        columns=1,
+        height=1.0 + 0.24 * len(names),
+    )
 
 
 def known(number: float, unsure: float) -> str:
@@ -482,6 +690,14 @@ def known(number: float, unsure: float) -> str:
     return f"{number:.{max(0, int(np.floor(-np.log10(2 * unsure)))) if unsure > 0 else 12}f}"
 
 
-STUDY = Study("threshold", "Stick limit",
-              "Where does the band of loads end, next to the scene's own, in which the slider sticks?", 4, present,
-              plan, {TRUTH: lambda scope: true_thresholds(scope.scenes[0])}, seconds=10.0, takes=frozenset({"engines"}))
+STUDY = Study(
+    "threshold",
+    "Stick limit",
+    "Where does the band of loads end, next to the scene's own, in which the slider sticks?",
+    4,
+    present,
+    plan,
+    {TRUTH: lambda scope: true_thresholds(scope.scenes[0])},
+    seconds=10.0,
+    takes=frozenset({"engines"}),
+)

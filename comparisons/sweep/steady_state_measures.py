@@ -15,8 +15,14 @@ from scipy.optimize import minimize_scalar
 from stiction.comparisons.bench.quantities import Quantity
 from stiction.comparisons.bench.variants import COMMON_STEP, time_factor
 from stiction.comparisons.measures.invariant_shifts import TURN, invariant_shifts
-from stiction.comparisons.measures.settling import (LEAST_PASSES, MOST_PERIODS, NoCommonPeriod, NotSettled,
-                                                    excitation_period, settled)
+from stiction.comparisons.measures.settling import (
+    LEAST_PASSES,
+    MOST_PERIODS,
+    NoCommonPeriod,
+    NotSettled,
+    excitation_period,
+    settled,
+)
 from stiction.comparisons.studies.threshold import CREEP_TOLERANCE, SHORTEST_STICK
 from stiction.engines.protocol import EVENTS_LOCATED_BY, EngineFailure, Refused
 from stiction.engines.registry import load_engine
@@ -120,19 +126,30 @@ class SteadyWindow:
         Distances from a limit that are allowed are a part of the ranges, and the error of a step.
         """
         columns, bodies = self.whole.columns, list(self.scene.bodies)
-        self._motion = [np.column_stack([columns[f"{body}.{label}"] for body in bodies for label in labels])
-                        for labels in BODY_COLUMNS if f"{bodies[0]}.{labels[0]}" in columns]
+        self._motion = [
+            np.column_stack([columns[f"{body}.{label}"] for body in bodies for label in labels])
+            for labels in BODY_COLUMNS
+            if f"{bodies[0]}.{labels[0]}" in columns
+        ]
         self._size = float(self.mechanism.arrays.length_scale)
-        self._unit = np.tile([1.0, 1.0, self._size], len(bodies))  # metres in a unit of each coordinate
+        self._unit = np.tile(
+            [1.0, 1.0, self._size], len(bodies)
+        )  # metres in a unit of each coordinate
         self._fastest = float(np.max(np.abs(self._motion[1]) * self._unit))
         self._shifts = invariant_shifts(self.scene, self._size)
         self._places = self._shifts.places(self.whole.t, self._motion[0])
-        of_places, of_velocities = np.ptp(self._places, axis=0), np.ptp(self._motion[1], axis=0) * self._unit
+        of_places, of_velocities = (
+            np.ptp(self._places, axis=0),
+            np.ptp(self._motion[1], axis=0) * self._unit,
+        )
         # a place on a circle is nowhere farther away than its circumference, however often it goes round
-        of_places = np.where(self._shifts.turns, np.minimum(of_places, TURN * self._size), of_places)
+        of_places = np.where(
+            self._shifts.turns, np.minimum(of_places, TURN * self._size), of_places
+        )
         self._ranges = [of_places, of_velocities]
-        self._allowed = self.rtol * np.concatenate([REPEATS * of_places + self._size,
-                                                    REPEATS * of_velocities + (self._fastest or 1.0)])
+        self._allowed = self.rtol * np.concatenate(
+            [REPEATS * of_places + self._size, REPEATS * of_velocities + (self._fastest or 1.0)]
+        )
 
     @cached_property
     def start(self) -> float:
@@ -151,7 +168,9 @@ class SteadyWindow:
             q, v = (values[::-step][::-1] for values in self._motion[:2])
             return self.end - self.period * self._order(self.end, self.period, q, v)
         if np.isnan(self.period):
-            raise NotSettled("loads and drives have no common period, and the mechanism is not at rest")
+            raise NotSettled(
+                "loads and drives have no common period, and the mechanism is not at rest"
+            )
         return self.end - self._own_period()
 
     @cached_property
@@ -171,7 +190,7 @@ class SteadyWindow:
             return False
         change = self._places[-1] - self._places[0]
         change -= self._shifts.whole_turns(change)
-        is_same_place = np.all(np.abs(change) <= self._allowed[:len(change)])
+        is_same_place = np.all(np.abs(change) <= self._allowed[: len(change)])
         return bool(is_same_place and self._forces_repeat(self.end - self.whole.t[0], q[-1] - q[0]))
 
     def _order(self, instant: float, period: float, q: np.ndarray, v: np.ndarray) -> int:
@@ -182,12 +201,18 @@ class SteadyWindow:
         places = self._shifts.places(instant + period * passes, q)
         for order in range(1, min(MOST_PERIODS, len(q) // LEAST_PASSES) + 1):
             turns = self._shifts.whole_turns(places[-1] - places[-1 - order])
-            states = np.hstack([places - np.outer(passes / order, turns), v * self._unit]) / self._allowed
-            if (settled(states, 1.0, CONTRACTION, (order,), 1.0) is not None
-                    and self._forces_repeat(order * period, q[-1] - q[-1 - order])):
+            states = (
+                np.hstack([places - np.outer(passes / order, turns), v * self._unit])
+                / self._allowed
+            )
+            if settled(states, 1.0, CONTRACTION, (order,), 1.0) is not None and self._forces_repeat(
+                order * period, q[-1] - q[-1 - order]
+            ):
                 return order
-        raise NotSettled(f"the motion does not repeat itself to {REPEATS * self.rtol:g} of its range within "
-                         f"{len(q) - 1} periods of {period:g} s")
+        raise NotSettled(
+            f"the motion does not repeat itself to {REPEATS * self.rtol:g} of its range within "
+            f"{len(q) - 1} periods of {period:g} s"
+        )
 
     def _forces_repeat(self, time: float, change: np.ndarray) -> bool:
         """Return True if the forces are the same after the invariant shift that is next to a change in this time.
@@ -202,26 +227,42 @@ class SteadyWindow:
         if distance <= LEAST_SHIFT * self._size:
             return True
         times = int(np.ceil(self._size / distance))
-        here, there = (self.integration.forces_at(self.end + k * time, q + k * shift, v) for k in (0, times))
-        efforts = [row for row, name in enumerate(self.mechanism.row_names) if name.endswith(".effort")]
-        pairs = ((here[0] * self._unit, there[0] * self._unit, self._fastest / time), (here[1], there[1], 0.0),
-                 (here[2][efforts], there[2][efforts], np.max(np.abs(here[2]), initial=0.0)))
-        return all(np.max(np.abs(others - values), initial=0.0)
-                   <= SAME * max(least, np.max(np.abs(values), initial=0.0)) for values, others, least in pairs)
+        here, there = (
+            self.integration.forces_at(self.end + k * time, q + k * shift, v) for k in (0, times)
+        )
+        efforts = [
+            row for row, name in enumerate(self.mechanism.row_names) if name.endswith(".effort")
+        ]
+        pairs = (
+            (here[0] * self._unit, there[0] * self._unit, self._fastest / time),
+            (here[1], there[1], 0.0),
+            (here[2][efforts], there[2][efforts], np.max(np.abs(here[2]), initial=0.0)),
+        )
+        return all(
+            np.max(np.abs(others - values), initial=0.0)
+            <= SAME * max(least, np.max(np.abs(values), initial=0.0))
+            for values, others, least in pairs
+        )
 
     def _own_period(self) -> float:
         """The shortest time (s) after which a mechanism with constant loads and drives is in the same motion again."""
         (q, v, a), t, n = self._motion, self.whole.t, 3 * len(self.scene.bodies)
-        motion = CubicHermiteSpline(t, np.hstack([q, v]), np.hstack([v, a]))  # wrong by h^4/384 of its 4th derivative
+        motion = CubicHermiteSpline(
+            t, np.hstack([q, v]), np.hstack([v, a])
+        )  # wrong by h^4/384 of its 4th derivative
         ranges, count = np.concatenate(self._ranges), len(self._ranges[0])
         # places and velocities that do not change are those of bodies at rest or in uniform motion
-        swings = np.concatenate([self._ranges[0] > self.rtol * self._size,
-                                 self._ranges[1] > self.rtol * self._fastest])
+        swings = np.concatenate(
+            [self._ranges[0] > self.rtol * self._size, self._ranges[1] > self.rtol * self._fastest]
+        )
         weight = 1.0 / ranges[swings]
 
         def states(instants: np.ndarray | float) -> np.ndarray:
             found = motion(instants)
-            return np.concatenate([self._shifts.places(instants, found[..., :n]), found[..., n:] * self._unit], axis=-1)
+            return np.concatenate(
+                [self._shifts.places(instants, found[..., :n]), found[..., n:] * self._unit],
+                axis=-1,
+            )
 
         def away(instant: float, lag: np.ndarray | float) -> np.ndarray:
             change = states(instant - lag) - states(instant)
@@ -230,17 +271,25 @@ class SteadyWindow:
 
         sampled = np.hstack([self._places, v * self._unit])
         step = np.max(np.abs(np.diff(sampled[:, swings], axis=0)) * weight, initial=0.0)
-        reason = NotSettled("the mechanism is neither at rest nor where it was before, within "
-                            f"{self.end - self.settle:g} s")
+        reason = NotSettled(
+            "the mechanism is neither at rest nor where it was before, within "
+            f"{self.end - self.settle:g} s"
+        )
         for last in len(t) - 1 - np.array(BACK)[np.array(BACK) < len(t) // 2]:
-            instant, earlier = t[last], t[:last + 1]
+            instant, earlier = t[last], t[: last + 1]
             distance = away(instant, instant - earlier)
             for i in range(last - 1, 0, -1):
                 is_near = distance[i] <= min(step, distance[i - 1], distance[i + 1])
                 if is_near and np.max(distance[i:]) > FAR:
                     bounds = instant - t[i + 1], instant - t[i - 1]
-                    lag = float(minimize_scalar(partial(away, instant), bounds=bounds, method="bounded",
-                                                options={"xatol": 1e-12}).x)
+                    lag = float(
+                        minimize_scalar(
+                            partial(away, instant),
+                            bounds=bounds,
+                            method="bounded",
+                            options={"xatol": 1e-12},
+                        ).x
+                    )
                     if away(instant, lag) > REPEATS * self.rtol:
                         continue
                     passes = motion(instant - lag * np.arange(int((instant - t[0]) / lag), -1, -1))
@@ -294,7 +343,11 @@ class Measure:
 
     def source(self, scene: Scene) -> str:
         """The column of a run that it is of; none where that is of nothing."""
-        return f"{self.element or next(iter(getattr(scene, self.needs)))}.{self.of}" if self.needs else ""
+        return (
+            f"{self.element or next(iter(getattr(scene, self.needs)))}.{self.of}"
+            if self.needs
+            else ""
+        )
 
     def subject(self, scene: Scene) -> str:
         """Whose number it is, in words; none where that is of the whole mechanism."""
@@ -320,8 +373,10 @@ def measure_of(text: str) -> Measure:
     """
     name, colon, element = text.partition(":")
     if name not in MEASURES or (colon and not (element and MEASURES[name].needs)):
-        raise InputError(f"measures: found {text!r}; expected some of {', '.join(MEASURES)}, each but event-count also "
-                         "with the name of an element, as peak-speed:NAME")
+        raise InputError(
+            f"measures: found {text!r}; expected some of {', '.join(MEASURES)}, each but event-count also "
+            "with the name of an element, as peak-speed:NAME"
+        )
     return replace(MEASURES[name], element=element)
 
 
@@ -333,7 +388,9 @@ def stick_fraction(window: SteadyWindow, mode: str) -> float:
     """
     run, length = window.run, window.end - window.start
     if not window.located:
-        is_slow = np.abs(run.columns[mode.removesuffix("mode") + "slip_velocity"]) <= CREEP_TOLERANCE
+        is_slow = (
+            np.abs(run.columns[mode.removesuffix("mode") + "slip_velocity"]) <= CREEP_TOLERANCE
+        )
         return np.sum(np.diff(run.t)[is_slow[:-1] & is_slow[1:]]) / length
     since, stuck = window.start, 0.0
     for event in run.events:
@@ -357,8 +414,11 @@ def peak_speed(window: SteadyWindow, column: str) -> float:
 def _largest(window: SteadyWindow, columns: Sequence[str]) -> float:
     """Largest size of a vector with these columns."""
     run = window.run
-    sides = [np.hypot.reduce([side[name] for name in columns])
-             for event in run.events for side in (event.before, event.after)]
+    sides = [
+        np.hypot.reduce([side[name] for name in columns])
+        for event in run.events
+        for side in (event.before, event.after)
+    ]
     sampled = np.sqrt(np.sum([run.columns[name] ** 2 for name in columns], axis=0))
     return max(np.max(sampled), *sides, 0.0)
 
@@ -376,11 +436,23 @@ def event_count(window: SteadyWindow, _: str) -> float:
     return len(window.run.events)
 
 
-MEASURES = {measure.name: measure for measure in (
-    Measure("stick-fraction", "-", stick_fraction, needs="frictional_guides", of="mode"),
-    Measure("peak-torque", "N m", peak, needs="drives", of="effort", sampled=True),
-    Measure("peak-speed", "m/s", peak_speed, needs="guides", of="slip_velocity", sampled=True, also="bodies"),
-    Measure("event-count", "-", event_count))}
+MEASURES = {
+    measure.name: measure
+    for measure in (
+        Measure("stick-fraction", "-", stick_fraction, needs="frictional_guides", of="mode"),
+        Measure("peak-torque", "N m", peak, needs="drives", of="effort", sampled=True),
+        Measure(
+            "peak-speed",
+            "m/s",
+            peak_speed,
+            needs="guides",
+            of="slip_velocity",
+            sampled=True,
+            also="bodies",
+        ),
+        Measure("event-count", "-", event_count),
+    )
+}
 """Without the name of an element peaks are those of the first drive (N of a distance drive) and of the first guide's
 slider along its guide."""
 
@@ -411,23 +483,53 @@ def steady_window(scene: Scene, run: SteadyRun, measures: Sequence[Measure]) -> 
     return of(scene, mechanism, run, measures, period)
 
 
-def _window_of_reference(scene: Scene, mechanism: Mechanism, run: SteadyRun, measures: Sequence[Measure],
-                         period: float) -> SteadyWindow:
+def _window_of_reference(
+    scene: Scene, mechanism: Mechanism, run: SteadyRun, measures: Sequence[Measure], period: float
+) -> SteadyWindow:
     """Simulate with equally spaced samples behind `settle` alone: of as many whole periods as fit, if there are any."""
     q, v = consistent_start(mechanism, assemble=True)
     settle, t_end = run.settle, run.t_end
     if period < np.inf:
         longest = SAMPLE_STEP if any(measure.sampled for measure in measures) else np.inf
         periods, samples = _whole_periods(t_end - settle, period, longest)
-        instants = np.linspace(t_end - periods * period, t_end, samples + 1) if periods else np.array([settle, t_end])
+        instants = (
+            np.linspace(t_end - periods * period, t_end, samples + 1)
+            if periods
+            else np.array([settle, t_end])
+        )
     else:
         instants = np.linspace(settle, t_end, int(np.ceil((t_end - settle) / SAMPLE_STEP)) + 1)
-    columns = {measure.source(scene) for measure in measures if measure.needs and measure.element not in scene.bodies}
-    columns |= {f"{body}.{label}" for body in scene.bodies
-                for labels in BODY_COLUMNS[:2 if period < np.inf else 3] for label in labels}
-    integration = Integration(mechanism, q, v, instants, t_end, run.rtol,
-                              Options(STEP_LIMIT, names=columns, events_behind=float(instants[0])))
-    return SteadyWindow(scene, mechanism, integration, _ended(integration.run), True, settle, t_end, period, run.rtol)
+    columns = {
+        measure.source(scene)
+        for measure in measures
+        if measure.needs and measure.element not in scene.bodies
+    }
+    columns |= {
+        f"{body}.{label}"
+        for body in scene.bodies
+        for labels in BODY_COLUMNS[: 2 if period < np.inf else 3]
+        for label in labels
+    }
+    integration = Integration(
+        mechanism,
+        q,
+        v,
+        instants,
+        t_end,
+        run.rtol,
+        Options(STEP_LIMIT, names=columns, events_behind=float(instants[0])),
+    )
+    return SteadyWindow(
+        scene,
+        mechanism,
+        integration,
+        _ended(integration.run),
+        True,
+        settle,
+        t_end,
+        period,
+        run.rtol,
+    )
 
 
 def _whole_periods(time: float, period: float, longest: float) -> tuple[int, int]:
@@ -436,8 +538,9 @@ def _whole_periods(time: float, period: float, longest: float) -> tuple[int, int
     return periods, periods * max(FEWEST_SAMPLES, int(np.ceil(period / longest)))
 
 
-def _window_of_engine(scene: Scene, mechanism: Mechanism, run: SteadyRun, _: Sequence[Measure],
-                      period: float) -> SteadyWindow:
+def _window_of_engine(
+    scene: Scene, mechanism: Mechanism, run: SteadyRun, _: Sequence[Measure], period: float
+) -> SteadyWindow:
     """Simulate up to the last whole period, which is a whole number of samples, and each of them of steps."""
     largest_step = run.step(scene)
     finest = max(SHORTEST_STICK, 2 * (largest_step or 0.0))  # two steps at least
@@ -446,22 +549,40 @@ def _window_of_engine(scene: Scene, mechanism: Mechanism, run: SteadyRun, _: Seq
         periods, count = _whole_periods(run.t_end, period, finest)
         end = periods * period
     sample_step = end / count
-    accuracy = {"dt": sample_step / math.ceil(sample_step / largest_step)} if largest_step else {"rtol": run.rtol}
-    trajectory = _ended(load_engine(run.engine).simulate(
-        with_consistent_start(scene, assemble=True), t_end=end, output_step=sample_step, fidelity=run.fidelity,
-        **accuracy))
+    accuracy = (
+        {"dt": sample_step / math.ceil(sample_step / largest_step)}
+        if largest_step
+        else {"rtol": run.rtol}
+    )
+    trajectory = _ended(
+        load_engine(run.engine).simulate(
+            with_consistent_start(scene, assemble=True),
+            t_end=end,
+            output_step=sample_step,
+            fidelity=run.fidelity,
+            **accuracy,
+        )
+    )
     instants, found = np.linspace(0.0, end, count + 1), trajectory.t
-    if len(found) != len(instants) or not np.allclose(found, instants, rtol=0.0, atol=OFF_GRID * sample_step):
-        raise EngineFailure(f"found {len(found)} samples to {found[-1]:g} s; expected {len(instants)} to {end:g} s, "
-                            f"every {sample_step:g} s")
+    if len(found) != len(instants) or not np.allclose(
+        found, instants, rtol=0.0, atol=OFF_GRID * sample_step
+    ):
+        raise EngineFailure(
+            f"found {len(found)} samples to {found[-1]:g} s; expected {len(instants)} to {end:g} s, "
+            f"every {sample_step:g} s"
+        )
     behind = instants >= run.settle * (1 - 1e-12)
     columns = {name: values[behind] for name, values in trajectory.columns.items()}
     whole = replace(trajectory, t=instants[behind], columns=columns)
-    q, v = (np.array([columns[f"{body}.{label}"][-1] for body in scene.bodies for label in labels])
-            for labels in BODY_COLUMNS[:2])
+    q, v = (
+        np.array([columns[f"{body}.{label}"][-1] for body in scene.bodies for label in labels])
+        for labels in BODY_COLUMNS[:2]
+    )
     integration = Integration(mechanism, q, v, instants[:1], end, run.rtol)
     located = trajectory.settings[EVENTS_LOCATED_BY] != "nobody"
-    return SteadyWindow(scene, mechanism, integration, whole, located, run.settle, end, period, run.rtol)
+    return SteadyWindow(
+        scene, mechanism, integration, whole, located, run.settle, end, period, run.rtol
+    )
 
 
 Ended = TypeVar("Ended", Run, Trajectory)

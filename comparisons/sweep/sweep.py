@@ -25,10 +25,25 @@ from stiction.comparisons.bench.identity import engine_identity
 from stiction.comparisons.bench.runner import TIME_LIMIT, prepare
 from stiction.comparisons.bench.store import kept_runs
 from stiction.comparisons.measures.settling import NoCommonPeriod, NotSettled, common_period
-from stiction.comparisons.studies.threshold import (AGAIN, AMPLITUDE, SCANNED, WITH_STICK, WITHOUT_STICK, Search,
-                                                    bands_above, measure_threshold)
-from stiction.comparisons.sweep.steady_state_measures import (CONTRACTION, MEASURES, REPEATS, Measure, SteadyRun,
-                                                              measure_of, steady_window)
+from stiction.comparisons.studies.threshold import (
+    AGAIN,
+    AMPLITUDE,
+    SCANNED,
+    WITH_STICK,
+    WITHOUT_STICK,
+    Search,
+    bands_above,
+    measure_threshold,
+)
+from stiction.comparisons.sweep.steady_state_measures import (
+    CONTRACTION,
+    MEASURES,
+    REPEATS,
+    Measure,
+    SteadyRun,
+    measure_of,
+    steady_window,
+)
 from stiction.engines import EngineMissing, Isolate, Outcome, Refused, Task, isolate, load_engine
 from stiction.reference_impl.multibody.initial_state import with_consistent_start
 from stiction.scenes import InputError, Scene, SceneError, scene_to_toml, vary
@@ -48,8 +63,14 @@ PROBES = 9
 bisection."""
 NO_STEADY_STATE = "no steady state"
 """Status of a point whose motion neither rests nor repeats itself; it has no numbers."""
-FAILURES = {NotSettled: NO_STEADY_STATE, NoCommonPeriod: NO_STEADY_STATE, SceneError: "refused", Refused: "refused",
-            EngineMissing: "missing", Exception: "failed"}
+FAILURES = {
+    NotSettled: NO_STEADY_STATE,
+    NoCommonPeriod: NO_STEADY_STATE,
+    SceneError: "refused",
+    Refused: "refused",
+    EngineMissing: "missing",
+    Exception: "failed",
+}
 USUAL_PERIODS = 30
 """Periods of loads and drives in a run without a given end: as many as a stick threshold takes at first."""
 MAX_POINTS = 1_000_000
@@ -81,7 +102,9 @@ def parse_axis(text: str) -> SweepAxis:
     """
     key, equals, given = (part.strip() for part in text.partition("="))
     if not (key and equals and given):
-        raise InputError(f"axis: found {text!r}; expected KEY=FROM:TO:COUNT or KEY=A,B,.. such as F0=0.5:6:100")
+        raise InputError(
+            f"axis: found {text!r}; expected KEY=FROM:TO:COUNT or KEY=A,B,.. such as F0=0.5:6:100"
+        )
     parts, numbers = given.split(":" if ":" in given else ","), []
     for part in parts:
         try:
@@ -93,11 +116,15 @@ def parse_axis(text: str) -> SweepAxis:
             raise InputError(f"axis {key}: found {given!r}; expected FROM:TO:COUNT")
         low, high, count = numbers
         if count != int(count) or not 2 <= count <= MAX_POINTS:
-            raise InputError(f"axis {key}: found {parts[2].strip()!r} values; expected a whole number from 2 to "
-                             f"{MAX_POINTS}")
+            raise InputError(
+                f"axis {key}: found {parts[2].strip()!r} values; expected a whole number from 2 to "
+                f"{MAX_POINTS}"
+            )
         numbers = [_short(value) for value in np.linspace(low, high, int(count)).tolist()]
     if len(set(numbers)) < len(numbers):
-        raise InputError(f"axis {key}: found {given!r}; expected values that differ from each other")
+        raise InputError(
+            f"axis {key}: found {given!r}; expected values that differ from each other"
+        )
     return SweepAxis(key, tuple(numbers))
 
 
@@ -150,15 +177,21 @@ class Specification:
         known, scene = (*MEASURES, THRESHOLD), self.scene
         keys = [axis.key for axis in self.axes]
         if not keys or len(set(keys)) < len(keys):
-            raise InputError(f"axes: found {', '.join(keys) or 'none'}; expected at least one, each key once")
+            raise InputError(
+                f"axes: found {', '.join(keys) or 'none'}; expected at least one, each key once"
+            )
         if math.prod(len(axis.values) for axis in self.axes) > MAX_POINTS:
             raise InputError(f"axes: found more than {MAX_POINTS} points; expected fewer")
         if not self.measures or len(set(self.measures)) < len(self.measures):
             found = ", ".join(self.measures) or "none"
-            raise InputError(f"measures: found {found}; expected some of {', '.join(known)}, each once")
+            raise InputError(
+                f"measures: found {found}; expected some of {', '.join(known)}, each once"
+            )
         settle, t_end = self.run.settle, self.run.t_end
         if not 0 <= settle < t_end:
-            raise InputError(f"settle, t_end: found {settle:g}, {t_end:g}; expected 0 <= settle < t_end, in seconds")
+            raise InputError(
+                f"settle, t_end: found {settle:g}, {t_end:g}; expected 0 <= settle < t_end, in seconds"
+            )
         engine, fidelity = load_engine(self.run.engine), self.run.fidelity
         if fidelity not in engine.capabilities.fidelities:
             has = " and ".join(engine.capabilities.fidelities)
@@ -169,9 +202,15 @@ class Specification:
                 needed = measure.needs.replace("_", " ")
                 raise InputError(f"{measure.name}: found no {needed} in {scene.name}; expected one")
             if measure.element and measure.element not in (choices := measure.choices(scene)):
-                raise InputError(f"{measure.name}: found {measure.element!r}; expected one of {', '.join(choices)}")
-        if THRESHOLD in self.measures and not (scene.frictional_guides and AMPLITUDE in scene.parameters):
-            raise InputError(f"{THRESHOLD}: expected a frictional guide and a parameter {AMPLITUDE} in {scene.name}")
+                raise InputError(
+                    f"{measure.name}: found {measure.element!r}; expected one of {', '.join(choices)}"
+                )
+        if THRESHOLD in self.measures and not (
+            scene.frictional_guides and AMPLITUDE in scene.parameters
+        ):
+            raise InputError(
+                f"{THRESHOLD}: expected a frictional guide and a parameter {AMPLITUDE} in {scene.name}"
+            )
         for axis in self.axes:
             problems = []
             for value in axis.values:
@@ -191,7 +230,10 @@ class Specification:
     @property
     def parts(self) -> list[str]:
         """``"threshold"`` and ``"map"``, as far as measures require them."""
-        wanted = {THRESHOLD: THRESHOLD in self.measures, "map": bool(self.run_measures)}  # the slowest first
+        wanted = {
+            THRESHOLD: THRESHOLD in self.measures,
+            "map": bool(self.run_measures),
+        }  # the slowest first
         return [part for part, is_wanted in wanted.items() if is_wanted]
 
     def grid(self, part: str) -> tuple[SweepAxis, ...]:
@@ -207,13 +249,18 @@ class Specification:
     @cached_property
     def content(self) -> dict[str, Any]:
         """Everything that the numbers depend on, ready for JSON."""
-        return {"code": source_digest(), "scene": scene_to_toml(self.scene),
-                "axes": {axis.key: list(axis.values) for axis in self.axes},
-                "measures": list(self.measures),
-                "measured": {measure.column: measure.subject(self.scene) for measure in self.run_measures},
-                "settings": {**asdict(self.run), "timeout": self.timeout_s},
-                "versions": {**versions(), self.run.engine: load_engine(self.run.engine).version},
-                "engine": engine_identity(self.run.engine)}
+        return {
+            "code": source_digest(),
+            "scene": scene_to_toml(self.scene),
+            "axes": {axis.key: list(axis.values) for axis in self.axes},
+            "measures": list(self.measures),
+            "measured": {
+                measure.column: measure.subject(self.scene) for measure in self.run_measures
+            },
+            "settings": {**asdict(self.run), "timeout": self.timeout_s},
+            "versions": {**versions(), self.run.engine: load_engine(self.run.engine).version},
+            "engine": engine_identity(self.run.engine),
+        }
 
     @cached_property
     def digest(self) -> str:
@@ -224,10 +271,17 @@ class Specification:
         numbers: Numbers = map_numbers
         about: Any = [text for text in self.measures if text != THRESHOLD]
         if part == THRESHOLD:
-            amplitudes = [value for axis in self.axes if axis.key == AMPLITUDE for value in axis.values]
-            numbers, about = threshold_numbers, (min(amplitudes), max(amplitudes)) if amplitudes else None
-        return [Task(f"{part} {number}", point_row, (numbers, self.scene, self.run, about, point))
-                for number, point in enumerate(self.points(part))]
+            amplitudes = [
+                value for axis in self.axes if axis.key == AMPLITUDE for value in axis.values
+            ]
+            numbers, about = (
+                threshold_numbers,
+                (min(amplitudes), max(amplitudes)) if amplitudes else None,
+            )
+        return [
+            Task(f"{part} {number}", point_row, (numbers, self.scene, self.run, about, point))
+            for number, point in enumerate(self.points(part))
+        ]
 
     def table(self, part: str, rows: Sequence[Mapping[str, Any]]) -> pd.DataFrame:
         """Rows as a table of the same columns and types whatever has failed in them."""
@@ -242,13 +296,17 @@ class Specification:
         return table.astype(types)
 
 
-def point_row(numbers: Numbers, scene: Scene, run: SteadyRun, about: Any, point: Mapping[str, float]) -> dict[str, Any]:
+def point_row(
+    numbers: Numbers, scene: Scene, run: SteadyRun, about: Any, point: Mapping[str, float]
+) -> dict[str, Any]:
     """The row of a point: its axes, ``status``, ``reason`` and numbers; an exception is its reason."""
     try:
         found = numbers(vary(scene, point), run, about)
     except Exception as error:  # whatever it is, it concerns this point alone, and its row says so
-        found = {"status": next(status for kind, status in FAILURES.items() if isinstance(error, kind)),
-                 "reason": " ".join(f"{type(error).__name__}: {error}".split())}
+        found = {
+            "status": next(status for kind, status in FAILURES.items() if isinstance(error, kind)),
+            "reason": " ".join(f"{type(error).__name__}: {error}".split()),
+        }
     return {**point, "status": "ok", "reason": "", **found}
 
 
@@ -256,10 +314,15 @@ def map_numbers(scene: Scene, run: SteadyRun, measures: Sequence[str]) -> dict[s
     """The numbers of a run."""
     chosen = [measure_of(text) for text in measures]
     window = steady_window(scene, run, chosen)
-    return {WINDOW_START: window.start, **{measure.column: measure.value(window) for measure in chosen}}
+    return {
+        WINDOW_START: window.start,
+        **{measure.column: measure.value(window) for measure in chosen},
+    }
 
 
-def threshold_numbers(scene: Scene, run: SteadyRun, search: tuple[float, float] | None) -> dict[str, Any]:
+def threshold_numbers(
+    scene: Scene, run: SteadyRun, search: tuple[float, float] | None
+) -> dict[str, Any]:
     """The threshold, searched between two amplitudes (N), or around the scene's own, and what is seen above it."""
     own = abs(scene.parameters[AMPLITUDE])
     low, high = search or sorted(factor * own for factor in SEARCH)
@@ -269,15 +332,25 @@ def threshold_numbers(scene: Scene, run: SteadyRun, search: tuple[float, float] 
         arguments |= {"stabilization": "projection", "assemble": True}
     else:
         scene, arguments["fidelity"] = with_consistent_start(scene, assemble=True), run.fidelity
-    found = measure_threshold(scene, run.engine, arguments,
-                              Search(low, high, BRACKET * (high - low), probes=PROBES, own=own),
-                              distance, CONTRACTION * distance)
+    found = measure_threshold(
+        scene,
+        run.engine,
+        arguments,
+        Search(low, high, BRACKET * (high - low), probes=PROBES, own=own),
+        distance,
+        CONTRACTION * distance,
+    )
     if found.with_stick is None or found.without_stick is None:
         return {"status": "not found", "reason": found.remark}
     middle = 0.5 * (found.with_stick + found.without_stick)
     above = bands_above(scene, middle)
-    return {THRESHOLD_COLUMN: middle, WITH_STICK: found.with_stick, WITHOUT_STICK: found.without_stick,
-            AGAIN: above.words, SCANNED: above.end}
+    return {
+        THRESHOLD_COLUMN: middle,
+        WITH_STICK: found.with_stick,
+        WITHOUT_STICK: found.without_stick,
+        AGAIN: above.words,
+        SCANNED: above.end,
+    }
 
 
 @dataclass(frozen=True)
@@ -294,8 +367,15 @@ class Sweep:
     threshold: pd.DataFrame | None
 
 
-def sweep(specification: Specification, folder: str | Path, *, workers: int | None = None, made_by: Isolate = isolate,
-          on_start: Callable[[int], None] | None = None, on_result: Callable[[Outcome], None] | None = None) -> Sweep:
+def sweep(
+    specification: Specification,
+    folder: str | Path,
+    *,
+    workers: int | None = None,
+    made_by: Isolate = isolate,
+    on_start: Callable[[int], None] | None = None,
+    on_result: Callable[[Outcome], None] | None = None,
+) -> Sweep:
     """Compute the points that the folder does not hold yet.
 
     Parameters
@@ -317,7 +397,10 @@ def sweep(specification: Specification, folder: str | Path, *, workers: int | No
     folder, engine = Path(folder), specification.run.engine
     check_folder(specification, folder)
     make_folder(folder)
-    write_text(folder / SPECIFICATION, json.dumps({"digest": specification.digest, **specification.content}, indent=1))
+    write_text(
+        folder / SPECIFICATION,
+        json.dumps({"digest": specification.digest, **specification.content}, indent=1),
+    )
     tables = {part: _written(folder, part) for part in specification.parts}
     missing = [part for part, table in tables.items() if table is None]
     if missing:
@@ -326,13 +409,22 @@ def sweep(specification: Specification, folder: str | Path, *, workers: int | No
         if on_start is not None:
             on_start(len(tasks))
         with kept_runs(folder, [engine]) as kept:
-            outcomes = iter(kept.isolate(tasks, workers=workers, timeout_s=specification.timeout_s,
-                                         on_result=on_result, made_by=made_by))
+            outcomes = iter(
+                kept.isolate(
+                    tasks,
+                    workers=workers,
+                    timeout_s=specification.timeout_s,
+                    on_result=on_result,
+                    made_by=made_by,
+                )
+            )
             if kept.interrupt is not None:
                 raise kept.interrupt
             for part in missing:
-                rows = [outcome.value or {**point, "status": outcome.status, "reason": outcome.reason}
-                        for point, outcome in zip(specification.points(part), outcomes)]  # it takes no outcome more
+                rows = [
+                    outcome.value or {**point, "status": outcome.status, "reason": outcome.reason}
+                    for point, outcome in zip(specification.points(part), outcomes)
+                ]  # it takes no outcome more
                 tables[part] = table = specification.table(part, rows)
                 for kind, write in (("csv", table.to_csv), ("parquet", table.to_parquet)):
                     with whole_file(folder / f"{part}.{kind}") as path:
@@ -359,18 +451,27 @@ def check_folder(specification: Specification, folder: Path) -> None:
         found = json.loads((folder / SPECIFICATION).read_text())
         digest = found.pop("digest")
     except (OSError, UnicodeDecodeError, json.JSONDecodeError, KeyError, TypeError, AttributeError):
-        raise SweepRefused(f"{folder}: found files but no {SPECIFICATION} of a sweep; expected an empty folder, the "
-                           "folder of this sweep, or a new name") from None
+        raise SweepRefused(
+            f"{folder}: found files but no {SPECIFICATION} of a sweep; expected an empty folder, the "
+            "folder of this sweep, or a new name"
+        ) from None
     if digest != specification.digest:
-        other = ", ".join(_differences(found, json.loads(json.dumps(specification.content)))) or "its digest"
-        raise SweepRefused(f"{folder}: found another sweep, which differs in {other}; expected the folder of this "
-                           "sweep or a new name")
+        other = (
+            ", ".join(_differences(found, json.loads(json.dumps(specification.content))))
+            or "its digest"
+        )
+        raise SweepRefused(
+            f"{folder}: found another sweep, which differs in {other}; expected the folder of this "
+            "sweep or a new name"
+        )
 
 
 def _differences(found: Mapping[str, Any], own: Mapping[str, Any]) -> Iterator[str]:
     for key, value in own.items():
         other = found.get(key)
         if isinstance(value, dict) and isinstance(other, dict):
-            yield from (f"{key}.{name}" for name in {**value, **other} if value.get(name) != other.get(name))
+            yield from (
+                f"{key}.{name}" for name in {**value, **other} if value.get(name) != other.get(name)
+            )
         elif value != other:
             yield key

@@ -23,7 +23,13 @@ import numpy as np
 
 from stiction.engines.protocol import BadTrajectory, accepted, installed_version
 from stiction.engines.shared.acceleration_integrator import Dynamics
-from stiction.engines.shared.contact_geometry import REACH, box_angle, direction_of, several_guides, slider_box
+from stiction.engines.shared.contact_geometry import (
+    REACH,
+    box_angle,
+    direction_of,
+    several_guides,
+    slider_box,
+)
 from stiction.engines.shared.engine_clock import EngineClock
 from stiction.engines.shared.fixed_step import Defaults
 from stiction.engines.shared.joint_coordinates import ContactStepper, TreeStepper, motor_link
@@ -34,8 +40,13 @@ from stiction.scenes.model import Translational
 
 _SETTINGS: Mapping[str, Defaults] = {
     "joint": {"passes": 2, "erp": 1.0},
-    "contact": {"iterations": 1000, "erp": 1.0, "shape": ("spheres", "box"),
-                "detector": ("ODE", "FCL", "Bullet", "DART")}}
+    "contact": {
+        "iterations": 1000,
+        "erp": 1.0,
+        "shape": ("spheres", "box"),
+        "detector": ("ODE", "FCL", "Bullet", "DART"),
+    },
+}
 _AT_REST = 1e-9
 """Part of the largest rate of a joint below which a slider rests while others move. What friction holds has 1e-14."""
 _MIXING = 1e-9
@@ -84,19 +95,25 @@ class DartEngine(TreeEngine):
         for name, guide in scene.frictional_guides.items():
             for coefficient in (guide.kinetic_coefficient, guide.static_coefficient):
                 if 0 < coefficient <= _LEAST_FRICTION:
-                    return (f"joints.{name}: found a coefficient of friction of {coefficient:g}; DART's contacts have "
-                            f"none up to {_LEAST_FRICTION:g}")
+                    return (
+                        f"joints.{name}: found a coefficient of friction of {coefficient:g}; DART's contacts have "
+                        f"none up to {_LEAST_FRICTION:g}"
+                    )
         return several_guides(scene)
 
     def refusal_of_tree(self, scene: Scene, tree: LinkTree) -> str | None:
         for name, drive in scene.drives.items():
             if tree.links[motor_link(scene, tree, drive)[0]].joint is None:
-                return (f"drives.{name}: turns a body that no joint ties to the ground; DART drives a joint's "
-                        "coordinates all or none")
+                return (
+                    f"drives.{name}: turns a body that no joint ties to the ground; DART drives a joint's "
+                    "coordinates all or none"
+                )
         return None
 
     @contextmanager
-    def stepper(self, scene: Scene, h: float, options: Mapping[str, Any], fidelity: str) -> Iterator[TreeStepper]:
+    def stepper(
+        self, scene: Scene, h: float, options: Mapping[str, Any], fidelity: str
+    ) -> Iterator[TreeStepper]:
         with _loops_closed_by(options["erp"]):
             yield (_Stepper if fidelity == "joint" else _ContactStepper)(scene, h, options)
 
@@ -106,15 +123,22 @@ class DartEngine(TreeEngine):
         for skeleton, _ in skeletons:
             skeleton.setGravity(np.array([*(scene.gravity or (0.0, 0.0)), 0.0]))
 
-        def mass_and_bias(position: np.ndarray, velocity: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        def mass_and_bias(
+            position: np.ndarray, velocity: np.ndarray
+        ) -> tuple[np.ndarray, np.ndarray]:
             mass, bias = np.zeros((len(position), len(position))), np.zeros(len(position))
             for skeleton, part in skeletons:
                 skeleton.setPositions(position[part])
                 skeleton.setVelocities(velocity[part])
-                mass[part, part], bias[part] = skeleton.getMassMatrix(), skeleton.getCoriolisAndGravityForces()
+                mass[part, part], bias[part] = (
+                    skeleton.getMassMatrix(),
+                    skeleton.getCoriolisAndGravityForces(),
+                )
             return mass, bias
 
-        def evaluate(position: np.ndarray, velocity: np.ndarray, second: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        def evaluate(
+            position: np.ndarray, velocity: np.ndarray, second: np.ndarray
+        ) -> tuple[np.ndarray, np.ndarray]:
             mass, bias = clock.call(mass_and_bias, position, velocity)
             return mass, mass @ second + bias
 
@@ -136,11 +160,17 @@ def _loops_closed_by(erp: float) -> Iterator[None]:
         Loop.setMaxErrorReductionVelocity(before[1])
 
 
-def _skeletons(scene: Scene, tree: LinkTree,
-               unit: float = 1.0) -> tuple[list[tuple[Any, slice]], dict[int, Any], dict[int, Any]]:
+def _skeletons(
+    scene: Scene, tree: LinkTree, unit: float = 1.0
+) -> tuple[list[tuple[Any, slice]], dict[int, Any], dict[int, Any]]:
     """Skeletons with the places of their coordinates, joints and bodies by link."""
-    from dartpy.dynamics import (Inertia, PlanarJointProperties, PrismaticJointProperties, RevoluteJointProperties,
-                                 Skeleton)
+    from dartpy.dynamics import (
+        Inertia,
+        PlanarJointProperties,
+        PrismaticJointProperties,
+        RevoluteJointProperties,
+        Skeleton,
+    )
 
     skeletons: dict[int, Any] = {}
     joints: dict[int, Any] = {}
@@ -149,25 +179,40 @@ def _skeletons(scene: Scene, tree: LinkTree,
         if link.parent < 0:
             first = i
             skeleton = skeletons[i] = Skeleton(f"skeleton-{i}")
-        if link.body is None:  # half of a free body's joint: DART has one for all of it, and no links without mass
+        if (
+            link.body is None
+        ):  # half of a free body's joint: DART has one for all of it, and no links without mass
             continue
         if link.joint is None:
             properties, create = PlanarJointProperties(), skeleton.createPlanarJointAndBodyNodePair
         elif link.slides:
-            properties, create = PrismaticJointProperties(), skeleton.createPrismaticJointAndBodyNodePair
+            properties, create = (
+                PrismaticJointProperties(),
+                skeleton.createPrismaticJointAndBodyNodePair,
+            )
             properties.mAxis = np.array((*link.axis, 0.0))
         else:
-            properties, create = RevoluteJointProperties(), skeleton.createRevoluteJointAndBodyNodePair
+            properties, create = (
+                RevoluteJointProperties(),
+                skeleton.createRevoluteJointAndBodyNodePair,
+            )
             properties.mAxis = np.array((0.0, 0.0, 1.0))
         properties.mName = f"joint-{i}"
         joint, body = create(bodies.get(link.parent), properties)
         joint.setTransformFromParentBodyNode(_placed(tree.place(i)[:2], link.angle))
         data = scene.bodies[link.body]
-        body.setInertia(Inertia(unit * data.mass, tree.centre(i), np.eye(3) * (unit * data.inertia)))
+        body.setInertia(
+            Inertia(unit * data.mass, tree.centre(i), np.eye(3) * (unit * data.inertia))
+        )
         joints[i], bodies[i] = joint, body
         if (found := first + joint.getIndexInSkeleton(joint.getNumDofs() - 1)) != i:
-            raise RuntimeError(f"DART numbers the coordinate of link {i} as {found}; expected them as they were made")
-    places = [(skeleton, slice(first, first + skeleton.getNumDofs())) for first, skeleton in skeletons.items()]
+            raise RuntimeError(
+                f"DART numbers the coordinate of link {i} as {found}; expected them as they were made"
+            )
+    places = [
+        (skeleton, slice(first, first + skeleton.getNumDofs()))
+        for first, skeleton in skeletons.items()
+    ]
     return places, joints, bodies
 
 
@@ -205,17 +250,29 @@ class _Stepper(TreeStepper):
         self.put(self.position, self.velocity)
         for name in tree.loops:
             self._close_loop(scene, name)
-        self._bodies = [(self._links[link], tree.centre(link))
-                        for link in (tree.link_of[name] for name in scene.bodies)] if self.loaded else []
+        self._bodies = (
+            [
+                (self._links[link], tree.centre(link))
+                for link in (tree.link_of[name] for name in scene.bodies)
+            ]
+            if self.loaded
+            else []
+        )
 
     def _close_loop(self, scene: Scene, name: str) -> None:
         from dartpy.constraint import BallJointConstraint
 
         pin, tree, links = scene.pins[name], self.tree, self._links
-        (other, _), (first, p) = sorted((tree.link_of[body], point) for body, point in zip(pin.bodies, pin.points))
+        (other, _), (first, p) = sorted(
+            (tree.link_of[body], point) for body, point in zip(pin.bodies, pin.points)
+        )
         body = links[first]
         place = body.getWorldTransform().multiply(tree.centre(first) + (*p, 0.0))
-        constraint = BallJointConstraint(body, links[other], place) if other >= 0 else BallJointConstraint(body, place)
+        constraint = (
+            BallJointConstraint(body, links[other], place)
+            if other >= 0
+            else BallJointConstraint(body, place)
+        )
         self._world.getConstraintSolver().addConstraint(constraint)
 
     def put(self, position: np.ndarray, velocity: np.ndarray) -> None:
@@ -231,20 +288,25 @@ class _Stepper(TreeStepper):
         if self.loaded:
             loads = (self._unit * self.loads).tolist()
             for i, (body, centre) in enumerate(self._bodies):
-                fx, fy, torque = loads[3 * i:3 * i + 3]
+                fx, fy, torque = loads[3 * i : 3 * i + 3]
                 if fx or fy:
                     body.addExtForce((fx, fy, 0.0), centre, False, True)
                 if torque:
                     body.addExtTorque((0.0, 0.0, torque), False)
         self.clock.call(self._world.step, True)
-        self.position[:], self.velocity[:] = self._of_all("getPositions"), self._of_all("getVelocities")
+        self.position[:], self.velocity[:] = (
+            self._of_all("getPositions"),
+            self._of_all("getVelocities"),
+        )
         if self.tree.loops:  # whose forces DART has in one sum with those of friction
             slip_speed = np.abs(self.velocity[self.friction_links])
             moves = slip_speed > _AT_REST * np.abs(self.velocity).max(initial=0.0)
             self.held[:] = 0.0
             if moves.any():
                 # 1/kg of each guide's joint, as DART has it: other joints are free, and loops open
-                mobility = np.concatenate([np.diagonal(skeleton.getInvMassMatrix()) for skeleton, _ in self._skeletons])
+                mobility = np.concatenate(
+                    [np.diagonal(skeleton.getInvMassMatrix()) for skeleton, _ in self._skeletons]
+                )
                 friction = slip_speed / (_MIXING * self.h * mobility[self.friction_links])
                 self.held[moves] = np.minimum(friction, caps)[moves]
         else:
@@ -264,7 +326,9 @@ class _ContactStepper(ContactStepper, _Stepper):
         from dartpy.simulation import CollisionDetectorType
 
         super().__init__(scene, h, options)
-        self._world.setCollisionDetector(getattr(CollisionDetectorType, options["detector"].upper()))
+        self._world.setCollisionDetector(
+            getattr(CollisionDetectorType, options["detector"].upper())
+        )
         self._solve_by_gauss_seidel(options["iterations"])
         ground = Skeleton("guides")
         surfaces, self._guides = [], []
@@ -285,17 +349,24 @@ class _ContactStepper(ContactStepper, _Stepper):
         self._keep_apart(surfaces)
         self._alone = len(surfaces) == 1
         # of a root, x is two links before its angle
-        self._ends = [(name, self.tree.link_of[guide.slider] - 2, guide.point) for name, guide in scene.guides.items()]
+        self._ends = [
+            (name, self.tree.link_of[guide.slider] - 2, guide.point)
+            for name, guide in scene.guides.items()
+        ]
         self._set: Sequence[float] = []
 
     def _solve_by_gauss_seidel(self, iterations: int) -> None:
         from dartpy.constraint import BoxedLcpConstraintSolver, PgsBoxedLcpSolverOption
 
-        solver, option = self._world.getConstraintSolver(), PgsBoxedLcpSolverOption(iterations, 0.0, _CONVERGED,
-                                                                                    _NO_MOBILITY / _MASS)
+        solver, option = (
+            self._world.getConstraintSolver(),
+            PgsBoxedLcpSolverOption(iterations, 0.0, _CONVERGED, _NO_MOBILITY / _MASS),
+        )
         # Python can make none, but takes that of another: DART will not have one solver for both, and forgets what the
         # first has not finished
-        first, second = (each.getSecondaryBoxedLcpSolver() for each in (BoxedLcpConstraintSolver(), solver))
+        first, second = (
+            each.getSecondaryBoxedLcpSolver() for each in (BoxedLcpConstraintSolver(), solver)
+        )
         first.setOption(option)
         second.setOption(option)
         solver.setBoxedLcpSolver(first)
@@ -305,8 +376,12 @@ class _ContactStepper(ContactStepper, _Stepper):
         # of which Python has a copy: another one is not heeded
         uncollided = self._world.getConstraintSolver().getCollisionOption().collisionFilter
         for (surface, slider), (other_surface, other_slider) in combinations(surfaces, 2):
-            for pair in ((surface, other_surface), (surface, other_slider), (slider, other_surface),
-                         (slider, other_slider)):
+            for pair in (
+                (surface, other_surface),
+                (surface, other_slider),
+                (slider, other_surface),
+                (slider, other_slider),
+            ):
                 uncollided.addBodyNodePairToBlackList(*pair)
 
     def rub(self, coefficients: Sequence[float]) -> None:
@@ -319,14 +394,22 @@ class _ContactStepper(ContactStepper, _Stepper):
     def advance(self, caps: Sequence[float]) -> None:
         super().advance(caps)
         for name, x, point in self._ends:
-            if (distance := math.dist(self.position[x:x + 2], point)) > REACH:  # much farther, and ODE ends the process
-                raise BadTrajectory(f"dart: {name} is {distance:g} m from its guide's point; guides end at {REACH:g} m")
+            if (
+                distance := math.dist(self.position[x : x + 2], point)
+            ) > REACH:  # much farther, and ODE ends the process
+                raise BadTrajectory(
+                    f"dart: {name} is {distance:g} m from its guide's point; guides end at {REACH:g} m"
+                )
 
     def contact_forces(self) -> tuple[list[float], list[float]]:
         contacts, normals, frictions = self._world.getLastCollisionResult().getContacts(), [], []
         for number, _, ux, uy in self._guides:
-            forces = [contact.force.tolist() for contact in contacts if self._alone  # whose shapes have its number
-                      or int(contact.collisionObject1.getShapeFrame().getName().split()[0]) == number]
+            forces = [
+                contact.force.tolist()
+                for contact in contacts
+                if self._alone  # whose shapes have its number
+                or int(contact.collisionObject1.getShapeFrame().getName().split()[0]) == number
+            ]
             normals.append(sum([abs(ux * fy - uy * fx) for fx, fy, _ in forces]) / self._unit)
             frictions.append(sum([abs(ux * fx + uy * fy) for fx, fy, _ in forces]) / self._unit)
         return normals, frictions
@@ -341,7 +424,9 @@ def _touch(body: Any, number: int, shape: Any, place: Any) -> Any:
     return node.getDynamicsAspect()
 
 
-def _spheres(guide: Translational, along: np.ndarray) -> tuple[list[tuple[Any, Any]], list[tuple[Any, Any]]]:
+def _spheres(
+    guide: Translational, along: np.ndarray
+) -> tuple[list[tuple[Any, Any]], list[tuple[Any, Any]]]:
     """Shapes of the slider and of the guide's two surfaces, with their places.
 
     Those of the slider count from its centre of mass, which is the origin of the root of a tree.
@@ -350,16 +435,40 @@ def _spheres(guide: Translational, along: np.ndarray) -> tuple[list[tuple[Any, A
 
     width = guide.extent[1]
     radius, inward = _RADIUS * width, np.array([-along[1], along[0]])
-    return ([(SphereShape(radius), _placed(corner, 0.0)) for corner in slider_box(guide, 2 * radius)],
-            [(PlaneShape(np.array([*normal, 0.0]), float(normal @ guide.point) - width / 2), _placed((0.0, 0.0), 0.0))
-             for normal in (inward, -inward)])
+    return (
+        [(SphereShape(radius), _placed(corner, 0.0)) for corner in slider_box(guide, 2 * radius)],
+        [
+            (
+                PlaneShape(np.array([*normal, 0.0]), float(normal @ guide.point) - width / 2),
+                _placed((0.0, 0.0), 0.0),
+            )
+            for normal in (inward, -inward)
+        ],
+    )
 
 
-def _boxes(guide: Translational, along: np.ndarray) -> tuple[list[tuple[Any, Any]], list[tuple[Any, Any]]]:
+def _boxes(
+    guide: Translational, along: np.ndarray
+) -> tuple[list[tuple[Any, Any]], list[tuple[Any, Any]]]:
     """Shapes and places as of `_spheres`."""
     from dartpy.dynamics import BoxShape
 
-    away, angle = np.array([-along[1], along[0]]) * (guide.extent[1] / 2 + _DEPTH), math.atan2(along[1], along[0])
-    return ([(BoxShape(np.array([*guide.extent, 2 * _DEPTH])), _placed(guide.slider_point, box_angle(guide)))],
-            [(BoxShape(np.array([2 * REACH, 2 * _DEPTH, 4 * _DEPTH])), _placed(guide.point + side * away, angle))
-             for side in (-1, 1)])
+    away, angle = (
+        np.array([-along[1], along[0]]) * (guide.extent[1] / 2 + _DEPTH),
+        math.atan2(along[1], along[0]),
+    )
+    return (
+        [
+            (
+                BoxShape(np.array([*guide.extent, 2 * _DEPTH])),
+                _placed(guide.slider_point, box_angle(guide)),
+            )
+        ],
+        [
+            (
+                BoxShape(np.array([2 * REACH, 2 * _DEPTH, 4 * _DEPTH])),
+                _placed(guide.point + side * away, angle),
+            )
+            for side in (-1, 1)
+        ],
+    )

@@ -22,8 +22,9 @@ from stiction.engines.shared.link_tree import LinkTree
 from stiction.scenes import Scene
 
 
-def corner_inertias(scene: Scene, tree: LinkTree, position: np.ndarray, mass: np.ndarray,
-                    driven: Sequence[int]) -> list[float]:
+def corner_inertias(
+    scene: Scene, tree: LinkTree, position: np.ndarray, mass: np.ndarray, driven: Sequence[int]
+) -> list[float]:
     """Least inertia of each guide against which a corner of its slider moves across the guide, at the start (kg).
 
     1/(J M^-1 J^T) with J the rate of the corner, as Drake measures contacts (Castro et al. 2022, Sect. V.B); `driven`
@@ -32,15 +33,22 @@ def corner_inertias(scene: Scene, tree: LinkTree, position: np.ndarray, mass: np
     free = np.setdiff1d(np.arange(len(tree.links)), driven)
     mobility = np.linalg.inv(mass[np.ix_(free, free)])
     still = np.zeros(len(tree.links))
-    rates = np.array([tree.motion(position, unit, still)[1].reshape(-1, 3) for unit in np.eye(len(tree.links))[free]])
+    rates = np.array(
+        [
+            tree.motion(position, unit, still)[1].reshape(-1, 3)
+            for unit in np.eye(len(tree.links))[free]
+        ]
+    )
     found, places = [], {name: i for i, name in enumerate(scene.bodies)}
     for guide in scene.guides.values():
         vx, vy, omega = rates[:, places[guide.slider]].T
         ux, uy = direction_of(guide)
         angle = scene.bodies[guide.slider].angle
         c, s = cos(angle), sin(angle)
-        across = [-uy * (vx - omega * (s * x + c * y)) + ux * (vy + omega * (c * x - s * y))
-                  for x, y in slider_box(guide, 0.0)]
+        across = [
+            -uy * (vx - omega * (s * x + c * y)) + ux * (vy + omega * (c * x - s * y))
+            for x, y in slider_box(guide, 0.0)
+        ]
         found.append(1 / max(J @ mobility @ J for J in across))
     return found
 
@@ -66,8 +74,12 @@ class Material:
         from pydrake.multibody.plant import CoulombFriction
 
         found = ProximityProperties()
-        AddContactMaterial(found, dissipation=self.dissipation, point_stiffness=2 * self.stiffness,
-                           friction=CoulombFriction(self.static, self.kinetic))
+        AddContactMaterial(
+            found,
+            dissipation=self.dissipation,
+            point_stiffness=2 * self.stiffness,
+            friction=CoulombFriction(self.static, self.kinetic),
+        )
         found.AddProperty("material", "relaxation_time", self.relaxation_time)
         return found
 
@@ -88,8 +100,15 @@ class Boxes:
     `bodies` are Drake's of the links of the tree, `materials` by guide.
     """
 
-    def __init__(self, scene: Scene, tree: LinkTree, bodies: Sequence[Any], plant: Any, graph: Any,
-                 materials: Sequence[Material]):
+    def __init__(
+        self,
+        scene: Scene,
+        tree: LinkTree,
+        bodies: Sequence[Any],
+        plant: Any,
+        graph: Any,
+        materials: Sequence[Material],
+    ):
         from pydrake.geometry import HalfSpace, Sphere
         from pydrake.math import RigidTransform
 
@@ -98,20 +117,39 @@ class Boxes:
         for number, (guide, own) in enumerate(zip(scene.guides.values(), materials)):
             link, material = tree.link_of[guide.slider], own.properties()
             ux, uy = direction_of(guide)
-            normal, half, point = np.array([-uy, ux, 0.0]), guide.extent[1] / 2, np.array([*guide.point, 0.0])
-            surfaces = [plant.RegisterCollisionGeometry(plant.world_body(),
-                                                        HalfSpace.MakePose(inward, point - inward * half),
-                                                        HalfSpace(), f"surface-{number}-{side}", material)
-                        for side, inward in enumerate((normal, -normal))]
+            normal, half, point = (
+                np.array([-uy, ux, 0.0]),
+                guide.extent[1] / 2,
+                np.array([*guide.point, 0.0]),
+            )
+            surfaces = [
+                plant.RegisterCollisionGeometry(
+                    plant.world_body(),
+                    HalfSpace.MakePose(inward, point - inward * half),
+                    HalfSpace(),
+                    f"surface-{number}-{side}",
+                    material,
+                )
+                for side, inward in enumerate((normal, -normal))
+            ]
             places = [tree.centre(link) + (x, y, 0.0) for x, y in slider_box(guide, 0.0)]
-            corners = [plant.RegisterCollisionGeometry(bodies[link], RigidTransform(place), Sphere(0.0),
-                                                       f"corner-{number}-{i}", material)
-                       for i, place in enumerate(places)]
+            corners = [
+                plant.RegisterCollisionGeometry(
+                    bodies[link],
+                    RigidTransform(place),
+                    Sphere(0.0),
+                    f"corner-{number}-{i}",
+                    material,
+                )
+                for i, place in enumerate(places)
+            ]
             self._boxes.append(_Box(link, normal[:2], surfaces, corners, places))
         frictional = [guide.frictional for guide in scene.guides.values()]
         self._frictional = list(compress(self._boxes, frictional))
         self._materials = list(compress(materials, frictional))
-        self._number = {corner: i for i, box in enumerate(self._frictional) for corner in box.corners}
+        self._number = {
+            corner: i for i, box in enumerate(self._frictional) for corner in box.corners
+        }
         self._keep_apart(graph.collision_filter_manager())
 
     def _keep_apart(self, filters: Any) -> None:
@@ -119,8 +157,17 @@ class Boxes:
         from pydrake.geometry import CollisionFilterDeclaration, GeometrySet
 
         for own in self._boxes:
-            others = [shape for box in self._boxes if box is not own for shape in (*box.surfaces, *box.corners)]
-            filters.Apply(CollisionFilterDeclaration().ExcludeBetween(GeometrySet(own.corners), GeometrySet(others)))
+            others = [
+                shape
+                for box in self._boxes
+                if box is not own
+                for shape in (*box.surfaces, *box.corners)
+            ]
+            filters.Apply(
+                CollisionFilterDeclaration().ExcludeBetween(
+                    GeometrySet(own.corners), GeometrySet(others)
+                )
+            )
 
     def begin(self, root: Any) -> None:
         """Refer to this context of the diagram from now on."""
@@ -142,11 +189,18 @@ class Boxes:
         from pydrake.math import RigidTransform, RotationMatrix
 
         for link, _, _, corners, places in self._boxes:
-            body, box = (RigidTransform(RotationMatrix.MakeZRotation(angle), (x, y, 0.0))
-                         for x, y, angle in (start[link - 2:link + 1], position[link - 2:link + 1]))
+            body, box = (
+                RigidTransform(RotationMatrix.MakeZRotation(angle), (x, y, 0.0))
+                for x, y, angle in (start[link - 2 : link + 1], position[link - 2 : link + 1])
+            )
             for corner, place in zip(corners, places):
-                self._graph.ChangeShape(self._context, self._source, corner, Sphere(0.0),
-                                        RigidTransform(body.inverse() @ box @ place))
+                self._graph.ChangeShape(
+                    self._context,
+                    self._source,
+                    corner,
+                    Sphere(0.0),
+                    RigidTransform(body.inverse() @ box @ place),
+                )
         # of a shape that is changed Drake forgets what it does not touch
         self._keep_apart(self._graph.collision_filter_manager(self._context))
 
@@ -156,10 +210,14 @@ class Boxes:
 
         for i, coefficient in enumerate(coefficients):
             if coefficient != self._materials[i].kinetic:
-                self._materials[i] = replace(self._materials[i], static=coefficient, kinetic=coefficient)
+                self._materials[i] = replace(
+                    self._materials[i], static=coefficient, kinetic=coefficient
+                )
                 material = self._materials[i].properties()
                 for shape in (*self._frictional[i].surfaces, *self._frictional[i].corners):
-                    self._graph.AssignRole(self._context, self._source, shape, material, RoleAssign.kReplace)
+                    self._graph.AssignRole(
+                        self._context, self._source, shape, material, RoleAssign.kReplace
+                    )
 
     def forces(self, results: Any) -> tuple[list[float], list[float]]:
         """Return per frictional guide the sums of the magnitudes of its contacts' normal and tangential forces (N)."""

@@ -39,7 +39,12 @@ METHOD = "continuous"
 """The setting `method` of contact fidelity."""
 FRICTION_LAW = "Coulomb at each contact, both coefficients, regularized (engine)"
 DEFAULT_TOLERANCE = 1e-5
-SETTINGS: Mapping[str, Any] = {"stiffness": 1e7, "dissipation": 100.0, "stiction_tolerance": 2e-5, "longest_step": 1e-3}
+SETTINGS: Mapping[str, Any] = {
+    "stiffness": 1e7,
+    "dissipation": 100.0,
+    "stiction_tolerance": 2e-5,
+    "longest_step": 1e-3,
+}
 _STICKS = 10
 """Stiction tolerances at which friction is half-way from static to kinetic, see `_coefficients`."""
 _BY_STEP = 1.3e-3
@@ -60,16 +65,31 @@ _LEAST_MASS = 1e-9
 """Least mass, in masses of the lightest body: CENIC takes no links without mass."""
 
 
-def run_continuous(engine: Engine, scene: Scene, *, t_end: float, dt: float | None, rtol: float | None, fidelity: str,
-                   output_step: float, settings: Mapping[str, Any]) -> Trajectory:
+def run_continuous(
+    engine: Engine,
+    scene: Scene,
+    *,
+    t_end: float,
+    dt: float | None,
+    rtol: float | None,
+    fidelity: str,
+    output_step: float,
+    settings: Mapping[str, Any],
+) -> Trajectory:
     """Integrate from t = 0 to t_end; arguments, errors as of `Engine.run`.
 
     BadTrajectory if static friction was lost, by too small a stiction tolerance for the steps and the loads.
     """
     if dt is not None or fidelity != "contact":
-        raise InputError(f"method={METHOD}: found dt or joint fidelity; expected rtol and contact fidelity")
-    options = settings_of({name: value for name, value in settings.items() if name != "method"}, SETTINGS, engine.name,
-                          fidelity)
+        raise InputError(
+            f"method={METHOD}: found dt or joint fidelity; expected rtol and contact fidelity"
+        )
+    options = settings_of(
+        {name: value for name, value in settings.items() if name != "method"},
+        SETTINGS,
+        engine.name,
+        fidelity,
+    )
     for name in ("stiffness", "stiction_tolerance", "longest_step"):
         if not options[name] > 0:
             raise InputError(f"{name}: found {options[name]!r}; expected a number > 0")
@@ -84,29 +104,49 @@ def run_continuous(engine: Engine, scene: Scene, *, t_end: float, dt: float | No
             q, v = simulation.at(instant)
             normals = simulation.normals()
             samples.append((q, v, (simulation.at(instant + over)[1] - v) / over, normals))
-    except (RuntimeError, SystemExit) as error:  # the second is what Drake's assertions are in Python
-        raise EngineFailure(f"{engine.name}: {str(error).partition('. ')[0]}, after t = {instant:g} s with rtol = "
-                            f"{rtol:g}") from error
+    except (
+        RuntimeError,
+        SystemExit,
+    ) as error:  # the second is what Drake's assertions are in Python
+        raise EngineFailure(
+            f"{engine.name}: {str(error).partition('. ')[0]}, after t = {instant:g} s with rtol = "
+            f"{rtol:g}"
+        ) from error
     ended, engine_s = time.process_time(), simulation.clock.engine_s
     steps = simulation.simulator.get_integrator().get_num_steps_taken()
     q, v, a, forces = (np.array(part) for part in zip(*samples))
     bodies, tolerance = list(scene.bodies), options["stiction_tolerance"]
     modes, frictions = np.zeros(forces.shape, dtype=np.int8), np.zeros(forces.shape)
     for i, ((name, guide), normal) in enumerate(zip(scene.frictional_guides.items(), forces.T)):
-        least = (_BY_STEP * guide.static_coefficient * normal.max() * options["longest_step"]
-                 / scene.bodies[guide.slider].mass)
+        least = (
+            _BY_STEP
+            * guide.static_coefficient
+            * normal.max()
+            * options["longest_step"]
+            / scene.bodies[guide.slider].mass
+        )
         if guide.static_coefficient > guide.kinetic_coefficient and tolerance < least:
-            raise BadTrajectory(f"{engine.name}: stiction_tolerance: found {tolerance:g}; expected at least "
-                                f"{least:.2g} m/s in joints.{name}, whose contacts are loaded with up to "
-                                f"{normal.max():.3g} N, with steps of up to {options['longest_step']:g} s: below, "
-                                "static friction is lost")
-        slip = v[:, 3 * bodies.index(guide.slider):][:, :2] @ direction_of(guide)
+            raise BadTrajectory(
+                f"{engine.name}: stiction_tolerance: found {tolerance:g}; expected at least "
+                f"{least:.2g} m/s in joints.{name}, whose contacts are loaded with up to "
+                f"{normal.max():.3g} N, with steps of up to {options['longest_step']:g} s: below, "
+                "static friction is lost"
+            )
+        slip = v[:, 3 * bodies.index(guide.slider) :][:, :2] @ direction_of(guide)
         modes[:, i] = np.where(np.abs(slip) < _STICKS * tolerance, 0, np.sign(slip))
-        frictions[:, i] = np.where(modes[:, i], -modes[:, i] * guide.kinetic_coefficient * normal, np.nan)
-    return Trajectory(scene=scene.name, engine=engine.name, version=engine.version, fidelity=fidelity, t=t,
-                      columns=columns_of_motion(scene, t, q, v, a, modes, frictions),
-                      settings={"rtol": rtol, "method": METHOD, **options, "friction_law": FRICTION_LAW},
-                      cost=Cost(setup_s, 0.0, ended - started, {"steps": steps}, engine_s))
+        frictions[:, i] = np.where(
+            modes[:, i], -modes[:, i] * guide.kinetic_coefficient * normal, np.nan
+        )
+    return Trajectory(
+        scene=scene.name,
+        engine=engine.name,
+        version=engine.version,
+        fidelity=fidelity,
+        t=t,
+        columns=columns_of_motion(scene, t, q, v, a, modes, frictions),
+        settings={"rtol": rtol, "method": METHOD, **options, "friction_law": FRICTION_LAW},
+        cost=Cost(setup_s, 0.0, ended - started, {"steps": steps}, engine_s),
+    )
 
 
 def _coefficients(mu: float, mus: float) -> tuple[float, float]:
@@ -116,6 +156,7 @@ def _coefficients(mu: float, mus: float) -> tuple[float, float]:
     - 10)/f(10))/2 and f(x) = x/sqrt(1 + x^2) (Drake's `patch_constraints_pool.cc`): where the first factor falls the
     second still rises, and what is given is not reached.
     """
+
     def f(x: Any) -> Any:
         return x / np.sqrt(1 + np.square(x))
 
@@ -137,19 +178,30 @@ class _Simulation:
         from pydrake.systems.framework import DiagramBuilder
 
         if tree.loops:
-            raise Refused(f"joints.{tree.loops[0]}: closes a loop, of which Drake's continuous plant has none")
+            raise Refused(
+                f"joints.{tree.loops[0]}: closes a loop, of which Drake's continuous plant has none"
+            )
         start = tree.coordinates(scene)
         refuse_off(scene)
         self.clock = EngineClock()
         self._tree, self._still = tree, np.zeros(len(tree.links))
-        self._links = links = Plant(scene, tree, 0.0, _LEAST_MASS * min(body.mass for body in scene.bodies.values()))
+        self._links = links = Plant(
+            scene, tree, 0.0, _LEAST_MASS * min(body.mass for body in scene.bodies.values())
+        )
         builder = DiagramBuilder()
         links.plant.set_name("plant")  # by which CENIC finds it
         plant, graph = AddMultibodyPlantSceneGraph(builder, links.plant)
         plant.set_contact_model(ContactModel.kPoint)
         plant.set_stiction_tolerance(options["stiction_tolerance"])
-        materials = [Material(options["stiffness"], *_coefficients(guide.kinetic_coefficient, guide.static_coefficient),
-                              options["dissipation"], relaxation_time=0.0) for guide in scene.guides.values()]
+        materials = [
+            Material(
+                options["stiffness"],
+                *_coefficients(guide.kinetic_coefficient, guide.static_coefficient),
+                options["dissipation"],
+                relaxation_time=0.0,
+            )
+            for guide in scene.guides.values()
+        ]
         self._boxes = boxes = Boxes(scene, tree, links.bodies, plant, graph, materials)
         plant.Finalize()
         if scene.springs or scene.forces or scene.drives:
@@ -157,8 +209,14 @@ class _Simulation:
         links.finalize(builder)
         self.simulator = simulator = Simulator(links.system, links.root)
         boxes.begin(links.root)
-        self._land(boxes, *start, math.sqrt(min(body.mass for body in scene.bodies.values()) / options["stiffness"]))
-        ResetIntegratorFromFlags(simulator, "cenic", options["longest_step"]).set_target_accuracy(accuracy)
+        self._land(
+            boxes,
+            *start,
+            math.sqrt(min(body.mass for body in scene.bodies.values()) / options["stiffness"]),
+        )
+        ResetIntegratorFromFlags(simulator, "cenic", options["longest_step"]).set_target_accuracy(
+            accuracy
+        )
         simulator.Initialize()
 
     def _land(self, boxes: Boxes, start: np.ndarray, velocity: np.ndarray, period: float) -> None:
@@ -177,9 +235,13 @@ class _Simulation:
             before = position.copy()
             boxes.sink(position, self._links.state()[0])
         rounding = _ROUNDING * max(1.0, np.abs(start).max())
-        if (left := float(np.abs(position - before).max())) > _LANDED * np.abs(position - start).max() + rounding:
-            raise EngineFailure(f"drake: boxes do not come to rest in their surfaces at the start: after "
-                                f"{_TOUCHING + _LANDING} attempts they still move by {left:.2g} m or rad in one")
+        if (left := float(np.abs(position - before).max())) > _LANDED * np.abs(
+            position - start
+        ).max() + rounding:
+            raise EngineFailure(
+                f"drake: boxes do not come to rest in their surfaces at the start: after "
+                f"{_TOUCHING + _LANDING} attempts they still move by {left:.2g} m or rad in one"
+            )
         boxes.move(start, position)
         self._begin(start, velocity)
 
@@ -196,19 +258,28 @@ class _Simulation:
 
     def normals(self) -> list[float]:
         """Sum of the contacts' normal forces of each frictional guide now, N; the plant and CENIC agree."""
-        return self._boxes.forces(self._links.plant.get_contact_results_output_port().Eval(self._links.context))[0]
+        return self._boxes.forces(
+            self._links.plant.get_contact_results_output_port().Eval(self._links.context)
+        )[0]
 
     def _add_loads(self, scene: Scene, builder: Any) -> None:
         """Connect loads and motors."""
         from pydrake.common.value import Value
         from pydrake.systems.framework import LeafSystem
 
-        links, tree, motors, balance = self._links, self._tree, self._motors(scene), Balance.of(scene)
+        links, tree, motors, balance = (
+            self._links,
+            self._tree,
+            self._motors(scene),
+            Balance.of(scene),
+        )
         link_kernels(applied_loads)
 
         def evaluate(context: Any, output: Any) -> None:
             position, velocity = links.ordered(system.get_input_port().Eval(context))
-            applied_loads(balance, context.get_time(), *tree.motion(position, velocity, self._still)[:2], 0.0)
+            applied_loads(
+                balance, context.get_time(), *tree.motion(position, velocity, self._still)[:2], 0.0
+            )
             loads = balance.loads.tolist()
             for link, rate, gain, sides in motors:
                 for side, sign in sides:
@@ -218,22 +289,39 @@ class _Simulation:
 
         system = builder.AddSystem(LeafSystem())
         system.DeclareVectorInputPort("state", 2 * len(tree.links))
-        system.DeclareAbstractOutputPort("loads", lambda: Value(links.loads),
-                                         lambda *arguments: self.clock.call_back(evaluate, *arguments))
+        system.DeclareAbstractOutputPort(
+            "loads",
+            lambda: Value(links.loads),
+            lambda *arguments: self.clock.call_back(evaluate, *arguments),
+        )
         builder.Connect(links.plant.get_state_output_port(), system.get_input_port())
-        builder.Connect(system.get_output_port(), links.plant.get_applied_spatial_force_input_port())
+        builder.Connect(
+            system.get_output_port(), links.plant.get_applied_spatial_force_input_port()
+        )
 
     def _motors(self, scene: Scene) -> list[tuple[int, float, float, list[tuple[int, int]]]]:
         """Return each drive's link, rate (rad/s), gain (N m s), and its torque's places among the loads."""
         mass, names, found = start_mass(scene, self._tree), list(scene.bodies), []
         for name, drive in scene.drives.items():
             if not isinstance(drive.law, (Constant, Linear)):
-                raise Refused(f"drives.{name}: follows a law of its own; motors of Drake's continuous plant have a "
-                              "constant rate here")
+                raise Refused(
+                    f"drives.{name}: follows a law of its own; motors of Drake's continuous plant have a "
+                    "constant rate here"
+                )
             place, sign = motor_link(scene, self._tree, drive)
             link = self._tree.links[place]
             parent = self._tree.links[link.parent].body if link.parent >= 0 else None
-            sides = [(3 * names.index(body) + 2, way) for body, way in ((link.body, 1), (parent, -1))
-                     if body is not None]
-            found.append((place, sign * evaluate_law(drive.law, 0.0)[1], _GAIN * float(mass[place, place]), sides))
+            sides = [
+                (3 * names.index(body) + 2, way)
+                for body, way in ((link.body, 1), (parent, -1))
+                if body is not None
+            ]
+            found.append(
+                (
+                    place,
+                    sign * evaluate_law(drive.law, 0.0)[1],
+                    _GAIN * float(mass[place, place]),
+                    sides,
+                )
+            )
         return found

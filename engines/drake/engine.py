@@ -38,8 +38,13 @@ from stiction.scenes.fields import GROUND
 
 _SETTINGS: Mapping[str, Defaults] = {
     "joint": {"passes": 2},
-    "contact": {"approximation": ("lagged", "similar", "sap"), "near_rigid": 2.0, "dissipation": 0.0,
-                "stiction_tolerance": 1e-7}}
+    "contact": {
+        "approximation": ("lagged", "similar", "sap"),
+        "near_rigid": 2.0,
+        "dissipation": 0.0,
+        "stiction_tolerance": 1e-7,
+    },
+}
 _GAIN = 1e6
 """Gain of servos: inertias of the joint a step. Drake takes at most (2 pi/0.1)^2 = 3948 of them (`near-rigid` regime of
 its servos' constraint)."""
@@ -94,8 +99,10 @@ class DrakeEngine(TreeEngine):
         # the world
         for name in tree.loops:
             if GROUND in scene.joints[name].bodies:
-                return (f"joints.{name}: closes a loop with the ground; Drake ends the process "
-                        "with such a constraint")
+                return (
+                    f"joints.{name}: closes a loop with the ground; Drake ends the process "
+                    "with such a constraint"
+                )
         return None
 
     def run(self, scene: Scene, **asked: Any) -> Trajectory:
@@ -103,16 +110,21 @@ class DrakeEngine(TreeEngine):
             return run_continuous(self, scene, **asked)
         return super().run(scene, **asked)
 
-    def stepper(self, scene: Scene, h: float, options: Mapping[str, Any],
-                fidelity: str) -> AbstractContextManager[TreeStepper]:
-        return nullcontext((_JointStepper if fidelity == "joint" else _ContactStepper)(scene, h, options))
+    def stepper(
+        self, scene: Scene, h: float, options: Mapping[str, Any], fidelity: str
+    ) -> AbstractContextManager[TreeStepper]:
+        return nullcontext(
+            (_JointStepper if fidelity == "joint" else _ContactStepper)(scene, h, options)
+        )
 
     @contextmanager
     def dynamics(self, scene: Scene, tree: LinkTree, clock: EngineClock) -> Iterator[Dynamics]:
         links = Plant(scene, tree, 0.0)
         links.finalize()
 
-        def evaluate(position: np.ndarray, velocity: np.ndarray, second: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        def evaluate(
+            position: np.ndarray, velocity: np.ndarray, second: np.ndarray
+        ) -> tuple[np.ndarray, np.ndarray]:
             links.put(position, velocity)
             mass, bias = clock.call(links.dynamics)
             return mass, mass @ second + bias
@@ -135,7 +147,9 @@ class _DrakeStepper(TreeStepper):
         plant.SetUseSampledOutputPorts(False)
         for name in tree.loops:
             pin = scene.pins[name]
-            (first, p), (second, q) = (self._side(body, point) for body, point in zip(pin.bodies, pin.points))
+            (first, p), (second, q) = (
+                self._side(body, point) for body, point in zip(pin.bodies, pin.points)
+            )
             plant.AddBallConstraint(first, p, second, q)
         self._mass = start_mass(scene, tree)
         driven = [motor_link(scene, tree, drive)[0] for drive in scene.drives.values()]
@@ -143,19 +157,25 @@ class _DrakeStepper(TreeStepper):
         self._brakes = []
         for link, place in self._servos.items():
             servo = plant.AddJointActuator(f"servo-{link}", self._links.joints[link])
-            servo.set_controller_gains(PdControllerGains(p=0.0, d=_GAIN * float(self._mass[link, link]) / h))
+            servo.set_controller_gains(
+                PdControllerGains(p=0.0, d=_GAIN * float(self._mass[link, link]) / h)
+            )
             if place < len(self.friction_links):
                 self._brakes.append(servo)
         self._links.finalize(self._surround(scene))
         self._context = self._links.context
         self._wished = np.zeros((2, len(self._servos)))
         plant.get_actuation_input_port().FixValue(self._context, self._wished[0])
-        self._given = plant.get_desired_state_input_port(default_model_instance()).FixValue(self._context,
-                                                                                            self._wished.reshape(-1))
+        self._given = plant.get_desired_state_input_port(default_model_instance()).FixValue(
+            self._context, self._wished.reshape(-1)
+        )
         self._pushed = plant.get_applied_spatial_force_input_port().FixValue(
-            self._context, self._links.loads if self.loaded else [])
+            self._context, self._links.loads if self.loaded else []
+        )
         self.put(self.position, self.velocity)
-        self.settling = self.settling or 1  # in which servos settle at the speed error that their load leaves
+        self.settling = (
+            self.settling or 1
+        )  # in which servos settle at the speed error that their load leaves
 
     @abstractmethod
     def _surround(self, scene: Scene) -> Any:
@@ -163,8 +183,11 @@ class _DrakeStepper(TreeStepper):
 
     def _side(self, body: str, point: tuple[float, float]) -> tuple[Any, np.ndarray]:
         place, link = np.array((*point, 0.0)), self.tree.link_of[body]
-        return (self._plant.world_body(), place) if link < 0 else (self._links.bodies[link],
-                                                                   self.tree.centre(link) + place)
+        return (
+            (self._plant.world_body(), place)
+            if link < 0
+            else (self._links.bodies[link], self.tree.centre(link) + place)
+        )
 
     def drive_rate(self, link: int, rate: float) -> None:
         self._wished[1, self._servos[link]] = rate
@@ -207,7 +230,7 @@ class _JointStepper(_DrakeStepper):
         for brake, cap in zip(self._brakes, caps):
             brake.set_effort_limit(max(cap, _LEAST))
         super().advance(caps)
-        self.held[:] = np.abs(self._values[:len(self._brakes)])
+        self.held[:] = np.abs(self._values[: len(self._brakes)])
 
 
 class _ContactStepper(ContactStepper, _DrakeStepper):
@@ -222,26 +245,36 @@ class _ContactStepper(ContactStepper, _DrakeStepper):
         self._normals = [0.0] * len(scene.frictional_guides)
 
     def _surround(self, scene: Scene) -> Any:
-        from pydrake.multibody.plant import AddMultibodyPlantSceneGraph, ContactModel, DiscreteContactApproximation
+        from pydrake.multibody.plant import (
+            AddMultibodyPlantSceneGraph,
+            ContactModel,
+            DiscreteContactApproximation,
+        )
         from pydrake.systems.framework import DiagramBuilder
 
         options, builder = self._options, DiagramBuilder()
         plant, graph = AddMultibodyPlantSceneGraph(builder, self._plant)
         plant.set_contact_model(ContactModel.kPoint)
         plant.set_stiction_tolerance(options["stiction_tolerance"])
-        approximation = DiscreteContactApproximation.__members__[f"k{options['approximation'].capitalize()}"]
+        approximation = DiscreteContactApproximation.__members__[
+            f"k{options['approximation'].capitalize()}"
+        ]
         plant.set_discrete_contact_approximation(approximation)
         rate = 2 * math.pi / (options["near_rigid"] * self.h)
         driven = [motor_link(scene, self.tree, drive)[0] for drive in scene.drives.values()]
-        materials = [Material(rate ** 2 * inertia, 0.0, 0.0, options["dissipation"], relaxation_time=self.h)
-                     for inertia in corner_inertias(scene, self.tree, self.position, self._mass, driven)]
+        materials = [
+            Material(rate**2 * inertia, 0.0, 0.0, options["dissipation"], relaxation_time=self.h)
+            for inertia in corner_inertias(scene, self.tree, self.position, self._mass, driven)
+        ]
         self._boxes = Boxes(scene, self.tree, self._links.bodies, plant, graph, materials)
         return builder
 
     def compile(self) -> None:
         super().compile()
         self._boxes.begin(self._links.root)
-        if not self.tree.loops:  # which would pull them about; with loops they sink in during the first steps
+        if (
+            not self.tree.loops
+        ):  # which would pull them about; with loops they sink in during the first steps
             self._land()
 
     def _land(self) -> None:
@@ -276,6 +309,11 @@ class _ContactStepper(ContactStepper, _DrakeStepper):
     def contact_forces(self) -> tuple[list[float], list[float]]:
         before = self._normals
         self._normals, frictions = self._boxes.forces(self._values)
-        bounds = [coefficient * normal for coefficient, normal in zip(self.friction.coefficients(), before)]
-        return before, [max(friction, bound) if friction > _SLIPS * bound else friction
-                        for friction, bound in zip(frictions, bounds)]
+        bounds = [
+            coefficient * normal
+            for coefficient, normal in zip(self.friction.coefficients(), before)
+        ]
+        return before, [
+            max(friction, bound) if friction > _SLIPS * bound else friction
+            for friction, bound in zip(frictions, bounds)
+        ]

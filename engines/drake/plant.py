@@ -31,8 +31,13 @@ class Plant:
         from pydrake.math import RigidTransform, RollPitchYaw
         from pydrake.multibody.math import SpatialForce
         from pydrake.multibody.plant import ExternallyAppliedSpatialForce, MultibodyPlant
-        from pydrake.multibody.tree import (FixedOffsetFrame, PrismaticJoint, RevoluteJoint, RotationalInertia,
-                                            SpatialInertia)
+        from pydrake.multibody.tree import (
+            FixedOffsetFrame,
+            PrismaticJoint,
+            RevoluteJoint,
+            RotationalInertia,
+            SpatialInertia,
+        )
 
         self.plant = plant = MultibodyPlant(time_step)
         plant.mutable_gravity_field().set_gravity_vector([*(scene.gravity or (0.0, 0.0)), 0.0])
@@ -41,16 +46,33 @@ class Plant:
         for i, link in enumerate(tree.links):
             data = None if link.body is None else scene.bodies[link.body]
             mass, turning = (data.mass, data.inertia) if data else (least_mass, 0.0)
-            inertia = SpatialInertia.Zero() if not mass else SpatialInertia.MakeFromCentralInertia(
-                mass, tree.centre(i), RotationalInertia(*[turning] * 3))
+            inertia = (
+                SpatialInertia.Zero()
+                if not mass
+                else SpatialInertia.MakeFromCentralInertia(
+                    mass, tree.centre(i), RotationalInertia(*[turning] * 3)
+                )
+            )
             body = plant.AddRigidBody(f"link-{i}", inertia)
             parent = self.bodies[link.parent] if link.parent >= 0 else plant.world_body()
-            frame = plant.AddFrame(FixedOffsetFrame(f"parent-{i}", parent.body_frame(),
-                                                    RigidTransform(RollPitchYaw(0.0, 0.0, link.angle), tree.place(i))))
-            kind, axis = (PrismaticJoint, (*link.axis, 0.0)) if link.slides else (RevoluteJoint, (0.0, 0.0, 1.0))
+            frame = plant.AddFrame(
+                FixedOffsetFrame(
+                    f"parent-{i}",
+                    parent.body_frame(),
+                    RigidTransform(RollPitchYaw(0.0, 0.0, link.angle), tree.place(i)),
+                )
+            )
+            kind, axis = (
+                (PrismaticJoint, (*link.axis, 0.0))
+                if link.slides
+                else (RevoluteJoint, (0.0, 0.0, 1.0))
+            )
             self.joints.append(plant.AddJoint(kind(f"joint-{i}", frame, body.body_frame(), axis)))
             self.bodies.append(body)
-        self._force, self.loads = SpatialForce, [ExternallyAppliedSpatialForce() for _ in scene.bodies]
+        self._force, self.loads = (
+            SpatialForce,
+            [ExternallyAppliedSpatialForce() for _ in scene.bodies],
+        )
         for load, name in zip(self.loads, scene.bodies):
             i = tree.link_of[name]
             load.body_index, load.p_BoBq_B = self.bodies[i].index(), tree.centre(i)
@@ -58,7 +80,7 @@ class Plant:
     def set_loads(self, values: Sequence[float]) -> None:
         """Set the loads' force x, force y (N) and torque (N m) of each body, one after the other."""
         for i, load in enumerate(self.loads):
-            fx, fy, torque = values[3 * i:3 * i + 3]
+            fx, fy, torque = values[3 * i : 3 * i + 3]
             load.F_Bq_W = self._force((0.0, 0.0, torque), (fx, fy, 0.0))
 
     def finalize(self, builder: Any = None) -> None:
@@ -89,7 +111,9 @@ class Plant:
     def dynamics(self) -> tuple[np.ndarray, np.ndarray]:
         """Mass matrix, shape (links, links), and the joint forces without acceleration, shape (links,)."""
         mass = self.plant.CalcMassMatrix(self.context)
-        bias = self.plant.CalcBiasTerm(self.context) - self.plant.CalcGravityGeneralizedForces(self.context)
+        bias = self.plant.CalcBiasTerm(self.context) - self.plant.CalcGravityGeneralizedForces(
+            self.context
+        )
         return mass[np.ix_(self._order, self._order)], bias[self._order]
 
 

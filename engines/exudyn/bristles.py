@@ -27,8 +27,10 @@ from stiction.reference_impl.multibody.mechanism import Mechanism
 from stiction.scenes import Scene
 from stiction.scenes.model import Translational
 
-FRICTION_LAW = ("Coulomb with bristles (engine), bound mu (|n1| + |n2|) from the multipliers of the step before "
-                "(adapter)")
+FRICTION_LAW = (
+    "Coulomb with bristles (engine), bound mu (|n1| + |n2|) from the multipliers of the step before "
+    "(adapter)"
+)
 
 LEAST = 1e-12
 """N, and m/s of v_s where there is no static excess: without a force above zero Exudyn leaves the bristles out when it
@@ -47,7 +49,14 @@ class BristleGuide(SlidingGuide):
         v_s, the speed at which 37 % of the static excess F_s are left, over F_s, m/(N s).
     """
 
-    def __init__(self, model: Model, name: str, joint: Translational, options: Mapping[str, float], step: float):
+    def __init__(
+        self,
+        model: Model,
+        name: str,
+        joint: Translational,
+        options: Mapping[str, float],
+        step: float,
+    ):
         super().__init__(model, name, joint)
         self.decay = options["static_decay"] * step / moved_mass(model.scene, name)
         items = model.items
@@ -56,22 +65,35 @@ class BristleGuide(SlidingGuide):
         # whether it slides, and where it sticks: one that begins in motion as sticking would be braked by the bristles'
         # damping
         slides = copysign(1.0, speed) if abs(speed) > REST_SPEED else 0.0
-        self.node = self.system.AddNode(items.NodeGenericData(
-            name=f"{name}-bristles", initialCoordinates=[slides, float(self.displacement(q)), 0.0],
-            numberOfDataCoordinates=3))
-        self.bristles = self.system.AddObject(items.ObjectConnectorCoordinateSpringDamperExt(
-            name=f"{name}-bristles", markerNumbers=[model.zero(), self.along], nodeNumber=self.node,
-            stickingStiffness=options["bristle_stiffness"], stickingDamping=options["bristle_damping"],
-            dynamicFrictionForce=LEAST, exponentialDecayStatic=LEAST))
+        self.node = self.system.AddNode(
+            items.NodeGenericData(
+                name=f"{name}-bristles",
+                initialCoordinates=[slides, float(self.displacement(q)), 0.0],
+                numberOfDataCoordinates=3,
+            )
+        )
+        self.bristles = self.system.AddObject(
+            items.ObjectConnectorCoordinateSpringDamperExt(
+                name=f"{name}-bristles",
+                markerNumbers=[model.zero(), self.along],
+                nodeNumber=self.node,
+                stickingStiffness=options["bristle_stiffness"],
+                stickingDamping=options["bristle_damping"],
+                dynamicFrictionForce=LEAST,
+                exponentialDecayStatic=LEAST,
+            )
+        )
 
     def renew(self, multipliers: np.ndarray) -> None:
         """Largest forces and the surface moment from multipliers; nothing of them changes within a step."""
         R = self.measure_load(multipliers)
         self.mode, self.friction, _ = self.record()
         excess = max(self.mus - self.coefficient, 0.0) * self.load
-        for parameter, value in (("dynamicFrictionForce", max(self.coefficient * self.load, LEAST)),
-                                 ("staticFrictionOffsetForce", excess),
-                                 ("exponentialDecayStatic", max(self.decay * excess, LEAST))):
+        for parameter, value in (
+            ("dynamicFrictionForce", max(self.coefficient * self.load, LEAST)),
+            ("staticFrictionOffsetForce", excess),
+            ("exponentialDecayStatic", max(self.decay * excess, LEAST)),
+        ):
             self.system.SetObjectParameter(self.bristles, parameter, value)
         self.apply_surface_moment(self.friction, R)
 
@@ -87,8 +109,11 @@ class BristleGuide(SlidingGuide):
 
 def bristle_guides(model: Model, options: Mapping[str, float], step: float) -> list[BristleGuide]:
     """Give a model bristles in each guide with friction."""
-    return [BristleGuide(model, name, guide, options, step)
-            for name, guide in model.scene.frictional_guides.items() if guide.static_coefficient]
+    return [
+        BristleGuide(model, name, guide, options, step)
+        for name, guide in model.scene.frictional_guides.items()
+        if guide.static_coefficient
+    ]
 
 
 def moved_mass(scene: Scene, name: str) -> float:

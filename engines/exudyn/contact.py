@@ -46,20 +46,40 @@ class ContactGuide:
         for along, across in CORNERS:
             centre = to_slider @ (0.5 * along * length * u + across * (0.5 * width - radius) * n)
             surface = 0.5 * across * width * n
-            points = [[*(surface + x * reach * u), z * reach] for x, z in ((-1.0, -1.0), (1.0, -1.0), (0.0, 1.0))]
-            data = system.AddNode(items.NodeGenericData(initialCoordinates=[0.0] * 4, numberOfDataCoordinates=4))
-            self._contacts.append(system.AddObject(items.ObjectContactSphereTriangle(
-                markerNumbers=[model.rigid(joint.slider, tuple(np.array(joint.slider_point) + centre)), plane],
-                nodeNumber=data, sphereRadius=radius, trianglePoints=exudyn.Vector3DList(points), includeEdges=0,
-                dynamicFriction=joint.mu or 0.0, frictionProportionalZone=options["friction_zone"],
-                contactStiffness=options["contact_stiffness"], contactDamping=options["contact_damping"])))
+            points = [
+                [*(surface + x * reach * u), z * reach]
+                for x, z in ((-1.0, -1.0), (1.0, -1.0), (0.0, 1.0))
+            ]
+            data = system.AddNode(
+                items.NodeGenericData(initialCoordinates=[0.0] * 4, numberOfDataCoordinates=4)
+            )
+            self._contacts.append(
+                system.AddObject(
+                    items.ObjectContactSphereTriangle(
+                        markerNumbers=[
+                            model.rigid(joint.slider, tuple(np.array(joint.slider_point) + centre)),
+                            plane,
+                        ],
+                        nodeNumber=data,
+                        sphereRadius=radius,
+                        trianglePoints=exudyn.Vector3DList(points),
+                        includeEdges=0,
+                        dynamicFriction=joint.mu or 0.0,
+                        frictionProportionalZone=options["friction_zone"],
+                        contactStiffness=options["contact_stiffness"],
+                        contactDamping=options["contact_damping"],
+                    )
+                )
+            )
 
     def record(self) -> np.ndarray:
         """Forces of the contacts on the slider, shape (4, 2), ground axes, in the order F1 .. F4."""
         import exudyn
 
         kind = exudyn.OutputVariableType.Force
-        return np.array([self._model.system.GetObjectOutput(contact, kind)[:2] for contact in self._contacts])
+        return np.array(
+            [self._model.system.GetObjectOutput(contact, kind)[:2] for contact in self._contacts]
+        )
 
     def columns(self, forces: np.ndarray, q: np.ndarray, _: Any) -> dict[str, np.ndarray]:
         """The guide's columns from forces of shape (n, 4, 2) and states of shape (n, 3 * bodies)."""
@@ -69,14 +89,22 @@ class ContactGuide:
         u = np.array(unit(joint.direction))
         direction = np.stack([c * u[0] - s * u[1], s * u[0] + c * u[1]], axis=1)
         normal = np.stack([-direction[:, 1], direction[:, 0]], axis=1)
-        along, across = np.einsum("nki,ni->nk", forces, direction), np.einsum("nki,ni->nk", forces, normal)
+        along, across = (
+            np.einsum("nki,ni->nk", forces, direction),
+            np.einsum("nki,ni->nk", forces, normal),
+        )
         places = 0.5 * np.array(CORNERS) * joint.extent
-        columns = {f"{self.name}.normal_force": across.sum(axis=1),
-                   f"{self.name}.moment": across @ places[:, 0] - along @ places[:, 1],
-                   **{f"{self.name}.F{k + 1}": -CORNERS[k][1] * across[:, k] for k in range(4)}}
+        columns = {
+            f"{self.name}.normal_force": across.sum(axis=1),
+            f"{self.name}.moment": across @ places[:, 0] - along @ places[:, 1],
+            **{f"{self.name}.F{k + 1}": -CORNERS[k][1] * across[:, k] for k in range(4)},
+        }
         if joint.frictional:
             lower = along[:, :2].sum(axis=1)
             upper = along[:, 2:].sum(axis=1)
-            columns |= {f"{self.name}.friction": lower + upper, f"{self.name}.friction_lower": lower,
-                        f"{self.name}.friction_upper": upper}
+            columns |= {
+                f"{self.name}.friction": lower + upper,
+                f"{self.name}.friction_lower": lower,
+                f"{self.name}.friction_upper": upper,
+            }
         return columns

@@ -22,8 +22,17 @@ from stiction.engines.exudyn.model import Model
 from stiction.engines.exudyn.script import exudyn_script
 from stiction.engines.exudyn.solver import INTEGRATORS
 from stiction.engines.exudyn.stepping import FRICTION_REPETITIONS, Sample, Stepper
-from stiction.engines.protocol import (FIDELITIES, UNSETTLED, Capabilities, Engine, EngineFailure, Refused, Supplier,
-                                       Unsettled, accepted)
+from stiction.engines.protocol import (
+    FIDELITIES,
+    UNSETTLED,
+    Capabilities,
+    Engine,
+    EngineFailure,
+    Refused,
+    Supplier,
+    Unsettled,
+    accepted,
+)
 from stiction.engines.shared.contact_geometry import contact_refusal
 from stiction.engines.shared.fixed_step import DEFAULT_SHARE, Defaults, settings_of, step_of
 from stiction.engines.shared.inconsistent_start import refuse_off
@@ -38,13 +47,24 @@ LOCATED, BRISTLES = "located", "bristles"
 """The setting `method` of joint fidelity: the adapter's friction with located switches, or Exudyn's own."""
 _EXPLICIT = {"rk44": "RK44", "dopri5": "DOPRI5", "velocity-verlet": "VelocityVerlet"}
 """Some of Exudyn's explicit methods, by their names there."""
-_JOINT: Defaults = {"integrator": (*INTEGRATORS, *_EXPLICIT), "method": (LOCATED, BRISTLES), "spectral_radius": 0.3,
-                    "newton_tolerance": 1e-9}
+_JOINT: Defaults = {
+    "integrator": (*INTEGRATORS, *_EXPLICIT),
+    "method": (LOCATED, BRISTLES),
+    "spectral_radius": 0.3,
+    "newton_tolerance": 1e-9,
+}
 _SETTINGS: Mapping[str, Defaults] = {
     "joint": _JOINT,
     BRISTLES: {**_JOINT, "bristle_stiffness": 1e5, "bristle_damping": 1e3, "static_decay": 1.0},
-    "contact": {"integrator": _JOINT["integrator"], "spectral_radius": 0.3, "newton_tolerance": 1e-8,
-                "contact_stiffness": 1e7, "contact_damping": 5e4, "friction_zone": 1e-4}}
+    "contact": {
+        "integrator": _JOINT["integrator"],
+        "spectral_radius": 0.3,
+        "newton_tolerance": 1e-8,
+        "contact_stiffness": 1e7,
+        "contact_damping": 5e4,
+        "friction_zone": 1e-4,
+    },
+}
 """Settings by fidelity; those of joint fidelity with Exudyn's own friction by that method."""
 MOST_UNKNOWNS = 5000
 """Rows of the dense matrix in which redundant constraints are looked for, 200 MB. Exudyn's own sparse solvers take many
@@ -71,12 +91,18 @@ class ExudynEngine(Engine):
 
     name = "exudyn"
     capabilities = Capabilities(
-        fidelities=FIDELITIES, static_coefficient={"joint": True, "contact": False},
-        friction_law={"joint": "Coulomb with located switches, bound mu (|n1| + |n2|) from the joint's multipliers "
-                               "(adapter, as Exudyn's loads); stick: Exudyn's constraint",
-                      "contact": "Coulomb regularized below friction_zone, penalty contacts (engine)"},
-        reactions="engine", order="2", event_location=Supplier.ADAPTER,
-        friction_by={"joint": Supplier.ADAPTER, "contact": Supplier.ENGINE})
+        fidelities=FIDELITIES,
+        static_coefficient={"joint": True, "contact": False},
+        friction_law={
+            "joint": "Coulomb with located switches, bound mu (|n1| + |n2|) from the joint's multipliers "
+            "(adapter, as Exudyn's loads); stick: Exudyn's constraint",
+            "contact": "Coulomb regularized below friction_zone, penalty contacts (engine)",
+        },
+        reactions="engine",
+        order="2",
+        event_location=Supplier.ADAPTER,
+        friction_by={"joint": Supplier.ADAPTER, "contact": Supplier.ENGINE},
+    )
 
     @property
     def version(self) -> str:
@@ -88,10 +114,13 @@ class ExudynEngine(Engine):
         return settings_of({}, _SETTINGS[fidelity], self.name, fidelity)
 
     def check_arguments(self, *, settings: Mapping[str, Any], **asked: Any) -> None:
-        super().check_arguments(settings={} if "method" in settings else settings, **asked)  # each method has its own
+        super().check_arguments(
+            settings={} if "method" in settings else settings, **asked
+        )  # each method has its own
 
-    def settings_of_run(self, given: Mapping[str, Any], *, fidelity: str,
-                        **_: Any) -> dict[str, Any]:
+    def settings_of_run(
+        self, given: Mapping[str, Any], *, fidelity: str, **_: Any
+    ) -> dict[str, Any]:
         own = given.get("method") == BRISTLES and fidelity == "joint"
         return settings_of(given, _SETTINGS[BRISTLES if own else fidelity], self.name, fidelity)
 
@@ -108,27 +137,53 @@ class ExudynEngine(Engine):
 
     def refusal(self, scene: Scene, fidelity: str) -> str | None:
         for name, spring in scene.springs.items():
-            if (isinstance(spring, LinearSpring) and spring.axis is None and spring.rest_length == 0
-                    and spring.damping > 0):
-                return (f"springs.{name}: Exudyn has no direction for a damper between points that may coincide; "
-                        "give an axis")
-        if (unknowns := 3 * len(scene.bodies) + 2 * len(scene.joints) + len(scene.drives)) > MOST_UNKNOWNS:
-            return (f"{unknowns} coordinates and multipliers; expected at most {MOST_UNKNOWNS}: the adapter looks for "
-                    "redundant constraints in a dense matrix")
+            if (
+                isinstance(spring, LinearSpring)
+                and spring.axis is None
+                and spring.rest_length == 0
+                and spring.damping > 0
+            ):
+                return (
+                    f"springs.{name}: Exudyn has no direction for a damper between points that may coincide; "
+                    "give an axis"
+                )
+        if (
+            unknowns := 3 * len(scene.bodies) + 2 * len(scene.joints) + len(scene.drives)
+        ) > MOST_UNKNOWNS:
+            return (
+                f"{unknowns} coordinates and multipliers; expected at most {MOST_UNKNOWNS}: the adapter looks for "
+                "redundant constraints in a dense matrix"
+            )
         if fidelity == "contact":
             return contact_refusal(scene) or next(
-                (f"joints.{name}: Exudyn's contacts have one coefficient of friction; mus = {guide.mus:g} is not mu = "
-                 f"{guide.mu:g}" for name, guide in scene.guides.items()
-                 if guide.frictional and guide.static_coefficient != guide.mu), None)
+                (
+                    f"joints.{name}: Exudyn's contacts have one coefficient of friction; mus = {guide.mus:g} is not mu = "
+                    f"{guide.mu:g}"
+                    for name, guide in scene.guides.items()
+                    if guide.frictional and guide.static_coefficient != guide.mu
+                ),
+                None,
+            )
         return None
 
-    def run(self, scene: Scene, *, t_end: float, dt: float | None, rtol: float | None, fidelity: str,
-            output_step: float, settings: Mapping[str, Any]) -> Trajectory:
+    def run(
+        self,
+        scene: Scene,
+        *,
+        t_end: float,
+        dt: float | None,
+        rtol: float | None,
+        fidelity: str,
+        output_step: float,
+        settings: Mapping[str, Any],
+    ) -> Trajectory:
         h = step_of(_step(t_end) if dt is None else dt, t_end)
         options = self.settings_of_run(settings, fidelity=fidelity)
         own = options.get("method") == BRISTLES
         if options["spectral_radius"] > 1:
-            raise InputError(f"spectral_radius: found {options['spectral_radius']!r}; expected 0 .. 1")
+            raise InputError(
+                f"spectral_radius: found {options['spectral_radius']!r}; expected 0 .. 1"
+            )
         start = time.process_time()
         refuse_off(scene)
         with _own_words():
@@ -145,20 +200,43 @@ class ExudynEngine(Engine):
         samples = stepper.samples
         events = []
         if stepper.switches:
-            rows = rows_of(simulation.columns([side for switch in stepper.switches
-                                               for side in (switch.before, switch.after)]))
-            events = [Event(switch.before.t, switch.kind, switch.guide, before, after)
-                      for switch, before, after in zip(stepper.switches, rows[::2], rows[1::2])]
+            rows = rows_of(
+                simulation.columns(
+                    [side for switch in stepper.switches for side in (switch.before, switch.after)]
+                )
+            )
+            events = [
+                Event(switch.before.t, switch.kind, switch.guide, before, after)
+                for switch, before, after in zip(stepper.switches, rows[::2], rows[1::2])
+            ]
         return Trajectory(
-            scene=scene.name, engine=self.name, version=self.version, fidelity=fidelity,
-            t=np.array([sample.t for sample in samples]), columns=simulation.columns(samples), events=tuple(events),
-            settings={"dt": h, **options,
-                      "linear_solver": "EigenDense, singular matrices borne" if stepper.solver.redundant
-                      else "EXUdense",
-                      **({"friction_law": FRICTION_LAW if own else self.capabilities.friction_law[fidelity]}
-                         if scene.frictional_guides else {})},
+            scene=scene.name,
+            engine=self.name,
+            version=self.version,
+            fidelity=fidelity,
+            t=np.array([sample.t for sample in samples]),
+            columns=simulation.columns(samples),
+            events=tuple(events),
+            settings={
+                "dt": h,
+                **options,
+                "linear_solver": "EigenDense, singular matrices borne"
+                if stepper.solver.redundant
+                else "EXUdense",
+                **(
+                    {
+                        "friction_law": FRICTION_LAW
+                        if own
+                        else self.capabilities.friction_law[fidelity]
+                    }
+                    if scene.frictional_guides
+                    else {}
+                ),
+            },
             cost=Cost(started - start, 0.0, ended - started, stepper.counters, engine_s),
-            termination="end" if stop is None else stop.reason, breakdown=stop)
+            termination="end" if stop is None else stop.reason,
+            breakdown=stop,
+        )
 
 
 def scene_as_script(scene: Scene, named: str = "SCENE") -> str:
@@ -186,14 +264,24 @@ class _Simulation:
     def __init__(self, scene: Scene, h: float, options: Mapping[str, Any], method: str | None):
         self.scene, self.model = scene, Model(scene, joints=method is not None)
         self._zone = options.get("friction_zone", 0.0)
-        located, bristles, boxes = list[FrictionalGuide](), list[BristleGuide](), list[ContactGuide]()
+        located, bristles, boxes = (
+            list[FrictionalGuide](),
+            list[BristleGuide](),
+            list[ContactGuide](),
+        )
         if method is None:
-            boxes = [ContactGuide(self.model, name, guide, options) for name, guide in scene.guides.items()]
+            boxes = [
+                ContactGuide(self.model, name, guide, options)
+                for name, guide in scene.guides.items()
+            ]
         elif method == BRISTLES:
             bristles = bristle_guides(self.model, options, h)
         else:
-            located = [FrictionalGuide(self.model, name, guide) for name, guide in scene.frictional_guides.items()
-                       if guide.static_coefficient > 0]
+            located = [
+                FrictionalGuide(self.model, name, guide)
+                for name, guide in scene.frictional_guides.items()
+                if guide.static_coefficient > 0
+            ]
         self.model.assemble()
         settings = _solver_settings(self.model, h, options)
         if method is None:
@@ -204,23 +292,35 @@ class _Simulation:
         # a Jacobian of the step, where its solution is repeated for the friction; else one from before costs less
         settings.timeIntegration.newton.modifiedNewtonJacUpdatePerStep = bool(located)
         self._guides: list[Any] = [*located, *bristles, *boxes]
-        self.stepper = Stepper(self.model, located, h, settings, bristles,
-                               lambda: [guide.record() for guide in self._guides])
+        self.stepper = Stepper(
+            self.model,
+            located,
+            h,
+            settings,
+            bristles,
+            lambda: [guide.record() for guide in self._guides],
+        )
 
     def columns(self, samples: list[Sample]) -> dict[str, np.ndarray]:
         """All columns of a trajectory; reactions are Exudyn's multipliers and forces.
 
         At contact fidelity a slider sticks where its friction is in the zone that is proportional to the speed.
         """
-        t, q, v, a, multipliers = (np.array([getattr(sample, name) for sample in samples])
-                                   for name in ("t", "q", "v", "a", "multipliers"))
+        t, q, v, a, multipliers = (
+            np.array([getattr(sample, name) for sample in samples])
+            for name in ("t", "q", "v", "a", "multipliers")
+        )
         reactions = self.model.reactions(multipliers)
         for i, guide in enumerate(self._guides):
-            reactions |= guide.columns(np.array([sample.guides[i] for sample in samples]), q, reactions)
+            reactions |= guide.columns(
+                np.array([sample.guides[i] for sample in samples]), q, reactions
+            )
         columns = {**recover_columns(self.scene, t, q, v, a, reactions), **reactions}
         for name in self.scene.frictional_guides if self._zone else ():
             speed = columns[f"{name}.slip_velocity"]
-            columns[f"{name}.mode"] = np.where(np.abs(speed) < self._zone, 0, np.sign(speed)).astype(np.int8)
+            columns[f"{name}.mode"] = np.where(
+                np.abs(speed) < self._zone, 0, np.sign(speed)
+            ).astype(np.int8)
         return columns
 
 
@@ -235,7 +335,9 @@ def _solver_settings(model: Model, h: float, options: Mapping[str, Any]) -> Any:
     integration.endTime, integration.numberOfSteps = h, 1
     integration.adaptiveStep = integration.automaticStepSize = False
     integration.generalizedAlpha.spectralRadius = options["spectral_radius"]
-    integration.newton.relativeTolerance = integration.newton.absoluteTolerance = options["newton_tolerance"]
+    integration.newton.relativeTolerance = integration.newton.absoluteTolerance = options[
+        "newton_tolerance"
+    ]
     integration.discontinuous.iterationTolerance = 0.5  # the friction hook answers 0 or 1
     integration.discontinuous.maxIterations = FRICTION_REPETITIONS
     integration.discontinuous.ignoreMaxIterations = False
@@ -246,7 +348,9 @@ def _solver_settings(model: Model, h: float, options: Mapping[str, Any]) -> Any:
         except exudyn.ModelError as error:
             raise Refused(f"integrator={name}: {_short(str(error), '')}") from None
         raise Refused(f"integrator={name}: the adapter restarts implicit methods only")
-    integration.generalizedAlpha.useNewmark, integration.generalizedAlpha.useIndex2Constraints = INTEGRATORS[name]
+    integration.generalizedAlpha.useNewmark, integration.generalizedAlpha.useIndex2Constraints = (
+        INTEGRATORS[name]
+    )
     return settings
 
 
@@ -265,6 +369,8 @@ def _own_words() -> Iterator[None]:
 
 def _short(message: str, said: str) -> str:
     """The lines that say something, each once, without Exudyn's banners and the places in files they name."""
-    text = re.sub(r"(Python WARNING )?\[(Python )?file '[^']*', line \d+\]:?", "", message + "\n" + said)
+    text = re.sub(
+        r"(Python WARNING )?\[(Python )?file '[^']*', line \d+\]:?", "", message + "\n" + said
+    )
     lines = [line.strip() for line in text.splitlines() if line.strip(" *=-+\t")]
     return "; ".join(dict.fromkeys(lines))[:1000]

@@ -36,12 +36,16 @@ class SlidingGuide:
         self.guide = None if joint.guide == GROUND else 3 * model.index[joint.guide]
         self.direction = unit(joint.direction)
         self.mode, self.friction, self.surface_moment, self.load = 0, 0.0, 0.0, 0.0
-        self.along = model.along(joint.guide, joint.point, joint.direction, joint.slider, joint.slider_point)
+        self.along = model.along(
+            joint.guide, joint.point, joint.direction, joint.slider, joint.slider_point
+        )
         self.moments = []
         if self.half_width:
             for body, sign in ((joint.slider, 1.0), (joint.guide, -1.0)):
                 if body != GROUND:
-                    load = self.system.AddLoad(model.items.LoadTorqueVector(markerNumber=model.rigid(body)))
+                    load = self.system.AddLoad(
+                        model.items.LoadTorqueVector(markerNumber=model.rigid(body))
+                    )
                     self.moments.append((load, sign))
 
     def bind(self, model: Model) -> None:
@@ -77,17 +81,22 @@ class SlidingGuide:
             vx, vy = vx - v[j] + v[j + 2] * gy, vy - v[j + 1] - v[j + 2] * gx
         return ux * vx + uy * vy
 
-    def columns(self, recorded: np.ndarray, _: Any, reactions: Mapping[str, np.ndarray]) -> dict[str, np.ndarray]:
+    def columns(
+        self, recorded: np.ndarray, _: Any, reactions: Mapping[str, np.ndarray]
+    ) -> dict[str, np.ndarray]:
         """The guide's columns from what `record` gave, shape (n, 3), and the joint's reactions."""
         modes, friction, surface_moments = recorded.T
-        return {f"{self.name}.mode": modes.astype(np.int8), f"{self.name}.friction": friction,
-                f"{self.name}.moment": reactions[f"{self.name}.moment"] + surface_moments}
+        return {
+            f"{self.name}.mode": modes.astype(np.int8),
+            f"{self.name}.friction": friction,
+            f"{self.name}.moment": reactions[f"{self.name}.moment"] + surface_moments,
+        }
 
     def displacement(self, q: np.ndarray) -> float:
         """Coordinate of the slider's point along the guide."""
         i, j = self.slider, self.guide
         px, py = turned(self.joint.slider_point, q[i + 2])
-        gx, gy, angle = (0.0, 0.0, 0.0) if j is None else q[j:j + 3]
+        gx, gy, angle = (0.0, 0.0, 0.0) if j is None else q[j : j + 3]
         ux, uy = turned(self.direction, angle)
         ox, oy = turned(self.joint.point, angle)
         return ux * (q[i] + px - gx - ox) + uy * (q[i + 1] + py - gy - oy)
@@ -100,8 +109,11 @@ class FrictionalGuide(SlidingGuide):
         super().__init__(model, name, joint)
         self._force = self.system.AddLoad(model.items.LoadCoordinate(markerNumber=self.along))
         self._loaded = 0.0
-        self._connector = self.system.AddObject(model.items.ObjectConnectorCoordinate(
-            markerNumbers=[model.zero(), self.along], activeConnector=False))
+        self._connector = self.system.AddObject(
+            model.items.ObjectConnectorCoordinate(
+                markerNumbers=[model.zero(), self.along], activeConnector=False
+            )
+        )
 
     def bind(self, model: Model) -> None:
         super().bind(model)
@@ -147,4 +159,7 @@ class FrictionalGuide(SlidingGuide):
 
     def slip_acceleration(self, q: np.ndarray, v: np.ndarray, a: np.ndarray) -> float:
         """Rate of `slip_speed` by a central difference over 2e-5 s: its sign is what matters."""
-        return (self.slip_speed(q + 1e-5 * v, v + 1e-5 * a) - self.slip_speed(q - 1e-5 * v, v - 1e-5 * a)) / 2e-5
+        return (
+            self.slip_speed(q + 1e-5 * v, v + 1e-5 * a)
+            - self.slip_speed(q - 1e-5 * v, v - 1e-5 * a)
+        ) / 2e-5

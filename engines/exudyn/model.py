@@ -17,7 +17,14 @@ import numpy as np
 from stiction.scenes import Scene
 from stiction.scenes.fields import GROUND
 from stiction.scenes.laws import Constant, Law, Linear, Sine, evaluate_law
-from stiction.scenes.model import Drive, Force, LinearSpring, Revolute, TorsionalSpring, Translational
+from stiction.scenes.model import (
+    Drive,
+    Force,
+    LinearSpring,
+    Revolute,
+    TorsionalSpring,
+    Translational,
+)
 
 
 class Model:
@@ -45,8 +52,11 @@ class Model:
         self.nodes = {GROUND: self.system.AddNode(self.items.NodePointGround(name=GROUND))}
         self.bodies = {GROUND: self.system.AddObject(self.items.ObjectGround(name=GROUND))}
         self._add_bodies()
-        self.constraints = {name: self._joint(name, joint) for name, joint in scene.joints.items()
-                             if joints or isinstance(joint, Revolute)}
+        self.constraints = {
+            name: self._joint(name, joint)
+            for name, joint in scene.joints.items()
+            if joints or isinstance(joint, Revolute)
+        }
         self.constraints |= {name: self._drive(name, drive) for name, drive in scene.drives.items()}
         for name, spring in scene.springs.items():
             self._spring(name, spring)
@@ -76,8 +86,10 @@ class Model:
     def initial_state(self) -> tuple[np.ndarray, np.ndarray]:
         """Coordinates and velocities at t = 0, each of shape (3 * bodies,)."""
         bodies = self.scene.bodies.values()
-        return (np.array([x for body in bodies for x in (*body.position, body.angle)]),
-                np.array([x for body in bodies for x in (*body.velocity, body.angular_velocity)]))
+        return (
+            np.array([x for body in bodies for x in (*body.position, body.angle)]),
+            np.array([x for body in bodies for x in (*body.velocity, body.angular_velocity)]),
+        )
 
     def reactions(self, multipliers: np.ndarray) -> dict[str, np.ndarray]:
         """Columns of joints and drives from multipliers of shape (n, algebraic coordinates).
@@ -91,7 +103,9 @@ class Model:
             element = self.scene.joints.get(name)
             if isinstance(element, Revolute):  # C = p1 - p0
                 columns[f"{name}.fx"], columns[f"{name}.fy"] = values
-            elif isinstance(element, Translational):  # C = [n . (p_guide - p_slider), n . direction in the slider]
+            elif isinstance(
+                element, Translational
+            ):  # C = [n . (p_guide - p_slider), n . direction in the slider]
                 columns[f"{name}.normal_force"], columns[f"{name}.moment"] = values[0], -values[1]
             else:
                 columns[f"{name}.effort"] = -values[0]
@@ -99,23 +113,36 @@ class Model:
 
     def rigid(self, body: str, point: tuple[float, float] = (0.0, 0.0)) -> int:
         """A marker at a point of a body."""
-        return self.system.AddMarker(self.items.MarkerBodyRigid(bodyNumber=self.bodies[body],
-                                                                localPosition=[*point, 0.0]))
+        return self.system.AddMarker(
+            self.items.MarkerBodyRigid(bodyNumber=self.bodies[body], localPosition=[*point, 0.0])
+        )
 
-    def along(self, guide: str, point: tuple[float, float], axis: tuple[float, float], body: str,
-              body_point: tuple[float, float]) -> int:
+    def along(
+        self,
+        guide: str,
+        point: tuple[float, float],
+        axis: tuple[float, float],
+        body: str,
+        body_point: tuple[float, float],
+    ) -> int:
         """A marker for the coordinate of `body_point` along `axis` of `guide`, from `point`."""
-        return self.system.AddMarker(self.items.MarkerBodiesRelativeTranslationCoordinate(
-            bodyNumbers=[self.bodies[guide], self.bodies[body]], localPosition0=[*point, 0.0],
-            localPosition1=[*body_point, 0.0], axis0=[*unit(axis), 0.0]))
+        return self.system.AddMarker(
+            self.items.MarkerBodiesRelativeTranslationCoordinate(
+                bodyNumbers=[self.bodies[guide], self.bodies[body]],
+                localPosition0=[*point, 0.0],
+                localPosition1=[*body_point, 0.0],
+                axis0=[*unit(axis), 0.0],
+            )
+        )
 
     def zero(self) -> int:
         """A marker for a coordinate that stays zero."""
         return self._coordinate(GROUND, 0)
 
     def _coordinate(self, body: str, coordinate: int) -> int:
-        return self.system.AddMarker(self.items.MarkerNodeCoordinate(nodeNumber=self.nodes[body],
-                                                                     coordinate=coordinate))
+        return self.system.AddMarker(
+            self.items.MarkerNodeCoordinate(nodeNumber=self.nodes[body], coordinate=coordinate)
+        )
 
     def _angles(self, bodies: tuple[str, str]) -> list[int]:
         """Markers of the two angles in Exudyn's order: its connectors take the second minus the first."""
@@ -123,105 +150,184 @@ class Model:
 
     def _add_bodies(self) -> None:
         for name, body in self.scene.bodies.items():
-            self.nodes[name] = self.system.AddNode(self.items.NodeRigidBody2D(
-                name=name, initialCoordinates=[*body.position, body.angle],
-                initialVelocities=[*body.velocity, body.angular_velocity]))
-            self.bodies[name] = self.system.AddObject(self.items.ObjectRigidBody2D(
-                name=name, mass=body.mass, inertia=body.inertia, nodeNumber=self.nodes[name]))
+            self.nodes[name] = self.system.AddNode(
+                self.items.NodeRigidBody2D(
+                    name=name,
+                    initialCoordinates=[*body.position, body.angle],
+                    initialVelocities=[*body.velocity, body.angular_velocity],
+                )
+            )
+            self.bodies[name] = self.system.AddObject(
+                self.items.ObjectRigidBody2D(
+                    name=name, mass=body.mass, inertia=body.inertia, nodeNumber=self.nodes[name]
+                )
+            )
             if self.scene.gravity is not None:
-                marker = self.system.AddMarker(self.items.MarkerBodyMass(bodyNumber=self.bodies[name]))
-                self.system.AddLoad(self.items.LoadMassProportional(name=f"{name}-weight", markerNumber=marker,
-                                                                    loadVector=[*self.scene.gravity, 0.0]))
+                marker = self.system.AddMarker(
+                    self.items.MarkerBodyMass(bodyNumber=self.bodies[name])
+                )
+                self.system.AddLoad(
+                    self.items.LoadMassProportional(
+                        name=f"{name}-weight",
+                        markerNumber=marker,
+                        loadVector=[*self.scene.gravity, 0.0],
+                    )
+                )
 
     def _joint(self, name: str, joint: Revolute | Translational) -> int:
         if isinstance(joint, Revolute):
             markers = [self.rigid(body, point) for body, point in zip(joint.bodies, joint.points)]
-            return self.system.AddObject(self.items.ObjectJointRevolute2D(name=name, markerNumbers=markers))
+            return self.system.AddObject(
+                self.items.ObjectJointRevolute2D(name=name, markerNumbers=markers)
+            )
         ux, uy = unit(joint.direction)
         c, s = cos(joint.angle), sin(joint.angle)
-        return self.system.AddObject(self.items.ObjectJointPrismatic2D(
-            name=name,
-            markerNumbers=[self.rigid(joint.slider, joint.slider_point), self.rigid(joint.guide, joint.point)],
-            axisMarker0=[c * ux + s * uy, c * uy - s * ux, 0.0], normalMarker1=[-uy, ux, 0.0]))
+        return self.system.AddObject(
+            self.items.ObjectJointPrismatic2D(
+                name=name,
+                markerNumbers=[
+                    self.rigid(joint.slider, joint.slider_point),
+                    self.rigid(joint.guide, joint.point),
+                ],
+                axisMarker0=[c * ux + s * uy, c * uy - s * ux, 0.0],
+                normalMarker1=[-uy, ux, 0.0],
+            )
+        )
 
     def _drive(self, name: str, drive: Drive) -> int:
         first, second = drive.bodies
         if drive.type == "angle":
             markers = self._angles(drive.bodies)
         elif drive.axis is not None and second == GROUND:
-            markers = [self.zero(), self.along(second, drive.points[1], drive.axis, first, drive.points[0])]
+            markers = [
+                self.zero(),
+                self.along(second, drive.points[1], drive.axis, first, drive.points[0]),
+            ]
         elif drive.axis is None and isinstance(drive.law, Constant):
-            return self.system.AddObject(self.items.ObjectConnectorDistance(
-                name=name, markerNumbers=[self.rigid(body, point) for body, point in zip(drive.bodies, drive.points)],
-                distance=drive.law.value))
+            return self.system.AddObject(
+                self.items.ObjectConnectorDistance(
+                    name=name,
+                    markerNumbers=[
+                        self.rigid(body, point) for body, point in zip(drive.bodies, drive.points)
+                    ],
+                    distance=drive.law.value,
+                )
+            )
         else:
             return self._general_drive(name, drive)
         item = "ObjectConnectorCoordinate"
-        return self.system.AddObject(self.items.ObjectConnectorCoordinate(
-            name=name, markerNumbers=markers,
-            offsetUserFunction=self._function(name, item, "offsetUserFunction", drive.law, 0),
-            offsetUserFunction_t=self._function(name, item, "offsetUserFunction_t", drive.law, 1)))
+        return self.system.AddObject(
+            self.items.ObjectConnectorCoordinate(
+                name=name,
+                markerNumbers=markers,
+                offsetUserFunction=self._function(name, item, "offsetUserFunction", drive.law, 0),
+                offsetUserFunction_t=self._function(
+                    name, item, "offsetUserFunction_t", drive.law, 1
+                ),
+            )
+        )
 
     def _general_drive(self, name: str, drive: Drive) -> int:
         measure = PointDistance(drive)
 
-        def residual(system: Any, t: float, item: int, q: Any, rates: Any, velocity_level: bool) -> list[float]:
+        def residual(
+            system: Any, t: float, item: int, q: Any, rates: Any, velocity_level: bool
+        ) -> list[float]:
             value, row = measure(q)
             law, law_rate, _ = evaluate_law(drive.law, t)
             return [float(row @ rates) - law_rate if velocity_level else value - law]
 
-        def jacobian(system: Any, t: float, item: int, q: Any, rates: Any, velocity_level: bool) -> np.ndarray:
+        def jacobian(
+            system: Any, t: float, item: int, q: Any, rates: Any, velocity_level: bool
+        ) -> np.ndarray:
             return measure(q)[1].reshape(1, -1)
 
-        markers = [self.system.AddMarker(self.items.MarkerNodeCoordinates(nodeNumber=self.nodes[body]))
-                   for body in drive.bodies]
-        return self.system.AddObject(self.items.ObjectConnectorCoordinateVector(
-            name=name, markerNumbers=markers, scalingMarker0=np.zeros((1, 0 if drive.bodies[0] == GROUND else 3)),
-            scalingMarker1=np.zeros((1, 0 if drive.bodies[1] == GROUND else 3)),
-            constraintUserFunction=residual, jacobianUserFunction=jacobian))
+        markers = [
+            self.system.AddMarker(self.items.MarkerNodeCoordinates(nodeNumber=self.nodes[body]))
+            for body in drive.bodies
+        ]
+        return self.system.AddObject(
+            self.items.ObjectConnectorCoordinateVector(
+                name=name,
+                markerNumbers=markers,
+                scalingMarker0=np.zeros((1, 0 if drive.bodies[0] == GROUND else 3)),
+                scalingMarker1=np.zeros((1, 0 if drive.bodies[1] == GROUND else 3)),
+                constraintUserFunction=residual,
+                jacobianUserFunction=jacobian,
+            )
+        )
 
     def _spring(self, name: str, spring: LinearSpring | TorsionalSpring) -> None:
         add, items = self.system.AddObject, self.items
         coefficients = dict(name=name, stiffness=spring.stiffness, damping=spring.damping)
         if isinstance(spring, TorsionalSpring):
-            add(items.ObjectConnectorCoordinateSpringDamper(markerNumbers=self._angles(spring.bodies),
-                                                            offset=spring.rest_angle, **coefficients))
+            add(
+                items.ObjectConnectorCoordinateSpringDamper(
+                    markerNumbers=self._angles(spring.bodies),
+                    offset=spring.rest_angle,
+                    **coefficients,
+                )
+            )
         elif spring.axis is not None and spring.bodies[1] == GROUND:
-            marker = self.along(GROUND, spring.points[1], spring.axis, spring.bodies[0], spring.points[0])
-            add(items.ObjectConnectorCoordinateSpringDamper(markerNumbers=[self.zero(), marker],
-                                                            offset=spring.rest_length, **coefficients))
+            marker = self.along(
+                GROUND, spring.points[1], spring.axis, spring.bodies[0], spring.points[0]
+            )
+            add(
+                items.ObjectConnectorCoordinateSpringDamper(
+                    markerNumbers=[self.zero(), marker], offset=spring.rest_length, **coefficients
+                )
+            )
         elif spring.axis is not None:
             self._spring_along_moving_axis(name, spring)
         else:
             markers = [self.rigid(body, point) for body, point in zip(spring.bodies, spring.points)]
             if spring.rest_length > 0:
-                add(items.ObjectConnectorSpringDamper(markerNumbers=markers, referenceLength=spring.rest_length,
-                                                      **coefficients))
+                add(
+                    items.ObjectConnectorSpringDamper(
+                        markerNumbers=markers, referenceLength=spring.rest_length, **coefficients
+                    )
+                )
             else:  # no damping: refused, as it has no direction where the points coincide
-                add(items.ObjectConnectorCartesianSpringDamper(name=name, markerNumbers=markers,
-                                                               stiffness=[spring.stiffness] * 2 + [0.0]))
+                add(
+                    items.ObjectConnectorCartesianSpringDamper(
+                        name=name, markerNumbers=markers, stiffness=[spring.stiffness] * 2 + [0.0]
+                    )
+                )
 
     def _spring_along_moving_axis(self, name: str, spring: LinearSpring) -> None:
         measure = PointDistance(spring)
 
         def force(system: Any, t: float, item: int, q: Any, rates: Any) -> np.ndarray:
             value, row = measure(q)
-            return row * -(spring.stiffness * (value - spring.rest_length) + spring.damping * float(row @ rates))
+            return row * -(
+                spring.stiffness * (value - spring.rest_length)
+                + spring.damping * float(row @ rates)
+            )
 
         nodes = [self.nodes[body] for body in spring.bodies if body != GROUND]
-        self.system.AddObject(self.items.ObjectGenericODE2(name=name, nodeNumbers=nodes, forceUserFunction=force))
+        self.system.AddObject(
+            self.items.ObjectGenericODE2(name=name, nodeNumbers=nodes, forceUserFunction=force)
+        )
 
     def _load(self, name: str, load: Any) -> None:
         if isinstance(load, Force):
-            marker, vector, item = self.rigid(load.body, load.point), [*unit(load.direction), 0.0], "LoadForceVector"
+            marker, vector, item = (
+                self.rigid(load.body, load.point),
+                [*unit(load.direction), 0.0],
+                "LoadForceVector",
+            )
         else:
             marker, vector, item = self.rigid(load.body), [0.0, 0.0, 1.0], "LoadTorqueVector"
         varying = {}
         if isinstance(load.law, Constant):
             vector = [load.law.value * x for x in vector]
         else:
-            varying["loadVectorUserFunction"] = self._function(name, item, "loadVectorUserFunction", load.law, 0)
-        self.system.AddLoad(getattr(self.items, item)(name=name, markerNumber=marker, loadVector=vector, **varying))
+            varying["loadVectorUserFunction"] = self._function(
+                name, item, "loadVectorUserFunction", load.law, 0
+            )
+        self.system.AddLoad(
+            getattr(self.items, item)(name=name, markerNumber=marker, loadVector=vector, **varying)
+        )
 
     def _function(self, element: str, item: str, name: str, law: Law, derivative: int) -> Any:
         """The law (or its rate) as a user function, compiled by Exudyn, or in Python for tables."""
@@ -230,7 +336,11 @@ class Model:
         symbolic = isinstance(law, (Constant, Linear, Sine))
 
         def value(t: Any) -> Any:
-            return self._expression(law, t, derivative) if symbolic else evaluate_law(law, t)[derivative]
+            return (
+                self._expression(law, t, derivative)
+                if symbolic
+                else evaluate_law(law, t)[derivative]
+            )
 
         def of_load(system: Any, t: Any, load: Any) -> list[Any]:
             return [value(t) * load[0], value(t) * load[1], value(t) * load[2]]
@@ -272,7 +382,9 @@ class PointDistance:
 
     def __call__(self, q: Any) -> tuple[float, np.ndarray]:
         states = iter(np.reshape(q, (-1, 3)))
-        (x0, y0, th0), (x1, y1, th1) = (next(states) if moving else (0.0, 0.0, 0.0) for moving in self.moving)
+        (x0, y0, th0), (x1, y1, th1) = (
+            next(states) if moving else (0.0, 0.0, 0.0) for moving in self.moving
+        )
         (rx0, ry0), (rx1, ry1) = turned(self.points[0], th0), turned(self.points[1], th1)
         dx, dy = x0 + rx0 - x1 - rx1, y0 + ry0 - y1 - ry1
         if self.axis is None:

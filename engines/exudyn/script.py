@@ -65,7 +65,7 @@ for name, node in {nodes}:
     print(f"{{name}}:", *(float(value) for part in state for value in part))
 '''
 
-_FRICTION = '''
+_FRICTION = """
 
 # Friction. With R the normal force and M the moment of a guide, both multipliers of its joint, the surfaces of a slider
 # of length a and width b bear N = |n1| + |n2| = max(|R|, (2/a) |M|). Exudyn has no friction whose bound depends on a
@@ -95,10 +95,12 @@ def renew_friction(mbs, t):
 
 
 mbs.SetPreStepUserFunction(renew_friction)
-'''
+"""
 
 
-def exudyn_script(scene: Scene, dt: float, t_end: float, options: Mapping[str, Any], named: str) -> str:
+def exudyn_script(
+    scene: Scene, dt: float, t_end: float, options: Mapping[str, Any], named: str
+) -> str:
     """Return a script that builds and runs the scene with Exudyn alone, and prints the states at the end.
 
     Where `t_end` is no multiple of `dt`, all steps are a little shorter. `options` are all settings of the adapter's
@@ -113,20 +115,51 @@ def exudyn_script(scene: Scene, dt: float, t_end: float, options: Mapping[str, A
     guides = bristle_guides(model, options, dt)
     model.assemble()
     redundant = rank(scene) < constraint_rows(scene)
-    rows = [_text((model.constraints[guide.name], guide.bristles, tuple(guide.moments), guide.coefficient,
-                   guide.mus - guide.coefficient, guide.decay, guide.lever, guide.half_width)) for guide in guides]
+    rows = [
+        _text(
+            (
+                model.constraints[guide.name],
+                guide.bristles,
+                tuple(guide.moments),
+                guide.coefficient,
+                guide.mus - guide.coefficient,
+                guide.decay,
+                guide.lever,
+                guide.half_width,
+            )
+        )
+        for guide in guides
+    ]
     newmark, index_2 = INTEGRATORS[options["integrator"]]
     nodes = [(name, model.nodes[name]) for name in scene.bodies]
     items = re.sub(r"\n{4,}", "\n\n\n", "\n".join(model.system.lines))
     return _SCRIPT.format(
-        title=scene.title, name=scene.name, scene=named, options=" --setting method=bristles" if guides else "",
-        imported=textwrap.fill(", ".join(sorted(model.items.used)), 140, initial_indent=" " * 4,
-                               subsequent_indent=" " * 4),
-        math="import math\n\n" if "math." in items else "", items=items,
-        friction=_FRICTION.format(guides="\n".join(f"    {row}," for row in rows), least=LEAST) if guides else "",
-        solver="EigenDense" if redundant else "EXUdense", redundant=redundant, newmark=newmark, index_2=index_2,
-        repetitions=FRICTION_REPETITIONS, dt=dt, t_end=t_end, steps=math.ceil(t_end / dt - 1e-9),
-        nodes=_text(tuple(nodes)), **{key: options[key] for key in ("spectral_radius", "newton_tolerance")})
+        title=scene.title,
+        name=scene.name,
+        scene=named,
+        options=" --setting method=bristles" if guides else "",
+        imported=textwrap.fill(
+            ", ".join(sorted(model.items.used)),
+            140,
+            initial_indent=" " * 4,
+            subsequent_indent=" " * 4,
+        ),
+        math="import math\n\n" if "math." in items else "",
+        items=items,
+        friction=_FRICTION.format(guides="\n".join(f"    {row}," for row in rows), least=LEAST)
+        if guides
+        else "",
+        solver="EigenDense" if redundant else "EXUdense",
+        redundant=redundant,
+        newmark=newmark,
+        index_2=index_2,
+        repetitions=FRICTION_REPETITIONS,
+        dt=dt,
+        t_end=t_end,
+        steps=math.ceil(t_end / dt - 1e-9),
+        nodes=_text(tuple(nodes)),
+        **{key: options[key] for key in ("spectral_radius", "newton_tolerance")},
+    )
 
 
 _NO_ITEM = "{}: Exudyn has no item for it, and the adapter's function is not written as a script"
@@ -174,8 +207,11 @@ class _System:
     def variable(self, name: str, kind: str) -> _Name:
         """A name that the script does not have yet."""
         wish = "_".join(part for part in (re.sub(r"\W", "_", name), kind) if part)
-        free = next(variable for number in range(len(self._taken) + 1)
-                    if (variable := wish + (f"_{number + 1}" if number else "")) not in self._taken)
+        free = next(
+            variable
+            for number in range(len(self._taken) + 1)
+            if (variable := wish + (f"_{number + 1}" if number else "")) not in self._taken
+        )
         self._taken.add(free)
         return _Name(free)
 
@@ -198,8 +234,10 @@ class _Written(Model):
 
     def _function(self, element: str, item: str, name: str, law: Law, derivative: int) -> _Name:
         if (value := law_expression(law, derivative)) is None:
-            raise Refused(f"{element}: a law by table is not written as a script; expected a constant, a line or a "
-                          "sine")
+            raise Refused(
+                f"{element}: a law by table is not written as a script; expected a constant, a line or a "
+                "sine"
+            )
         variable = self.system.variable(element, re.sub("UserFunction", "", name).lower())
         arguments, result = "item, offset", value
         if name == "loadVectorUserFunction":

@@ -17,7 +17,11 @@ from stiction.engines.protocol import EngineFailure
 from stiction.engines.shared.engine_clock import EngineClock
 from stiction.scenes.laws import Constant, Linear, evaluate_law
 
-INTEGRATORS = {"generalized-alpha": (False, False), "newmark": (True, False), "trapezoidal": (True, True)}
+INTEGRATORS = {
+    "generalized-alpha": (False, False),
+    "newmark": (True, False),
+    "trapezoidal": (True, True),
+}
 """Exudyn's implicit methods: True for Newmark's (beta 1/4, gamma 1/2), and for constraints met by velocities (index
 2)."""
 OPEN = 1e-9
@@ -48,8 +52,11 @@ class Solver:
         self._system, self._data = model.system, model.system.systemData
         self._initial = exudyn.ConfigurationType.Initial
         self._start_of_step = exudyn.ConfigurationType.StartOfStep
-        self._accelerated = [(model.rows[name][0], drive.law) for name, drive in model.scene.drives.items()
-                             if not isinstance(drive.law, (Constant, Linear))]
+        self._accelerated = [
+            (model.rows[name][0], drive.law)
+            for name, drive in model.scene.drives.items()
+            if not isinstance(drive.law, (Constant, Linear))
+        ]
         self.engine = exudyn.MainSolverImplicitSecondOrder()
         linear = settings.linearSolver
         # a solver that accepts redundant constraints first, to look for them; the other is faster
@@ -59,7 +66,10 @@ class Solver:
         self.constraints = len(self._data.GetAECoordinates())
         self.redundant, self.open_rows = self._open_rows()
         if not self.redundant:
-            linear.solverType, linear.ignoreSingularJacobian = exudyn.LinearSolverType.EXUdense, False
+            linear.solverType, linear.ignoreSingularJacobian = (
+                exudyn.LinearSolverType.EXUdense,
+                False,
+            )
             self._initialize_solver()
 
     def _initialize_solver(self) -> None:
@@ -99,11 +109,15 @@ class Solver:
 
     def start_of_step(self) -> tuple[float, np.ndarray, np.ndarray]:
         """Return time, coordinates and velocities at the start of the last step."""
-        return (self._data.GetTime(self._start_of_step), np.array(self._data.GetODE2Coordinates(self._start_of_step)),
-                np.array(self._data.GetODE2Coordinates_t(self._start_of_step)))
+        return (
+            self._data.GetTime(self._start_of_step),
+            np.array(self._data.GetODE2Coordinates(self._start_of_step)),
+            np.array(self._data.GetODE2Coordinates_t(self._start_of_step)),
+        )
 
     def before_step(self, bristles: list[BristleGuide]) -> None:
         """Have the bounds of bristles renewed before each step, with the multipliers of the one before."""
+
         def renew() -> bool:
             for each in bristles:
                 each.renew(self.multipliers)
@@ -138,7 +152,10 @@ class Solver:
         a, multipliers = np.array(self._data.GetODE2Coordinates_tt()), self.multipliers
         if self._accelerated:
             change = self._solve({row: evaluate_law(law, t)[2] for row, law in self._accelerated})
-            a, multipliers = a + change[:self.coordinates], multipliers + change[self.coordinates:]
+            a, multipliers = (
+                a + change[: self.coordinates],
+                multipliers + change[self.coordinates :],
+            )
         return a, multipliers
 
     def keep_accelerations(self, a: np.ndarray) -> None:
@@ -152,18 +169,24 @@ class Solver:
     def _initialize(self) -> None:
         self.clock.call(self.engine.InitializeSolverInitialConditions, self._system, self._settings)
 
-    def on_velocity_constraints(self, t: float, q: np.ndarray, v: np.ndarray, idle: list[int]) -> np.ndarray:
+    def on_velocity_constraints(
+        self, t: float, q: np.ndarray, v: np.ndarray, idle: list[int]
+    ) -> np.ndarray:
         """Return the velocities that meet all constraints but the idle ones, changed least in kinetic energy."""
         self.set_state(t, q, v)
         self._initialize()
         self.engine.ComputeAlgebraicEquations(self._system, True)
-        residual = np.array(self.engine.GetSystemResidual())[self.coordinates:]
-        return v + self._solve({row: -value for row, value in enumerate(residual)
-                                if row not in idle})[:self.coordinates]
+        residual = np.array(self.engine.GetSystemResidual())[self.coordinates :]
+        return (
+            v
+            + self._solve({row: -value for row, value in enumerate(residual) if row not in idle})[
+                : self.coordinates
+            ]
+        )
 
     def jacobian(self) -> np.ndarray:
         """Return C_q at the present state, shape (constraints, coordinates)."""
-        return self._matrix()[self.coordinates:, :self.coordinates]
+        return self._matrix()[self.coordinates :, : self.coordinates]
 
     def _solve(self, right: dict[int, float]) -> np.ndarray:
         """x of [M C_q^T; C_q 0] x = [0; right] at the present state; least squares if constraints are redundant."""

@@ -77,8 +77,15 @@ class Stepper:
         If redundant constraints leave the reactions of a frictional guide open: its friction is then too.
     """
 
-    def __init__(self, model: Model, guides: list[FrictionalGuide], dt: float, settings: Any,
-                 bristles: list[BristleGuide], record: Callable[[], list[Any]]):
+    def __init__(
+        self,
+        model: Model,
+        guides: list[FrictionalGuide],
+        dt: float,
+        settings: Any,
+        bristles: list[BristleGuide],
+        record: Callable[[], list[Any]],
+    ):
         self.model, self.guides, self.dt, self._record = model, guides, dt, record
         self.counters = dict.fromkeys(("steps", "newton", "switches", "restarts"), 0)
         self.switches: list[Switch] = []
@@ -88,7 +95,7 @@ class Stepper:
         # index 3 gets forces from positions, whose rounding it divides by the square of the step
         size = Mechanism(model.scene, stabilization="none").arrays.length_scale
         mass = sum(body.mass for body in model.scene.bodies.values())
-        self._rounding = float(np.finfo(float).eps) * mass * size / dt ** 2
+        self._rounding = float(np.finfo(float).eps) * mass * size / dt**2
         for each in (*guides, *bristles):
             each.bind(model)
         self.solver = Solver(model, settings)
@@ -98,8 +105,10 @@ class Stepper:
             self.solver.before_step(bristles)
         for guide in guides if self.solver.redundant else ():
             if np.intersect1d(self.solver.open_rows, guide.reaction_rows).size:
-                raise Declined(f"joints.{guide.name}: the constraints are redundant and leave its reactions open, and "
-                               "with them its friction")
+                raise Declined(
+                    f"joints.{guide.name}: the constraints are redundant and leave its reactions open, and "
+                    "with them its friction"
+                )
 
     def run(self, t_end: float, every: int) -> None:
         """Integrate from the scene's initial state; `samples` are at each `every`-th instant of the grid, and at t_end.
@@ -121,10 +130,15 @@ class Stepper:
         transient: list[int] = []
         k, on_grid, recent = 0, True, 0
         while k < last:
-            target = min(every * (k // every + 1), last if last == whole else max(whole, k + 1), last)
+            target = min(
+                every * (k // every + 1), last if last == whole else max(whole, k + 1), last
+            )
             if not on_grid:
                 target = k + 1
-                if target < last and grid[target] * self.dt - self.solver.t < SHORTEST_STEP * self.dt:
+                if (
+                    target < last
+                    and grid[target] * self.dt - self.solver.t < SHORTEST_STEP * self.dt
+                ):
                     if target % every == 0:
                         samples.append(self.switches[-1].after)
                     target += 1
@@ -133,9 +147,13 @@ class Stepper:
             position = self.solver.t / self.dt
             recent = recent + 1 if len(self.switches) > known else 0
             if recent > MOST_SWITCHES:
-                raise EngineFailure(f"more than {MOST_SWITCHES} switches of dry friction in the step at "
-                                    f"t = {k * self.dt:g} s: they accumulate, or no contact mode is consistent")
-            if position < grid[target] - 1e-9:  # stopped before: at a switch, or behind one that was none
+                raise EngineFailure(
+                    f"more than {MOST_SWITCHES} switches of dry friction in the step at "
+                    f"t = {k * self.dt:g} s: they accumulate, or no contact mode is consistent"
+                )
+            if (
+                position < grid[target] - 1e-9
+            ):  # stopped before: at a switch, or behind one that was none
                 k = max(k, int(position + 1e-9))
                 on_grid = abs(position - k) < 1e-9
                 continue
@@ -173,8 +191,12 @@ class Stepper:
         jacobian = self.solver.jacobian()
         bilateral = np.delete(jacobian, [guide.hold_row for guide in self.guides], axis=0)
         rank = np.linalg.matrix_rank(bilateral)
-        given = [guide for guide in self.guides if guide.mode == 0
-                 and np.linalg.matrix_rank(np.vstack([bilateral, jacobian[guide.hold_row]])) == rank]
+        given = [
+            guide
+            for guide in self.guides
+            if guide.mode == 0
+            and np.linalg.matrix_rank(np.vstack([bilateral, jacobian[guide.hold_row]])) == rank
+        ]
         if not given:
             return
         for guide in given:
@@ -184,7 +206,10 @@ class Stepper:
         for guide in given:
             guide.coefficient = guide.joint.kinetic_coefficient
             acceleration = guide.slip_acceleration(q, on_constraints, a)
-            guide.switch(0 if abs(acceleration) * self.dt <= REST_SPEED else int(copysign(1, acceleration)), q)
+            guide.switch(
+                0 if abs(acceleration) * self.dt <= REST_SPEED else int(copysign(1, acceleration)),
+                q,
+            )
 
     def _advance(self, t1: float, steps: int) -> None:
         """Steps from the present state to t1, or to the first switch, which is then done."""
@@ -204,18 +229,24 @@ class Stepper:
         if not done and not self._violated:
             t = self.solver.t
             if self._repetitions >= FRICTION_REPETITIONS:
-                raise Unsettled(f"friction and reactions do not settle at t = {t:g} s: no solution, or several", t)
+                raise Unsettled(
+                    f"friction and reactions do not settle at t = {t:g} s: no solution, or several",
+                    t,
+                )
             if self.solver.redundant:
-                raise EngineFailure(f"the constraints are redundant, and Exudyn finds no state at t = {t:g} s that "
-                                    "meets them all: they contradict")
+                raise EngineFailure(
+                    f"the constraints are redundant, and Exudyn finds no state at t = {t:g} s that "
+                    "meets them all: they contradict"
+                )
             raise EngineFailure(self.solver.failure(f"no convergence at t = {t:g} s"))
         return done
 
     def _settled(self, multipliers: np.ndarray) -> bool:
         """Renew the frictions; True where they stay."""
         changes = [(guide.renew(multipliers), guide.load) for guide in self.guides]
-        return all(change <= max(FRICTION_TOLERANCE * load, self._rounding)
-                   for change, load in changes)
+        return all(
+            change <= max(FRICTION_TOLERANCE * load, self._rounding) for change, load in changes
+        )
 
     def _judge(self) -> list[float]:
         """Renew the friction after a Newton solution; repeat the step, accept it, or end where a mode is violated."""
@@ -276,8 +307,15 @@ class Stepper:
         before = self._consistent(self._sample())
         if ended.mode:
             # it may have passed zero within SHORTEST_STEP of another's switch, too soon to be distinguished from that
-            self._stop(before, [guide for guide in self.guides if guide.mode
-                                and (guide is ended or abs(guide.slip_speed(before.q, before.v)) <= REST_SPEED)])
+            self._stop(
+                before,
+                [
+                    guide
+                    for guide in self.guides
+                    if guide.mode
+                    and (guide is ended or abs(guide.slip_speed(before.q, before.v)) <= REST_SPEED)
+                ],
+            )
         else:
             ended.switch(int(-copysign(1, ended.friction)), before.q)
         after = self._restart(before.t, before.q, before.v)
@@ -294,7 +332,9 @@ class Stepper:
             guide.switch(-guide.mode, state.q)
             guide.coefficient = guide.mus
         a, _ = self._start(state.t, state.q, state.v)
-        turns = [guide.mode * guide.slip_acceleration(state.q, state.v, a) > 0.0 for guide in guides]
+        turns = [
+            guide.mode * guide.slip_acceleration(state.q, state.v, a) > 0.0 for guide in guides
+        ]
         for guide in guides:
             guide.coefficient = guide.joint.kinetic_coefficient
             if not all(turns):
@@ -307,8 +347,10 @@ class Stepper:
             on_constraints = self._on_velocity_constraints(t, q, v)
             if held and not self._independent(held):
                 names = ", ".join(guide.name for guide in held)
-                raise Declined(f"at t = {t:g} s the sliders of {names} stick and hold the same motion: their shares "
-                               "are open, and the adapter holds each by a constraint of its own")
+                raise Declined(
+                    f"at t = {t:g} s the sliders of {names} stick and hold the same motion: their shares "
+                    "are open, and the adapter holds each by a constraint of its own"
+                )
             a, multipliers = self._start(t, q, on_constraints)
             overloaded = min(held, key=lambda guide: guide.margin(q, v), default=None)
             if overloaded is None or overloaded.margin(q, v) >= -ROUNDING:
@@ -330,19 +372,27 @@ class Stepper:
             if self._settled(multipliers):
                 self.solver.keep_accelerations(a)
                 return a, multipliers
-        raise Unsettled(f"friction and reactions do not settle at t = {t:g} s: no solution, or several", t)
+        raise Unsettled(
+            f"friction and reactions do not settle at t = {t:g} s: no solution, or several", t
+        )
 
     def _consistent(self, sample: Sample) -> Sample:
         """The sample with the accelerations and multipliers that belong to its state and contact modes."""
         for guide, (mode, *_) in zip(self.guides, sample.guides):
             guide.switch(mode, sample.q)
-        a, multipliers = self._start(sample.t, sample.q, self._on_velocity_constraints(sample.t, sample.q, sample.v))
+        a, multipliers = self._start(
+            sample.t, sample.q, self._on_velocity_constraints(sample.t, sample.q, sample.v)
+        )
         return replace(sample, a=a, multipliers=multipliers, guides=self._record())
 
     def _on_velocity_constraints(self, t: float, q: np.ndarray, v: np.ndarray) -> np.ndarray:
         """The velocities changed least so that they meet the constraints, held sliders at rest."""
-        return self.solver.on_velocity_constraints(t, q, v, [guide.hold_row for guide in self.guides if guide.mode])
+        return self.solver.on_velocity_constraints(
+            t, q, v, [guide.hold_row for guide in self.guides if guide.mode]
+        )
 
     def _sample(self) -> Sample:
         solver = self.solver
-        return Sample(solver.t, solver.q, solver.v, solver.accelerations(), solver.multipliers, self._record())
+        return Sample(
+            solver.t, solver.q, solver.v, solver.accelerations(), solver.multipliers, self._record()
+        )

@@ -60,15 +60,24 @@ class FmuEngine(DeclaredEngine):
         self.version = f"{shortened(own, 40)} (FMI {about.fmiVersion}, fmpy {used})"
         folder = fmpy.platform_tuple if about.fmiMajorVersion == 3 else fmpy.platform
         with ZipFile(file) as archive:
-            found = [name for name in archive.namelist() if name.startswith("binaries/") and name.endswith(_LIBRARIES)]
+            found = [
+                name
+                for name in archive.namelist()
+                if name.startswith("binaries/") and name.endswith(_LIBRARIES)
+            ]
         if not any(name.startswith(f"binaries/{folder}/") for name in found):
-            raise EngineMissing(f"{self.name}: found {', '.join(found) or 'no binaries'}; expected one in "
-                                f"binaries/{folder}")
+            raise EngineMissing(
+                f"{self.name}: found {', '.join(found) or 'no binaries'}; expected one in "
+                f"binaries/{folder}"
+            )
         self.solver = "" if self.interface == CO_SIMULATION else "CVode" if has_cvode() else "Euler"
         by_cvode = self.solver == "CVode"
-        self.declared = chosen.capabilities.model_copy(update={
-            "adaptive": chosen.capabilities.adaptive or by_cvode,
-            "locates_events": chosen.capabilities.locates_events and by_cvode})
+        self.declared = chosen.capabilities.model_copy(
+            update={
+                "adaptive": chosen.capabilities.adaptive or by_cvode,
+                "locates_events": chosen.capabilities.locates_events and by_cvode,
+            }
+        )
 
     def content(self) -> bytes:
         chosen = self.map_file.read_bytes() if self.map_file.is_file() else b""
@@ -77,8 +86,9 @@ class FmuEngine(DeclaredEngine):
     def default_settings(self, fidelity: str) -> Mapping[str, Any]:
         return {LOGGING: False}
 
-    def check_arguments(self, *, dt: float | None, rtol: float | None, fidelity: str,
-                        settings: Mapping[str, Any]) -> None:
+    def check_arguments(
+        self, *, dt: float | None, rtol: float | None, fidelity: str, settings: Mapping[str, Any]
+    ) -> None:
         """See `Engine.check_arguments`; co-simulation takes both, a step and a tolerance."""
         if self.interface == CO_SIMULATION:
             dt = rtol = None
@@ -92,8 +102,17 @@ class FmuEngine(DeclaredEngine):
             return f"{self.name}: {reason}"
         return super().refusal(scene, fidelity)
 
-    def run(self, scene: Scene, *, t_end: float, dt: float | None, rtol: float | None, fidelity: str,
-            output_step: float, settings: Mapping[str, Any]) -> Trajectory:
+    def run(
+        self,
+        scene: Scene,
+        *,
+        t_end: float,
+        dt: float | None,
+        rtol: float | None,
+        fidelity: str,
+        output_step: float,
+        settings: Mapping[str, Any],
+    ) -> Trajectory:
         by_steps = self.solver != "CVode"
         if not by_steps or self.declared.adaptive and dt is None:
             rtol = rtol or DEFAULT_RTOL
@@ -102,22 +121,50 @@ class FmuEngine(DeclaredEngine):
         values, logging = self.variables.settable(scene), settings.get(LOGGING, False)
         rows, setup, stepping = self._simulate(scene, grid, rtol, values, logging)
         with self.reading():
-            table = result_table(self.variables.columns(scene, rows), scene.model_copy(update={"t_end": t_end}),
-                                 origin=self.name)
-        chosen = {"dt": grid.dt if by_steps else None, "rtol": rtol, "interface": self.interface,
-                  "solver": f"{self.solver} (fmpy)" if self.solver else None, LOGGING: logging,
-                  "parameters": " ".join(f"{name}={value:.12g}" for name, value in values.items()),
-                  "units without a definition, taken as SI": ", ".join(self.variables.undefined_units(scene)) or None}
-        until, cost = float(table.t[-1]), Cost(setup, 0.0, stepping, {"steps": grid.last} if by_steps else {})
+            table = result_table(
+                self.variables.columns(scene, rows),
+                scene.model_copy(update={"t_end": t_end}),
+                origin=self.name,
+            )
+        chosen = {
+            "dt": grid.dt if by_steps else None,
+            "rtol": rtol,
+            "interface": self.interface,
+            "solver": f"{self.solver} (fmpy)" if self.solver else None,
+            LOGGING: logging,
+            "parameters": " ".join(f"{name}={value:.12g}" for name, value in values.items()),
+            "units without a definition, taken as SI": ", ".join(
+                self.variables.undefined_units(scene)
+            )
+            or None,
+        }
+        until, cost = (
+            float(table.t[-1]),
+            Cost(setup, 0.0, stepping, {"steps": grid.last} if by_steps else {}),
+        )
         return self.trajectory(
-            scene, table, lambda columns: [
-                Event(time, kind, guide, before, after) for time, before, after in table.jumps(columns)
-                for kind, guide in changed_modes(scene.frictional_guides, before, after)],
-            {key: value for key, value in chosen.items() if value is not None}, cost,
-            "end" if until > (grid.last - 0.5) * grid.dt else f"the FMU ended the run at t = {until:.9g} s")
+            scene,
+            table,
+            lambda columns: [
+                Event(time, kind, guide, before, after)
+                for time, before, after in table.jumps(columns)
+                for kind, guide in changed_modes(scene.frictional_guides, before, after)
+            ],
+            {key: value for key, value in chosen.items() if value is not None},
+            cost,
+            "end"
+            if until > (grid.last - 0.5) * grid.dt
+            else f"the FMU ended the run at t = {until:.9g} s",
+        )
 
-    def _simulate(self, scene: Scene, grid: Grid, rtol: float | None, values: Mapping[str, float],
-                  logging: bool) -> tuple[np.ndarray, float, float]:
+    def _simulate(
+        self,
+        scene: Scene,
+        grid: Grid,
+        rtol: float | None,
+        values: Mapping[str, float],
+        logging: bool,
+    ) -> tuple[np.ndarray, float, float]:
         """Rows that fmpy has recorded, and CPU seconds before the first step and from there on."""
         from fmpy import extract, instantiate_fmu, simulate_fmu
 
@@ -129,25 +176,43 @@ class FmuEngine(DeclaredEngine):
         with TemporaryDirectory(prefix="stiction-fmu-", ignore_cleanup_errors=True) as folder:
             try:
                 extract(self.file, folder)
-                fmu = instantiate_fmu(folder, description, kind, debug_logging=logging, logger=_logger(said))
+                fmu = instantiate_fmu(
+                    folder, description, kind, debug_logging=logging, logger=_logger(said)
+                )
                 started = process_time()
                 with _noting(failures):
                     rows = simulate_fmu(
-                        folder, fmu_instance=fmu, model_description=description, fmi_type=kind,
-                        start_time=0.0, stop_time=grid.last * grid.dt, step_size=grid.dt, output_interval=grid.dt,
-                        solver=self.solver, relative_tolerance=rtol, record_events=self.declared.locates_events,
-                        start_values=dict(values), output=self.variables.names(scene),
-                        step_finished=_thinned(grid.every) if by_steps else None)
+                        folder,
+                        fmu_instance=fmu,
+                        model_description=description,
+                        fmi_type=kind,
+                        start_time=0.0,
+                        stop_time=grid.last * grid.dt,
+                        step_size=grid.dt,
+                        output_interval=grid.dt,
+                        solver=self.solver,
+                        relative_tolerance=rtol,
+                        record_events=self.declared.locates_events,
+                        start_values=dict(values),
+                        output=self.variables.names(scene),
+                        step_finished=_thinned(grid.every) if by_steps else None,
+                    )
                 if failures:
                     raise failures[0]
                 fmu.freeInstance()  # only here: after an error nothing is safe to call
             except Exception as error:  # fmpy raises Exception itself
                 first, words = next(iter(failures), error), last_lines("\n".join(said))
-                logged = f"It logged: {words}" if words else "It logged nothing" + (
-                    "" if logging else f"; --setting {LOGGING}=true may bring more")
-                raise EngineFailure(f"{self.name}: {str(first) or type(first).__name__} {logged}") from error
+                logged = (
+                    f"It logged: {words}"
+                    if words
+                    else "It logged nothing"
+                    + ("" if logging else f"; --setting {LOGGING}=true may bring more")
+                )
+                raise EngineFailure(
+                    f"{self.name}: {str(first) or type(first).__name__} {logged}"
+                ) from error
         if self.solver == "Euler":
-            rows = rows[::grid.every]
+            rows = rows[:: grid.every]
         return rows, started - began, process_time() - started
 
 
@@ -165,21 +230,46 @@ def _read(file: Path, chosen: Map, map_file: Path) -> tuple[Variables, str]:
 
     try:
         description = read_model_description(str(file), validate=False)
-        interfaces = {CO_SIMULATION: description.coSimulation, MODEL_EXCHANGE: description.modelExchange}
+        interfaces = {
+            CO_SIMULATION: description.coSimulation,
+            MODEL_EXCHANGE: description.modelExchange,
+        }
         have = [name for name, found in interfaces.items() if found is not None]
         if description.fmiMajorVersion not in (2, 3) or not have:
-            raise EngineFailure(f"FMI {description.fmiVersion}, {' and '.join(have) or 'no interface'}")
+            raise EngineFailure(
+                f"FMI {description.fmiVersion}, {' and '.join(have) or 'no interface'}"
+            )
     except Exception as error:  # fmpy raises Exception itself, for versions and references
-        raise FileError(str(file), [Problem("modelDescription.xml", shortened(str(error), 160),
-                                            "expected an FMU: an archive with the description of a model of FMI 2 or "
-                                            "3, for co-simulation or model exchange")]) from None
-    interface, variables = chosen.interface or have[0], Variables(description, chosen, map_file.name)
+        raise FileError(
+            str(file),
+            [
+                Problem(
+                    "modelDescription.xml",
+                    shortened(str(error), 160),
+                    "expected an FMU: an archive with the description of a model of FMI 2 or "
+                    "3, for co-simulation or model exchange",
+                )
+            ],
+        ) from None
+    interface, variables = (
+        chosen.interface or have[0],
+        Variables(description, chosen, map_file.name),
+    )
     problems = list(variables.problems())
     if interface not in have:
-        problems.append(Problem("interface", shown(interface), f"expected {' or '.join(have)}: the FMU has no other"))
+        problems.append(
+            Problem(
+                "interface", shown(interface), f"expected {' or '.join(have)}: the FMU has no other"
+            )
+        )
     elif chosen.capabilities.locates_events and interface == CO_SIMULATION:
-        problems.append(Problem("capabilities.locates_events", "true",
-                                "expected false: co-simulation does not stop at events"))
+        problems.append(
+            Problem(
+                "capabilities.locates_events",
+                "true",
+                "expected false: co-simulation does not stop at events",
+            )
+        )
     if problems:
         raise FileError(str(map_file), problems)
     return variables, interface
@@ -187,18 +277,21 @@ def _read(file: Path, chosen: Map, map_file: Path) -> tuple[Variables, str]:
 
 def _logger(said: list[str]) -> Callable[..., None]:
     """Collect what an FMU logs, and print it: an FMU that ends the process has said it."""
+
     def log(*arguments: Any) -> None:  # FMI 2 has the name of the instance too
         status, _, message = arguments[-3:]
         text = message.decode(errors="replace").strip() if message else ""
         if status and text:  # 0: ok
             said.append(text)
             print(text, file=sys.stderr, flush=True)
+
     return log
 
 
 @contextmanager
 def _noting(failures: list[BaseException]) -> Iterator[None]:
     """Note what is raised in a callback of C, behind which nobody else sees it."""
+
     def note(lost: Any) -> None:
         if "ctypes" in str(lost.err_msg):
             failures.append(lost.exc_value)
@@ -224,4 +317,5 @@ def _thinned(every: int) -> Callable[[float, Any], bool]:
         if step % every:
             recorder.rows.pop()
         return True
+
     return finished

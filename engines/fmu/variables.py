@@ -40,8 +40,11 @@ def flattened(tables: Any) -> Any:
         return tables
     found: dict[str, Any] = {}
     for key, value in tables.items():
-        found |= {f"{key}.{rest}": one for rest, one in flattened(value).items()} if isinstance(value, Mapping) else {
-            key: value}
+        found |= (
+            {f"{key}.{rest}": one for rest, one in flattened(value).items()}
+            if isinstance(value, Mapping)
+            else {key: value}
+        )
     return found
 
 
@@ -63,7 +66,9 @@ class Map(Model):
 
     scene: StrictStr = ""
     interface: Literal["co-simulation", "model exchange", ""] = ""
-    columns: Annotated[dict[str, StrictStr | StrictFloat | StrictInt], BeforeValidator(flattened)] = {}
+    columns: Annotated[
+        dict[str, StrictStr | StrictFloat | StrictInt], BeforeValidator(flattened)
+    ] = {}
     parameters: Annotated[dict[str, StrictStr], BeforeValidator(flattened)] = {}
     capabilities: FmuDeclared = FmuDeclared()
 
@@ -83,13 +88,20 @@ class Variables:
     def problems(self) -> Iterator[Problem]:
         """Yield what the map names and the FMU does not have."""
         known = self.by_name
-        named = {f"columns.{key}": value for key, value in self.map.columns.items() if isinstance(value, str)}
+        named = {
+            f"columns.{key}": value
+            for key, value in self.map.columns.items()
+            if isinstance(value, str)
+        }
         named |= {f"parameters.{key}": value for key, value in self.map.parameters.items() if value}
         for key, value in named.items():
             name = value.removeprefix("-") if key.startswith("columns.") else value
             if name not in known:
-                yield Problem(key, shown(value), f"expected a variable of the FMU: {names(known)}"
-                                                 f"{did_you_mean(name, known)}")
+                yield Problem(
+                    key,
+                    shown(value),
+                    f"expected a variable of the FMU: {names(known)}{did_you_mean(name, known)}",
+                )
             elif not _is_number(known[name]):
                 yield Problem(key, f"{shown(value)}, {known[name].type}", "expected a number alone")
 
@@ -100,7 +112,9 @@ class Variables:
             source = self.map.columns.get(column, column)
             if not isinstance(source, str):
                 found[column] = "", 0.0, float(source)
-            elif (variable := self.by_name.get(source.removeprefix("-"))) is not None and _is_number(variable):
+            elif (
+                variable := self.by_name.get(source.removeprefix("-"))
+            ) is not None and _is_number(variable):
                 sign = -1 if source.startswith("-") else 1
                 factor, offset = self._unit(variable)
                 found[column] = variable.name, sign * factor, sign * offset
@@ -113,25 +127,38 @@ class Variables:
         if stated and not any(fnmatchcase(scene.name, pattern) for pattern in stated):
             return f"made for {' or '.join(stated)}; found {scene.name}"
         if unknown := [column for column in self.map.columns if column not in known]:
-            return (f"{self.file}: columns.{unknown[0]}: {scene.name} has no such column"
-                    f"{did_you_mean(unknown[0], known)}")
+            return (
+                f"{self.file}: columns.{unknown[0]}: {scene.name} has no such column"
+                f"{did_you_mean(unknown[0], known)}"
+            )
         for key, variable, value in self._numbers(scene):
-            if not _can_be_set(variable, value) and variable.start is not None and (
-                    not math.isclose(float(variable.start), value, rel_tol=_SAME)):
-                return (f"{key} = {value:g} cannot be set in it: {variable.name} is {variable.start}, "
-                        f"{variable.variability}, {variable.type}")
+            if (
+                not _can_be_set(variable, value)
+                and variable.start is not None
+                and (not math.isclose(float(variable.start), value, rel_tol=_SAME))
+            ):
+                return (
+                    f"{key} = {value:g} cannot be set in it: {variable.name} is {variable.start}, "
+                    f"{variable.variability}, {variable.type}"
+                )
         needed = state_columns(scene)
         if self.map.capabilities.locates_events:
             needed += [f"{body}.{label}" for body in scene.bodies for label in BODY_COLUMNS[2]]
             needed += [f"{guide}.mode" for guide in scene.frictional_guides]
         if missing := [column for column in needed if column not in found]:
-            return (f"no variable {names(missing)}; expected positions and velocities of all bodies (to locate events, "
-                    f"accelerations and modes too), by these names or in {self.file}")
+            return (
+                f"no variable {names(missing)}; expected positions and velocities of all bodies (to locate events, "
+                f"accelerations and modes too), by these names or in {self.file}"
+            )
         return None
 
     def settable(self, scene: Scene) -> dict[str, float]:
         """Values of the scene by the FMU's parameters, in the units of these."""
-        return {variable.name: value for _, variable, value in self._numbers(scene) if _can_be_set(variable, value)}
+        return {
+            variable.name: value
+            for _, variable, value in self._numbers(scene)
+            if _can_be_set(variable, value)
+        }
 
     def names(self, scene: Scene) -> list[str]:
         """Names of the variables that are columns of the scene."""
@@ -139,36 +166,55 @@ class Variables:
 
     def undefined_units(self, scene: Scene) -> list[str]:
         """Names of units that the FMU uses and does not define: its numbers are taken as they are."""
-        used = [self.by_name[name] for name in self.names(scene)] + [one for _, one, _ in self._numbers(scene)]
-        return sorted({unit for variable in used if (unit := _unit_name(variable))} - self._units.keys())
+        used = [self.by_name[name] for name in self.names(scene)] + [
+            one for _, one, _ in self._numbers(scene)
+        ]
+        return sorted(
+            {unit for variable in used if (unit := _unit_name(variable))} - self._units.keys()
+        )
 
     def columns(self, scene: Scene, rows: np.ndarray) -> dict[str, np.ndarray]:
         """Columns of the scene in SI units, from what fmpy has recorded, with the time as ``t``."""
-        return {"t": rows["time"].astype(float),
-                **{column: factor * rows[name or "time"].astype(float) + offset
-                   for column, (name, factor, offset) in self.sources(scene).items()}}
+        return {
+            "t": rows["time"].astype(float),
+            **{
+                column: factor * rows[name or "time"].astype(float) + offset
+                for column, (name, factor, offset) in self.sources(scene).items()
+            },
+        }
 
     def _numbers(self, scene: Scene) -> Iterator[tuple[str, ModelVariable, float]]:
         """Name in the scene, variable, and value in its unit of each parameter that the scene has too."""
         for key, value in {**flattened(resolved_scene(scene)["scene"]), **scene.parameters}.items():
             variable = self.by_name.get(self.map.parameters.get(key, key))
-            if variable is not None and _is_number(variable) and type(value) in (int, float) and (
-                    variable.causality == "parameter" or variable.variability == "constant"):
+            if (
+                variable is not None
+                and _is_number(variable)
+                and type(value) in (int, float)
+                and (variable.causality == "parameter" or variable.variability == "constant")
+            ):
                 factor, offset = self._unit(variable)
                 yield key, variable, (value - offset) / factor
 
     @cached_property
     def _units(self) -> dict[str, tuple[float, float]]:
         """Factor and offset to SI units by the name of a unit that the FMU defines."""
-        return {unit.name: (unit.baseUnit.factor, unit.baseUnit.offset)
-                for unit in self.description.unitDefinitions if unit.baseUnit is not None}
+        return {
+            unit.name: (unit.baseUnit.factor, unit.baseUnit.offset)
+            for unit in self.description.unitDefinitions
+            if unit.baseUnit is not None
+        }
 
     def _unit(self, variable: ModelVariable) -> tuple[float, float]:
         return self._units.get(_unit_name(variable), (1.0, 0.0))
 
 
 def _unit_name(variable: ModelVariable) -> str:
-    return variable.unit or (variable.declaredType.unit if variable.declaredType is not None else None) or ""
+    return (
+        variable.unit
+        or (variable.declaredType.unit if variable.declaredType is not None else None)
+        or ""
+    )
 
 
 def _is_number(variable: ModelVariable) -> bool:
@@ -177,5 +223,8 @@ def _is_number(variable: ModelVariable) -> bool:
 
 def _can_be_set(variable: ModelVariable, value: float) -> bool:
     is_whole = not variable.type.startswith(("Real", "Float"))
-    return (variable.causality == "parameter" and variable.variability != "constant"
-            and not (is_whole and value != int(value)))
+    return (
+        variable.causality == "parameter"
+        and variable.variability != "constant"
+        and not (is_whole and value != int(value))
+    )

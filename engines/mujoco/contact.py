@@ -61,12 +61,18 @@ def slip_reference(most: float, impedance: float, coefficient: float) -> float:
     Of n times mu N/m, (n - 1) mu^2 N/m is recruited of the normal direction, whose softness takes up (1 - d)/d N/m.
     """
     limit = _RECRUITED * (1.0 - impedance) / impedance
-    above, square = most - 1.0, coefficient ** 2
+    above, square = most - 1.0, coefficient**2
     return 1.0 + (above if above * square <= limit else limit / square)
 
 
-def add_guides(root: xml.Element, elements: Mapping[int, xml.Element], scene: Scene, tree: LinkTree,
-               options: Mapping[str, Any], timestep: float) -> None:
+def add_guides(
+    root: xml.Element,
+    elements: Mapping[int, xml.Element],
+    scene: Scene,
+    tree: LinkTree,
+    options: Mapping[str, Any],
+    timestep: float,
+) -> None:
     """Give each guide its planes and its slider its corners, with their contacts and what measures their force.
 
     `elements` are the model's bodies by link, the world's at -1; `options` the adapter's settings.
@@ -86,17 +92,46 @@ def add_guides(root: xml.Element, elements: Mapping[int, xml.Element], scene: Sc
         pair = _pair(guide, options, timestep)
         for side, sign in SIDES.items():
             place = (guide.point[0] + sign * uy * width / 2, guide.point[1] - sign * ux * width / 2)
-            add(elements[-1], "geom", name=surface(name, side), type="plane", size="1 1 1", pos=numbers(*place, 0.0),
-                zaxis=numbers(-sign * uy, sign * ux, 0.0), **untouched)
+            add(
+                elements[-1],
+                "geom",
+                name=surface(name, side),
+                type="plane",
+                size="1 1 1",
+                pos=numbers(*place, 0.0),
+                zaxis=numbers(-sign * uy, sign * ux, 0.0),
+                **untouched,
+            )
             for k in _CORNERS[side]:
                 (x, y), inset = corners[k], sign * radius
-                add(elements[link], "geom", name=f"{name}.corner{k + 1}", type="sphere", size=repr(radius),
-                    pos=numbers(x + inset * across[0] - origin[0], y + inset * across[1] - origin[1], 0.0), **untouched)
-                add(contact, "pair", name=f"{surface(name, side)}.{k + 1}", geom1=surface(name, side),
-                    geom2=f"{name}.corner{k + 1}", **pair)
+                add(
+                    elements[link],
+                    "geom",
+                    name=f"{name}.corner{k + 1}",
+                    type="sphere",
+                    size=repr(radius),
+                    pos=numbers(
+                        x + inset * across[0] - origin[0], y + inset * across[1] - origin[1], 0.0
+                    ),
+                    **untouched,
+                )
+                add(
+                    contact,
+                    "pair",
+                    name=f"{surface(name, side)}.{k + 1}",
+                    geom1=surface(name, side),
+                    geom2=f"{name}.corner{k + 1}",
+                    **pair,
+                )
             if guide.frictional:
-                xml.SubElement(sensor, "contact", name=surface(name, side), geom1=surface(name, side), data="force",
-                               reduce="netforce")
+                xml.SubElement(
+                    sensor,
+                    "contact",
+                    name=surface(name, side),
+                    geom1=surface(name, side),
+                    data="force",
+                    reduce="netforce",
+                )
 
 
 def _pair(guide: Translational, options: Mapping[str, Any], timestep: float) -> dict[str, str]:
@@ -106,10 +141,15 @@ def _pair(guide: Translational, options: Mapping[str, Any], timestep: float) -> 
     """
     d, time_constant, found = options["impedance"], options["time_constant"], {"condim": "1"}
     if guide.frictional:
-        found = {"condim": "3", "friction": numbers(*[guide.kinetic_coefficient] * 2, 0.0, 0.0, 0.0)}
+        found = {
+            "condim": "3",
+            "friction": numbers(*[guide.kinetic_coefficient] * 2, 0.0, 0.0, 0.0),
+        }
         if not time_constant:
             found["solreffriction"] = numbers(-1.0, -d / timestep)
     # the direct format counts what a contact alone does with its impedance; two of them carry a flat box
-    reference = (-d * options["recovery"] / timestep ** 2, -(1.0 + d) / 2 / timestep)
-    return found | {"solref": numbers(*(time_constant, 1.0) if time_constant else reference),
-                    "solimp": numbers(d, d, 0.001, 0.5, 2.0)}
+    reference = (-d * options["recovery"] / timestep**2, -(1.0 + d) / 2 / timestep)
+    return found | {
+        "solref": numbers(*(time_constant, 1.0) if time_constant else reference),
+        "solimp": numbers(d, d, 0.001, 0.5, 2.0),
+    }

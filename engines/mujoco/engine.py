@@ -40,13 +40,28 @@ from stiction.scenes.model import Translational
 DEEPEST = 495
 """Links in a chain: elements may be nested 500 deep (XML_ELEMENT_DEPTH_EXCEEDED)."""
 _SETTINGS: Mapping[str, Defaults] = {
-    "joint": {"iterations": 20, "passes": 2, "impedance": HARDEST, "solver": ("PGS", "Newton", "CG"),
-              "noslip": ("on", "off"),
-              "integrator": ("Euler", "implicitfast", "discrete", "RK4")},
-    "contact": {"iterations": 100, "impedance": 2 / 3, "recovery": 0.8, "slip_reference": 1.5,
-                "clearance": 0.0, "solver": ("Newton", "CG"),
-                "friction_damping": ("adapted", "step"), "time_constant": 0.0,
-                "cone": ("elliptic", "pyramidal"), "impratio": 1e4, "noslip_iterations": 0}}
+    "joint": {
+        "iterations": 20,
+        "passes": 2,
+        "impedance": HARDEST,
+        "solver": ("PGS", "Newton", "CG"),
+        "noslip": ("on", "off"),
+        "integrator": ("Euler", "implicitfast", "discrete", "RK4"),
+    },
+    "contact": {
+        "iterations": 100,
+        "impedance": 2 / 3,
+        "recovery": 0.8,
+        "slip_reference": 1.5,
+        "clearance": 0.0,
+        "solver": ("Newton", "CG"),
+        "friction_damping": ("adapted", "step"),
+        "time_constant": 0.0,
+        "cone": ("elliptic", "pyramidal"),
+        "impratio": 1e4,
+        "noslip_iterations": 0,
+    },
+}
 _MOST_FRICTION = 1.5
 """Up to which a sliding box of 3 : 1 is braked right to 1 %; by 1.08 and 1.25 times as much at 1.75 and 2, and at 2.5
 it is stopped."""
@@ -70,8 +85,10 @@ class MujocoEngine(TreeEngine):
     """
 
     name, called, defaults = "mujoco", "MuJoCo", _SETTINGS
-    capabilities = replace(TreeEngine.capabilities,
-                           friction_law={"joint": CAPPED, "contact": f"{CONTACT}, and sets the damping of friction"})
+    capabilities = replace(
+        TreeEngine.capabilities,
+        friction_law={"joint": CAPPED, "contact": f"{CONTACT}, and sets the damping of friction"},
+    )
 
     @property
     def version(self) -> str:
@@ -84,8 +101,10 @@ class MujocoEngine(TreeEngine):
             return reason
         for name, guide in scene.frictional_guides.items() if fidelity == "contact" else ():
             if guide.static_coefficient > _MOST_FRICTION:
-                return (f"joints.{name}: found a coefficient of friction of {guide.static_coefficient:g}; above "
-                        f"{_MOST_FRICTION:g} MuJoCo's contacts brake a slider that tips on its corners too much")
+                return (
+                    f"joints.{name}: found a coefficient of friction of {guide.static_coefficient:g}; above "
+                    f"{_MOST_FRICTION:g} MuJoCo's contacts brake a slider that tips on its corners too much"
+                )
         return None
 
     def refusal_of_tree(self, scene: Scene, tree: LinkTree) -> str | None:
@@ -98,20 +117,34 @@ class MujocoEngine(TreeEngine):
         return None
 
     @contextlib.contextmanager
-    def stepper(self, scene: Scene, h: float, options: Mapping[str, Any], fidelity: str) -> Iterator[TreeStepper]:
+    def stepper(
+        self, scene: Scene, h: float, options: Mapping[str, Any], fidelity: str
+    ) -> Iterator[TreeStepper]:
         for name, fits, expected in (
-                ("impedance", 0 < options["impedance"] <= HARDEST, f"0 < impedance <= {HARDEST}, MuJoCo's own limit"),
-                ("slip_reference", options.get("slip_reference", 1.0) >= 1,
-                 "at least 1, with less friction does not oppose slip"),
-                ("impratio", options.get("impratio", 1.0) > 0, "a number > 0")):
+            (
+                "impedance",
+                0 < options["impedance"] <= HARDEST,
+                f"0 < impedance <= {HARDEST}, MuJoCo's own limit",
+            ),
+            (
+                "slip_reference",
+                options.get("slip_reference", 1.0) >= 1,
+                "at least 1, with less friction does not oppose slip",
+            ),
+            ("impratio", options.get("impratio", 1.0) > 0, "a number > 0"),
+        ):
             if not fits:
                 raise InputError(f"{name}: found {options[name]!r}; expected {expected}")
         if options.get("noslip_iterations") and options["cone"] == "elliptic":
-            raise InputError(f"noslip_iterations: found {options['noslip_iterations']!r} with elliptic cones; expected "
-                             "cone=pyramidal, as noslip leaves an elliptic contact alone with a direction in which "
-                             "nothing can move, as that out of the plane")
+            raise InputError(
+                f"noslip_iterations: found {options['noslip_iterations']!r} with elliptic cones; expected "
+                "cone=pyramidal, as noslip leaves an elliptic contact alone with a direction in which "
+                "nothing can move, as that out of the plane"
+            )
         with _warnings() as said:
-            yield (_JointStepper if fidelity == "joint" else _ContactStepper)(scene, h, options, said)
+            yield (_JointStepper if fidelity == "joint" else _ContactStepper)(
+                scene, h, options, said
+            )
 
     @contextlib.contextmanager
     def dynamics(self, scene: Scene, tree: LinkTree, clock: EngineClock) -> Iterator[Dynamics]:
@@ -126,7 +159,9 @@ class MujocoEngine(TreeEngine):
             mujoco.mj_fwdVelocity(model, data)
             mujoco.mj_fullM(model, data, mass)
 
-        def evaluate(position: np.ndarray, velocity: np.ndarray, second: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        def evaluate(
+            position: np.ndarray, velocity: np.ndarray, second: np.ndarray
+        ) -> tuple[np.ndarray, np.ndarray]:
             data.qpos[:], data.qvel[:] = position, velocity
             clock.call(compute)
             return mass, mass @ second + data.qfrc_bias
@@ -153,10 +188,19 @@ def scene_as_mjcf(scene: Scene, timestep: float, fidelity: str = "joint") -> str
     engine = MujocoEngine()
     if reason := engine.refusal(scene, fidelity):
         raise Refused(reason)
-    return mjcf(scene, LinkTree(scene, fidelity), timestep, fidelity, engine.default_settings(fidelity), loaded=True)
+    return mjcf(
+        scene,
+        LinkTree(scene, fidelity),
+        timestep,
+        fidelity,
+        engine.default_settings(fidelity),
+        loaded=True,
+    )
 
 
-def _model(scene: Scene, tree: LinkTree, timestep: float, fidelity: str, options: Mapping[str, Any]) -> tuple[Any, Any]:
+def _model(
+    scene: Scene, tree: LinkTree, timestep: float, fidelity: str, options: Mapping[str, Any]
+) -> tuple[Any, Any]:
     """MuJoCo's model and data at the scene's start; joint coordinates in the order of the tree's links."""
     import mujoco
 
@@ -186,7 +230,9 @@ class _Stepper(TreeStepper):
         self.joints_are(data.qpos, data.qvel)
         # force x, force y, torque z of each body among the six numbers that MuJoCo has of each
         self._pushed = data.xfrc_applied.reshape(-1)
-        self._places = np.array([6 * model.body(name).id + k for name in scene.bodies for k in (0, 1, 5)])
+        self._places = np.array(
+            [6 * model.body(name).id + k for name in scene.bodies for k in (0, 1, 5)]
+        )
 
     def put(self, position: np.ndarray, velocity: np.ndarray) -> None:
         self.position[:], self.velocity[:] = position, velocity
@@ -234,11 +280,17 @@ class _ContactStepper(ContactStepper, _Stepper):
         self._guides = []
         for name, guide in scene.frictional_guides.items():
             surfaces = [model.geom(surface(name, side)).id for side in SIDES]
-            pairs = np.flatnonzero(np.isin(model.pair_geom1, surfaces) | np.isin(model.pair_geom2, surfaces)).tolist()
+            pairs = np.flatnonzero(
+                np.isin(model.pair_geom1, surfaces) | np.isin(model.pair_geom2, surfaces)
+            ).tolist()
             places = [int(model.sensor(surface(name, side)).adr[0]) for side in SIDES]
             self._guides.append((pairs, places, *direction_of(guide), self._mass_along(guide)))
-        velocities = [scene.bodies[guide.slider].velocity for guide in scene.frictional_guides.values()]
-        self._slip = [ux * vx + uy * vy for (_, _, ux, uy, _), (vx, vy) in zip(self._guides, velocities)]
+        velocities = [
+            scene.bodies[guide.slider].velocity for guide in scene.frictional_guides.values()
+        ]
+        self._slip = [
+            ux * vx + uy * vy for (_, _, ux, uy, _), (vx, vy) in zip(self._guides, velocities)
+        ]
         self._wanted = [0.0] * len(self._guides)
 
     def _mass_along(self, guide: Translational) -> float:
@@ -254,10 +306,16 @@ class _ContactStepper(ContactStepper, _Stepper):
         return float(1.0 / (push @ np.linalg.solve(mass, push)))
 
     def rub(self, coefficients: Sequence[float]) -> None:
-        bounds, references, h, self._coefficients = self._bounds, self._references, self.h, coefficients
+        bounds, references, h, self._coefficients = (
+            self._bounds,
+            self._references,
+            self.h,
+            coefficients,
+        )
         for i, (pairs, *_) in enumerate(self._guides):
-            damping = -self._impedance * (slip_damping(self._wanted[i], self._slip[i], h) if self._adapted
-                                          else 1.0 / h)
+            damping = -self._impedance * (
+                slip_damping(self._wanted[i], self._slip[i], h) if self._adapted else 1.0 / h
+            )
             for pair in pairs:
                 # of five: two directions, and rotations, which have none
                 bounds[5 * pair] = bounds[5 * pair + 1] = coefficients[i]
@@ -267,7 +325,7 @@ class _ContactStepper(ContactStepper, _Stepper):
     def contact_forces(self) -> tuple[list[float], list[float]]:
         measured, normals, frictions, self._along = self.data.sensordata.tolist(), [], [], []
         for _, (lower, upper), ux, uy, _ in self._guides:
-            (ax, ay), (bx, by) = measured[lower:lower + 2], measured[upper:upper + 2]
+            (ax, ay), (bx, by) = measured[lower : lower + 2], measured[upper : upper + 2]
             normals.append(abs(ux * ay - uy * ax) + abs(ux * by - uy * bx))
             frictions.append(abs(ux * ax + uy * ay) + abs(ux * bx + uy * by))
             self._along.append(ux * (ax + bx) + uy * (ay + by))
@@ -282,4 +340,6 @@ class _ContactStepper(ContactStepper, _Stepper):
             gained = sense * (self._slip[i] - before[i]) / self.h
             # of itself: it recruits of the normal force what a reference of its size does
             driven = max(gained - sense * self._along[i] / mass, 0.0)
-            self._wanted[i] = max(self._times(self._coefficients[i]) * max(bound, -gained) - driven, 0.0)
+            self._wanted[i] = max(
+                self._times(self._coefficients[i]) * max(bound, -gained) - driven, 0.0
+            )

@@ -24,7 +24,10 @@ def creep_and_load(model: Mapping[str, Any], **options: Any) -> tuple[float, flo
     import mujoco
 
     compiled = _grasp(model, **options)
-    data, height = mujoco.MjData(compiled), compiled.joint(compiled.body("capsule").jntadr[0]).qposadr[0] + 2
+    data, height = (
+        mujoco.MjData(compiled),
+        compiled.joint(compiled.body("capsule").jntadr[0]).qposadr[0] + 2,
+    )
     data.ctrl[:] = model["target"]
     step = partial(mujoco.mj_step, compiled, data)
     for _ in range(round(model["settle"] / model["timestep"])):
@@ -42,27 +45,56 @@ def creep_and_load(model: Mapping[str, Any], **options: Any) -> tuple[float, flo
     return 1e6 * between_ends, 1e6 * abs(between_ends - fitted), float(np.mean(loads))
 
 
-def _grasp(model: Mapping[str, Any], *, cone: str = "elliptic", impratio: float, noslip_iterations: int = 0,
-           condim: int | None = None, stiff: bool = False) -> Any:
+def _grasp(
+    model: Mapping[str, Any],
+    *,
+    cone: str = "elliptic",
+    impratio: float,
+    noslip_iterations: int = 0,
+    condim: int | None = None,
+    stiff: bool = False,
+) -> Any:
     """The model compiled: pads on slides along x, squeezed by position actuators, and a free capsule along y."""
     import mujoco
 
     spec = mujoco.MjSpec()
     option = spec.option
     option.timestep, option.gravity = model["timestep"], [0.0, 0.0, -model["gravity"]]
-    option.cone = {"elliptic": mujoco.mjtCone.mjCONE_ELLIPTIC, "pyramidal": mujoco.mjtCone.mjCONE_PYRAMIDAL}[cone]
+    option.cone = {
+        "elliptic": mujoco.mjtCone.mjCONE_ELLIPTIC,
+        "pyramidal": mujoco.mjtCone.mjCONE_PYRAMIDAL,
+    }[cone]
     option.impratio, option.noslip_iterations = impratio, noslip_iterations
     surface = {"friction": model["friction"], "condim": condim or model["condim"]}
     if stiff:
         surface["solref"] = [model["stiff_time_constant"], 1.0]
     for side in (-1.0, 1.0):
-        pad, name = spec.worldbody.add_body(pos=[side * model["pad_distance"], 0.0, 0.0]), f"slide{side:+g}"
-        pad.add_joint(name=name, type=mujoco.mjtJoint.mjJNT_SLIDE, axis=[-side, 0.0, 0.0],
-                      damping=[model["pad_damping"]] * 3)
-        pad.add_geom(type=mujoco.mjtGeom.mjGEOM_BOX, size=model["pad_half_size"], mass=model["pad_mass"], **surface)
-        spec.add_actuator(target=name, trntype=mujoco.mjtTrn.mjTRN_JOINT).set_to_position(kp=model["stiffness"])
+        pad, name = (
+            spec.worldbody.add_body(pos=[side * model["pad_distance"], 0.0, 0.0]),
+            f"slide{side:+g}",
+        )
+        pad.add_joint(
+            name=name,
+            type=mujoco.mjtJoint.mjJNT_SLIDE,
+            axis=[-side, 0.0, 0.0],
+            damping=[model["pad_damping"]] * 3,
+        )
+        pad.add_geom(
+            type=mujoco.mjtGeom.mjGEOM_BOX,
+            size=model["pad_half_size"],
+            mass=model["pad_mass"],
+            **surface,
+        )
+        spec.add_actuator(target=name, trntype=mujoco.mjtTrn.mjTRN_JOINT).set_to_position(
+            kp=model["stiffness"]
+        )
     capsule = spec.worldbody.add_body(name="capsule")
     capsule.add_freejoint()
-    capsule.add_geom(type=mujoco.mjtGeom.mjGEOM_CAPSULE, mass=model["capsule_mass"], quat=[1.0, 1.0, 0.0, 0.0],
-                     size=[model["capsule_radius"], model["capsule_half_length"], 0.0], **surface)
+    capsule.add_geom(
+        type=mujoco.mjtGeom.mjGEOM_CAPSULE,
+        mass=model["capsule_mass"],
+        quat=[1.0, 1.0, 0.0, 0.0],
+        size=[model["capsule_radius"], model["capsule_half_length"], 0.0],
+        **surface,
+    )
     return spec.compile()

@@ -39,17 +39,30 @@ class Loads:
     missing: list[str] = field(default_factory=list)
 
 
-def add_site(elements: Mapping[int, xml.Element], tree: LinkTree, name: str, body: str, point: Iterable[float]) -> str:
+def add_site(
+    elements: Mapping[int, xml.Element],
+    tree: LinkTree,
+    name: str,
+    body: str,
+    point: Iterable[float],
+) -> str:
     """Give a body's element a site at a point of the body, and return its name."""
     link = tree.link_of[body]
     origin = tree.links[link].point if link >= 0 else (0.0, 0.0)
     x, y = point
-    xml.SubElement(elements[link], "site", name=name, pos=numbers(x - origin[0], y - origin[1], 0.0))
+    xml.SubElement(
+        elements[link], "site", name=name, pos=numbers(x - origin[0], y - origin[1], 0.0)
+    )
     return name
 
 
-def add_loads(root: xml.Element, elements: Mapping[int, xml.Element], scene: Scene, tree: LinkTree,
-              joints: list[str]) -> Loads:
+def add_loads(
+    root: xml.Element,
+    elements: Mapping[int, xml.Element],
+    scene: Scene,
+    tree: LinkTree,
+    joints: list[str],
+) -> Loads:
     """Give a model, whose `elements` are its bodies by link, the springs, dampers, forces, torques and drives.
 
     The world's element is at -1; `joints` are the names of the links' joints.
@@ -58,33 +71,65 @@ def add_loads(root: xml.Element, elements: Mapping[int, xml.Element], scene: Sce
     tendons, actuators = xml.Element("tendon"), xml.Element("actuator")
     add_site(elements, tree, _WORLD, GROUND, (0.0, 0.0))
 
-    def add_actuator(kind: str, name: str, body: str, point: Iterable[float], direction: tuple[float, float],
-                     torque: float = 0.0, **more: str) -> None:
+    def add_actuator(
+        kind: str,
+        name: str,
+        body: str,
+        point: Iterable[float],
+        direction: tuple[float, float],
+        torque: float = 0.0,
+        **more: str,
+    ) -> None:
         """Add one that acts on a body's point in the axes of the ground."""
-        add(actuators, kind, name=name, site=add_site(elements, tree, f"{name}.1", body, point),
-            refsite=_WORLD, gear=numbers(*direction, 0.0, 0.0, 0.0, torque), **more)
+        add(
+            actuators,
+            kind,
+            name=name,
+            site=add_site(elements, tree, f"{name}.1", body, point),
+            refsite=_WORLD,
+            gear=numbers(*direction, 0.0, 0.0, 0.0, torque),
+            **more,
+        )
 
     for name, spring in scene.springs.items():
         constants = {"stiffness": repr(spring.stiffness), "damping": repr(spring.damping)}
         if isinstance(spring, LinearSpring) and spring.axis is None:
-            tendon = add(tendons, "spatial", name=name, springlength=repr(spring.rest_length), **constants)
+            tendon = add(
+                tendons, "spatial", name=name, springlength=repr(spring.rest_length), **constants
+            )
             for number, (body, point) in enumerate(zip(spring.bodies, spring.points), start=1):
-                xml.SubElement(tendon, "site", site=add_site(elements, tree, f"{name}.{number}", body, point))
+                xml.SubElement(
+                    tendon, "site", site=add_site(elements, tree, f"{name}.{number}", body, point)
+                )
         elif (found := _coordinate(scene, tree, spring)) is not None:
             terms, rest = found
-            turned = -1.0 if rest < 0 else 1.0  # a length of -1 is MuJoCo's word for that at joint coordinates 0
+            turned = (
+                -1.0 if rest < 0 else 1.0
+            )  # a length of -1 is MuJoCo's word for that at joint coordinates 0
             tendon = add(tendons, "fixed", name=name, springlength=repr(turned * rest), **constants)
             for link, sign in terms:
                 xml.SubElement(tendon, "joint", joint=joints[link], coef=repr(turned * sign))
-        elif isinstance(spring, LinearSpring) and spring.axis is not None and spring.bodies[1] == GROUND:
+        elif (
+            isinstance(spring, LinearSpring)
+            and spring.axis is not None
+            and spring.bodies[1] == GROUND
+        ):
             (px, py), (ax, ay), length = spring.points[1], spring.axis, hypot(*spring.axis)
             rest = spring.rest_length + (ax * px + ay * py) / length
-            add_actuator("general", name, spring.bodies[0], spring.points[0], (ax / length, ay / length),
-                         biastype="affine",
-                         biasprm=numbers(spring.stiffness * rest, -spring.stiffness, -spring.damping))
+            add_actuator(
+                "general",
+                name,
+                spring.bodies[0],
+                spring.points[0],
+                (ax / length, ay / length),
+                biastype="affine",
+                biasprm=numbers(spring.stiffness * rest, -spring.stiffness, -spring.damping),
+            )
             loads.ctrl.append(0.0)
         else:
-            loads.missing.append(f'spring "{name}": along an axis of {spring.bodies[1]}, which moves, and of no guide')
+            loads.missing.append(
+                f'spring "{name}": along an axis of {spring.bodies[1]}, which moves, and of no guide'
+            )
     for name, load in scene.forces.items():
         if isinstance(load, Torque):
             add_actuator("motor", name, load.body, (0.0, 0.0), (0.0, 0.0), torque=1.0)
@@ -102,20 +147,26 @@ def add_loads(root: xml.Element, elements: Mapping[int, xml.Element], scene: Sce
         xml.SubElement(actuators, "motor", name=name, joint=joints[link], gear=repr(ROTOR))
         loads.ctrl.append(0.0)
         offset = float(position[link] - sign * evaluate_law(drive.law, 0.0)[0])
-        law = f'{offset!r} {"+-"[sign < 0]} {_words(drive.law)}'
-        loads.to_set.append(f'ctrl of actuator "{name}": acceleration of joint "{joints[link]}" that ends its step at '
-                            f"{law}, t at the end of the step")
+        law = f"{offset!r} {'+-'[sign < 0]} {_words(drive.law)}"
+        loads.to_set.append(
+            f'ctrl of actuator "{name}": acceleration of joint "{joints[link]}" that ends its step at '
+            f"{law}, t at the end of the step"
+        )
     root.extend(part for part in (tendons, actuators) if len(part))
     return loads
 
 
-def _coordinate(scene: Scene, tree: LinkTree,
-                spring: LinearSpring | TorsionalSpring) -> tuple[list[tuple[int, int]], float] | None:
+def _coordinate(
+    scene: Scene, tree: LinkTree, spring: LinearSpring | TorsionalSpring
+) -> tuple[list[tuple[int, int]], float] | None:
     """Links and signs whose joint coordinates add up to the spring's, and their sum at rest; None if there are none."""
     if isinstance(spring, TorsionalSpring):
         terms = tree.hinge_between(*spring.bodies)
         return terms, spring.rest_angle - sum(sign * tree.links[link].angle for link, sign in terms)
-    if spring.axis is None or (found := link_along(scene, tree, spring.bodies, spring.axis)) is None:
+    if (
+        spring.axis is None
+        or (found := link_along(scene, tree, spring.bodies, spring.axis)) is None
+    ):
         return None
     link, sign = found
     if (name := tree.links[link].joint) is None:
@@ -124,7 +175,9 @@ def _coordinate(scene: Scene, tree: LinkTree,
     c, s = cos(guide.angle), sin(guide.angle)
     x, y = p[0] - guide.slider_point[0], p[1] - guide.slider_point[1]
     across = (c * x - s * y + guide.point[0] - q[0], s * x + c * y + guide.point[1] - q[1])
-    return [(link, sign)], spring.rest_length - (spring.axis[0] * across[0] + spring.axis[1] * across[1]) / length
+    return [(link, sign)], spring.rest_length - (
+        spring.axis[0] * across[0] + spring.axis[1] * across[1]
+    ) / length
 
 
 def _words(law: Law) -> str:

@@ -28,17 +28,28 @@ _HEADER = """
   N, N m):{to_set}
   Not in this file, as MJCF cannot express it; the force on its bodies goes into xfrc_applied:{missing}
 """
-_BOUND = ('frictionloss of joint "{name}" (N, here {placeholder:g}): mu (|n1| + |n2|) of its two corners with mu = '
-          "{guide.mu!r}, and {guide.static_coefficient!r} while it sticks")
-_COEFFICIENTS = ('friction of the pairs "{name}.*": {guide.mu!r} while the slider slides, {guide.static_coefficient!r} '
-                 "while stick is undecided")
+_BOUND = (
+    'frictionloss of joint "{name}" (N, here {placeholder:g}): mu (|n1| + |n2|) of its two corners with mu = '
+    "{guide.mu!r}, and {guide.static_coefficient!r} while it sticks"
+)
+_COEFFICIENTS = (
+    'friction of the pairs "{name}.*": {guide.mu!r} while the slider slides, {guide.static_coefficient!r} '
+    "while stick is undecided"
+)
 _DAMPING = "; solreffriction: less damping while it slides, see the adapter"
 _PLACEHOLDER = 1.0
 """Newtons of friction of a guide until its bound is set: without any MuJoCo leaves the row out."""
 
 
-def mjcf(scene: Scene, tree: LinkTree, timestep: float, fidelity: str, options: Mapping[str, Any], *,
-         loaded: bool = False) -> str:
+def mjcf(
+    scene: Scene,
+    tree: LinkTree,
+    timestep: float,
+    fidelity: str,
+    options: Mapping[str, Any],
+    *,
+    loaded: bool = False,
+) -> str:
     """Write a scene that is not refused as XML.
 
     Parameters
@@ -54,17 +65,30 @@ def mjcf(scene: Scene, tree: LinkTree, timestep: float, fidelity: str, options: 
         caller's to apply.
     """
     contact = fidelity == "contact"
-    impedance, integrator, noslip = ((HARDEST, "Euler", options["noslip_iterations"]) if contact else
-                                     (options["impedance"], options["integrator"],
-                                      _NOSLIP * (options["noslip"] == "on")))
-    driven = {link: sign * evaluate_law(drive.law, 0.0)[1] for drive in scene.drives.values()
-              for link, sign in [motor_link(scene, tree, drive)]}
+    impedance, integrator, noslip = (
+        (HARDEST, "Euler", options["noslip_iterations"])
+        if contact
+        else (options["impedance"], options["integrator"], _NOSLIP * (options["noslip"] == "on"))
+    )
+    driven = {
+        link: sign * evaluate_law(drive.law, 0.0)[1]
+        for drive in scene.drives.values()
+        for link, sign in [motor_link(scene, tree, drive)]
+    }
     root = xml.Element("mujoco", model=scene.name)
     xml.SubElement(root, "compiler", angle="radian", inertiafromgeom="false")
-    option = xml.SubElement(root, "option", timestep=repr(timestep),
-                            gravity=numbers(*(scene.gravity or (0.0, 0.0)), 0.0),
-                            integrator=integrator, solver=options["solver"], iterations=str(options["iterations"]),
-                            tolerance="0", noslip_tolerance="0", noslip_iterations=str(noslip))
+    option = xml.SubElement(
+        root,
+        "option",
+        timestep=repr(timestep),
+        gravity=numbers(*(scene.gravity or (0.0, 0.0)), 0.0),
+        integrator=integrator,
+        solver=options["solver"],
+        iterations=str(options["iterations"]),
+        tolerance="0",
+        noslip_tolerance="0",
+        noslip_iterations=str(noslip),
+    )
     # without eulerdamp: dampers act as all loads do, at the start of a step
     flag = xml.SubElement(option, "flag", autoreset="disable", eulerdamp="disable")
     if contact:
@@ -74,21 +98,36 @@ def mjcf(scene: Scene, tree: LinkTree, timestep: float, fidelity: str, options: 
         option.set("impratio", repr(options["impratio"]))
     else:
         flag.set("contact", "disable")
-    stiffness, damping = -1.0 / timestep ** 2, -1.0 / timestep
-    soft = {"solref": numbers(stiffness, damping), "solimp": numbers(impedance, impedance, 0.001, 0.5, 2.0)}
+    stiffness, damping = -1.0 / timestep**2, -1.0 / timestep
+    soft = {
+        "solref": numbers(stiffness, damping),
+        "solimp": numbers(impedance, impedance, 0.001, 0.5, 2.0),
+    }
     elements: dict[int, xml.Element] = {-1: xml.SubElement(root, "worldbody")}
     for i, link in enumerate(tree.links):
-        if link.body is None:  # half of a free body's joint: MuJoCo puts all joints of a body into it
+        if (
+            link.body is None
+        ):  # half of a free body's joint: MuJoCo puts all joints of a body into it
             continue
         free = link.joint is None
         parent = -1 if free else link.parent
-        body = elements[i] = xml.SubElement(elements[parent], "body", name=link.body, pos=numbers(*tree.place(i)),
-                                            euler=numbers(0.0, 0.0, link.angle))
+        body = elements[i] = xml.SubElement(
+            elements[parent],
+            "body",
+            name=link.body,
+            pos=numbers(*tree.place(i)),
+            euler=numbers(0.0, 0.0, link.angle),
+        )
         for j in (i - 2, i - 1, i) if free else (i,):
             _joint(body, tree.links[j], joint_name(tree, j), scene, j in driven, soft)
         data = scene.bodies[link.body]
-        xml.SubElement(body, "inertial", pos=numbers(-link.point[0], -link.point[1], 0.0), mass=repr(data.mass),
-                       diaginertia=numbers(*[data.inertia] * 3))
+        xml.SubElement(
+            body,
+            "inertial",
+            pos=numbers(-link.point[0], -link.point[1], 0.0),
+            mass=repr(data.mass),
+            diaginertia=numbers(*[data.inertia] * 3),
+        )
     if tree.loops:
         equality = xml.SubElement(root, "equality")
         for name in tree.loops:
@@ -104,8 +143,14 @@ def mjcf(scene: Scene, tree: LinkTree, timestep: float, fidelity: str, options: 
     joints = [joint_name(tree, i) for i in range(len(tree.links))]
     loads = add_loads(root, elements, scene, tree, joints) if loaded else Loads()
     keyframe = xml.SubElement(root, "keyframe")
-    xml.SubElement(keyframe, "key", name=START, qpos=numbers(*position), qvel=numbers(*velocity),
-                   ctrl=numbers(*loads.ctrl))
+    xml.SubElement(
+        keyframe,
+        "key",
+        name=START,
+        qpos=numbers(*position),
+        qvel=numbers(*velocity),
+        ctrl=numbers(*loads.ctrl),
+    )
     if loaded:
         line = _COEFFICIENTS + _DAMPING * (not options["time_constant"]) if contact else _BOUND
         root.insert(0, xml.Comment(_header(scene, timestep, loads, line)))
@@ -114,12 +159,22 @@ def mjcf(scene: Scene, tree: LinkTree, timestep: float, fidelity: str, options: 
 
 
 def _header(scene: Scene, timestep: float, loads: Loads, line: str) -> str:
-    friction = [line.format(name=name, guide=guide, placeholder=_PLACEHOLDER)
-                for name, guide in scene.frictional_guides.items()]
-    to_set, missing = ("".join(f"\n  - {line};" for line in lines) or " nothing."
-                       for lines in (loads.to_set + friction, loads.missing))
-    header = _HEADER.format(title=scene.title, start=START, timestep=timestep, rotor=ROTOR, to_set=to_set,
-                            missing=missing)
+    friction = [
+        line.format(name=name, guide=guide, placeholder=_PLACEHOLDER)
+        for name, guide in scene.frictional_guides.items()
+    ]
+    to_set, missing = (
+        "".join(f"\n  - {line};" for line in lines) or " nothing."
+        for lines in (loads.to_set + friction, loads.missing)
+    )
+    header = _HEADER.format(
+        title=scene.title,
+        start=START,
+        timestep=timestep,
+        rotor=ROTOR,
+        to_set=to_set,
+        missing=missing,
+    )
     return header.replace("--", "- -")  # which would end a comment
 
 
@@ -132,9 +187,22 @@ def joint_name(tree: LinkTree, i: int) -> str:
     return f"{body}.{'angle' if link.body else 'x' if link.axis[0] else 'y'}"
 
 
-def _joint(body: xml.Element, link: Link, name: str, scene: Scene, driven: bool, soft: Mapping[str, str]) -> None:
-    kind = {"type": "slide", "axis": numbers(*link.axis, 0.0)} if link.slides else {"type": "hinge", "axis": "0 0 1"}
+def _joint(
+    body: xml.Element, link: Link, name: str, scene: Scene, driven: bool, soft: Mapping[str, str]
+) -> None:
+    kind = (
+        {"type": "slide", "axis": numbers(*link.axis, 0.0)}
+        if link.slides
+        else {"type": "hinge", "axis": "0 0 1"}
+    )
     rotor = {"armature": repr(ROTOR)} if driven else {}
-    friction = {"frictionloss": repr(_PLACEHOLDER), "solreffriction": soft["solref"],
-                "solimpfriction": soft["solimp"]} if name in scene.frictional_guides else {}
+    friction = (
+        {
+            "frictionloss": repr(_PLACEHOLDER),
+            "solreffriction": soft["solref"],
+            "solimpfriction": soft["solimp"],
+        }
+        if name in scene.frictional_guides
+        else {}
+    )
     add(body, "joint", name=name, **kind, **rotor, **friction)

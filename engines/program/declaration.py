@@ -15,10 +15,16 @@ from stiction.engines.shared.declared_engine import Declared
 from stiction.scenes.fields import Model, Name
 from stiction.scenes.wording import did_you_mean, names, shown
 
-PLACEHOLDERS = {"scene": "path of the resolved scene, JSON", "result": "path of the table to write",
-                "events": "path of a JSON file that it may write", "t_end": "seconds to simulate",
-                "dt": "step in seconds", "rtol": "relative tolerance", "output_step": "seconds between rows, at most",
-                "settings": "KEY=VALUE, an argument each; must stand alone"}
+PLACEHOLDERS = {
+    "scene": "path of the resolved scene, JSON",
+    "result": "path of the table to write",
+    "events": "path of a JSON file that it may write",
+    "t_end": "seconds to simulate",
+    "dt": "step in seconds",
+    "rtol": "relative tolerance",
+    "output_step": "seconds between rows, at most",
+    "settings": "KEY=VALUE, an argument each; must stand alone",
+}
 """Words that may stand in braces in an argument, and what replaces them."""
 RESERVED = {"dt", "rtol", "output_step", "accelerations", "friction_law"}
 """Settings of every trajectory, which no declaration may have."""
@@ -43,23 +49,45 @@ class Declaration(Model):
         used = set(_BRACES.findall(" ".join(self.command)))
         for i, word in enumerate(self.command):
             for unknown in set(_BRACES.findall(word)) - PLACEHOLDERS.keys():
-                yield (f"command.{i}", word, f"unknown {{{unknown}}}; expected one of {names(PLACEHOLDERS)}"
-                                             f"{did_you_mean(unknown, PLACEHOLDERS)}")
+                yield (
+                    f"command.{i}",
+                    word,
+                    f"unknown {{{unknown}}}; expected one of {names(PLACEHOLDERS)}"
+                    f"{did_you_mean(unknown, PLACEHOLDERS)}",
+                )
             if "{settings}" in word and word != "{settings}":
                 yield f"command.{i}", word, "expected {settings} as an argument of its own"
         can = self.capabilities
         refined, other = ("rtol", "dt") if can.adaptive else ("dt", "rtol")
-        needed = {"scene", "result", refined, *["settings"] * bool(self.settings), *["events"] * can.locates_events}
+        needed = {
+            "scene",
+            "result",
+            refined,
+            *["settings"] * bool(self.settings),
+            *["events"] * can.locates_events,
+        }
         for missing in sorted(needed - used):
             yield "command", self.command, f"expected {{{missing}}} among the arguments"
         if other in used:
-            yield "command", self.command, f"expected no {{{other}}}: capabilities.adaptive is {shown(can.adaptive)}"
+            yield (
+                "command",
+                self.command,
+                f"expected no {{{other}}}: capabilities.adaptive is {shown(can.adaptive)}",
+            )
         for name in sorted(RESERVED & self.settings.keys()):
-            yield f"settings.{name}", self.settings[name], "another name: the suite gives this setting itself"
+            yield (
+                f"settings.{name}",
+                self.settings[name],
+                "another name: the suite gives this setting itself",
+            )
 
     def arguments(self, values: dict[str, str], settings: list[str]) -> list[str]:
         """Return the arguments with values for the placeholders; they are never read by a shell."""
         filled = []
         for word in self.command[1:]:
-            filled += settings if word == "{settings}" else [_BRACES.sub(lambda found: values[found[1]], word)]
+            filled += (
+                settings
+                if word == "{settings}"
+                else [_BRACES.sub(lambda found: values[found[1]], word)]
+            )
         return filled

@@ -31,7 +31,7 @@ REFUSAL = 77
 VERSION_S = 20.0
 """Seconds for the version command."""
 _SAME = 1e-9  # of t_end: times that are the same instant
-_MIB = 2 ** 20
+_MIB = 2**20
 
 
 class _Event(Model):
@@ -69,74 +69,124 @@ class ProgramEngine(DeclaredEngine):
 
     def __init__(self, file: Path):
         self.file, self.declaration = file, (declared := read_declaration(file, Declaration))
-        self.name, self.folder, self.declared = declared.name, file.parent / declared.folder, declared.capabilities
+        self.name, self.folder, self.declared = (
+            declared.name,
+            file.parent / declared.folder,
+            declared.capabilities,
+        )
         if os.name != "posix":
             raise EngineMissing(f"{self.name}: programs run on Linux and macOS")
         if not self.folder.is_dir():
-            raise EngineMissing(f"{self.name}: found no folder {self.folder}; expected the working folder of its "
-                                "program")
+            raise EngineMissing(
+                f"{self.name}: found no folder {self.folder}; expected the working folder of its "
+                "program"
+            )
         self._program = self._found(declared.command[0])
         paths = [self._program, *(self.folder / word for word in declared.command[1:])]
         self._files = [path for path in paths if path.is_file()]
         version = str(self._found(declared.version[0])), *declared.version[1:]
         stamps = tuple((path, path.stat().st_mtime_ns, path.stat().st_size) for path in self._files)
-        self.version, words = _answer(version, self.folder, tuple(declared.environment.items()), stamps)
+        self.version, words = _answer(
+            version, self.folder, tuple(declared.environment.items()), stamps
+        )
         if not self.version:
-            raise EngineBroken(f"{self.name}: its version command fails: {' '.join(version)}: {words}; expected a line "
-                               "with the version")
+            raise EngineBroken(
+                f"{self.name}: its version command fails: {' '.join(version)}: {words}; expected a line "
+                "with the version"
+            )
 
     def _found(self, word: str) -> Path:
         """The program of a command: a path from the working folder where it has a slash, else one on PATH."""
         path = self.folder / word if "/" in word else shutil.which(word)
         if path is None or not os.access(path, os.X_OK) or Path(path).is_dir():
             where = "on PATH" if path is None else f"as {path}"
-            raise EngineMissing(f"{self.name}: found no program {shown(word)} {where}; expected one that can be "
-                                f"executed (command, version in {self.file})")
+            raise EngineMissing(
+                f"{self.name}: found no program {shown(word)} {where}; expected one that can be "
+                f"executed (command, version in {self.file})"
+            )
         return Path(path)
 
     def content(self) -> bytes:
         """See `Engine.content`: files that the command names may change without a new version."""
-        return b"".join([self.file.read_bytes(), self.version.encode(), *(path.read_bytes() for path in self._files)])
+        return b"".join(
+            [
+                self.file.read_bytes(),
+                self.version.encode(),
+                *(path.read_bytes() for path in self._files),
+            ]
+        )
 
     def default_settings(self, fidelity: str) -> Mapping[str, Any]:
         return self.declaration.settings
 
-    def run(self, scene: Scene, *, t_end: float, dt: float | None, rtol: float | None, fidelity: str,
-            output_step: float, settings: Mapping[str, Any]) -> Trajectory:
+    def run(
+        self,
+        scene: Scene,
+        *,
+        t_end: float,
+        dt: float | None,
+        rtol: float | None,
+        fidelity: str,
+        output_step: float,
+        settings: Mapping[str, Any],
+    ) -> Trajectory:
         declared = self.declaration
         chosen = {**declared.settings, **settings}
-        method = {"rtol": rtol or DEFAULT_RTOL} if self.declared.adaptive else {"dt": step_of(dt, t_end)}
+        method = (
+            {"rtol": rtol or DEFAULT_RTOL} if self.declared.adaptive else {"dt": step_of(dt, t_end)}
+        )
         handed = scene.model_copy(update={"t_end": t_end})
         with TemporaryDirectory(prefix="stiction-program-", ignore_cleanup_errors=True) as name:
             place = Path(name)
-            files = {"scene": place / "scene.json", "result": place / f"result.{declared.result}",
-                     "events": place / "events.json"}
+            files = {
+                "scene": place / "scene.json",
+                "result": place / f"result.{declared.result}",
+                "events": place / "events.json",
+            }
             files["scene"].write_text(resolved_text(handed), encoding="utf-8")
             numbers = {"t_end": t_end, "output_step": output_step, **method}
-            values = {**{key: str(path) for key, path in files.items()},
-                      **{key: repr(float(value)) for key, value in numbers.items()}}
+            values = {
+                **{key: str(path) for key, path in files.items()},
+                **{key: repr(float(value)) for key, value in numbers.items()},
+            }
             words = [f"{key}={as_given(value)}" for key, value in chosen.items()]
             ended = self._ended([str(self._program), *declared.arguments(values, words)], place)
             if not files["result"].is_file():
-                raise BadTrajectory(f"{self.name} returned no file; expected one at {{result}}: {ended.words}")
+                raise BadTrajectory(
+                    f"{self.name} returned no file; expected one at {{result}}: {ended.words}"
+                )
             with self.reading():
                 table = result_table(files["result"], handed)
             report = self._report(files["events"])
         setup = min(report.setup_s, ended.cpu_s)
         stepping = ended.cpu_s - setup
         engine_s = None if report.engine_s is None else min(report.engine_s, stepping)
-        return self.trajectory(scene, table, lambda columns: self._events(report, table, columns, t_end),
-                               method | chosen, Cost(setup, 0.0, stepping, report.counters, engine_s),
-                               report.termination)
+        return self.trajectory(
+            scene,
+            table,
+            lambda columns: self._events(report, table, columns, t_end),
+            method | chosen,
+            Cost(setup, 0.0, stepping, report.counters, engine_s),
+            report.termination,
+        )
 
     def _ended(self, command: list[str], place: Path) -> Ended:
         """The end of a program that has not failed; its files lie in a folder."""
         most = self.declaration.largest_file * _MIB
-        ended = run_program(command, self.folder, self.declaration.environment, place / "printed.txt", most)
+        ended = run_program(
+            command, self.folder, self.declaration.environment, place / "printed.txt", most
+        )
         if ended.code == REFUSAL:
-            raise Refused(ended.said or f"{self.name} ended with exit code {REFUSAL}, a refusal, and printed no reason")
+            raise Refused(
+                ended.said
+                or f"{self.name} ended with exit code {REFUSAL}, a refusal, and printed no reason"
+            )
         full = [path.name for path in place.iterdir() if path.stat().st_size >= most]
-        too_much = f"; {' and '.join(full)}: reached the limit of {self.declaration.largest_file} MiB" if full else ""
+        too_much = (
+            f"; {' and '.join(full)}: reached the limit of {self.declaration.largest_file} MiB"
+            if full
+            else ""
+        )
         if ended.code != 0 or too_much:
             raise EngineFailure(f"{self.name}: {ended.words}{too_much}")
         return ended
@@ -146,25 +196,34 @@ class ProgramEngine(DeclaredEngine):
             return _Report.model_validate_json(path.read_bytes()) if path.is_file() else _Report()
         except ValidationError as error:
             wrong = next(problems_of(error, _Report))
-            raise BadTrajectory(f"{self.name} returned events that cannot be used: {wrong}") from None
+            raise BadTrajectory(
+                f"{self.name} returned events that cannot be used: {wrong}"
+            ) from None
 
-    def _events(self, report: _Report, table: ResultTable, columns: Mapping[str, np.ndarray],
-                t_end: float) -> Iterator[Event]:
+    def _events(
+        self, report: _Report, table: ResultTable, columns: Mapping[str, np.ndarray], t_end: float
+    ) -> Iterator[Event]:
         """Events with the two rows that the table has at their times."""
         sides = list(table.jumps(columns))
         times = np.array([time for time, *_ in sides])
         for event in report.events:
             near = np.flatnonzero(np.abs(times - event.time) <= _SAME * t_end)
             if not len(near):
-                raise BadTrajectory(f"{self.name} returned {event.kind} of {event.joint} at t = {event.time:.12g} s; "
-                                    "expected two rows of the result at that time, before and after it")
+                raise BadTrajectory(
+                    f"{self.name} returned {event.kind} of {event.joint} at t = {event.time:.12g} s; "
+                    "expected two rows of the result at that time, before and after it"
+                )
             time, before, after = sides[near[0]]
             yield Event(time, event.kind, event.joint, before, after)
 
 
 @lru_cache(maxsize=64)
-def _answer(command: tuple[str, ...], folder: Path, environment: tuple[tuple[str, str], ...],
-            files: tuple[tuple[Path, int, int], ...]) -> tuple[str, str]:
+def _answer(
+    command: tuple[str, ...],
+    folder: Path,
+    environment: tuple[tuple[str, str], ...],
+    files: tuple[tuple[Path, int, int], ...],
+) -> tuple[str, str]:
     """First line that the version command prints, or none and its end; asked again where one of `files` has changed."""
     with TemporaryDirectory(prefix="stiction-program-") as scratch:
         log = Path(scratch) / "printed.txt"

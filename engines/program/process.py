@@ -34,17 +34,29 @@ class Ended(NamedTuple):
     said: str = ""
 
 
-def run_program(command: Sequence[str], folder: Path, environment: Mapping[str, str], log: Path, largest: int,
-                timeout_s: float | None = None) -> Ended:
+def run_program(
+    command: Sequence[str],
+    folder: Path,
+    environment: Mapping[str, str],
+    log: Path,
+    largest: int,
+    timeout_s: float | None = None,
+) -> Ended:
     """Run a program in a folder to its end, or for `timeout_s` seconds.
 
     `environment` adds to the variables of this process. What the program prints goes to `log`. The system ends a
     program that writes more than `largest` bytes to a file, `log` included.
     """
     # the end of its input, by an interrupt or by the end of this process too, ends the supervisor and what it started
-    with subprocess.Popen([sys.executable, "-I", "-S", str(SUPERVISOR), str(log), str(largest), *command],
-                          stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True, cwd=folder,
-                          env={**os.environ, **environment}, start_new_session=True) as supervisor:
+    with subprocess.Popen(
+        [sys.executable, "-I", "-S", str(SUPERVISOR), str(log), str(largest), *command],
+        stdin=subprocess.PIPE,
+        stdout=subprocess.PIPE,
+        text=True,
+        cwd=folder,
+        env={**os.environ, **environment},
+        start_new_session=True,
+    ) as supervisor:
         try:
             supervisor.wait(timeout_s)
         except subprocess.TimeoutExpired:

@@ -17,11 +17,20 @@ def main(log: str, largest: str, *command: str) -> None:
     signal.signal(signal.SIGPIPE, signal.SIG_DFL)  # nobody reads an answer: no need of a traceback
     resource.setrlimit(resource.RLIMIT_FSIZE, (int(largest), int(largest)))
     resource.setrlimit(resource.RLIMIT_CORE, (0, 0))
-    files = [(os.POSIX_SPAWN_OPEN, 0, os.devnull, os.O_RDONLY, 0),
-             (os.POSIX_SPAWN_OPEN, 1, log, os.O_WRONLY | os.O_CREAT | os.O_APPEND, 0o600), (os.POSIX_SPAWN_DUP2, 1, 2)]
+    files = [
+        (os.POSIX_SPAWN_OPEN, 0, os.devnull, os.O_RDONLY, 0),
+        (os.POSIX_SPAWN_OPEN, 1, log, os.O_WRONLY | os.O_CREAT | os.O_APPEND, 0o600),
+        (os.POSIX_SPAWN_DUP2, 1, 2),
+    ]
     try:
-        number = os.posix_spawn(command[0], command, os.environ, file_actions=files, setpgroup=0,
-                                setsigdef=[signal.SIGPIPE, signal.SIGXFSZ])  # Python ignores the second
+        number = os.posix_spawn(
+            command[0],
+            command,
+            os.environ,
+            file_actions=files,
+            setpgroup=0,
+            setsigdef=[signal.SIGPIPE, signal.SIGXFSZ],
+        )  # Python ignores the second
     except OSError as error:
         print("error", error.strerror)
         return
@@ -33,7 +42,10 @@ def main(log: str, largest: str, *command: str) -> None:
         with lock:
             try:
                 os.killpg(number, signal.SIGKILL)
-            except (ProcessLookupError, PermissionError):  # macOS refuses for a group of processes that have ended
+            except (
+                ProcessLookupError,
+                PermissionError,
+            ):  # macOS refuses for a group of processes that have ended
                 pass
 
     _thread.start_new_thread(kill_group, (True,))

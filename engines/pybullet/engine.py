@@ -27,7 +27,13 @@ import numpy as np
 
 from stiction.engines.protocol import accepted, installed_version
 from stiction.engines.shared.acceleration_integrator import Dynamics
-from stiction.engines.shared.contact_geometry import REACH, box_angle, crowded, direction_of, several_guides
+from stiction.engines.shared.contact_geometry import (
+    REACH,
+    box_angle,
+    crowded,
+    direction_of,
+    several_guides,
+)
 from stiction.engines.shared.engine_clock import EngineClock
 from stiction.engines.shared.fixed_step import Defaults
 from stiction.engines.shared.joint_coordinates import ContactStepper, TreeStepper
@@ -53,8 +59,15 @@ _PLACE_GAIN, _RATE_GAIN = 0.1, 1.0
 a microsecond a call."""
 _SETTINGS: Mapping[str, Defaults] = {
     "joint": {"iterations": 50, "passes": 2, "erp": 1.0},
-    "contact": {"iterations": 200, "erp": 1.0, "contact_erp": 0.2, "contact_slop": 1e-5,
-                "cone_friction": ("on", "off"), "friction_anchor": ("off", "on")}}
+    "contact": {
+        "iterations": 200,
+        "erp": 1.0,
+        "contact_erp": 0.2,
+        "contact_slop": 1e-5,
+        "cone_friction": ("on", "off"),
+        "friction_anchor": ("off", "on"),
+    },
+}
 
 
 class PybulletEngine(TreeEngine):
@@ -76,8 +89,11 @@ class PybulletEngine(TreeEngine):
         return accepted("pybullet", installed_version("pybullet"))
 
     def refusal(self, scene: Scene, fidelity: str) -> str | None:
-        return super().refusal(scene, fidelity) or (crowded(scene, MOST_GUIDES, "PyBullet") or several_guides(scene)
-                                                    if fidelity == "contact" else None)
+        return super().refusal(scene, fidelity) or (
+            crowded(scene, MOST_GUIDES, "PyBullet") or several_guides(scene)
+            if fidelity == "contact"
+            else None
+        )
 
     def refusal_of_tree(self, scene: Scene, tree: LinkTree) -> str | None:
         if len(tree.links) > MOST_LINKS:
@@ -85,7 +101,9 @@ class PybulletEngine(TreeEngine):
         return None
 
     @contextlib.contextmanager
-    def stepper(self, scene: Scene, h: float, options: Mapping[str, Any], fidelity: str) -> Iterator[TreeStepper]:
+    def stepper(
+        self, scene: Scene, h: float, options: Mapping[str, Any], fidelity: str
+    ) -> Iterator[TreeStepper]:
         with _client() as client:
             yield (_Stepper if fidelity == "joint" else _ContactStepper)(scene, h, options, client)
 
@@ -98,8 +116,10 @@ class PybulletEngine(TreeEngine):
             body = _multibody(scene, tree, {}, client)
 
             def compute(*motion: list[float]) -> tuple[Sequence[Sequence[float]], Sequence[float]]:
-                return (bullet.calculateMassMatrix(body, motion[0], physicsClientId=client),
-                        bullet.calculateInverseDynamics(body, *motion, physicsClientId=client))
+                return (
+                    bullet.calculateMassMatrix(body, motion[0], physicsClientId=client),
+                    bullet.calculateInverseDynamics(body, *motion, physicsClientId=client),
+                )
 
             def evaluate(*motion: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
                 mass, needed = clock.call(compute, *(part.tolist() for part in motion))
@@ -141,27 +161,45 @@ def _multibody(scene: Scene, tree: LinkTree, shapes: Mapping[int, int], client: 
     """The scene's links in PyBullet, with collision shapes by link, without motors and damping."""
     bullet, links = _pybullet(), tree.links
     body = bullet.createMultiBody(
-        baseMass=0.0, linkMasses=[scene.bodies[link.body].mass if link.body else 0.0 for link in links],
+        baseMass=0.0,
+        linkMasses=[scene.bodies[link.body].mass if link.body else 0.0 for link in links],
         linkCollisionShapeIndices=[shapes.get(i, -1) for i in range(len(links))],
-        linkVisualShapeIndices=[-1] * len(links), linkPositions=[tree.place(i) for i in range(len(links))],
+        linkVisualShapeIndices=[-1] * len(links),
+        linkPositions=[tree.place(i) for i in range(len(links))],
         linkOrientations=[bullet.getQuaternionFromEuler([0.0, 0.0, link.angle]) for link in links],
         linkInertialFramePositions=[tree.centre(i) for i in range(len(links))],
         linkInertialFrameOrientations=[(0.0, 0.0, 0.0, 1.0)] * len(links),
         linkParentIndices=[link.parent + 1 for link in links],
-        linkJointTypes=[bullet.JOINT_PRISMATIC if link.slides else bullet.JOINT_REVOLUTE for link in links],
+        linkJointTypes=[
+            bullet.JOINT_PRISMATIC if link.slides else bullet.JOINT_REVOLUTE for link in links
+        ],
         linkJointAxis=[(*link.axis, 0.0) if link.slides else (0.0, 0.0, 1.0) for link in links],
-        physicsClientId=client)
+        physicsClientId=client,
+    )
     if body < 0:
         raise RuntimeError("PyBullet did not create the multibody")
     for i, link in enumerate(links):
         if bullet.getJointInfo(body, i, physicsClientId=client)[16] != link.parent:
-            raise RuntimeError(f"PyBullet numbered the links otherwise than they were given: link {i}")
-        bullet.changeDynamics(body, i, linearDamping=0.0, angularDamping=0.0, jointDamping=0.0,
-                              maxJointVelocity=_NO_LIMIT, physicsClientId=client)
+            raise RuntimeError(
+                f"PyBullet numbered the links otherwise than they were given: link {i}"
+            )
+        bullet.changeDynamics(
+            body,
+            i,
+            linearDamping=0.0,
+            angularDamping=0.0,
+            jointDamping=0.0,
+            maxJointVelocity=_NO_LIMIT,
+            physicsClientId=client,
+        )
         if link.body:  # in a call of its own: with damping in the same call it is dropped silently
             inertia = scene.bodies[link.body].inertia
-            bullet.changeDynamics(body, i, localInertiaDiagonal=[inertia] * 3, physicsClientId=client)
-        bullet.setJointMotorControl2(body, i, bullet.VELOCITY_CONTROL, force=0.0, physicsClientId=client)
+            bullet.changeDynamics(
+                body, i, localInertiaDiagonal=[inertia] * 3, physicsClientId=client
+            )
+        bullet.setJointMotorControl2(
+            body, i, bullet.VELOCITY_CONTROL, force=0.0, physicsClientId=client
+        )
     return body
 
 
@@ -172,28 +210,51 @@ class _Stepper(TreeStepper):
         super().__init__(scene, h, options)
         self._bullet, self._client, tree = (bullet := _pybullet()), client, self.tree
         bullet.setTimeStep(h, physicsClientId=client)
-        bullet.setPhysicsEngineParameter(numSolverIterations=options["iterations"], solverResidualThreshold=0.0,
-                                         erp=options["erp"], physicsClientId=client)
+        bullet.setPhysicsEngineParameter(
+            numSolverIterations=options["iterations"],
+            solverResidualThreshold=0.0,
+            erp=options["erp"],
+            physicsClientId=client,
+        )
         if scene.gravity is not None:
             bullet.setGravity(*scene.gravity, 0.0, physicsClientId=client)
         self._multibody = _multibody(scene, tree, self._shapes(scene), client)
-        loaded = {name for spring in scene.springs.values()
-                  for name in spring.bodies} | {load.body for load in scene.forces.values()}
+        loaded = {name for spring in scene.springs.values() for name in spring.bodies} | {
+            load.body for load in scene.forces.values()
+        }
         links = list(range(len(tree.links)))
-        self._simulate, self._states = bullet.stepSimulation, partial(bullet.getJointStates, self._multibody, links,
-                                                                      client)
+        self._simulate, self._states = (
+            bullet.stepSimulation,
+            partial(bullet.getJointStates, self._multibody, links, client),
+        )
         self._reset = partial(bullet.resetJointStatesMultiDof, self._multibody, links)
         braked = len(self.friction_links)
-        self._brake = partial(bullet.setJointMotorControlArray, self._multibody, self.friction_links,
-                              bullet.VELOCITY_CONTROL, [0.0] * braked, [0.0] * braked)
+        self._brake = partial(
+            bullet.setJointMotorControlArray,
+            self._multibody,
+            self.friction_links,
+            bullet.VELOCITY_CONTROL,
+            [0.0] * braked,
+            [0.0] * braked,
+        )
         self._place_gains, self._rate_gains = [_PLACE_GAIN] * braked, [_RATE_GAIN] * braked
         self._braked = list(enumerate(self.friction_links))
         self._world = bullet.WORLD_FRAME
-        self._pushers = [(3 * i, partial(bullet.applyExternalForce, self._multibody, tree.link_of[name]),
-                          partial(bullet.applyExternalTorque, self._multibody, tree.link_of[name]))
-                         for i, name in enumerate(scene.bodies) if name in loaded]
+        self._pushers = [
+            (
+                3 * i,
+                partial(bullet.applyExternalForce, self._multibody, tree.link_of[name]),
+                partial(bullet.applyExternalTorque, self._multibody, tree.link_of[name]),
+            )
+            for i, name in enumerate(scene.bodies)
+            if name in loaded
+        ]
         # of single numbers a view of the memory is read and written in half the time of an array
-        self._positions, self._velocities, self._held = self.position.data, self.velocity.data, self.held.data
+        self._positions, self._velocities, self._held = (
+            self.position.data,
+            self.velocity.data,
+            self.held.data,
+        )
         # forces act where PyBullet last looked for the links: at the start of the step before, or where `put` set them
         self._places, self._found = np.zeros(len(self.coordinates)).data, self.coordinates.data
         self._forces = self.loads.data
@@ -208,16 +269,35 @@ class _Stepper(TreeStepper):
     def _close_loop(self, joint: Revolute) -> None:
         bullet = self._bullet
         (first, second), (p, q) = (self.tree.link_of[name] for name in joint.bodies), joint.points
-        pin = bullet.createConstraint(self._multibody, first, self._multibody, second, bullet.JOINT_POINT2POINT,
-                                      [0, 0, 0], [*p, 0.0], [*q, 0.0], physicsClientId=self._client)
+        pin = bullet.createConstraint(
+            self._multibody,
+            first,
+            self._multibody,
+            second,
+            bullet.JOINT_POINT2POINT,
+            [0, 0, 0],
+            [*p, 0.0],
+            [*q, 0.0],
+            physicsClientId=self._client,
+        )
         bullet.changeConstraint(pin, maxForce=_NO_LIMIT, physicsClientId=self._client)
 
     def drive_rate(self, link: int, rate: float) -> None:
-        self._bullet.setJointMotorControl2(self._multibody, link, self._bullet.VELOCITY_CONTROL, targetVelocity=rate,
-                                           force=_NO_LIMIT, physicsClientId=self._client)
+        self._bullet.setJointMotorControl2(
+            self._multibody,
+            link,
+            self._bullet.VELOCITY_CONTROL,
+            targetVelocity=rate,
+            force=_NO_LIMIT,
+            physicsClientId=self._client,
+        )
 
     def put(self, position: np.ndarray, velocity: np.ndarray) -> None:
-        self._reset([[place] for place in position.tolist()], [[rate] for rate in velocity.tolist()], self._client)
+        self._reset(
+            [[place] for place in position.tolist()],
+            [[rate] for rate in velocity.tolist()],
+            self._client,
+        )
 
     def begin(self) -> None:
         super().begin()
@@ -237,7 +317,13 @@ class _Stepper(TreeStepper):
         self.clock.call(self._simulate, client)
         if self._pushers:
             place[:] = self._found
-        states, positions, velocities, held, i = self._states(), self._positions, self._velocities, self._held, 0
+        states, positions, velocities, held, i = (
+            self._states(),
+            self._positions,
+            self._velocities,
+            self._held,
+            0,
+        )
         for position, velocity, _, _ in states:
             if not _SLOWEST < velocity < _FASTEST:
                 raise FloatingPointError(f"a joint velocity is above {_FASTEST:g}")
@@ -253,50 +339,90 @@ class _ContactStepper(ContactStepper, _Stepper):
     def __init__(self, scene: Scene, h: float, options: Mapping[str, Any], client: int):
         super().__init__(scene, h, options, client)
         bullet = self._bullet
-        bullet.setPhysicsEngineParameter(contactERP=options["contact_erp"], contactSlop=options["contact_slop"],
-                                         enableConeFriction=int(options["cone_friction"] == "on"),
-                                         physicsClientId=client)
+        bullet.setPhysicsEngineParameter(
+            contactERP=options["contact_erp"],
+            contactSlop=options["contact_slop"],
+            enableConeFriction=int(options["cone_friction"] == "on"),
+            physicsClientId=client,
+        )
         self._guides = []
         for number, guide in enumerate(scene.guides.values()):
             link = self.tree.link_of[guide.slider]
             along = np.array(direction_of(guide))
-            bodies = (self._multibody, link), (self._surface(guide, along), -1), (self._surface(guide, -along), -1)
+            bodies = (
+                (self._multibody, link),
+                (self._surface(guide, along), -1),
+                (self._surface(guide, -along), -1),
+            )
             for body in bodies:
-                bullet.setCollisionFilterGroupMask(*body, 1 << number, 1 << number, physicsClientId=client)
-            bullet.changeDynamics(self._multibody, link, lateralFriction=0.0, physicsClientId=client)
+                bullet.setCollisionFilterGroupMask(
+                    *body, 1 << number, 1 << number, physicsClientId=client
+                )
+            bullet.changeDynamics(
+                self._multibody, link, lateralFriction=0.0, physicsClientId=client
+            )
             if options["friction_anchor"] == "on":
-                bullet.changeDynamics(self._multibody, link, frictionAnchor=1, physicsClientId=client)
+                bullet.changeDynamics(
+                    self._multibody, link, frictionAnchor=1, physicsClientId=client
+                )
             if guide.frictional:
                 self._guides.append(link)
 
     def _shapes(self, scene: Scene) -> dict[int, int]:
         bullet = self._bullet
-        return {self.tree.link_of[guide.slider]: bullet.createCollisionShape(
-            bullet.GEOM_BOX, halfExtents=[guide.extent[0] / 2, guide.extent[1] / 2, _DEPTH],
-            collisionFramePosition=[*guide.slider_point, 0.0],  # from the centre of mass: a free link's frame
-            collisionFrameOrientation=bullet.getQuaternionFromEuler([0.0, 0.0, box_angle(guide)]),
-            physicsClientId=self._client) for guide in scene.guides.values()}
+        return {
+            self.tree.link_of[guide.slider]: bullet.createCollisionShape(
+                bullet.GEOM_BOX,
+                halfExtents=[guide.extent[0] / 2, guide.extent[1] / 2, _DEPTH],
+                collisionFramePosition=[
+                    *guide.slider_point,
+                    0.0,
+                ],  # from the centre of mass: a free link's frame
+                collisionFrameOrientation=bullet.getQuaternionFromEuler(
+                    [0.0, 0.0, box_angle(guide)]
+                ),
+                physicsClientId=self._client,
+            )
+            for guide in scene.guides.values()
+        }
 
     def _surface(self, guide: Translational, along: np.ndarray) -> int:
         """The box whose face lies half the slider's width to the right of `along`."""
         bullet = self._bullet
         inward = np.array([-along[1], along[0]])
         centre = guide.point - inward * (guide.extent[1] / 2 + _DEPTH)
-        shape = bullet.createCollisionShape(bullet.GEOM_BOX, halfExtents=[REACH, _DEPTH, 2 * _DEPTH],
-                                            physicsClientId=self._client)
+        shape = bullet.createCollisionShape(
+            bullet.GEOM_BOX, halfExtents=[REACH, _DEPTH, 2 * _DEPTH], physicsClientId=self._client
+        )
         body = bullet.createMultiBody(
-            0.0, shape, basePosition=[*centre, 0.0], physicsClientId=self._client,
-            baseOrientation=bullet.getQuaternionFromEuler([0.0, 0.0, math.atan2(along[1], along[0])]))
+            0.0,
+            shape,
+            basePosition=[*centre, 0.0],
+            physicsClientId=self._client,
+            baseOrientation=bullet.getQuaternionFromEuler(
+                [0.0, 0.0, math.atan2(along[1], along[0])]
+            ),
+        )
         bullet.changeDynamics(body, -1, lateralFriction=1.0, physicsClientId=self._client)
         return body
 
     def rub(self, coefficients: Sequence[float]) -> None:
         for link, coefficient in zip(self._guides, coefficients):
-            self._bullet.changeDynamics(self._multibody, link, lateralFriction=coefficient,
-                                        physicsClientId=self._client)
+            self._bullet.changeDynamics(
+                self._multibody, link, lateralFriction=coefficient, physicsClientId=self._client
+            )
 
     def contact_forces(self) -> tuple[list[float], list[float]]:
-        contacts = [self._bullet.getContactPoints(bodyA=self._multibody, linkIndexA=link, physicsClientId=self._client)
-                    for link in self._guides]
-        return ([sum([contact[9] for contact in found]) for found in contacts],
-                [sum([math.hypot(contact[10], contact[12]) for contact in found]) for found in contacts])
+        contacts = [
+            self._bullet.getContactPoints(
+                bodyA=self._multibody, linkIndexA=link, physicsClientId=self._client
+            )
+            for link in self._guides
+        ]
+        return (
+            [sum([contact[9] for contact in found]) for found in contacts],
+            [
+                sum([math.hypot(contact[10], contact[12]) for contact in found])
+                for found in contacts
+            ],
+        )

@@ -31,7 +31,9 @@ def urdf(scene: Scene) -> str:
     if tree.loops:
         raise Refused(f"joints.{tree.loops[0]}: closes a loop; URDF describes trees")
     root = xml.Element("robot", name=scene.name)
-    root.append(xml.Comment(_HEADER.format(title=scene.title, missing=_missing(scene)).replace("--", "- -")))
+    root.append(
+        xml.Comment(_HEADER.format(title=scene.title, missing=_missing(scene)).replace("--", "- -"))
+    )
     _inertial(xml.SubElement(root, "link", name=BASE), (0.0, 0.0), 0.0, 0.0)
     names = [link.body or f"{link.joint or 'free'}-{i}" for i, link in enumerate(tree.links)]
     position, velocity = tree.coordinates(scene)
@@ -39,12 +41,18 @@ def urdf(scene: Scene) -> str:
         element = xml.SubElement(root, "link", name=name)
         data = None if link.body is None else scene.bodies[link.body]
         _inertial(element, link.point, *((data.mass, data.inertia) if data else (0.0, 0.0)))
-        joint = xml.SubElement(root, "joint", name=link.joint or f"{name}-joint", type="prismatic" if link.slides
-                               else "continuous")
+        joint = xml.SubElement(
+            root,
+            "joint",
+            name=link.joint or f"{name}-joint",
+            type="prismatic" if link.slides else "continuous",
+        )
         joint.append(xml.Comment(f" start: {float(position[i])!r}, rate {float(velocity[i])!r} "))
         xml.SubElement(joint, "parent", link=BASE if link.parent < 0 else names[link.parent])
         xml.SubElement(joint, "child", link=name)
-        xml.SubElement(joint, "origin", xyz=_numbers(*tree.place(i)), rpy=_numbers(0.0, 0.0, link.angle))
+        xml.SubElement(
+            joint, "origin", xyz=_numbers(*tree.place(i)), rpy=_numbers(0.0, 0.0, link.angle)
+        )
         xml.SubElement(joint, "axis", xyz=_numbers(*link.axis, 0.0) if link.slides else "0 0 1")
         if link.slides:
             xml.SubElement(joint, "limit", lower="-1e9", upper="1e9", effort="1e9", velocity="1e9")
@@ -63,12 +71,20 @@ def _inertial(link: xml.Element, point: tuple[float, float], mass: float, inerti
 
 def _missing(scene: Scene) -> str:
     """A line for each effect of the scene that is not in the file."""
-    effects = [(f'{kind} "{name}"', law_expression(element.law) or "the table of the scene")
-               for kind, elements in (("drive", scene.drives), ("load", scene.forces))
-               for name, element in elements.items()]
+    effects = [
+        (f'{kind} "{name}"', law_expression(element.law) or "the table of the scene")
+        for kind, elements in (("drive", scene.drives), ("load", scene.forces))
+        for name, element in elements.items()
+    ]
     effects += [(f'spring "{name}"', "with its damper") for name in scene.springs]
-    effects += [(f'friction of guide "{name}"', f"bound mu (|n1| + |n2|), mu = {guide.mu!r}, and "
-                 f"{guide.static_coefficient!r} while it sticks") for name, guide in scene.frictional_guides.items()]
+    effects += [
+        (
+            f'friction of guide "{name}"',
+            f"bound mu (|n1| + |n2|), mu = {guide.mu!r}, and "
+            f"{guide.static_coefficient!r} while it sticks",
+        )
+        for name, guide in scene.frictional_guides.items()
+    ]
     return "".join(f"\n  - {effect}: {what};" for effect, what in effects) or " nothing."
 
 

@@ -74,8 +74,10 @@ class Iteration:
             blocks += [[row, row + 1]] if isinstance(joint, Revolute) else [[row], [row + 1]]
         blocks += [[row] for row in range(2 * len(scene.joints), len(J))]
         # with no slider held by friction and with all of them
-        self._sweeps = [_sweep(scaled[:size], [block for block in blocks if block[-1] < size])
-                        for size in dict.fromkeys((rows, len(J)))]
+        self._sweeps = [
+            _sweep(scaled[:size], [block for block in blocks if block[-1] < size])
+            for size in dict.fromkeys((rows, len(J)))
+        ]
 
     def left(self, iterations: int) -> float:
         """The part of an error that is left in the slowest mode after so many iterations."""
@@ -126,7 +128,7 @@ def constraint_rows(balance: Balance) -> np.ndarray:
     m, w = balance.m, balance.w
     J = np.zeros((len(w.gamma), len(balance.mass)))
     for place, row, body in m.block.astype(int):
-        J[row, body:body + 3] = w.J[place:place + 3]
+        J[row, body : body + 3] = w.J[place : place + 3]
     return J
 
 
@@ -144,4 +146,4 @@ def bias_of_share(share: float, h: float) -> float:
 
 def share_of_bias(error_bias: float, h: float) -> float:
     """The share of a position error that a step of h seconds corrects."""
-    return 1.0 - error_bias ** h
+    return 1.0 - error_bias**h

@@ -37,12 +37,28 @@ from typing import TYPE_CHECKING, Any, ClassVar, NamedTuple
 import numpy as np
 
 from stiction.engines.protocol import FIDELITIES, accepted, installed_version
-from stiction.engines.pymunk.correction import Iteration, bias_of_share, constraint_rows, share_of_bias
-from stiction.engines.shared.contact_geometry import contact_refusal, crowded, slider_box, unlike_guides
+from stiction.engines.pymunk.correction import (
+    Iteration,
+    bias_of_share,
+    constraint_rows,
+    share_of_bias,
+)
+from stiction.engines.shared.contact_geometry import (
+    contact_refusal,
+    crowded,
+    slider_box,
+    unlike_guides,
+)
 from stiction.engines.shared.fixed_step import Defaults, Sample, SteppedEngine, Stepper
 from stiction.engines.shared.friction_bound import CoefficientSwitch, FrictionBound
-from stiction.engines.shared.step_kernels import (SpaceContacts, SpaceStep, assemble, begin_space, finish_space,
-                                                  finish_space_contacts)
+from stiction.engines.shared.step_kernels import (
+    SpaceContacts,
+    SpaceStep,
+    assemble,
+    begin_space,
+    finish_space,
+    finish_space_contacts,
+)
 from stiction.reference_impl.compiled.kernel import bound
 from stiction.scenes import Scene
 from stiction.scenes.fields import GROUND
@@ -68,8 +84,14 @@ _SPARE = 2
 own allocator."""
 _SETTINGS: Mapping[str, Defaults] = {
     "joint": {"iterations": 50, "passes": 2, "error_bias": 0.0},
-    "contact": {"iterations": 100, "error_bias": 0.0, "collision_slop": 1e-5, "collision_bias": 0.9 ** 60,
-                "clearance": 1e-7}}
+    "contact": {
+        "iterations": 100,
+        "error_bias": 0.0,
+        "collision_slop": 1e-5,
+        "collision_bias": 0.9**60,
+        "clearance": 1e-7,
+    },
+}
 _TRIAL_ITERATIONS = 1000
 _TRIAL = {"passes": 20, "error_bias": 0.0}
 """Settings of the one step before a run: it finds impulses and bounds of friction, which no step before it has, to
@@ -94,11 +116,16 @@ class PymunkEngine(SteppedEngine):
     def version(self) -> str:
         import pymunk  # noqa: F401 - an installation that cannot be imported has no version
 
-        return accepted("pymunk", installed_version("pymunk"))  # that of the wheel 7.0.0 says 2.0.0 of itself
+        return accepted(
+            "pymunk", installed_version("pymunk")
+        )  # that of the wheel 7.0.0 says 2.0.0 of itself
 
     def refusal(self, scene: Scene, fidelity: str) -> str | None:
-        if fidelity == "contact" and (reason := contact_refusal(scene) or crowded(scene, MOST_GUIDES, "pymunk")
-                                      or unlike_guides(scene)):
+        if fidelity == "contact" and (
+            reason := contact_refusal(scene)
+            or crowded(scene, MOST_GUIDES, "pymunk")
+            or unlike_guides(scene)
+        ):
             return reason
         fixed = non_turning(scene) if fidelity == "joint" else {GROUND}
         for name, drive in scene.drives.items():
@@ -106,9 +133,12 @@ class PymunkEngine(SteppedEngine):
                 return f"drives.{name}: neither of its bodies can turn, their guides hold the angle that it drives"
         return None
 
-    def stepper(self, scene: Scene, h: float, options: Mapping[str, Any],
-                fidelity: str) -> AbstractContextManager[Stepper]:
-        return nullcontext((_JointStepper if fidelity == "joint" else _ContactStepper)(scene, h, options))
+    def stepper(
+        self, scene: Scene, h: float, options: Mapping[str, Any], fidelity: str
+    ) -> AbstractContextManager[Stepper]:
+        return nullcontext(
+            (_JointStepper if fidelity == "joint" else _ContactStepper)(scene, h, options)
+        )
 
 
 def non_turning(scene: Scene) -> set[str]:
@@ -191,15 +221,26 @@ class _PymunkStepper(Stepper):
         batch.get_space_bodies(space, fields.BODY_ID, order)
         expected = [*bodies, space.static_body.id]
         if (found := list(memoryview(order.int_buf()).cast("P"))) != expected:
-            raise RuntimeError(f"pymunk lists the bodies {found}; expected {expected}, as they were added and the "
-                               "static one last")
+            raise RuntimeError(
+                f"pymunk lists the bodies {found}; expected {expected}, as they were added and the "
+                "static one last"
+            )
         # of each body, and behind them of the static one
         (self._present, present, _), (self._before, before, _), (self._pushed, pushed, _) = (
-            _buffer(width * (count + 1)) for width in (6, 6, 3))
+            _buffer(width * (count + 1)) for width in (6, 6, 3)
+        )
         q, v, a = np.zeros((3, 3 * count))
-        self.data = SpaceStep(cap=self.bound.data, h=self._h, loaded=int(self._loaded), pushed=pushed[:3 * count], q=q,
-                              v=v, a=a, present=present[:6 * count].reshape(count, 6),
-                              before=before[:6 * count].reshape(count, 6))
+        self.data = SpaceStep(
+            cap=self.bound.data,
+            h=self._h,
+            loaded=int(self._loaded),
+            pushed=pushed[: 3 * count],
+            q=q,
+            v=v,
+            a=a,
+            present=present[: 6 * count].reshape(count, 6),
+            before=before[: 6 * count].reshape(count, 6),
+        )
         self._fetch()
 
     def _fetch(self) -> None:
@@ -210,8 +251,9 @@ class _PymunkStepper(Stepper):
         """Write what was before to the space; what is present stays as it is until it is fetched."""
         self._set(self._space, self._motion, self._before)
 
-    def _on_lines(self, base: Body, slider: Body, own: tuple[float, float],
-                  *lines: _Line) -> Sequence[Constraint]:
+    def _on_lines(
+        self, base: Body, slider: Body, own: tuple[float, float], *lines: _Line
+    ) -> Sequence[Constraint]:
         """Return constraints that hold a slider's point `own` on lines of a base, one for each.
 
         They are grooves where neither body can turn, else rods; see the module.
@@ -233,11 +275,13 @@ class _PymunkStepper(Stepper):
             for rod, line in zip(rods, lines):
                 # the rod lies across the line, and is longer by as much as the point is off it
                 rod.anchor_a = place - (self._rod + line.distance(place, t)) * line.normal
+
         self._targets.append(go_along)
         return rods
 
-    def _groove(self, base: Body, slider: Body, own: tuple[float, float],
-                line: _Line) -> Constraint:
+    def _groove(
+        self, base: Body, slider: Body, own: tuple[float, float], line: _Line
+    ) -> Constraint:
         import pymunk
 
         along, start = _GROOVE * line.normal.perpendicular(), line.origin
@@ -245,9 +289,11 @@ class _PymunkStepper(Stepper):
             start = base.world_to_local(slider.local_to_world(own))
         groove = pymunk.GrooveJoint(base, slider, start - along, start + along, own)
         if (level := line.level) is not None:
+
             def shift(t: float) -> None:
                 place = start + level(t) * line.normal
                 groove.groove_a, groove.groove_b = place - along, place + along
+
             self._targets.append(shift)
         return groove
 
@@ -262,13 +308,19 @@ class _PymunkStepper(Stepper):
             # its error at t - h
             behind = evaluate_law(law, t - h)[0]
             return behind + (evaluate_law(law, t)[0] - behind) / self._share
+
         if drive.type == "angle":
             motor = pymunk.SimpleMotor(first, second, evaluate_law(law, 0.0)[1])
             self._space.add(motor)
 
             def turn(t: float) -> None:
-                angle = first.angle - second.angle + self._h * (first.angular_velocity - second.angular_velocity)
+                angle = (
+                    first.angle
+                    - second.angle
+                    + self._h * (first.angular_velocity - second.angular_velocity)
+                )
                 motor.rate = self._share * (aim(t) - angle) / self._h
+
             if not isinstance(law, (Constant, Linear)):
                 follow(turn)
         elif drive.axis is None:
@@ -277,6 +329,7 @@ class _PymunkStepper(Stepper):
 
             def stretch(t: float) -> None:
                 rod.distance = aim(t)
+
             follow(stretch)
         else:
             axis = Vec2d(*drive.axis).normalized()
@@ -291,9 +344,10 @@ class _PymunkStepper(Stepper):
         # there
         share = iteration.share(self._iterations) if self.capped else 1.0
         bias = self._bias or bias_of_share(share, self._h)
-        *between, guides = between_steps(self._scene, self._h, bias,
-                                         iteration.needed(_TRIAL_ITERATIONS))
-        self.bound.data.guides[:] = guides[:len(self.bound.data.guides)]
+        *between, guides = between_steps(
+            self._scene, self._h, bias, iteration.needed(_TRIAL_ITERATIONS)
+        )
+        self.bound.data.guides[:] = guides[: len(self.bound.data.guides)]
         self.correct(bias)
         if self.capped:  # the first step, which has no impulses of a step before to begin with
             self._space.iterations = iteration.needed(self._iterations)
@@ -326,12 +380,20 @@ class _PymunkStepper(Stepper):
 
     def sample(self) -> Sample:
         data = self.data
-        return Sample(data.q.copy(), data.v.copy(), data.a.copy(), self.friction.modes(), self.friction.frictions())
+        return Sample(
+            data.q.copy(),
+            data.v.copy(),
+            data.a.copy(),
+            self.friction.modes(),
+            self.friction.frictions(),
+        )
 
     def advance(self, caps: Sequence[float]) -> None:
         """Make a pass of the engine under the loads, and fetch the state."""
         if self._loaded:
-            self._set(self._space, self._force, self._pushed)  # which the space forgets with its next step
+            self._set(
+                self._space, self._force, self._pushed
+            )  # which the space forgets with its next step
         self.clock.call(self._space.step, self._h)
         self._fetch()
 
@@ -383,17 +445,29 @@ class _ContactStepper(_PymunkStepper):
         super().__init__(scene, h, options, {GROUND})
         fields = batch.ArbiterFields
         self._get_arbiters = batch.get_space_arbiters
-        self._arbiter_fields = fields.BODY_A_ID | fields.BODY_B_ID | fields.TOTAL_IMPULSE | fields.NORMAL
+        self._arbiter_fields = (
+            fields.BODY_A_ID | fields.BODY_B_ID | fields.TOTAL_IMPULSE | fields.NORMAL
+        )
         space = self._space
-        space.collision_slop, space.collision_bias = options["collision_slop"], options["collision_bias"]
+        space.collision_slop, space.collision_bias = (
+            options["collision_slop"],
+            options["collision_bias"],
+        )
         boxes, directions = [], []
         for number, guide in enumerate(scene.guides.values()):
             category = pymunk.ShapeFilter(categories=1 << number, mask=1 << number)
             box = pymunk.Poly(self._named[guide.slider], slider_box(guide, options["clearance"]))
             along = np.array(guide.direction) * (_GROOVE / math.hypot(*guide.direction))
             across = np.array([-along[1], along[0]]) * (guide.extent[1] / 2 / _GROOVE)
-            surfaces = [pymunk.Segment(space.static_body, tuple(guide.point + side - along),
-                                       tuple(guide.point + side + along), 0.0) for side in (-across, across)]
+            surfaces = [
+                pymunk.Segment(
+                    space.static_body,
+                    tuple(guide.point + side - along),
+                    tuple(guide.point + side + along),
+                    0.0,
+                )
+                for side in (-across, across)
+            ]
             for shape in (box, *surfaces):
                 shape.filter, shape.friction = category, 1.0 if guide.frictional else 0.0
             space.add(box, *surfaces)
@@ -404,11 +478,20 @@ class _ContactStepper(_PymunkStepper):
         pairs = 2 * len(scene.guides)
         self._arbiters, impulse, touching = _buffer(4 * pairs, 2 * pairs)
         self._contacts = SpaceContacts(
-            guides=self.friction.guides, step=self.data, along=np.array(directions).reshape(-1, 2),
-            touching=touching[:2 * pairs].reshape(pairs, 2), impulse=impulse[:4 * pairs].reshape(pairs, 4),
-            slider=np.array([list(scene.bodies).index(guide.slider) for guide in scene.frictional_guides.values()],
-                            dtype=np.int64),
-            identity=np.array([body.id for _, body in boxes], dtype=np.uint64))
+            guides=self.friction.guides,
+            step=self.data,
+            along=np.array(directions).reshape(-1, 2),
+            touching=touching[: 2 * pairs].reshape(pairs, 2),
+            impulse=impulse[: 4 * pairs].reshape(pairs, 4),
+            slider=np.array(
+                [
+                    list(scene.bodies).index(guide.slider)
+                    for guide in scene.frictional_guides.values()
+                ],
+                dtype=np.int64,
+            ),
+            identity=np.array([body.id for _, body in boxes], dtype=np.uint64),
+        )
         self._boxes = [box for box, _ in boxes]
 
     def compile(self) -> None:
@@ -430,15 +513,20 @@ def _buffer(reals: int, names: int = 0) -> tuple[Buffer, np.ndarray, np.ndarray]
     """Return a buffer of the library for so many numbers, and names of bodies, and its memory for both."""
     from pymunk.batch import Buffer
 
-    buffer, numbers, identities = Buffer(), np.zeros(reals + _SPARE), np.zeros(names + _SPARE, dtype=np.uint64)
+    buffer, numbers, identities = (
+        Buffer(),
+        np.zeros(reals + _SPARE),
+        np.zeros(names + _SPARE, dtype=np.uint64),
+    )
     buffer.set_float_buf(numbers)
     if names:
         buffer.set_int_buf(identities)
     return buffer, numbers, identities
 
 
-def between_steps(scene: Scene, h: float, error_bias: float,
-                  iterations: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+def between_steps(
+    scene: Scene, h: float, error_bias: float, iterations: int
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Return a start from which the first step has the reactions of the motion, and the state of its guides.
 
     With Phi(q, t) = 0 and Phi'' = J q'' + gamma, a run whose steps correct a share s of Phi
@@ -471,7 +559,9 @@ def _least_accelerations(scene: Scene, friction: FrictionBound) -> tuple[np.ndar
     slowest = AT_REST * max(m.length_scale, np.abs(friction.initial[1]).max())
     held = np.append(np.arange(m.rows), m.rows + np.flatnonzero(np.abs(w.slip_speed) <= slowest))
     resting = w.gamma.copy()
-    resting[m.rows - len(scene.drives):m.rows] += [evaluate_law(drive.law, 0.0)[2] for drive in scene.drives.values()]
+    resting[m.rows - len(scene.drives) : m.rows] += [
+        evaluate_law(drive.law, 0.0)[2] for drive in scene.drives.values()
+    ]
     J = constraint_rows(balance)
     force = np.linalg.lstsq(w.G[np.ix_(held, held)], np.stack((w.gamma, resting), axis=1)[held])[0]
     return tuple(-(J[held].T @ force).T / balance.mass)

@@ -20,17 +20,25 @@ if TYPE_CHECKING:
     from stiction.reference_impl.integration.result import Run
     from stiction.reference_impl.multibody.mechanism import Mechanism
 
-SETTINGS = {"method": "event", "solver": "automatic", "stabilization": "scene", "assemble": False, "event_values": True,
-            "audit": "sampled"}
+SETTINGS = {
+    "method": "event",
+    "solver": "automatic",
+    "stabilization": "scene",
+    "assemble": False,
+    "event_values": True,
+    "audit": "sampled",
+}
 METHODS = ("event", "paper", "textbook")
 STABILIZATIONS = ("scene", "none", "baumgarte", "projection")
 AUDITS = {"none": 0, "sampled": 1, "dense": 32}
 """Instants of each step at which Coulomb's law is verified."""
 
 
-_SPLIT = ("surfaces of a slider: equal mobilization f/(mus N); guides at rest that share a load: the frictions of the "
-          "smallest sum of squares that Coulomb's law admits; a guide that joints lock: no friction; a guide at rest "
-          "that a drive holds, and several forces of one motion: left open (nan)")
+_SPLIT = (
+    "surfaces of a slider: equal mobilization f/(mus N); guides at rest that share a load: the frictions of the "
+    "smallest sum of squares that Coulomb's law admits; a guide that joints lock: no friction; a guide at rest "
+    "that a drive holds, and several forces of one motion: left open (nan)"
+)
 
 
 class ReferenceEngine(Engine):
@@ -59,11 +67,15 @@ class ReferenceEngine(Engine):
 
     name = "reference"
     capabilities = Capabilities(
-        fidelities=("joint",), static_coefficient={"joint": True},
-        friction_law={"joint": "Coulomb, set-valued, mu and mus, load of each corner force (engine)"},
+        fidelities=("joint",),
+        static_coefficient={"joint": True},
+        friction_law={
+            "joint": "Coulomb, set-valued, mu and mus, load of each corner force (engine)"
+        },
         reactions="engine",
         order="8 between events, events located (event); 4 between events, 1 across a break-away (paper, textbook)",
-        adaptive=True)
+        adaptive=True,
+    )
 
     @property
     def version(self) -> str:
@@ -72,8 +84,9 @@ class ReferenceEngine(Engine):
     def default_settings(self, fidelity: str) -> Mapping[str, Any]:
         return dict(SETTINGS)
 
-    def settings_of_run(self, given: Mapping[str, Any], *, fidelity: str, dt: float | None,
-                        rtol: float | None) -> dict[str, Any]:
+    def settings_of_run(
+        self, given: Mapping[str, Any], *, fidelity: str, dt: float | None, rtol: float | None
+    ) -> dict[str, Any]:
         return {**SETTINGS, "method": _method(dt, rtol), **given}
 
     def check_arguments(self, *, fidelity: str, settings: Mapping[str, Any], **_: Any) -> None:
@@ -83,9 +96,16 @@ class ReferenceEngine(Engine):
     def locates_events(self, fidelity: str, settings: Mapping[str, Any]) -> bool:
         return True
 
-    def prepare_run(self, scene: Scene, *, dt: float | None = None, rtol: float | None = None,
-                    method: str | None = None,
-                    stabilization: str = "scene", **_: Any) -> None:
+    def prepare_run(
+        self,
+        scene: Scene,
+        *,
+        dt: float | None = None,
+        rtol: float | None = None,
+        method: str | None = None,
+        stabilization: str = "scene",
+        **_: Any,
+    ) -> None:
         from stiction.reference_impl.compiled.compiling_ahead import compile_ahead, event_kernels
 
         if (method or _method(dt, rtol)) == "event":
@@ -95,8 +115,17 @@ class ReferenceEngine(Engine):
     def refusal(self, scene: Scene, fidelity: str) -> str | None:
         return None
 
-    def run(self, scene: Scene, *, t_end: float, dt: float | None, rtol: float | None, fidelity: str,
-            output_step: float, settings: Mapping[str, Any]) -> Trajectory:
+    def run(
+        self,
+        scene: Scene,
+        *,
+        t_end: float,
+        dt: float | None,
+        rtol: float | None,
+        fidelity: str,
+        output_step: float,
+        settings: Mapping[str, Any],
+    ) -> Trajectory:
         from stiction.engines.shared.fixed_step import step_of, steps_between_outputs
         from stiction.reference_impl.compiled.kernel import clock, compiling_seconds
         from stiction.reference_impl.friction.solver_names import SOLVERS
@@ -121,9 +150,16 @@ class ReferenceEngine(Engine):
             scale = {"rtol": rtol}
 
             def simulate(i: int, until: float) -> Run:
-                return simulate_event_driven(parts[i], *starts[i], output[output <= until], until, rtol, solver=solver,
-                                             sides=chosen["event_values"], audits=AUDITS[chosen["audit"]]
-                                             if parts[i].guide_names else 0)
+                return simulate_event_driven(
+                    parts[i],
+                    *starts[i],
+                    output[output <= until],
+                    until,
+                    rtol,
+                    solver=solver,
+                    sides=chosen["event_values"],
+                    audits=AUDITS[chosen["audit"]] if parts[i].guide_names else 0,
+                )
         else:
             dt = step_of(dt, t_end)
             steps = max(1, round(t_end / dt))
@@ -133,24 +169,48 @@ class ReferenceEngine(Engine):
 
             def simulate(i: int, until: float) -> Run:
                 if chosen["method"] == "textbook":
-                    return _as_written(parts[i], *starts[i], dt, min(steps, ceil(until / dt)), every)
-                return simulate_as_paper(parts[i], *starts[i], dt, min(steps, ceil(until / dt)), every, solver,
-                                         sides=chosen["event_values"])
+                    return _as_written(
+                        parts[i], *starts[i], dt, min(steps, ceil(until / dt)), every
+                    )
+                return simulate_as_paper(
+                    parts[i],
+                    *starts[i],
+                    dt,
+                    min(steps, ceil(until / dt)),
+                    every,
+                    solver,
+                    sides=chosen["event_values"],
+                )
 
         with _linear_algebra().limit(limits=1):
             run = simulate_parts(scene, parts, simulate, t_end)
         rows = _rows_that_are_motion(run, max(part.arrays.length_scale for part in parts))
         stressed = [name for part in parts for name in part.stressed_guides]
-        cost = replace(run.cost, setup_s=run.cost.setup_s + assembled, compile_s=compiling_seconds() - compiled)
+        cost = replace(
+            run.cost, setup_s=run.cost.setup_s + assembled, compile_s=compiling_seconds() - compiled
+        )
         return Trajectory(
-            scene=scene.name, engine=self.name, version=self.version, fidelity=fidelity, t=run.t[:rows],
-            columns={name: values[:rows] for name, values in run.columns.items()}, events=run.events, cost=cost,
-            termination=run.termination, breakdown=run.breakdown,
+            scene=scene.name,
+            engine=self.name,
+            version=self.version,
+            fidelity=fidelity,
+            t=run.t[:rows],
+            columns={name: values[:rows] for name, values in run.columns.items()},
+            events=run.events,
+            cost=cost,
+            termination=run.termination,
+            breakdown=run.breakdown,
             alternatives={name: values[:rows] for name, values in run.alternatives.items()},
-            settings={**scale, "method": chosen["method"], "solver": chosen["solver"],
-                      "stabilization": parts[0].stabilization,
-                      "friction_law": self.capabilities.friction_law["joint"], "hyperstatic_split": _SPLIT,
-                      **({"loads_left_open": stressed} if stressed else {})})
+            settings={
+                **scale,
+                "method": chosen["method"],
+                "solver": chosen["solver"],
+                "stabilization": parts[0].stabilization,
+                "friction_law": self.capabilities.friction_law["joint"],
+                "hyperstatic_split": _SPLIT,
+                **({"loads_left_open": stressed} if stressed else {}),
+            },
+        )
 
 
 def _rows_that_are_motion(run: Run, size: float) -> int:
@@ -158,10 +218,17 @@ def _rows_that_are_motion(run: Run, size: float) -> int:
 
     A fixed step that is unstable overflows within a step or two, and writes them on its way out.
     """
-    if run.breakdown is None or len(run.t) < 2:  # one that broke down at once has its start, without forces
+    if (
+        run.breakdown is None or len(run.t) < 2
+    ):  # one that broke down at once has its start, without forces
         return len(run.t)
-    motion = np.all([run.columns["drift.position"] <= size, *(np.isfinite(values) for values in run.columns.values())],
-                    axis=0)
+    motion = np.all(
+        [
+            run.columns["drift.position"] <= size,
+            *(np.isfinite(values) for values in run.columns.values()),
+        ],
+        axis=0,
+    )
     return len(run.t) if motion.all() else int(np.argmin(motion))
 
 
@@ -174,17 +241,28 @@ def _check(chosen: Mapping[str, Any], dt: float | None, rtol: float | None) -> N
     """Raise InputError for settings that do not go together, or with a step or a tolerance."""
     from stiction.reference_impl.friction.solver_names import SOLVERS
 
-    for key, words in (("method", METHODS), ("solver", SOLVERS), ("audit", AUDITS), ("stabilization", STABILIZATIONS)):
+    for key, words in (
+        ("method", METHODS),
+        ("solver", SOLVERS),
+        ("audit", AUDITS),
+        ("stabilization", STABILIZATIONS),
+    ):
         if chosen[key] not in words:
-            raise InputError(f"reference: {key} = {chosen[key]!r}; expected one of {', '.join(words)}")
+            raise InputError(
+                f"reference: {key} = {chosen[key]!r}; expected one of {', '.join(words)}"
+            )
     if chosen["method"] == "textbook":
         for key in ("solver", "stabilization"):
             if chosen[key] != SETTINGS[key]:
-                raise InputError(f"reference: {key} = {chosen[key]!r}; expected {SETTINGS[key]!r} of method 'textbook'")
+                raise InputError(
+                    f"reference: {key} = {chosen[key]!r}; expected {SETTINGS[key]!r} of method 'textbook'"
+                )
     if chosen["method"] == "event" and dt is not None:
         raise InputError("reference: dt given, but method 'event' has a tolerance; expected rtol")
     if chosen["method"] != "event" and rtol is not None:
-        raise InputError(f"reference: rtol given, but method {chosen['method']!r} has a fixed step; expected dt")
+        raise InputError(
+            f"reference: rtol given, but method {chosen['method']!r} has a fixed step; expected dt"
+        )
 
 
 def output_times(t_end: float, step: float) -> np.ndarray:
@@ -194,7 +272,9 @@ def output_times(t_end: float, step: float) -> np.ndarray:
     return np.minimum(times, t_end)
 
 
-def _as_written(mechanism: Mechanism, q: np.ndarray, v: np.ndarray, dt: float, steps: int, every: int) -> Run:
+def _as_written(
+    mechanism: Mechanism, q: np.ndarray, v: np.ndarray, dt: float, steps: int, every: int
+) -> Run:
     """The paper's scheme as written, as a run; SceneError for what the paper does not have."""
     from stiction.reference_impl.friction.open_forces import open_forces
     from stiction.reference_impl.integration.result import Run, alternative_columns
@@ -211,17 +291,26 @@ def _as_written(mechanism: Mechanism, q: np.ndarray, v: np.ndarray, dt: float, s
     order += range(len(order), march.force.shape[1])
 
     def columns(part: March, every: int = 1) -> tuple[dict[str, np.ndarray], dict[str, np.ndarray]]:
-        t, q, v, a, force, slip = (values[::every] for values in (part.t, part.q, part.v, part.a, part.force[:, order],
-                                                                  part.mode))
+        t, q, v, a, force, slip = (
+            values[::every]
+            for values in (part.t, part.q, part.v, part.a, part.force[:, order], part.mode)
+        )
         opened = open_forces(mechanism, t, q, v, force, slip)
         built = build_columns(mechanism, t, q, v, a, opened.force, slip)
         return built, alternative_columns(mechanism, opened, len(t), built)
 
     sides = rows_of(columns(march.sides)[0]) if march.sides else []
-    events = tuple(Event(instant, kind, mechanism.guide_names[guide], sides[2 * i], sides[2 * i + 1])
-                   for i, (instant, kind, guide) in enumerate(march.events))
+    events = tuple(
+        Event(instant, kind, mechanism.guide_names[guide], sides[2 * i], sides[2 * i + 1])
+        for i, (instant, kind, guide) in enumerate(march.events)
+    )
     motion, alternatives = columns(march, every)
-    cost = Cost(prepared - started, 0.0, stepped - prepared, {"steps": len(march.t) - 1, "events": len(events)})
+    cost = Cost(
+        prepared - started,
+        0.0,
+        stepped - prepared,
+        {"steps": len(march.t) - 1, "events": len(events)},
+    )
     return Run(march.t[::every], motion, events, cost, march.breakdown, alternatives)
 
 

@@ -31,9 +31,14 @@ class MoreauEngine(Engine):
 
     name = "moreau"
     capabilities = Capabilities(
-        fidelities=("contact",), static_coefficient={"contact": False},
-        friction_law={"contact": "Coulomb, set-valued, one coefficient mu, at each corner that touches (engine)"},
-        reactions="engine", order="1")
+        fidelities=("contact",),
+        static_coefficient={"contact": False},
+        friction_law={
+            "contact": "Coulomb, set-valued, one coefficient mu, at each corner that touches (engine)"
+        },
+        reactions="engine",
+        order="1",
+    )
 
     @property
     def version(self) -> str:
@@ -49,12 +54,27 @@ class MoreauEngine(Engine):
         return True
 
     def refusal(self, scene: Scene, fidelity: str) -> str | None:
-        return next((f"joints.{name}: Moreau's impact law has one coefficient of friction; mus = {guide.mus:g} is not "
-                     f"mu = {guide.mu:g}"
-                     for name, guide in scene.frictional_guides.items() if guide.static_coefficient != guide.mu), None)
+        return next(
+            (
+                f"joints.{name}: Moreau's impact law has one coefficient of friction; mus = {guide.mus:g} is not "
+                f"mu = {guide.mu:g}"
+                for name, guide in scene.frictional_guides.items()
+                if guide.static_coefficient != guide.mu
+            ),
+            None,
+        )
 
-    def run(self, scene: Scene, *, t_end: float, dt: float | None, rtol: float | None, fidelity: str,
-            output_step: float, settings: Mapping[str, Any]) -> Trajectory:
+    def run(
+        self,
+        scene: Scene,
+        *,
+        t_end: float,
+        dt: float | None,
+        rtol: float | None,
+        fidelity: str,
+        output_step: float,
+        settings: Mapping[str, Any],
+    ) -> Trajectory:
         from stiction.reference_impl.compiled.kernel import clock, compiling_seconds
         from stiction.reference_impl.integration.moreau import simulate_moreau
         from stiction.reference_impl.multibody.initial_state import consistent_start
@@ -63,8 +83,10 @@ class MoreauEngine(Engine):
         dt = step_of(dt, t_end)
         options = settings_of(settings, SETTINGS, self.name, fidelity)
         if not 0 < options["clearance"] < 1:
-            raise InputError(f"clearance: found {options['clearance']!r}; expected a part of the mechanism's size, 0 < "
-                             "clearance < 1")
+            raise InputError(
+                f"clearance: found {options['clearance']!r}; expected a part of the mechanism's size, 0 < "
+                "clearance < 1"
+            )
         if options["restitution"] > 1:
             raise InputError(f"restitution: found {options['restitution']!r}; expected 0 .. 1")
         compiled, started = compiling_seconds(), clock()
@@ -74,11 +96,34 @@ class MoreauEngine(Engine):
         dt = t_end / steps
         clearance = options["clearance"] * mechanism.arrays.length_scale
         assembled = clock() - started
-        run = simulate_moreau(mechanism, q, v, dt, steps, steps_between_outputs(steps, output_step / dt), clearance,
-                              options["restitution"])
-        cost = replace(run.cost, setup_s=run.cost.setup_s + assembled, compile_s=compiling_seconds() - compiled)
+        run = simulate_moreau(
+            mechanism,
+            q,
+            v,
+            dt,
+            steps,
+            steps_between_outputs(steps, output_step / dt),
+            clearance,
+            options["restitution"],
+        )
+        cost = replace(
+            run.cost, setup_s=run.cost.setup_s + assembled, compile_s=compiling_seconds() - compiled
+        )
         return Trajectory(
-            scene=scene.name, engine=self.name, version=self.version, fidelity=fidelity, t=run.t, columns=run.columns,
-            cost=cost, termination=run.termination, breakdown=run.breakdown,
-            settings={"dt": dt, "method": "Moreau midpoint", **options, "clearance [m]": clearance,
-                      "friction_law": self.capabilities.friction_law[fidelity]})
+            scene=scene.name,
+            engine=self.name,
+            version=self.version,
+            fidelity=fidelity,
+            t=run.t,
+            columns=run.columns,
+            cost=cost,
+            termination=run.termination,
+            breakdown=run.breakdown,
+            settings={
+                "dt": dt,
+                "method": "Moreau midpoint",
+                **options,
+                "clearance [m]": clearance,
+                "friction_law": self.capabilities.friction_law[fidelity],
+            },
+        )

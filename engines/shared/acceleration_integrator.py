@@ -35,7 +35,9 @@ from stiction.scenes.trajectory import rows_of
 
 METHOD = "accelerations"
 """The setting `method` of the engines that offer this."""
-FRICTION_LAW = "Coulomb with located events, bound mu (|n1| + |n2|) from the balance of momentum (adapter)"
+FRICTION_LAW = (
+    "Coulomb with located events, bound mu (|n1| + |n2|) from the balance of momentum (adapter)"
+)
 DEFAULT_TOLERANCE = 1e-9
 _SAMPLES = 8  # instants of a step at which event functions are looked at
 _MOST_EVENTS = 100  # in a row, without time passing
@@ -76,7 +78,9 @@ class TreeAccelerations:
     def __init__(self, scene: Scene):
         self.tree = tree = LinkTree(scene)
         if tree.loops:
-            raise Refused(f"joints.{tree.loops[0]}: closes a loop; inverse dynamics are those of a tree")
+            raise Refused(
+                f"joints.{tree.loops[0]}: closes a loop; inverse dynamics are those of a tree"
+            )
         self.clock, self.calls = EngineClock(), 0
         position, velocity = tree.coordinates(scene)
         self._driven = motors_of(scene, tree, position)
@@ -113,8 +117,13 @@ class TreeAccelerations:
         assemble(balance, t, q, v, 0.0)
         # normal forces and moments of the guides: constant + slope @ friction
         constant = self._reactions(a, np.zeros(count))
-        slope = np.stack([self._reactions(self._motion(t, y, second + add)[2], one) - constant
-                          for add, one in zip(per_newton.T, np.eye(count))], axis=-1)
+        slope = np.stack(
+            [
+                self._reactions(self._motion(t, y, second + add)[2], one) - constant
+                for add, one in zip(per_newton.T, np.eye(count))
+            ],
+            axis=-1,
+        )
         matrix, right = np.eye(count), np.zeros(count)
         for i, d in enumerate(self.slip):
             if d == 0:
@@ -128,7 +137,7 @@ class TreeAccelerations:
         friction = np.linalg.solve(matrix, right)
         rows = m.friction["row"]
         w.force[rows], w.force[rows + 1] = constant + slope @ friction
-        w.force[m.rows:], w.slip_speed[:] = friction, self._slip_speed(y)
+        w.force[m.rows :], w.slip_speed[:] = friction, self._slip_speed(y)
         choose_branches(m, w, self.slip, self.corner, ALL)
         event_functions(m, w, self.slip, self.corner)
         return _Instant(second + per_newton @ friction, friction, w.event.reshape(count, 3).copy())
@@ -138,8 +147,11 @@ class TreeAccelerations:
         instant = self.at(t, y)
         return t, *self._motion(t, y, instant.second), self.slip.copy(), instant.friction
 
-    def first_event(self, curve: Callable[[float], np.ndarray], start: float, end: float) -> tuple[float, int]:
+    def first_event(
+        self, curve: Callable[[float], np.ndarray], start: float, end: float
+    ) -> tuple[float, int]:
         """First instant at which an event function falls through zero, and its place; `end` and -1 if none does."""
+
         def value(t: float, place: int) -> float:
             return self.at(t, curve(t)).event.flat[place]
 
@@ -152,8 +164,15 @@ class TreeAccelerations:
             # what is not above zero at the start has had its event there: it rises, or its mode was left at once
             falls = np.flatnonzero((after < 0.0) & ((before > 0.0) | (low == start))).tolist()
             if falls:
-                return min((brentq(value, low, high, args=(place,), xtol=1e-15) if before[place] > 0.0 else low, place)
-                           for place in falls)
+                return min(
+                    (
+                        brentq(value, low, high, args=(place,), xtol=1e-15)
+                        if before[place] > 0.0
+                        else low,
+                        place,
+                    )
+                    for place in falls
+                )
             before = after
         return end, -1
 
@@ -168,7 +187,7 @@ class TreeAccelerations:
 
     def _rest(self, t: float, y: np.ndarray, guide: int, held: bool) -> None:
         """Have a guide at rest stick, in place, if it may be `held` and static friction can; else slip where drawn."""
-        y[len(y) // 2:][self._guides[guide]] = 0.0
+        y[len(y) // 2 :][self._guides[guide]] = 0.0
         self.slip[guide] = 0
         instant = self.at(t, y)
         if not held or instant.event[guide, :2].min() < 0.0:
@@ -224,11 +243,19 @@ class TreeAccelerations:
 
     def _slip_speed(self, y: np.ndarray) -> np.ndarray:
         """Slip speeds of the frictional guides, m/s."""
-        return self._signs * y[len(y) // 2:][self._guides]
+        return self._signs * y[len(y) // 2 :][self._guides]
 
 
-def integrate(accelerations: TreeAccelerations, scene: Scene, engine: Engine, *, t_end: float, rtol: float,
-              output_step: float, setup_s: float) -> Trajectory:
+def integrate(
+    accelerations: TreeAccelerations,
+    scene: Scene,
+    engine: Engine,
+    *,
+    t_end: float,
+    rtol: float,
+    output_step: float,
+    setup_s: float,
+) -> Trajectory:
     """Integrate from t = 0 to t_end with local errors of rtol (1 + |x|), in m, rad and their rates.
 
     EngineFailure if the step becomes too small, or contact modes follow each other without time passing. `setup_s` is
@@ -246,8 +273,14 @@ def integrate(accelerations: TreeAccelerations, scene: Scene, engine: Engine, *,
     output = output_times(t_end, output_step)
     for stop in (*Mechanism(scene, stabilization="none").kinks(t_end), t_end):
         while t < stop:
-            solver = DOP853(lambda t, y: np.concatenate([y[len(y) // 2:], accelerations.at(t, y).second]), t, y, stop,
-                            rtol=rtol, atol=rtol)
+            solver = DOP853(
+                lambda t, y: np.concatenate([y[len(y) // 2 :], accelerations.at(t, y).second]),
+                t,
+                y,
+                stop,
+                rtol=rtol,
+                atol=rtol,
+            )
             event, started_at = -1, t
             while event < 0 and solver.status == "running":
                 message = solver.step()
@@ -256,11 +289,16 @@ def integrate(accelerations: TreeAccelerations, scene: Scene, engine: Engine, *,
                 steps += 1
                 curve = solver.dense_output()
                 end, event = accelerations.first_event(curve, t, solver.t)
-                samples += [accelerations.sample(at, curve(at)) for at in output[(output >= t) & (output < end)]]
+                samples += [
+                    accelerations.sample(at, curve(at))
+                    for at in output[(output >= t) & (output < end)]
+                ]
                 t, y = end, curve(end) if event >= 0 else solver.y
             idle = idle + 1 if t <= started_at else 0
             if idle > _MOST_EVENTS:
-                raise EngineFailure(f"contact modes follow each other without time passing at t = {t:.9g} s")
+                raise EngineFailure(
+                    f"contact modes follow each other without time passing at t = {t:.9g} s"
+                )
             if event < 0:
                 continue
             guide, place = divmod(event, 3)
@@ -274,14 +312,27 @@ def integrate(accelerations: TreeAccelerations, scene: Scene, engine: Engine, *,
     events = []
     if switches:
         rows = rows_of(_columns(scene, sides))
-        events = [Event(sides[2 * i][0], kind, guide, rows[2 * i], rows[2 * i + 1])
-                  for i, (kind, guide) in enumerate(switches)]
+        events = [
+            Event(sides[2 * i][0], kind, guide, rows[2 * i], rows[2 * i + 1])
+            for i, (kind, guide) in enumerate(switches)
+        ]
     return Trajectory(
-        scene=scene.name, engine=engine.name, version=engine.version, fidelity="joint",
-        t=np.array([t for t, *_ in samples]), columns=_columns(scene, samples), events=tuple(events),
+        scene=scene.name,
+        engine=engine.name,
+        version=engine.version,
+        fidelity="joint",
+        t=np.array([t for t, *_ in samples]),
+        columns=_columns(scene, samples),
+        events=tuple(events),
         settings={"rtol": rtol, "method": METHOD, "friction_law": FRICTION_LAW},
-        cost=Cost(setup_s, compiled - started, ended - compiled,
-                  {"steps": steps, "rhs": accelerations.calls, "events": len(events)}, engine_s))
+        cost=Cost(
+            setup_s,
+            compiled - started,
+            ended - compiled,
+            {"steps": steps, "rhs": accelerations.calls, "events": len(events)},
+            engine_s,
+        ),
+    )
 
 
 def _columns(scene: Scene, samples: list[tuple[Any, ...]]) -> dict[str, np.ndarray]:
@@ -289,4 +340,6 @@ def _columns(scene: Scene, samples: list[tuple[Any, ...]]) -> dict[str, np.ndarr
 
 
 def _kind(before: int, after: int) -> str:
-    return "corner" if before == after else "slip" if not before else "reversal" if after else "stick"
+    return (
+        "corner" if before == after else "slip" if not before else "reversal" if after else "stick"
+    )

@@ -18,7 +18,9 @@ REACH = 1e3
 def contact_refusal(scene: Scene) -> str | None:
     """Why the scene's guides cannot be boxes between fixed surfaces; None if they can."""
     if not scene.guides:
-        return "contact fidelity is about sliders in guides, and the scene has no translational joint"
+        return (
+            "contact fidelity is about sliders in guides, and the scene has no translational joint"
+        )
     for name, guide in scene.guides.items():
         if guide.guide != GROUND:
             return f"joints.{name}: its guide is the body {guide.guide!r}; at contact fidelity guides are fixed"
@@ -29,14 +31,22 @@ def contact_refusal(scene: Scene) -> str | None:
 
 def crowded(scene: Scene, most: int, called: str) -> str | None:
     """Why an engine whose collision filters have a bit for each guide cannot keep them apart; None if it can."""
-    return (f"{len(scene.guides)} guides; {called}'s collision filters, which keep them apart, have room for {most}"
-            if len(scene.guides) > most else None)
+    return (
+        f"{len(scene.guides)} guides; {called}'s collision filters, which keep them apart, have room for {most}"
+        if len(scene.guides) > most
+        else None
+    )
 
 
 def several_guides(scene: Scene) -> str | None:
     """Name the body that slides in two guides, for engines that give a body one box; None if none does."""
-    return next((f"joints.{name}: its slider slides in joints.{other}, too; here a body touches one guide"
-                 for name, other in _of_one_slider(scene)), None)
+    return next(
+        (
+            f"joints.{name}: its slider slides in joints.{other}, too; here a body touches one guide"
+            for name, other in _of_one_slider(scene)
+        ),
+        None,
+    )
 
 
 def unlike_guides(scene: Scene) -> str | None:
@@ -45,9 +55,15 @@ def unlike_guides(scene: Scene) -> str | None:
     None if none does.
     """
     friction = {name: (guide.mu, guide.static_coefficient) for name, guide in scene.guides.items()}
-    return next((f"joints.{name}: its slider slides in joints.{other}, too, with other coefficients; here a body has "
-                 "one friction"
-                 for name, other in _of_one_slider(scene) if friction[name] != friction[other]), None)
+    return next(
+        (
+            f"joints.{name}: its slider slides in joints.{other}, too, with other coefficients; here a body has "
+            "one friction"
+            for name, other in _of_one_slider(scene)
+            if friction[name] != friction[other]
+        ),
+        None,
+    )
 
 
 def _of_one_slider(scene: Scene) -> Iterator[tuple[str, str]]:
@@ -79,4 +95,6 @@ def slider_box(guide: Translational, clearance: float) -> list[tuple[float, floa
     x0, y0 = guide.slider_point
     length, width = guide.extent
     a, b = length / 2, (width - clearance) / 2
-    return [(x0 + c * x - s * y, y0 + s * x + c * y) for x, y in ((-a, -b), (a, -b), (a, b), (-a, b))]
+    return [
+        (x0 + c * x - s * y, y0 + s * x + c * y) for x, y in ((-a, -b), (a, -b), (a, b), (-a, b))
+    ]

@@ -51,16 +51,23 @@ class DeclaredEngine(Engine):
         """Capabilities as the file declares them; it does not say where reactions come from."""
         declared, fidelity = self.declared, self.declared.fidelity
         return Capabilities(
-            fidelities=(fidelity,), static_coefficient={fidelity: declared.static_coefficient},
-            friction_law={fidelity: declared.friction_law or "none"}, reactions=self.reactions,
-            order=declared.order, adaptive=declared.adaptive)
+            fidelities=(fidelity,),
+            static_coefficient={fidelity: declared.static_coefficient},
+            friction_law={fidelity: declared.friction_law or "none"},
+            reactions=self.reactions,
+            order=declared.order,
+            adaptive=declared.adaptive,
+        )
 
     def locates_events(self, fidelity: str, settings: Mapping[str, Any]) -> bool:
         return self.declared.locates_events
 
     def keeps_cone(self, fidelity: str, settings: Mapping[str, Any]) -> bool:
-        return (super().keeps_cone(fidelity, settings) and not self.declared.regularized
-                and "accelerations" not in settings)
+        return (
+            super().keeps_cone(fidelity, settings)
+            and not self.declared.regularized
+            and "accelerations" not in settings
+        )
 
     def steps_by_impulses(self, fidelity: str, settings: Mapping[str, Any]) -> bool:
         return self.declared.impulses
@@ -70,8 +77,10 @@ class DeclaredEngine(Engine):
             if not self.declared.friction_law and guide.static_coefficient > 0:
                 return f"joints.{name}: {self.name} declares no friction law"
             if not self.declared.static_coefficient and guide.static_coefficient != guide.mu:
-                return (f"joints.{name}: {self.name} declares no static coefficient; mus = "
-                        f"{guide.static_coefficient:g} is not mu = {guide.mu:g}")
+                return (
+                    f"joints.{name}: {self.name} declares no static coefficient; mus = "
+                    f"{guide.static_coefficient:g} is not mu = {guide.mu:g}"
+                )
         return None
 
     @contextmanager
@@ -80,12 +89,20 @@ class DeclaredEngine(Engine):
         try:
             yield
         except FileError as error:
-            raise BadTrajectory(f"{self.name} returned a result that cannot be used: "
-                                + "; ".join(map(str, error.problems))) from None
+            raise BadTrajectory(
+                f"{self.name} returned a result that cannot be used: "
+                + "; ".join(map(str, error.problems))
+            ) from None
 
-    def trajectory(self, scene: Scene, table: ResultTable,
-                   events: Callable[[Mapping[str, np.ndarray]], Iterable[Event]], settings: Mapping[str, Any],
-                   cost: Cost, termination: str) -> Trajectory:
+    def trajectory(
+        self,
+        scene: Scene,
+        table: ResultTable,
+        events: Callable[[Mapping[str, np.ndarray]], Iterable[Event]],
+        settings: Mapping[str, Any],
+        cost: Cost,
+        termination: str,
+    ) -> Trajectory:
         """Return the trajectory of a table, `events` taken from all its columns.
 
         Accelerations that it does not have are differences of its velocities, which a setting says.
@@ -98,26 +115,53 @@ class DeclaredEngine(Engine):
         from stiction.reference_impl.multibody.reactions import recover_columns  # compiles
 
         if missing := [column for column in state_columns(scene) if column not in table.columns]:
-            raise BadTrajectory(f"{self.name} returned no column {', '.join(missing[:4])}{', ..' * (len(missing) > 4)};"
-                                " expected positions and velocities of all bodies")
+            raise BadTrajectory(
+                f"{self.name} returned no column {', '.join(missing[:4])}{', ..' * (len(missing) > 4)};"
+                " expected positions and velocities of all bodies"
+            )
         found, made = dict(table.columns), {}
         for body in scene.bodies:
             for velocity, acceleration in zip(VELOCITIES, ACCELERATIONS):
                 if (column := f"{body}.{acceleration}") not in found:
                     if len(table.first) < max(2, len(table.t)):
-                        raise BadTrajectory(f"{self.name} returned no column {column}; expected accelerations where a "
-                                            "time has two rows, or the run a single one")
+                        raise BadTrajectory(
+                            f"{self.name} returned no column {column}; expected accelerations where a "
+                            "time has two rows, or the run a single one"
+                        )
                     found[column] = np.gradient(found[f"{body}.{velocity}"], table.t)
                     made = {"accelerations": DIFFERENCES}
-        q, v, a = (stacked(found, scene.bodies, labels) for labels in (POSITIONS, VELOCITIES, ACCELERATIONS))
-        columns = recover_columns(scene, table.t, q, v, a, {
-            name: values for name, values in found.items() if name.rpartition(".")[0] not in scene.bodies}) | found
+        q, v, a = (
+            stacked(found, scene.bodies, labels)
+            for labels in (POSITIONS, VELOCITIES, ACCELERATIONS)
+        )
+        columns = (
+            recover_columns(
+                scene,
+                table.t,
+                q,
+                v,
+                a,
+                {
+                    name: values
+                    for name, values in found.items()
+                    if name.rpartition(".")[0] not in scene.bodies
+                },
+            )
+            | found
+        )
         fidelity = self.declared.fidelity
         return Trajectory(
-            scene=scene.name, engine=self.name, version=self.version, fidelity=fidelity, t=table.t[table.last],
-            columns={name: values[table.last] for name, values in columns.items()}, events=tuple(events(columns)),
-            settings={**settings, **made, "friction_law": self.capabilities.friction_law[fidelity]}, cost=cost,
-            termination=termination)
+            scene=scene.name,
+            engine=self.name,
+            version=self.version,
+            fidelity=fidelity,
+            t=table.t[table.last],
+            columns={name: values[table.last] for name, values in columns.items()},
+            events=tuple(events(columns)),
+            settings={**settings, **made, "friction_law": self.capabilities.friction_law[fidelity]},
+            cost=cost,
+            termination=termination,
+        )
 
 
 def read_declaration(file: Path, model: type[Declaration]) -> Declaration:

@@ -13,8 +13,16 @@ from typing import Any, ClassVar, NamedTuple
 
 import numpy as np
 
-from stiction.engines.protocol import (FIDELITIES, BadTrajectory, Capabilities, Engine, EngineFailure, Supplier,
-                                       check_settings, check_steps)
+from stiction.engines.protocol import (
+    FIDELITIES,
+    BadTrajectory,
+    Capabilities,
+    Engine,
+    EngineFailure,
+    Supplier,
+    check_settings,
+    check_steps,
+)
 from stiction.engines.shared.engine_clock import EngineClock
 from stiction.engines.shared.friction_bound import CAPPED, CONTACT
 from stiction.engines.shared.inconsistent_start import refuse_off
@@ -109,7 +117,9 @@ Defaults = Mapping[str, int | float | tuple[str, ...]]
 """Default of each setting; of one that is a word all that it may be, the default first."""
 
 
-def settings_of(given: Mapping[str, Any], defaults: Defaults, engine: str, fidelity: str) -> dict[str, Any]:
+def settings_of(
+    given: Mapping[str, Any], defaults: Defaults, engine: str, fidelity: str
+) -> dict[str, Any]:
     """The engine's settings with those given put in; InputError for a name, a type or a value that it does not have.
 
     The type is that of the default; numbers are finite and not negative, whole ones at least 1, or
@@ -123,12 +133,21 @@ def settings_of(given: Mapping[str, Any], defaults: Defaults, engine: str, fidel
             continue
         whole = isinstance(default, int)
         least = min(1, default) if whole else 0
-        if isinstance(value, bool) or not isinstance(value, int if whole else (int, float)) \
-                or not math.isfinite(value) or value < least:
+        if (
+            isinstance(value, bool)
+            or not isinstance(value, int if whole else (int, float))
+            or not math.isfinite(value)
+            or value < least
+        ):
             kind = "whole number" if whole else "number"
             raise InputError(f"{name}: found {value!r}; expected a {kind} >= {least}")
-    return {**{name: default[0] if isinstance(default, tuple) else default for name, default in defaults.items()},
-            **given}
+    return {
+        **{
+            name: default[0] if isinstance(default, tuple) else default
+            for name, default in defaults.items()
+        },
+        **given,
+    }
 
 
 @dataclass(frozen=True)
@@ -161,9 +180,14 @@ class SteppedEngine(Engine):
         By fidelity: displacement in metres up to which its guides go.
     """
 
-    capabilities = Capabilities(fidelities=FIDELITIES, static_coefficient={"joint": True, "contact": True},
-                                friction_law={"joint": CAPPED, "contact": CONTACT}, reactions="momentum balance",
-                                order="1", friction_by={"joint": Supplier.ADAPTER, "contact": Supplier.BOTH})
+    capabilities = Capabilities(
+        fidelities=FIDELITIES,
+        static_coefficient={"joint": True, "contact": True},
+        friction_law={"joint": CAPPED, "contact": CONTACT},
+        reactions="momentum balance",
+        order="1",
+        friction_by={"joint": Supplier.ADAPTER, "contact": Supplier.BOTH},
+    )
     defaults: ClassVar[Mapping[str, Defaults]]
     reach: ClassVar[Mapping[str, float]] = {"joint": math.inf, "contact": math.inf}
 
@@ -174,12 +198,22 @@ class SteppedEngine(Engine):
         return "method" not in settings  # its steps
 
     @abstractmethod
-    def stepper(self, scene: Scene, h: float, options: Mapping[str, Any],
-                fidelity: str) -> AbstractContextManager[Stepper]:
+    def stepper(
+        self, scene: Scene, h: float, options: Mapping[str, Any], fidelity: str
+    ) -> AbstractContextManager[Stepper]:
         """Its steps of h seconds, for as long as they are taken; InputError for a setting out of its range."""
 
-    def run(self, scene: Scene, *, t_end: float, dt: float | None, rtol: float | None, fidelity: str,
-            output_step: float, settings: Mapping[str, Any]) -> Trajectory:
+    def run(
+        self,
+        scene: Scene,
+        *,
+        t_end: float,
+        dt: float | None,
+        rtol: float | None,
+        fidelity: str,
+        output_step: float,
+        settings: Mapping[str, Any],
+    ) -> Trajectory:
         started = process_time()
         grid, samples = Grid.of(t_end, step_of(dt, t_end), output_step), []
         h, last, every = grid.dt, grid.last, grid.every
@@ -197,15 +231,23 @@ class SteppedEngine(Engine):
                     samples.append(sample)
             except FloatingPointError as error:
                 reached = max(len(samples) - 1, 0) * every * h
-                raise EngineFailure(f"{self.name}: {error}, after t = {reached:g} s with dt = {h:g} s") from error
+                raise EngineFailure(
+                    f"{self.name}: {error}, after t = {reached:g} s with dt = {h:g} s"
+                ) from error
             passes = stepper.clock.calls
-            cost = Cost(set_up - started, start - set_up, process_time() - start,
-                        {"steps": last + 1, "passes": passes, "balances": passes * stepper.balanced},
-                        stepper.clock.engine_s)
+            cost = Cost(
+                set_up - started,
+                start - set_up,
+                process_time() - start,
+                {"steps": last + 1, "passes": passes, "balances": passes * stepper.balanced},
+                stepper.clock.engine_s,
+            )
         t = np.arange(0, last + 1, every) * h
         q, v, a, modes, friction = (np.array(part) for part in zip(*samples))
         rests = _held_too(scene, q, v, friction, h)
-        columns = columns_of_motion(scene, t, q, v, a, np.where(rests, 0, modes), np.where(rests, np.nan, friction))
+        columns = columns_of_motion(
+            scene, t, q, v, a, np.where(rests, 0, modes), np.where(rests, np.nan, friction)
+        )
         size = Mechanism(scene, stabilization="none").arrays.length_scale
         off = columns["drift.position"]
         for name in scene.guides:
@@ -214,16 +256,33 @@ class SteppedEngine(Engine):
                     raise BadTrajectory(
                         f"{self.name}: the run diverged: {off[left[0]]:.3g} m off its constraints "
                         f"at t = {t[left[0]]:g} s with dt = {h:g} s; expected less than the size "
-                        f"of the mechanism, {size:.3g} m")
-                raise BadTrajectory(f"{self.name}: {name} is {farthest:g} m from its guide's point; guides end at "
-                                    f"{self.reach[fidelity]:g} m")
-        return Trajectory(scene=scene.name, engine=self.name, version=self.version, fidelity=fidelity, t=t,
-                          columns=columns, cost=cost,
-                          settings={"dt": h, **options, "friction_law": self.capabilities.friction_law[fidelity]})
+                        f"of the mechanism, {size:.3g} m"
+                    )
+                raise BadTrajectory(
+                    f"{self.name}: {name} is {farthest:g} m from its guide's point; guides end at "
+                    f"{self.reach[fidelity]:g} m"
+                )
+        return Trajectory(
+            scene=scene.name,
+            engine=self.name,
+            version=self.version,
+            fidelity=fidelity,
+            t=t,
+            columns=columns,
+            cost=cost,
+            settings={"dt": h, **options, "friction_law": self.capabilities.friction_law[fidelity]},
+        )
 
 
-def columns_of_motion(scene: Scene, t: np.ndarray, q: np.ndarray, v: np.ndarray, a: np.ndarray, modes: np.ndarray,
-                      frictions: np.ndarray) -> dict[str, np.ndarray]:
+def columns_of_motion(
+    scene: Scene,
+    t: np.ndarray,
+    q: np.ndarray,
+    v: np.ndarray,
+    a: np.ndarray,
+    modes: np.ndarray,
+    frictions: np.ndarray,
+) -> dict[str, np.ndarray]:
     """Return all columns of a motion, with a column of modes and frictions (N) for each frictional guide.
 
     A friction that is NaN is recovered from the balance of momentum.
@@ -234,7 +293,9 @@ def columns_of_motion(scene: Scene, t: np.ndarray, q: np.ndarray, v: np.ndarray,
     return recover_columns(scene, t, q, v, a, known)
 
 
-def _held_too(scene: Scene, q: np.ndarray, v: np.ndarray, friction: np.ndarray, dt: float) -> np.ndarray:
+def _held_too(
+    scene: Scene, q: np.ndarray, v: np.ndarray, friction: np.ndarray, dt: float
+) -> np.ndarray:
     """Guides at rest to rounding, shape (n, frictional), where another is held (its friction is nan).
 
     They share a friction, of which the engine gives some their bound: the sign of 1e-20 m/s is no direction of slip.
@@ -242,6 +303,13 @@ def _held_too(scene: Scene, q: np.ndarray, v: np.ndarray, friction: np.ndarray, 
     if friction.shape[1] < 2:
         return np.zeros(friction.shape, dtype=bool)
     m = Mechanism(scene, stabilization="none").arrays
-    slip = np.stack([guide_motion(m, list(scene.joints).index(name), q, v)[1] for name in scene.frictional_guides],
-                    axis=1)
-    return (np.abs(slip) * dt <= np.finfo(float).eps * m.length_scale) & np.isnan(friction).any(axis=1, keepdims=True)
+    slip = np.stack(
+        [
+            guide_motion(m, list(scene.joints).index(name), q, v)[1]
+            for name in scene.frictional_guides
+        ],
+        axis=1,
+    )
+    return (np.abs(slip) * dt <= np.finfo(float).eps * m.length_scale) & np.isnan(friction).any(
+        axis=1, keepdims=True
+    )

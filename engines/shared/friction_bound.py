@@ -18,7 +18,14 @@ from math import nan
 
 import numpy as np
 
-from stiction.engines.shared.step_kernels import GUIDE, Attempts, Balance, Cap, begin_contacts, finish_contacts
+from stiction.engines.shared.step_kernels import (
+    GUIDE,
+    Attempts,
+    Balance,
+    Cap,
+    begin_contacts,
+    finish_contacts,
+)
 from stiction.reference_impl.compiled.kernel import link_kernels
 from stiction.scenes import Scene
 from stiction.scenes.model import Translational
@@ -88,13 +95,26 @@ class FrictionBound(GuideFriction):
 
     def __init__(self, scene: Scene, passes: int, capped: bool):
         super().__init__(scene.frictional_guides.values() if capped else ())
-        self.balance, self.held, self._caps = Balance.of(scene), self.guides["held"], self.guides["cap"].tolist
+        self.balance, self.held, self._caps = (
+            Balance.of(scene),
+            self.guides["held"],
+            self.guides["cap"].tolist,
+        )
         self.initial = self.balance.q.copy(), self.balance.v.copy()
-        self.data = Cap(balance=self.balance, guides=self.guides, passes=passes,
-                        attempts=np.array((0, _FIRST_STEPS), dtype=Attempts.structure()))
+        self.data = Cap(
+            balance=self.balance,
+            guides=self.guides,
+            passes=passes,
+            attempts=np.array((0, _FIRST_STEPS), dtype=Attempts.structure()),
+        )
 
-    def step(self, advance: Callable[[list[float]], None], finish: Callable[[float], bool], t: float,
-             retreat: Callable[[], None]) -> None:
+    def step(
+        self,
+        advance: Callable[[list[float]], None],
+        finish: Callable[[float], bool],
+        t: float,
+        retreat: Callable[[], None],
+    ) -> None:
         """Have the engine make a step, whose passes are repeated until bound and reactions agree.
 
         `advance` makes a pass with these caps (N), `retreat` returns to the beginning. `finish` judges a pass: False

@@ -21,7 +21,11 @@ def refuse_off(scene: Scene) -> None:
     """Raise Declined for a start off the constraints of its joints and drives, with the largest residual."""
     mechanisms = [Mechanism(part, stabilization="none") for part in independent_parts(scene)]
     size = max(mechanism.arrays.length_scale for mechanism in mechanisms)
-    rates = [abs(rate) for body in scene.bodies.values() for rate in (*body.velocity, size * body.angular_velocity)]
+    rates = [
+        abs(rate)
+        for body in scene.bodies.values()
+        for rate in (*body.velocity, size * body.angular_velocity)
+    ]
     speed = max([size, *rates])
     position, velocity = [0.0], [0.0]
     for mechanism in mechanisms:
@@ -29,7 +33,12 @@ def refuse_off(scene: Scene) -> None:
         row_form(m, w, 0.0, *mechanism.initial_state())
         position += w.phi.tolist()
         velocity += w.phi_dot.tolist()
-    for residuals, scale, units in ((position, size, "m or rad"), (velocity, speed, "m/s or rad/s")):
+    for residuals, scale, units in (
+        (position, size, "m or rad"),
+        (velocity, speed, "m/s or rad/s"),
+    ):
         off = np.abs(residuals).max()
         if not off <= OFF * scale:
-            raise Declined(f"the start is {off:.2g} {units} off its constraints; this adapter assembles nothing")
+            raise Declined(
+                f"the start is {off:.2g} {units} off its constraints; this adapter assembles nothing"
+            )

@@ -19,7 +19,13 @@ from stiction.engines.shared.contact_geometry import direction_of
 from stiction.engines.shared.fixed_step import Sample, Stepper
 from stiction.engines.shared.friction_bound import CoefficientSwitch, FrictionBound, GuideFriction
 from stiction.engines.shared.link_tree import LinkTree
-from stiction.engines.shared.step_kernels import JointStep, begin_joints, finish_contacts, finish_joints, motion
+from stiction.engines.shared.step_kernels import (
+    JointStep,
+    begin_joints,
+    finish_contacts,
+    finish_joints,
+    motion,
+)
 from stiction.reference_impl.compiled.kernel import bound, link_kernels
 from stiction.scenes import Scene
 from stiction.scenes.laws import Constant, Law, Linear, evaluate_law
@@ -40,19 +46,24 @@ def motor_link(scene: Scene, tree: LinkTree, drive: Drive) -> tuple[int, int]:
             return hinges[0]
         raise Refused(f"drives one hinge at a time, this angle is that of {len(hinges)} hinges")
     if drive.axis is None or (found := link_along(scene, tree, drive.bodies, drive.axis)) is None:
-        raise Refused("drives distances only along a guide between the same two bodies, as its axis")
+        raise Refused(
+            "drives distances only along a guide between the same two bodies, as its axis"
+        )
     if tree.links[found[0]].joint in scene.frictional_guides:
         raise Refused("has one motor a joint, and the guide's friction needs it")
     return found
 
 
-def link_along(scene: Scene, tree: LinkTree, bodies: tuple[str, str],
-               axis: tuple[float, float]) -> tuple[int, int] | None:
+def link_along(
+    scene: Scene, tree: LinkTree, bodies: tuple[str, str], axis: tuple[float, float]
+) -> tuple[int, int] | None:
     """The link of a guide, of bodies (slider, guide), that is parallel to an axis of the guide, and its sign."""
     for name, guide in scene.guides.items():
         (ax, ay), (dx, dy) = axis, guide.direction
         sine = (ax * dy - ay * dx) / math.hypot(ax, ay) / math.hypot(dx, dy)
-        if guide.bodies == bodies and name in tree.link_of_joint and abs(sine) < 1e-12:  # parallel to rounding
+        if (
+            guide.bodies == bodies and name in tree.link_of_joint and abs(sine) < 1e-12
+        ):  # parallel to rounding
             link, sense = tree.link_of_joint[name], 1 if np.dot(axis, guide.direction) > 0 else -1
             return link, sense * tree.links[link].sign
     return None
@@ -65,7 +76,10 @@ Motor = tuple[int, int, Law, float]
 def motors_of(scene: Scene, tree: LinkTree, position: np.ndarray) -> list[Motor]:
     """Return the motor of each drive of a scene that begins at this position of the links, shape (links,)."""
     found = [(*motor_link(scene, tree, drive), drive.law) for drive in scene.drives.values()]
-    return [(link, sign, law, position[link] - sign * evaluate_law(law, 0.0)[0]) for link, sign, law in found]
+    return [
+        (link, sign, law, position[link] - sign * evaluate_law(law, 0.0)[0])
+        for link, sign, law in found
+    ]
 
 
 _SETTLING = 16
@@ -106,11 +120,15 @@ class TreeStepper(Stepper):
         self._bound = FrictionBound(scene, options.get("passes", 1), capped)
         self.friction = self._bound
         self.held, self.balanced = self._bound.held, bool(len(self._bound.held))
-        self.friction_links = [tree.link_of_joint[name] for name in scene.frictional_guides] if capped else []
+        self.friction_links = (
+            [tree.link_of_joint[name] for name in scene.frictional_guides] if capped else []
+        )
         self.settling = _SETTLING if tree.loops else 0
         self.joints_are(*tree.coordinates(scene))
         self._motors = motors_of(scene, tree, self.position)
-        self._followed = [motor for motor in self._motors if not isinstance(motor[2], (Constant, Linear))]
+        self._followed = [
+            motor for motor in self._motors if not isinstance(motor[2], (Constant, Linear))
+        ]
         self.rates: dict[int, float] = {}
 
     def joints_are(self, position: np.ndarray, velocity: np.ndarray) -> None:
@@ -123,11 +141,23 @@ class TreeStepper(Stepper):
         self._last = last_position, last_velocity, acceleration
         signs = [self.tree.links[link].sign for link in self.friction_links]
         self._data = JointStep(
-            cap=self._bound.data, h=self.h, loaded=int(self.loaded), tree=self.tree.data_of_its_own(),
-            links=np.array(self.friction_links, dtype=np.int64), signs=np.array(signs, dtype=float), position=position,
-            velocity=velocity, start_position=self._start[0], start_velocity=self._start[1],
-            last_position=last_position, last_velocity=last_velocity, acceleration=acceleration, q=self.coordinates,
-            v=v, a=a)
+            cap=self._bound.data,
+            h=self.h,
+            loaded=int(self.loaded),
+            tree=self.tree.data_of_its_own(),
+            links=np.array(self.friction_links, dtype=np.int64),
+            signs=np.array(signs, dtype=float),
+            position=position,
+            velocity=velocity,
+            start_position=self._start[0],
+            start_velocity=self._start[1],
+            last_position=last_position,
+            last_velocity=last_velocity,
+            acceleration=acceleration,
+            q=self.coordinates,
+            v=v,
+            a=a,
+        )
 
     def drive_rate(self, link: int, rate: float) -> None:
         """The motor of a joint holds this rate from now on (m/s or rad/s)."""
@@ -168,7 +198,9 @@ class TreeStepper(Stepper):
 
     def sample(self) -> Sample:
         """Return the sample at the beginning of the last step."""
-        return Sample(*self.tree.motion(*self._last), self.friction.modes_before(), self.friction.frictions())
+        return Sample(
+            *self.tree.motion(*self._last), self.friction.modes_before(), self.friction.frictions()
+        )
 
     def samples(self, every: int) -> Iterator[Sample]:
         self.step()
@@ -185,9 +217,14 @@ class ContactStepper(TreeStepper):
         super().__init__(scene, h, options, *engine)
         self.friction = CoefficientSwitch(scene)
         places = {name: 3 * i for i, name in enumerate(scene.bodies)}
-        self._axes = [(places[guide.slider], *direction_of(guide)) for guide in scene.frictional_guides.values()]
+        self._axes = [
+            (places[guide.slider], *direction_of(guide))
+            for guide in scene.frictional_guides.values()
+        ]
         self._still = np.zeros(len(self.tree.links))
-        self._last_step = tuple(self.friction.guides[name] for name in ("cap", "held", "slip_speed"))
+        self._last_step = tuple(
+            self.friction.guides[name] for name in ("cap", "held", "slip_speed")
+        )
 
     @abstractmethod
     def rub(self, coefficients: Sequence[float]) -> None:
@@ -207,7 +244,14 @@ class ContactStepper(TreeStepper):
         self.rub(coefficients)
         super().advance(caps)
         if coefficients:
-            (caps_of_contacts, held, slip_speeds), (normals, frictions) = self._last_step, self.contact_forces()
+            (caps_of_contacts, held, slip_speeds), (normals, frictions) = (
+                self._last_step,
+                self.contact_forces(),
+            )
             for i, speed in enumerate(self.slip_speeds()):
-                caps_of_contacts[i], held[i], slip_speeds[i] = coefficients[i] * normals[i], frictions[i], speed
+                caps_of_contacts[i], held[i], slip_speeds[i] = (
+                    coefficients[i] * normals[i],
+                    frictions[i],
+                    speed,
+                )
             finish_contacts(self.friction.guides)

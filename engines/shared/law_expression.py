@@ -13,6 +13,8 @@ def law_expression(law: Law, derivative: int = 0) -> str | None:
         return (f"({law.offset!r} + {law.rate!r} * t)", repr(law.rate))[derivative]
     if isinstance(law, Sine):
         phase = f"({law.frequency!r} * t + {law.phase!r})"
-        return (f"({law.offset!r} + {law.amplitude!r} * math.sin{phase})",
-                f"{law.amplitude * law.frequency!r} * math.cos{phase}")[derivative]
+        return (
+            f"({law.offset!r} + {law.amplitude!r} * math.sin{phase})",
+            f"{law.amplitude * law.frequency!r} * math.cos{phase}",
+        )[derivative]
     return None

@@ -66,11 +66,19 @@ class LinkTree:
     def __init__(self, scene: Scene, fidelity: str = "joint"):
         free = scene.guides if fidelity == "contact" else {}
         roots = [guide.slider for guide in free.values()]
-        driven = {frozenset(drive.bodies) for drive in scene.drives.values() if drive.type == "angle"}
+        driven = {
+            frozenset(drive.bodies) for drive in scene.drives.values() if drive.type == "angle"
+        }
 
         def rank(name: str) -> int:
             joint = scene.joints[name]
-            return 0 if isinstance(joint, Translational) else 1 if frozenset(joint.bodies) in driven else 2
+            return (
+                0
+                if isinstance(joint, Translational)
+                else 1
+                if frozenset(joint.bodies) in driven
+                else 2
+            )
 
         tied = DisjointSet((GROUND, *scene.bodies))
         for root in roots:
@@ -89,13 +97,26 @@ class LinkTree:
             if root not in self.link_of:
                 self._add_free(root)
             self._grow(scene, joints_of, root)
-        self.link_of_joint = {link.joint: i for i, link in enumerate(self.links) if link.joint is not None}
+        self.link_of_joint = {
+            link.joint: i for i, link in enumerate(self.links) if link.joint is not None
+        }
         self._bodies = len(scene.bodies)
-        tables = {field: np.array([getattr(link, field) for link in self.links], dtype=kind)
-                  for field, kind in (("parent", np.int64), ("slides", np.int64), ("axis", float), ("anchor", float),
-                                      ("point", float), ("angle", float))}
-        self.data = Tree(**tables, order=np.array([self.link_of[name] for name in scene.bodies]),
-                         **_room(len(self.links)))
+        tables = {
+            field: np.array([getattr(link, field) for link in self.links], dtype=kind)
+            for field, kind in (
+                ("parent", np.int64),
+                ("slides", np.int64),
+                ("axis", float),
+                ("anchor", float),
+                ("point", float),
+                ("angle", float),
+            )
+        }
+        self.data = Tree(
+            **tables,
+            order=np.array([self.link_of[name] for name in scene.bodies]),
+            **_room(len(self.links)),
+        )
 
     def _grow(self, scene: Scene, joints: Mapping[str, Sequence[str]], root: str) -> None:
         branches = [(root, iter(joints[root]))]
@@ -112,8 +133,11 @@ class LinkTree:
 
     def _add_free(self, body: str) -> None:
         n = len(self.links)
-        self.links += [Link(None, None, -1, True, (1.0, 0.0)), Link(None, None, n, True, (0.0, 1.0)),
-                       Link(body, None, n + 1, False)]
+        self.links += [
+            Link(None, None, -1, True, (1.0, 0.0)),
+            Link(None, None, n, True, (0.0, 1.0)),
+            Link(body, None, n + 1, False),
+        ]
         self.link_of[body] = n + 2
 
     def _add(self, joint: Revolute | Translational, name: str, parent: str, child: str) -> None:
@@ -128,8 +152,17 @@ class LinkTree:
                 (ux, uy), c, s = axis, cos(angle), sin(angle)
                 axis = c * ux + s * uy, -s * ux + c * uy
         point, anchor = points if first else points[::-1]
-        link = Link(child, name, self.link_of[parent], isinstance(joint, Translational), axis, anchor, point, angle,
-                    1 if first else -1)
+        link = Link(
+            child,
+            name,
+            self.link_of[parent],
+            isinstance(joint, Translational),
+            axis,
+            anchor,
+            point,
+            angle,
+            1 if first else -1,
+        )
         self.link_of[child] = len(self.links)
         self.links.append(link)
 
@@ -153,7 +186,7 @@ class LinkTree:
             x, y, angle, vx, vy, omega = _start(scene, link.body, link.point)
             parent = self.links[link.parent].body if link.parent >= 0 else GROUND
             if link.joint is None or parent is None:
-                position[i - 2:i + 1], velocity[i - 2:i + 1] = (x, y, angle), (vx, vy, omega)
+                position[i - 2 : i + 1], velocity[i - 2 : i + 1] = (x, y, angle), (vx, vy, omega)
                 continue
             px, py, parent_angle, pvx, pvy, parent_omega = _start(scene, parent, link.anchor)
             if not link.slides:
@@ -162,7 +195,9 @@ class LinkTree:
             c, s = cos(angle), sin(angle)
             ux, uy = c * link.axis[0] - s * link.axis[1], s * link.axis[0] + c * link.axis[1]
             position[i] = ux * (x - px) + uy * (y - py)
-            velocity[i] = ux * (vx - pvx) + uy * (vy - pvy) + omega * (ux * (y - py) - uy * (x - px))
+            velocity[i] = (
+                ux * (vx - pvx) + uy * (vy - pvy) + omega * (ux * (y - py) - uy * (x - px))
+            )
         return position, velocity
 
     def hinge_between(self, first: str, second: str) -> list[tuple[int, int]]:
@@ -180,8 +215,9 @@ class LinkTree:
         """`data` with other room for the links' motion, which stays while `motion` is asked for another one."""
         return self.data.replaced(**_room(len(self.links)))
 
-    def motion(self, position: np.ndarray, velocity: np.ndarray,
-               acceleration: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    def motion(
+        self, position: np.ndarray, velocity: np.ndarray, acceleration: np.ndarray
+    ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """Bodies' coordinates, velocities and accelerations, each of shape (3 * bodies,), from those of the joints."""
         q, v, a = np.empty((3, 3 * self._bodies))
         motion(self.data, position, velocity, acceleration, q, v, a)
@@ -199,5 +235,11 @@ def _start(scene: Scene, name: str, point: tuple[float, float]) -> tuple[float, 
     body = scene.bodies[name]
     c, s, omega = cos(body.angle), sin(body.angle), body.angular_velocity
     rx, ry = c * point[0] - s * point[1], s * point[0] + c * point[1]
-    return (body.position[0] + rx, body.position[1] + ry, body.angle,
-            body.velocity[0] - omega * ry, body.velocity[1] + omega * rx, omega)
+    return (
+        body.position[0] + rx,
+        body.position[1] + ry,
+        body.angle,
+        body.velocity[0] - omega * ry,
+        body.velocity[1] + omega * rx,
+        omega,
+    )

@@ -12,7 +12,14 @@ from typing import Annotated
 
 import numpy as np
 
-from stiction.reference_impl.compiled.bundle import Bundle, Integers, IntegerTable, Reals, Record, Table
+from stiction.reference_impl.compiled.bundle import (
+    Bundle,
+    Integers,
+    IntegerTable,
+    Reals,
+    Record,
+    Table,
+)
 from stiction.reference_impl.compiled.kernel import kernel
 from stiction.reference_impl.compiled.linear_algebra import eliminate, minimum_norm
 from stiction.reference_impl.compiled.loops import copy
@@ -31,10 +38,29 @@ that load each other is off by the root of the step."""
 LOOK_AHEAD = 1.5
 """A reversal is expected within this many steps at the last step's change of velocity."""
 
-GUIDE = np.dtype([*((name, float) for name in ("mu", "mus", "length", "width", "normal_force", "moment", "friction",
-                                               "held", "slip_speed", "slip_speed_before", "change", "coefficient",
-                                               "cap")),
-                  *((name, np.int64) for name in ("stuck", "landed", "mode", "mode_before"))])
+GUIDE = np.dtype(
+    [
+        *(
+            (name, float)
+            for name in (
+                "mu",
+                "mus",
+                "length",
+                "width",
+                "normal_force",
+                "moment",
+                "friction",
+                "held",
+                "slip_speed",
+                "slip_speed_before",
+                "change",
+                "coefficient",
+                "cap",
+            )
+        ),
+        *((name, np.int64) for name in ("stuck", "landed", "mode", "mode_before")),
+    ]
+)
 """A frictional guide (m; length 0 where it has none) and its state in the last step (N, N m, m/s).
 
 `held` is the magnitude of its friction, as the engine has it, `cap` the largest that it may have: the bound of its
@@ -84,9 +110,18 @@ class Balance(Bundle):
         frictional, coordinates = len(m.friction), len(m.inverse_mass)
         rows = m.rows + frictional
         balance = cls.zeros(
-            m=m, w=workspace(m), mass=coordinates, bodies=(rows, 2), known=frictional, unit=2 * rows, unknown=rows,
-            system=(rows, rows), work=(rows, rows), **dict.fromkeys(("q", "v", "loads", "excess"), coordinates),
-            **dict.fromkeys(("force", "right", "solution", "least_squares"), rows))
+            m=m,
+            w=workspace(m),
+            mass=coordinates,
+            bodies=(rows, 2),
+            known=frictional,
+            unit=2 * rows,
+            unknown=rows,
+            system=(rows, rows),
+            work=(rows, rows),
+            **dict.fromkeys(("q", "v", "loads", "excess"), coordinates),
+            **dict.fromkeys(("force", "right", "solution", "least_squares"), rows),
+        )
         balance.q[:], balance.v[:] = mechanism.initial_state()
         balance.mass[:], balance.bodies[:] = 1.0 / m.inverse_mass, -1
         for place, row, body in m.block:
@@ -273,7 +308,9 @@ def _sign(value):
 @kernel
 def _undecided(guide):
     """Return True where the next step may begin, end or contain stick."""
-    return guide.stuck != 0 or guide.slip_speed * (guide.slip_speed + LOOK_AHEAD * guide.change) <= 0.0
+    return (
+        guide.stuck != 0 or guide.slip_speed * (guide.slip_speed + LOOK_AHEAD * guide.change) <= 0.0
+    )
 
 
 @kernel
@@ -341,7 +378,9 @@ def _judge(cap, a):
         guide.friction = balance.force[m.rows + i]
     attempts.left -= 1
     repeat = attempts.left > 0
-    if attempts.left == 0:  # what did not stick with the static coefficient slips with the kinetic one
+    if (
+        attempts.left == 0
+    ):  # what did not stick with the static coefficient slips with the kinetic one
         for i in range(len(guides)):
             guide = guides[i]
             if not guide.stuck and guide.coefficient != guide.mu:
@@ -488,7 +527,9 @@ def _accelerate(tree, position, velocity, acceleration, bodies_a):
 
 
 @kernel
-def motion(tree: Tree, position: Reals, velocity: Reals, acceleration: Reals, q: Reals, v: Reals, a: Reals) -> None:
+def motion(
+    tree: Tree, position: Reals, velocity: Reals, acceleration: Reals, q: Reals, v: Reals, a: Reals
+) -> None:
     """Forward kinematics: per body x, y, angle of the centre of mass and their first and second derivatives."""
     _move(tree, position, velocity, q, v)
     _accelerate(tree, position, velocity, acceleration, a)

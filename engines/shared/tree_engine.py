@@ -10,8 +10,13 @@ from dataclasses import replace
 from typing import Any, ClassVar
 
 from stiction.engines.protocol import Refused, Supplier
-from stiction.engines.shared.acceleration_integrator import (DEFAULT_TOLERANCE, METHOD, Dynamics, TreeAccelerations,
-                                                             integrate)
+from stiction.engines.shared.acceleration_integrator import (
+    DEFAULT_TOLERANCE,
+    METHOD,
+    Dynamics,
+    TreeAccelerations,
+    integrate,
+)
 from stiction.engines.shared.contact_geometry import contact_refusal
 from stiction.engines.shared.engine_clock import EngineClock
 from stiction.engines.shared.fixed_step import SteppedEngine
@@ -71,19 +76,48 @@ class TreeEngine(SteppedEngine):
         return None
 
     @abstractmethod
-    def dynamics(self, scene: Scene, tree: LinkTree, clock: EngineClock) -> AbstractContextManager[Dynamics]:
+    def dynamics(
+        self, scene: Scene, tree: LinkTree, clock: EngineClock
+    ) -> AbstractContextManager[Dynamics]:
         """Its mass matrix and inverse dynamics of a tree, for as long as they are asked for; calls by the clock."""
 
-    def run(self, scene: Scene, *, t_end: float, dt: float | None, rtol: float | None, fidelity: str,
-            output_step: float, settings: Mapping[str, Any]) -> Trajectory:
+    def run(
+        self,
+        scene: Scene,
+        *,
+        t_end: float,
+        dt: float | None,
+        rtol: float | None,
+        fidelity: str,
+        output_step: float,
+        settings: Mapping[str, Any],
+    ) -> Trajectory:
         if settings.get("method") != METHOD:
-            return super().run(scene, t_end=t_end, dt=dt, rtol=rtol, fidelity=fidelity, output_step=output_step,
-                               settings=settings)
+            return super().run(
+                scene,
+                t_end=t_end,
+                dt=dt,
+                rtol=rtol,
+                fidelity=fidelity,
+                output_step=output_step,
+                settings=settings,
+            )
         if dt is not None or fidelity != "joint" or len(settings) > 1:
-            raise InputError(f"method={METHOD}: found dt, contact fidelity or other settings; expected rtol alone")
+            raise InputError(
+                f"method={METHOD}: found dt, contact fidelity or other settings; expected rtol alone"
+            )
         start, tolerance = time.process_time(), DEFAULT_TOLERANCE if rtol is None else rtol
         refuse_off(scene)
         accelerations = TreeAccelerations(scene)
-        with self.dynamics(scene, accelerations.tree, accelerations.clock) as accelerations.dynamics:
-            return integrate(accelerations, scene, self, t_end=t_end, rtol=tolerance, output_step=output_step,
-                             setup_s=time.process_time() - start)
+        with self.dynamics(
+            scene, accelerations.tree, accelerations.clock
+        ) as accelerations.dynamics:
+            return integrate(
+                accelerations,
+                scene,
+                self,
+                t_end=t_end,
+                rtol=tolerance,
+                output_step=output_step,
+                setup_s=time.process_time() - start,
+            )

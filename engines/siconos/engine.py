@@ -18,8 +18,13 @@ SYSTEM_PYTHON, PYTHON_VARIABLE = "/usr/bin/python3", "STICTION_SICONOS_PYTHON"
 """The Python of the declaration, and the environment variable that names another one that has Siconos."""
 BRINGS = "apt-get install python3-siconos brings it (Debian)"
 BLOCKS = ("nsgs", "cpg", "lemke", "enum")
-BOUNDS = {"theta": (0.5, 1.0), "clearance": (1e-12, 1.0), "restitution": (0.0, 1.0), "tolerance": (1e-14, 1e-3),
-          "iterations": (1, 10 ** 9)}
+BOUNDS = {
+    "theta": (0.5, 1.0),
+    "clearance": (1e-12, 1.0),
+    "restitution": (0.0, 1.0),
+    "tolerance": (1e-14, 1e-3),
+    "iterations": (1, 10**9),
+}
 """Smallest and largest value of each setting that is a number, of its type."""
 
 
@@ -41,8 +46,12 @@ class SiconosEngine(ProgramEngine):
             # a Python without Siconos, or without NumPy, ends with the traceback of the import; its last line says why
             last = str(error).partition("; expected a line")[0].rpartition(" | ")[2].strip()
             if last.startswith("ModuleNotFoundError"):
-                raise EngineMissing(f"{self.name}: {_python()} does not have it; {BRINGS}") from error
-            raise EngineBroken(f"{self.name}: {_python()} cannot run it: {last}; {BRINGS}") from error
+                raise EngineMissing(
+                    f"{self.name}: {_python()} does not have it; {BRINGS}"
+                ) from error
+            raise EngineBroken(
+                f"{self.name}: {_python()} cannot run it: {last}; {BRINGS}"
+            ) from error
         except EngineMissing as error:
             raise EngineMissing(f"{self.name}: found no program {_python()}; {BRINGS}") from error
 
@@ -50,16 +59,38 @@ class SiconosEngine(ProgramEngine):
         """The Python that has Siconos: the declaration's, or that of the environment variable."""
         return super()._found(_python() if word == SYSTEM_PYTHON else word)
 
-    def run(self, scene: Scene, *, t_end: float, dt: float | None, rtol: float | None, fidelity: str,
-            output_step: float, settings: Mapping[str, Any]) -> Trajectory:
-        settings_of(settings, {"block": BLOCKS, **{name: least for name, (least, _) in BOUNDS.items()}}, self.name,
-                    fidelity)
+    def run(
+        self,
+        scene: Scene,
+        *,
+        t_end: float,
+        dt: float | None,
+        rtol: float | None,
+        fidelity: str,
+        output_step: float,
+        settings: Mapping[str, Any],
+    ) -> Trajectory:
+        settings_of(
+            settings,
+            {"block": BLOCKS, **{name: least for name, (least, _) in BOUNDS.items()}},
+            self.name,
+            fidelity,
+        )
         for name, value in settings.items():
             if name in BOUNDS and not BOUNDS[name][0] <= value <= BOUNDS[name][1]:
-                raise InputError(f"{name}: found {value!r}; expected {BOUNDS[name][0]:g} .. {BOUNDS[name][1]:g}")
+                raise InputError(
+                    f"{name}: found {value!r}; expected {BOUNDS[name][0]:g} .. {BOUNDS[name][1]:g}"
+                )
         refuse_off(scene)
-        return super().run(scene, t_end=t_end, dt=dt, rtol=rtol, fidelity=fidelity, output_step=output_step,
-                           settings=settings)
+        return super().run(
+            scene,
+            t_end=t_end,
+            dt=dt,
+            rtol=rtol,
+            fidelity=fidelity,
+            output_step=output_step,
+            settings=settings,
+        )
 
 
 def _python() -> str:

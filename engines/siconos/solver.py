@@ -48,7 +48,9 @@ class Law:
         if self.kind == "table":
             x, y = np.array(data["times"]), np.array(data["values"])
             bend, h = np.zeros(len(x)), np.diff(x)
-            if data["interpolation"] == "cubic" and len(x) > 2:  # natural spline: slopes without jumps
+            if (
+                data["interpolation"] == "cubic" and len(x) > 2
+            ):  # natural spline: slopes without jumps
                 matrix = np.diag(2 * (h[:-1] + h[1:])) + np.diag(h[1:-1], 1) + np.diag(h[1:-1], -1)
                 bend[1:-1] = np.linalg.solve(matrix, 6 * np.diff(np.diff(y) / h))
             self.x, self.y, self.bend = x.tolist(), y.tolist(), bend.tolist()
@@ -60,14 +62,22 @@ class Law:
         if self.kind == "linear":
             return data["offset"] + data["rate"] * t, data["rate"]
         if self.kind == "sine":
-            size, rate, phase = data["amplitude"], data["frequency"], data["frequency"] * t + data["phase"]
+            size, rate, phase = (
+                data["amplitude"],
+                data["frequency"],
+                data["frequency"] * t + data["phase"],
+            )
             return data["offset"] + size * math.sin(phase), size * rate * math.cos(phase)
         x, y, cubic = self.x, self.y, data["interpolation"] == "cubic"
         at = min(max(t, x[0]), x[-1])  # outside: the end's tangent, or the end value
         i = min(bisect.bisect_right(x, at), len(x) - 1)
-        h, u, s, (a, b) = x[i] - x[i - 1], at - x[i - 1], x[i] - at, self.bend[i - 1:i + 1]
-        value = (a * s ** 3 + b * u ** 3) / (6 * h) + (y[i - 1] / h - a * h / 6) * s + (y[i] / h - b * h / 6) * u
-        rate = (b * u ** 2 - a * s ** 2) / (2 * h) + (y[i] - y[i - 1]) / h - h / 6 * (b - a)
+        h, u, s, (a, b) = x[i] - x[i - 1], at - x[i - 1], x[i] - at, self.bend[i - 1 : i + 1]
+        value = (
+            (a * s**3 + b * u**3) / (6 * h)
+            + (y[i - 1] / h - a * h / 6) * s
+            + (y[i] / h - b * h / 6) * u
+        )
+        rate = (b * u**2 - a * s**2) / (2 * h) + (y[i] - y[i - 1]) / h - h / 6 * (b - a)
         return (value + rate * (t - at), rate) if cubic else (value, rate if at == t else 0.0)
 
 
@@ -84,8 +94,9 @@ def angle(place: dict[str, int], bodies: list[str]) -> Function:
     return at
 
 
-def distance(place: dict[str, int], bodies: list[str], points: Any, axis: Any = None,
-             of_ground: bool = False) -> Function:
+def distance(
+    place: dict[str, int], bodies: list[str], points: Any, axis: Any = None, of_ground: bool = False
+) -> Function:
     """Make the function of the distance of two points, or of their coordinate along an axis.
 
     The axis is the second body's, or the ground's.
@@ -105,9 +116,9 @@ def distance(place: dict[str, int], bodies: list[str], points: Any, axis: Any = 
         size = math.hypot(ex, ey) or 1.0
         ex, ey = ex / size, ey / size
         if a is not None:
-            row[3 * a:3 * a + 3] = ex, ey, px * ey - py * ex
+            row[3 * a : 3 * a + 3] = ex, ey, px * ey - py * ex
         if b is not None:
-            row[3 * b:3 * b + 3] = -ex, -ey, ly * ex - lx * ey
+            row[3 * b : 3 * b + 3] = -ex, -ey, ly * ex - lx * ey
         return ex * dx + ey * dy
 
     return at
@@ -123,11 +134,22 @@ def coordinate(place: dict[str, int], element: Scene) -> Function:
 class Contact:
     """A corner of a slider next to a surface of its guide: side 1 pushes along the normal, -1 against it."""
 
-    def __init__(self, name: str, guide: Scene, corner: int, clearance: float, restitution: float,
-                 place: dict[str, int]) -> None:
+    def __init__(
+        self,
+        name: str,
+        guide: Scene,
+        corner: int,
+        clearance: float,
+        restitution: float,
+        place: dict[str, int],
+    ) -> None:
         import siconos.kernel as kernel  # late: this module can be read where there is none
 
-        (x, y), length, half = guide["direction"], guide["length"] or 0.0, (guide["width"] or 0.0) / 2
+        (x, y), length, half = (
+            guide["direction"],
+            guide["length"] or 0.0,
+            (guide["width"] or 0.0) / 2,
+        )
         self.side, front = ((1, -1), (1, 1), (-1, 1), (-1, -1))[corner]
         self.along, self.across, self.room = front * length / 2, -self.side * half, half + clearance
         turn = math.atan2(y, x) - guide["angle"]
@@ -135,21 +157,28 @@ class Contact:
         lever = c * self.along - s * self.across, s * self.along + c * self.across
         points = [p + d for p, d in zip(guide["slider_point"], lever)], guide["point"]
         bodies = [guide["slider"], guide["guide"]]
-        self.normal, self.tangent = distance(place, bodies, points, (-y, x)), distance(place, bodies, points, (x, y))
+        self.normal, self.tangent = (
+            distance(place, bodies, points, (-y, x)),
+            distance(place, bodies, points, (x, y)),
+        )
         self.mu, self.mus, self.restitution = guide["mu"] or 0.0, guide["mus"] or 0.0, restitution
         self.law = kernel.NewtonImpactFrictionNSL(restitution, 0.0, self.mu, 2)
         self.relation = kernel.LagrangianLinearTIR(np.zeros((2, 3 * len(place) + 1)), np.zeros(2))
         self.interaction = kernel.Interaction(self.law, self.relation)
         self.resultant, self.moment = f"{name}.normal_force", f"{name}.moment"
         self.mode = f"{name}.mode" if guide["mu"] is not None else ""
-        self.normals = [f"{name}.F{corner + 1}"][:bool(length)]
+        self.normals = [f"{name}.F{corner + 1}"][: bool(length)]
         frictions = [f"{name}.friction", f"{name}.friction_{'lower' if self.side > 0 else 'upper'}"]
-        self.frictions = frictions[:2 if length else 1] if self.mode else []
+        self.frictions = frictions[: 2 if length else 1] if self.mode else []
 
     def look(self) -> None:
         """Take what the kernel has of it: these arrays are the kernel's own."""
         self.C, self.e, self.P = self.relation.C(), self.relation.e(), self.interaction.lambda_(1)
-        self.y, self.rate, self.before = self.interaction.y(0), self.interaction.y(1), self.interaction.y_k(1)
+        self.y, self.rate, self.before = (
+            self.interaction.y(0),
+            self.interaction.y(1),
+            self.interaction.y_k(1),
+        )
 
     def write(self, frames: Frames, q: np.ndarray) -> None:
         """Write the relation at the frames of q; its output there is the gap."""
@@ -175,7 +204,9 @@ class Mechanism:
     def __init__(self, scene: Scene, h: float, chosen: Scene) -> None:
         bodies, self.h = scene["bodies"], h
         place = {name: i for i, name in enumerate(bodies)}
-        mass = [m for body in bodies.values() for m in (body["mass"], body["mass"], body["inertia"])]
+        mass = [
+            m for body in bodies.values() for m in (body["mass"], body["mass"], body["inertia"])
+        ]
         self.n, self.engine_s = len(mass), 0.0
         self.unit = max(body["mass"] for body in bodies.values())
         self.mass = np.array([*mass, ENDLESS * self.unit]) / self.unit
@@ -189,23 +220,42 @@ class Mechanism:
                     function = distance(place, joint["bodies"], joint["points"], axis, True)
                     self.held[f"{name}.{label}"] = function, Law({"type": "constant", "value": 0.0})
                 continue
-            self.contacts += [Contact(name, joint, corner, clearance, chosen["restitution"], place)
-                              for corner in (range(4) if joint["length"] else (0, 2))]
+            self.contacts += [
+                Contact(name, joint, corner, clearance, chosen["restitution"], place)
+                for corner in (range(4) if joint["length"] else (0, 2))
+            ]
             if not joint["length"]:
                 function = angle(place, [joint["slider"], joint["guide"]])
-                self.held[f"{name}.moment"] = function, Law({"type": "constant", "value": joint["angle"]})
+                self.held[f"{name}.moment"] = (
+                    function,
+                    Law({"type": "constant", "value": joint["angle"]}),
+                )
         for name, drive in scene["drives"].items():
             self.held[f"{name}.effort"] = coordinate(place, drive), Law(drive["law"])
-        self.springs = [(coordinate(place, spring), spring["stiffness"], spring["damping"],
-                         spring["rest_angle" if spring["type"] == "torsional" else "rest_length"])
-                        for spring in scene["springs"].values()]
-        self.loads = [(load, place[load["body"]], Law(load["law"])) for load in scene["forces"].values()]
-        guides = [column for contact in self.contacts
-                  for column in (contact.resultant, contact.moment, *contact.normals, *contact.frictions)]
+        self.springs = [
+            (
+                coordinate(place, spring),
+                spring["stiffness"],
+                spring["damping"],
+                spring["rest_angle" if spring["type"] == "torsional" else "rest_length"],
+            )
+            for spring in scene["springs"].values()
+        ]
+        self.loads = [
+            (load, place[load["body"]], Law(load["law"])) for load in scene["forces"].values()
+        ]
+        guides = [
+            column
+            for contact in self.contacts
+            for column in (contact.resultant, contact.moment, *contact.normals, *contact.frictions)
+        ]
         self.columns = list(dict.fromkeys([*self.held, *guides]))
         self.modes = list(dict.fromkeys(contact.mode for contact in self.contacts if contact.mode))
-        self._build([x for body in bodies.values() for x in (*body["position"], body["angle"])],
-                    [x for body in bodies.values() for x in (*body["velocity"], body["angular_velocity"])], chosen)
+        self._build(
+            [x for body in bodies.values() for x in (*body["position"], body["angle"])],
+            [x for body in bodies.values() for x in (*body["velocity"], body["angular_velocity"])],
+            chosen,
+        )
 
     def _build(self, q: list[float], v: list[float], chosen: Scene) -> None:
         """Make the kernel's objects."""
@@ -217,7 +267,9 @@ class Mechanism:
         model = kernel.NonSmoothDynamicalSystem(0.0, 1e12)  # its end, which is never reached
         model.insertDynamicalSystem(system)
         if self.held:
-            relation = kernel.LagrangianLinearTIR(np.zeros((len(self.held), self.n + 1)), np.zeros(len(self.held)))
+            relation = kernel.LagrangianLinearTIR(
+                np.zeros((len(self.held), self.n + 1)), np.zeros(len(self.held))
+            )
             bilateral = kernel.Interaction(kernel.EqualityConditionNSL(len(self.held)), relation)
             model.link(bilateral, system)
         for contact in self.contacts:
@@ -228,12 +280,21 @@ class Mechanism:
         block = getattr(numerics, f"SICONOS_FRICTION_2D_{chosen['block'].upper()}")
         kernel.solver_options_update_internal(options, BLOCK, block)
         self.precision, self.done = numerics.SICONOS_DPARAM_TOL, numerics.SICONOS_IPARAM_ITER_DONE
-        self.simulation = kernel.TimeStepping(model, kernel.TimeDiscretisation(0.0, self.h),
-                                              kernel.MoreauJeanOSI(chosen["theta"]), problem)
+        self.simulation = kernel.TimeStepping(
+            model,
+            kernel.TimeDiscretisation(0.0, self.h),
+            kernel.MoreauJeanOSI(chosen["theta"]),
+            problem,
+        )
         self.simulation.setNewtonOptions(kernel.SICONOS_TS_LINEAR)
         self.simulation.initialize()
         self.keep = system, problem, options  # who owns the arrays below
-        self.q, self.v, self.applied, self.total = system.q(), system.velocity(), system.fExt(), system.forces()
+        self.q, self.v, self.applied, self.total = (
+            system.q(),
+            system.velocity(),
+            system.fExt(),
+            system.forces(),
+        )
         self.W, self.integers, self.reals = system.mass(), options.iparam, options.dparam
         self.theta, self.tolerance = chosen["theta"], chosen["tolerance"]
         self.J, self.L = np.zeros((0, self.n + 1)), np.zeros(0)
@@ -257,7 +318,11 @@ class Mechanism:
                 continue
             (x, y), (px, py), (_, _, c, s, _) = load["direction"], load["point"], frames[i]
             size /= math.hypot(x, y)
-            total[3 * i:3 * i + 3] += size * x, size * y, size * ((c * px - s * py) * y - (s * px + c * py) * x)
+            total[3 * i : 3 * i + 3] += (
+                size * x,
+                size * y,
+                size * ((c * px - s * py) * y - (s * px + c * py) * x),
+            )
         return total
 
     def step(self, t: float) -> list[float]:
@@ -285,27 +350,41 @@ class Mechanism:
         self.W[:n, :n] = np.diag(self.mass[:n]) + (held.T * r) @ held
         self.applied[:] = F
         self.applied[:n] -= (r * (self.J @ v)) @ held / h
-        self.applied /= self.theta  # what the kernel has of the step before counts 1 - theta, and is zero: see below
+        self.applied /= (
+            self.theta
+        )  # what the kernel has of the step before counts 1 - theta, and is zero: see below
         # errors of the kernel are absolute in what is held, and relative to 1 + speed in contacts
         self.reals[self.precision] = small * (1 / (1 + speed) + 1e-3)
         self._call(self.simulation.updateOutput)
         for contact in self.contacts:
-            contact.before[:] = contact.rate  # for restitution; the kernel has that by the matrix of the step before
+            contact.before[:] = (
+                contact.rate
+            )  # for restitution; the kernel has that by the matrix of the step before
         self._call(self.simulation.updateIndexSets)
-        closed = [contact for contact in self.contacts if contact.y[0] + 0.5 * h * contact.rate[0] <= 0]
+        closed = [
+            contact for contact in self.contacts if contact.y[0] + 0.5 * h * contact.rate[0] <= 0
+        ]
         self._call(self.simulation.computeOneStep)
         impulses = self.L - r * (self.J @ self.v)
         off = self._residual(closed, impulses, v, F)
         if not off <= UNSOLVED * small:
-            rank, iterations = np.linalg.matrix_rank(held / np.sqrt(self.mass[:n])), self.integers[self.done]
-            sys.exit(f"Siconos does not solve the step at t = {t:.9g} s: residual {off:.2g} m/s or rad/s after "
-                     f"{iterations} iterations; expected {UNSOLVED * small:.2g} ({len(held)} constraints, {rank} of "
-                     "them independent)")
+            rank, iterations = (
+                np.linalg.matrix_rank(held / np.sqrt(self.mass[:n])),
+                self.integers[self.done],
+            )
+            sys.exit(
+                f"Siconos does not solve the step at t = {t:.9g} s: residual {off:.2g} m/s or rad/s after "
+                f"{iterations} iterations; expected {UNSOLVED * small:.2g} ({len(held)} constraints, {rank} of "
+                "them independent)"
+            )
         found = dict.fromkeys(self.columns, 0.0) | dict(zip(self.held, impulses.tolist()))
         for contact in closed:
             contact.add(found)
-        values = [*((self.v - v)[:n] / h).tolist(), *(value * self.unit / h for value in found.values()),
-                  *self._modes(closed, small)]
+        values = [
+            *((self.v - v)[:n] / h).tolist(),
+            *(value * self.unit / h for value in found.values()),
+            *self._modes(closed, small),
+        ]
         self.total[:] = 0.0
         self._call(self.simulation.nextStep)
         return values
@@ -316,7 +395,9 @@ class Mechanism:
         function()
         self.engine_s += time.process_time() - started
 
-    def _residual(self, closed: list[Contact], impulses: np.ndarray, v: np.ndarray, F: np.ndarray) -> float:
+    def _residual(
+        self, closed: list[Contact], impulses: np.ndarray, v: np.ndarray, F: np.ndarray
+    ) -> float:
         """Largest error (m/s, rad/s) of balance, of what is held, and of the laws of closed contacts."""
         balance = self.mass * (self.v - v) - self.h * F - impulses @ self.J
         off = [np.abs(self.J @ self.v).max(initial=0.0)]
@@ -326,8 +407,10 @@ class Mechanism:
             gap_rate, slip = (C @ self.v).tolist()
             (gain, turn), mu = ((C * C) @ (1 / self.mass)).tolist(), contact.law.mu()
             wanted = turn * friction - slip
-            off += [abs(min(gap_rate + contact.restitution * (C[0] @ v), gain * normal)),
-                    abs(turn * friction - max(-mu * turn * normal, min(mu * turn * normal, wanted)))]
+            off += [
+                abs(min(gap_rate + contact.restitution * (C[0] @ v), gain * normal)),
+                abs(turn * friction - max(-mu * turn * normal, min(mu * turn * normal, wanted))),
+            ]
         return max(*off, np.abs(balance / self.mass).max())
 
     def _direction(self, contact: Contact, v: np.ndarray, small: float) -> int:
@@ -347,10 +430,15 @@ def size_of(scene: Scene) -> float:
     joints = scene["joints"].values()
     lengths = [abs(x) for joint in joints for point in joint.get("points", ()) for x in point]
     lengths += [joint.get(key) or 0.0 for joint in joints for key in ("length", "width")]
-    return max(lengths + [abs(x) for body in scene["bodies"].values() for x in body["position"]]) or 1.0
+    return (
+        max(lengths + [abs(x) for body in scene["bodies"].values() for x in body["position"]])
+        or 1.0
+    )
 
 
-def main(scene_file: str, result_file: str, report_file: str, dt: str, output_step: str, *settings: str) -> None:
+def main(
+    scene_file: str, result_file: str, report_file: str, dt: str, output_step: str, *settings: str
+) -> None:
     """Read the scene, step to its end, write the table."""
     with open(scene_file, encoding="utf-8") as file:
         scene = json.load(file)["scene"]
@@ -360,8 +448,12 @@ def main(scene_file: str, result_file: str, report_file: str, dt: str, output_st
     h = scene["t_end"] / steps
     every = max(1, int(float(output_step) / h + 1e-9))
     mechanism = Mechanism(scene, h, chosen)
-    labels = [f"{name}.{label}" for labels in (("x", "y", "angle"), ("vx", "vy", "omega"), ("ax", "ay", "alpha"))
-              for name in scene["bodies"] for label in labels]
+    labels = [
+        f"{name}.{label}"
+        for labels in (("x", "y", "angle"), ("vx", "vy", "omega"), ("ax", "ay", "alpha"))
+        for name in scene["bodies"]
+        for label in labels
+    ]
     setup, iterations, n = time.process_time(), 0, mechanism.n
     with open(result_file, "w", encoding="utf-8") as file:
         print("t", *labels, *mechanism.columns, *mechanism.modes, sep=",", file=file)
@@ -372,8 +464,14 @@ def main(scene_file: str, result_file: str, report_file: str, dt: str, output_st
             if k % every == 0 or k == steps:
                 print(k * h, *state, *row, sep=",", file=file)
     with open(report_file, "w", encoding="utf-8") as file:
-        json.dump({"setup_s": setup, "engine_s": mechanism.engine_s,
-                   "counters": {"steps": steps + 1, "iterations": iterations}}, file)
+        json.dump(
+            {
+                "setup_s": setup,
+                "engine_s": mechanism.engine_s,
+                "counters": {"steps": steps + 1, "iterations": iterations},
+            },
+            file,
+        )
 
 
 if __name__ == "__main__":

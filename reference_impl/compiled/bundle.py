@@ -16,7 +16,14 @@ from typing import Annotated, Any, ClassVar, Self, get_args, get_origin, get_typ
 
 import numpy as np
 from numba import from_dtype, types
-from numba.extending import NativeValue, intrinsic, lower_getattr_generic, models, register_model, unbox
+from numba.extending import (
+    NativeValue,
+    intrinsic,
+    lower_getattr_generic,
+    models,
+    register_model,
+    unbox,
+)
 
 Reals = Annotated[np.ndarray, np.float64, 1]
 Table = Annotated[np.ndarray, np.float64, 2]
@@ -49,7 +56,9 @@ def _array(hint: Any) -> tuple[np.dtype, int] | None:
     """Return type and number of dimensions of an array or a record, None for any other field."""
     if isinstance(hint, type) and issubclass(hint, Record):
         return hint.structure(), 0
-    return (np.dtype(get_args(hint)[1]), get_args(hint)[2]) if get_origin(hint) is Annotated else None
+    return (
+        (np.dtype(get_args(hint)[1]), get_args(hint)[2]) if get_origin(hint) is Annotated else None
+    )
 
 
 class BundleType(types.Record):
@@ -63,7 +72,9 @@ class BundleType(types.Record):
 
     def __init__(self, name: str, hints: dict[str, Any]):
         self.fields = {field: numba_type(hint) for field, hint in hints.items()}
-        self.arrays = {field: array for field, hint in hints.items() if (array := _array(hint)) is not None}
+        self.arrays = {
+            field: array for field, hint in hints.items() if (array := _array(hint)) is not None
+        }
         self.places: dict[str, int] = {}
         self.words = 0
         for field, kind in self.fields.items():
@@ -101,7 +112,9 @@ class Bundle:
         fields = self._numba_type_.fields
         named = dict(zip(fields, values), **named)
         if len(values) > len(fields) or named.keys() != fields.keys():
-            raise TypeError(f"{type(self).__name__}: found {', '.join(named)}; expected {', '.join(fields)}")
+            raise TypeError(
+                f"{type(self).__name__}: found {', '.join(named)}; expected {', '.join(fields)}"
+            )
         words = np.zeros(self._numba_type_.words, dtype=np.int64)
         tables = [self._write(words, name, value) for name, value in named.items()]
         self.__dict__.update(named, _memory=(words, tables), address=words.ctypes.data)
@@ -110,7 +123,11 @@ class Bundle:
     def zeros(cls, **fields: Any) -> Self:
         """A bundle with new arrays, all zero: their shapes are given, numbers and bundles as they are."""
         arrays = cls._numba_type_.arrays
-        made = {name: np.zeros(fields[name], dtype=dtype) for name, (dtype, _) in arrays.items() if name in fields}
+        made = {
+            name: np.zeros(fields[name], dtype=dtype)
+            for name, (dtype, _) in arrays.items()
+            if name in fields
+        }
         return cls(**{**fields, **made})
 
     def _write(self, words: np.ndarray, name: str, value: Any) -> np.ndarray | None:
@@ -121,26 +138,35 @@ class Bundle:
             dtype, dimensions = bundles.arrays[name]
             is_array = isinstance(value, np.ndarray) and value.flags.carray
             if not is_array or (value.dtype, value.ndim) != (dtype, dimensions):
-                found, shape = getattr(value, "dtype", type(value).__name__), getattr(value, "shape", None)
-                raise TypeError(f"{type(self).__name__}.{name}: found {found}, shape {shape}; expected a "
-                                f"contiguous, writeable array of {dtype} with {dimensions} dimensions")
-            words[place:place + 1 + dimensions] = value.ctypes.data, *value.shape
+                found, shape = (
+                    getattr(value, "dtype", type(value).__name__),
+                    getattr(value, "shape", None),
+                )
+                raise TypeError(
+                    f"{type(self).__name__}.{name}: found {found}, shape {shape}; expected a "
+                    f"contiguous, writeable array of {dtype} with {dimensions} dimensions"
+                )
+            words[place : place + 1 + dimensions] = value.ctypes.data, *value.shape
         elif isinstance(value, Bundles):
             addresses = np.array([part.address for part in value], dtype=np.int64)
-            words[place:place + 2] = addresses.ctypes.data, len(addresses)
+            words[place : place + 2] = addresses.ctypes.data, len(addresses)
             return addresses
         elif isinstance(kind, BundleType):
             if getattr(value, "_numba_type_", None) != kind:
-                raise TypeError(f"{type(self).__name__}.{name}: found {type(value).__name__}; "
-                                f"expected a bundle {kind.name}")
+                raise TypeError(
+                    f"{type(self).__name__}.{name}: found {type(value).__name__}; "
+                    f"expected a bundle {kind.name}"
+                )
             words[place] = value.address
         else:
             words.view(np.float64 if kind == types.float64 else np.int64)[place] = value
         return None
 
     def __setattr__(self, name: str, value: Any) -> None:
-        raise AttributeError(f"{type(self).__name__}.{name}: a bundle is not changed; "
-                             "expected a new one, or a change of an array's values")
+        raise AttributeError(
+            f"{type(self).__name__}.{name}: a bundle is not changed; "
+            "expected a new one, or a change of an array's values"
+        )
 
     def __iter__(self) -> Iterator[Any]:
         return (getattr(self, name) for name in self._numba_type_.fields)
@@ -205,7 +231,9 @@ def _lower_field(context: Any, builder: Any, bundle: BundleType, pointer: Any, n
 
     if not isinstance(kind, types.Array):
         return word(0, kind)
-    size = context.get_constant(types.intp, context.get_abi_sizeof(context.get_data_type(kind.dtype)))
+    size = context.get_constant(
+        types.intp, context.get_abi_sizeof(context.get_data_type(kind.dtype))
+    )
     shape = [word(1 + i, types.intp) for i in range(kind.ndim)]
     strides, count = [size], shape[0]
     for length in reversed(shape[1:]):

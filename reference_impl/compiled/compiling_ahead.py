@@ -42,29 +42,93 @@ def compile_all() -> None:
 def event_kernels(friction: bool, projects: bool) -> tuple[Linked, ...]:
     """Return the kernels of the event-driven method, with or without friction, with or without projection."""
     from stiction.reference_impl.compiled import linear_algebra
-    from stiction.reference_impl.friction import (contact_solvers, frozen_mode, guides_at_rest, hlcp, lemke,
-                                                  mode_choice, uniqueness)
-    from stiction.reference_impl.integration import (event_driven, event_location, integration_state, mode_switch,
-                                                     right_hand_side, step_audit, step_limits)
-    from stiction.reference_impl.multibody import banded_systems, dynamics, kinematics, projection, trajectory_columns
+    from stiction.reference_impl.friction import (
+        contact_solvers,
+        frozen_mode,
+        guides_at_rest,
+        hlcp,
+        lemke,
+        mode_choice,
+        uniqueness,
+    )
+    from stiction.reference_impl.integration import (
+        event_driven,
+        event_location,
+        integration_state,
+        mode_switch,
+        right_hand_side,
+        step_audit,
+        step_limits,
+    )
+    from stiction.reference_impl.multibody import (
+        banded_systems,
+        dynamics,
+        kinematics,
+        projection,
+        trajectory_columns,
+    )
 
-    always = (event_driven._locate, event_driven._attempt, dynamics.row_form, right_hand_side.right_hand_side,
-              kinematics.law_at, integration_state._stages, event_driven._propose, event_driven._emit,
-              event_driven._refresh, event_driven.integrate, uniqueness.gain_of_mode)
-    rest = (trajectory_columns.write_sample, trajectory_columns.residual_norms, event_driven._commit,
-            frozen_mode.solve_mode, *((projection.project, projection._correct) if projects else ()))
+    always = (
+        event_driven._locate,
+        event_driven._attempt,
+        dynamics.row_form,
+        right_hand_side.right_hand_side,
+        kinematics.law_at,
+        integration_state._stages,
+        event_driven._propose,
+        event_driven._emit,
+        event_driven._refresh,
+        event_driven.integrate,
+        uniqueness.gain_of_mode,
+    )
+    rest = (
+        trajectory_columns.write_sample,
+        trajectory_columns.residual_norms,
+        event_driven._commit,
+        frozen_mode.solve_mode,
+        *((projection.project, projection._correct) if projects else ()),
+    )
     if not friction:
         return (*always, *rest, linear_algebra.solve_in_place, integration_state.error_along_motion)
-    return (mode_switch.switch_mode, hlcp.solve, hlcp.assemble, *always, event_location._stays_positive,
-            contact_solvers.solve_contact, step_audit.audit, event_location.go_to_event, mode_switch.begin,
-            event_location.zero_near_end, mode_switch.begin_mode, mode_choice._settle, uniqueness.has_several,
-            uniqueness._count, mode_switch._come_to_rest, guides_at_rest.rest_together, guides_at_rest._are_independent,
-            uniqueness.friction_gain, guides_at_rest._rest_together, dynamics.unit_rows, banded_systems.open_cell,
-            mode_switch._break_away, guides_at_rest.leave_together, mode_switch._count_other_modes,
-            mode_choice.other_modes, mode_choice._other_modes, linear_algebra.eliminate_columns, lemke.lemke,
-            hlcp._units, hlcp._scale, hlcp._rescale, hlcp._violation, *rest, step_limits.longest_step,
-            step_limits.excess, mode_choice.choose_mode,
-            trajectory_columns.imbalance)
+    return (
+        mode_switch.switch_mode,
+        hlcp.solve,
+        hlcp.assemble,
+        *always,
+        event_location._stays_positive,
+        contact_solvers.solve_contact,
+        step_audit.audit,
+        event_location.go_to_event,
+        mode_switch.begin,
+        event_location.zero_near_end,
+        mode_switch.begin_mode,
+        mode_choice._settle,
+        uniqueness.has_several,
+        uniqueness._count,
+        mode_switch._come_to_rest,
+        guides_at_rest.rest_together,
+        guides_at_rest._are_independent,
+        uniqueness.friction_gain,
+        guides_at_rest._rest_together,
+        dynamics.unit_rows,
+        banded_systems.open_cell,
+        mode_switch._break_away,
+        guides_at_rest.leave_together,
+        mode_switch._count_other_modes,
+        mode_choice.other_modes,
+        mode_choice._other_modes,
+        linear_algebra.eliminate_columns,
+        lemke.lemke,
+        hlcp._units,
+        hlcp._scale,
+        hlcp._rescale,
+        hlcp._violation,
+        *rest,
+        step_limits.longest_step,
+        step_limits.excess,
+        mode_choice.choose_mode,
+        trajectory_columns.imbalance,
+    )
 
 
 def _helper(kernels: Sequence[Linked]) -> subprocess.Popen | None:
@@ -75,8 +139,13 @@ def _helper(kernels: Sequence[Linked]) -> subprocess.Popen | None:
     environment = {**os.environ, "PYTHONPATH": os.pathsep.join(filter(None, sys.path))}
     try:
         names = [kernel.name for kernel in reversed(kernels)]
-        return subprocess.Popen([sys.executable or "", "-m", __name__, str(os.getpid()), *names], env=environment,
-                                stdin=subprocess.DEVNULL, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)
+        return subprocess.Popen(
+            [sys.executable or "", "-m", __name__, str(os.getpid()), *names],
+            env=environment,
+            stdin=subprocess.DEVNULL,
+            stdout=subprocess.DEVNULL,
+            stderr=subprocess.DEVNULL,
+        )
     except OSError:
         return None
 

@@ -41,10 +41,14 @@ def kernel(function: AnyFunction) -> AnyFunction: ...
 
 
 @overload
-def kernel(*, allocates: bool = False, inline: bool = False) -> Callable[[AnyFunction], AnyFunction]: ...
+def kernel(
+    *, allocates: bool = False, inline: bool = False
+) -> Callable[[AnyFunction], AnyFunction]: ...
 
 
-def kernel(function: Callable | None = None, *, allocates: bool = False, inline: bool = False) -> Callable:
+def kernel(
+    function: Callable | None = None, *, allocates: bool = False, inline: bool = False
+) -> Callable:
     """Compile a function with numba and keep the machine code on disk until any kernel's source changes.
 
     A kernel whose arguments and result are annotated is compiled for these types alone, and linked. One without
@@ -61,7 +65,12 @@ def kernel(function: Callable | None = None, *, allocates: bool = False, inline:
     """
     if function is None:
         return partial(kernel, allocates=allocates, inline=inline)
-    options = {"error_model": "numpy", "_nrt": allocates, "forceinline": inline, "no_cfunc_wrapper": True}
+    options = {
+        "error_model": "numpy",
+        "_nrt": allocates,
+        "forceinline": inline,
+        "no_cfunc_wrapper": True,
+    }
     return (Linked if "return" in function.__annotations__ else Inlined)(function, options)
 
 
@@ -153,7 +162,9 @@ class Linked:
         compiled = self._kernel.overloads[arguments]
         found = compiled.signature.return_type
         if found != returned:
-            raise TypeError(f"{self.name}: found {found} returned; expected {returned}, as annotated")
+            raise TypeError(
+                f"{self.name}: found {found} returned; expected {returned}, as annotated"
+            )
         self._kernel.disable_compile()
         self._slot[0] = compiled.library.get_pointer_to_function(compiled.fndesc.llvm_func_name)
         self.is_linked = True
@@ -176,11 +187,18 @@ class Linked:
 
     def _typer(self, _: Any) -> Callable:
         """Return what gives numba the signature of a call; arguments with defaults may be missing."""
+
         def type_of_call(*given: types.Type) -> Any:
             arguments, returned = self._types
-            if not len(arguments) - len(self.__wrapped__.__defaults__ or ()) <= len(given) <= len(arguments):
-                raise TypingError(f"{self.name}: found {len(given)} arguments; expected {self._signature}")
-            return returned(*arguments[:len(given)])
+            if (
+                not len(arguments) - len(self.__wrapped__.__defaults__ or ())
+                <= len(given)
+                <= len(arguments)
+            ):
+                raise TypingError(
+                    f"{self.name}: found {len(given)} arguments; expected {self._signature}"
+                )
+            return returned(*arguments[: len(given)])
 
         vars(type_of_call)["pysig"] = self._signature
         return type_of_call
@@ -189,16 +207,30 @@ class Linked:
         """Call the machine code that the slot has the address of."""
         arguments, returned = self._types
         missing, defaults = range(len(given), len(arguments)), self.__wrapped__.__defaults__ or ()
-        given = [*given, *(context.get_constant(arguments[i], defaults[i - len(arguments)]) for i in missing)]
-        word, outcome, known, convention = ir.IntType(64), ir.IntType(32), builder.module.globals, context.call_conv
+        given = [
+            *given,
+            *(context.get_constant(arguments[i], defaults[i - len(arguments)]) for i in missing),
+        ]
+        word, outcome, known, convention = (
+            ir.IntType(64),
+            ir.IntType(32),
+            builder.module.globals,
+            context.call_conv,
+        )
         slot = known.get(self.name) or ir.GlobalVariable(builder.module, word, self.name)
-        with builder.if_then(builder.icmp_unsigned("==", builder.load(slot), word(0)), likely=False):
+        with builder.if_then(
+            builder.icmp_unsigned("==", builder.load(slot), word(0)), likely=False
+        ):
             type_of_resolve = ir.FunctionType(outcome, [word.as_pointer()])
             resolve = known.get(RESOLVE) or ir.Function(builder.module, type_of_resolve, RESOLVE)
             failed = builder.icmp_unsigned("!=", builder.call(resolve, [slot]), outcome(0))
             with builder.if_then(failed, likely=False):
-                convention.return_user_exc(builder, RuntimeError, (f"{self.name}: it could not be compiled",))
-        code = builder.inttoptr(builder.load(slot), convention.get_function_type(returned, arguments).as_pointer())
+                convention.return_user_exc(
+                    builder, RuntimeError, (f"{self.name}: it could not be compiled",)
+                )
+        code = builder.inttoptr(
+            builder.load(slot), convention.get_function_type(returned, arguments).as_pointer()
+        )
         status, result = convention.call_function(builder, code, returned, arguments, given)
         with builder.if_then(status.is_error, likely=False):
             convention.return_status_propagate(builder, status)
@@ -230,7 +262,9 @@ def bound(kernel: Callable, bundle: Bundle) -> Callable[..., Any]:
     linked.link()
     arguments, _ = linked._types
     if bundle._numba_type_ != arguments[0]:
-        raise TypeError(f"{linked.name}: found {type(bundle).__name__}; expected a bundle {arguments[0]}")
+        raise TypeError(
+            f"{linked.name}: found {type(bundle).__name__}; expected a bundle {arguments[0]}"
+        )
     return partial(linked._kernel.overloads[arguments].entry_point, bundle)
 
 

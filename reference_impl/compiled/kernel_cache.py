@@ -36,7 +36,10 @@ def kept(function: Callable, **options: Any) -> Any:
     folder = _folder_of(Path(function.__code__.co_filename))
     if folder is None:
         return njit(**options)(function)
-    chosen, settings.CACHE_DIR = settings.CACHE_DIR, str(folder)  # numba reads it here, once for each dispatcher
+    chosen, settings.CACHE_DIR = (
+        settings.CACHE_DIR,
+        str(folder),
+    )  # numba reads it here, once for each dispatcher
     try:
         return njit(cache=True, **options)(function)
     finally:
@@ -68,15 +71,22 @@ def repeat_if_damaged(dispatcher: Any, action: Callable[[], Any]) -> Any:
 def _folder_of(source: Path) -> Path | None:
     """Return the folder for the kernels of a source file; None where none can be written."""
     stamp = _digest(_package_stamp() + source.read_bytes())
-    name, own = f"kernels-{source.stem}-{stamp}-{_digest(repr(_target()).encode())}", _user_folders(source.parent)
+    name, own = (
+        f"kernels-{source.stem}-{stamp}-{_digest(repr(_target()).encode())}",
+        _user_folders(source.parent),
+    )
     for root in chain(own, _temporary_folder()):
         is_new = not (root / name).is_dir()
         if _prepare(root, source.stem, name):
             if is_new and root not in own:
-                _note(f"compiled kernels are kept in {root}, until that is cleared: neither {source.parent} nor a "
-                      "cache of the user can be written; set NUMBA_CACHE_DIR to a folder that can")
+                _note(
+                    f"compiled kernels are kept in {root}, until that is cleared: neither {source.parent} nor a "
+                    "cache of the user can be written; set NUMBA_CACHE_DIR to a folder that can"
+                )
             return root / name
-    _note("compiled kernels are not kept: no folder can be written; set NUMBA_CACHE_DIR to one that can")
+    _note(
+        "compiled kernels are not kept: no folder can be written; set NUMBA_CACHE_DIR to one that can"
+    )
     return None
 
 
@@ -102,16 +112,24 @@ def _prepare(root: Path, stem: str, name: str) -> bool:
 @cache
 def _package_stamp() -> bytes:
     package = Path(__file__).parents[1]
-    sources = [*sorted(package.rglob("*.py")), *sorted(package.rglob("*.toml"))]  # kernels hold the tables of methods
+    sources = [
+        *sorted(package.rglob("*.py")),
+        *sorted(package.rglob("*.toml")),
+    ]  # kernels hold the tables of methods
     return hashlib.sha256(b"".join(source.read_bytes() for source in sources)).digest()
 
 
 def _target() -> tuple[str, ...]:
     """Return all that machine code depends on besides the sources."""
     features, host = settings.CPU_FEATURES, llvmlite.binding
-    return (sys.implementation.cache_tag, sys.abiflags, numba.__version__, llvmlite.__version__,
-            settings.CPU_NAME or host.get_host_cpu_name(),
-            host.get_host_cpu_features().flatten() if features is None else features)
+    return (
+        sys.implementation.cache_tag,
+        sys.abiflags,
+        numba.__version__,
+        llvmlite.__version__,
+        settings.CPU_NAME or host.get_host_cpu_name(),
+        host.get_host_cpu_features().flatten() if features is None else features,
+    )
 
 
 @cache
@@ -127,7 +145,10 @@ def _user_folders(sources: Path) -> tuple[Path, ...]:
 def _temporary_folder() -> Iterator[Path]:
     """Yield a folder that no other user can write, since what it holds is executed; none where there is no such."""
     try:
-        folder = Path(tempfile.gettempdir()) / f"stiction-{os.getuid() if hasattr(os, 'getuid') else 'kernels'}"
+        folder = (
+            Path(tempfile.gettempdir())
+            / f"stiction-{os.getuid() if hasattr(os, 'getuid') else 'kernels'}"
+        )
         folder.mkdir(mode=0o700, exist_ok=True)
         found = folder.lstat()
     except OSError:

@@ -142,7 +142,9 @@ def eliminate_columns(A: Table, B: Table, n: int, k: int, band: int) -> bool:  #
 
 
 @kernel
-def solve_in_place(A: Table, x: Reals, unit: Reals, n: int, band: int, tolerance: float = RANK_TOLERANCE) -> bool:
+def solve_in_place(
+    A: Table, x: Reals, unit: Reals, n: int, band: int, tolerance: float = RANK_TOLERANCE
+) -> bool:
     """`eliminate`, called where its machine code is: for whatever is not in the innermost loop."""
     return eliminate(A, x, unit, n, band, tolerance)
 

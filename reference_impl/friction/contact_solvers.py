@@ -27,8 +27,9 @@ from stiction.reference_impl.multibody.mechanism import Arrays, Workspace
 
 
 @kernel(allocates=True)
-def solve_contact(m: Arrays, w: Workspace, slip: Integers, corner: IntegerTable,
-                  accelerate: Reals) -> tuple[int, float]:
+def solve_contact(
+    m: Arrays, w: Workspace, slip: Integers, corner: IntegerTable, accelerate: Reals
+) -> tuple[int, float]:
     """Row forces into w.force for the rows in the workspace; the static coefficient holds for every guide at rest.
 
     `slip` as in `hlcp.assemble`. `corner`, (frictional, 2): signs of the corner forces, on entry those of the previous
@@ -69,7 +70,9 @@ def solve_contact(m: Arrays, w: Workspace, slip: Integers, corner: IntegerTable,
         copy(directions[0], direction)
         for f in range(nf):
             guide, mu = m.friction[f], coefficient(m, f, slip)
-            n1, n2 = corner_forces(guide, w.force[guide.row], w.force[guide.row + 1], -mu * direction[f])
+            n1, n2 = corner_forces(
+                guide, w.force[guide.row], w.force[guide.row + 1], -mu * direction[f]
+            )
             corner[f, 0], corner[f, 1] = -1 if n1 < 0.0 else 1, -1 if n2 < 0.0 else 1
     for f in range(nf):
         accelerate[f] = 0.0

@@ -92,7 +92,10 @@ def can_jam(m, f):
     would break away or reverse it may as well stay at rest: its motion is not unique. Only there can `capacity` be
     below the kinetic friction.
     """
-    return m.friction[f].length > 0.0 and m.friction[f].mus * m.friction[f].width > m.friction[f].length
+    return (
+        m.friction[f].length > 0.0
+        and m.friction[f].mus * m.friction[f].width > m.friction[f].length
+    )
 
 
 @kernel
@@ -120,7 +123,9 @@ def equal_mobilization(R, T, friction, length, width):
     normal force (N), total moment (N m) and friction (N); length and width (m) are a and b, a 0 of a guide without.
     """
     R, T, friction = (np.asarray(x, dtype=float) for x in (R, T, friction))
-    with np.errstate(divide="ignore", invalid="ignore", over="ignore"):  # no candidate that is not finite is taken
+    with np.errstate(
+        divide="ignore", invalid="ignore", over="ignore"
+    ):  # no candidate that is not finite is taken
         candidates = [friction / np.abs(R)]
         if length > 0.0:
             # kappa sigma (T - (b/2) kappa R) = friction a/2, sigma = +-1
@@ -129,8 +134,10 @@ def equal_mobilization(R, T, friction, length, width):
                 discriminant = T * T - 4.0 * A * sigma * C
                 root = T + np.copysign(np.sqrt(np.maximum(discriminant, 0.0)), T)
                 valid = discriminant >= 0.0
-                candidates += [np.where(valid, 2.0 * sigma * C / root, np.nan),
-                               np.where(valid & (A != 0.0), root / (2.0 * A), np.nan)]
+                candidates += [
+                    np.where(valid, 2.0 * sigma * C / root, np.nan),
+                    np.where(valid & (A != 0.0), root / (2.0 * A), np.nan),
+                ]
         size = np.maximum(np.abs(friction), np.finfo(float).tiny)
         best = np.zeros_like(friction)
         found = np.full(friction.shape, np.inf)
@@ -138,6 +145,10 @@ def equal_mobilization(R, T, friction, length, width):
             load = np.abs(R)
             if length > 0.0:
                 load = np.maximum(load, 2.0 / length * np.abs(T - 0.5 * width * kappa * R))
-            good = np.isfinite(kappa) & (np.abs(kappa * load - friction) <= 1e-9 * size) & (np.abs(kappa) < found)
+            good = (
+                np.isfinite(kappa)
+                & (np.abs(kappa * load - friction) <= 1e-9 * size)
+                & (np.abs(kappa) < found)
+            )
             best, found = np.where(good, kappa, best), np.where(good, np.abs(kappa), found)
     return np.where(friction == 0.0, 0.0, best)

@@ -11,7 +11,11 @@ import numpy as np
 
 from stiction.reference_impl.compiled.bundle import Integers, Reals
 from stiction.reference_impl.compiled.kernel import kernel
-from stiction.reference_impl.compiled.linear_algebra import RANK_TOLERANCE, minimum_norm, solve_in_place
+from stiction.reference_impl.compiled.linear_algebra import (
+    RANK_TOLERANCE,
+    minimum_norm,
+    solve_in_place,
+)
 from stiction.reference_impl.multibody.banded_systems import fill_cell, friction_row
 from stiction.reference_impl.multibody.dynamics import largest_force, row_acceleration
 from stiction.reference_impl.multibody.guide_freedom import DRIVEN, LOCKED

@@ -13,8 +13,19 @@ from stiction.reference_impl.compiled.bundle import Integers, IntegerTable, Real
 from stiction.reference_impl.compiled.kernel import kernel
 from stiction.reference_impl.compiled.linear_algebra import solve_in_place
 from stiction.reference_impl.compiled.loops import copy
-from stiction.reference_impl.friction.coulomb import capacity, coefficient, corner_forces, friction_coefficients, sticks
-from stiction.reference_impl.multibody.dynamics import acceleration, largest_force, largest_speed, row_acceleration
+from stiction.reference_impl.friction.coulomb import (
+    capacity,
+    coefficient,
+    corner_forces,
+    friction_coefficients,
+    sticks,
+)
+from stiction.reference_impl.multibody.dynamics import (
+    acceleration,
+    largest_force,
+    largest_speed,
+    row_acceleration,
+)
 from stiction.reference_impl.multibody.mechanism import NO_GUIDE, Arrays, Workspace
 
 LIMIT = 100_000
@@ -42,8 +53,16 @@ def modes(m, slip):
 
 
 @kernel(allocates=True)
-def solutions(m: Arrays, w: Workspace, slip: Integers, forces: Table, directions: IntegerTable,
-              compliance: float = 0.0, limit: int = LIMIT, by_force: bool = False) -> int:
+def solutions(
+    m: Arrays,
+    w: Workspace,
+    slip: Integers,
+    forces: Table,
+    directions: IntegerTable,
+    compliance: float = 0.0,
+    limit: int = LIMIT,
+    by_force: bool = False,
+) -> int:
     """The consistent contact modes of the rows in the workspace; the static coefficient holds for every guide at rest.
 
     `slip` and `compliance` as in `hlcp.assemble`. `forces`, (k, rows + frictional), receives the row forces of the
@@ -152,8 +171,16 @@ def _is_new_force(w, force, known):
 
 
 @kernel
-def fill(m: Arrays, w: Workspace, slip: Integers, direction: Integers, signs: IntegerTable, A: Table, force: Reals,
-         compliance: float) -> None:
+def fill(
+    m: Arrays,
+    w: Workspace,
+    slip: Integers,
+    direction: Integers,
+    signs: IntegerTable,
+    A: Table,
+    force: Reals,
+    compliance: float,
+) -> None:
     """The system of a mode: constraint rows, and of each guide its tangential row (rest) or its law of slip."""
     nr = m.rows
     for r in range(len(force)):
@@ -165,14 +192,18 @@ def fill(m: Arrays, w: Workspace, slip: Integers, direction: Integers, signs: In
         if direction[f] == 0 and sticks(m, slip, f):
             continue
         row = m.friction[f].row
-        c_R, c_T = friction_coefficients(m, f, direction[f], signs[f, 0], signs[f, 1], coefficient(m, f, slip))
+        c_R, c_T = friction_coefficients(
+            m, f, direction[f], signs[f, 0], signs[f, 1], coefficient(m, f, slip)
+        )
         for c in range(len(force)):
             A[nr + f, c] = 0.0
         A[nr + f, row + 1] = -c_T
         A[nr + f, row] = -c_R
         A[nr + f, nr + f] = 1.0
         force[nr + f] = 0.0
-    for r in range(len(force)):  # rows of unit size, so that a system near a singular one is told from that
+    for r in range(
+        len(force)
+    ):  # rows of unit size, so that a system near a singular one is told from that
         size = 0.0
         for c in range(len(force)):
             size = max(size, abs(A[r, c]))
@@ -183,7 +214,9 @@ def fill(m: Arrays, w: Workspace, slip: Integers, direction: Integers, signs: In
 
 
 @kernel
-def revise(m: Arrays, w: Workspace, slip: Integers, direction: Integers, signs: IntegerTable, force: Reals) -> int:
+def revise(
+    m: Arrays, w: Workspace, slip: Integers, direction: Integers, signs: IntegerTable, force: Reals
+) -> int:
     """Change, in place, every sign and direction of a mode that its forces contradict.
 
     A guide at rest whose friction exceeds its capacity begins to slip, with the signs that its corner forces have; one

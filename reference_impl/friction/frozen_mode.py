@@ -18,9 +18,20 @@ import numpy as np
 
 from stiction.reference_impl.compiled.bundle import Integers, IntegerTable
 from stiction.reference_impl.compiled.kernel import kernel
-from stiction.reference_impl.compiled.linear_algebra import (CONTRADICTION, ELIMINATION, RANK_TOLERANCE, eliminate,
-                                                             minimum_norm, solve_in_place)
-from stiction.reference_impl.friction.coulomb import capacity, corner_forces, friction_coefficients, sticks
+from stiction.reference_impl.compiled.linear_algebra import (
+    CONTRADICTION,
+    ELIMINATION,
+    RANK_TOLERANCE,
+    eliminate,
+    minimum_norm,
+    solve_in_place,
+)
+from stiction.reference_impl.friction.coulomb import (
+    capacity,
+    corner_forces,
+    friction_coefficients,
+    sticks,
+)
 from stiction.reference_impl.multibody import baumgarte
 from stiction.reference_impl.multibody.banded_systems import fill_cell, friction_row, solve_cell
 from stiction.reference_impl.multibody.mechanism import Arrays, Workspace
@@ -71,8 +82,14 @@ def friction_of(m, f, slip, corner, force):
 
 
 @kernel
-def solve_cells(m: Arrays, w: Workspace, slip: Integers, direction: Integers, corner: IntegerTable,
-                assumed: bool) -> bool:
+def solve_cells(
+    m: Arrays,
+    w: Workspace,
+    slip: Integers,
+    direction: Integers,
+    corner: IntegerTable,
+    assumed: bool,
+) -> bool:
     """Variant of `solve_mode`, cell by cell, for guides that slip, or begin to with mus where `slip` is 0.
 
     Where the `direction` is only `assumed`, a cell that is singular ends it.
@@ -81,14 +98,20 @@ def solve_cells(m: Arrays, w: Workspace, slip: Integers, direction: Integers, co
     for c in range(len(m.cell)):
         band, first = m.cell[c].band, m.cell[c].first
         n = _fill_cell(m, w, c, slip, direction, corner, band)
-        if not solve_in_place(w.A, w.x, w.unit, n, band, ELIMINATION if without_friction else RANK_TOLERANCE):
+        if not solve_in_place(
+            w.A, w.x, w.unit, n, band, ELIMINATION if without_friction else RANK_TOLERANCE
+        ):
             if without_friction:
                 shortest_forces(m, w)
             if without_friction or assumed:
                 return False
             all_regular, rests = False, False
             for k in range(n):
-                rests = rests or m.order[first + k] >= m.rows and sticks(m, slip, m.order[first + k] - m.rows)
+                rests = (
+                    rests
+                    or m.order[first + k] >= m.rows
+                    and sticks(m, slip, m.order[first + k] - m.rows)
+                )
             if rests and baumgarte.is_used(m) and solve_cell(m, w, c, w.phi, 0.0, slip, False):
                 for k in range(n):
                     if m.order[first + k] < m.rows:
@@ -147,7 +170,9 @@ def fill_mode(m, w, slip, corner):
     for f in range(len(m.friction)):
         if slip[f] != 0:
             t, normal = m.rows + f, m.friction[f].row
-            c_R, c_T = friction_coefficients(m, f, slip[f], corner[f, 0], corner[f, 1], m.friction[f].mu)
+            c_R, c_T = friction_coefficients(
+                m, f, slip[f], corner[f, 0], corner[f, 1], m.friction[f].mu
+            )
             for i in range(n):
                 w.A[i, normal] += w.G[w.held[i], t] * c_R
                 w.A[i, normal + 1] += w.G[w.held[i], t] * c_T
@@ -236,4 +261,6 @@ def margin(m, w, slip, f):
     if slip[f] == 0:
         return 0.0, min(capacity(m, f, R, T, 1.0) + friction, capacity(m, f, R, T, -1.0) - friction)
     n1, n2 = corner_forces(m.friction[f], R, T, -m.friction[f].mu * slip[f])
-    return slip[f] * w.slip_speed[f], -abs(friction + slip[f] * m.friction[f].mu * (abs(n1) + abs(n2)))
+    return slip[f] * w.slip_speed[f], -abs(
+        friction + slip[f] * m.friction[f].mu * (abs(n1) + abs(n2))
+    )

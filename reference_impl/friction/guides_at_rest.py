@@ -20,7 +20,11 @@ import numpy as np
 
 from stiction.reference_impl.compiled.bundle import Flags, Integers, Reals
 from stiction.reference_impl.compiled.kernel import kernel
-from stiction.reference_impl.compiled.linear_algebra import ELIMINATION, RANK_TOLERANCE, solve_in_place
+from stiction.reference_impl.compiled.linear_algebra import (
+    ELIMINATION,
+    RANK_TOLERANCE,
+    solve_in_place,
+)
 from stiction.reference_impl.compiled.loops import product, subtract, taken
 from stiction.reference_impl.friction.coulomb import sticks
 from stiction.reference_impl.multibody.banded_systems import cell_of, count_cells, fill_cell
@@ -68,7 +72,11 @@ def _rest_together(m: Arrays, w: Workspace, held: Flags, speed: float, v: Reals)
     rate, basis, count = np.zeros(len(row)), np.zeros(len(row), dtype=np.int64), 0
     admitted = np.zeros(len(row), dtype=np.bool_)
     for r in range(len(row)):
-        of_row = w.slip_speed[r - m.rows] if r >= m.rows else w.phi_dot[m.origin[r] if len(m.origin) else r]
+        of_row = (
+            w.slip_speed[r - m.rows]
+            if r >= m.rows
+            else w.phi_dot[m.origin[r] if len(m.origin) else r]
+        )
         rate[r] = of_row / size[r]
         is_held = r < m.rows or held[r - m.rows] and m.friction[r - m.rows].freedom == FREE
         if is_held and _left(row, rate, basis, count, r) > DEPENDENT:
@@ -80,7 +88,10 @@ def _rest_together(m: Arrays, w: Workspace, held: Flags, speed: float, v: Reals)
         if m.friction[f].freedom != FREE:
             continue  # joints or drives decide whether it rests
         if not held[f]:
-            found[f] = _left(row, rate, basis, count, t) <= DEPENDENT and abs(rate[t]) * size[t] <= DRIVEN * speed
+            found[f] = (
+                _left(row, rate, basis, count, t) <= DEPENDENT
+                and abs(rate[t]) * size[t] <= DRIVEN * speed
+            )
         several = several or found[f] or held[f] and not admitted[t]
     change = np.zeros(len(v))
     for i in range(len(v)):
@@ -95,7 +106,9 @@ def _rest_together(m: Arrays, w: Workspace, held: Flags, speed: float, v: Reals)
 
 
 @kernel(allocates=True)
-def leave_together(m: Arrays, w: Workspace, direction: Integers, firmness: Reals, slip: Integers) -> None:
+def leave_together(
+    m: Arrays, w: Workspace, direction: Integers, firmness: Reals, slip: Integers
+) -> None:
     """Let guides at rest slip, and with each of them those at rest without which it cannot move.
 
     `direction`: 1 or -1 for a guide that leaves, 0 for any other. `firmness`: how far each guide at rest is from
@@ -121,11 +134,17 @@ def leave_together(m: Arrays, w: Workspace, direction: Integers, firmness: Reals
 
 
 @kernel(allocates=True)
-def _take_along(m: Arrays, w: Workspace, guide: int, direction: int, firmness: Reals,
-                slip: Integers) -> None:
+def _take_along(
+    m: Arrays, w: Workspace, guide: int, direction: int, firmness: Reals, slip: Integers
+) -> None:
     """Let those guides at rest slip without which a guide of their cell cannot."""
     row, _ = unit_rows(m, w, m.rows + len(m.friction), roots_of_mobility(m))
-    rate, basis, count, t = np.zeros(len(row)), np.zeros(len(row), dtype=np.int64), 0, m.rows + guide
+    rate, basis, count, t = (
+        np.zeros(len(row)),
+        np.zeros(len(row), dtype=np.int64),
+        0,
+        m.rows + guide,
+    )
     for f in range(len(m.friction)):
         along = product(row[t], row[m.rows + f])
         if sticks(m, slip, f) and along * along >= 1.0 - RANK_TOLERANCE:
@@ -141,7 +160,11 @@ def _take_along(m: Arrays, w: Workspace, guide: int, direction: int, firmness: R
     for _ in range(len(slip)):
         f = -1
         for other in range(len(slip)):
-            if sticks(m, slip, other) and not seen[other] and (f < 0 or firmness[other] > firmness[f]):
+            if (
+                sticks(m, slip, other)
+                and not seen[other]
+                and (f < 0 or firmness[other] > firmness[f])
+            ):
                 f = other
         if f < 0:
             return
@@ -151,7 +174,7 @@ def _take_along(m: Arrays, w: Workspace, guide: int, direction: int, firmness: R
         _admit(row, rate, basis, count, r)
         along, before = product(row[r], free), product(free, free)
         subtract(along, row[r], free)
-        if product(free, free) > DEPENDENT ** 2 * before:
+        if product(free, free) > DEPENDENT**2 * before:
             count += 1
         else:
             subtract(-along, row[r], free)

@@ -21,11 +21,25 @@ import numpy as np
 
 from stiction.reference_impl.compiled.bundle import Integers, Reals, Table
 from stiction.reference_impl.compiled.kernel import kernel
-from stiction.reference_impl.compiled.linear_algebra import CONTRADICTION, add_shortest, eliminate_columns
+from stiction.reference_impl.compiled.linear_algebra import (
+    CONTRADICTION,
+    add_shortest,
+    eliminate_columns,
+)
 from stiction.reference_impl.compiled.loops import copy
-from stiction.reference_impl.friction.coulomb import coefficient, corner_forces, mobilization, sticks
+from stiction.reference_impl.friction.coulomb import (
+    coefficient,
+    corner_forces,
+    mobilization,
+    sticks,
+)
 from stiction.reference_impl.friction.enumeration import LIMIT, solutions
-from stiction.reference_impl.friction.frozen_mode import ALL, choose_branches, event_functions, solve_mode
+from stiction.reference_impl.friction.frozen_mode import (
+    ALL,
+    choose_branches,
+    event_functions,
+    solve_mode,
+)
 from stiction.reference_impl.friction.lemke import lemke
 from stiction.reference_impl.friction.outcomes import NONE, RAY, SINGULAR, SOLVED
 from stiction.reference_impl.friction.shared_rest import share_rest
@@ -46,8 +60,9 @@ leaves of it. By so much the break-away of guides that share their load is late.
 
 
 @kernel(allocates=True)
-def assemble(m: Arrays, w: Workspace, slip: Integers,
-             compliance: float = 0.0) -> tuple[Table, Table, Reals, Table, Table]:
+def assemble(
+    m: Arrays, w: Workspace, slip: Integers, compliance: float = 0.0
+) -> tuple[Table, Table, Reals, Table, Table]:
     """A0, A1, b of eq. (36) for the rows in the workspace.
 
     `slip`: sgn(g_T) of each frictional guide; 0 of those at rest, the set H. `compliance` is added to the diagonal of
@@ -79,7 +94,10 @@ def assemble(m: Arrays, w: Workspace, slip: Integers,
             E0[normal, column], E1[normal, column] = -1.0, 1.0
             E0[tangent, column], E1[tangent, column] = mt, mt
             if corners == 2:
-                E0[normal + 1, column], E1[normal + 1, column] = -lever - half_b * mt, lever + half_b * mt
+                E0[normal + 1, column], E1[normal + 1, column] = (
+                    -lever - half_b * mt,
+                    lever + half_b * mt,
+                )
             if slip[f] == 0:
                 # (17): lH+ + lH- = 2 muH FN, of FN = H F+ + G F-, (4) and (10), the part of this corner
                 A1[g + surfaces, column] = 2.0 * mu
@@ -136,8 +154,12 @@ ACCURATE = 1e-9
 
 
 @kernel(allocates=True)
-def solve(m: Arrays, w: Workspace, slip: Integers,  # noqa: C901 - each way a solve ends
-          limit: int = LIMIT) -> tuple[Reals, Reals, Reals, int, float]:
+def solve(
+    m: Arrays,
+    w: Workspace,
+    slip: Integers,  # noqa: C901 - each way a solve ends
+    limit: int = LIMIT,
+) -> tuple[Reals, Reals, Reals, int, float]:
     """Solve the HLCP by Lemke's method, else by trying all contact modes, if they are not above `limit`.
 
     The solver ``lemke`` tries none.
@@ -175,7 +197,10 @@ def solve(m: Arrays, w: Workspace, slip: Integers,  # noqa: C901 - each way a so
         w.counters.lemke_rays += 1
     if outcome != SOLVED and w.solver != LEMKE:
         w.counters.enumerations += 1
-        forces, directions = np.zeros((1, len(w.force))), np.zeros((1, len(m.friction)), dtype=np.int64)
+        forces, directions = (
+            np.zeros((1, len(w.force))),
+            np.zeros((1, len(m.friction)), dtype=np.int64),
+        )
         found = solutions(m, w, slip, forces, directions, compliance, limit)
         if found > 0:
             _variables(m, w, slip, forces[0], directions[0], y, x)
@@ -203,7 +228,9 @@ def solve(m: Arrays, w: Workspace, slip: Integers,  # noqa: C901 - each way a so
         scale = max(scale, abs(w.right[t]))
         for k in range(len(force)):
             for c in range(n):
-                scale = max(scale, abs(w.G[t, k] * E0[k, c] * y[c]), abs(w.G[t, k] * E1[k, c] * x[c]))
+                scale = max(
+                    scale, abs(w.G[t, k] * E0[k, c] * y[c]), abs(w.G[t, k] * E1[k, c] * x[c])
+                )
     if compliance > 0.0 or outcome != SOLVED:
         return force, y, x, outcome, scale * REST_COMPLIANT
     return force, y, x, outcome, max(scale * REST, _left(m, w, force))
@@ -263,13 +290,19 @@ def _units(m: Arrays, w: Workspace, slip: Integers, n: int) -> tuple[Reals, Real
             acceleration = np.sqrt(w.G[t, t])
             for _ in range(2):
                 row[g], unit_y[g], unit_x[g] = 1.0 / acceleration, acceleration, force
-                row[g + surfaces], unit_y[g + surfaces], unit_x[g + surfaces] = 1.0 / force, force, acceleration
+                row[g + surfaces], unit_y[g + surfaces], unit_x[g + surfaces] = (
+                    1.0 / force,
+                    force,
+                    acceleration,
+                )
                 g += 1
     return row, unit_y, unit_x
 
 
 @kernel
-def _scale(A0: Table, A1: Table, b: Reals, row: Reals, unit_y: Reals, unit_x: Reals, right: Table) -> None:
+def _scale(
+    A0: Table, A1: Table, b: Reals, row: Reals, unit_y: Reals, unit_x: Reals, right: Table
+) -> None:
     """A0 in place, and A1 beside b into `right`, in the units of `_units`."""
     n = len(b)
     for i in range(n):
@@ -327,7 +360,9 @@ def _polish(A0: Table, A1: Table, b: Reals, y: Reals, x: Reals) -> float:
 
 
 @kernel(allocates=True)
-def _share(m: Arrays, w: Workspace, slip: Integers, y: Reals, x: Reals, unit_y: Reals, unit_x: Reals) -> None:
+def _share(
+    m: Arrays, w: Workspace, slip: Integers, y: Reals, x: Reals, unit_y: Reals, unit_x: Reals
+) -> None:
     """The share of `shared_rest` where all guides at rest stay there, in place, if it is within the capacities.
 
     It is the solution of a hyperstatic stick that depends neither on the order of constraints nor on masses. y, x in
@@ -339,7 +374,11 @@ def _share(m: Arrays, w: Workspace, slip: Integers, y: Reals, x: Reals, unit_y: 
     for g in range(m.rows, m.rows + surfaces):
         if max(y[g], x[g + surfaces]) > REST_COMPLIANT * largest:
             return
-    corner, accelerate, event = np.zeros((nf, 4), dtype=np.int64), np.zeros(nf), np.zeros(len(w.event))
+    corner, accelerate, event = (
+        np.zeros((nf, 4), dtype=np.int64),
+        np.zeros(nf),
+        np.zeros(len(w.event)),
+    )
     copy(w.event, event)
     read(m, w, slip, w.force, y, x, accelerate, corner)
     solve_mode(m, w, slip, corner)
@@ -375,7 +414,9 @@ def _violation(M: Table, q: Reals, y: Reals, x: Reals) -> float:
 
 
 @kernel(allocates=True)
-def _variables(m: Arrays, w: Workspace, slip: Integers, force: Reals, direction: Integers, y: Reals, x: Reals) -> None:
+def _variables(
+    m: Arrays, w: Workspace, slip: Integers, force: Reals, direction: Integers, y: Reals, x: Reals
+) -> None:
     """y and x of row forces; the friction of a stuck slider mobilizes both surfaces equally."""
     nr, nf, surfaces = m.rows, len(m.friction), _surfaces(slip)
     for c in range(len(m.smooth)):
@@ -427,6 +468,10 @@ def residual(A0: np.ndarray, A1: np.ndarray, b: np.ndarray, y: np.ndarray, x: np
 
     The first is relative to its largest term, the others to the largest variable.
     """
-    terms = max(np.max(np.abs(A0) * np.abs(y)), np.max(np.abs(A1) * np.abs(x)), np.max(np.abs(b)), 1e-300)
+    terms = max(
+        np.max(np.abs(A0) * np.abs(y)), np.max(np.abs(A1) * np.abs(x)), np.max(np.abs(b)), 1e-300
+    )
     size = max(np.max(np.abs(y)), np.max(np.abs(x)), 1e-300)
-    return float(max(np.max(np.abs(A0 @ y - A1 @ x - b)) / terms, np.max(np.abs(np.minimum(y, x))) / size))
+    return float(
+        max(np.max(np.abs(A0 @ y - A1 @ x - b)) / terms, np.max(np.abs(np.minimum(y, x))) / size)
+    )

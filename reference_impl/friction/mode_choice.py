@@ -35,8 +35,16 @@ MOST_AT_REST = 4
 
 
 @kernel(allocates=True)
-def choose_mode(m: Arrays, w: Workspace, t: float, q: Reals, v: Reals, slip: Integers, corner: IntegerTable,
-                rest_speed: Reals) -> int:
+def choose_mode(
+    m: Arrays,
+    w: Workspace,
+    t: float,
+    q: Reals,
+    v: Reals,
+    slip: Integers,
+    corner: IntegerTable,
+    rest_speed: Reals,
+) -> int:
     """Decide stick or slip and the corners' signs at (t, q, v), in place.
 
     `slip` receives the directions, and is read for a guide that has just broken away. `corner`, of two columns or more:
@@ -55,7 +63,10 @@ def choose_mode(m: Arrays, w: Workspace, t: float, q: Reals, v: Reals, slip: Int
         own_m, own_w, guides = cell_of(m, w, c)
         if not len(guides):
             continue
-        own_slip, own_corner = taken(slip, guides), np.zeros((len(guides), corner.shape[1]), dtype=np.int64)
+        own_slip, own_corner = (
+            taken(slip, guides),
+            np.zeros((len(guides), corner.shape[1]), dtype=np.int64),
+        )
         for i in range(len(guides)):
             copy(corner[guides[i]], own_corner[i])
         outcome = _settle(own_m, own_w, own_slip, own_corner)

@@ -84,7 +84,9 @@ def bounded(n, ordinary):
 
 
 @kernel(allocates=True)
-def forces_of_one_motion(m: Arrays, w: Workspace, slip: Integers, forces: Table, directions: IntegerTable) -> int:
+def forces_of_one_motion(
+    m: Arrays, w: Workspace, slip: Integers, forces: Table, directions: IntegerTable
+) -> int:
     """Row forces that obey Coulomb's law and give the accelerations of those in w.force; their number.
 
     `forces`, (k, rows + frictional), and `directions`, (k, frictional), receive them. 0 where there are more than
@@ -124,8 +126,17 @@ def take_least_forces(m: Arrays, w: Workspace, slip: Integers, corner: IntegerTa
 
 
 @kernel(allocates=True)
-def _alternatives(m: Arrays, w: Workspace, t: Reals, q: Table, v: Table,  # noqa: PLR0913 - a kernel's arrays
-                  slip: IntegerTable, force: Table, found: Cube, count: Integers) -> None:
+def _alternatives(
+    m: Arrays,
+    w: Workspace,
+    t: Reals,
+    q: Table,
+    v: Table,  # noqa: PLR0913 - a kernel's arrays
+    slip: IntegerTable,
+    force: Table,
+    found: Cube,
+    count: Integers,
+) -> None:
     """Fill `found` (n, k, rows + frictional) with the forces of the motion at each instant; `count` (n,): how many.
 
     `force` has those of the run. 1 where they are the only ones.
@@ -175,8 +186,14 @@ class OpenForces:
     alternatives: np.ndarray
 
 
-def open_forces(mechanism: Mechanism, t: np.ndarray, q: np.ndarray, v: np.ndarray, force: np.ndarray,
-                slip: np.ndarray) -> OpenForces:
+def open_forces(
+    mechanism: Mechanism,
+    t: np.ndarray,
+    q: np.ndarray,
+    v: np.ndarray,
+    force: np.ndarray,
+    slip: np.ndarray,
+) -> OpenForces:
     """Leave open which forces of a run are not determined.
 
     Parameters
@@ -210,18 +227,20 @@ def open_forces(mechanism: Mechanism, t: np.ndarray, q: np.ndarray, v: np.ndarra
         # relative to the largest force of the instant, each by its mobility as in `dynamics.largest_force`: a moment
         # that is zero in all of them, but for rounding, is one and the same
         acts, _ = columns_of_rows(m, t[rows], q[rows], v[rows])
-        unit = np.sqrt(np.einsum("nir,i->nr", acts ** 2, m.inverse_mass))
+        unit = np.sqrt(np.einsum("nir,i->nr", acts**2, m.inverse_mass))
         spread = unit * (np.nanmax(alternatives, axis=1) - np.nanmin(alternatives, axis=1))
         largest = np.max(unit * np.nanmax(np.abs(alternatives), axis=1), axis=1, keepdims=True)
         differs = spread > SAME * largest
         alternatives = np.where(differs[:, None, :], alternatives, np.nan)
         marked[rows] = np.where(differs, np.nan, marked[rows])
-        alternatives = alternatives[:, :int(count[rows].max())]
+        alternatives = alternatives[:, : int(count[rows].max())]
 
     # an interval of forces, while a drive holds a guide at rest
     driven = m.friction["freedom"] == DRIVEN
     for instants, guides in _patterns((slip == 0) & driven):
-        marked[instants] = np.where(_moved(mechanism, t, q, v, instants, guides), np.nan, marked[instants])
+        marked[instants] = np.where(
+            _moved(mechanism, t, q, v, instants, guides), np.nan, marked[instants]
+        )
     return OpenForces(marked, rows, alternatives)
 
 
@@ -232,8 +251,14 @@ def _patterns(flags: np.ndarray) -> Iterator[tuple[np.ndarray, np.ndarray]]:
             yield np.flatnonzero((flags == pattern).all(axis=1)), np.flatnonzero(pattern)
 
 
-def _moved(mechanism: Mechanism, t: np.ndarray, q: np.ndarray, v: np.ndarray, instants: np.ndarray,
-           guides: np.ndarray) -> np.ndarray:
+def _moved(
+    mechanism: Mechanism,
+    t: np.ndarray,
+    q: np.ndarray,
+    v: np.ndarray,
+    instants: np.ndarray,
+    guides: np.ndarray,
+) -> np.ndarray:
     """Return which row forces a null vector with the friction of these guides moves, (instants, rows + frictional)."""
     from stiction.reference_impl.multibody.reactions import columns_of_rows, parts_of_null_vectors
 

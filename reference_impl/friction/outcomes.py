@@ -2,43 +2,92 @@
 
 from __future__ import annotations
 
-(SOLVED, RAY, PIVOT_LIMIT, NONE, SEVERAL, SINGULAR, SIGN_CYCLE, MODE_LIMIT, CHATTER, STEP_TOO_SMALL, NOT_FINITE,
- STEP_LIMIT, CRAWL, ROOM, JAM, AUDIT, REPEAT, UNBOUNDED, SELF_LOCKING, ILL_CONDITIONED) = range(20)
+(
+    SOLVED,
+    RAY,
+    PIVOT_LIMIT,
+    NONE,
+    SEVERAL,
+    SINGULAR,
+    SIGN_CYCLE,
+    MODE_LIMIT,
+    CHATTER,
+    STEP_TOO_SMALL,
+    NOT_FINITE,
+    STEP_LIMIT,
+    CRAWL,
+    ROOM,
+    JAM,
+    AUDIT,
+    REPEAT,
+    UNBOUNDED,
+    SELF_LOCKING,
+    ILL_CONDITIONED,
+) = range(20)
 """SOLVED: a solution, and for an integration the end of its time. ROOM: an integration's log is full. REPEAT: a step
 was rejected, and is to be made anew. SELF_LOCKING and ILL_CONDITIONED are no outcomes of a kernel: they say why it
 found none (`result.breakdown_of`); UNBOUNDED is one of an event only."""
 DONE = SOLVED
 
 BREAKDOWNS = {
-    RAY: ("ray", "Lemke's method ended on a ray, and the contact modes were not tried: there are too many, or the "
-                 "solver is 'lemke' alone"),
-    PIVOT_LIMIT: ("pivot limit",
-                  "Lemke's method reached its pivot limit, and the contact modes were not tried: there are too many, "
-                  "or the solver is 'lemke' alone"),
-    NONE: ("no solution",
-           "no solution of the HLCP was found, neither by Lemke's method nor in any contact mode; of redundant "
-           "constraints one sharing of "
-           "their forces was tried"),
+    RAY: (
+        "ray",
+        "Lemke's method ended on a ray, and the contact modes were not tried: there are too many, or the "
+        "solver is 'lemke' alone",
+    ),
+    PIVOT_LIMIT: (
+        "pivot limit",
+        "Lemke's method reached its pivot limit, and the contact modes were not tried: there are too many, "
+        "or the solver is 'lemke' alone",
+    ),
+    NONE: (
+        "no solution",
+        "no solution of the HLCP was found, neither by Lemke's method nor in any contact mode; of redundant "
+        "constraints one sharing of "
+        "their forces was tried",
+    ),
     SEVERAL: ("several solutions", "the HLCP has several solutions, whose accelerations differ"),
-    JAM: ("several solutions", "the guide, with mus * width > length, may slip from here, or jam under the same load"),
+    JAM: (
+        "several solutions",
+        "the guide, with mus * width > length, may slip from here, or jam under the same load",
+    ),
     AUDIT: ("audit", "Coulomb's law is violated within a step: an event was missed"),
-    SINGULAR: ("singular",
-               "the linear system of the contact problem is singular, or its constraints contradict each other"),
+    SINGULAR: (
+        "singular",
+        "the linear system of the contact problem is singular, or its constraints contradict each other",
+    ),
     SIGN_CYCLE: ("sign cycle", "trial and error on the signs of the normal forces cycles"),
     MODE_LIMIT: ("mode limit", "there are too many contact modes to try them all"),
     CHATTER: ("chatter", "contact modes follow each other without time passing"),
-    STEP_TOO_SMALL: ("step too small", "the step fell below what the time can resolve: the forces are not smooth here"),
-    NOT_FINITE: ("not finite",
-                 "no finite forces or state: constraints that contradict each other, as in a singular position left or "
-                 "met on "
-                 "another branch of motion, a distance that is driven to zero, or an unstable step"),
-    UNBOUNDED: ("jam", "the mechanism jams: the normal force of the guide grows without bound, and no effort of the "
-                       "drives overcomes its friction beyond"),
-    SELF_LOCKING: ("no solution", "the mechanism is self-locking: no effort of the drives gives forces that obey "
-                                  "Coulomb's law in the motion that they prescribe"),
-    ILL_CONDITIONED: ("not finite", "no finite forces or state: masses, or inertias over the square of the largest "
-                                    "lever, differ by more than 1e9, and rounding is as large as the forces"),
+    STEP_TOO_SMALL: (
+        "step too small",
+        "the step fell below what the time can resolve: the forces are not smooth here",
+    ),
+    NOT_FINITE: (
+        "not finite",
+        "no finite forces or state: constraints that contradict each other, as in a singular position left or "
+        "met on "
+        "another branch of motion, a distance that is driven to zero, or an unstable step",
+    ),
+    UNBOUNDED: (
+        "jam",
+        "the mechanism jams: the normal force of the guide grows without bound, and no effort of the "
+        "drives overcomes its friction beyond",
+    ),
+    SELF_LOCKING: (
+        "no solution",
+        "the mechanism is self-locking: no effort of the drives gives forces that obey "
+        "Coulomb's law in the motion that they prescribe",
+    ),
+    ILL_CONDITIONED: (
+        "not finite",
+        "no finite forces or state: masses, or inertias over the square of the largest "
+        "lever, differ by more than 1e9, and rounding is as large as the forces",
+    ),
     STEP_LIMIT: ("step limit", "step limit reached"),
-    CRAWL: ("crawl", "the steps hardly move time: the forces are not smooth here, as near a singular position"),
+    CRAWL: (
+        "crawl",
+        "the steps hardly move time: the forces are not smooth here, as near a singular position",
+    ),
 }
 """Kind of a `stiction.scenes.Breakdown` and its words."""

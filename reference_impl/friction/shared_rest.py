@@ -28,7 +28,12 @@ import numpy as np
 
 from stiction.reference_impl.compiled.bundle import Integers, IntegerTable, Reals, Table
 from stiction.reference_impl.compiled.kernel import kernel
-from stiction.reference_impl.compiled.linear_algebra import RANK_TOLERANCE, add_shortest, decompose, solve_in_place
+from stiction.reference_impl.compiled.linear_algebra import (
+    RANK_TOLERANCE,
+    add_shortest,
+    decompose,
+    solve_in_place,
+)
 from stiction.reference_impl.compiled.loops import product, taken
 from stiction.reference_impl.friction.coulomb import sticks
 from stiction.reference_impl.friction.frozen_mode import fill_mode, friction_of
@@ -60,7 +65,10 @@ def share_rest(m: Arrays, w: Workspace, slip: Integers, corner: IntegerTable) ->
     """
     for c in range(count_cells(m)):
         own_m, own_w, guides = cell_of(m, w, c)
-        own_slip, own_corner = taken(slip, guides), np.zeros((len(guides), corner.shape[1]), dtype=np.int64)
+        own_slip, own_corner = (
+            taken(slip, guides),
+            np.zeros((len(guides), corner.shape[1]), dtype=np.int64),
+        )
         for i in range(len(guides)):
             for k in range(corner.shape[1]):
                 own_corner[i, k] = corner[guides[i], k]
@@ -92,7 +100,10 @@ def margins_of_safest(m: Arrays, w: Workspace, slip: Integers, corner: IntegerTa
     found, kept = np.full((len(m.friction), 2), np.nan), w.force.copy()
     for c in range(count_cells(m)):
         own_m, own_w, guides = cell_of(m, w, c)
-        own_slip, own_corner = taken(slip, guides), np.zeros((len(guides), corner.shape[1]), dtype=np.int64)
+        own_slip, own_corner = (
+            taken(slip, guides),
+            np.zeros((len(guides), corner.shape[1]), dtype=np.int64),
+        )
         for i in range(len(guides)):
             for k in range(corner.shape[1]):
                 own_corner[i, k] = corner[guides[i], k]
@@ -161,7 +172,9 @@ def _share(m: Arrays, w: Workspace, slip: Integers, corner: IntegerTable, margin
 
 
 @kernel(allocates=True)
-def _null_vectors_with_friction(m: Arrays, w: Workspace, slip: Integers, corner: IntegerTable) -> Table:
+def _null_vectors_with_friction(
+    m: Arrays, w: Workspace, slip: Integers, corner: IntegerTable
+) -> Table:
     """Null vectors of the mode that contain frictions of guides at rest, as columns (rows + frictional, k)."""
     n = fill_mode(m, w, slip, corner)
     unit, scaled, finite = np.zeros(n), np.zeros((n, n)), True
@@ -233,7 +246,9 @@ def _margins_of_guide(m, w, f, null, first, value, slope):
             place = first + LINES * side + line
             value[place] = of_R * w.force[normal] + of_T * w.force[normal + 1] + d * w.force[t]
             for j in range(null.shape[1]):
-                slope[place, j] = of_R * null[normal, j] + of_T * null[normal + 1, j] + d * null[t, j]
+                slope[place, j] = (
+                    of_R * null[normal, j] + of_T * null[normal + 1, j] + d * null[t, j]
+                )
 
 
 @kernel
@@ -309,8 +324,14 @@ def _choose_next(chosen, count):
 
 
 @kernel(allocates=True)
-def _shortest_admissible(value: Reals, slope: Table, friction: Reals, slope_of_friction: Table, safe: Reals,
-                         largest: float) -> Reals:
+def _shortest_admissible(
+    value: Reals,
+    slope: Table,
+    friction: Reals,
+    slope_of_friction: Table,
+    safe: Reals,
+    largest: float,
+) -> Reals:
     """The tau of the smallest sum of squared frictions at which no margin is negative; `safe` is one of them.
 
     It is not the smallest of all, so that it is on the border: where from one to k of the linear functions are zero. Of

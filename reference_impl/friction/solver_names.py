@@ -21,7 +21,9 @@ class Counters(Record):
     projections: int
     lemke_rays: int  # ends of Lemke's method without a solution
     enumerations: int  # searches of all modes after such an end
-    trial_fallbacks: int  # contact problems that trial and error did not solve and handed to Lemke's method
+    trial_fallbacks: (
+        int  # contact problems that trial and error did not solve and handed to Lemke's method
+    )
 
 
 def named(counters: Record) -> dict[str, int]:

@@ -22,8 +22,9 @@ from stiction.reference_impl.multibody.mechanism import NO_GUIDE, Arrays, Worksp
 
 
 @kernel(allocates=True)
-def trial_and_error(m: Arrays, w: Workspace, slip: Integers, corner: IntegerTable, force: Reals,
-                    direction: Integers) -> tuple[int, int, int]:
+def trial_and_error(
+    m: Arrays, w: Workspace, slip: Integers, corner: IntegerTable, force: Reals, direction: Integers
+) -> tuple[int, int, int]:
     """Forces of the rows in the workspace; the static coefficient holds for every guide at rest.
 
     `slip` as in `hlcp.assemble`. `corner` (frictional, 2): the signs assumed first; receives those of the
@@ -35,7 +36,11 @@ def trial_and_error(m: Arrays, w: Workspace, slip: Integers, corner: IntegerTabl
     """
     nr, nf = m.rows, len(m.friction)
     size = 0 if len(m.cell) else nr + nf
-    A, signs, kept = np.zeros((size, size)), np.zeros((nf, 2), dtype=np.int64), np.zeros(nf, dtype=np.int64)
+    A, signs, kept = (
+        np.zeros((size, size)),
+        np.zeros((nf, 2), dtype=np.int64),
+        np.zeros(nf, dtype=np.int64),
+    )
     for f in range(nf):
         signs[f, 0], signs[f, 1], direction[f] = corner[f, 0], corner[f, 1], slip[f]
         kept[f] = direction[f]

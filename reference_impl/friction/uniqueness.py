@@ -25,7 +25,13 @@ from stiction.reference_impl.friction.coulomb import normal_load, sticks
 from stiction.reference_impl.friction.enumeration import TOO_MANY, solutions
 from stiction.reference_impl.friction.frozen_mode import held_rows
 from stiction.reference_impl.friction.hlcp import COMPLIANCE
-from stiction.reference_impl.multibody.banded_systems import cell_of, count_cells, fill_cell, friction_row, open_cell
+from stiction.reference_impl.multibody.banded_systems import (
+    cell_of,
+    count_cells,
+    fill_cell,
+    friction_row,
+    open_cell,
+)
 from stiction.reference_impl.multibody.mechanism import NO_GUIDE, Arrays, Workspace
 
 COUNTED = 1000
@@ -92,7 +98,9 @@ def _respond(m, w, slip, released, compliance):
 
 
 @kernel
-def _respond_banded(m: Arrays, w: Workspace, slip: Integers, released: bool, compliance: float) -> bool:
+def _respond_banded(
+    m: Arrays, w: Workspace, slip: Integers, released: bool, compliance: float
+) -> bool:
     """Variant of `_respond` for a large mechanism of one cell, rows in its order."""
     size, band, columns = m.rows + len(m.friction), m.cell[0].band, 0
     fill_cell(m, w, 0, band, w.A)

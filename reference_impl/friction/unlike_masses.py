@@ -28,7 +28,9 @@ REGULAR = 0.0
 
 
 @kernel(allocates=True)
-def solve_with_motion(m: Arrays, w: Workspace, slip: Integers, corner: IntegerTable, motion: Reals) -> bool:
+def solve_with_motion(
+    m: Arrays, w: Workspace, slip: Integers, corner: IntegerTable, motion: Reals
+) -> bool:
     """Row forces of the mode into w.force and q'' into `motion`, as `solve_mode` and `acceleration`.
 
     False if there is none.
@@ -57,7 +59,9 @@ def solve_with_motion(m: Arrays, w: Workspace, slip: Integers, corner: IntegerTa
                 A[k + c, j] -= w.J[at + c]
             elif slip[g] != 0:
                 normal = n + m.friction[g].row
-                c_R, c_T = friction_coefficients(m, g, slip[g], corner[g, 0], corner[g, 1], m.friction[g].mu)
+                c_R, c_T = friction_coefficients(
+                    m, g, slip[g], corner[g, 0], corner[g, 1], m.friction[g].mu
+                )
                 A[k + c, normal] -= c_R * w.J[at + c]
                 A[k + c, normal + 1] -= c_T * w.J[at + c]
     if not eliminate(A, x, unit, size, size, REGULAR):

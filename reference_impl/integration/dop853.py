@@ -14,11 +14,15 @@ from stiction.reference_impl.compiled.kernel import kernel
 
 STAGES, EXTRA = 12, 3
 """Stages of a step, without the derivative at its end, and those of the dense output beyond it."""
-_TABLE = {name: np.array(numbers) for name, numbers in tomllib.loads(
-    resources.files(__package__).joinpath("dop853.toml").read_text("utf-8")).items()}
-A, C = _TABLE["A"][:STAGES + 1, :STAGES].copy(), _TABLE["C"][:STAGES + 1]
+_TABLE = {
+    name: np.array(numbers)
+    for name, numbers in tomllib.loads(
+        resources.files(__package__).joinpath("dop853.toml").read_text("utf-8")
+    ).items()
+}
+A, C = _TABLE["A"][: STAGES + 1, :STAGES].copy(), _TABLE["C"][: STAGES + 1]
 """Weights of the stages and, last, of the step; times of the stages and of its end as fractions of the step."""
-A_EXTRA, C_EXTRA = _TABLE["A"][STAGES + 1:], _TABLE["C"][STAGES + 1:]
+A_EXTRA, C_EXTRA = _TABLE["A"][STAGES + 1 :], _TABLE["C"][STAGES + 1 :]
 """Those of the extra stages, (EXTRA, STAGES + 1 + EXTRA) and (EXTRA,)."""
 E3, E5, D = (_TABLE[name] for name in ("E3", "E5", "D"))
 """Weights of the error estimates of orders 3 and 5, and of the last four terms of the dense output."""
@@ -64,7 +68,9 @@ def error_norm(K, h, scale, bodies):
                 return np.inf  # max would drop a nan
             worst5, worst3 = max(worst5, abs(e5) / scale[i]), max(worst3, abs(e3) / scale[i])
         if worst5 != 0.0 or worst3 != 0.0:
-            worst = max(worst, abs(h) * worst5 * worst5 / np.sqrt(worst5 * worst5 + 0.01 * worst3 * worst3))
+            worst = max(
+                worst, abs(h) * worst5 * worst5 / np.sqrt(worst5 * worst5 + 0.01 * worst3 * worst3)
+            )
     return worst
 
 

@@ -20,19 +20,62 @@ from stiction.reference_impl.compiled.kernel import clock, kernel
 from stiction.reference_impl.compiled.loops import copy, is_finite
 from stiction.reference_impl.friction.coulomb import sticks
 from stiction.reference_impl.friction.frozen_mode import event_functions
-from stiction.reference_impl.friction.outcomes import (AUDIT, CRAWL, DONE, NOT_FINITE, REPEAT, ROOM, SEVERAL,
-                                                       STEP_LIMIT, STEP_TOO_SMALL)
+from stiction.reference_impl.friction.outcomes import (
+    AUDIT,
+    CRAWL,
+    DONE,
+    NOT_FINITE,
+    REPEAT,
+    ROOM,
+    SEVERAL,
+    STEP_LIMIT,
+    STEP_TOO_SMALL,
+)
 from stiction.reference_impl.friction.solver_names import AUTOMATIC, named
 from stiction.reference_impl.friction.uniqueness import gain_of_mode
-from stiction.reference_impl.integration.dop853 import (A_EXTRA, C_EXTRA, EXTRA, STAGES, combine, dense_at,
-                                                        dense_coefficients, error_norm)
-from stiction.reference_impl.integration.event_location import (BESIDE, LONGER, NEAR, SLOPE, are_resolved, falls_to_end,
-                                                                first_root, go_to_event, may_vanish, zero_near_end)
-from stiction.reference_impl.integration.integration_state import (AT_ONCE, NO_EVENT, NOISE, State, Task,
-                                                                   error_along_motion, noise, remember,
-                                                                   rounding_of_terms, state, take_step)
+from stiction.reference_impl.integration.dop853 import (
+    A_EXTRA,
+    C_EXTRA,
+    EXTRA,
+    STAGES,
+    combine,
+    dense_at,
+    dense_coefficients,
+    error_norm,
+)
+from stiction.reference_impl.integration.event_location import (
+    BESIDE,
+    LONGER,
+    NEAR,
+    SLOPE,
+    are_resolved,
+    falls_to_end,
+    first_root,
+    go_to_event,
+    may_vanish,
+    zero_near_end,
+)
+from stiction.reference_impl.integration.integration_state import (
+    AT_ONCE,
+    NO_EVENT,
+    NOISE,
+    State,
+    Task,
+    error_along_motion,
+    noise,
+    remember,
+    rounding_of_terms,
+    state,
+    take_step,
+)
 from stiction.reference_impl.integration.mode_switch import begin, switch_mode
-from stiction.reference_impl.integration.result import EventLog, Run, Samples, breakdown_of, columns_and_events
+from stiction.reference_impl.integration.result import (
+    EventLog,
+    Run,
+    Samples,
+    breakdown_of,
+    columns_and_events,
+)
 from stiction.reference_impl.integration.right_hand_side import right_hand_side
 from stiction.reference_impl.integration.several_motions import NEARLY_SEVERAL, end_at_several
 from stiction.reference_impl.integration.step_audit import audit
@@ -74,7 +117,9 @@ enough to make no difference, and near a singular position rounding of one body 
 
 
 @kernel
-def integrate(m: Arrays, w: Workspace, s: State, task: Task, samples: Samples, log: EventLog) -> int:
+def integrate(
+    m: Arrays, w: Workspace, s: State, task: Task, samples: Samples, log: EventLog
+) -> int:
     """Integrate from the state to t_end, filling samples and the event log; returns a termination code.
 
     The motion does not depend on the samples: they are read from the dense output of steps that are taken without
@@ -223,13 +268,18 @@ def _locate(m: Arrays, w: Workspace, s: State, samples: Samples) -> bool:
         ahead = zero_near_end(s.at_start, s.seen, p.aimed)
     meets = abs(ahead) < NEAR
     suspicious = may_vanish(s, p.aimed if meets else NO_EVENT)
-    output = p.next_output < len(samples.t) and samples.t[p.next_output] < t + (LONGER if meets else 1.0) * h
+    output = (
+        p.next_output < len(samples.t)
+        and samples.t[p.next_output] < t + (LONGER if meets else 1.0) * h
+    )
     step.event, step.fraction, slope = NO_EVENT, 1.0, 0.0
     step.has_rows = not (suspicious or output or step.critical != 0)
     if not step.has_rows:
         for i in range(EXTRA):
             combine(s.K, A_EXTRA[i], STAGES + 1 + i, h, s.y, s.probe)
-            right_hand_side(m, w, t + C_EXTRA[i] * h, s.probe, s.slip, s.corner, s.K[STAGES + 1 + i])
+            right_hand_side(
+                m, w, t + C_EXTRA[i] * h, s.probe, s.slip, s.corner, s.K[STAGES + 1 + i]
+            )
         dense_coefficients(s.K, h, s.y, s.y_new, s.F)
     if suspicious:
         step.fraction, step.event, slope = first_root(m, w, s)
@@ -242,8 +292,11 @@ def _locate(m: Arrays, w: Workspace, s: State, samples: Samples) -> bool:
             w.counters.rejected += 1
             return False
     step.length, met = h, True
-    at_once = (step.event != NO_EVENT and step.fraction < BESIDE
-               and s.at_start[step.event] <= AT_ONCE * noise(s, step.event))
+    at_once = (
+        step.event != NO_EVENT
+        and step.fraction < BESIDE
+        and s.at_start[step.event] <= AT_ONCE * noise(s, step.event)
+    )
     if at_once:
         met = False
     elif step.event != NO_EVENT:
@@ -256,7 +309,9 @@ def _locate(m: Arrays, w: Workspace, s: State, samples: Samples) -> bool:
         step.length, met = go_to_event(m, w, s, h, ahead * h, NEAR, True)
         step.fraction = step.length / h
         if t + step.length > step.stop:
-            p.step = max(p.step, step.stop - t)  # there is none before the stop: a step that ends there
+            p.step = max(
+                p.step, step.stop - t
+            )  # there is none before the stop: a step that ends there
             w.counters.rejected += 1
             return False
     if step.event != NO_EVENT and not at_once and t + step.length > step.stop:
@@ -344,7 +399,11 @@ def _project(m, w, s, has_rows):
     if not has_rows:
         row_form(m, w, t, y[:n], y[n:])
     # of a mechanism at rest the speeds are rounding of what its free bodies would reach
-    position, velocity, speed = 0.0, 0.0, max(s.progress.speed, largest_speed(m, w.free) * s.attempt.length)
+    position, velocity, speed = (
+        0.0,
+        0.0,
+        max(s.progress.speed, largest_speed(m, w.free) * s.attempt.length),
+    )
     for r in range(m.rows):
         position, velocity = max(position, abs(w.phi[r])), max(velocity, abs(w.phi_dot[r]))
     holds = False
@@ -386,30 +445,53 @@ class Integration:
     mechanism's size (positions; 1 rad for angles) and to its largest speed so far (velocities).
     """
 
-    def __init__(self, mechanism: Mechanism, q: np.ndarray, v: np.ndarray, output: np.ndarray, t_end: float,
-                 rtol: float, options: Options = Options()):
+    def __init__(
+        self,
+        mechanism: Mechanism,
+        q: np.ndarray,
+        v: np.ndarray,
+        output: np.ndarray,
+        t_end: float,
+        rtol: float,
+        options: Options = Options(),
+    ):
         started = clock()
         m, frictional = mechanism.arrays, len(mechanism.guide_names)
-        self._mechanism, self._output, self._options = mechanism, np.array(output, dtype=float), options
+        self._mechanism, self._output, self._options = (
+            mechanism,
+            np.array(output, dtype=float),
+            options,
+        )
         self._workspace, self._state = workspace(m, options.solver), state(q, v, frictional)
         fastest = mechanism.fastest_law() if frictional else 0.0
-        self._task = Task(t_end=t_end, rtol=rtol, first_step=FIRST_STEP * t_end,
-                          frequency=fastest, audits=options.audits, projecting=int(mechanism.projection),
-                          step_limit=options.step_limit, kinks=mechanism.kinks(t_end))
+        self._task = Task(
+            t_end=t_end,
+            rtol=rtol,
+            first_step=FIRST_STEP * t_end,
+            frequency=fastest,
+            audits=options.audits,
+            projecting=int(mechanism.projection),
+            step_limit=options.step_limit,
+            kinks=mechanism.kinks(t_end),
+        )
         self._state.progress["step"] = self._task.first_step
         longest = longest_step(m, self._state, fastest) if frictional else np.inf
         self._state.attempt["h"] = min(self._task.first_step, longest)
-        self._code = begin(m, self._workspace, self._state, mechanism.largest_load()) if frictional else DONE
+        self._code = (
+            begin(m, self._workspace, self._state, mechanism.largest_load()) if frictional else DONE
+        )
         self._setup_s = clock() - started
 
-    def forces_at(self, t: float, q: np.ndarray, v: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    def forces_at(
+        self, t: float, q: np.ndarray, v: np.ndarray
+    ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """Accelerations, event functions and row forces of another state, in the contact mode at the end of the run."""
         m, w, s, dy = self._mechanism.arrays, self._workspace, self._state, np.zeros(2 * len(q))
         right_hand_side(m, w, t, np.concatenate([q, v]), s.slip, s.corner, dy)
         if m.unfree > 0:
             # corner forces themselves, not what `open_forces.bounded` makes of them, which depends on mobilities
             event_functions(m, w, s.slip, s.corner)
-        return dy[len(q):], w.event.copy(), w.force.copy()
+        return dy[len(q) :], w.event.copy(), w.force.copy()
 
     @cached_property
     def run(self) -> Run:
@@ -426,42 +508,81 @@ class Integration:
         logged = [[part[:0] for part in log]]
         prepared, code = clock(), ROOM if self._code == DONE else self._code
         while code == ROOM:
-            progress["fresh"], progress["missed"], progress["logged"], progress["aim"] = 1, 0, 0, np.inf
+            progress["fresh"], progress["missed"], progress["logged"], progress["aim"] = (
+                1,
+                0,
+                0,
+                np.inf,
+            )
             code = _march(m, w, s, self._task, samples, log, options.ends)
             used = int(progress["logged"])
-            logged.append([part[:used if options.sides or i < 4 else 0].copy() for i, part in enumerate(log)])
+            logged.append(
+                [part[: used if options.sides or i < 4 else 0].copy() for i, part in enumerate(log)]
+            )
         stepped, reached = clock(), int(progress["next_output"])
         if code != DONE and not reached and len(output) and output[0] == 0.0:
             # it stopped at once: the start is known, accelerations and forces are not
-            samples.motion[0, 0], samples.motion[0, 1], samples.motion[0, 2] = s.y[:n], s.y[n:], np.nan
+            samples.motion[0, 0], samples.motion[0, 1], samples.motion[0, 2] = (
+                s.y[:n],
+                s.y[n:],
+                np.nan,
+            )
             samples.force[0], samples.slip[0], reached = np.nan, s.slip, 1
         events_of_run = [np.concatenate(parts) for parts in zip(*logged)]
         first = np.searchsorted(events_of_run[0], options.events_behind, side="right")
         columns, events, alternatives = columns_and_events(
-            mechanism, [part[:reached] for part in samples], [part[first:] for part in events_of_run], options.names,
-            options.sides, self._task.first_step)
+            mechanism,
+            [part[:reached] for part in samples],
+            [part[first:] for part in events_of_run],
+            options.names,
+            options.sides,
+            self._task.first_step,
+        )
         if code in (NOT_FINITE, STEP_TOO_SMALL, CRAWL):
             # the workspace has the rows of a stage that failed: those of the last state tell why
             row_form(m, w, float(progress["time"]), s.y[:n], s.y[n:])
-        breakdown = breakdown_of(code, float(progress["time"]), mechanism, w, s.slip, s.corner,
-                                 (float(progress["speed"]) or 1.0, float(progress["force"]) or 1.0))
+        breakdown = breakdown_of(
+            code,
+            float(progress["time"]),
+            mechanism,
+            w,
+            s.slip,
+            s.corner,
+            (float(progress["speed"]) or 1.0, float(progress["force"]) or 1.0),
+        )
         cost = Cost(self._setup_s + prepared - started, 0.0, stepped - prepared, named(w.counters))
         return Run(output[:reached], columns, events, cost, breakdown, alternatives)
 
 
-def simulate_event_driven(mechanism: Mechanism, q: np.ndarray, v: np.ndarray, output: np.ndarray, t_end: float,
-                          rtol: float, **options: Any) -> Run:
+def simulate_event_driven(
+    mechanism: Mechanism,
+    q: np.ndarray,
+    v: np.ndarray,
+    output: np.ndarray,
+    t_end: float,
+    rtol: float,
+    **options: Any,
+) -> Run:
     """Return the run of an `Integration`, of which these are the parameters and `Options`."""
     return Integration(mechanism, q, v, output, t_end, rtol, Options(**options)).run
 
 
-def _march(m: Arrays, w: Workspace, s: State, task: Task, samples: Samples, log: EventLog,
-           ends: list[float] | None) -> int:
+def _march(
+    m: Arrays,
+    w: Workspace,
+    s: State,
+    task: Task,
+    samples: Samples,
+    log: EventLog,
+    ends: list[float] | None,
+) -> int:
     """Variant of `integrate` that notes where each accepted step ends if `ends` are wanted."""
     if ends is None:
         return integrate(m, w, s, task, samples, log)
     while True:
-        code = integrate(m, w, s, task.replaced(step_limit=int(w.counters["steps"]) + 1), samples, log)
+        code = integrate(
+            m, w, s, task.replaced(step_limit=int(w.counters["steps"]) + 1), samples, log
+        )
         ends.append(float(s.progress["time"]))
         if code != STEP_LIMIT or w.counters["steps"] >= task.step_limit:
             return code

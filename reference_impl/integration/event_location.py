@@ -36,7 +36,13 @@ from stiction.reference_impl.compiled.bundle import Reals, Table
 from stiction.reference_impl.compiled.kernel import kernel
 from stiction.reference_impl.compiled.loops import copy, product
 from stiction.reference_impl.integration.dop853 import STAGES, C, dense_at
-from stiction.reference_impl.integration.integration_state import NO_EVENT, NODES, NOISE, State, noise
+from stiction.reference_impl.integration.integration_state import (
+    NO_EVENT,
+    NODES,
+    NOISE,
+    State,
+    noise,
+)
 from stiction.reference_impl.integration.right_hand_side import right_hand_side
 from stiction.reference_impl.multibody.mechanism import Arrays, Workspace
 
@@ -116,7 +122,7 @@ _NODES_TO_LAST = np.linalg.inv(np.polynomial.chebyshev.chebvander(2.0 * _X - 1.0
 TAIL_AT_ZERO = 2.0 * (NODES + 1) ** 2
 """Times tau that a polynomial divided by the distance to the end where it is zero may be wrong: the slope of a
 Chebyshev polynomial at its end."""
-FINEST = 2.0 ** -24
+FINEST = 2.0**-24
 """Part of a step down to which it is divided in search of a zero: a function that falls below zero by 10^-13 of its
 size and returns does so within 10^-6 of the time in which it changes."""
 PARTS = 512
@@ -179,7 +185,15 @@ def _stays_positive(before: Reals, seen: Table, e: int, falls: bool, rounding: f
 
     One that rises from its start is not asked there, one that `falls` not at the end.
     """
-    B, P, v0, b1, b2, b3, b4 = _STAGES_TO_BERNSTEIN, _STAGES_TO_CHECKS, before[e], 0.0, 0.0, 0.0, seen[AIMS[-1] - 1, e]
+    B, P, v0, b1, b2, b3, b4 = (
+        _STAGES_TO_BERNSTEIN,
+        _STAGES_TO_CHECKS,
+        before[e],
+        0.0,
+        0.0,
+        0.0,
+        seen[AIMS[-1] - 1, e],
+    )
     largest, wrong = 0.0, 0.0
     for j in range(len(AIMS)):
         value = v0 if j == 0 else seen[AIMS[j] - 1, e]
@@ -203,7 +217,11 @@ def _stays_positive(before: Reals, seen: Table, e: int, falls: bool, rounding: f
             lowest = min(4.0 * b1 - b4, 2.0 * b2 - b4, 4.0 / 3.0 * b3 - b4)
             return lowest > 4.0 * SAFETY_AT_ZERO * wrong
         return lowest > SAFETY_AT_ZERO * wrong
-    if begins and min(4.0 * (b1 - v0), 2.0 * (b2 - v0), 4.0 / 3.0 * (b3 - v0), b4 - v0) > SAFETY_AT_ZERO * wrong:
+    if (
+        begins
+        and min(4.0 * (b1 - v0), 2.0 * (b2 - v0), 4.0 / 3.0 * (b3 - v0), b4 - v0)
+        > SAFETY_AT_ZERO * wrong
+    ):
         return True
     return min(v0, b1, b2, b3, b4) > SAFETY * wrong
 
@@ -223,7 +241,9 @@ def are_resolved(s):
         for k in range(len(CHECKS)):
             value, predicted = s.seen[CHECKS[k] - 1, e], 0.0
             for j in range(len(AIMS)):
-                predicted += _STAGES_TO_CHECKS[k, j] * (s.at_start[e] if j == 0 else s.seen[AIMS[j] - 1, e])
+                predicted += _STAGES_TO_CHECKS[k, j] * (
+                    s.at_start[e] if j == 0 else s.seen[AIMS[j] - 1, e]
+                )
             wrong = max(wrong, abs(value - predicted))
         if wrong > BLURRED * (high - low):
             return False
@@ -271,13 +291,28 @@ def first_root(m: Arrays, w: Workspace, s: State) -> tuple[float, int, float]:
             begins = s.at_start[e] >= -CREEP / NOISE * rounding
             if begins:
                 rounding = max(rounding, -1.001 * s.at_start[e])
-            behind = _examine(value, e, rounding, low == 0.0 and begins, width <= FINEST or parts > PARTS, s.bernstein)
+            behind = _examine(
+                value,
+                e,
+                rounding,
+                low == 0.0 and begins,
+                width <= FINEST or parts > PARTS,
+                s.bernstein,
+            )
             if behind == UNRESOLVED:
                 resolved = False
                 break
             if behind != FREE:
-                root, slope = _root(m, w, s, e, low + width * _X[behind - 1], low + width * _X[behind],
-                                    value[behind - 1, e], value[behind, e])
+                root, slope = _root(
+                    m,
+                    w,
+                    s,
+                    e,
+                    low + width * _X[behind - 1],
+                    low + width * _X[behind],
+                    value[behind - 1, e],
+                    value[behind, e],
+                )
                 if root < best:
                     best, which, steepness = root, e, slope
         if not resolved:
@@ -310,7 +345,9 @@ def _examine(value, e, rounding, starts, finest, bernstein):
     left, right = bernstein[0], bernstein[1]
     for k in range(NODES + 1):
         right[k] = product(_NODES_TO_BERNSTEIN[k], value[:, e])
-    tail = abs(product(_NODES_TO_LAST[0], value[:, e])) + abs(product(_NODES_TO_LAST[1], value[:, e]))
+    tail = abs(product(_NODES_TO_LAST[0], value[:, e])) + abs(
+        product(_NODES_TO_LAST[1], value[:, e])
+    )
     if behind > 1:
         # no zero before the node in front of the one that is negative
         _split(right, _X[behind - 1], left)
@@ -349,8 +386,16 @@ def _split(b, x, left):
 
 
 @kernel
-def _root(m: Arrays, w: Workspace, s: State, e: int, low: float, high: float, at_low: float,
-          at_high: float) -> tuple[float, float]:
+def _root(
+    m: Arrays,
+    w: Workspace,
+    s: State,
+    e: int,
+    low: float,
+    high: float,
+    at_low: float,
+    at_high: float,
+) -> tuple[float, float]:
     """Zero of event function e between two fractions of the step by inverse interpolation and bisection; its slope."""
     slope = (at_high - at_low) / (high - low)
     if at_low <= 0.0:
@@ -369,12 +414,18 @@ def _root(m: Arrays, w: Workspace, s: State, e: int, low: float, high: float, at
     left, at_left = np.nan, np.nan  # the end of the bracket that was given up last
     for i in range(100):
         if high - low < FOUND:
-            jumps = at_low - at_high > 1e3 * abs(slope) * (high - low)  # as where a stuck guide has no other function
+            jumps = at_low - at_high > 1e3 * abs(slope) * (
+                high - low
+            )  # as where a stuck guide has no other function
             return high, -np.inf if jumps else slope
         x = high - at_high * (high - low) / (at_high - at_low)
         if at_left < at_high or at_left > at_low:
-            x += at_low * at_high * ((left - low) / (at_left - at_low)
-                                     - (high - low) / (at_high - at_low)) / (at_left - at_high)
+            x += (
+                at_low
+                * at_high
+                * ((left - low) / (at_left - at_low) - (high - low) / (at_high - at_low))
+                / (at_left - at_high)
+            )
         if falling and low <= x <= high and abs(x - last) < SETTLED:
             return x, slope
         if i % 4 == 3 or not low < x < high:
@@ -395,8 +446,9 @@ def _root(m: Arrays, w: Workspace, s: State, e: int, low: float, high: float, at
 
 
 @kernel
-def go_to_event(m: Arrays, w: Workspace, s: State, h: float, correction: float, error: float,
-                first: bool) -> tuple[float, bool]:
+def go_to_event(
+    m: Arrays, w: Workspace, s: State, h: float, correction: float, error: float, first: bool
+) -> tuple[float, bool]:
     """Go from the end of a step h to the zero of the event function of the attempt, by the secant method.
 
     correction : how much longer the step must be; `error`: the part of itself by which that is wrong.  first : there is
@@ -436,4 +488,6 @@ def _runge_kutta(m, w, s, t, h):
             for i in range(len(y)):
                 y[i] += h / 6.0 * (K[STAGES, i] + 2.0 * (K[1, i] + K[2, i]) + K[3, i])
                 stage[i] = y[i]
-        right_hand_side(m, w, t + (h if k > 2 else 0.5 * h), stage, s.slip, s.corner, K[k if k < 4 else STAGES])
+        right_hand_side(
+            m, w, t + (h if k > 2 else 0.5 * h), stage, s.slip, s.corner, K[k if k < 4 else STAGES]
+        )

@@ -4,15 +4,42 @@ from __future__ import annotations
 
 import numpy as np
 
-from stiction.reference_impl.compiled.bundle import Bundle, Integers, IntegerTable, Reals, Record, Table
+from stiction.reference_impl.compiled.bundle import (
+    Bundle,
+    Integers,
+    IntegerTable,
+    Reals,
+    Record,
+    Table,
+)
 from stiction.reference_impl.compiled.kernel import kernel
 from stiction.reference_impl.compiled.loops import copy
-from stiction.reference_impl.integration.dop853 import BY_TIME, EXTRA, STAGES, A, C, combine, error_norm
+from stiction.reference_impl.integration.dop853 import (
+    BY_TIME,
+    EXTRA,
+    STAGES,
+    A,
+    C,
+    combine,
+    error_norm,
+)
 from stiction.reference_impl.integration.right_hand_side import right_hand_side
-from stiction.reference_impl.multibody.dynamics import largest_force, largest_speed, largest_term, row_form
+from stiction.reference_impl.multibody.dynamics import (
+    largest_force,
+    largest_speed,
+    largest_term,
+    row_form,
+)
 from stiction.reference_impl.multibody.mechanism import Arrays, Workspace
-from stiction.reference_impl.multibody.singular_positions import (ALWAYS_DEPENDENT, AROUND, NEAR, lengths,
-                                                                  pivots_are_above, singular_rows, smallest)
+from stiction.reference_impl.multibody.singular_positions import (
+    ALWAYS_DEPENDENT,
+    AROUND,
+    NEAR,
+    lengths,
+    pivots_are_above,
+    singular_rows,
+    smallest,
+)
 
 NODES = 8
 """Degree of the polynomials by which a searched step is represented (`event_location`)."""
@@ -111,12 +138,31 @@ class State(Bundle):
 def state(q: np.ndarray, v: np.ndarray, frictional: int) -> State:
     """Return the state at time 0, before a contact mode has been chosen."""
     n, events = 2 * len(q), 3 * frictional
-    s = State.zeros(y=n, y_old=n, y_new=n, probe=n, dy=n, scale=n, slip=frictional, corner=(frictional, 4),
-                    old_slip=frictional, old_corner=(frictional, 4), began=frictional, rest_speed=frictional,
-                    K=(STAGES + 1 + EXTRA, n), F=(7, n), audit_K=(STAGES + 1, n), at_start=events,
-                    seen=(STAGES, events), audit_seen=(STAGES, events), sampled=(NODES + 1, events),
-                    bernstein=(2, NODES + 1), progress=(), attempt=())
-    s.y[:len(q)], s.y[len(q):], s.corner[:], s.old_corner[:], s.began[:] = q, v, 1, 1, -np.inf
+    s = State.zeros(
+        y=n,
+        y_old=n,
+        y_new=n,
+        probe=n,
+        dy=n,
+        scale=n,
+        slip=frictional,
+        corner=(frictional, 4),
+        old_slip=frictional,
+        old_corner=(frictional, 4),
+        began=frictional,
+        rest_speed=frictional,
+        K=(STAGES + 1 + EXTRA, n),
+        F=(7, n),
+        audit_K=(STAGES + 1, n),
+        at_start=events,
+        seen=(STAGES, events),
+        audit_seen=(STAGES, events),
+        sampled=(NODES + 1, events),
+        bernstein=(2, NODES + 1),
+        progress=(),
+        attempt=(),
+    )
+    s.y[: len(q)], s.y[len(q) :], s.corner[:], s.old_corner[:], s.began[:] = q, v, 1, 1, -np.inf
     return s
 
 
@@ -168,8 +214,18 @@ def take_audit_step(m, w, s, t, h):
 
 
 @kernel
-def _stages(m: Arrays, w: Workspace, s: State, t: float, h: float, y: Reals,  # noqa: PLR0913 - a kernel's arrays
-            K: Table, y_new: Reals, stage: Reals, seen: Table) -> None:
+def _stages(
+    m: Arrays,
+    w: Workspace,
+    s: State,
+    t: float,
+    h: float,
+    y: Reals,  # noqa: PLR0913 - a kernel's arrays
+    K: Table,
+    y_new: Reals,
+    stage: Reals,
+    seen: Table,
+) -> None:
     for i in range(1, STAGES + 1):
         combine(K, A[i], i, h, y, stage)
         right_hand_side(m, w, t + C[i] * h, stage, s.slip, s.corner, K[i])
@@ -186,7 +242,7 @@ def error_along_motion(m: Arrays, w: Workspace, s: State, error: float, bodies: 
     has the smallest. The rows of the workspace are those of y_new, before and after.
     """
     n, unit, nearest, t, h = len(m.inverse_mass), lengths(m), NEAR, s.progress.time, s.attempt.h
-    if len(m.cell) == 0 and pivots_are_above(m, w, AROUND ** 2):
+    if len(m.cell) == 0 and pivots_are_above(m, w, AROUND**2):
         return error  # far cheaper than singular values
     _, _, values, across = singular_rows(m, w, unit)
     if not smallest(values) < AROUND:

@@ -13,15 +13,42 @@ from stiction.reference_impl.compiled.kernel import kernel
 from stiction.reference_impl.compiled.loops import copy, is_finite
 from stiction.reference_impl.friction.coulomb import can_jam, normal_load, sticks
 from stiction.reference_impl.friction.driven_guides import driven_speed, frictionless_forces
-from stiction.reference_impl.friction.frozen_mode import ALL, choose_branches, most_capacity, solve_mode
+from stiction.reference_impl.friction.frozen_mode import (
+    ALL,
+    choose_branches,
+    most_capacity,
+    solve_mode,
+)
 from stiction.reference_impl.friction.guides_at_rest import leave_together, rest_together
 from stiction.reference_impl.friction.mode_choice import HOLDS, LEAVES, choose_mode, other_modes
 from stiction.reference_impl.friction.open_forces import LARGE, may_be_several, ordinary_load
-from stiction.reference_impl.friction.outcomes import CHATTER, DONE, JAM, NONE, ROOM, SOLVED, UNBOUNDED
+from stiction.reference_impl.friction.outcomes import (
+    CHATTER,
+    DONE,
+    JAM,
+    NONE,
+    ROOM,
+    SOLVED,
+    UNBOUNDED,
+)
 from stiction.reference_impl.friction.shared_rest import margins_of_safest
 from stiction.reference_impl.friction.uniqueness import gain_of_mode
-from stiction.reference_impl.integration.integration_state import AT_ONCE, NO_EVENT, State, noise, remember
-from stiction.reference_impl.integration.result import CORNER, REVERSAL, SAME_INSTANT, SLIP, STICK, UNCHANGED, EventLog
+from stiction.reference_impl.integration.integration_state import (
+    AT_ONCE,
+    NO_EVENT,
+    State,
+    noise,
+    remember,
+)
+from stiction.reference_impl.integration.result import (
+    CORNER,
+    REVERSAL,
+    SAME_INSTANT,
+    SLIP,
+    STICK,
+    UNCHANGED,
+    EventLog,
+)
 from stiction.reference_impl.integration.right_hand_side import right_hand_side
 from stiction.reference_impl.multibody.dynamics import acceleration, largest_speed, row_form
 from stiction.reference_impl.multibody.guide_freedom import DRIVEN, FREE
@@ -73,7 +100,9 @@ def switch_mode(m: Arrays, w: Workspace, s: State, log: EventLog, first_step: fl
         p.fresh = 0
         return DONE
     first = p.logged
-    write_sample(w, s.y, s.dy, s.slip, log.motion[first, 0], log.force[first, 0], log.slip[first, 0])
+    write_sample(
+        w, s.y, s.dy, s.slip, log.motion[first, 0], log.force[first, 0], log.slip[first, 0]
+    )
     copy(s.slip, s.old_slip)
     for f in range(len(m.friction)):
         copy(s.corner[f], s.old_corner[f])
@@ -291,7 +320,9 @@ def _kind_of_change(s, f):
     """Kind of the event of a guide, by its modes before and after."""
     if s.slip[f] != s.old_slip[f]:
         return SLIP if s.old_slip[f] == 0 else STICK if s.slip[f] == 0 else REVERSAL
-    if s.slip[f] != 0 and (s.corner[f, 0] != s.old_corner[f, 0] or s.corner[f, 1] != s.old_corner[f, 1]):
+    if s.slip[f] != 0 and (
+        s.corner[f, 0] != s.old_corner[f, 0] or s.corner[f, 1] != s.old_corner[f, 1]
+    ):
         return CORNER
     return UNCHANGED
 
@@ -414,7 +445,9 @@ def _choose_forces_behind(m, w, s, event, unbounded):
         return SOLVED
     for f in range(len(m.friction)):
         s.rest_speed[f] = HOLDS if s.slip[f] == 0 else LEAVES
-    return choose_mode(m, w, s.progress.time + h, s.probe[:n], s.probe[n:], s.slip, s.corner, s.rest_speed)
+    return choose_mode(
+        m, w, s.progress.time + h, s.probe[:n], s.probe[n:], s.slip, s.corner, s.rest_speed
+    )
 
 
 @kernel

@@ -37,14 +37,37 @@ from stiction.reference_impl.friction.solver_names import named
 from stiction.reference_impl.integration.result import Run, Samples
 from stiction.reference_impl.integration.step_audit import GOLDEN
 from stiction.reference_impl.multibody.dynamics import row_form
-from stiction.reference_impl.multibody.kinematics import direction_at, point_at, row_along, workspace
+from stiction.reference_impl.multibody.kinematics import (
+    direction_at,
+    point_at,
+    row_along,
+    workspace,
+)
 from stiction.reference_impl.multibody.mechanism import Arrays, Mechanism, Workspace
 from stiction.reference_impl.multibody.trajectory_columns import build_columns
 from stiction.scenes import Breakdown, Cost
 
-CONTACT = np.dtype([*((name, np.int64) for name in ("guide", "corner", "row", "friction", "a", "b")),
-                    *((name, float) for name in ("ax", "ay", "bx", "by", "ux", "uy", "side", "along", "across",
-                                                 "offset", "mu"))])
+CONTACT = np.dtype(
+    [
+        *((name, np.int64) for name in ("guide", "corner", "row", "friction", "a", "b")),
+        *(
+            (name, float)
+            for name in (
+                "ax",
+                "ay",
+                "bx",
+                "by",
+                "ux",
+                "uy",
+                "side",
+                "along",
+                "across",
+                "offset",
+                "mu",
+            )
+        ),
+    ]
+)
 """Corner 0 .. 3 (lower rear, lower front, upper front, upper rear) at (ax, ay) of body a, against the guide at (bx, by)
 of body b along (ux, uy); the row of the guide's normal force, and its number among the frictional ones or -1; side 1:
 the lower surface, which pushes along the normal; (along, across): the place seen from the slider's point, by which
@@ -98,25 +121,59 @@ def contacts_of(mechanism: Mechanism, clearance: float) -> Contacts:
     released: set[int] = set()
     constraints = dict(zip([*mechanism.scene.joints, *mechanism.scene.drives], m.constraint))
     for number, (name, joint) in enumerate(mechanism.scene.guides.items()):
-        c, half_a, half_b = constraints[name], 0.5 * (joint.length or 0.0), 0.5 * (joint.width or 0.0)
+        c, half_a, half_b = (
+            constraints[name],
+            0.5 * (joint.length or 0.0),
+            0.5 * (joint.width or 0.0),
+        )
         released.update({c["row"], c["row"] + 1} if half_a else {c["row"]})
-        places = [(-half_a, 1), (half_a, 1), (half_a, -1), (-half_a, -1)] if half_a else [(0.0, 1), (0.0, -1)]
+        places = (
+            [(-half_a, 1), (half_a, 1), (half_a, -1), (-half_a, -1)]
+            if half_a
+            else [(0.0, 1), (0.0, -1)]
+        )
         cos, sin = np.cos(c["offset"]), np.sin(c["offset"])
-        ux, uy = cos * c["ux"] + sin * c["uy"], cos * c["uy"] - sin * c["ux"]  # the direction in the slider's axes
+        ux, uy = (
+            cos * c["ux"] + sin * c["uy"],
+            cos * c["uy"] - sin * c["ux"],
+        )  # the direction in the slider's axes
         for corner, (along, side) in enumerate(places):
             across = -side * half_b
-            contacts.append((number, corner, c["row"], c["friction"], c["a"], c["b"],
-                             c["ax"] + along * ux - across * uy, c["ay"] + along * uy + across * ux, c["bx"], c["by"],
-                             c["ux"], c["uy"], side, along, across if half_a else 0.0, half_b + clearance,
-                             joint.mu or 0.0))
+            contacts.append(
+                (
+                    number,
+                    corner,
+                    c["row"],
+                    c["friction"],
+                    c["a"],
+                    c["b"],
+                    c["ax"] + along * ux - across * uy,
+                    c["ay"] + along * uy + across * ux,
+                    c["bx"],
+                    c["by"],
+                    c["ux"],
+                    c["uy"],
+                    side,
+                    along,
+                    across if half_a else 0.0,
+                    half_b + clearance,
+                    joint.mu or 0.0,
+                )
+            )
     kept = [row for row in range(m.rows) if row not in released]
     return Contacts(np.array(contacts, dtype=CONTACT), np.array(kept, dtype=np.int64))
 
 
 @kernel(allocates=True)
-def _active_rows(m: Arrays, w: Workspace, contacts: Contacts, q: Reals, v: Reals) -> tuple[Integers, Table]:
+def _active_rows(
+    m: Arrays, w: Workspace, contacts: Contacts, q: Reals, v: Reals
+) -> tuple[Integers, Table]:
     """Numbers of the closed contacts, and their rows: normals, then tangents, (2 * closed, 3 * bodies)."""
-    rows, closed, n = np.zeros((len(contacts.contact), 12)), np.zeros(len(contacts.contact), dtype=np.int64), 0
+    rows, closed, n = (
+        np.zeros((len(contacts.contact), 12)),
+        np.zeros(len(contacts.contact), dtype=np.int64),
+        0,
+    )
     for k in range(len(contacts.contact)):
         contact = contacts.contact[k]
         rax, ray, xa, ya, _, _, _, _ = point_at(w.rotation, q, v, contact.a, contact.ax, contact.ay)
@@ -141,7 +198,9 @@ def _active_rows(m: Arrays, w: Workspace, contacts: Contacts, q: Reals, v: Reals
 
 
 @kernel(allocates=True)
-def _bilateral(m: Arrays, w: Workspace, contacts: Contacts, W: Table, dt: float) -> tuple[Table, Table]:
+def _bilateral(
+    m: Arrays, w: Workspace, contacts: Contacts, W: Table, dt: float
+) -> tuple[Table, Table]:
     """J (rows, 3 * bodies) of the bilateral rows, and their answer X (rows, 1 + contacts) to contact impulses P_c.
 
     Their own impulses are X[:, 0] - X[:, 1:] P_c; X has no rows if they cannot be solved for.
@@ -213,7 +272,12 @@ def _contact_impulses(D: Table, c: Reals, mu: Reals, P: Reals) -> tuple[int, int
         cover[i] = 1.0 + 0.5 * (GOLDEN * (i + 1) % 1.0)
     for i in range(n):
         for j in range(n):
-            N, NT, TN, T = D[i, j] / size, D[i, n + j] / size, D[n + i, j] / size, D[n + i, n + j] / size
+            N, NT, TN, T = (
+                D[i, j] / size,
+                D[i, n + j] / size,
+                D[n + i, j] / size,
+                D[n + i, n + j] / size,
+            )
             A[i, j], A[i, n + j], A[i, 2 * n + j] = N, NT, -NT
             A[n + i, j], A[n + i, n + j], A[n + i, 2 * n + j] = TN, T, -T
             A[2 * n + i, j], A[2 * n + i, n + j], A[2 * n + i, 2 * n + j] = -TN, -T, T
@@ -227,7 +291,9 @@ def _contact_impulses(D: Table, c: Reals, mu: Reals, P: Reals) -> tuple[int, int
 
 
 @kernel(allocates=True)
-def _step(m: Arrays, w: Workspace, contacts: Contacts, s: State, task: Task, t: float, row: int) -> int:
+def _step(
+    m: Arrays, w: Workspace, contacts: Contacts, s: State, task: Task, t: float, row: int
+) -> int:
     """One step from (t, q, v): q becomes q+, v+ goes to v_new, forces to a row of the samples; returns the outcome."""
     dt, q, v, v_new, force = task.dt, s.q, s.v, s.v_new, s.samples.force[row]
     for k in range(len(q)):
@@ -289,7 +355,10 @@ def _reactions(m, w, contacts, s, closed, W, P, row):
         slip[f] = 1 if w.slip_speed[f] > 0.0 else -1
     for i in range(n):
         contact, normal, friction = contacts.contact[closed[i]], P[i], P[n + i]
-        corner[contact.guide, contact.corner, 0], corner[contact.guide, contact.corner, 1] = normal, friction
+        corner[contact.guide, contact.corner, 0], corner[contact.guide, contact.corner, 1] = (
+            normal,
+            friction,
+        )
         force[contact.row] += contact.side * normal
         force[contact.row + 1] += contact.along * contact.side * normal - contact.across * friction
         if contact.friction < 0:
@@ -298,11 +367,15 @@ def _reactions(m, w, contacts, s, closed, W, P, row):
         if normal > heaviest[contact.guide]:
             heaviest[contact.guide] = normal
             velocity = product(W[n + i], v_new)
-            slip[contact.friction] = 0 if abs(velocity) <= AT_REST * speed else 1 if velocity > 0.0 else -1
+            slip[contact.friction] = (
+                0 if abs(velocity) <= AT_REST * speed else 1 if velocity > 0.0 else -1
+            )
 
 
 @kernel
-def march(m: Arrays, w: Workspace, contacts: Contacts, s: State, task: Task) -> tuple[int, int, float]:
+def march(
+    m: Arrays, w: Workspace, contacts: Contacts, s: State, task: Task
+) -> tuple[int, int, float]:
     """March through the steps; returns outcome, samples and time reached.
 
     A sample holds the state at its instant and the impulses of the step that begins there. Every step writes one; those
@@ -326,8 +399,16 @@ def march(m: Arrays, w: Workspace, contacts: Contacts, s: State, task: Task) -> 
     return DONE, written, task.steps * task.dt
 
 
-def simulate_moreau(mechanism: Mechanism, q: np.ndarray, v: np.ndarray, dt: float, steps: int, every: int,
-                    clearance: float, restitution: float) -> Run:
+def simulate_moreau(
+    mechanism: Mechanism,
+    q: np.ndarray,
+    v: np.ndarray,
+    dt: float,
+    steps: int,
+    every: int,
+    clearance: float,
+    restitution: float,
+) -> Run:
     """March a mechanism from t = 0 with clearance in its guides.
 
     `q` and `v` (3 * bodies,): the state there, on the constraints, every slider in the middle of its guide. `dt`: the
@@ -338,22 +419,51 @@ def simulate_moreau(mechanism: Mechanism, q: np.ndarray, v: np.ndarray, dt: floa
     clearance.
     """
     started = clock()
-    m, w, contacts = mechanism.arrays, workspace(mechanism.arrays), contacts_of(mechanism, clearance)
+    m, w, contacts = (
+        mechanism.arrays,
+        workspace(mechanism.arrays),
+        contacts_of(mechanism, clearance),
+    )
     kept, n, guides = steps // every + 2, len(q), mechanism.scene.guides
     samples = Samples.room(m, kept)
-    state = State.zeros(q=n, v=n, v_new=n, work=(), samples=samples, corners=(kept, len(guides), 4, 2))
+    state = State.zeros(
+        q=n, v=n, v_new=n, work=(), samples=samples, corners=(kept, len(guides), 4, 2)
+    )
     state.q[:], state.v[:] = q, v
     task, prepared = Task(dt, steps, every, restitution), clock()
     code, written, reached = march(m, w, contacts, state, task)
     stepped = clock()
-    t, motion, corners = np.arange(written) * (every * dt), samples.motion[:written], state.corners[:written]
-    columns = build_columns(mechanism, t, motion[:, 0], motion[:, 1], motion[:, 2], samples.force[:written],
-                            samples.slip[:written])
+    t, motion, corners = (
+        np.arange(written) * (every * dt),
+        samples.motion[:written],
+        state.corners[:written],
+    )
+    columns = build_columns(
+        mechanism,
+        t,
+        motion[:, 0],
+        motion[:, 1],
+        motion[:, 2],
+        samples.force[:written],
+        samples.slip[:written],
+    )
     for i, (name, guide) in enumerate(guides.items()):
         if guide.length is not None:
             columns |= {f"{name}.F{k + 1}": corners[:, i, k, 0] for k in range(4)}
         if guide.length is not None and guide.frictional:
-            columns |= {f"{name}.friction_lower": corners[:, i, :2, 1].sum(axis=1),
-                        f"{name}.friction_upper": corners[:, i, 2:, 1].sum(axis=1)}
-    breakdown = None if code == DONE else Breakdown(BREAKDOWNS[code][0], float(reached), BREAKDOWNS[code][1])
-    return Run(t, columns, (), Cost(prepared - started, 0.0, stepped - prepared, named(state.work)), breakdown)
+            columns |= {
+                f"{name}.friction_lower": corners[:, i, :2, 1].sum(axis=1),
+                f"{name}.friction_upper": corners[:, i, 2:, 1].sum(axis=1),
+            }
+    breakdown = (
+        None
+        if code == DONE
+        else Breakdown(BREAKDOWNS[code][0], float(reached), BREAKDOWNS[code][1])
+    )
+    return Run(
+        t,
+        columns,
+        (),
+        Cost(prepared - started, 0.0, stepped - prepared, named(state.work)),
+        breakdown,
+    )

@@ -19,8 +19,16 @@ from stiction.reference_impl.friction.frozen_mode import solve_mode
 from stiction.reference_impl.friction.mode_choice import HOLDS, LEAVES, choose_mode
 from stiction.reference_impl.friction.outcomes import CHATTER, DONE, NOT_FINITE, SOLVED
 from stiction.reference_impl.friction.solver_names import AUTOMATIC, named
-from stiction.reference_impl.integration.result import (REVERSAL, SLIP, STICK, EventLog, Run, Samples, breakdown_of,
-                                                        columns_and_events)
+from stiction.reference_impl.integration.result import (
+    REVERSAL,
+    SLIP,
+    STICK,
+    EventLog,
+    Run,
+    Samples,
+    breakdown_of,
+    columns_and_events,
+)
 from stiction.reference_impl.multibody.dynamics import acceleration, row_form
 from stiction.reference_impl.multibody.kinematics import workspace
 from stiction.reference_impl.multibody.mechanism import NO_GUIDE, Arrays, Mechanism, Workspace
@@ -56,12 +64,16 @@ class State(Bundle):
     slip: Integers  # (frictional,), directions of slip, 0 at rest
     old_slip: Integers  # in the step before
     corner: IntegerTable  # (frictional, 2), signs of the corner forces
-    rest_speed: Reals  # (frictional,), slip speed up to which a guide comes to rest (`choose_mode`), m/s
+    rest_speed: (
+        Reals  # (frictional,), slip speed up to which a guide comes to rest (`choose_mode`), m/s
+    )
     start_speed: Reals  # (frictional,), slip speed at the start of the step, m/s
 
 
 @kernel(allocates=True)
-def _evaluate(m: Arrays, w: Workspace, t: float, y: Reals, slip: Integers, corner: IntegerTable, dy: Reals) -> int:
+def _evaluate(
+    m: Arrays, w: Workspace, t: float, y: Reals, slip: Integers, corner: IntegerTable, dy: Reals
+) -> int:
     """y' into dy by the contact solver, without friction by a linear solve; returns the solver's outcome."""
     n = len(m.inverse_mass)
     row_form(m, w, t, y[:n], y[n:])
@@ -93,8 +105,15 @@ def _runge_kutta(m: Arrays, w: Workspace, s: State, t: float, h: float) -> int:
 
 
 @kernel
-def march(m: Arrays, w: Workspace, beside: Workspace, s: State, task: Steps, samples: Samples,
-          log: EventLog) -> tuple[int, int, int, float]:
+def march(
+    m: Arrays,
+    w: Workspace,
+    beside: Workspace,
+    s: State,
+    task: Steps,
+    samples: Samples,
+    log: EventLog,
+) -> tuple[int, int, int, float]:
     """March through the steps; returns code, samples, events and time reached.
 
     `beside`: a workspace for what is evaluated for the record alone, and is not counted. `log`: its sides without rows
@@ -122,7 +141,15 @@ def march(m: Arrays, w: Workspace, beside: Workspace, s: State, task: Steps, sam
                 outcome = _evaluate(m, w, t, y, slip, s.corner, s.dy)
                 if outcome != SOLVED:
                     return outcome, written, events, t
-                write_sample(w, y, s.dy, slip, samples.motion[written], samples.force[written], samples.slip[written])
+                write_sample(
+                    w,
+                    y,
+                    s.dy,
+                    slip,
+                    samples.motion[written],
+                    samples.force[written],
+                    samples.slip[written],
+                )
                 written += 1
             if step == task.steps:
                 return DONE, written, events, t
@@ -171,12 +198,16 @@ def _log_sides(m, beside, s, log, t, began, events):
         if outcome != SOLVED:
             return outcome
         for i in range(began, events):
-            write_sample(beside, s.y, s.dy, mode, log.motion[i, side], log.force[i, side], log.slip[i, side])
+            write_sample(
+                beside, s.y, s.dy, mode, log.motion[i, side], log.force[i, side], log.slip[i, side]
+            )
     return SOLVED
 
 
 @kernel
-def _step_to_rest(m: Arrays, w: Workspace, s: State, t: float, rest: float) -> tuple[int, float, int]:
+def _step_to_rest(
+    m: Arrays, w: Workspace, s: State, t: float, rest: float
+) -> tuple[int, float, int]:
     """A step of length `rest`, or up to the first slip velocity that changes its sign.
 
     Returns the solver's outcome, the step, and the guide that came to rest, or NO_GUIDE.
@@ -200,7 +231,9 @@ def _step_to_rest(m: Arrays, w: Workspace, s: State, t: float, rest: float) -> t
     high, high_value = rest, slip[first] * w.slip_speed[first]
     floor = 1e-13 * max(abs(low_value), abs(high_value))
     for i in range(60):
-        h = low + (high - low) * (low_value / (low_value - high_value) if i % 3 != 2 and low_value > 0.0 else 0.5)
+        h = low + (high - low) * (
+            low_value / (low_value - high_value) if i % 3 != 2 and low_value > 0.0 else 0.5
+        )
         outcome = _runge_kutta(m, w, s, t, h)
         if outcome != SOLVED:
             return outcome, h, NO_GUIDE
@@ -216,8 +249,16 @@ def _step_to_rest(m: Arrays, w: Workspace, s: State, t: float, rest: float) -> t
     return SOLVED, h, first
 
 
-def simulate_as_paper(mechanism: Mechanism, q: np.ndarray, v: np.ndarray, dt: float, steps: int, every: int,
-                      solver: int = AUTOMATIC, sides: bool = True) -> Run:
+def simulate_as_paper(
+    mechanism: Mechanism,
+    q: np.ndarray,
+    v: np.ndarray,
+    dt: float,
+    steps: int,
+    every: int,
+    solver: int = AUTOMATIC,
+    sides: bool = True,
+) -> Run:
     """March a mechanism from t = 0 as the paper does.
 
     `q` and `v` (3 * bodies,): the state there, on the constraints. `dt`: the step (s); of `steps` every `every`-th
@@ -231,16 +272,39 @@ def simulate_as_paper(mechanism: Mechanism, q: np.ndarray, v: np.ndarray, dt: fl
     started = clock()
     m, w = mechanism.arrays, workspace(mechanism.arrays, solver)
     n, nf = len(q), len(m.friction)
-    samples, log = Samples.room(m, steps // every + 1), EventLog.room(m, MOST_EVENTS, MOST_EVENTS if sides else 0)
+    samples, log = (
+        Samples.room(m, steps // every + 1),
+        EventLog.room(m, MOST_EVENTS, MOST_EVENTS if sides else 0),
+    )
     samples.t[:] = np.arange(len(samples.t)) * (every * dt)
-    state = State.zeros(y=2 * n, y_new=2 * n, stage=2 * n, dy=2 * n, slip=nf, old_slip=nf,
-                        corner=(nf, 2), rest_speed=nf, start_speed=nf)
+    state = State.zeros(
+        y=2 * n,
+        y_new=2 * n,
+        stage=2 * n,
+        dy=2 * n,
+        slip=nf,
+        old_slip=nf,
+        corner=(nf, 2),
+        rest_speed=nf,
+        start_speed=nf,
+    )
     state.y[:], state.corner[:] = np.concatenate([q, v]), 1
     task, prepared = Steps(dt, steps, every, int(mechanism.projection)), clock()
     code, written, events, reached = march(m, w, workspace(m, solver), state, task, samples, log)
     stepped = clock()
-    columns, found, alternatives = columns_and_events(mechanism, [part[:written] for part in samples],
-                                        [part[:events] for part in log], None, sides, dt)
-    return Run(samples.t[:written], columns, found,
-               Cost(prepared - started, 0.0, stepped - prepared, named(w.counters)),
-               breakdown_of(code, reached, mechanism, w, state.slip, state.corner), alternatives)
+    columns, found, alternatives = columns_and_events(
+        mechanism,
+        [part[:written] for part in samples],
+        [part[:events] for part in log],
+        None,
+        sides,
+        dt,
+    )
+    return Run(
+        samples.t[:written],
+        columns,
+        found,
+        Cost(prepared - started, 0.0, stepped - prepared, named(w.counters)),
+        breakdown_of(code, reached, mechanism, w, state.slip, state.corner),
+        alternatives,
+    )

@@ -8,13 +8,36 @@ from typing import Annotated
 
 import numpy as np
 
-from stiction.reference_impl.compiled.bundle import Bundle, Cube, Integers, IntegerTable, Reals, Table
+from stiction.reference_impl.compiled.bundle import (
+    Bundle,
+    Cube,
+    Integers,
+    IntegerTable,
+    Reals,
+    Table,
+)
 from stiction.reference_impl.friction.coulomb import can_jam
 from stiction.reference_impl.friction.frozen_mode import margin
 from stiction.reference_impl.friction.open_forces import OpenForces, open_forces
-from stiction.reference_impl.friction.outcomes import (AUDIT, BREAKDOWNS, CRAWL, DONE, ILL_CONDITIONED, JAM, MODE_LIMIT,
-                                                       NONE, NOT_FINITE, PIVOT_LIMIT, RAY, SELF_LOCKING, SEVERAL,
-                                                       SIGN_CYCLE, SINGULAR, STEP_TOO_SMALL, UNBOUNDED)
+from stiction.reference_impl.friction.outcomes import (
+    AUDIT,
+    BREAKDOWNS,
+    CRAWL,
+    DONE,
+    ILL_CONDITIONED,
+    JAM,
+    MODE_LIMIT,
+    NONE,
+    NOT_FINITE,
+    PIVOT_LIMIT,
+    RAY,
+    SELF_LOCKING,
+    SEVERAL,
+    SIGN_CYCLE,
+    SINGULAR,
+    STEP_TOO_SMALL,
+    UNBOUNDED,
+)
 from stiction.reference_impl.friction.trial_and_error import trial_and_error
 from stiction.reference_impl.friction.uniqueness import gain_of_mode, number_of_solutions
 from stiction.reference_impl.multibody.guide_freedom import DRIVEN
@@ -51,7 +74,9 @@ class Samples(Bundle):
     def room(cls, m: Arrays, count: int) -> Samples:
         """Room for so many samples."""
         n, nf = len(m.inverse_mass), len(m.friction)
-        return cls.zeros(t=count, motion=(count, 3, n), force=(count, m.rows + nf), slip=(count, nf))
+        return cls.zeros(
+            t=count, motion=(count, 3, n), force=(count, m.rows + nf), slip=(count, nf)
+        )
 
 
 class EventLog(Bundle):
@@ -69,8 +94,15 @@ class EventLog(Bundle):
     def room(cls, m: Arrays, count: int, sided: int) -> EventLog:
         """Room for so many events, and for the samples of so many."""
         n, nf = len(m.inverse_mass), len(m.friction)
-        return cls.zeros(t=count, kind=count, guide=count, others=count, motion=(sided, 2, 3, n),
-                         force=(sided, 2, m.rows + nf), slip=(sided, 2, nf))
+        return cls.zeros(
+            t=count,
+            kind=count,
+            guide=count,
+            others=count,
+            motion=(sided, 2, 3, n),
+            force=(sided, 2, m.rows + nf),
+            slip=(sided, 2, nf),
+        )
 
 
 @dataclass(frozen=True)
@@ -90,8 +122,15 @@ class Run:
         return "end" if self.breakdown is None else str(self.breakdown)
 
 
-def breakdown_of(code: int, time: float, mechanism: Mechanism, w, slip: np.ndarray, corner: np.ndarray,
-                 scales: tuple[float, float] = (1.0, 1.0)) -> Breakdown | None:
+def breakdown_of(
+    code: int,
+    time: float,
+    mechanism: Mechanism,
+    w,
+    slip: np.ndarray,
+    corner: np.ndarray,
+    scales: tuple[float, float] = (1.0, 1.0),
+) -> Breakdown | None:
     """The typed end of a run, from what its kernel left behind where it failed; None at the end of its time.
 
     `code`: one of `outcomes`. `w`: a workspace with the rows of that instant. `slip` and `corner`: the contact mode
@@ -105,17 +144,27 @@ def breakdown_of(code: int, time: float, mechanism: Mechanism, w, slip: np.ndarr
     if code in (RAY, PIVOT_LIMIT, NONE, SEVERAL, SINGULAR, MODE_LIMIT, UNBOUNDED):
         _, guide = gain_of_mode(m, w, slip)
     if code == SIGN_CYCLE:
-        _, _, guide = trial_and_error(m, w, slip, corner, np.zeros(len(w.force)), np.zeros_like(slip))
+        _, _, guide = trial_and_error(
+            m, w, slip, corner, np.zeros(len(w.force)), np.zeros_like(slip)
+        )
     if code == AUDIT:
-        guide = int(np.argmin([min(np.divide(margin(m, w, slip, f), scales)) for f in range(len(m.friction))]))
+        guide = int(
+            np.argmin(
+                [min(np.divide(margin(m, w, slip, f), scales)) for f in range(len(m.friction))]
+            )
+        )
     if code == JAM:
-        guide = min((f for f in range(len(m.friction)) if can_jam(m, f)), key=lambda f: abs(w.slip_speed[f]))
+        guide = min(
+            (f for f in range(len(m.friction)) if can_jam(m, f)), key=lambda f: abs(w.slip_speed[f])
+        )
     if code in (NONE, SELF_LOCKING, UNBOUNDED):
         found = 0
     if code == SEVERAL:
         # a rest in which guides share a load is a solution that is not counted (`mode_choice`)
         found = max(2, number_of_solutions(m, w, slip))
-    return Breakdown(kind, float(time), reason, mechanism.guide_names[guide] if guide != NO_GUIDE else "", found)
+    return Breakdown(
+        kind, float(time), reason, mechanism.guide_names[guide] if guide != NO_GUIDE else "", found
+    )
 
 
 def _cause(code: int, mechanism: Mechanism, w, slip: np.ndarray) -> tuple[int, int]:
@@ -135,16 +184,23 @@ def _cause(code: int, mechanism: Mechanism, w, slip: np.ndarray) -> tuple[int, i
     return code, NO_GUIDE
 
 
-def columns_and_events(mechanism: Mechanism, samples: Sequence[np.ndarray], log: Sequence[np.ndarray],
-                       names: Collection[str] | None, sides: bool, first_step: float
-                       ) -> tuple[dict[str, np.ndarray], tuple[Event, ...], dict[str, np.ndarray]]:
+def columns_and_events(
+    mechanism: Mechanism,
+    samples: Sequence[np.ndarray],
+    log: Sequence[np.ndarray],
+    names: Collection[str] | None,
+    sides: bool,
+    first_step: float,
+) -> tuple[dict[str, np.ndarray], tuple[Event, ...], dict[str, np.ndarray]]:
     """Return columns of the samples; the events, with the same on both `sides` if these are wanted; alternatives.
 
     `samples` and `log`: the arrays of `Samples` and `EventLog`. `names`: the columns that are wanted; all where None.
     `first_step`: the least time (s) that SAME_INSTANT is taken of.
     """
-    def build(t: np.ndarray, motion: np.ndarray, force: np.ndarray,
-              slip: np.ndarray) -> tuple[dict[str, np.ndarray], dict[str, np.ndarray]]:
+
+    def build(
+        t: np.ndarray, motion: np.ndarray, force: np.ndarray, slip: np.ndarray
+    ) -> tuple[dict[str, np.ndarray], dict[str, np.ndarray]]:
         q, v, a = (motion[:, k] for k in range(3))
         opened = open_forces(mechanism, t, q, v, force, slip)
         columns = build_columns(mechanism, t, q, v, a, opened.force, slip, names)
@@ -154,15 +210,23 @@ def columns_and_events(mechanism: Mechanism, samples: Sequence[np.ndarray], log:
     columns, alternatives = build(*samples)
     rows: list[dict[str, float]] = [{} for _ in range(2 * len(instants))]
     if sides and columns and len(instants):
-        two_sided, _ = build(np.repeat(instants, 2), *(part.reshape(-1, *part.shape[2:]) for part in sided))
+        two_sided, _ = build(
+            np.repeat(instants, 2), *(part.reshape(-1, *part.shape[2:]) for part in sided)
+        )
         rows = rows_of(two_sided)
     events: list[Event] = []
-    logged = zip(instants.tolist(), kinds.tolist(), guides.tolist(), others.tolist(), rows[::2], rows[1::2])
+    logged = zip(
+        instants.tolist(), kinds.tolist(), guides.tolist(), others.tolist(), rows[::2], rows[1::2]
+    )
     for instant, kind, guide, more, before, after in logged:
         found = Event(instant, EVENT_KINDS[kind], mechanism.guide_names[guide], before, after, more)
         last = events[-1] if events else None
-        if last and last.kind == found.kind == "corner" and last.joint == found.joint \
-                and found.time - last.time <= SAME_INSTANT * max(first_step, found.time):
+        if (
+            last
+            and last.kind == found.kind == "corner"
+            and last.joint == found.joint
+            and found.time - last.time <= SAME_INSTANT * max(first_step, found.time)
+        ):
             # both corners change their surface where the resultant passes zero without a moment
             found = replace(found, before=last.before)
             events.pop()
@@ -170,8 +234,9 @@ def columns_and_events(mechanism: Mechanism, samples: Sequence[np.ndarray], log:
     return columns, tuple(events), alternatives
 
 
-def alternative_columns(mechanism: Mechanism, opened: OpenForces, count: int,
-                        wanted: Collection[str]) -> dict[str, np.ndarray]:
+def alternative_columns(
+    mechanism: Mechanism, opened: OpenForces, count: int, wanted: Collection[str]
+) -> dict[str, np.ndarray]:
     """The values, (count, k), of the wanted columns that have several at some instant; see `OpenForces`."""
     names = [*mechanism.row_names, *(f"{name}.friction" for name in mechanism.guide_names)]
     found = {}

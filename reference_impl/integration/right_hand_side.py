@@ -18,14 +18,20 @@ from stiction.reference_impl.friction.outcomes import SOLVED
 from stiction.reference_impl.friction.shared_rest import share_rest
 from stiction.reference_impl.friction.uniqueness import COUNTED
 from stiction.reference_impl.friction.unlike_masses import solve_with_motion
-from stiction.reference_impl.multibody.dynamics import acceleration, largest_force, row_acceleration, row_form
+from stiction.reference_impl.multibody.dynamics import (
+    acceleration,
+    largest_force,
+    row_acceleration,
+    row_form,
+)
 from stiction.reference_impl.multibody.guide_freedom import DRIVEN
 from stiction.reference_impl.multibody.mechanism import Arrays, Workspace
 
 
 @kernel
-def right_hand_side(m: Arrays, w: Workspace, t: float, y: Reals, slip: Integers, corner: IntegerTable,
-                    dy: Reals) -> None:
+def right_hand_side(
+    m: Arrays, w: Workspace, t: float, y: Reals, slip: Integers, corner: IntegerTable, dy: Reals
+) -> None:
     """y' of the frozen mode into dy, and the event functions into w.event."""
     n = len(m.inverse_mass)
     row_form(m, w, t, y[:n], y[n:])
@@ -90,7 +96,11 @@ def _hyperstatic_stick(m: Arrays, w: Workspace, slip: Integers, corner: IntegerT
         return True
     w.counters.hlcp += 1
     force, y, x, outcome, rest = hlcp.solve(m, w, slip, COUNTED)
-    accelerate, signs, fastest = np.zeros(len(m.friction)), np.zeros((len(m.friction), 2), dtype=np.int64), 0.0
+    accelerate, signs, fastest = (
+        np.zeros(len(m.friction)),
+        np.zeros((len(m.friction), 2), dtype=np.int64),
+        0.0,
+    )
     if outcome == SOLVED:
         hlcp.read(m, w, slip, force, y, x, accelerate, signs)
         for f in range(len(m.friction)):

@@ -44,7 +44,7 @@ def end_at_several(m: Arrays, w: Workspace, s: State) -> None:
             # two motions may have come and merged since the gain passed 1, as where a corner changes its surface
             passed = _onset(m, w, s, low, high, False)
             for k in range(1, HALVINGS_BEHIND + 1):
-                between = passed + (high - passed) * 0.5 ** k
+                between = passed + (high - passed) * 0.5**k
                 _rows_at(m, w, s, between)
                 if has_several(m, w, s.slip):
                     several, high = True, between
@@ -53,7 +53,9 @@ def end_at_several(m: Arrays, w: Workspace, s: State) -> None:
         if several:
             step.lost, step.counted = 1, _onset(m, w, s, low, high, True)
             passed = _onset(m, w, s, low, high, False)
-            step.fraction = passed if step.counted - passed <= SINGULAR_STRETCH * (high - low) else step.counted
+            step.fraction = (
+                passed if step.counted - passed <= SINGULAR_STRETCH * (high - low) else step.counted
+            )
             step.length = step.fraction * step.h
             return
         low = high

@@ -19,7 +19,9 @@ GOLDEN = 0.6180339887498949
 
 
 @kernel
-def audit(m: Arrays, w: Workspace, s: State, task: Task, t: float, speed: float, force: float) -> bool:
+def audit(
+    m: Arrays, w: Workspace, s: State, task: Task, t: float, speed: float, force: float
+) -> bool:
     """Return True where Coulomb's law holds at the audited instants of the step from t; else one becomes the state.
 
     speed, force : the largest so far, m/s and N.

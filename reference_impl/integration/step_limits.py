@@ -123,8 +123,15 @@ def _time_to_pass(m: Arrays, i: int, y: Reals, dy: Reals) -> float:
     """
     dx, dy_, ex, ey, cx, cy = _between(m, i, y, dy, len(m.inverse_mass))
     nearest = NEAREST * m.length_scale
-    distance, speed, acceleration = sqrt(dx * dx + dy_ * dy_), sqrt(ex * ex + ey * ey), sqrt(cx * cx + cy * cy)
-    turns = abs(dx * ey - dy_ * ex) > nearest * speed or abs(dx * cy - dy_ * cx) > nearest * acceleration
+    distance, speed, acceleration = (
+        sqrt(dx * dx + dy_ * dy_),
+        sqrt(ex * ex + ey * ey),
+        sqrt(cx * cx + cy * cy),
+    )
+    turns = (
+        abs(dx * ey - dy_ * ex) > nearest * speed
+        or abs(dx * cy - dy_ * cx) > nearest * acceleration
+    )
     if turns:
         return _time_for(APPROACH * max(distance, nearest), speed, 0.5 * acceleration)
     if m.line[i].flips == 0 or distance == 0.0:
@@ -150,5 +157,11 @@ def _point(y, dy, n, body, px, py):
     k = 3 * body
     c, s, omega, alpha = cos(y[k + 2]), sin(y[k + 2]), y[n + k + 2], dy[n + k + 2]
     rx, ry = c * px - s * py, s * px + c * py
-    return (y[k] + rx, y[k + 1] + ry, y[n + k] - omega * ry, y[n + k + 1] + omega * rx,
-            dy[n + k] - alpha * ry - omega * omega * rx, dy[n + k + 1] + alpha * rx - omega * omega * ry)
+    return (
+        y[k] + rx,
+        y[k + 1] + ry,
+        y[n + k] - omega * ry,
+        y[n + k + 1] + omega * rx,
+        dy[n + k] - alpha * ry - omega * omega * rx,
+        dy[n + k + 1] + alpha * rx - omega * omega * ry,
+    )

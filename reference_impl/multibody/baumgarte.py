@@ -17,7 +17,7 @@ PAPERS = 90.0, 10.0
 
 def coefficients(alpha: float, beta: float) -> dict[str, float]:
     """Return 2 alpha and beta^2 (1/s, 1/s^2), by their names in `Arrays`."""
-    return {"baumgarte_2alpha": 2.0 * alpha, "baumgarte_beta2": beta ** 2}
+    return {"baumgarte_2alpha": 2.0 * alpha, "baumgarte_beta2": beta**2}
 
 
 @kernel(inline=True)

@@ -15,7 +15,12 @@ from stiction.reference_impl.compiled.bundle import Reals, Table
 from stiction.reference_impl.compiled.kernel import kernel
 from stiction.reference_impl.compiled.loops import product
 from stiction.reference_impl.multibody import baumgarte
-from stiction.reference_impl.multibody.kinematics import constraints_at, direction_at, law_at, point_at
+from stiction.reference_impl.multibody.kinematics import (
+    constraints_at,
+    direction_at,
+    law_at,
+    point_at,
+)
 from stiction.reference_impl.multibody.mechanism import ANGLE, AXIS, Arrays, Workspace
 
 ONE, TWO = np.uint64(1), np.uint64(2)
@@ -69,7 +74,9 @@ def applied_forces(m, rotation, t, q, v, Q):
             d2 = dx * dx + dy * dy
             if d2 > 0.0:
                 d = sqrt(d2)
-                pull = (spring.stiffness * spring.rest - spring.damping * (dx * ex + dy * ey) / d) / d
+                pull = (
+                    spring.stiffness * spring.rest - spring.damping * (dx * ex + dy * ey) / d
+                ) / d
                 fx += pull * dx
                 fy += pull * dy
         _push(Q, a, rax, ray, fx, fy)
@@ -105,8 +112,9 @@ def row_form(m: Arrays, w: Workspace, t: float, q: Reals, v: Reals) -> None:
     row, column, value = np.uint64(0), np.uint64(0), 0.0
     for p in range(len(m.pair)):
         i, j, r, c = m.pair[p, 0], m.pair[p, 1], m.pair[p, 2], m.pair[p, 3]
-        value = (value if r == row and c == column else 0.0) + (JM[i] * J[j] + JM[i + ONE] * J[j + ONE]
-                                                                + JM[i + TWO] * J[j + TWO])
+        value = (value if r == row and c == column else 0.0) + (
+            JM[i] * J[j] + JM[i + ONE] * J[j + ONE] + JM[i + TWO] * J[j + TWO]
+        )
         G[r, c], G[c, r], row, column = value, value, r, c
 
 

@@ -38,38 +38,95 @@ def blocks(scene: Scene) -> list[Block]:
     guides, frictional = scene.guides, scene.frictional_guides
     cornered = tuple(name for name, guide in guides.items() if guide.length is not None)
     levers = tuple(name for name, guide in frictional.items() if guide.width)
-    static = tuple(name for name, guide in frictional.items() if guide.static_coefficient > guide.kinetic_coefficient)
+    static = tuple(
+        name
+        for name, guide in frictional.items()
+        if guide.static_coefficient > guide.kinetic_coefficient
+    )
     stiff = tuple(name for name, spring in scene.springs.items() if spring.stiffness)
     damped = tuple(name for name, spring in scene.springs.items() if spring.damping)
     law, stabilization = scene.stabilization, "Phi'' = 0"
     if isinstance(law, Baumgarte):
-        stabilization = f"Phi'' + {2 * law.alpha:g} Phi' + {law.beta ** 2:g} Phi = 0 (25)"
+        stabilization = f"Phi'' + {2 * law.alpha:g} Phi' + {law.beta**2:g} Phi = 0 (25)"
     elif not isinstance(law, NoStabilization):
         stabilization = "Phi'' = 0, q and q' projected onto the constraints after each step"
-    declared = (law.method,) if isinstance(law, Baumgarte) else ()  # projection is no term of the equations
+    declared = (
+        (law.method,) if isinstance(law, Baumgarte) else ()
+    )  # projection is no term of the equations
     return [
-        Block("bodies", tuple(scene.bodies), "M q'' = QE + J^T lambda + W_T^T lambda_T (21)",
-              f"coordinates: {3 * len(scene.bodies)}", ""),
-        Block("gravity", ("gravity",) if scene.gravity and any(scene.gravity) else (), "QE: m g on each body",
-              "", "no weight"),
-        Block("springs", stiff, "QE: -k (x - rest) on two bodies, x a distance or an angle", "", "no elastic force"),
+        Block(
+            "bodies",
+            tuple(scene.bodies),
+            "M q'' = QE + J^T lambda + W_T^T lambda_T (21)",
+            f"coordinates: {3 * len(scene.bodies)}",
+            "",
+        ),
+        Block(
+            "gravity",
+            ("gravity",) if scene.gravity and any(scene.gravity) else (),
+            "QE: m g on each body",
+            "",
+            "no weight",
+        ),
+        Block(
+            "springs",
+            stiff,
+            "QE: -k (x - rest) on two bodies, x a distance or an angle",
+            "",
+            "no elastic force",
+        ),
         Block("dampers", damped, "QE: -c x' on two bodies", "", "no viscous force"),
         Block("forces", tuple(scene.forces), "QE: law(t) on a body", "", "no law of time in QE"),
-        Block("revolute joints", revolute, "Phi_CR = r_1 - r_2 = 0", f"rows: {2 * len(revolute)}", "no pin force"),
-        Block("translational joints", tuple(guides), "Phi_CT = [n . (r_1 - r_2); th_1 - th_2 - angle] = 0",
-              f"rows: {2 * len(guides)}", "no guide"),
-        Block("drives", tuple(scene.drives), "Phi_D = coordinate - law(t) = 0", f"rows: {len(scene.drives)}",
-              "no driving multiplier"),
+        Block(
+            "revolute joints",
+            revolute,
+            "Phi_CR = r_1 - r_2 = 0",
+            f"rows: {2 * len(revolute)}",
+            "no pin force",
+        ),
+        Block(
+            "translational joints",
+            tuple(guides),
+            "Phi_CT = [n . (r_1 - r_2); th_1 - th_2 - angle] = 0",
+            f"rows: {2 * len(guides)}",
+            "no guide",
+        ),
+        Block(
+            "drives",
+            tuple(scene.drives),
+            "Phi_D = coordinate - law(t) = 0",
+            f"rows: {len(scene.drives)}",
+            "no driving multiplier",
+        ),
         Block("stabilization", declared, stabilization, "", "no feedback of residuals"),
-        Block("corner forces", cornered, "F+ >= 0, F- >= 0, F+ F- = 0 (1)-(2)", f"pairs: {2 * len(cornered)}",
-              "a guide has its resultant normal force and moment only"),
-        Block("friction", tuple(frictional), "slip: lambda_T = -mu FN sgn(gT'); stick: gT' = 0 (3)-(16)",
-              f"tangential rows: {len(frictional)}",
-              "no complementarity problem: one linear solve gives all multipliers"),
-        Block("surface levers", levers, "rows of W_T for both surfaces, +- b/2 apart", "",
-              "friction does not turn a slider"),
-        Block("static coefficient", static, "stick: |lambda_T| <= mus FN, mus > mu (14), (17)", "",
-              "friction does not drop at break-away"),
+        Block(
+            "corner forces",
+            cornered,
+            "F+ >= 0, F- >= 0, F+ F- = 0 (1)-(2)",
+            f"pairs: {2 * len(cornered)}",
+            "a guide has its resultant normal force and moment only",
+        ),
+        Block(
+            "friction",
+            tuple(frictional),
+            "slip: lambda_T = -mu FN sgn(gT'); stick: gT' = 0 (3)-(16)",
+            f"tangential rows: {len(frictional)}",
+            "no complementarity problem: one linear solve gives all multipliers",
+        ),
+        Block(
+            "surface levers",
+            levers,
+            "rows of W_T for both surfaces, +- b/2 apart",
+            "",
+            "friction does not turn a slider",
+        ),
+        Block(
+            "static coefficient",
+            static,
+            "stick: |lambda_T| <= mus FN, mus > mu (14), (17)",
+            "",
+            "friction does not drop at break-away",
+        ),
     ]
 
 
@@ -89,8 +146,9 @@ def constraint_rows(scene: Scene) -> int:
 
 def constraint_components(scene: Scene) -> list[tuple[str, ...]]:
     """The bodies in groups that neither joints nor drives connect (the ground connects nothing)."""
-    count, group = connected_bodies(scene, (element.bodies
-                                            for element in (*scene.joints.values(), *scene.drives.values())))
+    count, group = connected_bodies(
+        scene, (element.bodies for element in (*scene.joints.values(), *scene.drives.values()))
+    )
     members: list[list[str]] = [[] for _ in range(count)]
     for name in scene.bodies:
         members[group[name]].append(name)

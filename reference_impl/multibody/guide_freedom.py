@@ -42,6 +42,7 @@ class GuideFreedom(IntEnum):
 
 FREE, DRIVEN, LOCKED = (int(kind) for kind in GuideFreedom)
 
+
 @dataclass(frozen=True)
 class GuideFreedoms:
     """What a scene leaves to its frictional guides.
@@ -102,8 +103,12 @@ def guide_freedoms(scene: Scene, length_scale: float) -> GuideFreedoms:
     if not candidates:
         return GuideFreedoms(dict.fromkeys(scene.frictional_guides, GuideFreedom.FREE))
     positions = tuple((name, (*body.position, body.angle)) for name, body in scene.bodies.items())
-    return _freedoms(_Geometry(positions, tuple(scene.joints.items()), tuple(scene.drives.items()), length_scale,
-                               scene), candidates)
+    return _freedoms(
+        _Geometry(
+            positions, tuple(scene.joints.items()), tuple(scene.drives.items()), length_scale, scene
+        ),
+        candidates,
+    )
 
 
 @lru_cache(maxsize=64)
@@ -136,8 +141,15 @@ def _freedoms(geometry: _Geometry, candidates: tuple[str, ...]) -> GuideFreedoms
     left, size, _ = np.linalg.svd(np.vstack([rows, tangents[unfree]]))
     rank = int(np.sum(size > RANK * size[0]))
     moved = np.max(np.abs(left[:, rank:]), axis=1, initial=0.0) > DEPENDENT
-    stressed = [name for name in candidates if found[name] == GuideFreedom.FREE
-                and any(moved[equations.rows.index(f"{name}.{label}")] for label in _load_rows(scene.guides[name]))]
+    stressed = [
+        name
+        for name in candidates
+        if found[name] == GuideFreedom.FREE
+        and any(
+            moved[equations.rows.index(f"{name}.{label}")]
+            for label in _load_rows(scene.guides[name])
+        )
+    ]
     return GuideFreedoms(found, tuple(stressed))
 
 
@@ -166,8 +178,13 @@ def _closes_loop(scene: Scene, guide: str) -> bool:
     return goal in reached or (goal == GROUND and GROUND in reached)
 
 
-def _positions_near(equations: EquationsOfMotion, start: np.ndarray, unit: np.ndarray,
-                    joints: int, length_scale: float) -> list[np.ndarray]:
+def _positions_near(
+    equations: EquationsOfMotion,
+    start: np.ndarray,
+    unit: np.ndarray,
+    joints: int,
+    length_scale: float,
+) -> list[np.ndarray]:
     """Positions that the joints allow, displaced at random from the start along their freedoms.
 
     Where the joints leave no freedom, the only one is the start. The draw is always the same.
@@ -189,8 +206,9 @@ def _positions_near(equations: EquationsOfMotion, start: np.ndarray, unit: np.nd
     return found
 
 
-def _closed(equations: EquationsOfMotion, q: np.ndarray, unit: np.ndarray, joints: int,
-            closed: float) -> np.ndarray | None:
+def _closed(
+    equations: EquationsOfMotion, q: np.ndarray, unit: np.ndarray, joints: int, closed: float
+) -> np.ndarray | None:
     """Move a position onto the joints by Newton's method; None where it does not converge."""
     for _ in range(NEWTON_STEPS):
         terms = equations.at(0.0, q, np.zeros_like(q))
@@ -219,4 +237,4 @@ def _span(rows: np.ndarray) -> np.ndarray:
         return np.zeros((rows.shape[1], 0))
     basis, triangle, _ = qr(rows.T, mode="economic", pivoting=True)
     diagonal = np.abs(np.diag(triangle))
-    return basis[:, :int(np.sum(diagonal > RANK * diagonal[0]))]
+    return basis[:, : int(np.sum(diagonal > RANK * diagonal[0]))]

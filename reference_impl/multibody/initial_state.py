@@ -29,7 +29,11 @@ def _largest_coordinate(scene: Scene) -> float:
     """The largest coordinate of a body, of a point of a joint or drive, or value of a law at the start."""
     values = [abs(x) for body in scene.bodies.values() for x in (*body.position, body.angle)]
     for element in [*scene.joints.values(), *scene.drives.values()]:
-        points = (element.slider_point, element.point) if isinstance(element, Translational) else element.points
+        points = (
+            (element.slider_point, element.point)
+            if isinstance(element, Translational)
+            else element.points
+        )
         values += [abs(x) for point in points for x in point]
     values += [abs(evaluate_law(drive.law, 0.0)[0]) for drive in scene.drives.values()]
     return max(values)
@@ -40,7 +44,9 @@ def consistent_start(mechanism: Mechanism, assemble: bool = False) -> tuple[np.n
     return consistent_starts([mechanism], assemble)[0]
 
 
-def consistent_starts(parts: Sequence[Mechanism], assemble: bool = False) -> list[tuple[np.ndarray, np.ndarray]]:
+def consistent_starts(
+    parts: Sequence[Mechanism], assemble: bool = False
+) -> list[tuple[np.ndarray, np.ndarray]]:
     """Coordinates and velocities at t = 0 of the parts of a scene, that satisfy the constraints.
 
     `assemble`: project an inconsistent start onto the constraints, in the metric of the mass matrix, instead of
@@ -70,19 +76,32 @@ def _start(mechanism: Mechanism, assemble: bool) -> tuple[np.ndarray, np.ndarray
     row_form(m, w, 0.0, q, v)
     speed = max(m.length_scale, *map(abs, v.tolist()))
     # no residual is known better than the numbers that it is the difference of, far from the origin
-    position_floor = max(CONSISTENT * m.length_scale, ROUNDINGS * np.spacing(_largest_coordinate(mechanism.scene)))
+    position_floor = max(
+        CONSISTENT * m.length_scale, ROUNDINGS * np.spacing(_largest_coordinate(mechanism.scene))
+    )
     velocity_floor = CONSISTENT * speed
     if assemble and all(map(isfinite, w.phi.tolist())):
         project(m, w, 0.0, q, v, np.zeros(len(m.friction), dtype=np.int64), False, 50)
         row_form(m, w, 0.0, q, v)
     problems = []
     for name, position, velocity in zip(mechanism.row_names, w.phi.tolist(), w.phi_dot.tolist()):
-        for residual, floor, what in ((position, position_floor, "position"), (velocity, velocity_floor, "velocity")):
+        for residual, floor, what in (
+            (position, position_floor, "position"),
+            (velocity, velocity_floor, "velocity"),
+        ):
             if not abs(residual) <= floor:
-                advice = ("the start could not be assembled" if assemble
-                          else "correct the start or assemble it (--assemble)")
-                problems.append(Problem(f"start.{name}", f"{what} residual {residual:.6g}",
-                                        f"expected the constraint to be met within {floor:.1g}; {advice}"))
+                advice = (
+                    "the start could not be assembled"
+                    if assemble
+                    else "correct the start or assemble it (--assemble)"
+                )
+                problems.append(
+                    Problem(
+                        f"start.{name}",
+                        f"{what} residual {residual:.6g}",
+                        f"expected the constraint to be met within {floor:.1g}; {advice}",
+                    )
+                )
     return q, v, problems
 
 
@@ -95,7 +114,17 @@ def with_consistent_start(scene: Scene, assemble: bool = False) -> Scene:
     starts = consistent_starts(parts, assemble)
     if not assemble:
         return scene
-    return vary(scene, {f"{name}.{key}": value for part, (q, v) in zip(parts, starts)
-                        for i, name in enumerate(part.body_names)
-                        for key, value in (("position", q[3 * i:3 * i + 2]), ("angle", q[3 * i + 2]),
-                                           ("velocity", v[3 * i:3 * i + 2]), ("angular_velocity", v[3 * i + 2]))})
+    return vary(
+        scene,
+        {
+            f"{name}.{key}": value
+            for part, (q, v) in zip(parts, starts)
+            for i, name in enumerate(part.body_names)
+            for key, value in (
+                ("position", q[3 * i : 3 * i + 2]),
+                ("angle", q[3 * i + 2]),
+                ("velocity", v[3 * i : 3 * i + 2]),
+                ("angular_velocity", v[3 * i + 2]),
+            )
+        },
+    )

@@ -9,28 +9,65 @@ import numpy as np
 
 from stiction.reference_impl.compiled.kernel import kernel
 from stiction.reference_impl.friction.solver_names import AUTOMATIC
-from stiction.reference_impl.multibody.mechanism import (ANGLE, AXIS, DISTANCE, LAW_POLYNOMIAL, LAW_SINE, LAW_SPLINE,
-                                                         REVOLUTE, Arrays, Workspace)
+from stiction.reference_impl.multibody.mechanism import (
+    ANGLE,
+    AXIS,
+    DISTANCE,
+    LAW_POLYNOMIAL,
+    LAW_SINE,
+    LAW_SPLINE,
+    REVOLUTE,
+    Arrays,
+    Workspace,
+)
 
 
 def workspace(arrays: Arrays, solver: int = AUTOMATIC) -> Workspace:
     """Room for the kernels' results."""
     coordinates, size = len(arrays.inverse_mass), arrays.rows + len(arrays.friction)
-    whole = Workspace.zeros(rotation=(coordinates // 3, 2), J=6 * size, JM=6 * size, phi=arrays.rows,
-                            phi_dot=arrays.rows, gamma=size, free=coordinates, solver=solver, counters=(), separate=(),
-                            **_room(arrays))
+    whole = Workspace.zeros(
+        rotation=(coordinates // 3, 2),
+        J=6 * size,
+        JM=6 * size,
+        phi=arrays.rows,
+        phi_dot=arrays.rows,
+        gamma=size,
+        free=coordinates,
+        solver=solver,
+        counters=(),
+        separate=(),
+        **_room(arrays),
+    )
     if not arrays.separate:
         return whole
-    cells = tuple(whole.replaced(**{name: np.zeros(shape, getattr(whole, name).dtype)
-                                    for name, shape in _room(cell).items()}) for cell in arrays.separate)
+    cells = tuple(
+        whole.replaced(
+            **{
+                name: np.zeros(shape, getattr(whole, name).dtype)
+                for name, shape in _room(cell).items()
+            }
+        )
+        for cell in arrays.separate
+    )
     return whole.replaced(separate=cells)
 
 
 def _room(m: Arrays) -> dict[str, Any]:
     """Shapes of what the workspace of a cell does not share with the whole."""
     nf, size = len(m.friction), m.rows + len(m.friction)
-    return {"slip_speed": nf, "G": (size, size), "right": size, "stabilizing": m.rows, "held": size,
-            "A": (size, size), "x": size, "unit": 2 * size, "response": (size, nf), "force": size, "event": 3 * nf}
+    return {
+        "slip_speed": nf,
+        "G": (size, size),
+        "right": size,
+        "stabilizing": m.rows,
+        "held": size,
+        "A": (size, size),
+        "x": size,
+        "unit": 2 * size,
+        "response": (size, nf),
+        "force": size,
+        "event": 3 * nf,
+    }
 
 
 @kernel
@@ -55,7 +92,9 @@ def law_at(m: Arrays, i: int, t: float) -> tuple[float, float, float]:
         if not cubic:
             return knots[outer, 1], 0.0, 0.0
         h = knots[inner, 0] - knots[outer, 0]
-        rate = (knots[inner, 1] - knots[outer, 1]) / h - h / 6.0 * (2.0 * knots[outer, 2] + knots[inner, 2])
+        rate = (knots[inner, 1] - knots[outer, 1]) / h - h / 6.0 * (
+            2.0 * knots[outer, 2] + knots[inner, 2]
+        )
         return knots[outer, 1] + rate * (t - knots[outer, 0]), rate, 0.0
     i, after = first, last
     while after - i > 1:
@@ -65,9 +104,16 @@ def law_at(m: Arrays, i: int, t: float) -> tuple[float, float, float]:
     u, w = t - knots[i, 0], knots[after, 0] - t
     a, b = knots[i, 2], knots[after, 2]
     slope = (knots[after, 1] - knots[i, 1]) / h
-    value = ((a * w ** 3 + b * u ** 3) / (6.0 * h) + (knots[i, 1] / h - a * h / 6.0) * w
-             + (knots[after, 1] / h - b * h / 6.0) * u)
-    return value, (b * u * u - a * w * w) / (2.0 * h) + slope - h / 6.0 * (b - a), (a * w + b * u) / h
+    value = (
+        (a * w**3 + b * u**3) / (6.0 * h)
+        + (knots[i, 1] / h - a * h / 6.0) * w
+        + (knots[after, 1] / h - b * h / 6.0) * u
+    )
+    return (
+        value,
+        (b * u * u - a * w * w) / (2.0 * h) + slope - h / 6.0 * (b - a),
+        (a * w + b * u) / h,
+    )
 
 
 @kernel
@@ -79,7 +125,16 @@ def point_at(rotation, q, v, body, px, py):
     rx, ry = c * px - s * py, s * px + c * py
     i = 3 * body
     w = v[i + 2]
-    return rx, ry, q[i] + rx, q[i + 1] + ry, v[i] - w * ry, v[i + 1] + w * rx, -w * w * rx, -w * w * ry
+    return (
+        rx,
+        ry,
+        q[i] + rx,
+        q[i + 1] + ry,
+        v[i] - w * ry,
+        v[i + 1] + w * rx,
+        -w * w * rx,
+        -w * w * ry,
+    )
 
 
 @kernel
@@ -129,8 +184,12 @@ def constraints_at(m, w, t, q, v):
             qb, vb = (q[3 * b + 2], v[3 * b + 2]) if b >= 0 else (0.0, 0.0)
             w.phi[r], w.phi_dot[r], w.gamma[r] = qa - qb - s, va - vb - s1, -s2
             continue
-        rax, ray, xa, ya, vxa, vya, cxa, cya = point_at(w.rotation, q, v, a, constraint.ax, constraint.ay)
-        rbx, rby, xb, yb, vxb, vyb, cxb, cyb = point_at(w.rotation, q, v, b, constraint.bx, constraint.by)
+        rax, ray, xa, ya, vxa, vya, cxa, cya = point_at(
+            w.rotation, q, v, a, constraint.ax, constraint.ay
+        )
+        rbx, rby, xb, yb, vxb, vyb, cxb, cyb = point_at(
+            w.rotation, q, v, b, constraint.bx, constraint.by
+        )
         dx, dy, ex, ey, cx, cy = xa - xb, ya - yb, vxa - vxb, vya - vyb, cxa - cxb, cya - cyb
         if kind == REVOLUTE:
             x, y = 6 * r, 6 * r + 6
@@ -147,7 +206,11 @@ def constraints_at(m, w, t, q, v):
             rate = ux * ex + uy * ey
             row_along(w.J, r, ux, uy, arms, dx, dy)
             w.phi[r], w.phi_dot[r] = d - s, rate - s1
-            w.gamma[r] = ux * cx + uy * cy + (ex * ex + ey * ey - rate * rate) / d - s2 if s > 0.0 else np.nan
+            w.gamma[r] = (
+                ux * cx + uy * cy + (ex * ex + ey * ey - rate * rate) / d - s2
+                if s > 0.0
+                else np.nan
+            )
             continue
         ux, uy, omega = direction_at(w.rotation, v, b, constraint.ux, constraint.uy)
         along, across = ux * dx + uy * dy, ux * dy - uy * dx

@@ -19,7 +19,14 @@ import numpy as np
 from scipy.sparse import csr_array
 from scipy.sparse.csgraph import connected_components, reverse_cuthill_mckee
 
-from stiction.reference_impl.compiled.bundle import Bundle, Bundles, Integers, IntegerTable, Reals, Table
+from stiction.reference_impl.compiled.bundle import (
+    Bundle,
+    Bundles,
+    Integers,
+    IntegerTable,
+    Reals,
+    Table,
+)
 from stiction.reference_impl.equations_of_motion import EquationsOfMotion
 from stiction.reference_impl.friction.solver_names import Counters
 from stiction.reference_impl.multibody.baumgarte import PAPERS, coefficients
@@ -43,7 +50,12 @@ LAW_POLYNOMIAL, LAW_SINE, LAW_TABLE, LAW_SPLINE = range(4)
 
 
 def _record(integers: str, numbers: str) -> np.dtype:
-    return np.dtype([*((name, np.int64) for name in integers.split()), *((name, float) for name in numbers.split())])
+    return np.dtype(
+        [
+            *((name, np.int64) for name in integers.split()),
+            *((name, float) for name in numbers.split()),
+        ]
+    )
 
 
 CONSTRAINT = _record("kind row a b law friction", "ax ay bx by ux uy offset")
@@ -76,7 +88,9 @@ class Arrays(Bundle):
     rows: int  # constraint rows
     inverse_mass: Reals  # (3 * bodies,)
     weight: Reals
-    constraint: Annotated[np.ndarray, CONSTRAINT, 1]  # one per joint and drive, in the order of their rows
+    constraint: Annotated[
+        np.ndarray, CONSTRAINT, 1
+    ]  # one per joint and drive, in the order of their rows
     friction: Annotated[np.ndarray, FRICTION, 1]  # one per frictional guide
     spring: Annotated[np.ndarray, SPRING, 1]
     load: Annotated[np.ndarray, LOAD, 1]  # a torque has the direction (0, 0)
@@ -84,7 +98,9 @@ class Arrays(Bundle):
     """Bodies whose angle enters forces: one that guides a slider, carries the axis of a spring or a drive, or has a
     joint, a spring, a drive or a load that acts beside its centre of mass. As `line`, it bounds steps (`step_limits`),
     and is for mechanisms with friction only."""
-    line: Annotated[np.ndarray, LINE, 1]  # springs of points with rest length or damping, and drives of a distance
+    line: Annotated[
+        np.ndarray, LINE, 1
+    ]  # springs of points with rest length or damping, and drives of a distance
     law: Annotated[np.ndarray, LAW, 1]
     knots: Table  # (n, 3): time, value, second derivative
     block: Annotated[np.ndarray, np.uint64, 2]
@@ -97,7 +113,9 @@ class Arrays(Bundle):
     cell: Annotated[np.ndarray, CELL, 1]
     order: Integers  # the rows, tangential ones among them, cell by cell, so that G is a band
     position: Integers  # the place of each row in its cell
-    entry: IntegerTable  # (n, 2), row and column of the entries of G that are not zero, cell by cell
+    entry: (
+        IntegerTable  # (n, 2), row and column of the entries of G that are not zero, cell by cell
+    )
     separate: Bundles
     origin: Integers  # the rows of the whole that belong to a cell, in increasing order; nothing in the whole
     baumgarte_2alpha: float
@@ -115,13 +133,17 @@ class Workspace(Bundle):
     JM: Reals  # as J, divided by the masses
     phi: Reals  # (rows,), Phi
     phi_dot: Reals  # (rows,), Phi' = J v + dPhi/dt
-    gamma: Reals  # (all,), Phi'' = J q'' + gamma; for a tangential row the same of the slip velocity
+    gamma: (
+        Reals  # (all,), Phi'' = J q'' + gamma; for a tangential row the same of the slip velocity
+    )
     slip_speed: Reals  # (frictional,), g_T', m/s
     free: Reals  # (3 * bodies,), M^-1 Q, the acceleration without joints
     G: Table  # (all, all), J M^-1 J^T
     right: Reals  # (all,), G times the row forces for the constraints (and a stuck slider) to hold
     stabilizing: Reals  # (rows,), Baumgarte's terms 2 alpha Phi' + beta^2 Phi, as far as `right` contains them
-    held: Annotated[np.ndarray, np.uint64, 1]  # scratch for linear solves, as A, x, unit and response
+    held: Annotated[
+        np.ndarray, np.uint64, 1
+    ]  # scratch for linear solves, as A, x, unit and response
     A: Table
     x: Reals
     unit: Reals
@@ -170,11 +192,21 @@ class Mechanism:
         self._index = {GROUND: -1, **{name: i for i, name in enumerate(self.body_names)}}
         self._laws = [element.law for element in [*scene.drives.values(), *scene.forces.values()]]
         alpha, beta, self.projection = _stabilization(scene, stabilization)
-        self.stabilization = {"method": "projection" if self.projection else "baumgarte" if alpha or beta else "none",
-                              **({"alpha": alpha, "beta": beta} if alpha or beta else {})}
+        self.stabilization = {
+            "method": "projection" if self.projection else "baumgarte" if alpha or beta else "none",
+            **({"alpha": alpha, "beta": beta} if alpha or beta else {}),
+        }
         if len(self.row_names) > MOST_ROWS:
-            raise SceneError(scene._origin, [Problem("joints, drives", f"{len(self.row_names)} constraint equations",
-                                                     f"expected at most {MOST_ROWS} in one part of a scene")])
+            raise SceneError(
+                scene._origin,
+                [
+                    Problem(
+                        "joints, drives",
+                        f"{len(self.row_names)} constraint equations",
+                        f"expected at most {MOST_ROWS} in one part of a scene",
+                    )
+                ],
+            )
         parts = {**self._masses(), **self._constraints(), **self._springs(), **self._loads()}
         whole = Arrays(separate=(), **coefficients(alpha, beta), **parts, **_what_turns(parts))
         separate = _separate(whole)
@@ -186,7 +218,9 @@ class Mechanism:
 
     def kinks(self, t_end: float) -> np.ndarray:
         """Times in (0, t_end) at which a law is not smooth, in order; see `stiction.scenes.laws.law_kinks`."""
-        return np.array(sorted({time for law in self._laws for time in law_kinks(law, t_end)}), dtype=float)
+        return np.array(
+            sorted({time for law in self._laws for time in law_kinks(law, t_end)}), dtype=float
+        )
 
     def fastest_law(self) -> float:
         """Largest angular frequency of a sine law, rad/s; 0 where there is none."""
@@ -194,8 +228,15 @@ class Mechanism:
 
     def largest_load(self) -> float:
         """Largest force of a load with a sine law, N; a torque counts by the mechanism's size."""
-        return max((abs(load.law.amplitude) / (1.0 if isinstance(load, Force) else self.arrays.length_scale)
-                    for load in self.scene.forces.values() if isinstance(load.law, Sine)), default=0.0)
+        return max(
+            (
+                abs(load.law.amplitude)
+                / (1.0 if isinstance(load, Force) else self.arrays.length_scale)
+                for load in self.scene.forces.values()
+                if isinstance(load.law, Sine)
+            ),
+            default=0.0,
+        )
 
     def _masses(self) -> dict[str, np.ndarray]:
         bodies, (gx, gy) = self.scene.bodies.values(), self.scene.gravity or (0.0, 0.0)
@@ -213,7 +254,9 @@ class Mechanism:
             if isinstance(element, Revolute):
                 kind, points = REVOLUTE, element.points
             elif isinstance(element, Drive):
-                kind = ANGLE if element.type == "angle" else DISTANCE if element.axis is None else AXIS
+                kind = (
+                    ANGLE if element.type == "angle" else DISTANCE if element.axis is None else AXIS
+                )
                 points, direction, law, rows = element.points, element.axis or direction, driven, 1
                 driven += 1
             else:
@@ -221,22 +264,60 @@ class Mechanism:
                 direction, offset = element.direction, element.angle
                 if element.frictional:
                     guide = len(frictions)
-                    frictions.append((row, 2 if element.length else 1, 0, freedoms[name], element.length or 0.0,
-                                      element.width or 0.0,
-                                      element.kinetic_coefficient, element.static_coefficient))
-            constraints.append((kind, row, *(self._index[body] for body in element.bodies), law, guide, *points[0],
-                                *points[1], *_unit(direction), offset))
+                    frictions.append(
+                        (
+                            row,
+                            2 if element.length else 1,
+                            0,
+                            freedoms[name],
+                            element.length or 0.0,
+                            element.width or 0.0,
+                            element.kinetic_coefficient,
+                            element.static_coefficient,
+                        )
+                    )
+            constraints.append(
+                (
+                    kind,
+                    row,
+                    *(self._index[body] for body in element.bodies),
+                    law,
+                    guide,
+                    *points[0],
+                    *points[1],
+                    *_unit(direction),
+                    offset,
+                )
+            )
             row += rows
-        constraint, friction = np.array(constraints, dtype=CONSTRAINT), np.array(frictions, dtype=FRICTION)
-        joints = tuple([(kind, first, a, b, guide) for kind, first, a, b, _, guide, *_ in constraints])
+        constraint, friction = (
+            np.array(constraints, dtype=CONSTRAINT),
+            np.array(frictions, dtype=FRICTION),
+        )
+        joints = tuple(
+            [(kind, first, a, b, guide) for kind, first, a, b, _, guide, *_ in constraints]
+        )
         block, pair = _blocks(row, joints)
         size = row + len(friction)
-        cell, order, position, entry, block = _cells(size, block, pair) if size > DENSE else (*_NO_CELLS, block)
-        return {"rows": row, "constraint": constraint, "friction": friction, "block": block, "pair": pair,
-                "smooth": _hlcp_pairs(row, friction), "cell": cell, "order": order, "position": position,
-                "entry": entry, "origin": np.zeros(0, dtype=np.int64), "length_scale": self._length_scale(),
-                "unfree": int(np.count_nonzero(friction["freedom"])),
-                "unlike": int(self.largest_ratio_of_masses() > UNLIKE)}
+        cell, order, position, entry, block = (
+            _cells(size, block, pair) if size > DENSE else (*_NO_CELLS, block)
+        )
+        return {
+            "rows": row,
+            "constraint": constraint,
+            "friction": friction,
+            "block": block,
+            "pair": pair,
+            "smooth": _hlcp_pairs(row, friction),
+            "cell": cell,
+            "order": order,
+            "position": position,
+            "entry": entry,
+            "origin": np.zeros(0, dtype=np.int64),
+            "length_scale": self._length_scale(),
+            "unfree": int(np.count_nonzero(friction["freedom"])),
+            "unlike": int(self.largest_ratio_of_masses() > UNLIKE),
+        }
 
     def _springs(self) -> dict[str, np.ndarray]:
         springs = []
@@ -244,17 +325,50 @@ class Mechanism:
             bodies = [self._index[body] for body in spring.bodies]
             if isinstance(spring, LinearSpring):
                 kind, axis = (DISTANCE, (1.0, 0.0)) if spring.axis is None else (AXIS, spring.axis)
-                springs.append((kind, *bodies, *spring.points[0], *spring.points[1], *_unit(axis), spring.stiffness,
-                                spring.damping, spring.rest_length))
+                springs.append(
+                    (
+                        kind,
+                        *bodies,
+                        *spring.points[0],
+                        *spring.points[1],
+                        *_unit(axis),
+                        spring.stiffness,
+                        spring.damping,
+                        spring.rest_length,
+                    )
+                )
             else:
-                springs.append((ANGLE, *bodies, 0, 0, 0, 0, 1, 0, spring.stiffness, spring.damping, spring.rest_angle))
+                springs.append(
+                    (
+                        ANGLE,
+                        *bodies,
+                        0,
+                        0,
+                        0,
+                        0,
+                        1,
+                        0,
+                        spring.stiffness,
+                        spring.damping,
+                        spring.rest_angle,
+                    )
+                )
         return {"spring": np.array(springs, dtype=SPRING)}
 
     def _loads(self) -> dict[str, np.ndarray]:
         """The loads, and the laws, those of drives first."""
-        loads = [(self._index[load.body], law, *((*load.point, *_unit(load.direction)) if isinstance(load, Force)
-                                                 else (0, 0, 0, 0)))
-                 for law, load in enumerate(self.scene.forces.values(), len(self.scene.drives))]
+        loads = [
+            (
+                self._index[load.body],
+                law,
+                *(
+                    (*load.point, *_unit(load.direction))
+                    if isinstance(load, Force)
+                    else (0, 0, 0, 0)
+                ),
+            )
+            for law, load in enumerate(self.scene.forces.values(), len(self.scene.drives))
+        ]
         laws: list[tuple[float, ...]] = []
         knots: list[tuple[float, ...]] = []
         for law in self._laws:
@@ -268,10 +382,15 @@ class Mechanism:
                 t, y = np.array(law.times), np.array(law.values)
                 cubic = law.interpolation == "cubic"
                 second = spline_slopes(t, y) if cubic else np.zeros(len(t))
-                laws.append((LAW_SPLINE if cubic else LAW_TABLE, len(knots), len(knots) + len(t), 0, 0))
+                laws.append(
+                    (LAW_SPLINE if cubic else LAW_TABLE, len(knots), len(knots) + len(t), 0, 0)
+                )
                 knots += zip(t, y, second)
-        return {"load": np.array(loads, dtype=LOAD), "law": np.array(laws, dtype=LAW),
-                "knots": np.array(knots, dtype=float).reshape(-1, 3)}
+        return {
+            "load": np.array(loads, dtype=LOAD),
+            "law": np.array(laws, dtype=LAW),
+            "knots": np.array(knots, dtype=float).reshape(-1, 3),
+        }
 
     def largest_ratio_of_masses(self) -> float:
         """Largest ratio of masses that guides, pins and levers couple.
@@ -281,7 +400,11 @@ class Mechanism:
         """
         bodies, lever = self.scene.bodies.values(), self._largest_lever()
         masses, inertias = [body.mass for body in bodies], [body.inertia for body in bodies]
-        coupled = [[*masses, *(inertia / lever ** 2 for inertia in inertias)]] if lever else [masses, inertias]
+        coupled = (
+            [[*masses, *(inertia / lever**2 for inertia in inertias)]]
+            if lever
+            else [masses, inertias]
+        )
         return max(max(values) / min(values) for values in coupled)
 
     def _largest_lever(self) -> float:
@@ -290,20 +413,34 @@ class Mechanism:
         Points of pins, sizes of sliders, and how far sliders are from the bodies that guide them at the start.
         """
         scene = self.scene
-        lengths = [hypot(*point) for joint in scene.joints.values() if isinstance(joint, Revolute)
-                   for body, point in zip(joint.bodies, joint.points) if body in scene.bodies]
+        lengths = [
+            hypot(*point)
+            for joint in scene.joints.values()
+            if isinstance(joint, Revolute)
+            for body, point in zip(joint.bodies, joint.points)
+            if body in scene.bodies
+        ]
         for guide in scene.guides.values():
             lengths += [guide.length or 0.0, guide.width or 0.0]
             if guide.guide in scene.bodies:
-                lengths.append(dist(scene.bodies[guide.slider].position, scene.bodies[guide.guide].position))
+                lengths.append(
+                    dist(scene.bodies[guide.slider].position, scene.bodies[guide.guide].position)
+                )
         return max(lengths, default=0.0)
 
     def _length_scale(self) -> float:
         """A length of the mechanism: the largest extent of points, positions, sliders and springs that is declared."""
         scene = self.scene
-        lengths = [abs(x) for joint in scene.joints.values() if isinstance(joint, Revolute)
-                   for point in joint.points for x in point]
-        lengths += [x for guide in scene.guides.values() for x in (guide.length or 0.0, guide.width or 0.0)]
+        lengths = [
+            abs(x)
+            for joint in scene.joints.values()
+            if isinstance(joint, Revolute)
+            for point in joint.points
+            for x in point
+        ]
+        lengths += [
+            x for guide in scene.guides.values() for x in (guide.length or 0.0, guide.width or 0.0)
+        ]
         lengths += [abs(x) for body in scene.bodies.values() for x in body.position]
         return max(lengths, default=0.0) or 1.0
 
@@ -325,23 +462,36 @@ def _what_turns(m: dict[str, Any]) -> dict[str, np.ndarray]:
             bodies.add(b)  # the axis, or the line of the guide, is fixed in b
         if kind == DISTANCE:
             is_spring = element.dtype == SPRING
-            rest, damping = (float(element[name]) if is_spring else 0.0 for name in ("rest", "damping"))
+            rest, damping = (
+                float(element[name]) if is_spring else 0.0 for name in ("rest", "damping")
+            )
             if not is_spring or rest or damping:
                 lines.append((a, b, 1 if rest else 0, *points))
     for load in m["load"]:
         if load["px"] or load["py"]:
             bodies.add(int(load["body"]))
-    return {"turning": np.array(sorted(bodies - {-1}), dtype=np.int64), "line": np.array(lines, dtype=LINE)}
+    return {
+        "turning": np.array(sorted(bodies - {-1}), dtype=np.int64),
+        "line": np.array(lines, dtype=LINE),
+    }
 
 
 def _row_names(scene: Scene) -> list[str]:
-    named = [(name, ("fx", "fy") if isinstance(joint, Revolute) else ("normal_force", "moment"))
-             for name, joint in scene.joints.items()]
-    return [f"{name}.{row}" for name, rows in [*named, *((name, ("effort",)) for name in scene.drives)] for row in rows]
+    named = [
+        (name, ("fx", "fy") if isinstance(joint, Revolute) else ("normal_force", "moment"))
+        for name, joint in scene.joints.items()
+    ]
+    return [
+        f"{name}.{row}"
+        for name, rows in [*named, *((name, ("effort",)) for name in scene.drives)]
+        for row in rows
+    ]
 
 
 @lru_cache(maxsize=8)
-def _blocks(rows: int, joints: tuple[tuple[int, int, int, int, int], ...]) -> tuple[np.ndarray, np.ndarray]:
+def _blocks(
+    rows: int, joints: tuple[tuple[int, int, int, int, int], ...]
+) -> tuple[np.ndarray, np.ndarray]:
     """Blocks of the rows, tangential rows included, and their pairs; `joints`: kind, row, bodies and frictional guide.
 
     Mechanisms that differ in numbers alone share them; nothing writes into them.
@@ -351,25 +501,42 @@ def _blocks(rows: int, joints: tuple[tuple[int, int, int, int, int], ...]) -> tu
         own = [first + i for i in range(2 if kind in (REVOLUTE, TRANSLATIONAL) else 1)]
         if friction >= 0:
             own.append(rows + friction)
-        blocks += [(6 * row + 3 * side, row, 3 * body) for row in own for side, body in enumerate((a, b)) if body >= 0]
+        blocks += [
+            (6 * row + 3 * side, row, 3 * body)
+            for row in own
+            for side, body in enumerate((a, b))
+            if body >= 0
+        ]
     at_body: dict[int, list[tuple[int, int]]] = {}
     for place, row, body in blocks:
         at_body.setdefault(body, []).append((place, row))
-    pairs = [(p, o, r, c) for group in at_body.values() for p, r in group for o, c in group if c >= r]
-    return (np.array(sorted(blocks), dtype=np.uint64).reshape(-1, 3),
-            np.array(sorted(pairs, key=lambda pair: (pair[2:], pair)), dtype=np.uint64).reshape(-1, 4))
+    pairs = [
+        (p, o, r, c) for group in at_body.values() for p, r in group for o, c in group if c >= r
+    ]
+    return (
+        np.array(sorted(blocks), dtype=np.uint64).reshape(-1, 3),
+        np.array(sorted(pairs, key=lambda pair: (pair[2:], pair)), dtype=np.uint64).reshape(-1, 4),
+    )
 
 
 def _hlcp_pairs(rows: int, friction: np.ndarray) -> np.ndarray:
     """`Arrays.smooth`; puts the place of its first pair into each frictional guide."""
-    replaced = {row + corner for row, corners in zip(friction["row"].tolist(), friction["corners"].tolist())
-                for corner in range(corners)}
+    replaced = {
+        row + corner
+        for row, corners in zip(friction["row"].tolist(), friction["corners"].tolist())
+        for corner in range(corners)
+    }
     smooth = np.array([row for row in range(rows) if row not in replaced], dtype=np.int64)
     friction["pair"] = len(smooth) + np.cumsum(friction["corners"]) - friction["corners"]
     return smooth
 
 
-_NO_CELLS = (np.zeros(0, CELL), np.zeros(0, np.int64), np.zeros(0, np.int64), np.zeros((0, 2), np.int64))
+_NO_CELLS = (
+    np.zeros(0, CELL),
+    np.zeros(0, np.int64),
+    np.zeros(0, np.int64),
+    np.zeros((0, 2), np.int64),
+)
 """`Arrays.cell`, `order`, `position`, `entry` of a mechanism of few rows."""
 
 
@@ -383,13 +550,18 @@ def _cells(size: int, block: np.ndarray, pair: np.ndarray) -> tuple[np.ndarray, 
     entry = entry[np.argsort(label[entry[:, 0]], kind="stable")]
     block = block[np.argsort(label[block[:, 1]], kind="stable")]
     cell = np.zeros(count, dtype=CELL)
-    for (first, end), rows in ((("first", "end"), order), (("first_entry", "end_entry"), entry[:, 0]),
-                               (("first_block", "end_block"), block[:, 1])):
+    for (first, end), rows in (
+        (("first", "end"), order),
+        (("first_entry", "end_entry"), entry[:, 0]),
+        (("first_block", "end_block"), block[:, 1]),
+    ):
         bounds = np.searchsorted(label[rows], np.arange(count + 1))
         cell[first], cell[end] = bounds[:-1], bounds[1:]
     position = np.empty(size, dtype=np.int64)
     position[order] = np.arange(size) - cell["first"][label[order]]
-    np.maximum.at(cell["band"], label[entry[:, 0]], np.abs(position[entry[:, 0]] - position[entry[:, 1]]))
+    np.maximum.at(
+        cell["band"], label[entry[:, 0]], np.abs(position[entry[:, 0]] - position[entry[:, 1]])
+    )
     return cell, order, position, entry, block
 
 
@@ -399,22 +571,34 @@ def _separate(m: Arrays) -> tuple[Arrays, ...]:
         return ()
     local, found = np.empty(m.rows + len(m.friction), dtype=np.int64), []
     for cell in m.cell:
-        order = m.order[cell["first"]:cell["end"]]
+        order = m.order[cell["first"] : cell["end"]]
         rows = np.sort(order)
         local[rows] = np.arange(len(rows))
         friction = m.friction[rows[rows >= m.rows] - m.rows]
         friction["row"] = local[friction["row"]]
-        block = m.block[cell["first_block"]:cell["end_block"]].copy()
+        block = m.block[cell["first_block"] : cell["end_block"]].copy()
         block[:, 1] = local[block[:, 1].astype(np.int64)]
-        entry = local[m.entry[cell["first_entry"]:cell["end_entry"]]]
+        entry = local[m.entry[cell["first_entry"] : cell["end_entry"]]]
         own = np.array([(0, len(rows), cell["band"], 0, len(entry), 0, len(block))], dtype=CELL)
         bands = (own, local[order], m.position[rows], entry) if len(rows) > DENSE else _NO_CELLS
         count = len(rows) - len(friction)
-        found.append(m.replaced(
-            rows=count, constraint=m.constraint[:0], friction=friction, spring=m.spring[:0], load=m.load[:0],
-            law=m.law[:0], knots=m.knots[:0], unfree=int(np.count_nonzero(friction["freedom"])),
-            block=block, pair=m.pair[:0], smooth=_hlcp_pairs(count, friction),
-            origin=rows, **dict(zip(("cell", "order", "position", "entry"), bands))))
+        found.append(
+            m.replaced(
+                rows=count,
+                constraint=m.constraint[:0],
+                friction=friction,
+                spring=m.spring[:0],
+                load=m.load[:0],
+                law=m.law[:0],
+                knots=m.knots[:0],
+                unfree=int(np.count_nonzero(friction["freedom"])),
+                block=block,
+                pair=m.pair[:0],
+                smooth=_hlcp_pairs(count, friction),
+                origin=rows,
+                **dict(zip(("cell", "order", "position", "entry"), bands)),
+            )
+        )
     return tuple(found)
 
 
@@ -422,9 +606,13 @@ def _stabilization(scene: Scene, choice: str) -> tuple[float, float, bool]:
     declared = scene.stabilization
     method = declared.method if choice == "scene" else choice
     if method not in ("none", "baumgarte", "projection"):
-        raise ValueError(f"stabilization: found {choice!r}; expected 'scene', 'none', 'baumgarte' or 'projection'")
+        raise ValueError(
+            f"stabilization: found {choice!r}; expected 'scene', 'none', 'baumgarte' or 'projection'"
+        )
     if method == "baumgarte":
-        return *((declared.alpha, declared.beta) if isinstance(declared, Baumgarte) else PAPERS), False
+        return *(
+            (declared.alpha, declared.beta) if isinstance(declared, Baumgarte) else PAPERS
+        ), False
     return 0.0, 0.0, method == "projection"
 
 

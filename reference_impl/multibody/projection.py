@@ -11,7 +11,12 @@ from __future__ import annotations
 
 from stiction.reference_impl.compiled.bundle import Integers, Reals
 from stiction.reference_impl.compiled.kernel import kernel
-from stiction.reference_impl.compiled.linear_algebra import ELIMINATION, RANK_TOLERANCE, minimum_norm, solve_in_place
+from stiction.reference_impl.compiled.linear_algebra import (
+    ELIMINATION,
+    RANK_TOLERANCE,
+    minimum_norm,
+    solve_in_place,
+)
 from stiction.reference_impl.friction.coulomb import sticks
 from stiction.reference_impl.multibody.banded_systems import solve_cell
 from stiction.reference_impl.multibody.dynamics import add_rows, row_form
@@ -23,19 +28,32 @@ MET = 1e-15
 
 
 @kernel
-def _correct(m: Arrays, w: Workspace, residual: Reals, rate: float, slip: Integers, holds: bool,
-             target: Reals) -> None:
+def _correct(
+    m: Arrays,
+    w: Workspace,
+    residual: Reals,
+    rate: float,
+    slip: Integers,
+    holds: bool,
+    target: Reals,
+) -> None:
     """Subtract M^-1 J^T G^-1 residual from target; the residual of a guide at rest is `rate` times its slip velocity.
 
     Nearly dependent rows lose their part of the residual.
     """
     regular = len(m.cell) > 0
     for c in range(len(m.cell)):
-        regular = regular and (holds and solve_cell(m, w, c, residual, rate, slip, True)
-                               or solve_cell(m, w, c, residual, rate, slip, False))
+        regular = regular and (
+            holds
+            and solve_cell(m, w, c, residual, rate, slip, True)
+            or solve_cell(m, w, c, residual, rate, slip, False)
+        )
     if len(m.cell) == 0:
-        regular = (holds and _solve(m, w, residual, rate, slip, True, ELIMINATION)
-                   or _solve(m, w, residual, rate, slip, False, ELIMINATION))
+        regular = (
+            holds
+            and _solve(m, w, residual, rate, slip, True, ELIMINATION)
+            or _solve(m, w, residual, rate, slip, False, ELIMINATION)
+        )
     if not regular:
         leave_nearly_dependent(m, w, residual)
         if not _solve(m, w, residual, rate, slip, False, RANK_TOLERANCE):
@@ -62,8 +80,9 @@ def _solve(m, w, residual, rate, slip, holds, tolerance):
 
 
 @kernel
-def project(m: Arrays, w: Workspace, t: float, q: Reals, v: Reals, slip: Integers, holds: bool,
-            limit: int) -> None:
+def project(
+    m: Arrays, w: Workspace, t: float, q: Reals, v: Reals, slip: Integers, holds: bool, limit: int
+) -> None:
     """Newton's method on Phi(q, t) = 0, in place, down to `MET`, `limit` steps at most; then velocities onto Phi' = 0.
 
     `holds`: whether guides at rest, of slip 0, count. The rows of the workspace must be those of (t, q, v).

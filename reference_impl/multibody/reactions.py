@@ -29,8 +29,14 @@ _MOVED = 1e-12
 millimetre 1e-6."""
 
 
-def recover_columns(scene: Scene, t: ArrayLike, q: ArrayLike, v: ArrayLike, a: ArrayLike,
-                    reactions: Mapping[str, ArrayLike] | None = None) -> dict[str, np.ndarray]:
+def recover_columns(
+    scene: Scene,
+    t: ArrayLike,
+    q: ArrayLike,
+    v: ArrayLike,
+    a: ArrayLike,
+    reactions: Mapping[str, ArrayLike] | None = None,
+) -> dict[str, np.ndarray]:
     """Return all columns of a trajectory from states and accelerations.
 
     Parameters
@@ -59,21 +65,29 @@ def recover_columns(scene: Scene, t: ArrayLike, q: ArrayLike, v: ArrayLike, a: A
     mechanism = Mechanism(scene, stabilization="none")
     m = mechanism.arrays
     t = _numbers("t", t, ("n",))
-    q, v, a = (_numbers(name, values, (len(t), len(m.inverse_mass)), unknown=name == "a")
-               for name, values in (("q", q), ("v", v), ("a", a)))
+    q, v, a = (
+        _numbers(name, values, (len(t), len(m.inverse_mass)), unknown=name == "a")
+        for name, values in (("q", q), ("v", v), ("a", a))
+    )
     frictions = [f"{name}.friction" for name in mechanism.guide_names]
-    reported = {name: _numbers(f"reactions[{name!r}]", values, (len(t),), unknown=True)
-                for name, values in (reactions or {}).items()}
+    reported = {
+        name: _numbers(f"reactions[{name!r}]", values, (len(t),), unknown=True)
+        for name, values in (reactions or {}).items()
+    }
     friction = np.full((len(t), len(frictions)), np.nan)
     for i, name in enumerate(frictions):
         friction[:, i] = reported.pop(name, np.nan)
     told = ~np.isnan(friction)
-    force, known = (np.hstack([np.zeros((len(t), m.rows), dtype=values.dtype), values])
-                    for values in (np.where(told, friction, 0.0), told))
+    force, known = (
+        np.hstack([np.zeros((len(t), m.rows), dtype=values.dtype), values])
+        for values in (np.where(told, friction, 0.0), told)
+    )
     at_once = max(1, _ROOM // max(1, len(m.inverse_mass) * force.shape[1]))
     for part in (slice(first, first + at_once) for first in range(0, len(t), at_once)):
         jacobians, free = columns_of_rows(m, t[part], q[part], v[part])
-        force[part] = _balanced(jacobians, (a[part] - free) / m.inverse_mass, force[part], known[part], m.rows)
+        force[part] = _balanced(
+            jacobians, (a[part] - free) / m.inverse_mass, force[part], known[part], m.rows
+        )
     columns = build_columns(mechanism, t, q, v, a, force)
     if reported:
         columns.update(reported)
@@ -83,21 +97,26 @@ def recover_columns(scene: Scene, t: ArrayLike, q: ArrayLike, v: ArrayLike, a: A
     return columns
 
 
-def _numbers(name: str, values: ArrayLike, shape: tuple[int | str, ...], unknown: bool = False) -> np.ndarray:
+def _numbers(
+    name: str, values: ArrayLike, shape: tuple[int | str, ...], unknown: bool = False
+) -> np.ndarray:
     """An argument as the kernels take it: float64, C-contiguous, writable.
 
     `shape` may have a letter; `unknown`: NaN is allowed.
     """
-    wanted = (f"expected {'number' if unknown else 'finite number'}s of shape "
-              f"({', '.join(map(str, shape))}{',' * (len(shape) == 1)})")
+    wanted = (
+        f"expected {'number' if unknown else 'finite number'}s of shape "
+        f"({', '.join(map(str, shape))}{',' * (len(shape) == 1)})"
+    )
     try:
         found = np.asarray(values)
     except ValueError as error:  # rows of unlike length
         raise InputError(f"{name}: found {error}; {wanted}") from None
     if found.dtype.kind not in "fiub":
         raise InputError(f"{name}: found an array of {found.dtype}; {wanted}")
-    if found.ndim != len(shape) or any(isinstance(size, int) and size != other
-                                       for size, other in zip(shape, found.shape)):
+    if found.ndim != len(shape) or any(
+        isinstance(size, int) and size != other for size, other in zip(shape, found.shape)
+    ):
         turned = ", its transpose" if found.ndim == 2 and found.shape[::-1] == shape else ""
         raise InputError(f"{name}: found shape {found.shape}; {wanted}{turned}")
     found = np.require(found, float, ("C", "W"))
@@ -107,7 +126,9 @@ def _numbers(name: str, values: ArrayLike, shape: tuple[int | str, ...], unknown
     return found
 
 
-def columns_of_rows(m: Arrays, t: np.ndarray, q: np.ndarray, v: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+def columns_of_rows(
+    m: Arrays, t: np.ndarray, q: np.ndarray, v: np.ndarray
+) -> tuple[np.ndarray, np.ndarray]:
     """J^T at each instant (n, 3 * bodies, rows + frictional), and M^-1 Q without joints (n, 3 * bodies)."""
     w = workspace(m)
     J, free = np.empty((len(t), len(w.J))), np.empty(q.shape)
@@ -116,12 +137,13 @@ def columns_of_rows(m: Arrays, t: np.ndarray, q: np.ndarray, v: np.ndarray) -> t
         J[i], free[i] = w.J, w.free
     columns = np.zeros((*q.shape, len(w.force)))
     for place, row, body in m.block:
-        columns[:, body:body + 3, row] = J[:, place:place + 3]
+        columns[:, body : body + 3, row] = J[:, place : place + 3]
     return columns, free
 
 
-def _balanced(columns: np.ndarray, needed: np.ndarray, force: np.ndarray, known: np.ndarray,
-              rows: int) -> np.ndarray:
+def _balanced(
+    columns: np.ndarray, needed: np.ndarray, force: np.ndarray, known: np.ndarray, rows: int
+) -> np.ndarray:
     """Row forces (n, rows + frictional).
 
     Those that are known, and with them the smallest others whose sum in the least-squares sense is `needed`, (n, 3 *
@@ -136,7 +158,11 @@ def _balanced(columns: np.ndarray, needed: np.ndarray, force: np.ndarray, known:
         those, others = np.flatnonzero((known == pattern).all(axis=1)), np.flatnonzero(~pattern)
         matrices = columns[np.ix_(those, np.arange(columns.shape[1]), others)]
         left, size, right = np.linalg.svd(matrices, full_matrices=False)
-        solved = np.einsum("nki,nk->ni", right, _inverse(matrices, size) * np.einsum("nik,ni->nk", left, rest[those]))
+        solved = np.einsum(
+            "nki,nk->ni",
+            right,
+            _inverse(matrices, size) * np.einsum("nik,ni->nk", left, rest[those]),
+        )
         moved = _moved_with_frictions(matrices, rows, size, right)
         found[np.ix_(those, others)] = np.where(moved, np.nan, solved)
     return found
@@ -152,7 +178,9 @@ def parts_of_null_vectors(matrices: np.ndarray, rows: int) -> np.ndarray:
     return _moved_with_frictions(matrices, rows, size, right)
 
 
-def _moved_with_frictions(matrices: np.ndarray, rows: int, size: np.ndarray, right: np.ndarray) -> np.ndarray:
+def _moved_with_frictions(
+    matrices: np.ndarray, rows: int, size: np.ndarray, right: np.ndarray
+) -> np.ndarray:
     """Variant of `parts_of_null_vectors` with the singular values and right vectors of the matrices at hand."""
     moved = _null_parts(matrices, size, right)
     hyperstatic = (moved[:, rows:] > _MOVED).any(axis=1)
@@ -167,7 +195,9 @@ def _moved_with_frictions(matrices: np.ndarray, rows: int, size: np.ndarray, rig
 
 def _inverse(matrices: np.ndarray, size: np.ndarray) -> np.ndarray:
     """1 / singular values; 0 for those that count as zero."""
-    kept = size > np.finfo(float).eps * max(matrices.shape[1:]) * np.max(size, axis=1, keepdims=True, initial=0.0)
+    kept = size > np.finfo(float).eps * max(matrices.shape[1:]) * np.max(
+        size, axis=1, keepdims=True, initial=0.0
+    )
     return np.divide(1.0, size, out=np.zeros_like(size), where=kept)
 
 
@@ -176,4 +206,4 @@ def _null_parts(matrices: np.ndarray, size: np.ndarray, right: np.ndarray) -> np
 
     The square of each unknown's largest part in one of unit length.
     """
-    return 1.0 - np.einsum("nk,nkj->nj", (_inverse(matrices, size) > 0).astype(float), right ** 2)
+    return 1.0 - np.einsum("nk,nkj->nj", (_inverse(matrices, size) > 0).astype(float), right**2)

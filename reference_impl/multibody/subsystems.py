@@ -29,36 +29,57 @@ DRIFT = "drift."
 def connected_bodies(scene: Scene, pairs: Iterable[tuple[str, str]]) -> tuple[int, dict[str, int]]:
     """Number of groups of bodies that the pairs leave unconnected, and the group of each body, in their order."""
     index = {name: i for i, name in enumerate(scene.bodies)}
-    edges = np.array([(index[a], index[b]) for a, b in pairs if a in index and b in index],
-                     dtype=np.int64).reshape(-1, 2)
-    graph = coo_array((np.ones(len(edges)), (edges[:, 0], edges[:, 1])), shape=(len(index), len(index)))
+    edges = np.array(
+        [(index[a], index[b]) for a, b in pairs if a in index and b in index], dtype=np.int64
+    ).reshape(-1, 2)
+    graph = coo_array(
+        (np.ones(len(edges)), (edges[:, 0], edges[:, 1])), shape=(len(index), len(index))
+    )
     count, label = connected_components(graph, directed=False)
     return count, dict(zip(index, label.tolist()))
 
 
 def independent_parts(scene: Scene) -> list[Scene]:
     """The parts of a scene, each a scene with the names and the order of the whole; the scene itself if it is one."""
-    count, label = connected_bodies(scene, (element.bodies for element in chain(
-        scene.joints.values(), scene.drives.values(), scene.springs.values())))
+    count, label = connected_bodies(
+        scene,
+        (
+            element.bodies
+            for element in chain(
+                scene.joints.values(), scene.drives.values(), scene.springs.values()
+            )
+        ),
+    )
     if count == 1:
         return [scene]
-    sections: list[dict[str, dict[str, Any]]] = [{section: {} for section in ELEMENTS} for _ in range(count)]
+    sections: list[dict[str, dict[str, Any]]] = [
+        {section: {} for section in ELEMENTS} for _ in range(count)
+    ]
     for section in ELEMENTS:
         for name, element in getattr(scene, section).items():
-            touched = (name,) if section == "bodies" else (element.body,) if section == "forces" else element.bodies
+            touched = (
+                (name,)
+                if section == "bodies"
+                else (element.body,)
+                if section == "forces"
+                else element.bodies
+            )
             part = next(label[body] for body in touched if body in label)
             sections[part][section][name] = element
     parts = []
     for own in sections:
         copied = scene.model_copy(update=own)
-        copied._raw = {key: {name: value[name] for name in own[key]} if key in own else value
-                       for key, value in scene._raw.items()}
+        copied._raw = {
+            key: {name: value[name] for name in own[key]} if key in own else value
+            for key, value in scene._raw.items()
+        }
         parts.append(copied)
     return parts
 
 
-def simulate_parts(scene: Scene, parts: Sequence[Mechanism], simulate: Callable[[int, float], Run],
-                   t_end: float) -> Run:
+def simulate_parts(
+    scene: Scene, parts: Sequence[Mechanism], simulate: Callable[[int, float], Run], t_end: float
+) -> Run:
     """Integrate the parts of a scene one after the other and put together what they yield.
 
     `simulate` is called with the place of a part and the time up to which it is needed: `t_end`, or the earliest time
@@ -73,23 +94,53 @@ def simulate_parts(scene: Scene, parts: Sequence[Mechanism], simulate: Callable[
         runs.append(run)
     if len(runs) == 1:
         return runs[0]
-    broken = [run.breakdown for run in runs if run.breakdown is not None and run.breakdown.time <= until]
+    broken = [
+        run.breakdown for run in runs if run.breakdown is not None and run.breakdown.time <= until
+    ]
     rows = min(len(run.t) for run in runs)
-    found = {name: column[:rows] for run in runs for name, column in run.columns.items() if not name.startswith(DRIFT)}
+    found = {
+        name: column[:rows]
+        for run in runs
+        for name, column in run.columns.items()
+        if not name.startswith(DRIFT)
+    }
     place = {name: i for i, name in enumerate(chain(scene.bodies, scene.joints, scene.drives))}
-    columns = {name: found[name] for name in sorted(found, key=lambda name: place[name.partition(".")[0]])}
+    columns = {
+        name: found[name] for name in sorted(found, key=lambda name: place[name.partition(".")[0]])
+    }
     for name in runs[0].columns:
         if name.startswith(DRIFT):
             columns[name] = np.sqrt(sum(run.columns[name][:rows] ** 2 for run in runs))
-    events = sorted((replace(event, before=_without_drift(event.before), after=_without_drift(event.after))
-                     for run in runs for event in run.events if event.time <= until), key=lambda event: event.time)
-    alternatives = {name: values[:rows] for run in runs for name, values in run.alternatives.items()}
+    events = sorted(
+        (
+            replace(event, before=_without_drift(event.before), after=_without_drift(event.after))
+            for run in runs
+            for event in run.events
+            if event.time <= until
+        ),
+        key=lambda event: event.time,
+    )
+    alternatives = {
+        name: values[:rows] for run in runs for name, values in run.alternatives.items()
+    }
     counters: Counter[str] = Counter()
     for run in runs:
         counters.update(run.cost.counters)
-    cost = Cost(sum(run.cost.setup_s for run in runs), 0.0, sum(run.cost.stepping_s for run in runs), dict(counters))
-    return replace(runs[0], t=runs[0].t[:rows], columns=columns, events=tuple(events), cost=cost,
-                   breakdown=broken[0] if broken else None, alternatives=alternatives)
+    cost = Cost(
+        sum(run.cost.setup_s for run in runs),
+        0.0,
+        sum(run.cost.stepping_s for run in runs),
+        dict(counters),
+    )
+    return replace(
+        runs[0],
+        t=runs[0].t[:rows],
+        columns=columns,
+        events=tuple(events),
+        cost=cost,
+        breakdown=broken[0] if broken else None,
+        alternatives=alternatives,
+    )
 
 
 def _without_drift(side):

@@ -23,15 +23,23 @@ CORNER_COLUMNS = ("F1", "F2", "F3", "F4", "friction_lower", "friction_upper")
 GUIDE_COLUMNS, DRIFT_COLUMNS = ("displacement", "slip_velocity"), ("position", "velocity")
 
 
-def build_columns(mechanism: Mechanism, t: np.ndarray, q: np.ndarray, v: np.ndarray, a: np.ndarray,
-                  force: np.ndarray, slip: np.ndarray | None = None,
-                  names: Collection[str] | None = None) -> dict[str, np.ndarray]:
+def build_columns(
+    mechanism: Mechanism,
+    t: np.ndarray,
+    q: np.ndarray,
+    v: np.ndarray,
+    a: np.ndarray,
+    force: np.ndarray,
+    slip: np.ndarray | None = None,
+    names: Collection[str] | None = None,
+) -> dict[str, np.ndarray]:
     """Columns of a trajectory (names: `stiction.scenes.Trajectory`); all where `names` is None.
 
     `q`, `v` and `a` are (n, 3 * bodies). `force`, (n, rows + frictional): multipliers in the order of
     `mechanism.row_names`, then the frictions on the sliders. `slip`, (n, frictional): contact modes (d; 0 = stick);
     without them the corner forces are those of equal mobilization throughout and there is no column ``mode``.
     """
+
     def are_wanted(prefix: str, labels: Sequence[str]) -> bool:
         return names is None or any(f"{prefix}.{label}" in names for label in labels)
 
@@ -46,22 +54,29 @@ def build_columns(mechanism: Mechanism, t: np.ndarray, q: np.ndarray, v: np.ndar
         read[f"{name}.friction"] = force[:, m.rows + i]
         if slip is not None:
             read[f"{name}.mode"] = slip[:, i].astype(np.int8)
-    columns = {name: values.copy() for name, values in read.items() if names is None or name in names}
+    columns = {
+        name: values.copy() for name, values in read.items() if names is None or name in names
+    }
     for name, guide in mechanism.scene.guides.items():
         if guide.length is not None and are_wanted(name, CORNER_COLUMNS):
             columns.update(corner_columns(name, guide, read))
     for k, name in enumerate(mechanism.scene.joints):
         if m.constraint[k]["kind"] == TRANSLATIONAL and are_wanted(name, GUIDE_COLUMNS):
-            columns.update(zip((f"{name}.{label}" for label in GUIDE_COLUMNS), guide_motion(m, k, q, v)))
+            columns.update(
+                zip((f"{name}.{label}" for label in GUIDE_COLUMNS), guide_motion(m, k, q, v))
+            )
     if are_wanted("drift", DRIFT_COLUMNS):
-        norms = residual_norms(m, workspace(m), *(np.ascontiguousarray(values) for values in (t, q, v)))
+        norms = residual_norms(
+            m, workspace(m), *(np.ascontiguousarray(values) for values in (t, q, v))
+        )
         columns.update(zip((f"drift.{label}" for label in DRIFT_COLUMNS), norms))
     return columns if names is None else {name: columns[name] for name in names}
 
 
 @kernel
-def write_sample(w: Workspace, y: Reals, dy: Reals, slip: Integers, motion: Table, force: Reals,
-                 slips: Integers) -> None:
+def write_sample(
+    w: Workspace, y: Reals, dy: Reals, slip: Integers, motion: Table, force: Reals, slips: Integers
+) -> None:
     """A sample of the state y with the derivative dy, the forces in the workspace and the contact modes."""
     n = motion.shape[1]
     for i in range(n):
@@ -94,11 +109,15 @@ def corner_forces(guide: Translational, normal_force: ArrayLike, moment: ArrayLi
     """
     if guide.length is None:
         raise InputError("guide.length: found none; expected a guide with corners")
-    n1, n2 = unwrap(split_between_corners)(np.asarray(normal_force, float), np.asarray(moment, float), guide.length)
+    n1, n2 = unwrap(split_between_corners)(
+        np.asarray(normal_force, float), np.asarray(moment, float), guide.length
+    )
     return np.array([np.maximum(n, 0.0) for n in (n1, n2, -n2, -n1)])
 
 
-def corner_columns(name: str, guide: Translational, columns: dict[str, np.ndarray]) -> dict[str, np.ndarray]:
+def corner_columns(
+    name: str, guide: Translational, columns: dict[str, np.ndarray]
+) -> dict[str, np.ndarray]:
     """F1..F4 and the surface frictions of a guide from R, T, friction and, if known, the mode."""
     R, T = columns[f"{name}.normal_force"], columns[f"{name}.moment"]
     a, b = guide.length, guide.width or 0.0
@@ -109,8 +128,12 @@ def corner_columns(name: str, guide: Translational, columns: dict[str, np.ndarra
             mode = columns[f"{name}.mode"]
             kappa = np.where(mode != 0, -guide.kinetic_coefficient * mode, kappa)
         kappa = np.where(np.isnan(columns[f"{name}.friction"]), np.nan, kappa)
-    N = T - 0.5 * b * kappa * R if b else T  # without a width an unknown friction leaves the corner forces known
-    corners = {f"{name}.F{number}": force for number, force in enumerate(corner_forces(guide, R, N), 1)}
+    N = (
+        T - 0.5 * b * kappa * R if b else T
+    )  # without a width an unknown friction leaves the corner forces known
+    corners = {
+        f"{name}.F{number}": force for number, force in enumerate(corner_forces(guide, R, N), 1)
+    }
     if guide.frictional:
         corners[f"{name}.friction_lower"] = kappa * (corners[f"{name}.F1"] + corners[f"{name}.F2"])
         corners[f"{name}.friction_upper"] = kappa * (corners[f"{name}.F3"] + corners[f"{name}.F4"])
@@ -131,7 +154,9 @@ def residual_norms(m: Arrays, w: Workspace, t: Reals, q: Table, v: Table) -> tup
 
 
 @kernel(allocates=True)
-def imbalance(m: Arrays, w: Workspace, t: Reals, q: Table, v: Table, a: Table, force: Table) -> tuple[Reals, Reals]:
+def imbalance(
+    m: Arrays, w: Workspace, t: Reals, q: Table, v: Table, a: Table, force: Table
+) -> tuple[Reals, Reals]:
     """Remainder of Newton's and Euler's equations at times t (n,), and the largest term in them, sqrt(kg) m/s^2.
 
     q, v, a of shape (n, 3 * bodies); row forces as of `build_columns`. The largest over all coordinates, each in units
@@ -156,14 +181,17 @@ def guide_motion(m, k: int, q: np.ndarray, v: np.ndarray) -> tuple[np.ndarray, n
     def absolute(body: int, px: float, py: float) -> tuple[np.ndarray | float, ...]:
         if body < 0:
             return px, py, 0.0, 0.0, 0.0, 1.0, 0.0
-        x, y, angle = q[:, 3 * body:3 * body + 3].T
-        vx, vy, omega = v[:, 3 * body:3 * body + 3].T
+        x, y, angle = q[:, 3 * body : 3 * body + 3].T
+        vx, vy, omega = v[:, 3 * body : 3 * body + 3].T
         c, s = np.cos(angle), np.sin(angle)
         rx, ry = c * px - s * py, s * px + c * py
         return x + rx, y + ry, vx - omega * ry, vy + omega * rx, omega, c, s
 
     xs, ys, vxs, vys, *_ = absolute(constraint["a"], constraint["ax"], constraint["ay"])
     xg, yg, vxg, vyg, omega, c, s = absolute(constraint["b"], constraint["bx"], constraint["by"])
-    ux, uy = c * constraint["ux"] - s * constraint["uy"], s * constraint["ux"] + c * constraint["uy"]
+    ux, uy = (
+        c * constraint["ux"] - s * constraint["uy"],
+        s * constraint["ux"] + c * constraint["uy"],
+    )
     dx, dy = xs - xg, ys - yg
     return ux * dx + uy * dy, ux * (vxs - vxg) + uy * (vys - vyg) + omega * (ux * dy - uy * dx)

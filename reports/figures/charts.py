@@ -15,18 +15,49 @@ from matplotlib.lines import Line2D
 from matplotlib.patches import Patch, PathPatch
 from matplotlib.path import Path
 
-from stiction.comparisons.bench.presentation import (BETTER, CHOSEN, LIMIT, OTHER, TRUTH, Axis, Chart, Figure, HeatMap,
-                                                     MechanismPicture, Panel)
+from stiction.comparisons.bench.presentation import (
+    BETTER,
+    CHOSEN,
+    LIMIT,
+    OTHER,
+    TRUTH,
+    Axis,
+    Chart,
+    Figure,
+    HeatMap,
+    MechanismPicture,
+    Panel,
+)
 from stiction.comparisons.bench.results import Results
-from stiction.reports.figures.style import (COLORS, LEGEND_ROWS, SHADE, TALLEST, TRUTH_COLOR, Drawing, Look, legend,
-                                            letter, looks_of, narrow, panels, tick_at, variants_of, width)
+from stiction.reports.figures.style import (
+    COLORS,
+    LEGEND_ROWS,
+    SHADE,
+    TALLEST,
+    TRUTH_COLOR,
+    Drawing,
+    Look,
+    legend,
+    letter,
+    looks_of,
+    narrow,
+    panels,
+    tick_at,
+    variants_of,
+    width,
+)
 from stiction.scenes import load_scene
 from stiction.scenes.pictures.mechanism import drawing as mechanism_drawing
 
 PLAIN = Look("#000000", "-", "o")
-OWN_LOOKS = {TRUTH: Look("#000000", "-", ""), LIMIT: Look(TRUTH_COLOR, ":", ""), "": PLAIN,
-             OTHER: Look(TRUTH_COLOR, "-", "."), CHOSEN: Look(COLORS[1], "-", "D", "none"),
-             BETTER: Look(COLORS[2], "-", "D")}
+OWN_LOOKS = {
+    TRUTH: Look("#000000", "-", ""),
+    LIMIT: Look(TRUTH_COLOR, ":", ""),
+    "": PLAIN,
+    OTHER: Look(TRUTH_COLOR, "-", "."),
+    CHOSEN: Look(COLORS[1], "-", "D", "none"),
+    BETTER: Look(COLORS[2], "-", "D"),
+}
 """Looks that are no variant's."""
 LEGEND, MARGIN = 0.75, 0.45
 """Inches that the legend and the labels of the x axes take."""
@@ -49,15 +80,25 @@ TEXT = 1.2
 def drawn(figures: Sequence[Figure], results: Results) -> Iterator[Drawing]:
     """Draw the figures, a variant with the same look in all of them; under `style.rc()`."""
     used = {look for figure in figures for look in _looks_used(figure)}
-    looks = looks_of({label: about for label, about in variants_of(results).items() if label in used})
+    looks = looks_of(
+        {label: about for label, about in variants_of(results).items() if label in used}
+    )
     for figure in figures:
         # series that are no variant's: settings of one method, say
-        others = {look: (look, "joint") for look in _looks_used(figure) if look not in looks and look not in OWN_LOOKS}
+        others = {
+            look: (look, "joint")
+            for look in _looks_used(figure)
+            if look not in looks and look not in OWN_LOOKS
+        }
         yield draw(figure, looks | looks_of(others))
 
 
 def _looks_used(figure: Figure) -> list[str]:
-    series = [one for panel in figure.panels for one in panel.series] if isinstance(figure, Chart) else []
+    series = (
+        [one for panel in figure.panels for one in panel.series]
+        if isinstance(figure, Chart)
+        else []
+    )
     return list(dict.fromkeys(one.look for one in series))
 
 
@@ -65,8 +106,13 @@ def in_one_column(figure: Figure) -> list[Figure]:
     """Return the figures that show a figure in one column of a page: itself, or its parts, none above `TALLEST`."""
     if isinstance(figure, Chart):
         height = min(figure.height, COLUMN_PANEL)
-        return _named([replace(figure, panels=some, columns=1, height=height)
-                       for some in _panels_of_parts(figure, height)], figure)
+        return _named(
+            [
+                replace(figure, panels=some, columns=1, height=height)
+                for some in _panels_of_parts(figure, height)
+            ],
+            figure,
+        )
     if isinstance(figure, HeatMap):
         return _named(list(_parts_of_map(figure)), figure)
     return [figure]
@@ -79,8 +125,11 @@ def _named(parts: Sequence[Chart | HeatMap], figure: Chart | HeatMap) -> list[Fi
     first_sentence, count = figure.caption.partition(". ")[0].rstrip("."), len(parts)
     named: list[Figure] = []
     for number, part in enumerate(parts, 1):
-        caption = (f"{figure.caption} Part 1 of {count}." if number == 1 else
-                   f"{first_sentence}, continued: part {number} of {count}.")
+        caption = (
+            f"{figure.caption} Part 1 of {count}."
+            if number == 1
+            else f"{first_sentence}, continued: part {number} of {count}."
+        )
         named.append(replace(part, name=f"{figure.name}-{number}", caption=caption))
     return named
 
@@ -96,16 +145,24 @@ def _panels_of_parts(chart: Chart, height: float) -> Iterator[list[Panel]]:
         first = chart.panels[number - number % across]
         last = chart.panels[number + across * ((len(chart.panels) - 1 - number) // across)]
         y_label = "" if len(panel.y.words) else panel.y.label or first.y.label
-        labelled.append(replace(panel, x=replace(panel.x, label=panel.x.label or last.x.label),
-                                y=replace(panel.y, label=y_label)))
+        labelled.append(
+            replace(
+                panel,
+                x=replace(panel.x, label=panel.x.label or last.x.label),
+                y=replace(panel.y, label=y_label),
+            )
+        )
     labels = {one.label for panel in chart.panels for one in panel.series if one.label}
     room = TALLEST - LEGEND - MARGIN - LEGEND_ROW * max(0, len(labels) - LEGEND_ROWS)
     most = max(1, int(room / height))
-    size, rows = (most // across * across, [labelled]) if across <= most else (
-        most, [labelled[start:start + across] for start in range(0, len(labelled), across)])
+    size, rows = (
+        (most // across * across, [labelled])
+        if across <= most
+        else (most, [labelled[start : start + across] for start in range(0, len(labelled), across)])
+    )
     for row in rows:
         for start in range(0, len(row), size):
-            yield row[start:start + size]
+            yield row[start : start + size]
 
 
 def _parts_of_map(heat: HeatMap) -> Iterator[HeatMap]:
@@ -126,8 +183,12 @@ def _parts_of_map(heat: HeatMap) -> Iterator[HeatMap]:
 
 
 def _rows_of(heat: HeatMap, rows: Sequence[int], groups: Mapping[str, int]) -> HeatMap:
-    return replace(heat, rows=[heat.rows[row] for row in rows], cells=[heat.cells[row] for row in rows],
-                   groups=dict(groups) if heat.groups else {})
+    return replace(
+        heat,
+        rows=[heat.rows[row] for row in rows],
+        cells=[heat.cells[row] for row in rows],
+        groups=dict(groups) if heat.groups else {},
+    )
 
 
 @singledispatch
@@ -146,19 +207,21 @@ def _(chart: Chart, looks: Mapping[str, Look]) -> Drawing:
     handles: dict[str, Artist] = {}
     for ax, panel in zip(axes.flat, chart.panels):
         _draw_panel(ax, panel, looks, handles)
-    for ax in axes.flat[len(chart.panels):]:
+    for ax in axes.flat[len(chart.panels) :]:
         ax.set_axis_off()
     for ax in axes[:-1].flat if chart.share_x else ():
         ax.set_xlabel("")
     for ax in axes[:, 1:].flat if chart.share_y else ():
         ax.set_ylabel("")
-    letter(list(axes.flat[:len(chart.panels)]))
+    letter(list(axes.flat[: len(chart.panels)]))
     if handles:
         legend(figure, handles)
     return Drawing(chart.name, chart.caption, figure)
 
 
-def _draw_panel(ax: Axes, panel: Panel, looks: Mapping[str, Look], handles: dict[str, Artist]) -> None:
+def _draw_panel(
+    ax: Axes, panel: Panel, looks: Mapping[str, Look], handles: dict[str, Artist]
+) -> None:
     """Draw the panel, and add to the handles of the legend what its series add."""
     for begin, end in panel.shades:
         ax.axvspan(begin, end, color=SHADE, linewidth=0, zorder=0)
@@ -174,8 +237,15 @@ def _draw_panel(ax: Axes, panel: Panel, looks: Mapping[str, Look], handles: dict
         else:
             middle = series.x if panel.horizontal else series.y
             spread = np.array([middle - series.low, series.high - middle]).clip(min=0.0)
-            ax.errorbar(series.x, series.y, xerr=spread if panel.horizontal else None,
-                        yerr=None if panel.horizontal else spread, elinewidth=0.8, capsize=1.5, **style)
+            ax.errorbar(
+                series.x,
+                series.y,
+                xerr=spread if panel.horizontal else None,
+                yerr=None if panel.horizontal else spread,
+                elinewidth=0.8,
+                capsize=1.5,
+                **style,
+            )
         if series.label:
             handles.setdefault(series.label, Line2D([], [], **style))
     _set_axis("x", ax.xaxis, panel.x)
@@ -187,7 +257,11 @@ def _set_axis(name: str, axis: MatplotlibAxis, about: Axis) -> None:
     if about.log:
         axis.axes.set(**{f"{name}scale": "log"})
     if len(about.words):
-        words = [fill(word, WORDS, break_on_hyphens=False) for word in about.words] if narrow() else list(about.words)
+        words = (
+            [fill(word, WORDS, break_on_hyphens=False) for word in about.words]
+            if narrow()
+            else list(about.words)
+        )
         axis.set_ticks(list(about.ticks), words)
         axis.set_tick_params(which="both", length=0)
     elif len(about.ticks):
@@ -198,7 +272,9 @@ def _set_axis(name: str, axis: MatplotlibAxis, about: Axis) -> None:
 
 @draw.register
 def _(heat: HeatMap, looks: Mapping[str, Look]) -> Drawing:
-    lines: list[tuple[str, int | None]] = []  # of the grid, from above: a heading, or a row of cells
+    lines: list[
+        tuple[str, int | None]
+    ] = []  # of the grid, from above: a heading, or a row of cells
     rest = iter(range(len(heat.rows)))
     for heading, count in (heat.groups or {"": len(heat.rows)}).items():
         lines += [(heading, None)] if heading else []
@@ -214,29 +290,47 @@ def _(heat: HeatMap, looks: Mapping[str, Look]) -> Drawing:
         for x, category in enumerate(heat.cells[row]):
             if category:
                 sign, color = heat.categories[category]
-                corners = [(x - 0.46, y - 0.44), (x + 0.46, y - 0.44), (x + 0.46, y + 0.44), (x - 0.46, y + 0.44)]
+                corners = [
+                    (x - 0.46, y - 0.44),
+                    (x + 0.46, y - 0.44),
+                    (x + 0.46, y + 0.44),
+                    (x - 0.46, y + 0.44),
+                ]
                 squares.setdefault(color, []).append(Path([*corners, corners[0]], closed=True))
                 ax.text(x, y, sign, fontsize=6, va="center", ha="center", color=_contrast(color))
-    for color, paths in squares.items():  # one shape for all squares of a colour: a twentieth of the bytes
+    for (
+        color,
+        paths,
+    ) in squares.items():  # one shape for all squares of a colour: a twentieth of the bytes
         ax.add_patch(PathPatch(Path.make_compound_path(*paths), color=color, linewidth=0))
     ax.set(xlim=(-0.5, len(heat.columns) - 0.5), ylim=(len(lines) - 0.5, -0.5))
     rows = {y: text for y, (text, row) in enumerate(lines) if row is not None}
     ax.set_yticks(list(rows), list(rows.values()), fontsize=6)
-    ax.set_xticks(range(len(heat.columns)), heat.columns, rotation=turned, ha="left",
-                  va="center" if narrow() else "baseline", rotation_mode="anchor", fontsize=6.5)
+    ax.set_xticks(
+        range(len(heat.columns)),
+        heat.columns,
+        rotation=turned,
+        ha="left",
+        va="center" if narrow() else "baseline",
+        rotation_mode="anchor",
+        fontsize=6.5,
+    )
     ax.xaxis.tick_top()
     ax.tick_params(length=0, which="both")
     ax.spines[:].set_visible(False)
     there = {category for row in heat.cells for category in row}
-    handles = {f"{sign}  {category}": Patch(color=color) for category, (sign, color) in heat.categories.items()
-               if category in there}
+    handles = {
+        f"{sign}  {category}": Patch(color=color)
+        for category, (sign, color) in heat.categories.items()
+        if category in there
+    }
     legend(figure, handles, columns=6)
     return Drawing(heat.name, heat.caption, figure)
 
 
 def _contrast(color: str) -> str:
     """Black on light colours, white on dark ones (luma of Rec. 601)."""
-    red, green, blue = (int(color[i:i + 2], 16) for i in (1, 3, 5))
+    red, green, blue = (int(color[i : i + 2], 16) for i in (1, 3, 5))
     return "#000000" if 0.299 * red + 0.587 * green + 0.114 * blue > 140 else "#FFFFFF"
 
 

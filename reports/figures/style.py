@@ -44,17 +44,43 @@ LEGEND_ROWS = 3
 COLORS = ("#332288", "#D55E00", "#0072B2", "#009E73", "#CC79A7", "#56B4E9", "#E69F00", "#666666")
 TRUTH_COLOR, SHADE = "#999999", "#E2E2E2"
 DASHES: Sequence[Any] = (
-    "-", *((0, dashes) for dashes in ((5, 1.5), (5, 1.5, 1, 1.5), (1, 1.2), (5, 1.2, 1, 1.2, 1, 1.2), (9, 2),
-                                      (9, 1.5, 2, 1.5), (2, 2), (7, 1, 1, 1, 1, 1, 1, 1), (4, 4))))
+    "-",
+    *(
+        (0, dashes)
+        for dashes in (
+            (5, 1.5),
+            (5, 1.5, 1, 1.5),
+            (1, 1.2),
+            (5, 1.2, 1, 1.2, 1, 1.2),
+            (9, 2),
+            (9, 1.5, 2, 1.5),
+            (2, 2),
+            (7, 1, 1, 1, 1, 1, 1, 1),
+            (4, 4),
+        )
+    ),
+)
 MARKERS = "osD^vPX<>*hpd8"
 FILLS = {"joint": ("full", "left"), "contact": ("none", "top")}
 """Fills of markers, by fidelity: the second where the first has been used with all `MARKERS`."""
 
 _RC = {
-    **RC, "axes.titlesize": 8, "xtick.top": True, "ytick.right": True, "legend.handlelength": 2.2,
-    "xtick.major.width": 0.6, "ytick.major.width": 0.6, "xtick.major.size": 3, "ytick.major.size": 3,
-    "xtick.minor.size": 1.5, "ytick.minor.size": 1.5, "axes.formatter.useoffset": False,
-    "axes.formatter.limits": (-3, 4), "axes.formatter.use_mathtext": True, "svg.fonttype": "none"}  # text as text
+    **RC,
+    "axes.titlesize": 8,
+    "xtick.top": True,
+    "ytick.right": True,
+    "legend.handlelength": 2.2,
+    "xtick.major.width": 0.6,
+    "ytick.major.width": 0.6,
+    "xtick.major.size": 3,
+    "ytick.major.size": 3,
+    "xtick.minor.size": 1.5,
+    "ytick.minor.size": 1.5,
+    "axes.formatter.useoffset": False,
+    "axes.formatter.limits": (-3, 4),
+    "axes.formatter.use_mathtext": True,
+    "svg.fonttype": "none",
+}  # text as text
 
 
 @dataclass(frozen=True)
@@ -79,15 +105,29 @@ class Look:
         return {"color": self.color, "linestyle": self.dashes, "linewidth": 0.9}
 
     def points(self) -> dict[str, Any]:
-        inside = {"markerfacecolor": "white"} if self.fill == "none" else {
-            "markerfacecolor": self.color, "markerfacecoloralt": "white", "fillstyle": self.fill}
-        return {"marker": self.marker, "markeredgecolor": self.color, "markersize": 3.5, "markeredgewidth": 0.8,
-                **inside}
+        inside = (
+            {"markerfacecolor": "white"}
+            if self.fill == "none"
+            else {
+                "markerfacecolor": self.color,
+                "markerfacecoloralt": "white",
+                "fillstyle": self.fill,
+            }
+        )
+        return {
+            "marker": self.marker,
+            "markeredgecolor": self.color,
+            "markersize": 3.5,
+            "markeredgewidth": 0.8,
+            **inside,
+        }
 
 
 def rc(column: str = "double") -> AbstractContextManager[None]:
     """Set type, lines and width (of `COLUMNS`), for figures made and saved within."""
-    return style.context(["default", {**_RC, "figure.figsize": (COLUMNS[column], COLUMNS["single"])}])
+    return style.context(
+        ["default", {**_RC, "figure.figsize": (COLUMNS[column], COLUMNS["single"])}]
+    )
 
 
 def width() -> float:
@@ -112,8 +152,10 @@ def looks_of(variants: Mapping[str, tuple[str, str]]) -> dict[str, Look]:
         color, fills = COLORS[engines.index(engine) % len(COLORS)], FILLS[fidelity]
         most = len(fills) * len(MARKERS)
         if dashed[color] == len(DASHES) or marked[fidelity] == most:
-            raise InputError(f"figures: found {len(variants)} variants; expected at most {len(DASHES)} of a colour, "
-                             f"and {most} of a fidelity, which are as many as can be distinguished")
+            raise InputError(
+                f"figures: found {len(variants)} variants; expected at most {len(DASHES)} of a colour, "
+                f"and {most} of a fidelity, which are as many as can be distinguished"
+            )
         fill, marker = divmod(marked[fidelity], len(MARKERS))
         found[label] = Look(color, DASHES[dashed[color]], MARKERS[marker], fills[fill])
         dashed[color] += 1
@@ -123,11 +165,16 @@ def looks_of(variants: Mapping[str, tuple[str, str]]) -> dict[str, Look]:
 
 def variants_of(results: Results) -> dict[str, tuple[str, str]]:
     """Return engine and fidelity of every variant of a run, by label, those that only a table has included."""
-    found = {record.variant.label: (record.variant.engine, record.variant.fidelity) for record in results.records}
+    found = {
+        record.variant.label: (record.variant.engine, record.variant.fidelity)
+        for record in results.records
+    }
     for table in results.tables.values():
         if {"variant", "engine", "fidelity"} <= set(table):
             rows = table.drop_duplicates("variant")
-            found = found | dict(zip(rows["variant"], zip(rows["engine"], rows["fidelity"]))) | found
+            found = (
+                found | dict(zip(rows["variant"], zip(rows["engine"], rows["fidelity"]))) | found
+            )
     return found
 
 
@@ -145,7 +192,9 @@ def legend(figure: Figure, handles: Mapping[str, Artist], columns: int = 4) -> N
     for count in range(min(columns, len(handles)), 0, -1):
         # matplotlib fills column by column; people read row by row
         labels = [label for column in range(count) for label in list(handles)[column::count]]
-        made = figure.legend([handles[label] for label in labels], labels, loc="outside upper center", ncols=count)
+        made = figure.legend(
+            [handles[label] for label in labels], labels, loc="outside upper center", ncols=count
+        )
         box = made.get_window_extent()
         if count == 1 or box.width <= figure.bbox.width:
             rows = -(-len(handles) // count)
@@ -172,8 +221,9 @@ def letter(axes: Sequence[Axes]) -> None:
         ax.set_title("", loc="center")
 
 
-def save_all(drawings: Sequence[Drawing], folder: Path, column: str = "double",
-             kinds: Sequence[str] = KINDS) -> None:
+def save_all(
+    drawings: Sequence[Drawing], folder: Path, column: str = "double", kinds: Sequence[str] = KINDS
+) -> None:
     """Write files of figures made under ``rc(column)``, in other processes where they are many."""
     one = partial(save, folder=folder, column=column, kinds=kinds)
     workers = min(os.cpu_count() or 1, len(drawings) // SHARE)
@@ -185,11 +235,15 @@ def save_all(drawings: Sequence[Drawing], folder: Path, column: str = "double",
         list(pool.map(one, drawings))
 
 
-def save(drawing: Drawing, folder: Path, column: str = "double", kinds: Iterable[str] = KINDS) -> None:
+def save(
+    drawing: Drawing, folder: Path, column: str = "double", kinds: Iterable[str] = KINDS
+) -> None:
     """Write one figure; without dates, so that the same data give the same bytes."""
     with rc(column):
         fit_labels(drawing.figure)
-        drawing.figure.set_layout_engine(None)  # positions are found; finding them again for each file doubles the time
+        drawing.figure.set_layout_engine(
+            None
+        )  # positions are found; finding them again for each file doubles the time
         for kind in kinds:
             with whole_file(folder / f"{drawing.name}.{kind}") as file:
                 write_figure(drawing.figure, file)

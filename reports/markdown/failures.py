@@ -29,8 +29,15 @@ def failed_runs(results: Results) -> pd.DataFrame:
             reason = table["reason"].fillna("")
             failed = ~succeeded(table) & (table["status"] != MISSING_ENGINE)
             rows = table if "variant" in table else table.rename(columns=ROWS_OF).replace(CHOICES)
-            rows = rows.assign(status=rows["status"].replace("ok", "incomplete"), reason=reason.replace("", NO_REASON))
-            parts.append(rows.loc[failed].reindex(columns=_COLUMNS).assign(table=name, row=np.flatnonzero(failed) + 1))
+            rows = rows.assign(
+                status=rows["status"].replace("ok", "incomplete"),
+                reason=reason.replace("", NO_REASON),
+            )
+            parts.append(
+                rows.loc[failed]
+                .reindex(columns=_COLUMNS)
+                .assign(table=name, row=np.flatnonzero(failed) + 1)
+            )
     found = pd.concat([part for part in parts if len(part)] or parts, ignore_index=True)
     # runs come first: what failed there is missing from every table made of them
     return found.drop_duplicates(_COLUMNS, ignore_index=True)
@@ -40,7 +47,13 @@ def grouped(failed: pd.DataFrame) -> pd.DataFrame:
     """Return the failures of one variant for one reason as one row: ``variant, status, reason, runs`` and where."""
     rows = []
     for names, group in failed.groupby(["variant", "status", "reason"], sort=False, dropna=False):
-        where = [f"{scene}: {', '.join(f'{step:g}' for step in part['step'].dropna().unique())}".removesuffix(": ")
-                 for scene, part in group.groupby("scene", sort=False)]
+        where = [
+            f"{scene}: {', '.join(f'{step:g}' for step in part['step'].dropna().unique())}".removesuffix(
+                ": "
+            )
+            for scene, part in group.groupby("scene", sort=False)
+        ]
         rows.append((*names, len(group), "; ".join(where) or group["table"].iloc[0]))
-    return pd.DataFrame(rows, columns=["variant", "status", "reason", "runs", "where (scene: step)"])
+    return pd.DataFrame(
+        rows, columns=["variant", "status", "reason", "runs", "where (scene: step)"]
+    )

@@ -62,53 +62,88 @@ def write_report(report: Report, folder: str | Path) -> Path:
         failed = failed_runs(results)
         (partial / REPORT).write_text(compose(report, failed, origin, drawings), encoding="utf-8")
         if len(failed):
-            (partial / FAILURES).write_text(f"# Failed runs\n\n{markdown(failed)}\n", encoding="utf-8")
+            (partial / FAILURES).write_text(
+                f"# Failed runs\n\n{markdown(failed)}\n", encoding="utf-8"
+            )
         write_data_package(partial, TITLE, origin["date"])
         write_reproduce(results, origin, partial)
         write_provenance(partial, origin)
     return Path(folder) / REPORT
 
 
-def compose(report: Report, failed: pd.DataFrame, origin: Mapping[str, Any], drawings: Sequence[Drawing]) -> str:
+def compose(
+    report: Report, failed: pd.DataFrame, origin: Mapping[str, Any], drawings: Sequence[Drawing]
+) -> str:
     """Compose the text of ``report.md``; the first picture of a mechanism stands on page one alone."""
     results, by_name = report.results, {drawing.name: drawing for drawing in drawings}
     first = next((each.name for each in report.figures if isinstance(each, MechanismPicture)), None)
     picture = figure(by_name.pop(first)) if first else ""
     engines = "".join(f", {name} {version}" for name, version in origin["engines"].items())
-    when = (f"Run of {origin['date'][:16].replace('T', ' ')} UTC with stiction {origin['versions']['stiction']}"
-            f"{engines}.")
-    parts = [page_one(report, picture, when), "## Terms", TERMS,
-             *(study_section(study, said, by_name) for study, said in report.said.items())]
+    when = (
+        f"Run of {origin['date'][:16].replace('T', ' ')} UTC with stiction {origin['versions']['stiction']}"
+        f"{engines}."
+    )
+    parts = [
+        page_one(report, picture, when),
+        "## Terms",
+        TERMS,
+        *(study_section(study, said, by_name) for study, said in report.said.items()),
+    ]
     if len(failed):
-        rows = grouped(failed)[["variant", "status", "runs", "reason"]].rename(columns={"variant": "method"})
-        parts += ["## What failed?", f"Failed or ended early, in all studies: {len(failed)}; "
-                  f"all are in [{FAILURES}]({FAILURES}).",
-                  fitted(rows)]
-    parts += ["## Parameters of the scenes", fitted(tables_of(results)["parameters"]),
-              "Choices that the paper leaves open:",
-              "\n".join(f"- {name}: {text}" for name, text in origin["choices"].items()),
-              "## Truths", *_truths(results.table("accuracy")), "## Provenance", _provenance(origin)]
+        rows = grouped(failed)[["variant", "status", "runs", "reason"]].rename(
+            columns={"variant": "method"}
+        )
+        parts += [
+            "## What failed?",
+            f"Failed or ended early, in all studies: {len(failed)}; "
+            f"all are in [{FAILURES}]({FAILURES}).",
+            fitted(rows),
+        ]
+    parts += [
+        "## Parameters of the scenes",
+        fitted(tables_of(results)["parameters"]),
+        "Choices that the paper leaves open:",
+        "\n".join(f"- {name}: {text}" for name, text in origin["choices"].items()),
+        "## Truths",
+        *_truths(results.table("accuracy")),
+        "## Provenance",
+        _provenance(origin),
+    ]
     return "\n\n".join(parts) + "\n"
 
 
 def _truths(accuracy: pd.DataFrame) -> list[str]:
     """The truths that runs were compared with, the best tier first, and how well they are known."""
-    columns = {"position_uncertainty": "position [m]", "velocity_uncertainty": "velocity [m/s]",
-               "event_time_uncertainty": "events [s]"}
+    columns = {
+        "position_uncertainty": "position [m]",
+        "velocity_uncertainty": "velocity [m/s]",
+        "event_time_uncertainty": "events [s]",
+    }
     if not (there := [name for name in columns if name in accuracy]):
         return []
     compared = accuracy[accuracy["truth_tier"] != NO_TRUTH]
     found = compared.groupby(["truth", "truth_tier"], sort=False)[there].max().reset_index()
-    found = found.sort_values("truth_tier", key=lambda tiers: tiers.map(BEST_FIRST.index), kind="stable")
-    found[there] = found[there].map(lambda value: MISSING if pd.isna(value) else f"± {rounded_up(value)}")
+    found = found.sort_values(
+        "truth_tier", key=lambda tiers: tiers.map(BEST_FIRST.index), kind="stable"
+    )
+    found[there] = found[there].map(
+        lambda value: MISSING if pd.isna(value) else f"± {rounded_up(value)}"
+    )
     return [fitted(found.rename(columns={**columns, "truth_tier": "tier"}))]
 
 
 def _provenance(origin: Mapping[str, Any]) -> str:
     """What the provenance of the folder has, a line each, without the state of the machine during the campaign."""
-    parts = {"date": origin["date"], "commit": commit_in_words(origin), "source": f"SHA-256 {origin['source']}",
-             "command": f"`{origin['command']}`; [how to make these numbers again]({FOLDER}/README.md)"}
+    parts = {
+        "date": origin["date"],
+        "commit": commit_in_words(origin),
+        "source": f"SHA-256 {origin['source']}",
+        "command": f"`{origin['command']}`; [how to make these numbers again]({FOLDER}/README.md)",
+    }
     for name in ("versions", "machine", "campaign"):
-        parts[name] = ", ".join(f"{key} {words(entry)}" for key, entry in origin[name].items()
-                                if entry is not None and not isinstance(entry, Mapping))
+        parts[name] = ", ".join(
+            f"{key} {words(entry)}"
+            for key, entry in origin[name].items()
+            if entry is not None and not isinstance(entry, Mapping)
+        )
     return "\n".join(f"- {name}: {text}" for name, text in parts.items())

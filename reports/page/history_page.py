@@ -58,8 +58,11 @@ def write_history_page(history: Path, file: Path) -> None:
     Verdicts in words and regressions are those of the folders of nights beside the history.
     """
     with open_history(history, write=False) as opened:
-        nights = pd.read_sql("SELECT night, campaign, machine, commit_hash, finished, verdict FROM nights "
-                             "ORDER BY night", opened.connection)
+        nights = pd.read_sql(
+            "SELECT night, campaign, machine, commit_hash, finished, verdict FROM nights "
+            "ORDER BY night",
+            opened.connection,
+        )
         rows = pd.read_sql("SELECT * FROM history", opened.connection)
         names = list(nights["night"])
         changed = _changes(opened, names)
@@ -67,15 +70,18 @@ def write_history_page(history: Path, file: Path) -> None:
     rows["failed"] = (rows["status"] != "ok") | (rows["reason"] != "")
     sections: dict[str, list[str]] = {}
     if names:
-        sections["The newest night"] = _newest(names[-1], nights["verdict"].iloc[-1], told[names[-1]],
-                                               changed[names[-1]], file)
+        sections["The newest night"] = _newest(
+            names[-1], nights["verdict"].iloc[-1], told[names[-1]], changed[names[-1]], file
+        )
     if rows["value"].notna().any():
         sections["Course over the nights"] = _course(rows, nights, told)
     sections["Nights"] = [_nights_table(rows, nights, changed, told, file)]
     if failures := _failures(rows):
         sections["What failed"] = failures
     runs = rows["key"].nunique()
-    subtitle = f"{len(nights)} night{'s' * (len(nights) != 1)}, {runs} run{'s' * (runs != 1)} each at most"
+    subtitle = (
+        f"{len(nights)} night{'s' * (len(nights) != 1)}, {runs} run{'s' * (runs != 1)} each at most"
+    )
     write_text(file, document("History of the nights", subtitle, sections))
 
 
@@ -86,7 +92,11 @@ def _read(folder: Path) -> _Night:
     except (FileNotFoundError, NotADirectoryError):
         return _Night()
     shown = [finding for finding in summary["findings"] if finding["severity"] in SHOWN_SEVERITIES]
-    worse = frozenset((finding["metric"], finding["key"]) for finding in shown if finding["severity"] == REGRESSION)
+    worse = frozenset(
+        (finding["metric"], finding["key"])
+        for finding in shown
+        if finding["severity"] == REGRESSION
+    )
     worst = (shown[0]["metric"], shown[0]["key"]) if shown else None
     words = ""
     if shown:
@@ -99,15 +109,26 @@ def _changes(history: History, nights: Sequence[str]) -> dict[str, str]:
     """What changed since the night before, of each night."""
     found = dict.fromkeys(nights, "")
     for before, night in pairwise(nights):
-        found[night] = "; ".join(environment_changes(history.origin(before), history.origin(night),
-                                                     history.engines(before), history.engines(night))) or "nothing"
+        found[night] = (
+            "; ".join(
+                environment_changes(
+                    history.origin(before),
+                    history.origin(night),
+                    history.engines(before),
+                    history.engines(night),
+                )
+            )
+            or "nothing"
+        )
     return found
 
 
 def _newest(night: str, verdict: str | None, told: _Night, changed: str, file: Path) -> list[str]:
     """What is to be known of the newest night: its five lines, and the way to its report."""
-    lines = told.lines or (f"**{verdict or 'not finished'}**",
-                           f"Environment: since the night before: {changed or 'there is none'}")
+    lines = told.lines or (
+        f"**{verdict or 'not finished'}**",
+        f"Environment: since the night before: {changed or 'there is none'}",
+    )
     blocks = [paragraph(night), items(lines)]
     if told.report is not None:
         blocks.append(link("Report of this night", _path(told.report, file)))
@@ -122,10 +143,14 @@ def _path(target: Path, page: Path) -> str:
 def _course(rows: pd.DataFrame, nights: pd.DataFrame, told: Mapping[str, _Night]) -> list[str]:
     """The chart of all numbers, what the worst finding of the newest night is about first."""
     names, known = list(nights["night"]), rows[rows["value"].notna()]
-    commits = rows.dropna(subset="commit_hash").drop_duplicates("night").set_index("night")["commit_hash"]
+    commits = (
+        rows.dropna(subset="commit_hash").drop_duplicates("night").set_index("night")["commit_hash"]
+    )
     notes = [f"commit {commit}" for commit in commits.reindex(names).fillna("–")]
-    views = [_view(str(metric), str(scene), part, names, notes, told)
-             for (metric, scene), part in known.groupby(["metric", "scene"], sort=False)]
+    views = [
+        _view(str(metric), str(scene), part, names, notes, told)
+        for (metric, scene), part in known.groupby(["metric", "scene"], sort=False)
+    ]
     if (worst := told[names[-1]].worst) is not None:
         metric, key = worst
         shown_as = quantity_of(metric).head
@@ -136,14 +161,23 @@ def _course(rows: pd.DataFrame, nights: pd.DataFrame, told: Mapping[str, _Night]
             return (view.labels[1] not in scene) + 2 * (metric != "" and view.labels[0] != shown_as)
 
         views.sort(key=distance)
-    return [paragraph("One line per variant and step size or tolerance; a red ring is a regression. Errors, drift and "
-                      "times are drawn in logarithms where all are > 0; a gap is a night in which the run failed. "
-                      "Times of different machines are different lines."),
-            chart("course", ("Metric", "Scene"), views, HINT)]
+    return [
+        paragraph(
+            "One line per variant and step size or tolerance; a red ring is a regression. Errors, drift and "
+            "times are drawn in logarithms where all are > 0; a gap is a night in which the run failed. "
+            "Times of different machines are different lines."
+        ),
+        chart("course", ("Metric", "Scene"), views, HINT),
+    ]
 
 
-def _nights_table(rows: pd.DataFrame, nights: pd.DataFrame, changed: Mapping[str, str], told: Mapping[str, _Night],
-                  file: Path) -> str:
+def _nights_table(
+    rows: pd.DataFrame,
+    nights: pd.DataFrame,
+    changed: Mapping[str, str],
+    told: Mapping[str, _Night],
+    file: Path,
+) -> str:
     made = rows.drop_duplicates(["night", "key"]).groupby("night")["failed"]
     shown = nights.fillna("–").iloc[::-1].copy()
     shown["worst finding"] = [told[night].worst_words for night in shown["night"]]
@@ -153,8 +187,15 @@ def _nights_table(rows: pd.DataFrame, nights: pd.DataFrame, changed: Mapping[str
         shown[name] = shown["night"].map(count).fillna(0).astype(int).map(str)
     reports = [told[night].report for night in shown["night"]]
     links = [_path(report, file) if report is not None else "" for report in reports]
-    return table("The nights, the latest first, each with a link to its report; whole: runs that succeeded and reached "
-                 "their end.", list(shown), shown.itertuples(index=False), [name in counts for name in shown], links, 0)
+    return table(
+        "The nights, the latest first, each with a link to its report; whole: runs that succeeded and reached "
+        "their end.",
+        list(shown),
+        shown.itertuples(index=False),
+        [name in counts for name in shown],
+        links,
+        0,
+    )
 
 
 def _failures(rows: pd.DataFrame) -> list[str]:
@@ -163,18 +204,30 @@ def _failures(rows: pd.DataFrame) -> list[str]:
     absent = runs[runs["status"] == MISSING_ENGINE]
     blocks = []
     if len(absent):
-        words = [f"{engine} ({part['key'].nunique()} run{'s' * (part['key'].nunique() != 1)} a night)"
-                 for engine, part in absent.groupby("engine", sort=False)]
+        words = [
+            f"{engine} ({part['key'].nunique()} run{'s' * (part['key'].nunique() != 1)} a night)"
+            for engine, part in absent.groupby("engine", sort=False)
+        ]
         blocks.append(paragraph(f"Not installed in some of the nights: {', '.join(words)}."))
     failed = runs[runs["failed"] & (runs["status"] != MISSING_ENGINE)]
     if len(failed):
-        lines = [(part["night"].max(), str(part["night"].nunique()), *names)
-                 for names, part in failed.groupby(["key", "status", "reason"], sort=False)]
+        lines = [
+            (part["night"].max(), str(part["night"].nunique()), *names)
+            for names, part in failed.groupby(["key", "status", "reason"], sort=False)
+        ]
         lines.sort(key=lambda line: line[0], reverse=True)
-        caption = (f"{len(failed)} failures of {len(lines)} kinds, the latest {min(len(lines), MOST_FAILED)} of these; "
-                   "the first column has the latest night of each.")
-        blocks.append(table(caption, ["night", "nights", "key", "status", "reason"], lines[:MOST_FAILED],
-                            [False, True, False, False, False]))
+        caption = (
+            f"{len(failed)} failures of {len(lines)} kinds, the latest {min(len(lines), MOST_FAILED)} of these; "
+            "the first column has the latest night of each."
+        )
+        blocks.append(
+            table(
+                caption,
+                ["night", "nights", "key", "status", "reason"],
+                lines[:MOST_FAILED],
+                [False, True, False, False, False],
+            )
+        )
     return blocks
 
 
@@ -182,40 +235,83 @@ def _short_names(nights: Sequence[str]) -> list[str]:
     """Names of nights at an axis: the day, with the time where the day has several nights."""
     days = Counter(night[:10] for night in nights)
     minutes = Counter(night[:16] for night in nights)
-    return [night[:10] if days[night[:10]] == 1 else
-            f"{night[5:10]} {night[11:16 if minutes[night[:16]] == 1 else 23]}" for night in nights]
+    return [
+        night[:10]
+        if days[night[:10]] == 1
+        else f"{night[5:10]} {night[11 : 16 if minutes[night[:16]] == 1 else 23]}"
+        for night in nights
+    ]
 
 
-def _view(metric: str, scene: str, rows: pd.DataFrame, nights: list[str], notes: list[str],
-          told: Mapping[str, _Night]) -> View:
+def _view(
+    metric: str,
+    scene: str,
+    rows: pd.DataFrame,
+    nights: list[str],
+    notes: list[str],
+    told: Mapping[str, _Night],
+) -> View:
     """The course of a metric on a scene."""
     head = quantity_of(metric).head
     block, series, ends = Columns(), [], []
     timed = (rows["kind"] == "time").all()
-    logarithmic = bool((rows["value"] > 0).all()) and rows["kind"].iloc[0] in ("accuracy", "drift", "time")
+    logarithmic = bool((rows["value"] > 0).all()) and rows["kind"].iloc[0] in (
+        "accuracy",
+        "drift",
+        "time",
+    )
     number = block.add(np.arange(len(nights)), LONG)
     several = timed and rows["machine"].nunique() > 1
     for place, (variant, lines) in enumerate(rows.groupby("variant", sort=False)):
         steps = list(dict.fromkeys(lines["step"]))
-        for (key, machine), line in lines.groupby(["key", lines["machine"] if timed else "scene"], sort=False):
+        for (key, machine), line in lines.groupby(
+            ["key", lines["machine"] if timed else "scene"], sort=False
+        ):
             first, course = line.iloc[0], line.set_index("night").reindex(nights)
             values, unsure = course["value"].to_numpy(float), course["uncertainty"].to_numpy(float)
             if logarithmic:  # of a logarithm the relative uncertainty
                 values, unsure = np.log10(values), unsure / (values * np.log(10))
-            flags = [place for place, night in enumerate(nights)
-                     if {(metric, key), ("", key)} & told[night].regressions]
+            flags = [
+                place
+                for place, night in enumerate(nights)
+                if {(metric, key), ("", key)} & told[night].regressions
+            ]
             ends += [np.nanmin(values), np.nanmax(values)]
-            name = variant if variant == "truth" else f"{variant} ({setting_of(first['parameter'], first['step'])})"
-            series.append({
-                "name": f"{name}, {machine}" if several else name, "color": COLORS[place % len(COLORS)], "about": key,
-                "dash": DASHES[steps.index(first["step"]) % len(DASHES)], "marker": True,
-                "shown": True,
-                "flags": flags, "x": [number], "y": [[block.add(values, LONG)]],
-                "error": [[block.add(unsure)]] if timed else None})
+            name = (
+                variant
+                if variant == "truth"
+                else f"{variant} ({setting_of(first['parameter'], first['step'])})"
+            )
+            series.append(
+                {
+                    "name": f"{name}, {machine}" if several else name,
+                    "color": COLORS[place % len(COLORS)],
+                    "about": key,
+                    "dash": DASHES[steps.index(first["step"]) % len(DASHES)],
+                    "marker": True,
+                    "shown": True,
+                    "flags": flags,
+                    "x": [number],
+                    "y": [[block.add(values, LONG)]],
+                    "error": [[block.add(unsure)]] if timed else None,
+                }
+            )
     low, high = min(ends), max(ends)
     room = 0.05 * (high - low) or 0.5
     panel = {"label": head, "log": logarithmic, "range": [low - room, high + room]}
-    return View((head, scene), {"x": {"label": "night", "range": [-0.3, len(nights) - 0.7], "names": nights,
-                              "short": _short_names(nights), "notes": notes},
-                         "series": series, "shades": [],
-                         "modes": [{"name": head, "digits": 6, "panels": [panel]}]}, block)
+    return View(
+        (head, scene),
+        {
+            "x": {
+                "label": "night",
+                "range": [-0.3, len(nights) - 0.7],
+                "names": nights,
+                "short": _short_names(nights),
+                "notes": notes,
+            },
+            "series": series,
+            "shades": [],
+            "modes": [{"name": head, "digits": 6, "panels": [panel]}],
+        },
+        block,
+    )

@@ -20,9 +20,11 @@ from stiction.scenes import InputError
 from stiction.scenes.atomic_files import write_text
 from stiction.scenes.pictures.web import compressed
 
-HINT = ("The pointer moves the time, and the mechanism follows. Drag to zoom, double-click to reset; with the keyboard "
-        "+, - and 0. Grey: stick phases of the truth. A difference is that of two samples of one time, from the truth "
-        "of the physics that the run has; none is drawn where it is zero.")
+HINT = (
+    "The pointer moves the time, and the mechanism follows. Drag to zoom, double-click to reset; with the keyboard "
+    "+, - and 0. Grey: stick phases of the truth. A difference is that of two samples of one time, from the truth "
+    "of the physics that the run has; none is drawn where it is zero."
+)
 
 
 def write_run_page(run: StoredRun, file: Path) -> None:
@@ -32,16 +34,29 @@ def write_run_page(run: StoredRun, file: Path) -> None:
     if views := list(time_series(report.results)):
         sections["Time series"] = [chart("time-series", ("Scene",), views, HINT)]
     for study, said in report.said.items():
-        blocks = [*(paragraph(part.text) for part in said.findings), *([items(said.notes)] if said.notes else []),
-                  *(_figure(run, figure.name, figure.caption) for figure in said.figures), *map(_table, said.tables)]
+        blocks = [
+            *(paragraph(part.text) for part in said.findings),
+            *([items(said.notes)] if said.notes else []),
+            *(_figure(run, figure.name, figure.caption) for figure in said.figures),
+            *map(_table, said.tables),
+        ]
         sections[study.question] = [details(said.answer.text or study.question, "\n".join(blocks))]
     used = dict.fromkeys(key for view in report.tables for key in keys(view))
     sections["Where numbers come from"] = [
-        details("Every key of the tables", "".join(_origin_of(run, key) for key in used))]
-    origin = [("date", run.origin["date"]),
-              *((f"{part}: {name}", str(value)) for part in ("versions", "engines", "machine", "campaign", "choices")
-                for name, value in run.origin[part].items()), ("commit", commit_in_words(run.origin))]
-    sections["Provenance"] = [table("Provenance of the run.", ("what", "value"), origin, (False, False))]
+        details("Every key of the tables", "".join(_origin_of(run, key) for key in used))
+    ]
+    origin = [
+        ("date", run.origin["date"]),
+        *(
+            (f"{part}: {name}", str(value))
+            for part in ("versions", "engines", "machine", "campaign", "choices")
+            for name, value in run.origin[part].items()
+        ),
+        ("commit", commit_in_words(run.origin)),
+    ]
+    sections["Provenance"] = [
+        table("Provenance of the run.", ("what", "value"), origin, (False, False))
+    ]
     subtitle = f"stiction {run.origin['versions']['stiction']}, run of {run.origin['date']}"
     write_text(file, document(TITLE, subtitle, sections))
 
@@ -52,7 +67,9 @@ def _page_one(report: Report) -> Iterator[str]:
     headlines = headline_table(report)
     if headlines.groups:
         rows = [[text.strip("*") for text in row] for row in headlines.rows]
-        yield table(HOW_TO_READ, headlines.heads, rows, [False] + [True] * (len(headlines.heads) - 1))
+        yield table(
+            HOW_TO_READ, headlines.heads, rows, [False] + [True] * (len(headlines.heads) - 1)
+        )
     yield items(f"**{title}.** {answer.text}" for title, answer in bullets(report))
     if missing := not_installed(report.results):
         yield paragraph(missing)
@@ -62,11 +79,15 @@ def _figure(run: StoredRun, name: str, caption: str) -> str:
     """The SVG of the run folder, compressed, as ``page.js`` shows it."""
     path = run.folder / "figures" / f"{name}.svg"
     if not path.is_file():
-        raise InputError(f"{path}: not part of this folder; expected a run folder of this version of `stiction "
-                         "validate`")
-    return (f'<figure><div class="picture" tabindex="0" role="region" aria-label="{escape(name)}">'
-            f'<img alt="{escape(caption)}" decoding="async" data-svg="{compressed(path.read_bytes())}"></div>'
-            f"<figcaption>{escape(caption)}</figcaption></figure>")
+        raise InputError(
+            f"{path}: not part of this folder; expected a run folder of this version of `stiction "
+            "validate`"
+        )
+    return (
+        f'<figure><div class="picture" tabindex="0" role="region" aria-label="{escape(name)}">'
+        f'<img alt="{escape(caption)}" decoding="async" data-svg="{compressed(path.read_bytes())}"></div>'
+        f"<figcaption>{escape(caption)}</figcaption></figure>"
+    )
 
 
 def _table(view: TableView) -> str:

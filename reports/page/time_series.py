@@ -19,8 +19,15 @@ from stiction.reports.run_folder.data import truth_frame
 from stiction.scenes import Scene, load_scene
 from stiction.scenes.columns import unit_of
 from stiction.scenes.pictures.geometry import poses_at, view_of
-from stiction.scenes.pictures.web import (LONG, Columns, force_columns, largest_force, load_signs, mechanism,
-                                          pose_columns)
+from stiction.scenes.pictures.web import (
+    LONG,
+    Columns,
+    force_columns,
+    largest_force,
+    load_signs,
+    mechanism,
+    pose_columns,
+)
 from stiction.truths import Truth
 
 SAMPLE = 0.02
@@ -37,8 +44,13 @@ MOST_PANELS = 12
 TRUTHS = " of the truth"
 """Ending of a truth's columns beside those of a run."""
 CORNER = "corner force"
-QUANTITIES = {r"\.displacement$": "position along", r"\.slip_velocity$": "slip velocity along",
-              r"^slider\.ax$": "acceleration of", r"\.F[1-4]$": CORNER, r"\.effort$": "effort of"}
+QUANTITIES = {
+    r"\.displacement$": "position along",
+    r"\.slip_velocity$": "slip velocity along",
+    r"^slider\.ax$": "acceleration of",
+    r"\.F[1-4]$": CORNER,
+    r"\.effort$": "effort of",
+}
 """Columns that have a panel, and what they are called."""
 TRUTH_LOOK = Look("#000000", (0, (1, 1.2)), "")
 DASH = 1.5
@@ -68,26 +80,43 @@ def _curves(results: Results, scene: str) -> Iterator[Curve]:
     if truth := results.truths.get(scene):
         yield Curve("truth", truth_frame(truth), TRUTH_LOOK, True)
     labels = {record.variant.label for record in one_per_variant(results.records)}
-    looks = looks_of({label: about for label, about in variants_of(results).items() if label in labels})
+    looks = looks_of(
+        {label: about for label, about in variants_of(results).items() if label in labels}
+    )
     accuracy = results.table("accuracy")
-    compared = dict(zip(accuracy["key"], accuracy["truth"].map(results.truths.get))) if "truth" in accuracy else {}
+    compared = (
+        dict(zip(accuracy["key"], accuracy["truth"].map(results.truths.get)))
+        if "truth" in accuracy
+        else {}
+    )
     records = one_per_variant(record for record in results.records if record.scene == scene)
     for record in sorted(records, key=lambda record: record.variant.engine != "reference"):
         shown = record.variant.engine != "reference" or record.run.settings.get("method") == "event"
         frame = record.run.to_frame(events=True, interpolated=True)
-        yield Curve(run_label(record), frame, looks[record.variant.label], shown,
-                    compared.get(record.key) or truth)
+        yield Curve(
+            run_label(record),
+            frame,
+            looks[record.variant.label],
+            shown,
+            compared.get(record.key) or truth,
+        )
 
 
 def _panels(scene: Scene, curves: Sequence[Curve]) -> dict[str, str]:
     """Words above the panel of each column, at most `MOST_PANELS`."""
     columns = dict.fromkeys(column for curve in curves for column in curve.frame)
-    panels = {column: f"{words} {column if words == CORNER else column.rpartition('.')[0]} [{unit_of(column, scene)}]"
-              for pattern, words in QUANTITIES.items() for column in columns if re.search(pattern, column)}
+    panels = {
+        column: f"{words} {column if words == CORNER else column.rpartition('.')[0]} [{unit_of(column, scene)}]"
+        for pattern, words in QUANTITIES.items()
+        for column in columns
+        if re.search(pattern, column)
+    }
     return dict(list(panels.items())[:MOST_PANELS])
 
 
-def _view(scene: Scene, truth: Truth | None, curves: Sequence[Curve], panels: Mapping[str, str]) -> View:
+def _view(
+    scene: Scene, truth: Truth | None, curves: Sequence[Curve], panels: Mapping[str, str]
+) -> View:
     block, grids = Columns(), dict[bytes, int]()
     ranges = {column: _range(column, curves) for column in panels}
     poses, moving = pose_columns(scene), [*pose_columns(scene), *force_columns(scene)]
@@ -103,37 +132,78 @@ def _view(scene: Scene, truth: Truth | None, curves: Sequence[Curve], panels: Ma
     for curve in curves:
         frame, differences = decimated(curve.frame, ranges), compared[curve]
         at = times(frame["t"].to_numpy())
-        places = {column: block.add(_clipped(frame[column].to_numpy(), shown), step=RESOLUTION * (shown[1] - shown[0]))
-                  for column, shown in ranges.items() if column in frame}
+        places = {
+            column: block.add(
+                _clipped(frame[column].to_numpy(), shown), step=RESOLUTION * (shown[1] - shown[0])
+            )
+            for column, shown in ranges.items()
+            if column in frame
+        }
         instants = None if differences.empty else times(differences["t"].to_numpy())
-        sizes = {column: block.add(differences[column], step=DECADE) for column in panels if column in differences}
-        dashes = [] if curve.look.dashes == "-" else [DASH * length for length in curve.look.dashes[1]]
-        series.append({"name": curve.label, "color": "ink" if curve.look.color == "#000000" else curve.look.color,
-                       "dash": dashes, "marker": False, "shown": curve.shown, "x": [at, instants],
-                       "y": [[places.get(column) for column in panels], [sizes.get(column) for column in panels]]})
+        sizes = {
+            column: block.add(differences[column], step=DECADE)
+            for column in panels
+            if column in differences
+        }
+        dashes = (
+            [] if curve.look.dashes == "-" else [DASH * length for length in curve.look.dashes[1]]
+        )
+        series.append(
+            {
+                "name": curve.label,
+                "color": "ink" if curve.look.color == "#000000" else curve.look.color,
+                "dash": dashes,
+                "marker": False,
+                "shown": curve.shown,
+                "x": [at, instants],
+                "y": [
+                    [places.get(column) for column in panels],
+                    [sizes.get(column) for column in panels],
+                ],
+            }
+        )
         if curve in drawn:
-            own = {column: places[column] if column in places and _whole(frame[column], ranges[column])
-                   else block.add(frame[column], step=RESOLUTION * _spread(frame[column]))
-                   for column in moving if column in frame}
+            own = {
+                column: places[column]
+                if column in places and _whole(frame[column], ranges[column])
+                else block.add(frame[column], step=RESOLUTION * _spread(frame[column]))
+                for column in moving
+                if column in frame
+            }
             runs.append({"name": curve.label, "t": at, "columns": own})
             if at not in common:
                 signs = load_signs(scene, frame["t"].to_numpy())
                 common[at] = {load: block.add(sign) for load, sign in signs.items()}
     end = max(float(curve.frame["t"].iloc[-1]) for curve in curves)
-    logarithms = _range_of_differences([compared[curve] for curve in curves if curve.shown], list(panels))
-    shown_as = [{"label": words, "log": False, "range": ranges[column]} for column, words in panels.items()]
-    errors = [{"label": f"|difference| of {words}", "log": True, "range": logarithms[column]}
-              for column, words in panels.items()]
-    content: dict[str, Any] = {"x": {"label": "t [s]", "range": [0.0, end], "snap": SAMPLE}, "series": series,
-               "shades": stick_phases(truth),
-               "modes": [{"name": "values", "digits": 3, "panels": shown_as},
-                         {"name": "differences from the truth", "digits": 2, "panels": errors}]}
+    logarithms = _range_of_differences(
+        [compared[curve] for curve in curves if curve.shown], list(panels)
+    )
+    shown_as = [
+        {"label": words, "log": False, "range": ranges[column]} for column, words in panels.items()
+    ]
+    errors = [
+        {"label": f"|difference| of {words}", "log": True, "range": logarithms[column]}
+        for column, words in panels.items()
+    ]
+    content: dict[str, Any] = {
+        "x": {"label": "t [s]", "range": [0.0, end], "snap": SAMPLE},
+        "series": series,
+        "shades": stick_phases(truth),
+        "modes": [
+            {"name": "values", "digits": 3, "panels": shown_as},
+            {"name": "differences from the truth", "digits": 2, "panels": errors},
+        ],
+    }
     if drawn:  # in a view of all of the motion of the first
         columns = {column: drawn[0].frame[column].to_numpy() for column in drawn[0].frame}
         rows = range(0, len(drawn[0].frame), max(1, len(drawn[0].frame) // 200))
         seen = view_of(scene, [poses_at(scene, columns, row) for row in rows])
-        content["film"] = {"mechanism": mechanism(scene, seen), "largest": largest_force(scene, columns), "runs": runs,
-                           "common": common}
+        content["film"] = {
+            "mechanism": mechanism(scene, seen),
+            "largest": largest_force(scene, columns),
+            "runs": runs,
+            "common": common,
+        }
     return View((scene.name,), content, block)
 
 
@@ -173,7 +243,9 @@ def decimated(frame: pd.DataFrame, ranges: Mapping[str, Sequence[float]]) -> pd.
         for column, (low, high) in ranges.items():
             if column in frame:
                 values = frame[column].to_numpy()
-                missed = np.fmax(missed, np.abs(values - np.interp(rows, kept, values[kept])) / (high - low))
+                missed = np.fmax(
+                    missed, np.abs(values - np.interp(rows, kept, values[kept])) / (high - low)
+                )
         worst = pd.Series(missed).groupby(np.searchsorted(kept, rows)).idxmax()
         kept = np.unique([*kept, *worst[missed[worst] > VISIBLE]])
     return frame.iloc[kept]
@@ -188,7 +260,9 @@ def difference(curve: Curve, columns: Sequence[str]) -> pd.DataFrame:
     if curve.truth is None:
         return pd.DataFrame({"t": []})
     ours, theirs = _samples(curve.frame), _samples(truth_frame(curve.truth)).add_suffix(TRUTHS)
-    rows = pd.merge_asof(ours, theirs, left_on="t", right_on="t" + TRUTHS, tolerance=1e-9, direction="nearest")
+    rows = pd.merge_asof(
+        ours, theirs, left_on="t", right_on="t" + TRUTHS, tolerance=1e-9, direction="nearest"
+    )
     rows = rows[rows["t" + TRUTHS].notna()]
     rows = rows.iloc[_one_per(APART, rows["t"].to_numpy())]
     found = {"t": rows["t"]}
@@ -204,7 +278,9 @@ def _samples(frame: pd.DataFrame) -> pd.DataFrame:
     return frame[~frame["t"].duplicated(keep=False)]
 
 
-def _range_of_differences(differences: Sequence[pd.DataFrame], columns: Sequence[str]) -> dict[str, list[float]]:
+def _range_of_differences(
+    differences: Sequence[pd.DataFrame], columns: Sequence[str]
+) -> dict[str, list[float]]:
     """Whole decades that hold all but the largest and smallest hundredth of what is shown at first."""
     found, shown = {}, pd.concat(differences)
     for column in columns:

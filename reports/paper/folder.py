@@ -33,12 +33,15 @@ AUTHORS = ("the stiction authors",)
 TRACING = (
     "The last column of a table is a key. Its letter names a table of the run's data, its numbers are rows of that "
     "table, counted from 1: A12 is row 12 of data/accuracy.csv, and J16-30 are rows 16 to 30 of data/torque.csv, "
-    "which the numbers of a line sum up. The command \"stiction trace RUN KEY\" prints these rows in full precision, "
+    'which the numbers of a line sum up. The command "stiction trace RUN KEY" prints these rows in full precision, '
     "with the files of the trajectories and of the truth, the settings of the engine, its version and the machine; "
-    "trace.csv lists the same for all keys. The folder tables holds the tables with every row of the data.")
+    "trace.csv lists the same for all keys. The folder tables holds the tables with every row of the data."
+)
 
 
-def write_paper(run: StoredRun, folder: str | Path, column: str = "double", authors: Sequence[str] = AUTHORS) -> Path:
+def write_paper(
+    run: StoredRun, folder: str | Path, column: str = "double", authors: Sequence[str] = AUTHORS
+) -> Path:
     """Write what an author needs of a run, complete or not at all, and return the path of ``paper.pdf``.
 
     ``figures/*.pdf``, ``tables/*.tex`` and ``*.csv``, ``methods.tex``, ``references.bib``, ``paper.tex`` with all of it
@@ -57,16 +60,27 @@ def write_paper(run: StoredRun, folder: str | Path, column: str = "double", auth
             figures = list(drawn(report.figures, report.results))
         save_all(figures, partial / "figures", column, ("pdf",))
         for view in report.tables:
-            (partial / "tables" / f"{view.name}.tex").write_text(latex.table(laid_out(view)), encoding="utf-8")
-            view.frame.assign(key=keys(view)).to_csv(partial / "tables" / f"{view.name}.csv", index=False)
+            (partial / "tables" / f"{view.name}.tex").write_text(
+                latex.table(laid_out(view)), encoding="utf-8"
+            )
+            view.frame.assign(key=keys(view)).to_csv(
+                partial / "tables" / f"{view.name}.csv", index=False
+            )
         trace_table(run, report.tables).to_csv(partial / "trace.csv", index=False)
         for name, text in {
-                "methods.tex": latex.paragraphs(content["methods"]), "paper.tex": latex.paper(content),
-                "paper.json": json.dumps(content, indent=1, ensure_ascii=False) + "\n"}.items():
+            "methods.tex": latex.paragraphs(content["methods"]),
+            "paper.tex": latex.paper(content),
+            "paper.json": json.dumps(content, indent=1, ensure_ascii=False) + "\n",
+        }.items():
             (partial / name).write_text(text, encoding="utf-8")
         for name in ("paper.typ", "references.bib"):
             (partial / name).write_bytes((files("stiction.reports.paper") / name).read_bytes())
-        typst.compile(str(partial / "paper.typ"), str(partial / MAIN), root=str(partial), ignore_system_fonts=True)
+        typst.compile(
+            str(partial / "paper.typ"),
+            str(partial / MAIN),
+            root=str(partial),
+            ignore_system_fonts=True,
+        )
         shutil.copytree(run.folder / REPRODUCE, partial / REPRODUCE)
         write_provenance(partial, run.origin)
     return Path(folder) / MAIN
@@ -76,25 +90,50 @@ def in_width(report: Report, column: str) -> Report:
     """Return the report with figures for a width; in one column, those that are too high for a page are in parts."""
     if column == "double":
         return report
-    return replace(report, said={
-        study: replace(said, figures=[part for figure in said.figures for part in in_one_column(figure)])
-        for study, said in report.said.items()})
+    return replace(
+        report,
+        said={
+            study: replace(
+                said, figures=[part for figure in said.figures for part in in_one_column(figure)]
+            )
+            for study, said in report.said.items()
+        },
+    )
 
 
-def paper_content(run: StoredRun, report: Report, column: str, authors: Sequence[str]) -> dict[str, Any]:
+def paper_content(
+    run: StoredRun, report: Report, column: str, authors: Sequence[str]
+) -> dict[str, Any]:
     """Return all words and tables of the paper, which ``paper.typ`` and `latex` set."""
     origin, when = run.origin, datetime.fromisoformat(run.origin["date"])
-    sections = [{"title": study.question, "text": _words(said),
-                 "figures": [{"name": figure.name, "caption": figure.caption} for figure in said.figures],
-                 "tables": [laid_out(view) for view in said.tables if view.in_report]}
-                for study, said in report.said.items()]
-    return _quoted({
-        "title": TITLE, "authors": list(authors),
-        "origin": f"stiction {origin['versions']['stiction']}, run of {when:%Y-%m-%d %H:%M} UTC",
-        "software": f"Made by stiction from the run of {origin['date']}",
-        "date": {name: getattr(when, name) for name in ("year", "month", "day", "hour", "minute", "second")},
-        "columns": 1 if column == "double" else 2, "summary": summary(report), "methods": methods(run, report.results),
-        "tracing": [TRACING], "sections": sections})
+    sections = [
+        {
+            "title": study.question,
+            "text": _words(said),
+            "figures": [
+                {"name": figure.name, "caption": figure.caption} for figure in said.figures
+            ],
+            "tables": [laid_out(view) for view in said.tables if view.in_report],
+        }
+        for study, said in report.said.items()
+    ]
+    return _quoted(
+        {
+            "title": TITLE,
+            "authors": list(authors),
+            "origin": f"stiction {origin['versions']['stiction']}, run of {when:%Y-%m-%d %H:%M} UTC",
+            "software": f"Made by stiction from the run of {origin['date']}",
+            "date": {
+                name: getattr(when, name)
+                for name in ("year", "month", "day", "hour", "minute", "second")
+            },
+            "columns": 1 if column == "double" else 2,
+            "summary": summary(report),
+            "methods": methods(run, report.results),
+            "tracing": [TRACING],
+            "sections": sections,
+        }
+    )
 
 
 def summary(report: Report) -> list[str]:
@@ -110,13 +149,29 @@ def laid_out(view: TableView) -> dict[str, Any]:
     """
     whole = zip(view.heads(), *view.cells())
     brief = sum(min(SHORT, max(map(len, column))) for column in whole) > PAGE_SIGNS
-    groups = [[name] for name in view.frame[view.group]] if brief and view.group else [[]] * len(view.frame)
-    rows = [[*group, *row, key] for group, row, key in zip(groups, view.cells(brief), keys(view), strict=True)]
+    groups = (
+        [[name] for name in view.frame[view.group]]
+        if brief and view.group
+        else [[]] * len(view.frame)
+    )
+    rows = [
+        [*group, *row, key]
+        for group, row, key in zip(groups, view.cells(brief), keys(view), strict=True)
+    ]
     head = [*[view.group] * (brief and bool(view.group)), *view.heads(brief), "key"]
     right = [*[False] * (len(head) - 1 - len(view.heads(brief))), *view.right(brief), False]
-    wide = [not numbers and max((len(row[i]) for row in rows), default=0) > SHORT for i, numbers in enumerate(right)]
-    return {"name": view.name, "caption": view.caption, "head": head, "right": right, "wide": wide,
-            "rows": rows}
+    wide = [
+        not numbers and max((len(row[i]) for row in rows), default=0) > SHORT
+        for i, numbers in enumerate(right)
+    ]
+    return {
+        "name": view.name,
+        "caption": view.caption,
+        "head": head,
+        "right": right,
+        "wide": wide,
+        "rows": rows,
+    }
 
 
 def trace_table(run: StoredRun, views: Sequence[TableView]) -> pd.DataFrame:
@@ -125,10 +180,22 @@ def trace_table(run: StoredRun, views: Sequence[TableView]) -> pd.DataFrame:
     for view in views:
         for key in keys(view):
             source = resolve(run, key)
-            known = {name: "; ".join(map(str, source.rows[name].dropna().unique())) if name in source.rows else ""
-                     for name in ("key", "engine", "version", "settings")}
-            rows.append({"key": key, "table": f"tables/{view.name}.tex", "data": source.place, "runs": known.pop("key"),
-                         **known, "files": "; ".join(source.files)})
+            known = {
+                name: "; ".join(map(str, source.rows[name].dropna().unique()))
+                if name in source.rows
+                else ""
+                for name in ("key", "engine", "version", "settings")
+            }
+            rows.append(
+                {
+                    "key": key,
+                    "table": f"tables/{view.name}.tex",
+                    "data": source.place,
+                    "runs": known.pop("key"),
+                    **known,
+                    "files": "; ".join(source.files),
+                }
+            )
     return pd.DataFrame(rows)
 
 
@@ -143,11 +210,21 @@ def _with_keys(title: str, part: TracedText) -> str:
 
 def _words(said: Presentation) -> str:
     """Answer and findings of a study, and references to its figures and tables."""
-    marks = {"Fig": [f"[#fig:{figure.name}]" for figure in said.figures],
-             "Table": [f"[#tab:{view.name}]" for view in said.tables if view.in_report]}
-    places = [f"{word}{'s' if len(names) > 1 else ''} {', '.join(names)}" for word, names in marks.items() if names]
+    marks = {
+        "Fig": [f"[#fig:{figure.name}]" for figure in said.figures],
+        "Table": [f"[#tab:{view.name}]" for view in said.tables if view.in_report],
+    }
+    places = [
+        f"{word}{'s' if len(names) > 1 else ''} {', '.join(names)}"
+        for word, names in marks.items()
+        if names
+    ]
     references = f"See {' and '.join(places)}." if places else ""
-    return " ".join(filter(None, (*(part.text for part in (said.answer, *said.findings)), references, *said.notes)))
+    return " ".join(
+        filter(
+            None, (*(part.text for part in (said.answer, *said.findings)), references, *said.notes)
+        )
+    )
 
 
 def _quoted(content: Any) -> Any:

@@ -41,28 +41,53 @@ SAMPLE_STEP = 1e-2
 def tables_of(results: Results) -> dict[str, pd.DataFrame]:
     """Return the tables of a run, and ``runs`` (all), ``variants``, ``parameters`` (of scenes), ``truths``."""
     runs = [{**record.describe(), "wall_time": record.outcome.wall_s} for record in results.records]
-    scenes = [name for name in dict.fromkeys(record.scene for record in results.records) if name in catalogue()]
+    scenes = [
+        name
+        for name in dict.fromkeys(record.scene for record in results.records)
+        if name in catalogue()
+    ]
     parameters = [{"scene": name, **load_scene(name).parameters} for name in scenes]
-    truths = [(name, truth.tier, column, unsure) for name, truth in results.truths.items()
-              for column, unsure in truth.uncertainty.items()]
-    return {"runs": pd.DataFrame(runs), "variants": _variants(results), "parameters": pd.DataFrame(parameters),
-            "truths": pd.DataFrame(truths, columns=["truth", "tier", "column", "uncertainty"]), **results.tables}
+    truths = [
+        (name, truth.tier, column, unsure)
+        for name, truth in results.truths.items()
+        for column, unsure in truth.uncertainty.items()
+    ]
+    return {
+        "runs": pd.DataFrame(runs),
+        "variants": _variants(results),
+        "parameters": pd.DataFrame(parameters),
+        "truths": pd.DataFrame(truths, columns=["truth", "tier", "column", "uncertainty"]),
+        **results.tables,
+    }
 
 
 def _variants(results: Results) -> pd.DataFrame:
     """A row per variant, as its runs state: friction law and who supplies it, stabilization, iterations, all else."""
     named, rows = ("friction_law", "stabilization", "iterations"), []
     runs = {record.variant.label: record for record in results.records}
-    runs |= {record.variant.label: record for record in results.records if record.trajectory is not None}
+    runs |= {
+        record.variant.label: record for record in results.records if record.trajectory is not None
+    }
     for record in runs.values():
         variant, trajectory = record.variant, record.trajectory
         stated = variant.settings if trajectory is None else trajectory.settings
-        others = {key: value for key, value in stated.items() if key not in (*named, "method", variant.parameter)}
-        rows.append({
-            "variant": variant.label, "engine": label_of(variant.engine),
-            "version": trajectory.version if trajectory else None, "fidelity": variant.fidelity,
-            "ladder": f"{variant.parameter} = {words(variant.ladder)}", "method": words(stated.get("method")),
-            **{key: words(stated.get(key)) for key in named}, "other_settings": words(others)})
+        others = {
+            key: value
+            for key, value in stated.items()
+            if key not in (*named, "method", variant.parameter)
+        }
+        rows.append(
+            {
+                "variant": variant.label,
+                "engine": label_of(variant.engine),
+                "version": trajectory.version if trajectory else None,
+                "fidelity": variant.fidelity,
+                "ladder": f"{variant.parameter} = {words(variant.ladder)}",
+                "method": words(stated.get("method")),
+                **{key: words(stated.get(key)) for key in named},
+                "other_settings": words(others),
+            }
+        )
     return pd.DataFrame(rows)
 
 
@@ -71,8 +96,14 @@ def words(value: Any) -> str:
     if value is None:
         return ""
     if isinstance(value, Mapping):
-        others = ", ".join(f"{key} = {words(entry)}" for key, entry in value.items() if key != "method")
-        return f"{value['method']} ({others})" if others and "method" in value else str(value.get("method", others))
+        others = ", ".join(
+            f"{key} = {words(entry)}" for key, entry in value.items() if key != "method"
+        )
+        return (
+            f"{value['method']} ({others})"
+            if others and "method" in value
+            else str(value.get("method", others))
+        )
     if isinstance(value, (list, tuple)):
         return ", ".join(map(words, value))
     return f"{value:g}" if isinstance(value, float) else str(value)
@@ -85,12 +116,17 @@ def data_tables(results: Results, stored: Container[str]) -> dict[str, pd.DataFr
     """
     everything = (*results.records, *results.timed)
     files = trajectory_files(everything, stored)
-    commands = {record.key: again(record) for record in everything
-                if record.trajectory is not None and record.key not in files}
+    commands = {
+        record.key: again(record)
+        for record in everything
+        if record.trajectory is not None and record.key not in files
+    }
     tables, known = tables_of(results), {record.key for record in everything}
     for name, table in tables.items():
         if "key" in table and table["key"].isin(known).any():
-            tables[name] = table.assign(**{TRAJECTORY: table["key"].map(files), AGAIN: table["key"].map(commands)})
+            tables[name] = table.assign(
+                **{TRAJECTORY: table["key"].map(files), AGAIN: table["key"].map(commands)}
+            )
     return tables
 
 
@@ -122,15 +158,21 @@ def write_data(results: Results, folder: Path, stored: Container[str]) -> None:
     for name, table in data_tables(results, stored).items():
         written = storable(table)
         written.to_csv(folder / "data" / f"{name}.csv", index=False)
-        write_frame(written, folder / "data" / f"{name}.parquet", columns_of_table(name, list(written)))
+        write_frame(
+            written, folder / "data" / f"{name}.parquet", columns_of_table(name, list(written))
+        )
     if results.problems:
         write_problems(results.problems, folder / "data" / "hard-problems.parquet")
     everything = (*results.records, *results.timed)
     files = trajectory_files(everything, stored)
     events = []
-    for key, record in {record.key: record for record in reversed(everything)}.items():  # the first run of each key
+    for key, record in {
+        record.key: record for record in reversed(everything)
+    }.items():  # the first run of each key
         if key in files:
-            write_frame(thinned(record.run).to_frame(events=True, interpolated=True), folder / files[key])
+            write_frame(
+                thinned(record.run).to_frame(events=True, interpolated=True), folder / files[key]
+            )
         if record.trajectory is not None and record.trajectory.events:
             events.append(events_frame(record.trajectory.events).assign(key=key))
     for name, truth in results.truths.items():
@@ -151,7 +193,9 @@ def thinned(trajectory: Trajectory) -> Trajectory:
     return replace(trajectory, t=trajectory.t[kept], columns=columns)
 
 
-def write_frame(frame: pd.DataFrame, file: Path, quantities: Iterable[Quantity] | None = None) -> None:
+def write_frame(
+    frame: pd.DataFrame, file: Path, quantities: Iterable[Quantity] | None = None
+) -> None:
     """Write Parquet, bit by bit what it is; numbers split by the place of their bytes compress by a third more.
 
     The metadata of each column say what it is: by `quantities`, in the order of the columns, or as of a trajectory.
@@ -159,11 +203,18 @@ def write_frame(frame: pd.DataFrame, file: Path, quantities: Iterable[Quantity] 
     numbers = [name for name, column in frame.items() if column.dtype == float]
     table = pa.Table.from_pandas(frame, preserve_index=False)
     about = columns_of_motion(frame) if quantities is None else quantities
-    fields = [table.schema.field(quantity.key).with_metadata(metadata(quantity)) for quantity in about]
+    fields = [
+        table.schema.field(quantity.key).with_metadata(metadata(quantity)) for quantity in about
+    ]
     table = table.cast(pa.schema(fields, table.schema.metadata))
-    pq.write_table(table, file, compression="zstd", compression_level=9,
-                   use_dictionary=[name for name in frame if name not in numbers],
-                   column_encoding=dict.fromkeys(numbers, "BYTE_STREAM_SPLIT"))
+    pq.write_table(
+        table,
+        file,
+        compression="zstd",
+        compression_level=9,
+        use_dictionary=[name for name in frame if name not in numbers],
+        column_encoding=dict.fromkeys(numbers, "BYTE_STREAM_SPLIT"),
+    )
 
 
 def truth_file(name: str) -> str:

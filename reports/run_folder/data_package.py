@@ -22,8 +22,13 @@ from stiction.scenes.atomic_files import write_text
 from stiction.scenes.columns import meaning_of, unit_of
 
 DATA_PACKAGE = "datapackage.json"
-TYPES = ((pa.types.is_boolean, "boolean"), (pa.types.is_integer, "integer"), (pa.types.is_floating, "number"),
-         (pa.types.is_string, "string"), (pa.types.is_large_string, "string"))
+TYPES = (
+    (pa.types.is_boolean, "boolean"),
+    (pa.types.is_integer, "integer"),
+    (pa.types.is_floating, "number"),
+    (pa.types.is_string, "string"),
+    (pa.types.is_large_string, "string"),
+)
 """Types of the standard by those of Arrow; a column without any value has any."""
 MISSING_VALUES = ("",)
 """Texts of cells without a value."""
@@ -32,17 +37,33 @@ EVENTS = "events"
 PARAMETERS = "parameters"
 """Table of the parameters of scenes, whose columns are named by the scenes."""
 TITLES: Mapping[str, str] = {
-    "accuracy": "Errors of every run against the truth", "claims": "Statements of the paper, and whether they hold",
-    "cost": "Error and cost of every timed run", "drift": "Drift from the constraints of every run",
-    "effects": "What each effect of a scene changes, and costs", "equal-error": "Time to reach an error",
-    "event-windows": "Driving efforts around chosen events", "hard": "Hard cases: verdict on every method",
-    "hold": "Runs of sliders that should be held", "hold-laws": "Laws of creep", "hold-methods": "Creep by method",
-    "hold-published": "Published creep, and ours", "hold-settings": "Creep by setting", "octaves": "Drift by octave of time",
-    "orders": "Observed orders of convergence", "parameters": "Parameters of the scenes", "runs": "All compared runs",
-    "sensitivity": "Choices that the paper leaves open", "settings": "Settings of engines",
-    "study": "Drift over long runs", "suppression": "Stabilizations of the reference", "threshold": "Stick thresholds",
-    "times": "Samples of all times", "torque": "Jumps of the driving torque", "truths": "Uncertainties of the truths",
-    "variants": "Methods, and their settings"}
+    "accuracy": "Errors of every run against the truth",
+    "claims": "Statements of the paper, and whether they hold",
+    "cost": "Error and cost of every timed run",
+    "drift": "Drift from the constraints of every run",
+    "effects": "What each effect of a scene changes, and costs",
+    "equal-error": "Time to reach an error",
+    "event-windows": "Driving efforts around chosen events",
+    "hard": "Hard cases: verdict on every method",
+    "hold": "Runs of sliders that should be held",
+    "hold-laws": "Laws of creep",
+    "hold-methods": "Creep by method",
+    "hold-published": "Published creep, and ours",
+    "hold-settings": "Creep by setting",
+    "octaves": "Drift by octave of time",
+    "orders": "Observed orders of convergence",
+    "parameters": "Parameters of the scenes",
+    "runs": "All compared runs",
+    "sensitivity": "Choices that the paper leaves open",
+    "settings": "Settings of engines",
+    "study": "Drift over long runs",
+    "suppression": "Stabilizations of the reference",
+    "threshold": "Stick thresholds",
+    "times": "Samples of all times",
+    "torque": "Jumps of the driving torque",
+    "truths": "Uncertainties of the truths",
+    "variants": "Methods, and their settings",
+}
 """Titles of tables; others have their name."""
 
 
@@ -50,20 +71,32 @@ def columns_of_table(table: str, names: Iterable[str]) -> list[Quantity]:
     """Return what the columns of a table of the comparisons are."""
     if table != PARAMETERS:
         return [quantity_of(name) for name in names]
-    return [quantity_of(name) if name == "scene" else Quantity(name, name, description="a parameter of the scene")
-            for name in names]
+    return [
+        quantity_of(name)
+        if name == "scene"
+        else Quantity(name, name, description="a parameter of the scene")
+        for name in names
+    ]
 
 
 def columns_of_motion(names: Iterable[str]) -> list[Quantity]:
     """Return what the columns of a trajectory, of a truth, or of events are."""
-    return [QUANTITIES[name] if name in QUANTITIES and "." not in name
-            else Quantity(name, name, unit_of(name), description=meaning_of(name)) for name in names]
+    return [
+        QUANTITIES[name]
+        if name in QUANTITIES and "." not in name
+        else Quantity(name, name, unit_of(name), description=meaning_of(name))
+        for name in names
+    ]
 
 
 def metadata(quantity: Quantity) -> dict[bytes, bytes]:
     """Describe a column of a Parquet file, in the metadata of its field."""
-    found = {"title": quantity.label, "unit": quantity.unit, "description": quantity.description,
-             "uncertainty": quantity.uncertainty}
+    found = {
+        "title": quantity.label,
+        "unit": quantity.unit,
+        "description": quantity.description,
+        "uncertainty": quantity.uncertainty,
+    }
     return {name.encode(): text.encode() for name, text in found.items() if text}
 
 
@@ -75,9 +108,16 @@ def write_data_package(folder: Path, title: str, created: str) -> None:
     created
         Date and time, as ISO 8601 has them.
     """
-    files = sorted(path for path in (folder / "data").rglob("*") if path.suffix in (".csv", ".parquet"))
-    package = {"name": "stiction-run", "title": title, "profile": "data-package", "created": created,
-               "resources": [_resource(folder, file) for file in files]}
+    files = sorted(
+        path for path in (folder / "data").rglob("*") if path.suffix in (".csv", ".parquet")
+    )
+    package = {
+        "name": "stiction-run",
+        "title": title,
+        "profile": "data-package",
+        "created": created,
+        "resources": [_resource(folder, file) for file in files],
+    }
     write_text(folder / DATA_PACKAGE, json.dumps(package, indent=1, ensure_ascii=False) + "\n")
 
 
@@ -87,21 +127,43 @@ def _resource(folder: Path, file: Path) -> dict[str, Any]:
     name = re.sub(r"[^a-z0-9._-]+", "-", "-".join((*path.parts[1:-1], path.name)).lower())
     is_table = path.parent == Path("data")
     schema = pq.read_schema(file.with_suffix(".parquet"))
-    describe = partial(columns_of_table, path.stem) if is_table and path.stem != EVENTS else columns_of_motion
-    fields = [_field(quantity, schema.field(quantity.key).type) for quantity in describe(schema.names)]
-    found: dict[str, Any] = {"name": name, "path": path.as_posix(), "title": TITLES.get(path.stem, path.stem),
-                             "format": path.suffix[1:]}
+    describe = (
+        partial(columns_of_table, path.stem)
+        if is_table and path.stem != EVENTS
+        else columns_of_motion
+    )
+    fields = [
+        _field(quantity, schema.field(quantity.key).type) for quantity in describe(schema.names)
+    ]
+    found: dict[str, Any] = {
+        "name": name,
+        "path": path.as_posix(),
+        "title": TITLES.get(path.stem, path.stem),
+        "format": path.suffix[1:],
+    }
     if path.suffix == ".csv":
-        return found | {"profile": "tabular-data-resource", "encoding": "utf-8", "mediatype": "text/csv",
-                        "schema": {"fields": fields, "missingValues": list(MISSING_VALUES)}}
-    return found | {"profile": "data-resource", "mediatype": "application/vnd.apache.parquet",
-                    "schema": {"fields": fields}}
+        return found | {
+            "profile": "tabular-data-resource",
+            "encoding": "utf-8",
+            "mediatype": "text/csv",
+            "schema": {"fields": fields, "missingValues": list(MISSING_VALUES)},
+        }
+    return found | {
+        "profile": "data-resource",
+        "mediatype": "application/vnd.apache.parquet",
+        "schema": {"fields": fields},
+    }
 
 
 def _field(quantity: Quantity, stored: pa.DataType) -> dict[str, Any]:
     """Describe a column as the standard has it; unit and uncertainty are properties of our own."""
     kind = next((name for test, name in TYPES if test(stored)), "any")
-    found = {"name": quantity.key, "title": quantity.label, "type": kind,
-             "description": quantity.description or quantity.label, "unit": quantity.unit,
-             "uncertainty": quantity.uncertainty}
+    found = {
+        "name": quantity.key,
+        "title": quantity.label,
+        "type": kind,
+        "description": quantity.description or quantity.label,
+        "unit": quantity.unit,
+        "uncertainty": quantity.uncertainty,
+    }
     return {name: value for name, value in found.items() if value}

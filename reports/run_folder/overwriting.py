@@ -35,11 +35,15 @@ def check_folder(folder: str | Path, main: str, source: Path | None = None) -> N
     folder = Path(folder).resolve()
     existing = next((place for place in (folder, *folder.parents) if place.exists()), folder)
     if not existing.is_dir():
-        raise FolderRefused(f"{existing}: found a file; expected a folder, or nothing, for the report")
+        raise FolderRefused(
+            f"{existing}: found a file; expected a folder, or nothing, for the report"
+        )
     source = source and source.resolve()
     if source and (folder == source or folder in source.parents or source in folder.parents):
-        raise FolderRefused(f"{folder}: found the folder that it is made from, or one around or in it ({source}); "
-                            "expected another place")
+        raise FolderRefused(
+            f"{folder}: found the folder that it is made from, or one around or in it ({source}); "
+            "expected another place"
+        )
     if existing == folder and any(folder.iterdir()):
         _check_previous(folder, main)
         existing = folder.parent
@@ -51,27 +55,41 @@ def _check_previous(folder: Path, main: str) -> None:
     try:
         listed = set(json.loads((folder / PROVENANCE).read_text())["files"])
     except (OSError, UnicodeDecodeError, json.JSONDecodeError, KeyError, TypeError):
-        raise FolderRefused(f"{folder}: not empty and no previous report ({PROVENANCE} with its list of files is "
-                            "missing); expected an empty folder, a previous report, or a new name") from None
+        raise FolderRefused(
+            f"{folder}: not empty and no previous report ({PROVENANCE} with its list of files is "
+            "missing); expected an empty folder, a previous report, or a new name"
+        ) from None
     if main not in listed:
-        raise FolderRefused(f"{folder}: found another kind of folder, without {main}, which would be lost; "
-                            f"expected an empty folder, one with {main} of an earlier call, or a new name")
+        raise FolderRefused(
+            f"{folder}: found another kind of folder, without {main}, which would be lost; "
+            f"expected an empty folder, one with {main} of an earlier call, or a new name"
+        )
     if added := sorted(set(_files(folder)) - listed):
         some = ", ".join(added[:3]) + (" ..." if len(added) > 3 else "")
-        raise FolderRefused(f"{folder}: found {some} beside a previous report, which would be lost; expected an empty "
-                            "folder, an unchanged report, or a new name")
+        raise FolderRefused(
+            f"{folder}: found {some} beside a previous report, which would be lost; expected an empty "
+            "folder, an unchanged report, or a new name"
+        )
 
 
 def _files(folder: Path) -> list[str]:
-    return sorted(path.relative_to(folder).as_posix() for path in folder.rglob("*") if not path.is_dir())
+    return sorted(
+        path.relative_to(folder).as_posix() for path in folder.rglob("*") if not path.is_dir()
+    )
 
 
 def write_provenance(folder: Path, origin: Mapping[str, Any]) -> None:
     """Write `PROVENANCE`, last of all: where the numbers come from, and every file of the folder."""
+
     def plain(value: Any) -> Any:
         return sorted(value) if isinstance(value, (set, frozenset)) else str(value)
 
-    text = json.dumps({**origin, "files": [*_files(folder), PROVENANCE]}, indent=2, ensure_ascii=False, default=plain)
+    text = json.dumps(
+        {**origin, "files": [*_files(folder), PROVENANCE]},
+        indent=2,
+        ensure_ascii=False,
+        default=plain,
+    )
     (folder / PROVENANCE).write_text(text + "\n", encoding="utf-8")
 
 

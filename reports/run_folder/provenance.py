@@ -21,17 +21,39 @@ CHOICES = {
 
 def provenance(results: Results) -> dict[str, Any]:
     """Return all of it, ready for JSON; versions of engines as their trajectories state them."""
-    campaign = {"runs": len(results.records), "wall_time": results.wall_s, "cpu_time": results.cpu_s}
-    engines = {record.variant.engine: "unknown: none of its runs ended" for record in results.records
-               if record.outcome.status != "missing"}
-    engines |= {record.variant.engine: record.trajectory.version for record in results.records if record.trajectory}
+    campaign = {
+        "runs": len(results.records),
+        "wall_time": results.wall_s,
+        "cpu_time": results.cpu_s,
+    }
+    engines = {
+        record.variant.engine: "unknown: none of its runs ended"
+        for record in results.records
+        if record.outcome.status != "missing"
+    }
+    engines |= {
+        record.variant.engine: record.trajectory.version
+        for record in results.records
+        if record.trajectory
+    }
     return {
-        "date": datetime.now(UTC).isoformat(timespec="seconds"), "versions": versions(),
-        "engines": engines, "machine": machine(), "commit": commit(), "source": source_digest(),
-        "command": command(results), "campaign": {**results.settings, **campaign}, "choices": CHOICES}
+        "date": datetime.now(UTC).isoformat(timespec="seconds"),
+        "versions": versions(),
+        "engines": engines,
+        "machine": machine(),
+        "commit": commit(),
+        "source": source_digest(),
+        "command": command(results),
+        "campaign": {**results.settings, **campaign},
+        "choices": CHOICES,
+    }
 
 
 def commit_in_words(origin: Mapping[str, Any]) -> str:
     """Name the commit of a run, and whether there were changes beyond it."""
     commit = origin["commit"]
-    return commit["hash"] + " with uncommitted changes" * commit["dirty"] if commit else "not in a checkout"
+    return (
+        commit["hash"] + " with uncommitted changes" * commit["dirty"]
+        if commit
+        else "not in a checkout"
+    )

@@ -10,7 +10,13 @@ from typing import Any
 
 from stiction.comparisons.bench.environment import requirements
 from stiction.comparisons.bench.results import Results
-from stiction.comparisons.bench.variants import Record, has_static_coefficient, job, run_command, run_key
+from stiction.comparisons.bench.variants import (
+    Record,
+    has_static_coefficient,
+    job,
+    run_command,
+    run_key,
+)
 from stiction.scenes import Scene, catalogue, load_scene, scene_to_toml
 from stiction.scenes.wording import as_given
 from stiction.truths.physics import physics_of
@@ -54,13 +60,26 @@ def write_reproduce(results: Results, origin: Mapping[str, Any], folder: Path) -
         file = place / "scenes" / f"{name}.toml"
         file.parent.mkdir(parents=True, exist_ok=True)
         file.write_text(scene_to_toml(load_scene(name)), encoding="utf-8")
-    (place / "requirements.txt").write_text("".join(f"{line}\n" for line in requirements()), encoding="utf-8")
+    (place / "requirements.txt").write_text(
+        "".join(f"{line}\n" for line in requirements()), encoding="utf-8"
+    )
     commit, versions = origin["commit"], origin["versions"]
-    (place / "README.md").write_text(_STEPS.format(
-        command=origin["command"], digest=origin["source"], python=versions["python"], stiction=versions["stiction"],
-        commit=f"(`git checkout {commit['hash']}`)" if commit else "(not run in a checkout: no commit is known)",
-        dirty=", which had changes that the commit does not have" if commit and commit["dirty"] else "",
-        machine="; ".join(f"{name} {value}" for name, value in origin["machine"].items())), encoding="utf-8")
+    (place / "README.md").write_text(
+        _STEPS.format(
+            command=origin["command"],
+            digest=origin["source"],
+            python=versions["python"],
+            stiction=versions["stiction"],
+            commit=f"(`git checkout {commit['hash']}`)"
+            if commit
+            else "(not run in a checkout: no commit is known)",
+            dirty=", which had changes that the commit does not have"
+            if commit and commit["dirty"]
+            else "",
+            machine="; ".join(f"{name} {value}" for name, value in origin["machine"].items()),
+        ),
+        encoding="utf-8",
+    )
 
 
 def scene_names(results: Results) -> list[str]:
@@ -72,8 +91,12 @@ def scene_names(results: Results) -> list[str]:
 
 def command(results: Results) -> str:
     """Return the command that makes the campaign, for a shell."""
-    depth, engines, workers = (results.settings.get(name) for name in ("depth", "engines", "workers"))
-    engines = [name for name in engines or () if name != "reference"] or engines  # it takes part in any case
+    depth, engines, workers = (
+        results.settings.get(name) for name in ("depth", "engines", "workers")
+    )
+    engines = [
+        name for name in engines or () if name != "reference"
+    ] or engines  # it takes part in any case
     words = ["stiction", "validate", *([f"--{depth}"] if depth in ("quick", "full") else [])]
     words += ["--engines", ",".join(engines)] if engines else []
     return shlex.join(words + (["--workers", str(workers)] if workers else []))
@@ -88,12 +111,21 @@ def again(record: Record) -> str | None:
         return None
     declared = _declared(record.scene)
     if record.key != run_key(declared, record.variant, record.step):
-        return shlex.join(["stiction", "compare", "effects", record.scene, "--engines", record.variant.engine])
+        return shlex.join(
+            ["stiction", "compare", "effects", record.scene, "--engines", record.variant.engine]
+        )
     scene = physics_of(declared, has_static_coefficient(record.variant))
-    options = [(name.replace("_", "-"), str(value)) if name in OPTIONS else ("setting", f"{name}={as_given(value)}")
-               for name, value in job(scene, record.variant, record.step).arguments.items()]
-    options += [("set", f"{name}.mus={mus!r}") for name, guide in declared.frictional_guides.items()
-                if guide.mus != (mus := scene.guides[name].mus)]
+    options = [
+        (name.replace("_", "-"), str(value))
+        if name in OPTIONS
+        else ("setting", f"{name}={as_given(value)}")
+        for name, value in job(scene, record.variant, record.step).arguments.items()
+    ]
+    options += [
+        ("set", f"{name}.mus={mus!r}")
+        for name, guide in declared.frictional_guides.items()
+        if guide.mus != (mus := scene.guides[name].mus)
+    ]
     return run_command(record.scene, record.variant.engine, options)
 
 

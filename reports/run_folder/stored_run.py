@@ -38,28 +38,65 @@ class StoredRun:
     def validation(self) -> Results:
         """Return the results, trajectories and truths included; a truth is straight between its stored samples."""
         events = pd.read_parquet(self.folder / "data" / "events.parquet")
-        found = {str(key): events_of(rows.dropna(axis="columns", how="all"))
-                 for key, rows in events.groupby("key", sort=False)}
-        truths = [Path(name).stem for name in self.origin["files"] if name == truth_file(Path(name).stem)]
+        found = {
+            str(key): events_of(rows.dropna(axis="columns", how="all"))
+            for key, rows in events.groupby("key", sort=False)
+        }
+        truths = [
+            Path(name).stem for name in self.origin["files"] if name == truth_file(Path(name).stem)
+        ]
         runs = self.tables["runs"]
-        steps = {name: tuple(rows["step"].unique()) for name, rows in runs.groupby("variant")} if len(runs) else {}
-        records = [self._record(row, steps[row["variant"]], found.get(row["key"], ()))
-                   for row in runs.to_dict("records")]
+        steps = (
+            {name: tuple(rows["step"].unique()) for name, rows in runs.groupby("variant")}
+            if len(runs)
+            else {}
+        )
+        records = [
+            self._record(row, steps[row["variant"]], found.get(row["key"], ()))
+            for row in runs.to_dict("records")
+        ]
         campaign = self.origin["campaign"]
-        tables = {name: table.drop(columns=TRAJECTORY, errors="ignore") for name, table in self.tables.items()
-                  if name not in ABOUT_RUNS}
-        return Results(tuple(records), {name: self._truth(name, found.get(TRUTH + name, ())) for name in truths},
-                       tables, campaign, campaign["wall_time"], campaign["cpu_time"])
+        tables = {
+            name: table.drop(columns=TRAJECTORY, errors="ignore")
+            for name, table in self.tables.items()
+            if name not in ABOUT_RUNS
+        }
+        return Results(
+            tuple(records),
+            {name: self._truth(name, found.get(TRUTH + name, ())) for name in truths},
+            tables,
+            campaign,
+            campaign["wall_time"],
+            campaign["cpu_time"],
+        )
 
-    def _record(self, row: Mapping[str, Any], steps: tuple[float, ...], events: tuple[Event, ...]) -> Record:
+    def _record(
+        self, row: Mapping[str, Any], steps: tuple[float, ...], events: tuple[Event, ...]
+    ) -> Record:
         variant = Variant(row["variant"], row["engine"], row["parameter"], steps, row["fidelity"])
         reason, trajectory = row["reason"], None
         if isinstance(row[TRAJECTORY], str):
             t, columns = _samples(pd.read_parquet(self.folder / row[TRAJECTORY]), events)
             cost = Cost(stepping_s=row["cpu_time"], engine_s=row[OWN_CPU])
-            trajectory = Trajectory(row["scene"], row["engine"], row["version"], row["fidelity"], t, columns, events,
-                                    json.loads(row["settings"]), cost, reason or "end")
-        outcome = Outcome(row["key"], row["status"], trajectory, "" if trajectory else reason, wall_s=row["wall_time"])
+            trajectory = Trajectory(
+                row["scene"],
+                row["engine"],
+                row["version"],
+                row["fidelity"],
+                t,
+                columns,
+                events,
+                json.loads(row["settings"]),
+                cost,
+                reason or "end",
+            )
+        outcome = Outcome(
+            row["key"],
+            row["status"],
+            trajectory,
+            "" if trajectory else reason,
+            wall_s=row["wall_time"],
+        )
         return Record(row["key"], row["scene"], variant, row["step"], outcome)
 
     def _truth(self, name: str, events: tuple[Event, ...]) -> Truth:
@@ -81,19 +118,30 @@ def read_run(folder: str | Path) -> StoredRun:
         origin = json.loads((folder / PROVENANCE).read_text(encoding="utf-8"))
         files = [folder / name for name in origin["files"]]
     except (OSError, UnicodeDecodeError, json.JSONDecodeError, KeyError, TypeError):
-        raise InputError(f"{folder}: found no {PROVENANCE} with a list of files; expected a run folder of "
-                         "`stiction validate`") from None
+        raise InputError(
+            f"{folder}: found no {PROVENANCE} with a list of files; expected a run folder of "
+            "`stiction validate`"
+        ) from None
     if missing := [path for path in files if not path.is_file()]:
-        raise InputError(f"{missing[0]}: missing; expected all {len(files)} files that {PROVENANCE} lists")
-    tables = {path.stem: pd.read_parquet(path) for path in sorted(files)
-              if path.parent == folder / "data" and path.suffix == ".parquet" and path.stem != "events"}
+        raise InputError(
+            f"{missing[0]}: missing; expected all {len(files)} files that {PROVENANCE} lists"
+        )
+    tables = {
+        path.stem: pd.read_parquet(path)
+        for path in sorted(files)
+        if path.parent == folder / "data" and path.suffix == ".parquet" and path.stem != "events"
+    }
     if absent := [name for name in ABOUT_RUNS if name not in tables]:
-        raise InputError(f"{folder / 'data' / absent[0]}.parquet: not part of this folder; expected a run folder of "
-                         "this version of `stiction validate`")
+        raise InputError(
+            f"{folder / 'data' / absent[0]}.parquet: not part of this folder; expected a run folder of "
+            "this version of `stiction validate`"
+        )
     return StoredRun(folder, origin, tables)
 
 
-def _samples(frame: pd.DataFrame, events: tuple[Event, ...]) -> tuple[np.ndarray, dict[str, np.ndarray]]:
+def _samples(
+    frame: pd.DataFrame, events: tuple[Event, ...]
+) -> tuple[np.ndarray, dict[str, np.ndarray]]:
     """Times and columns without the two rows of each event, which stand behind a sample of the same time."""
     t = frame["t"].to_numpy()
     times, counts = np.unique([event.time for event in events], return_counts=True)

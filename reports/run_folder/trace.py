@@ -23,9 +23,27 @@ from stiction.reports.run_folder.provenance import commit_in_words
 from stiction.reports.run_folder.stored_run import StoredRun
 from stiction.scenes import InputError
 
-LETTERS = {"accuracy": "A", "claims": "P", "cost": "C", "drift": "D", "effects": "E", "equal-error": "Q", "hard": "H",
-           "hold": "F", "octaves": "B", "orders": "N", "parameters": "M", "runs": "R", "sensitivity": "O",
-           "settings": "G", "study": "L", "suppression": "S", "threshold": "T", "torque": "J", "variants": "V"}
+LETTERS = {
+    "accuracy": "A",
+    "claims": "P",
+    "cost": "C",
+    "drift": "D",
+    "effects": "E",
+    "equal-error": "Q",
+    "hard": "H",
+    "hold": "F",
+    "octaves": "B",
+    "orders": "N",
+    "parameters": "M",
+    "runs": "R",
+    "sensitivity": "O",
+    "settings": "G",
+    "study": "L",
+    "suppression": "S",
+    "threshold": "T",
+    "torque": "J",
+    "variants": "V",
+}
 _KEY = re.compile(r"(?:([A-Z])|([\w-]+):)(\d+(?:-\d+(?:/[1-9]\d*)?)?(?:,\d+(?:-\d+)?)*)")
 
 
@@ -72,8 +90,10 @@ def resolve(run: StoredRun, key: str) -> Source:
     name = (names.get(match[1]) if match[1] else match[2]) if match else None
     if match is None or name is None or name not in run.tables:
         letters = ", ".join(f"{letter} ({name})" for letter, name in names.items())
-        raise InputError(f"key: found {key!r}; expected a letter and rows, such as A12 or J16-30,45, or the name of a "
-                         f"table, such as accuracy:12; letters of this run: {letters}")
+        raise InputError(
+            f"key: found {key!r}; expected a letter and rows, such as A12 or J16-30,45, or the name of a "
+            f"table, such as accuracy:12; letters of this run: {letters}"
+        )
     table, numbers = run.tables[name], list[int]()
     for first, last, step in re.findall(r"(\d+)(?:-(\d+))?(?:/(\d+))?", match[3]):
         numbers += range(int(first), int(last or first) + 1, int(step or 1))
@@ -94,8 +114,10 @@ def described(run: StoredRun, source: Source) -> Iterator[tuple[str, str]]:
         texts = list(map(str, values))
         texts = texts[:1] if len(set(texts)) == 1 else texts
         if name == "settings" and len(texts) == 1:
-            yield from ((f"setting {key}", json.dumps(value, ensure_ascii=False))
-                        for key, value in json.loads(texts[0]).items())
+            yield from (
+                (f"setting {key}", json.dumps(value, ensure_ascii=False))
+                for key, value in json.loads(texts[0]).items()
+            )
         elif name != TRAJECTORY:
             yield str(name), "; ".join(texts)
     origin = run.origin

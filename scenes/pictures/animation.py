@@ -13,8 +13,19 @@ from stiction.scenes.model import Scene
 from stiction.scenes.pictures.geometry import poses_at, view_of
 from stiction.scenes.pictures.mechanism import canvas, draw_mechanism
 from stiction.scenes.pictures.picture import rc
-from stiction.scenes.pictures.web import (LONG, Columns, asset, data, document, film_controls, force_columns,
-                                          largest_force, load_signs, mechanism, pose_columns)
+from stiction.scenes.pictures.web import (
+    LONG,
+    Columns,
+    asset,
+    data,
+    document,
+    film_controls,
+    force_columns,
+    largest_force,
+    load_signs,
+    mechanism,
+    pose_columns,
+)
 from stiction.scenes.trajectory import Trajectory
 
 ENDINGS = (".gif", ".mp4", ".html")
@@ -29,8 +40,10 @@ def check_animation(file: Path) -> None:
     if file.suffix.lower() not in ENDINGS:
         raise InputError(f"found {str(file)!r}; expected a name that ends in {', '.join(ENDINGS)}")
     if file.suffix.lower() == ".mp4" and not FFMpegWriter.isAvailable():
-        raise InputError(f"found {str(file)!r}, which takes the program ffmpeg, which is not installed; "
-                         "expected a name that ends in .gif or .html")
+        raise InputError(
+            f"found {str(file)!r}, which takes the program ffmpeg, which is not installed; "
+            "expected a name that ends in .gif or .html"
+        )
 
 
 def animate(scene: Scene, trajectory: Trajectory, file: Path) -> int:
@@ -55,9 +68,18 @@ def animate(scene: Scene, trajectory: Trajectory, file: Path) -> int:
         with film.saving(picture, file, FILM_DPI):
             for row in rows:
                 ax.clear()
-                draw_mechanism(ax, scene, poses_at(scene, trajectory, row), view, float(trajectory.t[row]),
-                               {name: float(trajectory[name][row]) for name in corners}, largest)
-                title = f"{trajectory.scene}, {trajectory.engine}: t = {trajectory.t[row]:.3f} s{scale}"
+                draw_mechanism(
+                    ax,
+                    scene,
+                    poses_at(scene, trajectory, row),
+                    view,
+                    float(trajectory.t[row]),
+                    {name: float(trajectory[name][row]) for name in corners},
+                    largest,
+                )
+                title = (
+                    f"{trajectory.scene}, {trajectory.engine}: t = {trajectory.t[row]:.3f} s{scale}"
+                )
                 ax.set_title(title, fontsize=8, parse_math=False)
                 if row == rows[0]:
                     picture.draw_without_rendering()
@@ -72,10 +94,17 @@ def film_page(scene: Scene, trajectory: Trajectory) -> str:
     view = view_of(scene, [poses_at(scene, trajectory, row) for row in rows])
     frame, block = trajectory.to_frame(events=True, interpolated=True), Columns()
     t, name = frame["t"].to_numpy(), f"{trajectory.engine} {trajectory.version}"
-    columns = {column: frame[column] for column in (*pose_columns(scene), *force_columns(scene))} | load_signs(scene, t)
-    content = {"mechanism": mechanism(scene, view), "name": name,
-               "columns": {column: block.add(values) for column, values in columns.items()}, "t": block.add(t, LONG),
-               "largest": largest_force(scene, trajectory), "block": block.packed()}
+    columns = {
+        column: frame[column] for column in (*pose_columns(scene), *force_columns(scene))
+    } | load_signs(scene, t)
+    content = {
+        "mechanism": mechanism(scene, view),
+        "name": name,
+        "columns": {column: block.add(values) for column, values in columns.items()},
+        "t": block.add(t, LONG),
+        "largest": largest_force(scene, trajectory),
+        "block": block.packed(),
+    }
     title = f"{trajectory.scene}: {name}, {trajectory.fidelity}"
     body = f"<h1>{escape(title)}</h1>\n{film_controls()}\n" + data('id="film-data"', content)
     scripts = [asset(name) for name in ("data.js", "player.js", "film.js")]

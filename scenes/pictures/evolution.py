@@ -16,10 +16,19 @@ from stiction.scenes.trajectory import Trajectory
 MOST_LINES = 8
 """Lines in one panel; the legend says how many there are."""
 _DASHES = ("-", (0, (5, 1.5)), (0, (1, 1)), (0, (5, 1, 1, 1)))
-_PANELS = {r"\.displacement": "displacement [m]", r"\.slip_velocity": "slip velocity [m/s]",
-           r"\.F[1-4]": "corner forces [N]", r"\.friction": "friction [N]", r"\.effort": "driving effort"}
-_WITHOUT_GUIDES = {r"\.[xy]": "position [m]", r"\.angle": "angle [rad]", r"\.effort": "driving effort",
-                   r"\.f[xy]": "pin forces [N]"}
+_PANELS = {
+    r"\.displacement": "displacement [m]",
+    r"\.slip_velocity": "slip velocity [m/s]",
+    r"\.F[1-4]": "corner forces [N]",
+    r"\.friction": "friction [N]",
+    r"\.effort": "driving effort",
+}
+_WITHOUT_GUIDES = {
+    r"\.[xy]": "position [m]",
+    r"\.angle": "angle [rad]",
+    r"\.effort": "driving effort",
+    r"\.f[xy]": "pin forces [N]",
+}
 
 
 def evolution(runs: Sequence[Trajectory], columns: Sequence[str] = ()) -> Picture:
@@ -30,20 +39,31 @@ def evolution(runs: Sequence[Trajectory], columns: Sequence[str] = ()) -> Pictur
     first, several = runs[0], len(runs) > 1
     for run, name in product(runs, columns):
         run[name]
-    panels = [([name], f"{name} [{unit_of(name, first.mechanism)}]") for name in columns] or _usual(first)
+    panels = [([name], f"{name} [{unit_of(name, first.mechanism)}]") for name in columns] or _usual(
+        first
+    )
     frames = [run.to_frame(events=True, interpolated=True) for run in runs]
     stick = [] if several else _stick(frames[0])
     with rc():
         picture = Picture((0.6 if several else 0.4) + 1.25 * len(panels))
         axes = picture.subplots(len(panels), 1, sharex=True, squeeze=False)[:, 0]
         for ax, (names, label) in zip(axes, panels):
-            lines = [(frame, names[0], _method(run)) for run, frame in zip(runs, frames)] if several else [
-                (frames[0], name, name) for name in names[:MOST_LINES]]
+            lines = (
+                [(frame, names[0], _method(run)) for run, frame in zip(runs, frames)]
+                if several
+                else [(frames[0], name, name) for name in names[:MOST_LINES]]
+            )
             for number, (frame, name, text) in enumerate(lines):
                 # a run that is drawn over an equal one is dashed, so that both are seen
                 dashes = _DASHES[number % len(_DASHES)]
-                ax.plot(frame["t"].to_numpy(), frame[name].to_numpy(), color=CYCLE[number % len(CYCLE)], linewidth=1.0,
-                        label=text, linestyle=dashes)
+                ax.plot(
+                    frame["t"].to_numpy(),
+                    frame[name].to_numpy(),
+                    color=CYCLE[number % len(CYCLE)],
+                    linewidth=1.0,
+                    label=text,
+                    linestyle=dashes,
+                )
             for begin, end in stick:
                 ax.axvspan(begin, end, color=COLORS["shade"], linewidth=0, zorder=0)
             ax.set_ylabel(label)
@@ -55,8 +75,11 @@ def evolution(runs: Sequence[Trajectory], columns: Sequence[str] = ()) -> Pictur
         if several:
             axes[0].legend(loc="lower center", bbox_to_anchor=(0.5, 1.0), ncols=2)
         else:
-            axes[0].set_title(f"{first.scene}: {first.engine} {first.version}, {first.fidelity}", fontsize=8,
-                              parse_math=False)
+            axes[0].set_title(
+                f"{first.scene}: {first.engine} {first.version}, {first.fidelity}",
+                fontsize=8,
+                parse_math=False,
+            )
         fit_labels(picture)
     return picture
 
@@ -65,8 +88,17 @@ def _method(run: Trajectory) -> str:
     """Engine, fidelity and what sets the accuracy."""
     accuracy = {key: run.settings.get(key) for key in ("dt", "rtol")}
     units = {"dt": " s", "rtol": ""}
-    return ", ".join([run.engine, run.fidelity, *(f"{key} = {value:g}{units[key]}" for key, value in accuracy.items()
-                                                  if isinstance(value, float))])
+    return ", ".join(
+        [
+            run.engine,
+            run.fidelity,
+            *(
+                f"{key} = {value:g}{units[key]}"
+                for key, value in accuracy.items()
+                if isinstance(value, float)
+            ),
+        ]
+    )
 
 
 def _usual(trajectory: Trajectory) -> list[tuple[list[str], str]]:
@@ -76,7 +108,9 @@ def _usual(trajectory: Trajectory) -> list[tuple[list[str], str]]:
     panels = []
     for pattern, label in (_PANELS if guides else _WITHOUT_GUIDES).items():
         if names := [name for name in trajectory.columns if re.search(rf"{pattern}$", name)]:
-            panels.append((names, f"{label} [{', '.join(units)}]" if label == "driving effort" else label))
+            panels.append(
+                (names, f"{label} [{', '.join(units)}]" if label == "driving effort" else label)
+            )
     return panels
 
 
@@ -87,4 +121,8 @@ def _stick(frame: pd.DataFrame) -> list[tuple[float, float]]:
         return []
     t, sticks = frame["t"].to_numpy(), frame[modes[0]].to_numpy() == 0
     edges = np.flatnonzero(np.diff(np.concatenate([[False], sticks, [False]]).astype(int)))
-    return [(float(t[begin]), float(t[end - 1])) for begin, end in edges.reshape(-1, 2) if t[end - 1] > t[begin]]
+    return [
+        (float(t[begin]), float(t[end - 1]))
+        for begin, end in edges.reshape(-1, 2)
+        if t[end - 1] > t[begin]
+    ]

@@ -50,13 +50,17 @@ _STANDING = {GROUND: Pose(0.0, 0.0, 0.0)}
 
 def poses_at_start(scene: Scene) -> Poses:
     """Pose of each body and of the ground, by name, at t = 0."""
-    return _STANDING | {name: Pose(*body.position, body.angle) for name, body in scene.bodies.items()}
+    return _STANDING | {
+        name: Pose(*body.position, body.angle) for name, body in scene.bodies.items()
+    }
 
 
 def poses_at(scene: Scene, trajectory: Trajectory | Mapping[str, np.ndarray], row: int) -> Poses:
     """Pose of each body and of the ground, by name, at a row of a trajectory or of its columns."""
-    return _STANDING | {name: Pose(*(float(trajectory[f"{name}.{key}"][row]) for key in ("x", "y", "angle")))
-                        for name in scene.bodies}
+    return _STANDING | {
+        name: Pose(*(float(trajectory[f"{name}.{key}"][row]) for key in ("x", "y", "angle")))
+        for name in scene.bodies
+    }
 
 
 def unit_vector(direction: Point) -> np.ndarray:
@@ -92,8 +96,9 @@ def corners(guide: Translational, poses: Poses, size: tuple[float, float]) -> np
     return poses[guide.slider].place(guide.slider_point) + box(size) @ axes
 
 
-def link_ends(bodies: Sequence[str], points: Sequence[Point], axis: Point | None,
-              poses: Poses) -> tuple[np.ndarray, np.ndarray]:
+def link_ends(
+    bodies: Sequence[str], points: Sequence[Point], axis: Point | None, poses: Poses
+) -> tuple[np.ndarray, np.ndarray]:
     """Return the points, in ground axes, between which a spring or drive acts; along its axis, if it has one."""
     first, second = (poses[body].place(point) for body, point in zip(bodies, points))
     if axis is None:
@@ -117,7 +122,9 @@ def attachments(scene: Scene) -> dict[str, list[np.ndarray]]:
     for name, own in scene.bodies.items():
         rod = math.sqrt(3 * own.inertia / own.mass)
         for held in points[name][:]:
-            if abs(np.hypot(*held) - rod) < UNIFORM * rod:  # a uniform rod held at an end: the other end is drawn too
+            if (
+                abs(np.hypot(*held) - rod) < UNIFORM * rod
+            ):  # a uniform rod held at an end: the other end is drawn too
                 points[name].append(-held)
     return points
 
@@ -141,10 +148,18 @@ def view_of(scene: Scene, instants: Iterable[Poses]) -> View:
     """Make a view that all the instants fit into."""
     instants = list(instants)
     held = attachments(scene)
-    shown = [pose.place(point) for poses in instants for name, pose in poses.items()
-             for point in (held[name] if name == GROUND else [np.zeros(2), *held[name]])]
-    shown += [corner for guide in scene.guides.values() for poses in instants
-              for corner in corners(guide, poses, (guide.length or 0.0, guide.width or 0.0))]
+    shown = [
+        pose.place(point)
+        for poses in instants
+        for name, pose in poses.items()
+        for point in (held[name] if name == GROUND else [np.zeros(2), *held[name]])
+    ]
+    shown += [
+        corner
+        for guide in scene.guides.values()
+        for poses in instants
+        for corner in corners(guide, poses, (guide.length or 0.0, guide.width or 0.0))
+    ]
     unit = UNIT * (float(np.max(np.ptp(shown, axis=0))) or 1.0)
     reach = {}
     for name, guide in scene.guides.items():
@@ -165,14 +180,24 @@ def _arrow_tips(scene: Scene, instants: Sequence[Poses], unit: float) -> Iterato
     for poses in instants:
         for load in scene.forces.values():
             if isinstance(load, Force):
-                signs = (-1 if load.law.value < 0 else 1,) if isinstance(load.law, Constant) else (-1, 1)
+                signs = (
+                    (-1 if load.law.value < 0 else 1,)
+                    if isinstance(load.law, Constant)
+                    else (-1, 1)
+                )
                 for sign in signs:
-                    yield poses[load.body].place(load.point) + sign * LOAD_ARROW * unit * unit_vector(load.direction)
+                    yield poses[load.body].place(
+                        load.point
+                    ) + sign * LOAD_ARROW * unit * unit_vector(load.direction)
         for drive in scene.drives.values():
             if drive.axis is not None:
                 first, second = link_ends(drive.bodies, drive.points, drive.axis, poses)
                 if np.hypot(*(first - second)) < unit:
-                    yield second + AXIS_ARROW * unit * unit_vector(poses[drive.bodies[1]].turn(drive.axis))
+                    yield second + AXIS_ARROW * unit * unit_vector(
+                        poses[drive.bodies[1]].turn(drive.axis)
+                    )
         for guide in scene.guides.values():
             if guide.length is not None and len(instants) > 1:
-                yield from corners(guide, poses, (guide.length, (guide.width or 0.0) + 2 * LONGEST_ARROW * unit))
+                yield from corners(
+                    guide, poses, (guide.length, (guide.width or 0.0) + 2 * LONGEST_ARROW * unit)
+                )

@@ -23,7 +23,9 @@ LINE, LEADING = 115, 0.13
 HEADS = {"end": "-|>", "both": "<|-|>"}
 
 
-def drawing(scene: Scene, heading: bool = True, poses: Poses | None = None, t: float = 0.0) -> Picture:
+def drawing(
+    scene: Scene, heading: bool = True, poses: Poses | None = None, t: float = 0.0
+) -> Picture:
     """Draw the mechanism at its start, or with some `poses` at a time t (s).
 
     A heading has the scene's title and parameters. Corners of a slider are numbered as in the paper: 1 lower rear, 2
@@ -60,14 +62,23 @@ def canvas(scene: Scene, view: View) -> tuple[Picture, Axes]:
     return picture, picture.add_subplot()
 
 
-def draw_mechanism(ax: Axes, scene: Scene, poses: Poses, view: View, t: float = 0.0,
-                   corner_forces: Mapping[str, float] | None = None, largest: float = 1.0) -> None:
+def draw_mechanism(
+    ax: Axes,
+    scene: Scene,
+    poses: Poses,
+    view: View,
+    t: float = 0.0,
+    corner_forces: Mapping[str, float] | None = None,
+    largest: float = 1.0,
+) -> None:
     """Draw the mechanism into axes, loads as they push at a time t (s), or would if positive where they are zero.
 
     Corner forces, N, by column, are arrows on the sliders; that of the `largest` of the whole motion is the longest.
     """
     ax.set(xlim=view.x, ylim=view.y, aspect="equal", xlabel="$x$ [m]", ylabel="$y$ [m]")
-    signs = {name: -1 if evaluate_law(load.law, t)[0] < 0 else 1 for name, load in scene.forces.items()}
+    signs = {
+        name: -1 if evaluate_law(load.law, t)[0] < 0 else 1 for name, load in scene.forces.items()
+    }
     for layer, part in enumerate(parts(scene, view), 1):
         if isinstance(part, Label):
             _write(ax, part.place(poses), part.text, part.text in scene.bodies, layer)
@@ -82,38 +93,81 @@ def draw_mechanism(ax: Axes, scene: Scene, poses: Poses, view: View, t: float = 
 
 
 def _write(ax: Axes, point: np.ndarray, text: str, name: bool, layer: int) -> None:
-    style: dict[str, Any] = {"fontstyle": "italic", "ha": "left",
-                             "path_effects": [withStroke(linewidth=2, foreground=COLORS["paper"])]}
-    ax.text(point[0], point[1], text, fontsize=7, va="center", zorder=layer, **(style if name else {"ha": "center"}))
+    style: dict[str, Any] = {
+        "fontstyle": "italic",
+        "ha": "left",
+        "path_effects": [withStroke(linewidth=2, foreground=COLORS["paper"])],
+    }
+    ax.text(
+        point[0],
+        point[1],
+        text,
+        fontsize=7,
+        va="center",
+        zorder=layer,
+        **(style if name else {"ha": "center"}),
+    )
 
 
 def _stroke(ax: Axes, points: np.ndarray, look: Look, layer: int) -> None:
     color = COLORS[look.line] if look.line else "none"
     if look.fill:
         edge = COLORS["quiet"] if look.hatched else color
-        ax.add_patch(Polygon(points, facecolor=COLORS[look.fill], edgecolor=edge, zorder=layer,
-                             linewidth=look.width if look.line else 0.0, hatch="/////" if look.hatched else None))
+        ax.add_patch(
+            Polygon(
+                points,
+                facecolor=COLORS[look.fill],
+                edgecolor=edge,
+                zorder=layer,
+                linewidth=look.width if look.line else 0.0,
+                hatch="/////" if look.hatched else None,
+            )
+        )
         return
     if not look.arrow or len(points) > 2:
         ax.plot(*points.T, color=color, linewidth=look.width, solid_capstyle="round", zorder=layer)
     if look.arrow:
-        ax.add_patch(FancyArrowPatch(*points[-2:], arrowstyle=HEADS[look.arrow], mutation_scale=9, color=color,
-                                     linewidth=look.width, shrinkA=0, shrinkB=0, zorder=layer))
+        ax.add_patch(
+            FancyArrowPatch(
+                *points[-2:],
+                arrowstyle=HEADS[look.arrow],
+                mutation_scale=9,
+                color=color,
+                linewidth=look.width,
+                shrinkA=0,
+                shrinkB=0,
+                zorder=layer,
+            )
+        )
 
 
 def _legend(scene: Scene) -> list[Line2D | Patch]:
     """Make one entry a kind, with the names of its elements where they are not that word."""
-    kinds = {"pin": [*scene.pins],
-             "guide": scene.guides, "drive": scene.drives, "spring": scene.springs, "load": scene.forces}
+    kinds = {
+        "pin": [*scene.pins],
+        "guide": scene.guides,
+        "drive": scene.drives,
+        "spring": scene.springs,
+        "load": scene.forces,
+    }
     symbols: dict[str, dict[str, Any]] = {
-        "pin": {"marker": "o", "markerfacecolor": "white", "color": COLORS["ink"], "linestyle": "none"},
+        "pin": {
+            "marker": "o",
+            "markerfacecolor": "white",
+            "color": COLORS["ink"],
+            "linestyle": "none",
+        },
         "drive": {"color": COLORS["drive"], "linewidth": 1.8},
         "spring": {"color": COLORS["spring"], "marker": "x"},
-        "load": {"color": COLORS["load"], "marker": ">"}}
+        "load": {"color": COLORS["load"], "marker": ">"},
+    }
     handles = []
     for kind, names in ((kind, [*names]) for kind, names in kinds.items() if names):
         more = f", .. ({len(names)})" if len(names) > 4 else ""
         text = kind if names == [kind] else f"{kind}: {', '.join(names[:4])}{more}"
-        handles.append(Patch(facecolor="white", edgecolor=COLORS["ink"], hatch="////", label=text) if kind == "guide"
-                       else Line2D([], [], label=text, **symbols[kind]))
+        handles.append(
+            Patch(facecolor="white", edgecolor=COLORS["ink"], hatch="////", label=text)
+            if kind == "guide"
+            else Line2D([], [], label=text, **symbols[kind])
+        )
     return handles

@@ -18,8 +18,11 @@ def scene_html(scene: Scene) -> str:
     rows = [(section, ", ".join(getattr(scene, section))) for section in sections]
     rows.append(("parameters", parameters_in_words(scene)))
     declared = [row for row in rows if row[1]]
-    return (f"<p><b>{escape(scene.name)}</b>: {escape(scene.title)}</p>" + drawing(scene, heading=False).svg()
-            + _table(("", "names"), [*declared, ("t_end", f"{scene.t_end:g} s")]))
+    return (
+        f"<p><b>{escape(scene.name)}</b>: {escape(scene.title)}</p>"
+        + drawing(scene, heading=False).svg()
+        + _table(("", "names"), [*declared, ("t_end", f"{scene.t_end:g} s")])
+    )
 
 
 def trajectory_html(trajectory: Trajectory) -> str:
@@ -39,6 +42,8 @@ def trajectory_html(trajectory: Trajectory) -> str:
 
 
 def _table(columns: Sequence[str], rows: Iterable[Sequence[str]]) -> str:
-    body = "".join("<tr>" + "".join(f"<td>{escape(value)}</td>" for value in row) + "</tr>" for row in rows)
+    body = "".join(
+        "<tr>" + "".join(f"<td>{escape(value)}</td>" for value in row) + "</tr>" for row in rows
+    )
     head = "".join(f"<th>{escape(name)}</th>" for name in columns)
     return f"<table><tr>{head}</tr>{body}</table>" if body else ""

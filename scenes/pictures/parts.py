@@ -14,8 +14,18 @@ from scipy.spatial import ConvexHull, QhullError
 from stiction.scenes.fields import GROUND
 from stiction.scenes.laws import evaluate_law
 from stiction.scenes.model import Drive, Force, LinearSpring, Revolute, Scene, Translational
-from stiction.scenes.pictures.geometry import (AXIS_ARROW, LOAD_ARROW, Point, Poses, View, attachments, axes_along, box,
-                                               link_ends, unit_vector)
+from stiction.scenes.pictures.geometry import (
+    AXIS_ARROW,
+    LOAD_ARROW,
+    Point,
+    Poses,
+    View,
+    attachments,
+    axes_along,
+    box,
+    link_ends,
+    unit_vector,
+)
 
 MOST_NAMES = 12
 """Bodies up to which each has its name next to it."""
@@ -40,14 +50,26 @@ class Look:
 
 
 LOOKS = {
-    "ground": Look("", "paper", hatched=True), "moving guide": Look("", "body"), "surface": Look(),
-    "slider": Look(fill="shade", width=0.9), "support": Look(fill="paper"), "foot": Look(width=1.2),
-    "spring anchor": Look("spring", width=1.2), "plate": Look(fill="body"), "edge": Look(width=4.5),
-    "bar": Look("body", width=3.0), "centre": Look(width=0.7), "spring": Look("spring", width=1.0),
-    "drive": Look("drive", width=1.5, arrow="both"), "turning drive": Look("drive", width=1.5, arrow="end"),
-    "pin": Look(fill="paper", width=1.0), "load": Look("load", width=1.8, arrow="end"),
-    "turning load": Look("load", width=1.5, arrow="end"), "corner force": Look("corner", width=1.2, arrow="end"),
-    "gravity": Look(arrow="end")}
+    "ground": Look("", "paper", hatched=True),
+    "moving guide": Look("", "body"),
+    "surface": Look(),
+    "slider": Look(fill="shade", width=0.9),
+    "support": Look(fill="paper"),
+    "foot": Look(width=1.2),
+    "spring anchor": Look("spring", width=1.2),
+    "plate": Look(fill="body"),
+    "edge": Look(width=4.5),
+    "bar": Look("body", width=3.0),
+    "centre": Look(width=0.7),
+    "spring": Look("spring", width=1.0),
+    "drive": Look("drive", width=1.5, arrow="both"),
+    "turning drive": Look("drive", width=1.5, arrow="end"),
+    "pin": Look(fill="paper", width=1.0),
+    "load": Look("load", width=1.8, arrow="end"),
+    "turning load": Look("load", width=1.5, arrow="end"),
+    "corner force": Look("corner", width=1.2, arrow="end"),
+    "gravity": Look(arrow="end"),
+}
 
 _TURNS = np.linspace(0.0, 4 * np.pi, 60)
 
@@ -56,13 +78,27 @@ def _around(angles: np.ndarray) -> np.ndarray:
     return np.column_stack([np.cos(angles), np.sin(angles)])
 
 
-CIRCLE, ARC = _around(np.linspace(0.0, 2 * np.pi, 25)[:-1]), _around(np.linspace(-0.4 * np.pi, 1.1 * np.pi, 40))
+CIRCLE, ARC = (
+    _around(np.linspace(0.0, 2 * np.pi, 25)[:-1]),
+    _around(np.linspace(-0.4 * np.pi, 1.1 * np.pi, 40)),
+)
 SPIRAL = (0.6 + 0.25 * _TURNS / np.pi)[:, None] * _around(_TURNS)
-TRIANGLE, FOOT = np.array([(0.0, 0.0), (-0.8, -1.2), (0.8, -1.2)]), np.array([(-1.2, -1.2), (1.2, -1.2)])
+TRIANGLE, FOOT = (
+    np.array([(0.0, 0.0), (-0.8, -1.2), (0.8, -1.2)]),
+    np.array([(-1.2, -1.2), (1.2, -1.2)]),
+)
 CROSS = np.array([[(-1, 0), (1, 0)], [(0, -1), (0, 1)]])
 ANCHOR = np.array([[(-0.5, -0.5), (0.5, 0.5)], [(-0.5, 0.5), (0.5, -0.5)]])
-PISTON = np.array([[(0.0, 0.0), (0.45, 0.0)], [(0.45, -0.5), (0.45, 0.5)], [(0.65, -0.7), (0.35, -0.7)],
-                   [(0.65, 0.7), (0.35, 0.7)], [(0.65, -0.7), (0.65, 0.7)], [(0.65, 0.0), (1.0, 0.0)]])
+PISTON = np.array(
+    [
+        [(0.0, 0.0), (0.45, 0.0)],
+        [(0.45, -0.5), (0.45, 0.5)],
+        [(0.65, -0.7), (0.35, -0.7)],
+        [(0.65, 0.7), (0.35, 0.7)],
+        [(0.65, -0.7), (0.65, 0.7)],
+        [(0.65, 0.0), (1.0, 0.0)],
+    ]
+)
 """Symbols, in units of their size; of the piston first the share of the way."""
 
 
@@ -151,7 +187,9 @@ def parts(scene: Scene, view: View) -> Iterator[Part]:
     held, sliders = attachments(scene), {guide.slider for guide in scene.guides.values()}
     yield from _guides(scene, view)
     for name in scene.bodies:
-        yield from _body(name, [*held[name], *_holds(scene, name, view)], view.unit, name in sliders)
+        yield from _body(
+            name, [*held[name], *_holds(scene, name, view)], view.unit, name in sliders
+        )
     yield from _supports(scene, view.unit)
     yield from _springs(scene, view.unit)
     for drive in scene.drives.values():
@@ -165,7 +203,10 @@ def parts(scene: Scene, view: View) -> Iterator[Part]:
         yield from _names(scene, view.unit)
     if scene.gravity is not None and np.hypot(*scene.gravity) > 0:
         down = unit_vector(scene.gravity)
-        begin = GROUND, np.array([view.x[1], view.y[1]]) - view.unit * (1.5 + 2.0 * np.maximum(down, 0))
+        begin = (
+            GROUND,
+            np.array([view.x[1], view.y[1]]) - view.unit * (1.5 + 2.0 * np.maximum(down, 0)),
+        )
         yield Stroke("gravity", np.array([(0.0, 0.0), 2 * view.unit * down]), begin)
         yield Label("g", view.unit * (down + [-1.2, 0.0]), begin)
 
@@ -187,9 +228,15 @@ def _guides(scene: Scene, view: View) -> Iterator[Stroke]:
             behind = surface + SOLID * view.unit
             for side in (-1, 1):
                 near, far = side * surface, side * behind
-                yield Stroke("ground" if guide.guide == GROUND else "moving guide",
-                             np.array([(low, near), (high, near), (high, far), (low, far)]) @ axes, at, guide.guide)
-                yield Stroke("surface", np.array([(low, near), (high, near)]) @ axes, at, guide.guide)
+                yield Stroke(
+                    "ground" if guide.guide == GROUND else "moving guide",
+                    np.array([(low, near), (high, near), (high, far), (low, far)]) @ axes,
+                    at,
+                    guide.guide,
+                )
+                yield Stroke(
+                    "surface", np.array([(low, near), (high, near)]) @ axes, at, guide.guide
+                )
             if (end := _end(guide, (low, high))) is not None:
                 back = end + np.sign(end - (low + high) / 2) * SOLID * view.unit
                 outline = np.array([(end, -behind), (end, behind), (back, behind), (back, -behind)])
@@ -233,9 +280,16 @@ def _corners(scene: Scene, unit: float) -> Iterator[Part]:
         at, axes = (guide.slider, guide.slider_point), axes_along(guide.direction)
         corners = box(slider_size(scene, name, unit)) @ axes
         for number, corner in enumerate(corners, 1):
-            yield CornerForce(name, number, corner, axes[1] if number <= 2 else -axes[1], at, guide.guide)
+            yield CornerForce(
+                name, number, corner, axes[1] if number <= 2 else -axes[1], at, guide.guide
+            )
         for number, corner in enumerate(corners, 1):
-            yield Label(str(number), corner * (1 - min(0.3, 1.5 * unit / np.hypot(*corner))), at, guide.guide)
+            yield Label(
+                str(number),
+                corner * (1 - min(0.3, 1.5 * unit / np.hypot(*corner))),
+                at,
+                guide.guide,
+            )
 
 
 def _names(scene: Scene, unit: float) -> Iterator[Label]:
@@ -294,11 +348,13 @@ def _springs(scene: Scene, unit: float) -> Iterator[Stroke | Link]:
         lines, aside = [], 0.7 * unit if spring.stiffness > 0 and spring.damping > 0 else 0.0
         if spring.stiffness > 0:
             share = [0.0, 0.15, *np.linspace(0.15, 0.85, 2 * COILS + 1)[1:-1], 0.85, 1.0]
-            swing = [0.0, 0.0, *np.tile([1.0, -1.0], COILS)[:2 * COILS - 1], 0.0, 0.0]
+            swing = [0.0, 0.0, *np.tile([1.0, -1.0], COILS)[: 2 * COILS - 1], 0.0, 0.0]
             lines.append(np.column_stack([share, 0.6 * unit * np.array(swing) + aside]))
         if spring.damping > 0:
             lines += [*(PISTON * [1.0, 0.7 * unit] - [0.0, aside])]
-        yield from (Link("spring", line, spring.bodies, spring.points, spring.axis) for line in lines)
+        yield from (
+            Link("spring", line, spring.bodies, spring.points, spring.axis) for line in lines
+        )
 
 
 def _drive(scene: Scene, drive: Drive, unit: float) -> Stroke | Link:
@@ -313,10 +369,17 @@ def _loads(scene: Scene, unit: float) -> Iterator[Stroke]:
     for name, load in scene.forces.items():
         for sign in (1, -1):
             if isinstance(load, Force):
-                arrow = np.array([(0.0, 0.0), sign * LOAD_ARROW * unit * unit_vector(load.direction)])
+                arrow = np.array(
+                    [(0.0, 0.0), sign * LOAD_ARROW * unit * unit_vector(load.direction)]
+                )
                 yield Stroke("load", arrow, (load.body, load.point), sign=(name, sign))
             else:
-                yield Stroke("turning load", 2.6 * unit * ARC[::sign], (load.body, (0.0, 0.0)), sign=(name, sign))
+                yield Stroke(
+                    "turning load",
+                    2.6 * unit * ARC[::sign],
+                    (load.body, (0.0, 0.0)),
+                    sign=(name, sign),
+                )
 
 
 def _centre(scene: Scene, bodies: Sequence[str]) -> Place:

@@ -19,15 +19,36 @@ DPI = 150
 MOST_TRIES = 6
 """Layouts of a figure at most, until no label is longer than its room."""
 # of Okabe & Ito's palette (the purple darker), which the colour-blind can distinguish
-COLORS = {"ink": "#000000", "quiet": "#888888", "paper": "#FFFFFF", "body": "#D9E4EC", "shade": "#E2E2E2",
-          "drive": "#D55E00", "spring": "#009E73", "load": "#0072B2", "corner": "#A03A7B"}
+COLORS = {
+    "ink": "#000000",
+    "quiet": "#888888",
+    "paper": "#FFFFFF",
+    "body": "#D9E4EC",
+    "shade": "#E2E2E2",
+    "drive": "#D55E00",
+    "spring": "#009E73",
+    "load": "#0072B2",
+    "corner": "#A03A7B",
+}
 CYCLE = ("#000000", "#D55E00", "#0072B2", "#009E73", "#CC79A7", "#56B4E9", "#E69F00", "#666666")
 
-RC = {"font.family": "sans-serif", "font.sans-serif": ["DejaVu Sans"], "mathtext.fontset": "dejavusans",
-      "font.size": 8, "axes.labelsize": 8, "legend.fontsize": 7, "xtick.labelsize": 7, "ytick.labelsize": 7,
-      "axes.linewidth": 0.6, "xtick.direction": "in", "ytick.direction": "in", "legend.frameon": False,
-      "hatch.linewidth": 0.4, "svg.hashsalt": "stiction",
-      "pdf.fonttype": 42}  # TrueType, so that a publisher's tools can read and search the text
+RC = {
+    "font.family": "sans-serif",
+    "font.sans-serif": ["DejaVu Sans"],
+    "mathtext.fontset": "dejavusans",
+    "font.size": 8,
+    "axes.labelsize": 8,
+    "legend.fontsize": 7,
+    "xtick.labelsize": 7,
+    "ytick.labelsize": 7,
+    "axes.linewidth": 0.6,
+    "xtick.direction": "in",
+    "ytick.direction": "in",
+    "legend.frameon": False,
+    "hatch.linewidth": 0.4,
+    "svg.hashsalt": "stiction",
+    "pdf.fonttype": 42,
+}  # TrueType, so that a publisher's tools can read and search the text
 _UNDATED = {"svg": {"Date": None}, "pdf": {"CreationDate": None}, "png": {"Software": None}}
 """Metadata with which the same data give the same bytes."""
 
@@ -53,7 +74,7 @@ class Picture(Figure):
         """Return it as an SVG element to put into a page."""
         with rc():
             text = content(self, "svg").decode()
-        return text[text.index("<svg"):]
+        return text[text.index("<svg") :]
 
     def _repr_png_(self) -> bytes:
         with rc():
@@ -80,24 +101,36 @@ def fit_labels(figure: Figure) -> None:
     """
     words: dict[Text, str] = {}
     widths: dict[Text, int] = {}
-    for _ in range(MOST_TRIES):  # lines take room from the axes, which may then be too short for other labels
+    for _ in range(
+        MOST_TRIES
+    ):  # lines take room from the axes, which may then be too short for other labels
         figure.draw_without_rendering()
         axes = [ax for ax in figure.axes if ax.axison]
         boxes = {ax: ax.get_window_extent() for ax in axes}
         broken = False
         for ax, box in boxes.items():
-            alone = not any(other.y0 < box.y1 and other.y1 > box.y0 for one, other in boxes.items() if one is not ax)
+            alone = not any(
+                other.y0 < box.y1 and other.y1 > box.y0
+                for one, other in boxes.items()
+                if one is not ax
+            )
             middle, whole = 0.5 * (box.x0 + box.x1), figure.bbox.width
             below = 2 * min(middle, whole - middle) if alone else box.width
             above = whole - box.x0 if alone else box.width
-            for text, room in ((ax.yaxis.label, box.height), (ax.xaxis.label, below), (ax.title, above),
-                               (ax._left_title, above)):  # type: ignore[attr-defined]
+            for text, room in (
+                (ax.yaxis.label, box.height),
+                (ax.xaxis.label, below),
+                (ax.title, above),
+                (ax._left_title, above),
+            ):  # type: ignore[attr-defined]
                 extent = text.get_window_extent()
                 taken = extent.height if text is ax.yaxis.label else extent.width
                 if taken > room > 0:
                     before = text.get_text()
                     longest = max(map(len, before.split("\n")))
-                    widths[text] = max(1, min(widths.get(text, longest) - 1, math.floor(longest * room / taken)))
+                    widths[text] = max(
+                        1, min(widths.get(text, longest) - 1, math.floor(longest * room / taken))
+                    )
                     text.set_text(_broken(words.setdefault(text, before), widths[text]))
                     broken |= text.get_text() != before
         if not broken:

@@ -12,8 +12,13 @@ import typer
 from stiction.cli import campaign, compare, describe, judge, pictures, prove, report, run
 from stiction.cli.exit_codes import EXIT_CODES, FAILED, Commands, say, terminate
 
-app = typer.Typer(cls=Commands, no_args_is_help=True, pretty_exceptions_enable=False, rich_markup_mode=None,
-                  epilog=EXIT_CODES)
+app = typer.Typer(
+    cls=Commands,
+    no_args_is_help=True,
+    pretty_exceptions_enable=False,
+    rich_markup_mode=None,
+    epilog=EXIT_CODES,
+)
 for part in (describe, pictures, run, judge, prove, campaign, report):
     app.add_typer(part.commands)
 app.add_typer(compare.commands, name="compare")
@@ -28,10 +33,18 @@ def _version(wanted: bool) -> None:
         raise typer.Exit
 
 
-@app.callback(help="Is a solver for rigid mechanisms with sliding joints, dry friction and motors right, and what does "
-              "being right cost?")
-def _root(_: Annotated[bool, typer.Option(
-        "--version", callback=_version, is_eager=True, help="Show the version and exit.")] = False) -> None:
+@app.callback(
+    help="Is a solver for rigid mechanisms with sliding joints, dry friction and motors right, and what does "
+    "being right cost?"
+)
+def _root(
+    _: Annotated[
+        bool,
+        typer.Option(
+            "--version", callback=_version, is_eager=True, help="Show the version and exit."
+        ),
+    ] = False,
+) -> None:
     pass
 
 
@@ -50,6 +63,8 @@ def main() -> None:
         if error.filename is not None:
             raise
         # without a file: standard output, which is all that is written without a name
-        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())  # what is left in its buffer has nowhere to go
+        os.dup2(
+            os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno()
+        )  # what is left in its buffer has nowhere to go
         say(f"standard output: {error.strerror or error}")
         sys.exit(FAILED)

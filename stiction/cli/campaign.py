@@ -13,10 +13,33 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from stiction.cli.exit_codes import (COULD_NOT_RUN, FAILED, FINE, NOT_COMPARED, REGRESSED, Commands, ended,
-                                     first_signal, interrupted, say)
-from stiction.cli.options import (BaselineFile, CampaignFile, Engines, ExecutorName, Full, OneEngine, OtherScenes,
-                                  Quick, Workers, about, check_written, distinct, listed)
+from stiction.cli.exit_codes import (
+    COULD_NOT_RUN,
+    FAILED,
+    FINE,
+    NOT_COMPARED,
+    REGRESSED,
+    Commands,
+    ended,
+    first_signal,
+    interrupted,
+    say,
+)
+from stiction.cli.options import (
+    BaselineFile,
+    CampaignFile,
+    Engines,
+    ExecutorName,
+    Full,
+    OneEngine,
+    OtherScenes,
+    Quick,
+    Workers,
+    about,
+    check_written,
+    distinct,
+    listed,
+)
 from stiction.cli.render import or_shown, progress, show_summary
 
 if TYPE_CHECKING:
@@ -34,10 +57,17 @@ baselines = typer.Typer(cls=Commands, no_args_is_help=True, help="What runs are 
 
 
 @commands.command()
-def validate(quick: Quick = False, full: Full = False, engines: Engines = [], workers: Workers = None,
-             executor: ExecutorName = "processes",
-             out: Annotated[Path | None, typer.Option(
-                 metavar="DIR", help="Folder of the report; runs/<date-time> if not given.")] = None) -> None:
+def validate(
+    quick: Quick = False,
+    full: Full = False,
+    engines: Engines = [],
+    workers: Workers = None,
+    executor: ExecutorName = "processes",
+    out: Annotated[
+        Path | None,
+        typer.Option(metavar="DIR", help="Folder of the report; runs/<date-time> if not given."),
+    ] = None,
+) -> None:
     """Compare reference and engines with the truth on the paper's three cases, and write a report."""
     from stiction.comparisons.bench.depth import Depth
     from stiction.comparisons.bench.executors import open_isolate
@@ -47,26 +77,40 @@ def validate(quick: Quick = False, full: Full = False, engines: Engines = [], wo
     from stiction.reports import REPORT, check_folder, report_of, write_report
 
     if quick and full:
-        raise typer.BadParameter("found both; expected one of them, or neither", param_hint="--quick, --full")
+        raise typer.BadParameter(
+            "found both; expected one of them, or neither", param_hint="--quick, --full"
+        )
     folder = out or Path("runs") / datetime.now().strftime("%Y-%m-%d-%H%M%S")
     with about("--out"):
         check_folder(folder, REPORT)
     _say_if_disk_is_small(folder)
     with ExitStack() as stack:
         with about("--out"):
-            kept = stack.enter_context(kept_runs(folder, ["reference", *(engines or engine_names())]))
+            kept = stack.enter_context(
+                kept_runs(folder, ["reference", *(engines or engine_names())])
+            )
         stack.callback(_say_what_is_kept, kept, folder)
         if kept.kept:
-            say(f"{kept.kept} runs of an earlier call are kept; those of the same scenes, engines and code are taken "
-                "over")
+            say(
+                f"{kept.kept} runs of an earlier call are kept; those of the same scenes, engines and code are taken "
+                "over"
+            )
         made_by = stack.enter_context(open_isolate(executor, workers))
         stack.enter_context(first_signal(partial(_end_runs, kept)))
         with progress("validate") as bar:
             results = run_campaign(
-                depth=Depth.QUICK if quick else Depth.FULL if full else Depth.DEFAULT, engines=engines or None,
-                workers=workers, on_result=bar.collect, on_share=bar.share, on_study=bar.study,
-                isolated=partial(kept.isolate, made_by=made_by), timed_by=kept.isolate)
-        report = report_of(replace(results, settings={**results.settings, "runs taken over": kept.taken_over}))
+                depth=Depth.QUICK if quick else Depth.FULL if full else Depth.DEFAULT,
+                engines=engines or None,
+                workers=workers,
+                on_result=bar.collect,
+                on_share=bar.share,
+                on_study=bar.study,
+                isolated=partial(kept.isolate, made_by=made_by),
+                timed_by=kept.isolate,
+            )
+        report = report_of(
+            replace(results, settings={**results.settings, "runs taken over": kept.taken_over})
+        )
         with or_shown(partial(show_summary, report)):
             file = write_report(report, folder)
         kept.finished = kept.interrupt is None
@@ -83,8 +127,10 @@ def _say_if_disk_is_small(folder: Path) -> None:
     place = next(parent for parent in folder.absolute().parents if parent.exists())
     free = disk_usage(place).free
     if free < KEPT_RUNS_BYTES:
-        say(f"{free / 1e6:.0f} MB are free at {place}, where all runs are kept until the report is there: some 80 MB "
-            "with --quick and one engine, more otherwise. On a full disk the command ends; called again, it goes on")
+        say(
+            f"{free / 1e6:.0f} MB are free at {place}, where all runs are kept until the report is there: some 80 MB "
+            "with --quick and one engine, more otherwise. On a full disk the command ends; called again, it goes on"
+        )
 
 
 def _failures_of_reference(results: Results) -> Iterator[str]:
@@ -113,14 +159,23 @@ def _end_runs(kept: KeptRuns, interrupt: KeyboardInterrupt) -> None:
 
 def _say_what_is_kept(kept: KeptRuns, folder: Path) -> None:
     if kept.kept and not kept.finished:
-        say(f"the runs that are done are kept; the same command with --out {folder} goes on with them")
+        say(
+            f"the runs that are done are kept; the same command with --out {folder} goes on with them"
+        )
 
 
 @commands.command()
-def nightly(campaign: CampaignFile = None, baseline: BaselineFile = None, engine: OneEngine = None,
-            scenes: OtherScenes = [], executor: ExecutorName = "processes",
-            out: Annotated[Path, typer.Option(
-                metavar="DIR", help="Folder of history.sqlite and of a folder per night.")] = Path("nightly")) -> None:
+def nightly(
+    campaign: CampaignFile = None,
+    baseline: BaselineFile = None,
+    engine: OneEngine = None,
+    scenes: OtherScenes = [],
+    executor: ExecutorName = "processes",
+    out: Annotated[
+        Path,
+        typer.Option(metavar="DIR", help="Folder of history.sqlite and of a folder per night."),
+    ] = Path("nightly"),
+) -> None:
     """Run a campaign, or the rest of an interrupted night, add it to the history, and report what changed."""
     from stiction.comparisons.bench.executors import open_isolate
     from stiction.comparisons.regression.history import HistoryRefused
@@ -132,29 +187,57 @@ def nightly(campaign: CampaignFile = None, baseline: BaselineFile = None, engine
 
     chosen, expected = _campaign(campaign, engine, scenes), _held_to(campaign, baseline)
     if executor != "processes" and "time" in chosen.measure:
-        raise typer.BadParameter(f"found {executor!r}, and the campaign {chosen.name} measures time; expected "
-                                 "processes, or a campaign whose `measure` leaves it out", param_hint="--executor")
+        raise typer.BadParameter(
+            f"found {executor!r}, and the campaign {chosen.name} measures time; expected "
+            "processes, or a campaign whose `measure` leaves it out",
+            param_hint="--executor",
+        )
     try:
-        with open_isolate(executor, chosen.workers) as isolated, progress(f"night of {chosen.name}") as bar:
-            result = run_night(chosen, out, expected, publish, isolated=isolated, on_start=bar.start,
-                               on_result=bar.result)
+        with (
+            open_isolate(executor, chosen.workers) as isolated,
+            progress(f"night of {chosen.name}") as bar,
+        ):
+            result = run_night(
+                chosen,
+                out,
+                expected,
+                publish,
+                isolated=isolated,
+                on_start=bar.start,
+                on_result=bar.result,
+            )
     except HistoryRefused as error:
         raise ended(COULD_NOT_RUN, str(error)) from None
     except KeyboardInterrupt as interrupt:
-        raise interrupted(interrupt, f"the same command goes on with the runs that are in {out}") from None
+        raise interrupted(
+            interrupt, f"the same command goes on with the runs that are in {out}"
+        ) from None
     print(out / result.name.replace(":", ""))
     _conclude(result)
 
 
 @commands.command()
-def check(campaign: CampaignFile = None, baseline: BaselineFile = None, engine: OneEngine = None,
-          scenes: OtherScenes = [],
-          history: Annotated[Path | None, typer.Option(
-              metavar="FILE", help="History of this machine's nights, for times; nightly/history.sqlite if it is there."
-          )] = None,
-          control: Annotated[Path | None, typer.Option(
-              metavar="DIR", help="Checkout of the code before (git worktree add DIR main): runs are timed in turns "
-              "with it. Without it no verdict rests on time.")] = None) -> None:
+def check(
+    campaign: CampaignFile = None,
+    baseline: BaselineFile = None,
+    engine: OneEngine = None,
+    scenes: OtherScenes = [],
+    history: Annotated[
+        Path | None,
+        typer.Option(
+            metavar="FILE",
+            help="History of this machine's nights, for times; nightly/history.sqlite if it is there.",
+        ),
+    ] = None,
+    control: Annotated[
+        Path | None,
+        typer.Option(
+            metavar="DIR",
+            help="Checkout of the code before (git worktree add DIR main): runs are timed in turns "
+            "with it. Without it no verdict rests on time.",
+        ),
+    ] = None,
+) -> None:
     """Run the fast part of a campaign and print what changed beyond noise, worst first, as Markdown."""
     from stiction.comparisons.regression.history import HistoryRefused
     from stiction.comparisons.regression.nightly import HISTORY, run_check
@@ -164,8 +247,14 @@ def check(campaign: CampaignFile = None, baseline: BaselineFile = None, engine: 
     chosen, expected = _campaign(campaign, engine, scenes), _held_to(campaign, baseline)
     try:
         with progress(f"check of {chosen.name}") as bar:
-            result = run_check(chosen, expected, history or (usual if usual.is_file() else None), control,
-                               on_start=bar.start, on_result=bar.result)
+            result = run_check(
+                chosen,
+                expected,
+                history or (usual if usual.is_file() else None),
+                control,
+                on_start=bar.start,
+                on_result=bar.result,
+            )
     except (HistoryRefused, ControlRefused) as error:
         hint = "--history" if isinstance(error, HistoryRefused) else "--control"
         raise typer.BadParameter(str(error), param_hint=hint) from None
@@ -174,15 +263,33 @@ def check(campaign: CampaignFile = None, baseline: BaselineFile = None, engine: 
 
 @baselines.command("update")
 def baseline_update(
-        reason: Annotated[str, typer.Option(metavar="TEXT", help="Why the numbers changed; it is kept in the file.")],
-        campaign: CampaignFile = None, engine: OneEngine = None, scenes: OtherScenes = [],
-        file: Annotated[Path | None, typer.Option(
-            "--file", metavar="FILE", help="The baseline; the suite's own if not given. Made if missing.")] = None,
-        night: Annotated[Path | None, typer.Option(
-            "--night", metavar="HISTORY", help="Take the last finished night of this history; if not given, the part "
-            "of the campaign for checks is run.")] = None,
-        whole: Annotated[bool, typer.Option(
-            "--whole", help="Run the whole campaign, not only the part for checks.")] = False) -> None:
+    reason: Annotated[
+        str, typer.Option(metavar="TEXT", help="Why the numbers changed; it is kept in the file.")
+    ],
+    campaign: CampaignFile = None,
+    engine: OneEngine = None,
+    scenes: OtherScenes = [],
+    file: Annotated[
+        Path | None,
+        typer.Option(
+            "--file",
+            metavar="FILE",
+            help="The baseline; the suite's own if not given. Made if missing.",
+        ),
+    ] = None,
+    night: Annotated[
+        Path | None,
+        typer.Option(
+            "--night",
+            metavar="HISTORY",
+            help="Take the last finished night of this history; if not given, the part "
+            "of the campaign for checks is run.",
+        ),
+    ] = None,
+    whole: Annotated[
+        bool, typer.Option("--whole", help="Run the whole campaign, not only the part for checks.")
+    ] = False,
+) -> None:
     """Make what the runs give now what is expected of them. Truths of a tier above our own run are never touched.
 
     Each run is then made again in five ways that change nothing but rounding; what that moves beyond its tolerance
@@ -194,14 +301,22 @@ def baseline_update(
     from stiction.comparisons.regression.nightly import measured_rounding, run_check
 
     if whole and night is not None:
-        raise typer.BadParameter("found both; expected one of them, or neither", param_hint="--whole, --night")
+        raise typer.BadParameter(
+            "found both; expected one of them, or neither", param_hint="--whole, --night"
+        )
     if not reason.strip():
-        raise typer.BadParameter("found nothing; expected why the numbers changed", param_hint="--reason")
+        raise typer.BadParameter(
+            "found nothing; expected why the numbers changed", param_hint="--reason"
+        )
     path = file or files.DEFAULT
     check_written(path, option="--file")
     distinct("--file", path, night)
     chosen = _campaign(campaign, engine, scenes)
-    old = files.load_baseline(str(path)) if file is None or file.exists() else files.Baseline(format=files.FORMAT)
+    old = (
+        files.load_baseline(str(path))
+        if file is None or file.exists()
+        else files.Baseline(format=files.FORMAT)
+    )
     rows: Sequence[Row]
     made: Mapping[str, Any]
     if night is not None:
@@ -256,5 +371,9 @@ def _conclude(result: Result) -> None:
 def _exit_code(verdict: str) -> int:
     from stiction.comparisons.regression import check
 
-    return {check.FINE: FINE, check.REGRESSION: REGRESSED, check.COULD_NOT_RUN: COULD_NOT_RUN,
-            check.NOTHING: NOT_COMPARED}[verdict]
+    return {
+        check.FINE: FINE,
+        check.REGRESSION: REGRESSED,
+        check.COULD_NOT_RUN: COULD_NOT_RUN,
+        check.NOTHING: NOT_COMPARED,
+    }[verdict]

@@ -10,8 +10,23 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from stiction.cli.exit_codes import FAILED, Commands, ended
-from stiction.cli.options import (PICTURES, Assemble, EndTime, Engines, ExecutorName, Overrides, Quick, SceneNames,
-                                  TableFile, Timeout, Workers, count, distinct, scene_of, written)
+from stiction.cli.options import (
+    PICTURES,
+    Assemble,
+    EndTime,
+    Engines,
+    ExecutorName,
+    Overrides,
+    Quick,
+    SceneNames,
+    TableFile,
+    Timeout,
+    Workers,
+    count,
+    distinct,
+    scene_of,
+    written,
+)
 from stiction.cli.render import or_shown, progress, show, show_truths, write_table
 
 if TYPE_CHECKING:
@@ -22,15 +37,36 @@ if TYPE_CHECKING:
     from stiction.comparisons.bench.study import Scope, Study
     from stiction.scenes import Scene
 
-Repeats = Annotated[int | None, typer.Option(
-    metavar="N", parser=count, help="Timed repeats of a run, at least; times are medians.")]
-Plot = Annotated[Path | None, typer.Option(
-    "--plot", metavar="FILE", callback=written(*PICTURES), help="Draw the study's first figure: .svg, .pdf or .png.")]
-Drive = Annotated[str | None, typer.Option(
-    metavar="NAME", help="The drive whose effort is compared; the scene's first if not given.")]
-Problems = Annotated[Path | None, typer.Option(
-    metavar="FILE", callback=written(".parquet"), help="Write the complementarity problems that the reference met, for "
-    "`stiction replay`: .parquet.")]
+Repeats = Annotated[
+    int | None,
+    typer.Option(
+        metavar="N", parser=count, help="Timed repeats of a run, at least; times are medians."
+    ),
+]
+Plot = Annotated[
+    Path | None,
+    typer.Option(
+        "--plot",
+        metavar="FILE",
+        callback=written(*PICTURES),
+        help="Draw the study's first figure: .svg, .pdf or .png.",
+    ),
+]
+Drive = Annotated[
+    str | None,
+    typer.Option(
+        metavar="NAME", help="The drive whose effort is compared; the scene's first if not given."
+    ),
+]
+Problems = Annotated[
+    Path | None,
+    typer.Option(
+        metavar="FILE",
+        callback=written(".parquet"),
+        help="Write the complementarity problems that the reference met, for "
+        "`stiction replay`: .parquet.",
+    ),
+]
 HELP = "Answer one question on a scene, for the engines and the reference."
 
 
@@ -45,7 +81,8 @@ class StudyCommands(Commands):
             group = typer.Typer()
             group.command(study.name, help=study.question)(_command(study))
             self.commands[name] = typer.main.get_command_from_info(
-                group.registered_commands[0], pretty_exceptions_short=True, rich_markup_mode=None)
+                group.registered_commands[0], pretty_exceptions_short=True, rich_markup_mode=None
+            )
         return super().get_command(ctx, name)
 
 
@@ -64,19 +101,41 @@ def _compared() -> dict[str, Study]:
 
 
 def _command(study: Study) -> Callable[..., None]:
-    def compare(scenes: SceneNames = [], engines: Engines = [], overrides: Overrides = [], t_end: EndTime = None,
-                quick: Quick = False, repeats: Repeats = None, drive: Drive = None, workers: Workers = None,
-                timeout: Timeout = 240, assemble: Assemble = False, executor: ExecutorName = "processes",
-                out: TableFile = None, plot: Plot = None, problems: Problems = None) -> None:
+    def compare(
+        scenes: SceneNames = [],
+        engines: Engines = [],
+        overrides: Overrides = [],
+        t_end: EndTime = None,
+        quick: Quick = False,
+        repeats: Repeats = None,
+        drive: Drive = None,
+        workers: Workers = None,
+        timeout: Timeout = 240,
+        assemble: Assemble = False,
+        executor: ExecutorName = "processes",
+        out: TableFile = None,
+        plot: Plot = None,
+        problems: Problems = None,
+    ) -> None:
         from stiction.comparisons.bench.depth import Depth
         from stiction.comparisons.bench.study import Scope
 
-        given: dict[str, Any] = {"engines": tuple(engines) or None, "t_end": t_end, "repeats": repeats}
-        options = {name: value for name, value in {"drive": drive, "problems": problems}.items() if value is not None}
+        given: dict[str, Any] = {
+            "engines": tuple(engines) or None,
+            "t_end": t_end,
+            "repeats": repeats,
+        }
+        options = {
+            name: value
+            for name, value in {"drive": drive, "problems": problems}.items()
+            if value is not None
+        }
         for name, value in {**given, **options}.items():
             if value is not None and name not in study.takes:
-                raise typer.BadParameter(f"found {value!r}; `compare {study.name}` makes no use of it",
-                                         param_hint=f"--{name.replace('_', '-')}")
+                raise typer.BadParameter(
+                    f"found {value!r}; `compare {study.name}` makes no use of it",
+                    param_hint=f"--{name.replace('_', '-')}",
+                )
         distinct("--plot", plot, out)
         distinct("--problems", problems, out)
         subject = _subject(study, scenes, overrides, assemble)
@@ -86,39 +145,63 @@ def _command(study: Study) -> Callable[..., None]:
     return compare
 
 
-def _subject(study: Study, scenes: Sequence[str], overrides: Sequence[str], assemble: bool) -> tuple[Scene, ...]:
+def _subject(
+    study: Study, scenes: Sequence[str], overrides: Sequence[str], assemble: bool
+) -> tuple[Scene, ...]:
     from stiction.reference_impl.multibody.initial_state import with_consistent_start
     from stiction.scenes.wording import names
 
     if study.takes_scene and study.needs_scene and not scenes:
-        raise typer.BadParameter("found nothing; expected a scene of the catalogue (see `stiction scenes`) or a TOML "
-                                 "file", param_hint="SCENE")
+        raise typer.BadParameter(
+            "found nothing; expected a scene of the catalogue (see `stiction scenes`) or a TOML "
+            "file",
+            param_hint="SCENE",
+        )
     if not study.takes_scene and (given := " ".join(scenes) or overrides or assemble):
-        raise typer.BadParameter(f"found {given!r}; `compare {study.name}` has scenes of its own",
-                                 param_hint="SCENE" if scenes else "--set, --assemble")
+        raise typer.BadParameter(
+            f"found {given!r}; `compare {study.name}` has scenes of its own",
+            param_hint="SCENE" if scenes else "--set, --assemble",
+        )
     if len(scenes) > 1 and "scenes" not in study.takes:
-        raise typer.BadParameter(f"found {' '.join(scenes)}; `compare {study.name}` takes one", param_hint="SCENE")
+        raise typer.BadParameter(
+            f"found {' '.join(scenes)}; `compare {study.name}` takes one", param_hint="SCENE"
+        )
     found = tuple(with_consistent_start(scene_of(name, overrides), assemble) for name in scenes)
-    if twice := [name for name, count in Counter(scene.name for scene in found).items() if count > 1]:
-        raise typer.BadParameter(f"found {names(twice)} more than once; expected scenes of different names",
-                                 param_hint="SCENE")
+    if twice := [
+        name for name, count in Counter(scene.name for scene in found).items() if count > 1
+    ]:
+        raise typer.BadParameter(
+            f"found {names(twice)} more than once; expected scenes of different names",
+            param_hint="SCENE",
+        )
     return found
 
 
-def _made(study: Study, scope: Scope, workers: int | None, timeout: float, executor: str) -> Results:
+def _made(
+    study: Study, scope: Scope, workers: int | None, timeout: float, executor: str
+) -> Results:
     from stiction.comparisons.bench.executors import open_isolate
     from stiction.comparisons.bench.runner import make
     from stiction.comparisons.bench.study import planned, union
     from stiction.engines import isolate
 
     about = ", ".join(scene.name for scene in scope.scenes) if scope.scenes else study.title
-    with open_isolate(executor, workers) as isolated, progress(f"compare {study.name} on {about}") as bar:
+    with (
+        open_isolate(executor, workers) as isolated,
+        progress(f"compare {study.name} on {about}") as bar,
+    ):
         options: dict[str, Any] = {"workers": workers, "timeout_s": timeout, "isolated": isolated}
         comparison = planned(scope, [study], **options)[study]
-        return union(make([comparison], timed_by=isolate, on_start=bar.start, on_result=bar.result, **options))
+        return union(
+            make(
+                [comparison], timed_by=isolate, on_start=bar.start, on_result=bar.result, **options
+            )
+        )
 
 
-def _show(study: Study, results: Results, out: Path | None, plot: Path | None, problems: Path | None) -> None:
+def _show(
+    study: Study, results: Results, out: Path | None, plot: Path | None, problems: Path | None
+) -> None:
     """Print answer, findings and tables, write what was asked for, and fail where no run succeeded."""
     from stiction.comparisons.bench.complementarity.problems import write_problems
     from stiction.reports.run_folder.data import storable
@@ -137,15 +220,19 @@ def _show(study: Study, results: Results, out: Path | None, plot: Path | None, p
         from stiction.scenes.pictures.picture import write_figure
 
         if not said.figures:
-            raise ended(FAILED, f"{plot}: not written: `compare {study.name}` has no figure of these runs")
+            raise ended(
+                FAILED, f"{plot}: not written: `compare {study.name}` has no figure of these runs"
+            )
         with rc(), whole_file(plot) as partial:
             [drawing] = drawn(said.figures[:1], results)
             write_figure(drawing.figure, partial)
     if problems is not None:
         write_problems(results.problems, problems)
     if table.empty:
-        print(f"nothing to compare: the table of `compare {study.name}` is empty for this scene"
-              + (f"; {plot} is not written" if plot is not None and not said.figures else ""))
+        print(
+            f"nothing to compare: the table of `compare {study.name}` is empty for this scene"
+            + (f"; {plot} is not written" if plot is not None and not said.figures else "")
+        )
     _check(_runs(results, table) if table.empty else table)
 
 
@@ -164,20 +251,31 @@ def _print(said: Presentation, results: Results, table: pd.DataFrame) -> None:
     show_truths(table)
     runs = _runs(results, table)
     if {"status", "reason", "variant"} <= set(runs):
-        absent, failed = runs["status"] == MISSING_ENGINE, runs[~succeeded(runs) & (runs["status"] != MISSING_ENGINE)]
+        absent, failed = (
+            runs["status"] == MISSING_ENGINE,
+            runs[~succeeded(runs) & (runs["status"] != MISSING_ENGINE)],
+        )
         for reason, rows in runs[absent].groupby("reason", sort=False, dropna=False):
             print(f"not installed, {len(rows)} run{'s' * (len(rows) != 1)} not made: {reason}")
         made = runs["variant"].value_counts()
-        for (method, status, reason), rows in failed.groupby(["variant", "status", "reason"], sort=False, dropna=False):
-            print(f"method {method}, {len(rows)} of {made[method]} run{'s' if made[method] != 1 else ''} "
-                  f"{'ended early' if status == 'ok' else status}: {reason}")
+        for (method, status, reason), rows in failed.groupby(
+            ["variant", "status", "reason"], sort=False, dropna=False
+        ):
+            print(
+                f"method {method}, {len(rows)} of {made[method]} run{'s' if made[method] != 1 else ''} "
+                f"{'ended early' if status == 'ok' else status}: {reason}"
+            )
 
 
 def _runs(results: Results, table: pd.DataFrame) -> pd.DataFrame:
     """A row per run; of studies without such runs the rows of the table."""
     import pandas as pd
 
-    return pd.DataFrame([record.describe() for record in results.records]) if results.records else table
+    return (
+        pd.DataFrame([record.describe() for record in results.records])
+        if results.records
+        else table
+    )
 
 
 def _check(rows: pd.DataFrame) -> None:

@@ -22,76 +22,158 @@ commands = typer.Typer()
 
 
 @commands.command("scenes")
-def list_scenes(folder: Annotated[str, typer.Argument(
-        metavar="[FOLDER]", help="hard: the scenes of `stiction compare hard`.")] = "") -> None:
+def list_scenes(
+    folder: Annotated[
+        str, typer.Argument(metavar="[FOLDER]", help="hard: the scenes of `stiction compare hard`.")
+    ] = "",
+) -> None:
     """List the scenes of the catalogue, or of a folder of it, and the effects that they declare."""
     from stiction.reference_impl.multibody.equation_summary import blocks
     from stiction.scenes import catalogue, load_scene
 
     if not (names := catalogue(folder)):
         raise typer.BadParameter(f"found {folder!r}; expected hard", param_hint="FOLDER")
-    show(("scene", "title", "effects"),
-         [(name, scene.title, ", ".join(block.name for block in blocks(scene)[1:] if block.elements))
-          for name, scene in zip(names, map(load_scene, names))])
+    show(
+        ("scene", "title", "effects"),
+        [
+            (
+                name,
+                scene.title,
+                ", ".join(block.name for block in blocks(scene)[1:] if block.elements),
+            )
+            for name, scene in zip(names, map(load_scene, names))
+        ],
+    )
 
 
 @commands.command("engines")
-def list_engines(name: Annotated[str | None, typer.Argument(
-        metavar="[NAME]", help="One of them, module:Class, a program's FILE.toml or a FILE.fmu: its settings, their "
-        "defaults and what they mean.")] = None,
-                 try_it: Annotated[bool, typer.Option(
-        "--try", help="Try it on five scenes, from a free body to the slider-bar, and say what is wrong in the "
-        "first that is.")] = False, timeout: Timeout = 120) -> None:
+def list_engines(
+    name: Annotated[
+        str | None,
+        typer.Argument(
+            metavar="[NAME]",
+            help="One of them, module:Class, a program's FILE.toml or a FILE.fmu: its settings, their "
+            "defaults and what they mean.",
+        ),
+    ] = None,
+    try_it: Annotated[
+        bool,
+        typer.Option(
+            "--try",
+            help="Try it on five scenes, from a free body to the slider-bar, and say what is wrong in the "
+            "first that is.",
+        ),
+    ] = False,
+    timeout: Timeout = 120,
+) -> None:
     """List the engines: version or why it is missing, fidelities, friction law and who supplies it."""
     if try_it:
         _try(name or "", timeout)
     elif name is not None:
         _describe(name)
     else:
-        show(("engine", "version", "fidelity", "mus", "order", "reactions from", "friction law (supplied by)"),
-             [row for each, engine in _known() for row in _rows_of(each, engine)])
+        show(
+            (
+                "engine",
+                "version",
+                "fidelity",
+                "mus",
+                "order",
+                "reactions from",
+                "friction law (supplied by)",
+            ),
+            [row for each, engine in _known() for row in _rows_of(each, engine)],
+        )
 
 
 @commands.command()
 def explain(scene: SceneName, overrides: Overrides = []) -> None:
     """Show what the reference assembles for a scene, the size of its complementarity problem, and who refuses it."""
-    from stiction.reference_impl.multibody.equation_summary import (blocks, constraint_components, constraint_rows,
-                                                                    hlcp_size, rank)
+    from stiction.reference_impl.multibody.equation_summary import (
+        blocks,
+        constraint_components,
+        constraint_rows,
+        hlcp_size,
+        rank,
+    )
     from stiction.reference_impl.multibody.subsystems import independent_parts
 
     loaded = scene_of(scene, overrides)
     print(f"{loaded.name}: {loaded.title}\n\nAssembled:")
-    show(("block", "elements", "equation", "size"),
-         [(block.name, _few(block.elements), block.equation, block.size) for block in blocks(loaded) if block.elements])
+    show(
+        ("block", "elements", "equation", "size"),
+        [
+            (block.name, _few(block.elements), block.equation, block.size)
+            for block in blocks(loaded)
+            if block.elements
+        ],
+    )
     print("Left out, because the scene does not declare it:")
-    show(("block", "so"), [(block.name, block.absence) for block in blocks(loaded) if not block.elements])
+    show(
+        ("block", "so"),
+        [(block.name, block.absence) for block in blocks(loaded) if not block.elements],
+    )
     coordinates, rows, independent = 3 * len(loaded.bodies), constraint_rows(loaded), rank(loaded)
-    redundant = f" ({rows - independent} redundant at the start: minimum-norm forces)" if independent < rows else ""
-    print(f"Freedoms: {coordinates - independent} = {coordinates} coordinates - {independent} independent of {rows} "
-          f"constraint rows{redundant}\n\nComplementary pairs in the horizontal linear complementarity problem (HLCP), "
-          "by contact mode, and equations of the linear solve while it lasts:")
+    redundant = (
+        f" ({rows - independent} redundant at the start: minimum-norm forces)"
+        if independent < rows
+        else ""
+    )
+    print(
+        f"Freedoms: {coordinates - independent} = {coordinates} coordinates - {independent} independent of {rows} "
+        f"constraint rows{redundant}\n\nComplementary pairs in the horizontal linear complementarity problem (HLCP), "
+        "by contact mode, and equations of the linear solve while it lasts:"
+    )
     sliders = len(loaded.frictional_guides)
-    show(("contact mode", "HLCP", "linear"),
-         [(_mode(sliders, sticking), str(hlcp_size(loaded, sticking)), str(rows + sticking))
-          for sticking in sorted({0, min(1, sliders), sliders})])
+    show(
+        ("contact mode", "HLCP", "linear"),
+        [
+            (_mode(sliders, sticking), str(hlcp_size(loaded, sticking)), str(rows + sticking))
+            for sticking in sorted({0, min(1, sliders), sliders})
+        ],
+    )
     groups = constraint_components(loaded)
-    print(f"Independent parts, each integrated on its own: {len(independent_parts(loaded))}\n"
-          f"Independent components of the constraint graph: {len(groups)}")
-    show(("component", "bodies"), [(str(i), _few(group)) for i, group in enumerate(groups[:EVENTS_SHOWN], 1)])
+    print(
+        f"Independent parts, each integrated on its own: {len(independent_parts(loaded))}\n"
+        f"Independent components of the constraint graph: {len(groups)}"
+    )
+    show(
+        ("component", "bodies"),
+        [(str(i), _few(group)) for i, group in enumerate(groups[:EVENTS_SHOWN], 1)],
+    )
     print("Engines:")
     show(("engine", "fidelity", "represents it"), list(_refusals(loaded)))
 
 
 @commands.command()
-def export(scene: SceneName, overrides: Overrides = [],
-           to: Annotated[str, typer.Option(
-               "--to", metavar="FORMAT", help="mjcf (MuJoCo), urdf, exudyn (a Python script), or resolved (JSON for "
-               "programs: numbers evaluated, every key there; see `stiction schema --resolved`).")] = "mjcf",
-           fidelity: Annotated[str, typer.Option(
-               metavar="joint|contact", help="Bilateral joints, or (mjcf) a box between surfaces.")] = "joint",
-           out: Annotated[Path | None, typer.Option(
-               "--out", metavar="FILE", callback=written(), help="Where to write it; shown if not given.")] = None
-           ) -> None:
+def export(
+    scene: SceneName,
+    overrides: Overrides = [],
+    to: Annotated[
+        str,
+        typer.Option(
+            "--to",
+            metavar="FORMAT",
+            help="mjcf (MuJoCo), urdf, exudyn (a Python script), or resolved (JSON for "
+            "programs: numbers evaluated, every key there; see `stiction schema --resolved`).",
+        ),
+    ] = "mjcf",
+    fidelity: Annotated[
+        str,
+        typer.Option(
+            metavar="joint|contact", help="Bilateral joints, or (mjcf) a box between surfaces."
+        ),
+    ] = "joint",
+    out: Annotated[
+        Path | None,
+        typer.Option(
+            "--out",
+            metavar="FILE",
+            callback=written(),
+            help="Where to write it; shown if not given.",
+        ),
+    ] = None,
+) -> None:
     """Write the scene as a model that an engine's users know."""
     from stiction.engines.exudyn.engine import scene_as_script
     from stiction.engines.mujoco.engine import scene_as_mjcf
@@ -101,13 +183,19 @@ def export(scene: SceneName, overrides: Overrides = [],
     from stiction.scenes.resolved import resolved_text
 
     named = shlex.join([scene, *(part for text in overrides for part in ("--set", text))])
-    writers = {"mjcf": lambda loaded: scene_as_mjcf(loaded, DEFAULT_STEP, fidelity), "urdf": urdf,
-               "exudyn": lambda loaded: scene_as_script(loaded, named), "resolved": resolved_text}
+    writers = {
+        "mjcf": lambda loaded: scene_as_mjcf(loaded, DEFAULT_STEP, fidelity),
+        "urdf": urdf,
+        "exudyn": lambda loaded: scene_as_script(loaded, named),
+        "resolved": resolved_text,
+    }
     if to not in writers:
         raise typer.BadParameter(f"found {to!r}; expected {', '.join(writers)}", param_hint="--to")
     if fidelity not in (can := FIDELITIES if to == "mjcf" else ("joint",)):
-        raise typer.BadParameter(f"found {fidelity!r}; expected {' or '.join(can)} with --to {to}",
-                                 param_hint="--fidelity")
+        raise typer.BadParameter(
+            f"found {fidelity!r}; expected {' or '.join(can)} with --to {to}",
+            param_hint="--fidelity",
+        )
     print_or_write(writers[to](scene_of(scene, overrides)), out)
 
 
@@ -127,8 +215,10 @@ def _describe(name: str) -> None:
 
     engine = load_engine(name)
     can = engine.capabilities
-    print(f"{engine.name} {engine.version}: order {can.order}; reactions: {can.reactions}\n\n"
-          f"{cleandoc(type(engine).__doc__ or '')}\n")
+    print(
+        f"{engine.name} {engine.version}: order {can.order}; reactions: {can.reactions}\n\n"
+        f"{cleandoc(type(engine).__doc__ or '')}\n"
+    )
     show(("fidelity", "mus", "friction law (supplied by)"), fidelities_of(engine))
     heading, *rows = table_of_defaults(engine)
     if rows:
@@ -142,18 +232,31 @@ def _describe(name: str) -> None:
 def fidelities_of(engine: Engine) -> list[tuple[str, str, str]]:
     """Return by fidelity whether it has a static coefficient, and its friction law."""
     can = engine.capabilities
-    return [(fidelity, "yes" if can.static_coefficient.get(fidelity) else "no", can.friction_law.get(fidelity, ""))
-            for fidelity in can.fidelities]
+    return [
+        (
+            fidelity,
+            "yes" if can.static_coefficient.get(fidelity) else "no",
+            can.friction_law.get(fidelity, ""),
+        )
+        for fidelity in can.fidelities
+    ]
 
 
 def table_of_defaults(engine: Engine) -> list[tuple[str, ...]]:
     """Return a heading, then by setting its default in each fidelity, empty where the fidelity has no such setting."""
     from stiction.scenes.wording import as_given
 
-    defaults = {fidelity: engine.default_settings(fidelity) for fidelity in engine.capabilities.fidelities}
+    defaults = {
+        fidelity: engine.default_settings(fidelity) for fidelity in engine.capabilities.fidelities
+    }
     names = dict.fromkeys(key for known in defaults.values() for key in known)
-    return [("setting", *(f"default, {fidelity}" for fidelity in defaults)),
-            *((key, *(as_given(known[key]) if key in known else "" for known in defaults.values())) for key in names)]
+    return [
+        ("setting", *(f"default, {fidelity}" for fidelity in defaults)),
+        *(
+            (key, *(as_given(known[key]) if key in known else "" for known in defaults.values()))
+            for key in names
+        ),
+    ]
 
 
 def _rows_of(name: str, engine: Engine | EngineMissing) -> list[tuple[str, ...]]:
@@ -162,8 +265,18 @@ def _rows_of(name: str, engine: Engine | EngineMissing) -> list[tuple[str, ...]]
 
     if isinstance(engine, EngineMissing):
         return [(name, engine.state, *[""] * 4, str(engine))]
-    return [(name, engine.version, fidelity, mus, engine.capabilities.order, engine.capabilities.reactions, law)
-            for fidelity, mus, law in fidelities_of(engine)]
+    return [
+        (
+            name,
+            engine.version,
+            fidelity,
+            mus,
+            engine.capabilities.order,
+            engine.capabilities.reactions,
+            law,
+        )
+        for fidelity, mus, law in fidelities_of(engine)
+    ]
 
 
 def _refusals(scene: Scene) -> Iterator[tuple[str, str, str]]:
@@ -176,7 +289,9 @@ def _refusals(scene: Scene) -> Iterator[tuple[str, str, str]]:
         for fidelity in engine.capabilities.fidelities:
             try:
                 reason = engine.refusal(scene, fidelity)
-            except Exception as error:  # an adapter of others: its row says so, and the other engines have theirs
+            except (
+                Exception
+            ) as error:  # an adapter of others: its row says so, and the other engines have theirs
                 reason = f"its adapter fails: {type(error).__name__}: {error}"
             yield name, fidelity, "yes" if reason is None else f"no: {reason}"
 

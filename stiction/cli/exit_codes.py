@@ -12,7 +12,16 @@ from typing import Any
 import typer
 from typer.core import TyperGroup
 
-FINE, FAILED, BAD_INPUT, REGRESSED, COULD_NOT_RUN, NOT_COMPARED, INTERRUPTED, TERMINATED = 0, 1, 2, 3, 4, 5, 130, 143
+FINE, FAILED, BAD_INPUT, REGRESSED, COULD_NOT_RUN, NOT_COMPARED, INTERRUPTED, TERMINATED = (
+    0,
+    1,
+    2,
+    3,
+    4,
+    5,
+    130,
+    143,
+)
 EXIT_CODES = (
     "Exit codes: 0 done (in validate, compare and sweep, what failed is a row of the result); 1 the run failed: the "
     "engine failed, refused, crashed, is not installed or ran out of time, or in validate a run of the reference did, "
@@ -20,9 +29,12 @@ EXIT_CODES = (
     "3 regression (nightly, check), a truth has moved (baseline "
     "update), or an error beyond --max-error (judge); 4 no regression, but not everything could "
     "run (nightly, check); 5 nothing was compared, for want of a baseline (nightly, check); 130 interrupted; 143 ended "
-    "by SIGTERM. A bug ends with its traceback, and 1.")
-IN_BRIEF = ("Exit codes: 0 done, 1 failed, 2 bad input, 3 regression, 4 not all could be run, 5 nothing compared; "
-            "`stiction --help` says more.")
+    "by SIGTERM. A bug ends with its traceback, and 1."
+)
+IN_BRIEF = (
+    "Exit codes: 0 done, 1 failed, 2 bad input, 3 regression, 4 not all could be run, 5 nothing compared; "
+    "`stiction --help` says more."
+)
 SAME_SIGNAL_S = 1.0
 """The same signal again within it is the same one: GNU ``timeout`` signals the command and then its group."""
 
@@ -38,7 +50,9 @@ class Commands(TyperGroup):
         command = super().get_command(ctx, name)
         if command is not None:
             command.epilog = IN_BRIEF
-            command.short_help = command.help  # else cut at the width of a column in the list of commands
+            command.short_help = (
+                command.help
+            )  # else cut at the width of a column in the list of commands
         return command
 
     def invoke(self, ctx: Any) -> Any:
@@ -53,7 +67,9 @@ class Commands(TyperGroup):
 
             if not isinstance(error, StictionError):
                 raise
-            raise ended(BAD_INPUT if isinstance(error, InputError) else FAILED, str(error)) from None
+            raise ended(
+                BAD_INPUT if isinstance(error, InputError) else FAILED, str(error)
+            ) from None
 
 
 def say(message: str) -> None:
@@ -69,7 +85,11 @@ def ended(code: int, message: str) -> typer.Exit:
 
 def interrupted(by: KeyboardInterrupt, left: str = "") -> typer.Exit:
     """Print what a signal has left, and return the end of the command, to be raised."""
-    code, words = (TERMINATED, "ended by SIGTERM") if isinstance(by, Terminated) else (INTERRUPTED, "interrupted")
+    code, words = (
+        (TERMINATED, "ended by SIGTERM")
+        if isinstance(by, Terminated)
+        else (INTERRUPTED, "interrupted")
+    )
     return ended(code, f"{words}: {left}" if left else words)
 
 

@@ -18,25 +18,60 @@ commands = typer.Typer()
 
 
 @commands.command()
-def judge(scene: Annotated[str, typer.Argument(
-              metavar="SCENE", help="Name of the catalogue, a TOML file, or the folder of a scene in a data set of "
-              "truths, which are then read and not solved.")],
-          result: Annotated[Path, typer.Argument(
-              metavar="RESULT", help="A table, .csv or .parquet: a column t, and one or more of the scene's columns. "
-              "Two rows of one time are both sides of a jump.")],
-          names: Annotated[list[str], typer.Option(
-              "--map", metavar="MINE=COLUMN", help="Name of a column in RESULT and in the scene: x1=slider.x, "
-              "x1=-slider.x for the other sign, x1= to leave it out. Repeatable.")] = [],
-          units: Annotated[str, typer.Option(
-              metavar="A,B,..", help="Units of RESULT that are not SI: mm, cm; deg; ms, us; kN, mN. Of all columns: "
-              "with mm velocities are mm/s and moments N mm.")] = "",
-          max_error: Annotated[float | None, typer.Option(
-              "--max-error", metavar="M", parser=positive, help="Exit with 3 where a position is off by more metres "
-              "(an angle: times the mechanism's size), or RESULT begins late or ends early.")] = None,
-          t_end: EndTime = None, overrides: Overrides = [],
-          out: Annotated[Path | None, typer.Option(
-              metavar="FOLDER", help="Write a page, a figure and the tables: new, empty, or of an earlier call.")
-          ] = None) -> None:
+def judge(
+    scene: Annotated[
+        str,
+        typer.Argument(
+            metavar="SCENE",
+            help="Name of the catalogue, a TOML file, or the folder of a scene in a data set of "
+            "truths, which are then read and not solved.",
+        ),
+    ],
+    result: Annotated[
+        Path,
+        typer.Argument(
+            metavar="RESULT",
+            help="A table, .csv or .parquet: a column t, and one or more of the scene's columns. "
+            "Two rows of one time are both sides of a jump.",
+        ),
+    ],
+    names: Annotated[
+        list[str],
+        typer.Option(
+            "--map",
+            metavar="MINE=COLUMN",
+            help="Name of a column in RESULT and in the scene: x1=slider.x, "
+            "x1=-slider.x for the other sign, x1= to leave it out. Repeatable.",
+        ),
+    ] = [],
+    units: Annotated[
+        str,
+        typer.Option(
+            metavar="A,B,..",
+            help="Units of RESULT that are not SI: mm, cm; deg; ms, us; kN, mN. Of all columns: "
+            "with mm velocities are mm/s and moments N mm.",
+        ),
+    ] = "",
+    max_error: Annotated[
+        float | None,
+        typer.Option(
+            "--max-error",
+            metavar="M",
+            parser=positive,
+            help="Exit with 3 where a position is off by more metres "
+            "(an angle: times the mechanism's size), or RESULT begins late or ends early.",
+        ),
+    ] = None,
+    t_end: EndTime = None,
+    overrides: Overrides = [],
+    out: Annotated[
+        Path | None,
+        typer.Option(
+            metavar="FOLDER",
+            help="Write a page, a figure and the tables: new, empty, or of an earlier call.",
+        ),
+    ] = None,
+) -> None:
     """Judge a table of results of any program: errors against the truth, stick phases, jumps, drift, energy."""
     from stiction.comparisons.judge.judgement import judge as judged_by
     from stiction.comparisons.judge.truth_folder import is_truth_folder
@@ -53,7 +88,9 @@ def judge(scene: Annotated[str, typer.Argument(
             check_folder(out, MAIN)
     is_folder = is_truth_folder(scene)
     if is_folder and overrides:
-        raise typer.BadParameter("found it with the folder of a truth; expected a scene", param_hint="--set")
+        raise typer.BadParameter(
+            "found it with the folder of a truth; expected a scene", param_hint="--set"
+        )
     announce(f"solving {scene} by another method, and comparing")
     chosen = scene if is_folder else scene_of(scene, overrides)
     with progress("judge") as bar:
@@ -68,10 +105,17 @@ def judge(scene: Annotated[str, typer.Argument(
 
 
 @commands.command()
-def dataset(folder: Annotated[Path, typer.Argument(
-                metavar="FOLDER", help="New, empty, or of an earlier call.")],
-            scenes: Annotated[list[str] | None, typer.Option(
-                "--scenes", metavar="A,B,..", help="Scenes of the catalogue; all if not given.")] = None) -> None:
+def dataset(
+    folder: Annotated[
+        Path, typer.Argument(metavar="FOLDER", help="New, empty, or of an earlier call.")
+    ],
+    scenes: Annotated[
+        list[str] | None,
+        typer.Option(
+            "--scenes", metavar="A,B,..", help="Scenes of the catalogue; all if not given."
+        ),
+    ] = None,
+) -> None:
     """Write the truths of the catalogue's scenes for people without stiction: tables, events, proofs, a README."""
     from stiction.reports.dataset import MAIN, write_dataset
     from stiction.reports.run_folder.overwriting import check_folder
@@ -95,27 +139,45 @@ def _verdict(judged: Judgement, max_error: float | None) -> tuple[int, str] | No
     """Exit code and reason of a table that is misread, misses the bound, or cannot be held to it."""
     from stiction.comparisons.judge.judgement import FEW
 
-    origin, error, unsure, t = judged.table.origin, judged.error, judged.uncertainty, judged.trajectory.t
+    origin, error, unsure, t = (
+        judged.table.origin,
+        judged.error,
+        judged.uncertainty,
+        judged.trajectory.t,
+    )
     if judged.is_misread:
-        causes = "; ".join(f"{', '.join(columns)}: {cause}" for cause, columns in judged.hints.items())
+        causes = "; ".join(
+            f"{', '.join(columns)}: {cause}" for cause, columns in judged.hints.items()
+        )
         return BAD_INPUT, f"{origin}: {causes}"
     if max_error is None:
         return None
     if error is None or unsure is None:
         return BAD_INPUT, "--max-error: found no position with a known truth; expected one or more"
     if unsure >= max_error:
-        return BAD_INPUT, (f"--max-error: found {max_error:g} m; expected more than the uncertainty of the truth, "
-                           f"{unsure:.2g} m")
+        return BAD_INPUT, (
+            f"--max-error: found {max_error:g} m; expected more than the uncertainty of the truth, "
+            f"{unsure:.2g} m"
+        )
     if not judged.is_complete:
-        return REGRESSED, (f"{origin}: found times from {t[0]:g} to {t[-1]:g} s; expected 0 to {judged.scene.t_end:g} "
-                           "s (--t-end says otherwise)")
+        return REGRESSED, (
+            f"{origin}: found times from {t[0]:g} to {t[-1]:g} s; expected 0 to {judged.scene.t_end:g} "
+            "s (--t-end says otherwise)"
+        )
     if error > max_error:
-        return REGRESSED, f"{origin}: position error {error:.3g} m; expected at most {max_error:g} m"
+        return (
+            REGRESSED,
+            f"{origin}: position error {error:.3g} m; expected at most {max_error:g} m",
+        )
     if not judged.is_covered:
-        return BAD_INPUT, (f"{origin}: found rows {judged.widest_gap:g} s from each other; expected at most "
-                           f"{FEW * judged.scene.t_end:g} s, a tenth of the scene: what lies between was not "
-                           "judged")
+        return BAD_INPUT, (
+            f"{origin}: found rows {judged.widest_gap:g} s from each other; expected at most "
+            f"{FEW * judged.scene.t_end:g} s, a tenth of the scene: what lies between was not "
+            "judged"
+        )
     if judged.says_nothing:
-        return BAD_INPUT, (f"{origin}: found no position but {', '.join(judged.held)}, which drives and joints "
-                           "prescribe; expected one that forces move: these say nothing of a solver")
+        return BAD_INPUT, (
+            f"{origin}: found no position but {', '.join(judged.held)}, which drives and joints "
+            "prescribe; expected one that forces move: these say nothing of a solver"
+        )
     return None

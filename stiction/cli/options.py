@@ -24,7 +24,9 @@ PICTURES = (".svg", ".pdf", ".png")
 def positive(text: float | str) -> float:
     """A number > 0, or arithmetic with that value."""
     try:
-        value = float(text)  # as nearly all are: the import of the scenes takes longer than all of the command line
+        value = float(
+            text
+        )  # as nearly all are: the import of the scenes takes longer than all of the command line
     except ValueError:
         from stiction.scenes import InputError
         from stiction.scenes.expressions import evaluate
@@ -64,8 +66,10 @@ def _engines(given: list[str]) -> list[str]:
         except EngineMissing:
             pass
         if (other := labels.setdefault(label_of(name), name)) != name:
-            raise typer.BadParameter(f"found {other!r} and {name!r}, both named {label_of(name)}; expected programs "
-                                     "and FMUs with names of their own")
+            raise typer.BadParameter(
+                f"found {other!r} and {name!r}, both named {label_of(name)}; expected programs "
+                "and FMUs with names of their own"
+            )
     return names
 
 
@@ -84,8 +88,10 @@ def settings_of(given: Sequence[str]) -> dict[str, Any]:
     for text in given:
         key, equals, value = (part.strip() for part in text.partition("="))
         if not (key.replace("-", "_").isidentifier() and equals and value):
-            raise typer.BadParameter(f"found {text!r}; expected KEY=VALUE such as stabilization=projection",
-                                     param_hint="--setting")
+            raise typer.BadParameter(
+                f"found {text!r}; expected KEY=VALUE such as stabilization=projection",
+                param_hint="--setting",
+            )
         try:
             settings[key] = tomllib.loads(f"value = {value}")["value"]
         except tomllib.TOMLDecodeError:
@@ -100,7 +106,11 @@ def check_written(path: Path, endings: Sequence[str] = (), option: str | None = 
         places = [place for place in (path, path.parent) if place.exists()]
         if endings and path.suffix.lower() not in endings:
             wrong = f"expected a name that ends in {' or '.join(endings)}"
-        elif path.is_dir() or not path.parent.is_dir() or not all(os.access(place, os.W_OK) for place in places):
+        elif (
+            path.is_dir()
+            or not path.parent.is_dir()
+            or not all(os.access(place, os.W_OK) for place in places)
+        ):
             wrong = "expected a file in a folder that exists and can be written"
     except OSError as error:  # a name too long
         wrong = str(error.strerror)
@@ -110,6 +120,7 @@ def check_written(path: Path, endings: Sequence[str] = (), option: str | None = 
 
 def written(*endings: str) -> Callable[[Path | None], Path | None]:
     """Return the callback of an option: `check_written` of a file that is given."""
+
     def checked(path: Path | None) -> Path | None:
         if path is not None:
             check_written(path, endings)
@@ -132,8 +143,11 @@ def about(option: str) -> Iterator[None]:
 def distinct(option: str, path: Path | None, other: Path | None) -> None:
     """Refuse an output that the command reads, or writes as something else."""
     if path is not None and other is not None and path.resolve() == other.resolve():
-        raise typer.BadParameter(f"found {str(path)!r}, which the command needs for something else; expected another "
-                                 "file", param_hint=option)
+        raise typer.BadParameter(
+            f"found {str(path)!r}, which the command needs for something else; expected another "
+            "file",
+            param_hint=option,
+        )
 
 
 def scene_of(name: str, overrides: Sequence[str]) -> Scene:
@@ -150,51 +164,151 @@ def _scene_names(begun: str) -> list[str]:
     return [name for name in (*catalogue(), *catalogue("hard")) if name.startswith(begun)]
 
 
-SceneName = Annotated[str, typer.Argument(
-    metavar="SCENE", autocompletion=_scene_names, help="Name of the catalogue (see `stiction scenes`) or a TOML file.")]
-SceneNames = Annotated[list[str], typer.Argument(
-    metavar="SCENE", autocompletion=_scene_names, help="Names of the catalogue (see `stiction scenes`) or TOML files; "
-    "several where the study compares them.")]
-Overrides = Annotated[list[str], typer.Option(
-    "--set", metavar="KEY=VALUE", help="Replace a value of the scene: F0=4, motor.rate=pi/2, guide.mu=0.1, "
-    "bar.position.0=1, gravity=[0,-1.62]; without a value, remove it. Repeatable.")]
-Settings = Annotated[list[str], typer.Option(
-    "--setting", metavar="KEY=VALUE",
-    help="A setting of the engine, e.g. stabilization=projection. Repeatable.")]
-EngineName = Annotated[str, typer.Option(
-    "--engine", metavar="NAME", callback=_engine, help="See `stiction engines`; or module:Class, or a program's "
-    "FILE.toml, a FILE.fmu.")]
-Fidelity = Annotated[str, typer.Option(
-    "--fidelity", metavar="joint|contact", help="Bilateral joints, or a box between surfaces.")]
-Engines = Annotated[list[str], typer.Option(
-    "--engines", metavar="A,B,..", callback=_engines,
-    help="Engines to compare with the reference; all known ones if not given. Names, module:Class, FILE.toml or "
-    "FILE.fmu.")]
-Workers = Annotated[int | None, typer.Option(
-    metavar="N", parser=count, help="Child processes at a time; the number of CPUs if not given.")]
-ExecutorName = Annotated[str, typer.Option(
-    "--executor", metavar="processes|dask[:ADDRESS]", help="Processes of this machine, or a Dask cluster: one on this "
-    "machine, or that of the scheduler at ADDRESS. What is timed stays here.")]
-Timeout = Annotated[float, typer.Option(
-    metavar="S", parser=positive, help="Seconds that one run may take before it is given up.")]
-Assemble = Annotated[bool, typer.Option("--assemble", help="Move a start that violates the constraints onto them.")]
-EndTime = Annotated[float | None, typer.Option(
-    "--t-end", metavar="S", parser=positive, help="Seconds to simulate; the scene's own if not given.")]
+SceneName = Annotated[
+    str,
+    typer.Argument(
+        metavar="SCENE",
+        autocompletion=_scene_names,
+        help="Name of the catalogue (see `stiction scenes`) or a TOML file.",
+    ),
+]
+SceneNames = Annotated[
+    list[str],
+    typer.Argument(
+        metavar="SCENE",
+        autocompletion=_scene_names,
+        help="Names of the catalogue (see `stiction scenes`) or TOML files; "
+        "several where the study compares them.",
+    ),
+]
+Overrides = Annotated[
+    list[str],
+    typer.Option(
+        "--set",
+        metavar="KEY=VALUE",
+        help="Replace a value of the scene: F0=4, motor.rate=pi/2, guide.mu=0.1, "
+        "bar.position.0=1, gravity=[0,-1.62]; without a value, remove it. Repeatable.",
+    ),
+]
+Settings = Annotated[
+    list[str],
+    typer.Option(
+        "--setting",
+        metavar="KEY=VALUE",
+        help="A setting of the engine, e.g. stabilization=projection. Repeatable.",
+    ),
+]
+EngineName = Annotated[
+    str,
+    typer.Option(
+        "--engine",
+        metavar="NAME",
+        callback=_engine,
+        help="See `stiction engines`; or module:Class, or a program's FILE.toml, a FILE.fmu.",
+    ),
+]
+Fidelity = Annotated[
+    str,
+    typer.Option(
+        "--fidelity", metavar="joint|contact", help="Bilateral joints, or a box between surfaces."
+    ),
+]
+Engines = Annotated[
+    list[str],
+    typer.Option(
+        "--engines",
+        metavar="A,B,..",
+        callback=_engines,
+        help="Engines to compare with the reference; all known ones if not given. Names, module:Class, FILE.toml or "
+        "FILE.fmu.",
+    ),
+]
+Workers = Annotated[
+    int | None,
+    typer.Option(
+        metavar="N",
+        parser=count,
+        help="Child processes at a time; the number of CPUs if not given.",
+    ),
+]
+ExecutorName = Annotated[
+    str,
+    typer.Option(
+        "--executor",
+        metavar="processes|dask[:ADDRESS]",
+        help="Processes of this machine, or a Dask cluster: one on this "
+        "machine, or that of the scheduler at ADDRESS. What is timed stays here.",
+    ),
+]
+Timeout = Annotated[
+    float,
+    typer.Option(
+        metavar="S", parser=positive, help="Seconds that one run may take before it is given up."
+    ),
+]
+Assemble = Annotated[
+    bool, typer.Option("--assemble", help="Move a start that violates the constraints onto them.")
+]
+EndTime = Annotated[
+    float | None,
+    typer.Option(
+        "--t-end",
+        metavar="S",
+        parser=positive,
+        help="Seconds to simulate; the scene's own if not given.",
+    ),
+]
 Quick = Annotated[bool, typer.Option("--quick", help="Fewer and coarser steps.")]
-Full = Annotated[bool, typer.Option(
-    "--full", help="Fine steps, long drift, every hard case, what the paper leaves open, settings of the engines: "
-    "an hour or more.")]
-TableFile = Annotated[Path | None, typer.Option(
-    "--out", metavar="FILE", callback=written(".csv", ".parquet"), help="Write all columns and rows: .csv or "
-    ".parquet.")]
-RunFolder = Annotated[Path, typer.Argument(metavar="RUN", help="Folder that `stiction validate` has written.")]
-CampaignFile = Annotated[Path | None, typer.Argument(
-    metavar="[CAMPAIGN.toml]", help="What is run; the suite's own campaign if not given.")]
-BaselineFile = Annotated[str | None, typer.Option(
-    "--baseline", metavar="REF", help="A file, a commit (its version of the suite's own baseline), or COMMIT:PATH; "
-    "the suite's own if neither this nor a campaign is given.")]
-OneEngine = Annotated[str | None, typer.Option(
-    "--engine", metavar="NAME", callback=_engine, help="This engine alone: a name, module:Class or a program's "
-    "FILE.toml, a FILE.fmu. A class derived from an engine of the campaign takes its place.")]
-OtherScenes = Annotated[list[str], typer.Option(
-    "--scenes", metavar="A,B,..", help="Scenes of the catalogue or TOML files in place of the campaign's.")]
+Full = Annotated[
+    bool,
+    typer.Option(
+        "--full",
+        help="Fine steps, long drift, every hard case, what the paper leaves open, settings of the engines: "
+        "an hour or more.",
+    ),
+]
+TableFile = Annotated[
+    Path | None,
+    typer.Option(
+        "--out",
+        metavar="FILE",
+        callback=written(".csv", ".parquet"),
+        help="Write all columns and rows: .csv or .parquet.",
+    ),
+]
+RunFolder = Annotated[
+    Path, typer.Argument(metavar="RUN", help="Folder that `stiction validate` has written.")
+]
+CampaignFile = Annotated[
+    Path | None,
+    typer.Argument(
+        metavar="[CAMPAIGN.toml]", help="What is run; the suite's own campaign if not given."
+    ),
+]
+BaselineFile = Annotated[
+    str | None,
+    typer.Option(
+        "--baseline",
+        metavar="REF",
+        help="A file, a commit (its version of the suite's own baseline), or COMMIT:PATH; "
+        "the suite's own if neither this nor a campaign is given.",
+    ),
+]
+OneEngine = Annotated[
+    str | None,
+    typer.Option(
+        "--engine",
+        metavar="NAME",
+        callback=_engine,
+        help="This engine alone: a name, module:Class or a program's "
+        "FILE.toml, a FILE.fmu. A class derived from an engine of the campaign takes its place.",
+    ),
+]
+OtherScenes = Annotated[
+    list[str],
+    typer.Option(
+        "--scenes",
+        metavar="A,B,..",
+        help="Scenes of the catalogue or TOML files in place of the campaign's.",
+    ),
+]

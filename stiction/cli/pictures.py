@@ -8,7 +8,15 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from stiction.cli.options import PICTURES, Overrides, SceneName, about, check_written, scene_of, written
+from stiction.cli.options import (
+    PICTURES,
+    Overrides,
+    SceneName,
+    about,
+    check_written,
+    scene_of,
+    written,
+)
 from stiction.cli.render import print_or_write
 
 if TYPE_CHECKING:
@@ -28,20 +36,47 @@ def _film(path: Path | None) -> Path | None:
     return path
 
 
-Plot = Annotated[Path | None, typer.Option(
-    "--plot", metavar="FILE", callback=written(*PICTURES), help="Plot displacement, slip velocity, corner forces, "
-    "friction and motor effort: .svg, .pdf or .png.")]
-Animation = Annotated[Path | None, typer.Option(
-    "--animate", metavar="FILE", callback=_film, help="Make a film of the mechanism and the forces on its sliders: "
-    ".gif, .html, or .mp4 where ffmpeg is installed.")]
+Plot = Annotated[
+    Path | None,
+    typer.Option(
+        "--plot",
+        metavar="FILE",
+        callback=written(*PICTURES),
+        help="Plot displacement, slip velocity, corner forces, "
+        "friction and motor effort: .svg, .pdf or .png.",
+    ),
+]
+Animation = Annotated[
+    Path | None,
+    typer.Option(
+        "--animate",
+        metavar="FILE",
+        callback=_film,
+        help="Make a film of the mechanism and the forces on its sliders: "
+        ".gif, .html, or .mp4 where ffmpeg is installed.",
+    ),
+]
 
 
 @commands.command()
-def new(file: Annotated[Path, typer.Argument(
-            metavar="FILE", callback=written(".toml"), help="The scene to write: .toml, not there yet.")],
-        like: Annotated[str | None, typer.Option(
-            metavar="SCENE", help="A copy of this scene of the catalogue; a small one with friction that explains "
-            "itself if not given.")] = None) -> None:
+def new(
+    file: Annotated[
+        Path,
+        typer.Argument(
+            metavar="FILE",
+            callback=written(".toml"),
+            help="The scene to write: .toml, not there yet.",
+        ),
+    ],
+    like: Annotated[
+        str | None,
+        typer.Option(
+            metavar="SCENE",
+            help="A copy of this scene of the catalogue; a small one with friction that explains "
+            "itself if not given.",
+        ),
+    ] = None,
+) -> None:
     """Begin a scene of your own: a scene file, and the schema by which an editor completes and checks it."""
     from stiction.scenes import new_scene_text, scene_text
     from stiction.scenes.atomic_files import write_text
@@ -49,7 +84,9 @@ def new(file: Annotated[Path, typer.Argument(
 
     text = new_scene_text() if like is None else scene_text(like)
     if file.exists():
-        raise typer.BadParameter(f"found {str(file)!r}, which is there already; expected a new name", param_hint="FILE")
+        raise typer.BadParameter(
+            f"found {str(file)!r}, which is there already; expected a new name", param_hint="FILE"
+        )
     write_text(file, f"#:schema {SCHEMA_FILE}\n{text}")
     print(file)
     schema = file.with_name(SCHEMA_FILE)
@@ -59,10 +96,20 @@ def new(file: Annotated[Path, typer.Argument(
 
 
 @commands.command()
-def draw(scene: SceneName,
-         out: Annotated[Path, typer.Option(
-             "--out", "-o", metavar="FILE", callback=written(*PICTURES), help="The picture: .svg, .pdf or .png.")],
-         overrides: Overrides = []) -> None:
+def draw(
+    scene: SceneName,
+    out: Annotated[
+        Path,
+        typer.Option(
+            "--out",
+            "-o",
+            metavar="FILE",
+            callback=written(*PICTURES),
+            help="The picture: .svg, .pdf or .png.",
+        ),
+    ],
+    overrides: Overrides = [],
+) -> None:
     """Draw a scene at t = 0: bodies, pins, guides with numbered corners of their sliders, drives, springs, loads."""
     from stiction.scenes.atomic_files import whole_file
 
@@ -73,24 +120,38 @@ def draw(scene: SceneName,
 
 
 @commands.command()
-def schema(out: Annotated[Path | None, typer.Option(
-        "--out", metavar="FILE", callback=written(".json"), help="Write it to a file: .json.")] = None,
-           resolved: Annotated[bool, typer.Option(
-        "--resolved", help="That of the JSON which programs read: numbers evaluated, every key there.")] = False
-           ) -> None:
+def schema(
+    out: Annotated[
+        Path | None,
+        typer.Option(
+            "--out", metavar="FILE", callback=written(".json"), help="Write it to a file: .json."
+        ),
+    ] = None,
+    resolved: Annotated[
+        bool,
+        typer.Option(
+            "--resolved",
+            help="That of the JSON which programs read: numbers evaluated, every key there.",
+        ),
+    ] = False,
+) -> None:
     """Print the JSON schema of the scene format, for editors, or of resolved scenes, for programs."""
     from stiction.scenes.resolved import resolved_schema
     from stiction.scenes.schema import scene_schema_text
 
-    print_or_write(json.dumps(resolved_schema(), indent=1) + "\n" if resolved else scene_schema_text(), out)
+    print_or_write(
+        json.dumps(resolved_schema(), indent=1) + "\n" if resolved else scene_schema_text(), out
+    )
 
 
 def write_pictures(trajectory: Trajectory, plot: Path | None, animation: Path | None) -> None:
     """Write the pictures of a run that moved, and print the names of the files."""
     from stiction.scenes.atomic_files import whole_file
 
-    makers = (("--plot", plot, lambda file: trajectory.plot().write(file)),
-              ("--animate", animation, trajectory.animate))
+    makers = (
+        ("--plot", plot, lambda file: trajectory.plot().write(file)),
+        ("--animate", animation, trajectory.animate),
+    )
     for option, path, make in makers if len(trajectory.t) > 1 else ():
         if path is not None:
             with about(option), whole_file(path) as partial:

@@ -22,6 +22,7 @@ commands = typer.Typer()
 
 def _up_to(most: int) -> Callable[[int | str], int]:
     """Return the parser of a whole number 1 .. `most`."""
+
     def number(text: int | str) -> int:
         if (value := count(text)) > most:
             raise typer.BadParameter(f"found {text!r}; expected 1 .. {most}")
@@ -31,29 +32,61 @@ def _up_to(most: int) -> Callable[[int | str], int]:
 
 
 @commands.command()
-def prove(scene: Annotated[str, typer.Argument(
-              metavar="SCENE", help="Name of the catalogue or a TOML file; with --check a file that `stiction prove` "
-              "has written.")],
-          digits: Annotated[int, typer.Option(
-              metavar="N", parser=_up_to(1000), help="Decimal places of positions, velocities and times of events.")
-          ] = 12,
-          overrides: Overrides = [],
-          t_end: Annotated[str | None, typer.Option(
-              "--t-end", metavar="S", help="Seconds to prove; the scene's own if not given.")] = None,
-          out: Annotated[Path | None, typer.Option(
-              metavar="FILE", callback=written(".json"), help="Write the proof: .json, to be checked with --check."
-          )] = None,
-          check: Annotated[bool, typer.Option("--check", help="Prove anew every claim of a file.")] = False,
-          threshold: Annotated[int | None, typer.Option(
-              "--threshold", metavar="N", parser=_up_to(11), help="Instead: prove to N decimal places where the band "
-              "of F0 with a stick phase, next to the scene's own F0, ends (slider-bar).")] = None) -> None:
+def prove(
+    scene: Annotated[
+        str,
+        typer.Argument(
+            metavar="SCENE",
+            help="Name of the catalogue or a TOML file; with --check a file that `stiction prove` "
+            "has written.",
+        ),
+    ],
+    digits: Annotated[
+        int,
+        typer.Option(
+            metavar="N",
+            parser=_up_to(1000),
+            help="Decimal places of positions, velocities and times of events.",
+        ),
+    ] = 12,
+    overrides: Overrides = [],
+    t_end: Annotated[
+        str | None,
+        typer.Option(
+            "--t-end", metavar="S", help="Seconds to prove; the scene's own if not given."
+        ),
+    ] = None,
+    out: Annotated[
+        Path | None,
+        typer.Option(
+            metavar="FILE",
+            callback=written(".json"),
+            help="Write the proof: .json, to be checked with --check.",
+        ),
+    ] = None,
+    check: Annotated[
+        bool, typer.Option("--check", help="Prove anew every claim of a file.")
+    ] = False,
+    threshold: Annotated[
+        int | None,
+        typer.Option(
+            "--threshold",
+            metavar="N",
+            parser=_up_to(11),
+            help="Instead: prove to N decimal places where the band "
+            "of F0 with a stick phase, next to the scene's own F0, ends (slider-bar).",
+        ),
+    ] = None,
+) -> None:
     """Enclose a motion with a proof: contact modes, events, existence, uniqueness; the scene's numbers as written."""
     _require_library()
     if t_end is not None:  # as text: the number as it is written
         overrides = [*overrides, f"t_end={t_end}"]
     if check:
         if overrides or out is not None:
-            raise typer.BadParameter("found --set, --t-end or --out, too; expected a file alone", param_hint="--check")
+            raise typer.BadParameter(
+                "found --set, --t-end or --out, too; expected a file alone", param_hint="--check"
+            )
         _check(Path(scene))
         return
     from stiction.truths.proof.certificate import write_certificate
@@ -61,7 +94,11 @@ def prove(scene: Annotated[str, typer.Argument(
 
     loaded = scene_of(scene, overrides)
     try:
-        claims = _proven_motion(loaded, digits) if threshold is None else _proven_threshold(loaded, threshold)
+        claims = (
+            _proven_motion(loaded, digits)
+            if threshold is None
+            else _proven_threshold(loaded, threshold)
+        )
     except NotProven as error:
         raise ended(FAILED, f"{loaded.name}: {error}") from None
     if out is not None:
@@ -78,14 +115,19 @@ def verified_set(solver: str, problems: Path | None) -> pd.DataFrame:
 
 def _require_library() -> None:
     if find_spec("flint") is None:
-        raise ended(FAILED, "python-flint is not installed; it comes with the extra stiction[proof]")
+        raise ended(
+            FAILED, "python-flint is not installed; it comes with the extra stiction[proof]"
+        )
 
 
 def _check(path: Path) -> None:
     from stiction.truths.proof import motion_certificate, threshold_certificate, truth_certificate
     from stiction.truths.proof.certificate import read_certificate
 
-    formats = {each.FORMAT.name: each.FORMAT for each in (motion_certificate, threshold_certificate, truth_certificate)}
+    formats = {
+        each.FORMAT.name: each.FORMAT
+        for each in (motion_certificate, threshold_certificate, truth_certificate)
+    }
     claims = read_certificate(path, formats)
     form = formats[claims["format"]]
     failures = form.check(claims)
@@ -104,8 +146,10 @@ def _proven_motion(scene: Scene, digits: int) -> dict[str, Any]:
 
     motion = prove_scene(scene, digits)
     claims = motion_certificate(motion, scene, digits)
-    print(f"{scene.name}: proven, {len(motion.steps)} steps, {claims['bits']} bits, order {claims['order']}, "
-          f"largest width {claims['largest width']}")
+    print(
+        f"{scene.name}: proven, {len(motion.steps)} steps, {claims['bits']} bits, order {claims['order']}, "
+        f"largest width {claims['largest width']}"
+    )
     instants = [(f"event {number}", event) for number, event in enumerate(claims["events"], 1)]
     for name, values in (*instants, (f"t_end {claims['t_end [s]']}", claims["state at t_end"])):
         print("  ".join([name, *(f"{key} {value}" for key, value in values.items())]))

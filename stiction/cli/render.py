@@ -41,9 +41,16 @@ class Progress:
         from rich.console import Console
         from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn
 
-        columns = TextColumn("{task.description}"), BarColumn(), TimeElapsedColumn(), TextColumn("{task.fields[state]}")
+        columns = (
+            TextColumn("{task.description}"),
+            BarColumn(),
+            TimeElapsedColumn(),
+            TextColumn("{task.fields[state]}"),
+        )
         self._console = Console(stderr=True)
-        self.bar = Progress(*columns, console=self._console, transient=True, disable=not sys.stderr.isatty())
+        self.bar = Progress(
+            *columns, console=self._console, transient=True, disable=not sys.stderr.isatty()
+        )
         self._task = self.bar.add_task(title, total=None, state="")
         self._title = title
         self._started, self._total, self._done, self._left = time.monotonic(), 0, 0, ""
@@ -69,15 +76,23 @@ class Progress:
     def share(self, share: float, counted: str = "") -> None:
         """Show the part of the work that is done, 0 to 1, and the time left."""
         seconds = (time.monotonic() - self._started) * (1 / share - 1)
-        self._left = (f"{10 * round(seconds / 10):d} s" if seconds < 95 else f"{round(seconds / 60):d} min") + " left"
+        self._left = (
+            f"{10 * round(seconds / 10):d} s" if seconds < 95 else f"{round(seconds / 60):d} min"
+        ) + " left"
         total = self._total or 1.0
-        self.bar.update(self._task, total=total, completed=share * total, state=counted + self._left)
+        self.bar.update(
+            self._task, total=total, completed=share * total, state=counted + self._left
+        )
 
     def line(self) -> str:
         """How far it is: ``"sweep of sled: 120 of 480, 3 min left, after 60 s"``."""
         counted = f"{self._done} of {self._total}" if self._total else ""
         known = ", ".join(filter(None, (counted, self._left)))
-        return f"{self._title}: " + (f"{known}, " if known else "") + f"after {time.monotonic() - self._started:.0f} s"
+        return (
+            f"{self._title}: "
+            + (f"{known}, " if known else "")
+            + f"after {time.monotonic() - self._started:.0f} s"
+        )
 
     def study(self, study: Study, results: Results) -> None:
         """Print the answer of a study that is done, on one line; without a terminal the time left stands at its end."""
@@ -145,13 +160,17 @@ def show(columns: Sequence[str], rows: Iterable[Sequence[str]]) -> None:
     for name, *cells in zip(columns, *rows):
         longest, head = max(map(len, cells)), _longest_word([name])
         whole = longest <= UNBROKEN
-        least += _GAP + (max(longest, head) if whole else min(max(head, _longest_word(cells)), UNBROKEN))
+        least += _GAP + (
+            max(longest, head) if whole else min(max(head, _longest_word(cells)), UNBROKEN)
+        )
         heading = textwrap.fill(name, max(longest, 1), break_long_words=False) if whole else name
         table.add_column(heading, no_wrap=whole, overflow="fold")
     if least > console.width:
         for first, *others in rows:
             print(f"{columns[0]}: {first}")
-            print("".join(f"    {name}: {text}\n" for name, text in zip(columns[1:], others) if text))
+            print(
+                "".join(f"    {name}: {text}\n" for name, text in zip(columns[1:], others) if text)
+            )
         return
     for row in rows:
         table.add_row(*row)
@@ -168,7 +187,10 @@ def show_table(table: pd.DataFrame) -> None:
     from stiction.comparisons.bench.quantities import quantity_of
 
     quantities = {name: quantity_of(str(name)) for name in table}
-    rows = [[cell(quantities[name], value) for name, value in row.items()] for row in table.to_dict("records")]
+    rows = [
+        [cell(quantities[name], value) for name, value in row.items()]
+        for row in table.to_dict("records")
+    ]
     show([quantity.head for quantity in quantities.values()], rows)
     if any(MISSING in row for row in rows):
         print(f"{MISSING}: no value")
@@ -179,8 +201,14 @@ def show_truths(table: pd.DataFrame) -> None:
     from stiction.comparisons.measures.scene_truth import OWN_RTOL
     from stiction.truths.truth import OWN_RUN
 
-    for (tier, note), _ in table.groupby(["truth_tier", "truth_note"]) if "truth_note" in table else ():
-        own = f"errors are against our own run at rtol {OWN_RTOL:g} (not independent)" if tier == OWN_RUN else ""
+    for (tier, note), _ in (
+        table.groupby(["truth_tier", "truth_note"]) if "truth_note" in table else ()
+    ):
+        own = (
+            f"errors are against our own run at rtol {OWN_RTOL:g} (not independent)"
+            if tier == OWN_RUN
+            else ""
+        )
         if words := "; ".join(filter(None, (own, note))):
             print(f"truth, {tier}: {words}")
 
@@ -198,8 +226,10 @@ def show_trajectory(trajectory: Trajectory) -> None:
     if more := more_events(trajectory):
         print(more)
     cost = trajectory.cost
-    times = (f"{cost.setup_s:.3g} s set-up, {cost.compile_s:.3g} s compiling or loading kernels, "
-             f"{cost.stepping_s:.3g} s stepping, {cost.own_s:.3g} s of it in the engine itself")
+    times = (
+        f"{cost.setup_s:.3g} s set-up, {cost.compile_s:.3g} s compiling or loading kernels, "
+        f"{cost.stepping_s:.3g} s stepping, {cost.own_s:.3g} s of it in the engine itself"
+    )
     counts = ", ".join(f"{name} {count}" for name, count in cost.counters.items())
     print("CPU: " + "; ".join(filter(None, (times, counts))))
 

@@ -14,13 +14,23 @@ commands = typer.Typer()
 
 
 @commands.command()
-def paper(run: RunFolder,
-          out: Annotated[Path, typer.Option(metavar="DIR", help="Folder to write: new, empty, or of an earlier call.")],
-          width: Annotated[str, typer.Option(
-              metavar="double|single", help="Of the figures: both columns of a journal page, 174 mm, or one, 84 mm."
-          )] = "double",
-          author: Annotated[list[str] | None, typer.Option(
-              metavar="NAME", help="Below the title; once for each.")] = None) -> None:
+def paper(
+    run: RunFolder,
+    out: Annotated[
+        Path,
+        typer.Option(metavar="DIR", help="Folder to write: new, empty, or of an earlier call."),
+    ],
+    width: Annotated[
+        str,
+        typer.Option(
+            metavar="double|single",
+            help="Of the figures: both columns of a journal page, 174 mm, or one, 84 mm.",
+        ),
+    ] = "double",
+    author: Annotated[
+        list[str] | None, typer.Option(metavar="NAME", help="Below the title; once for each.")
+    ] = None,
+) -> None:
     """Write a run as vector figures, LaTeX and CSV tables, methods, references and a PDF; reproducible to the byte."""
     from stiction.reports import check_folder
     from stiction.reports.figures.style import COLUMNS
@@ -28,7 +38,9 @@ def paper(run: RunFolder,
     from stiction.reports.run_folder.stored_run import read_run
 
     if width not in COLUMNS:
-        raise typer.BadParameter(f"found {width!r}; expected one of {', '.join(COLUMNS)}", param_hint="--width")
+        raise typer.BadParameter(
+            f"found {width!r}; expected one of {', '.join(COLUMNS)}", param_hint="--width"
+        )
     stored = read_run(run)
     with about("--out"):
         check_folder(out, MAIN, run)
@@ -38,17 +50,30 @@ def paper(run: RunFolder,
 
 
 @commands.command()
-def page(source: Annotated[Path, typer.Argument(
-             metavar="RUN|HISTORY", help="Folder of a run, or the history of `stiction nightly`.")],
-         out: Annotated[Path | None, typer.Option(
-             metavar="FILE", help="The name of RUN or HISTORY with .html added, if not given.")] = None) -> None:
+def page(
+    source: Annotated[
+        Path,
+        typer.Argument(
+            metavar="RUN|HISTORY", help="Folder of a run, or the history of `stiction nightly`."
+        ),
+    ],
+    out: Annotated[
+        Path | None,
+        typer.Option(
+            metavar="FILE", help="The name of RUN or HISTORY with .html added, if not given."
+        ),
+    ] = None,
+) -> None:
     """Write a run, or the history of the nights, as a page for a browser; it needs no network."""
     from stiction.reports.page import write_history_page, write_run_page
     from stiction.reports.run_folder.stored_run import read_run
 
     if not source.exists():
-        raise typer.BadParameter(f"found {str(source)!r}, which is not there; expected the folder of a run, or a "
-                                 "history", param_hint="RUN|HISTORY")
+        raise typer.BadParameter(
+            f"found {str(source)!r}, which is not there; expected the folder of a run, or a "
+            "history",
+            param_hint="RUN|HISTORY",
+        )
     file = out or source.with_name(source.resolve().name + ".html")
     check_written(file, (".html",), "--out")
     distinct("--out", file, source)
@@ -61,8 +86,12 @@ def page(source: Annotated[Path, typer.Argument(
 
 
 @commands.command()
-def trace(run: RunFolder, key: Annotated[str, typer.Argument(
-        metavar="KEY", help="In the last column of a table: A12, J16-30.")]) -> None:
+def trace(
+    run: RunFolder,
+    key: Annotated[
+        str, typer.Argument(metavar="KEY", help="In the last column of a table: A12, J16-30.")
+    ],
+) -> None:
     """Show where a number in a table of `paper` or `page` comes from: row, trajectory, truth, settings, versions."""
     from stiction.reports.run_folder.stored_run import read_run
     from stiction.reports.run_folder.trace import described, resolve

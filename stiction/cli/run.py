@@ -11,11 +11,36 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from stiction.cli.exit_codes import FAILED, ended, interrupted, say
-from stiction.cli.options import (Assemble, EndTime, EngineName, ExecutorName, Fidelity, Overrides, SceneName, Settings,
-                                  TableFile, Timeout, Workers, about, distinct, listed, positive, scene_of, settings_of)
+from stiction.cli.options import (
+    Assemble,
+    EndTime,
+    EngineName,
+    ExecutorName,
+    Fidelity,
+    Overrides,
+    SceneName,
+    Settings,
+    TableFile,
+    Timeout,
+    Workers,
+    about,
+    distinct,
+    listed,
+    positive,
+    scene_of,
+    settings_of,
+)
 from stiction.cli.pictures import Animation, Plot, write_pictures
 from stiction.cli.prove import verified_set
-from stiction.cli.render import EVENTS_SHOWN, or_shown, progress, show, show_table, show_trajectory, write_table
+from stiction.cli.render import (
+    EVENTS_SHOWN,
+    or_shown,
+    progress,
+    show,
+    show_table,
+    show_trajectory,
+    write_table,
+)
 
 if TYPE_CHECKING:
     from stiction.scenes import InputError, Scene, Trajectory
@@ -26,20 +51,47 @@ RUN_TIMEOUT = 600.0
 
 
 @commands.command()
-def run(scene: SceneName, engine: EngineName = "reference", fidelity: Fidelity = "joint", t_end: EndTime = None,
-        dt: Annotated[float | None, typer.Option(
-            metavar="H", parser=positive, help="Step in seconds of a fixed-step method.")] = None,
-        rtol: Annotated[float | None, typer.Option(
-            metavar="R", parser=positive, help="Relative tolerance of an adaptive method.")] = None,
-        output_step: Annotated[float, typer.Option(
-            metavar="S", parser=positive, help="Seconds between the rows of the result.")] = 0.01,
-        overrides: Overrides = [], settings: Settings = [], assemble: Assemble = False, out: TableFile = None,
-        events: Annotated[bool, typer.Option(
-            "--events", help="In FILE two more rows per event: values before and after it.")] = False,
-        plot: Plot = None, animation: Animation = None, timeout: Timeout = 600,
-        traceback: Annotated[bool, typer.Option(
-            "--traceback", help="If the run fails, print the end of what the engine printed, its traceback included. "
-            "Of a bug it is always printed.")] = False) -> None:
+def run(
+    scene: SceneName,
+    engine: EngineName = "reference",
+    fidelity: Fidelity = "joint",
+    t_end: EndTime = None,
+    dt: Annotated[
+        float | None,
+        typer.Option(metavar="H", parser=positive, help="Step in seconds of a fixed-step method."),
+    ] = None,
+    rtol: Annotated[
+        float | None,
+        typer.Option(
+            metavar="R", parser=positive, help="Relative tolerance of an adaptive method."
+        ),
+    ] = None,
+    output_step: Annotated[
+        float,
+        typer.Option(metavar="S", parser=positive, help="Seconds between the rows of the result."),
+    ] = 0.01,
+    overrides: Overrides = [],
+    settings: Settings = [],
+    assemble: Assemble = False,
+    out: TableFile = None,
+    events: Annotated[
+        bool,
+        typer.Option(
+            "--events", help="In FILE two more rows per event: values before and after it."
+        ),
+    ] = False,
+    plot: Plot = None,
+    animation: Animation = None,
+    timeout: Timeout = 600,
+    traceback: Annotated[
+        bool,
+        typer.Option(
+            "--traceback",
+            help="If the run fails, print the end of what the engine printed, its traceback included. "
+            "Of a bug it is always printed.",
+        ),
+    ] = False,
+) -> None:
     """Simulate a scene in a child process; without --out print end state, efforts, events and cost."""
     from stiction.engines.command_run import run_as_asked
 
@@ -47,12 +99,21 @@ def run(scene: SceneName, engine: EngineName = "reference", fidelity: Fidelity =
     distinct("--plot", plot, out)
     distinct("--animate", animation, plot)
     if dt is not None and rtol is not None:
-        raise typer.BadParameter(f"found both, {dt:g} and {rtol:g}; expected one: a fixed step or a tolerance",
-                                 param_hint="--dt, --rtol")
-    arguments = {"t_end": t_end, "dt": dt, "rtol": rtol, "output_step": output_step, "fidelity": fidelity}
+        raise typer.BadParameter(
+            f"found both, {dt:g} and {rtol:g}; expected one: a fixed step or a tolerance",
+            param_hint="--dt, --rtol",
+        )
+    arguments = {
+        "t_end": t_end,
+        "dt": dt,
+        "rtol": rtol,
+        "output_step": output_step,
+        "fidelity": fidelity,
+    }
     if taken := chosen.keys() & arguments.keys():
-        raise typer.BadParameter(f"found {', '.join(taken)}; expected it as an option of its own",
-                                 param_hint="--setting")
+        raise typer.BadParameter(
+            f"found {', '.join(taken)}; expected it as an option of its own", param_hint="--setting"
+        )
     title = f"{engine} on {loaded.name}"
     given = engine, loaded, assemble, arguments | chosen
     trajectory: Trajectory = _in_child(title, run_as_asked, given, timeout, traceback)
@@ -64,19 +125,33 @@ def run(scene: SceneName, engine: EngineName = "reference", fidelity: Fidelity =
         print(out)
     write_pictures(trajectory, plot, animation)
     if trajectory.termination != "end":
-        where = "" if trajectory.breakdown or not len(trajectory.t) else f" at t = {trajectory.t[-1]:g} s"
+        where = (
+            ""
+            if trajectory.breakdown or not len(trajectory.t)
+            else f" at t = {trajectory.t[-1]:g} s"
+        )
         raise ended(FAILED, f"{title}: stopped{where}: {trajectory.termination}")
 
 
-def _in_child(title: str, function: Callable[..., Any], arguments: tuple[Any, ...], timeout: float,
-              traceback: bool = False) -> Any:
+def _in_child(
+    title: str,
+    function: Callable[..., Any],
+    arguments: tuple[Any, ...],
+    timeout: float,
+    traceback: bool = False,
+) -> Any:
     """Call a function in a child process; bad input is raised here, any other failure ends the command."""
     from stiction.engines import Task, isolate
     from stiction.scenes import InputError
 
     with progress(title) as bar:
-        [outcome] = isolate([Task("run", function, arguments)], workers=1, timeout_s=timeout, on_result=bar.result,
-                            on_note=say)
+        [outcome] = isolate(
+            [Task("run", function, arguments)],
+            workers=1,
+            timeout_s=timeout,
+            on_result=bar.result,
+            on_note=say,
+        )
     if isinstance(outcome.value, InputError):
         raise outcome.value
     if outcome.status != "ok":
@@ -87,32 +162,78 @@ def _in_child(title: str, function: Callable[..., Any], arguments: tuple[Any, ..
 
 
 @commands.command()
-def sweep(scene: SceneName,
-          vary: Annotated[list[str], typer.Option(
-              "--vary", metavar="KEY=FROM:TO:COUNT|KEY=A,B,..", help="An axis of the grid: F0=0.5:6:100, "
-              "guide.mu=0.01,0.03. Repeatable; one axis is drawn as a curve, two as a map.")],
-          measure: Annotated[list[str], typer.Option(
-              "--measure", metavar="A,B,..", help="stick-fraction, peak-torque, peak-speed, event-count, of another "
-              "guide, drive or body as peak-speed:NAME; threshold: upper end of the band of F0, next to the scene's "
-              "own, with a stick phase.")],
-          engine: EngineName = "reference", fidelity: Fidelity = "joint", workers: Workers = None,
-          executor: ExecutorName = "processes", timeout: Timeout = 240,
-          t_end: Annotated[float | None, typer.Option(
-              "--t-end", metavar="S", parser=positive, help="End of every run; twice the scene's own, or 30 periods of "
-              "its loads and drives if that is more, if not given.")] = None,
-          settle: Annotated[float | None, typer.Option(
-              metavar="S", parser=positive, help="What the motion does before is not looked at; a third of the end if "
-              "not given.")] = None,
-          dt: Annotated[float | None, typer.Option(
-              metavar="H", parser=positive, help="Largest step in seconds of a fixed-step method; of engines that have "
-              "no other 1 ms, less where the scene is fast, if not given.")] = None,
-          rtol: Annotated[float, typer.Option(
-              metavar="R", parser=positive, help="Relative tolerance of an adaptive method; a steady motion repeats "
-              "itself to 1000 times that.")] = 1e-6,
-          overrides: Overrides = [],
-          out: Annotated[Path | None, typer.Option(
-              metavar="DIR", help="Folder; sweeps/<scene>-<digest> if not given. The same command goes on with what is "
-              "there.")] = None) -> None:
+def sweep(
+    scene: SceneName,
+    vary: Annotated[
+        list[str],
+        typer.Option(
+            "--vary",
+            metavar="KEY=FROM:TO:COUNT|KEY=A,B,..",
+            help="An axis of the grid: F0=0.5:6:100, "
+            "guide.mu=0.01,0.03. Repeatable; one axis is drawn as a curve, two as a map.",
+        ),
+    ],
+    measure: Annotated[
+        list[str],
+        typer.Option(
+            "--measure",
+            metavar="A,B,..",
+            help="stick-fraction, peak-torque, peak-speed, event-count, of another "
+            "guide, drive or body as peak-speed:NAME; threshold: upper end of the band of F0, next to the scene's "
+            "own, with a stick phase.",
+        ),
+    ],
+    engine: EngineName = "reference",
+    fidelity: Fidelity = "joint",
+    workers: Workers = None,
+    executor: ExecutorName = "processes",
+    timeout: Timeout = 240,
+    t_end: Annotated[
+        float | None,
+        typer.Option(
+            "--t-end",
+            metavar="S",
+            parser=positive,
+            help="End of every run; twice the scene's own, or 30 periods of "
+            "its loads and drives if that is more, if not given.",
+        ),
+    ] = None,
+    settle: Annotated[
+        float | None,
+        typer.Option(
+            metavar="S",
+            parser=positive,
+            help="What the motion does before is not looked at; a third of the end if not given.",
+        ),
+    ] = None,
+    dt: Annotated[
+        float | None,
+        typer.Option(
+            metavar="H",
+            parser=positive,
+            help="Largest step in seconds of a fixed-step method; of engines that have "
+            "no other 1 ms, less where the scene is fast, if not given.",
+        ),
+    ] = None,
+    rtol: Annotated[
+        float,
+        typer.Option(
+            metavar="R",
+            parser=positive,
+            help="Relative tolerance of an adaptive method; a steady motion repeats "
+            "itself to 1000 times that.",
+        ),
+    ] = 1e-6,
+    overrides: Overrides = [],
+    out: Annotated[
+        Path | None,
+        typer.Option(
+            metavar="DIR",
+            help="Folder; sweeps/<scene>-<digest> if not given. The same command goes on with what is "
+            "there.",
+        ),
+    ] = None,
+) -> None:
     """Measure the steady state over a grid of parameters; starts are moved onto the constraints.
 
     A motion that neither rests nor repeats itself has none, and its point no number.
@@ -132,10 +253,18 @@ def sweep(scene: SceneName,
         sweeps.check_folder(specification, folder)
     try:
         with open_isolate(executor, workers) as made_by, progress(f"sweep of {loaded.name}") as bar:
-            result = sweeps.sweep(specification, folder, workers=workers, made_by=made_by, on_start=bar.start,
-                                  on_result=bar.result)
+            result = sweeps.sweep(
+                specification,
+                folder,
+                workers=workers,
+                made_by=made_by,
+                on_start=bar.start,
+                on_result=bar.result,
+            )
     except KeyboardInterrupt as interrupt:
-        raise interrupted(interrupt, f"the same command goes on with the points that are kept for {folder}") from None
+        raise interrupted(
+            interrupt, f"the same command goes on with the points that are kept for {folder}"
+        ) from None
     _show_sweep(result, folder)
 
 
@@ -150,25 +279,47 @@ def _show_sweep(result: Any, folder: Path) -> None:
     with rc():
         for drawing in sweep_drawings(result):
             save(drawing, folder, kinds=("png", "pdf"))
-    tables = {part: table for part, table in (("map", result.map), ("threshold", result.threshold))
-              if table is not None}
+    tables = {
+        part: table
+        for part, table in (("map", result.map), ("threshold", result.threshold))
+        if table is not None
+    }
     print(folder)
     scene, measures = result.specification.scene, result.specification.run_measures
-    shown_of = {"map": [measure.quantity for measure in measures],
-                "threshold": [quantity_of(name) for name in (THRESHOLD_COLUMN, WITH_STICK, WITHOUT_STICK)]}
-    columns = [(part, quantity, table[quantity.key]) for part, table in tables.items() for quantity in shown_of[part]]
+    shown_of = {
+        "map": [measure.quantity for measure in measures],
+        "threshold": [quantity_of(name) for name in (THRESHOLD_COLUMN, WITH_STICK, WITHOUT_STICK)],
+    }
+    columns = [
+        (part, quantity, table[quantity.key])
+        for part, table in tables.items()
+        for quantity in shown_of[part]
+    ]
     subjects = {measure.column: measure.subject(scene) for measure in measures}
 
     def range_of(values: Any) -> tuple[str, str]:
         """The ends of a column's numbers, if it has any."""
         return ("-", "-") if values.isna().all() else (f"{values.min():.6g}", f"{values.max():.6g}")
 
-    show(("table", "column", "of", "smallest", "largest", "points", "without a number"),
-         [(part, quantity.head, subjects.get(quantity.key, ""), *range_of(values), str(len(values)),
-           str(values.isna().sum())) for part, quantity, values in columns])
+    show(
+        ("table", "column", "of", "smallest", "largest", "points", "without a number"),
+        [
+            (
+                part,
+                quantity.head,
+                subjects.get(quantity.key, ""),
+                *range_of(values),
+                str(len(values)),
+                str(values.isna().sum()),
+            )
+            for part, quantity, values in columns
+        ],
+    )
     for part, table in tables.items():
         failed = table[table["status"] != "ok"]
-        for reason, points in (failed["status"] + ": " + failed["reason"]).value_counts()[:EVENTS_SHOWN].items():
+        for reason, points in (
+            (failed["status"] + ": " + failed["reason"]).value_counts()[:EVENTS_SHOWN].items()
+        ):
             print(f"{part}: {points} {'point' if points == 1 else 'points'}: {reason}")
     if result.threshold is not None:
         _show_bands(result.threshold)
@@ -181,38 +332,68 @@ def _show_bands(table: Any) -> None:
     from stiction.comparisons.studies.threshold import AGAIN
 
     again = table[table[AGAIN] != ""]
-    keys = list(table.columns[:list(table.columns).index("status")])
+    keys = list(table.columns[: list(table.columns).index("status")])
     for row in again.to_dict("records")[:EVENTS_SHOWN]:
         point = ", ".join(f"{key} = {row[key]:g}" for key in keys)
-        print(f"threshold: above {row['threshold']:.6g} N the slider sticks again {row[AGAIN]} ({point})")
+        print(
+            f"threshold: above {row['threshold']:.6g} N the slider sticks again {row[AGAIN]} ({point})"
+        )
     if len(again) > EVENTS_SHOWN:
         print(f"threshold: .. and so at {len(again) - EVENTS_SHOWN} points more")
 
 
 @commands.command()
-def replay(solver: Annotated[str, typer.Option(
-               metavar="MODULE:FUNCTION", help="solve(M, q) -> (w, z) or solve(A0, A1, b) -> (y, x); None where it "
-               "finds none.")] = "stiction.comparisons.bench.complementarity.replay:lemke",
-           problems: Annotated[Path | None, typer.Option(
-               metavar="FILE", help="A stored set; that of the suite if not given.")] = None,
-           run: Annotated[str | None, typer.Option(
-               "--run", metavar="SCENE", help="Instead of a stored set: the problems of a run of the reference at the "
-               "ends of its steps, at the audits in them and on both sides of its events.")] = None,
-           overrides: Overrides = [],
-           verify: Annotated[bool, typer.Option(
-               "--verify", help="Prove of each problem that it has a solution or none, and judge the solver by that "
-               "(takes the extra stiction[proof]).")] = False,
-           export: Annotated[Path | None, typer.Option(
-               metavar="FOLDER", help="Write the set as Matrix Market files instead; --problems reads them back."
-           )] = None,
-           workers: Workers = None, timeout: Timeout = 60, out: TableFile = None) -> None:
+def replay(
+    solver: Annotated[
+        str,
+        typer.Option(
+            metavar="MODULE:FUNCTION",
+            help="solve(M, q) -> (w, z) or solve(A0, A1, b) -> (y, x); None where it finds none.",
+        ),
+    ] = "stiction.comparisons.bench.complementarity.replay:lemke",
+    problems: Annotated[
+        Path | None,
+        typer.Option(metavar="FILE", help="A stored set; that of the suite if not given."),
+    ] = None,
+    run: Annotated[
+        str | None,
+        typer.Option(
+            "--run",
+            metavar="SCENE",
+            help="Instead of a stored set: the problems of a run of the reference at the "
+            "ends of its steps, at the audits in them and on both sides of its events.",
+        ),
+    ] = None,
+    overrides: Overrides = [],
+    verify: Annotated[
+        bool,
+        typer.Option(
+            "--verify",
+            help="Prove of each problem that it has a solution or none, and judge the solver by that "
+            "(takes the extra stiction[proof]).",
+        ),
+    ] = False,
+    export: Annotated[
+        Path | None,
+        typer.Option(
+            metavar="FOLDER",
+            help="Write the set as Matrix Market files instead; --problems reads them back.",
+        ),
+    ] = None,
+    workers: Workers = None,
+    timeout: Timeout = 60,
+    out: TableFile = None,
+) -> None:
     """Run any solver of (horizontal) linear complementarity problems over a set of them; a row per class."""
     distinct("--out", out, problems)
     if run is None and overrides:
-        raise typer.BadParameter("found it without --run; expected a scene whose values it replaces",
-                                 param_hint="--set")
+        raise typer.BadParameter(
+            "found it without --run; expected a scene whose values it replaces", param_hint="--set"
+        )
     if run is not None and problems is not None:
-        raise typer.BadParameter("found both; expected a stored set or a run", param_hint="--run, --problems")
+        raise typer.BadParameter(
+            "found both; expected a stored set or a run", param_hint="--run, --problems"
+        )
     with TemporaryDirectory() as folder:
         if run is not None:
             scene, problems = scene_of(run, overrides), Path(folder) / "met.parquet"
@@ -228,12 +409,21 @@ def replay(solver: Annotated[str, typer.Option(
             from stiction.comparisons.bench.complementarity.replay import replay as run_set
 
             with progress(f"replay of {solver}") as bar:
-                table = run_set(solver, problems, timeout_s=timeout, workers=workers, on_start=bar.start,
-                                on_result=bar.result)
+                table = run_set(
+                    solver,
+                    problems,
+                    timeout_s=timeout,
+                    workers=workers,
+                    on_start=bar.start,
+                    on_result=bar.result,
+                )
             _show_set(table, out)
             if len(failed := table[table["problems"] == 0]):
-                raise ended(FAILED, f"{len(failed)} of {len(table)} classes failed: "
-                                    f"{failed['class'].iloc[0]}: {failed['reason'].iloc[0]}")
+                raise ended(
+                    FAILED,
+                    f"{len(failed)} of {len(table)} classes failed: "
+                    f"{failed['class'].iloc[0]}: {failed['reason'].iloc[0]}",
+                )
 
 
 def _write_met(scene: Scene, path: Path) -> int | InputError:

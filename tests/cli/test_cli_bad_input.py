@@ -33,10 +33,17 @@ law = { type = "linear", rate = 1 }
 
 BROKEN_SCENES = {  # what is replaced, by what, what the message must name; `test_loading` has all that can be wrong
     "misspelt key": ("inertia = 1", "inertai = 1", ["inertai", "did you mean 'inertia'"]),
-    "inconsistent start": ("inertia = 1", "inertia = 1\nposition = [0, 0.5]", ["guide.normal_force", "residual 0.5", "--assemble"]),
+    "inconsistent start": (
+        "inertia = 1",
+        "inertia = 1\nposition = [0, 0.5]",
+        ["guide.normal_force", "residual 0.5", "--assemble"],
+    ),
     "key with an umlaut": ("m = 2", "m = 2\nmüh = 3", ["line 5", "a-z and A-Z"]),
-    "two at once": ("m = 2", "m = 0\n[forces.load]\ntype = 'torque'\nbody = 'sledge'",
-                    ["bodies.sled.mass", "forces.load.body", "forces.load.law"]),
+    "two at once": (
+        "m = 2",
+        "m = 0\n[forces.load]\ntype = 'torque'\nbody = 'sledge'",
+        ["bodies.sled.mass", "forces.load.body", "forces.load.law"],
+    ),
 }
 
 BAD_COMMANDS = [  # arguments, what the message must name
@@ -55,7 +62,10 @@ BAD_COMMANDS = [  # arguments, what the message must name
     ("run pendulum --dt 1e-12 --t-end 10", ["dt", "1e-12", "1e+13 steps", "1e-08"]),
     ("run pendulum --dt 1e-12 --t-end 10 --engine pymunk", ["dt", "1e-12", "1e+13 steps", "1e-08"]),
     ("run pendulum --t-end 1e9 --output-step 1e3 --engine pymunk", ["dt", "0.001", "1e+12 steps"]),
-    ("run pendulum --t-end 1e9 --output-step 1e3 --setting method=paper", ["dt", "0.001", "1e+12 steps"]),
+    (
+        "run pendulum --t-end 1e9 --output-step 1e3 --setting method=paper",
+        ["dt", "0.001", "1e+12 steps"],
+    ),
     ("run pendulum --rtol 1e-20", ["rtol", "1e-20"]),
     ("run pendulum --rtol 1e-6 --engine pymunk", ["rtol", "pymunk has a fixed step"]),
     ("run pendulum --t-end soon", ["--t-end", "soon"]),
@@ -73,7 +83,10 @@ BAD_COMMANDS = [  # arguments, what the message must name
     ("run pendulum --setting iterations", ["--setting", "iterations", "KEY=VALUE"]),
     ("run pendulum --engine pymunk --setting iterations=many", ["iterations", "many"]),
     ("run pendulum --out result.xlsx", ["--out", "result.xlsx", ".parquet"]),
-    ("run pendulum --out nowhere/result.csv", ["--out", "nowhere/result.csv", "folder that exists"]),
+    (
+        "run pendulum --out nowhere/result.csv",
+        ["--out", "nowhere/result.csv", "folder that exists"],
+    ),
     ("run pendulum --outt result.csv", ["--outt"]),
     ("run pendulum --plot run.gif", ["'--plot': found 'run.gif'"]),
     ("run pendulum --plot none/run.png", ["none/run.png", "folder"]),
@@ -84,7 +97,10 @@ BAD_COMMANDS = [  # arguments, what the message must name
     ("new mine.toml --like slider-bra", ["slider-bra", "did you mean"]),
     ("schema --out schema.toml", ["--out", ".json"]),
     ("page nosuch", ["nosuch", "not there", "folder of a run"]),
-    ("check --baseline bad.toml", ["format: found nothing; this key is required", "foo: found 1; unknown key"]),
+    (
+        "check --baseline bad.toml",
+        ["format: found nothing; this key is required", "foo: found 1; unknown key"],
+    ),
     ("fly pendulum", ["fly"]),
     ("explain nosuch", ["nosuch"]),
     ("compare speed pendulum", ["speed"]),
@@ -139,16 +155,22 @@ def test_bad_command(line, culprits, tmp_path):
     refused(line.split(), culprits)
 
 
-@pytest.mark.skipif(os.name == "nt" or os.geteuid() == 0, reason="needs a folder that this user cannot write")
+@pytest.mark.skipif(
+    os.name == "nt" or os.geteuid() == 0, reason="needs a folder that this user cannot write"
+)
 def test_unwritable_folder(tmp_path):
     (tmp_path / "locked").mkdir(mode=0o500)
     refused(["run", "pendulum", "--out", "locked/result.csv"], ["--out", "locked/result.csv"])
     refused(["validate", "--out", "locked/report"], ["--out", "locked"])
 
 
-@pytest.mark.parametrize("arguments", [["run", "pendulum", "--setting", "colour=red"], ["--nosuch"]])
+@pytest.mark.parametrize(
+    "arguments", [["run", "pendulum", "--setting", "colour=red"], ["--nosuch"]]
+)
 def test_as_a_process(arguments):
-    ended = subprocess.run([sys.executable, "-m", "stiction", *arguments], capture_output=True, text=True, timeout=600)
+    ended = subprocess.run(
+        [sys.executable, "-m", "stiction", *arguments], capture_output=True, text=True, timeout=600
+    )
     assert ended.returncode == BAD_INPUT
     assert ended.stdout == ""
     assert "Traceback" not in ended.stderr and 0 < len(ended.stderr.splitlines()) < SCREEN

@@ -23,8 +23,23 @@ from stiction.comparisons.bench.results import Results
 from stiction.scenes import Trajectory, load_scene, vary
 from stiction.truths import slider_bar_truth
 
-SLIDER_BAR_COLUMNS = {"t", "slider.x", "slider.vx", "slider.ax", "guide.normal_force", "guide.F1", "guide.F2", "guide.F3", "guide.F4",
-                      "guide.friction", "guide.mode", "motor.effort", "pin.fx", "pin.fy", "drift.position"}
+SLIDER_BAR_COLUMNS = {
+    "t",
+    "slider.x",
+    "slider.vx",
+    "slider.ax",
+    "guide.normal_force",
+    "guide.F1",
+    "guide.F2",
+    "guide.F3",
+    "guide.F4",
+    "guide.friction",
+    "guide.mode",
+    "motor.effort",
+    "pin.fx",
+    "pin.fy",
+    "drift.position",
+}
 
 HANGS = 600.0
 """Seconds, far above what any command here takes on a machine with other work: what has not ended by then hangs."""
@@ -79,99 +94,221 @@ def broken_engine(tmp_path, monkeypatch):
 
 @pytest.mark.usefixtures("in_this_process")
 class TestRun:
-    @pytest.mark.parametrize(("ending", "read"), [(".csv", pd.read_csv), (".parquet", pd.read_parquet)])
+    @pytest.mark.parametrize(
+        ("ending", "read"), [(".csv", pd.read_csv), (".parquet", pd.read_parquet)]
+    )
     def test_file(self, ending, read, tmp_path):
-        result = invoke("run", "slider-bar-case-1", "--t-end", "3", "--output-step", "0.05", "--rtol", "1e-10",
-                        "--setting", "stabilization=projection", "--out", str(tmp_path / f"run{ending}"))
-        assert result.output == f"{tmp_path / f'run{ending}'}\n"  # what was written; no terminal: no progress
+        result = invoke(
+            "run",
+            "slider-bar-case-1",
+            "--t-end",
+            "3",
+            "--output-step",
+            "0.05",
+            "--rtol",
+            "1e-10",
+            "--setting",
+            "stabilization=projection",
+            "--out",
+            str(tmp_path / f"run{ending}"),
+        )
+        assert (
+            result.output == f"{tmp_path / f'run{ending}'}\n"
+        )  # what was written; no terminal: no progress
         frame = read(tmp_path / f"run{ending}")
         assert SLIDER_BAR_COLUMNS <= set(frame.columns)
         assert frame["t"].to_numpy() == pytest.approx(0.05 * np.arange(61), abs=1e-12)
         truth = slider_bar_truth(load_scene("slider-bar-case-1"), 3.0)(frame["t"].to_numpy())
         for column in ("slider.x", "slider.vx", "motor.effort"):
             # 10 times the tolerance per unit of time; the torque follows from the state, with factors of the order of 20 N m
-            assert frame[column].to_numpy() == pytest.approx(truth[column], abs=1e-9 if column != "motor.effort" else 1e-7)
+            assert frame[column].to_numpy() == pytest.approx(
+                truth[column], abs=1e-9 if column != "motor.effort" else 1e-7
+            )
 
     def test_events_in_the_file_are_two_sided(self, tmp_path):
-        invoke("run", "slider-bar-case-1", "--t-end", "3", "--events", "--out", tmp_path / "run.csv")
+        invoke(
+            "run", "slider-bar-case-1", "--t-end", "3", "--events", "--out", tmp_path / "run.csv"
+        )
         frame = pd.read_csv(tmp_path / "run.csv")
-        slip = frame[np.isclose(frame["t"], 0.304719758, atol=1e-8)]  # equations.md: events of case 1
+        slip = frame[
+            np.isclose(frame["t"], 0.304719758, atol=1e-8)
+        ]  # equations.md: events of case 1
         assert list(slip["guide.mode"]) == [0, -1] or list(slip["guide.mode"]) == [0, 1]
         assert slip["motor.effort"].iloc[0] != slip["motor.effort"].iloc[1]
 
     def test_summary(self):
-        result = invoke("run", "slider-bar-case-1", "--t-end", "8", "--setting", "stabilization=none")
+        result = invoke(
+            "run", "slider-bar-case-1", "--t-end", "8", "--setting", "stabilization=none"
+        )
         lines = [line.split() for line in result.stdout.splitlines()]
-        assert float(next(line for line in lines if line[:1] == ["slider"])[1]) == pytest.approx(-0.146660414, abs=1e-8)
-        found = [(float(line[0]), line[1]) for line in lines if line[1:2] and line[1] in ("slip", "stick", "reversal")]
-        expected = [(0.304719758, "slip"), (2.637951554, "reversal"), (5.119216448, "reversal"), (6.544624960, "reversal"),
-                    (7.600035087, "stick")]
+        assert float(next(line for line in lines if line[:1] == ["slider"])[1]) == pytest.approx(
+            -0.146660414, abs=1e-8
+        )
+        found = [
+            (float(line[0]), line[1])
+            for line in lines
+            if line[1:2] and line[1] in ("slip", "stick", "reversal")
+        ]
+        expected = [
+            (0.304719758, "slip"),
+            (2.637951554, "reversal"),
+            (5.119216448, "reversal"),
+            (6.544624960, "reversal"),
+            (7.600035087, "stick"),
+        ]
         assert [kind for _, kind in found] == [kind for _, kind in expected]
         # nine digits are printed and known; rtol is 1e-9
-        assert [time for time, _ in found] == pytest.approx([time for time, _ in expected], abs=1e-8)
+        assert [time for time, _ in found] == pytest.approx(
+            [time for time, _ in expected], abs=1e-8
+        )
         assert "hlcp" in result.stdout
 
     def test_rounding_and_small_drift_are_shown_as_zero(self, capsys):
         """1e-16 N of 20 N is rounding and 1e-12 m are below a drift of 1e-11 m; 1e-6 m are shown although a drift of 1e-3 m is larger."""
+
         def shown(drift, **places):
-            columns = {f"bar.{name}": np.zeros(2) for name in ("x", "y", "angle", "vx", "vy", "omega")} | {f"bar.{name}": np.full(2, value) for name, value in places.items()}
-            columns |= {"guide.normal_force": np.full(2, 20.0), "guide.friction": np.array([3e-16, -3e-16]), "motor.effort": np.array([1e-9, -2e-17]),
-                        "drift.position": np.full(2, drift), "drift.velocity": np.zeros(2)}
+            columns = {
+                f"bar.{name}": np.zeros(2) for name in ("x", "y", "angle", "vx", "vy", "omega")
+            } | {f"bar.{name}": np.full(2, value) for name, value in places.items()}
+            columns |= {
+                "guide.normal_force": np.full(2, 20.0),
+                "guide.friction": np.array([3e-16, -3e-16]),
+                "motor.effort": np.array([1e-9, -2e-17]),
+                "drift.position": np.full(2, drift),
+                "drift.velocity": np.zeros(2),
+            }
             show_trajectory(Trajectory("a scene", "e", "1", "joint", np.array([0.0, 1.0]), columns))
-            return {line.split()[0]: line.split()[1:] for line in capsys.readouterr().out.splitlines() if line.strip()}
+            return {
+                line.split()[0]: line.split()[1:]
+                for line in capsys.readouterr().out.splitlines()
+                if line.strip()
+            }
 
         found = shown(1e-11, x=1.0, y=1e-12, angle=-2e-17, vx=3.0, omega=4e-16)
         assert found["bar"] == ["1", "0", "0", "3", "0", "0"]
-        assert found["guide.friction"] == ["0"] * 3 and found["motor.effort"] == ["0", "1e-09", "0"] and found["drift.position"] == ["1e-11"] * 3
+        assert (
+            found["guide.friction"] == ["0"] * 3
+            and found["motor.effort"] == ["0", "1e-09", "0"]
+            and found["drift.position"] == ["1e-11"] * 3
+        )
         assert shown(1e-3, x=1.0, y=1e-6)["bar"][:2] == ["1", "1e-06"]
 
     def test_events_without_values_are_listed_without_jumps(self):
-        ended = invoke("run", "slider-bar-case-1", "--t-end", "1", "--setting", "event_values=false")
+        ended = invoke(
+            "run", "slider-bar-case-1", "--t-end", "1", "--setting", "event_values=false"
+        )
         assert re.search(r"0\.304719758\s+slip\s+guide", ended.output)
 
     def test_an_event_has_no_jump_of_another_part(self, tmp_path):
-        bodies = "".join(f"{name} = {{ mass = 1, inertia = 1, position = [0, {y}], velocity = [{v}, 0] }}\n" for name, y, v in (("driven", 0, 1), ("free", 5, 0)))
-        guides = "".join(f'{name}-guide = {{ type = "translational", slider = "{name}", direction = [1, 0], point = [0, {y}], mu = 0.1 }}\n'
-                         for name, y in (("driven", 0), ("free", 5)))
+        bodies = "".join(
+            f"{name} = {{ mass = 1, inertia = 1, position = [0, {y}], velocity = [{v}, 0] }}\n"
+            for name, y, v in (("driven", 0, 1), ("free", 5, 0))
+        )
+        guides = "".join(
+            f'{name}-guide = {{ type = "translational", slider = "{name}", direction = [1, 0], point = [0, {y}], mu = 0.1 }}\n'
+            for name, y in (("driven", 0), ("free", 5))
+        )
         (tmp_path / "parts.toml").write_text(
-            f't_end = 1\ngravity = [0, -9.81]\n[bodies]\n{bodies}[joints]\n{guides}[drives]\n'
+            f"t_end = 1\ngravity = [0, -9.81]\n[bodies]\n{bodies}[joints]\n{guides}[drives]\n"
             'motor = { type = "distance", bodies = ["driven", "ground"], axis = [1, 0], law = { type = "sine", amplitude = 0.5, frequency = 2 } }\n'
-            '[forces]\nload = { type = "force", body = "free", direction = [1, 0], law = { type = "sine", amplitude = 3, frequency = 2 } }\n')
+            '[forces]\nload = { type = "force", body = "free", direction = [1, 0], law = { type = "sine", amplitude = 3, frequency = 2 } }\n'
+        )
         ended = invoke("run", tmp_path / "parts.toml")
-        lines = [line.split() for line in ended.output.splitlines() if "-guide" in line and not line.startswith(("driven", "free"))]
+        lines = [
+            line.split()
+            for line in ended.output.splitlines()
+            if "-guide" in line and not line.startswith(("driven", "free"))
+        ]
         assert {(line[2], len(line)) for line in lines} == {("driven-guide", 4), ("free-guide", 3)}
 
     def test_forces_that_guides_at_rest_leave_open(self, tmp_path):
         """Friction and normal forces of the trammel; the file has empty cells, and the figure gaps."""
-        command = ("run", "hard/trammel-at-rest", "--engine", "pymunk", "--t-end", "0.1", "--dt", "1e-3")
+        command = (
+            "run",
+            "hard/trammel-at-rest",
+            "--engine",
+            "pymunk",
+            "--t-end",
+            "0.1",
+            "--dt",
+            "1e-3",
+        )
         shown = invoke(*command, "--plot", tmp_path / "run.svg").stdout
         told = [line for line in shown.splitlines() if line.endswith("left open")]
-        assert sorted(line.split()[0] for line in told) == sorted(f"guide-{axis}.{force}" for axis in "xy" for force in ("friction", "normal_force"))
+        assert sorted(line.split()[0] for line in told) == sorted(
+            f"guide-{axis}.{force}" for axis in "xy" for force in ("friction", "normal_force")
+        )
         invoke(*command, "--out", tmp_path / "run.csv")
         frame = pd.read_csv(tmp_path / "run.csv")
-        assert frame["guide-x.friction"].isna().all() and frame["guide-x.moment"].notna().all() and (tmp_path / "run.svg").stat().st_size > 1000
+        assert (
+            frame["guide-x.friction"].isna().all()
+            and frame["guide-x.moment"].notna().all()
+            and (tmp_path / "run.svg").stat().st_size > 1000
+        )
 
 
 @pytest.mark.usefixtures("compiled")
 class TestFailures:
-    @pytest.mark.parametrize(("scene", "how", "words"), [
-        ("pendulum", "give up", "failed: Newton did not converge at t = 0.3"), ("four-bar", "run", "refused: not on Sundays"),
-        ("pendulum", "abort", "crashed: SIGABRT: Assertion failed: mass > 0"), ("pendulum", "hang", "timed out: no result within 1 s")])
+    @pytest.mark.parametrize(
+        ("scene", "how", "words"),
+        [
+            ("pendulum", "give up", "failed: Newton did not converge at t = 0.3"),
+            ("four-bar", "run", "refused: not on Sundays"),
+            ("pendulum", "abort", "crashed: SIGABRT: Assertion failed: mass > 0"),
+            ("pendulum", "hang", "timed out: no result within 1 s"),
+        ],
+    )
     def test_engine(self, broken_engine, scene, how, words):
-        result = invoke("run", scene, "--engine", broken_engine, "--setting", f"how={how}",
-                        "--timeout", "1" if how == "hang" else "600", exit_code=FAILED)
+        result = invoke(
+            "run",
+            scene,
+            "--engine",
+            broken_engine,
+            "--setting",
+            f"how={how}",
+            "--timeout",
+            "1" if how == "hang" else "600",
+            exit_code=FAILED,
+        )
         assert words in result.output
         assert "Traceback" not in result.output and len(result.output.splitlines()) == 1
 
-    @pytest.mark.parametrize(("how", "words"), [("bug", "IndexError: list index out of range"), ("wrong shape", "ValueError: operands could not be broadcast")])
+    @pytest.mark.parametrize(
+        ("how", "words"),
+        [
+            ("bug", "IndexError: list index out of range"),
+            ("wrong shape", "ValueError: operands could not be broadcast"),
+        ],
+    )
     def test_bug_of_an_engine_keeps_its_traceback(self, broken_engine, how, words):
-        result = invoke("run", "pendulum", "--engine", broken_engine, "--setting", f"how={how}", exit_code=FAILED)
-        assert "Traceback (most recent call last)" in result.stderr and "broken_engine.py" in result.stderr
+        result = invoke(
+            "run",
+            "pendulum",
+            "--engine",
+            broken_engine,
+            "--setting",
+            f"how={how}",
+            exit_code=FAILED,
+        )
+        assert (
+            "Traceback (most recent call last)" in result.stderr
+            and "broken_engine.py" in result.stderr
+        )
         assert f"failed: {words}" in result.stderr.splitlines()[-1]
 
     def test_the_traceback_of_an_engine_on_request(self, broken_engine):
-        full = invoke("run pendulum --traceback --setting", "how=give up", "--engine", broken_engine, exit_code=FAILED)
-        assert "Traceback" in full.stderr and "raise EngineFailure(" in full.stderr and "failed: Newton" in full.stderr
+        full = invoke(
+            "run pendulum --traceback --setting",
+            "how=give up",
+            "--engine",
+            broken_engine,
+            exit_code=FAILED,
+        )
+        assert (
+            "Traceback" in full.stderr
+            and "raise EngineFailure(" in full.stderr
+            and "failed: Newton" in full.stderr
+        )
 
     def test_engine_that_is_not_installed(self):
         result = invoke("run", "pendulum", "--engine", "no_such_package:Engine", exit_code=FAILED)
@@ -181,7 +318,11 @@ class TestFailures:
         missing = "no_such_package_anywhere:Engine"
         drift = ["compare", "drift", "pendulum", "--quick", "--t-end", "0.1", "--engines"]
         alone = invoke(*drift, missing, exit_code=FAILED)
-        assert "reference" in alone.stdout and "no engine" in alone.stderr and "no_such_package_anywhere" in alone.stderr
+        assert (
+            "reference" in alone.stdout
+            and "no engine" in alone.stderr
+            and "no_such_package_anywhere" in alone.stderr
+        )
         assert invoke(*drift, f"{missing},pymunk").stderr == ""
 
     def test_fidelity_that_an_engine_lacks(self):
@@ -189,37 +330,84 @@ class TestFailures:
         assert "refused" in result.stderr and "--fidelity contact" in result.stderr
 
     def test_refusal_of_the_suite(self):
-        result = invoke("run", "pendulum", "--engine", "pymunk", "--fidelity", "contact", exit_code=FAILED)
+        result = invoke(
+            "run", "pendulum", "--engine", "pymunk", "--fidelity", "contact", exit_code=FAILED
+        )
         assert "refused" in result.output and "no translational joint" in result.output
 
     def test_nobody_comes_out(self):
-        result = invoke("compare", "drift", "pendulum", "--quick", "--timeout", "1e-9", "--engines", "reference", exit_code=FAILED)
+        result = invoke(
+            "compare",
+            "drift",
+            "pendulum",
+            "--quick",
+            "--timeout",
+            "1e-9",
+            "--engines",
+            "reference",
+            exit_code=FAILED,
+        )
         assert "timed out" in result.stdout and "all runs failed" in result.output
 
 
 class TestCompare:
     def test_torque(self, tmp_path, in_this_process):
-        result = invoke("compare", "torque", "slider-bar-case-1", "--quick", "--t-end", "3", "--engines", "reference",
-                        "--out", str(tmp_path / "jumps.parquet"))
+        result = invoke(
+            "compare",
+            "torque",
+            "slider-bar-case-1",
+            "--quick",
+            "--t-end",
+            "3",
+            "--engines",
+            "reference",
+            "--out",
+            str(tmp_path / "jumps.parquet"),
+        )
         jumps = pd.read_parquet(tmp_path / "jumps.parquet")
         tight = jumps[(jumps["variant"] == "reference") & (jumps["step"] == jumps["step"].min())]
         assert list(tight["kind"]) == ["slip", "reversal"]
         assert tight["jump_error"].abs().max() < 1e-8  # what the reference is held to
         assert "reads 2/2" in result.stdout
 
-    def test_cost_says_what_is_no_independent_truth_and_what_its_columns_are(self, tmp_path, in_this_process):
+    def test_cost_says_what_is_no_independent_truth_and_what_its_columns_are(
+        self, tmp_path, in_this_process
+    ):
         """A sled on a slope pulled by a spring has no truth but our own run."""
         invoke("new", tmp_path / "sled.toml")
-        own = invoke("compare cost --quick --engines reference --repeats 1 --t-end 0.5", tmp_path / "sled.toml").stdout
-        assert "our own run" in own and "not independent" in own and "CPU to an error of 1 mm in sled" in own
+        own = invoke(
+            "compare cost --quick --engines reference --repeats 1 --t-end 0.5",
+            tmp_path / "sled.toml",
+        ).stdout
+        assert (
+            "our own run" in own
+            and "not independent" in own
+            and "CPU to an error of 1 mm in sled" in own
+        )
 
     def test_a_truth_without_jumps_is_no_failure(self, in_this_process):
         """A pendulum has no events; that an engine has refused it does not mean that all runs failed."""
-        result = invoke("compare", "torque", "pendulum", "--quick", "--engines", "pymunk", "--t-end", "0.2")
-        assert "refused" in result.output and "nothing to compare: the table of `compare torque` is empty" in result.output
+        result = invoke(
+            "compare", "torque", "pendulum", "--quick", "--engines", "pymunk", "--t-end", "0.2"
+        )
+        assert (
+            "refused" in result.output
+            and "nothing to compare: the table of `compare torque` is empty" in result.output
+        )
 
-    def test_without_jumps_a_figure_changes_neither_the_table_nor_the_exit_code(self, tmp_path, in_this_process):
-        command = ["compare", "torque", "pendulum", "--quick", "--engines", "pymunk", "--t-end", "0.2"]
+    def test_without_jumps_a_figure_changes_neither_the_table_nor_the_exit_code(
+        self, tmp_path, in_this_process
+    ):
+        command = [
+            "compare",
+            "torque",
+            "pendulum",
+            "--quick",
+            "--engines",
+            "pymunk",
+            "--t-end",
+            "0.2",
+        ]
         alone, both = tmp_path / "alone.csv", tmp_path / "both.csv"
         invoke(*command, "--out", alone)
         result = invoke(*command, "--out", both, "--plot", tmp_path / "jumps.png")
@@ -227,11 +415,20 @@ class TestCompare:
         assert "jumps.png is not written" in result.output
 
     def test_runs_that_were_not_made_or_ended_early_say_whose_they_are(self, capsys):
-        runs = pd.DataFrame([("trial and error", "ok", "the linear system is singular"), ("trial and error", "ok", ""), ("drake", "missing", "drake: not installed"),
-                             ("drake, contact", "missing", "drake: not installed")], columns=["variant", "status", "reason"])
+        runs = pd.DataFrame(
+            [
+                ("trial and error", "ok", "the linear system is singular"),
+                ("trial and error", "ok", ""),
+                ("drake", "missing", "drake: not installed"),
+                ("drake, contact", "missing", "drake: not installed"),
+            ],
+            columns=["variant", "status", "reason"],
+        )
         _print(Presentation(), Results((), {}, {}), runs)
-        assert capsys.readouterr().out.splitlines() == ["not installed, 2 runs not made: drake: not installed",
-                                                        "method trial and error, 1 of 2 runs ended early: the linear system is singular"]
+        assert capsys.readouterr().out.splitlines() == [
+            "not installed, 2 runs not made: drake: not installed",
+            "method trial and error, 1 of 2 runs ended early: the linear system is singular",
+        ]
 
 
 class TestLists:
@@ -246,16 +443,40 @@ class TestLists:
         assert any(row[:1] == ["reference"] and row[2:4] == ["joint", "yes"] for row in rows)
         assert any(row[:1] == ["exudyn"] and row[2:4] == ["contact", "no"] for row in rows)
 
-    @pytest.mark.parametrize(("engine", "fidelity"), [("reference", "joint"), ("moreau", "contact"), ("exudyn", "joint"), ("exudyn", "contact"), ("pymunk", "joint"),
-                                                      ("pymunk", "contact"), ("pybullet", "joint"), ("pybullet", "contact"), ("mujoco", "joint"), ("drake", "joint"), ("dart", "joint"), ("dart", "contact")])
+    @pytest.mark.parametrize(
+        ("engine", "fidelity"),
+        [
+            ("reference", "joint"),
+            ("moreau", "contact"),
+            ("exudyn", "joint"),
+            ("exudyn", "contact"),
+            ("pymunk", "joint"),
+            ("pymunk", "contact"),
+            ("pybullet", "joint"),
+            ("pybullet", "contact"),
+            ("mujoco", "joint"),
+            ("drake", "joint"),
+            ("dart", "joint"),
+            ("dart", "contact"),
+        ],
+    )
     def test_defaults_that_are_told_are_those_of_a_run(self, engine, fidelity, compiled):
         found = installed(engine)
         scene = vary(load_scene("block-on-incline"), {"guide.mus": None})
         told = found.default_settings(fidelity)
-        plain, given = (found.simulate(scene, t_end=0.05, fidelity=fidelity, **settings) for settings in ({}, told))
-        assert told and plain.settings == given.settings and all(np.array_equal(plain[name], given[name]) for name in plain.columns)
+        plain, given = (
+            found.simulate(scene, t_end=0.05, fidelity=fidelity, **settings)
+            for settings in ({}, told)
+        )
+        assert (
+            told
+            and plain.settings == given.settings
+            and all(np.array_equal(plain[name], given[name]) for name in plain.columns)
+        )
         told.clear()
-        assert found.default_settings(fidelity)  # what a caller does to its copy concerns nobody else
+        assert found.default_settings(
+            fidelity
+        )  # what a caller does to its copy concerns nobody else
 
     def test_engine_that_cannot_be_imported(self, monkeypatch):
         monkeypatch.setitem(sys.modules, "pymunk", None)
@@ -268,16 +489,36 @@ class TestLists:
 @pytest.mark.usefixtures("compiled")
 class TestProcess:
     def command(self, *arguments, **options):
-        return subprocess.Popen([sys.executable, "-m", "stiction", *arguments], text=True, stdout=subprocess.PIPE,
-                                stderr=subprocess.PIPE, **options)
+        return subprocess.Popen(
+            [sys.executable, "-m", "stiction", *arguments],
+            text=True,
+            stdout=subprocess.PIPE,
+            stderr=subprocess.PIPE,
+            **options,
+        )
 
     @pytest.mark.skipif(os.name != "posix", reason="signals of POSIX")
-    @pytest.mark.parametrize(("sent", "code", "words"), [
-        (signal.SIGINT, INTERRUPTED, "stiction: interrupted\n"), (signal.SIGTERM, TERMINATED, None)])
+    @pytest.mark.parametrize(
+        ("sent", "code", "words"),
+        [
+            (signal.SIGINT, INTERRUPTED, "stiction: interrupted\n"),
+            (signal.SIGTERM, TERMINATED, None),
+        ],
+    )
     @pytest.mark.usefixtures("interruptible")
-    def test_a_signal_leaves_neither_children_nor_folders(self, sent, code, words, broken_engine, tmp_path):
-        process = self.command("run", "pendulum", "--engine", broken_engine, "--setting", "how=hang", cwd=tmp_path,
-                               env=os.environ | {"TMPDIR": str(tmp_path)})
+    def test_a_signal_leaves_neither_children_nor_folders(
+        self, sent, code, words, broken_engine, tmp_path
+    ):
+        process = self.command(
+            "run",
+            "pendulum",
+            "--engine",
+            broken_engine,
+            "--setting",
+            "how=hang",
+            cwd=tmp_path,
+            env=os.environ | {"TMPDIR": str(tmp_path)},
+        )
         while not (tmp_path / "hanging").exists():
             assert process.poll() is None
             time.sleep(0.05)
@@ -289,43 +530,74 @@ class TestProcess:
     @pytest.mark.skipif(os.name != "posix", reason="signals of POSIX")
     def test_interrupt_while_imports_are_made_has_no_traceback(self, interruptible):
         """At a terminal the command and the server of its children get it, wherever they are in their imports."""
-        begun = ("import os, signal, sys, stiction.__main__ as command, stiction.child_processes as children; sys.argv = ['stiction', 'run']; "
-                 "children.child_context = lambda: os.kill(os.getpid(), signal.SIGINT); command.main()")
-        served = ("import os, signal; from stiction.child_processes import _IMPORTED; __import__(_IMPORTED[0]); os.kill(os.getpid(), signal.SIGINT)")
+        begun = (
+            "import os, signal, sys, stiction.__main__ as command, stiction.child_processes as children; sys.argv = ['stiction', 'run']; "
+            "children.child_context = lambda: os.kill(os.getpid(), signal.SIGINT); command.main()"
+        )
+        served = "import os, signal; from stiction.child_processes import _IMPORTED; __import__(_IMPORTED[0]); os.kill(os.getpid(), signal.SIGINT)"
         for code in (begun, served):
-            ended = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, timeout=HANGS)
+            ended = subprocess.run(
+                [sys.executable, "-c", code], capture_output=True, text=True, timeout=HANGS
+            )
             assert (ended.returncode, ended.stderr) == (-signal.SIGINT, "")
 
     def test_help_names_the_exit_codes_and_imports_nothing_heavy(self):
-        code = ("import sys; from stiction.cli.app import app; sys.argv = ['stiction', '--help']; app(standalone_mode=False); "
-                "print('heavy:', sys.modules.keys() & {'numpy', 'scipy', 'numba', 'pandas', 'matplotlib', 'pydantic'})")
-        ended = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, timeout=HANGS)
+        code = (
+            "import sys; from stiction.cli.app import app; sys.argv = ['stiction', '--help']; app(standalone_mode=False); "
+            "print('heavy:', sys.modules.keys() & {'numpy', 'scipy', 'numba', 'pandas', 'matplotlib', 'pydantic'})"
+        )
+        ended = subprocess.run(
+            [sys.executable, "-c", code], capture_output=True, text=True, timeout=HANGS
+        )
         assert "Exit codes" in ended.stdout and "heavy: set()" in ended.stdout, ended.stderr
 
-    @pytest.mark.parametrize(("modules", "others"), [
-        ("stiction.__main__, stiction.child_processes", {"numpy", "pydantic", "typer", "stiction.scenes", "stiction.cli"}),  # before anything else
-        ("stiction.__main__, stiction.engines.command_run", {"typer", "rich", "pandas", "stiction.cli"})], ids=["command", "child"])
+    @pytest.mark.parametrize(
+        ("modules", "others"),
+        [
+            (
+                "stiction.__main__, stiction.child_processes",
+                {"numpy", "pydantic", "typer", "stiction.scenes", "stiction.cli"},
+            ),  # before anything else
+            (
+                "stiction.__main__, stiction.engines.command_run",
+                {"typer", "rich", "pandas", "stiction.cli"},
+            ),
+        ],
+        ids=["command", "child"],
+    )
     def test_a_run_begins_without_what_it_can_do_without(self, modules, others):
         code = f"import sys, {modules}; print('others:', sys.modules.keys() & {others!r})"
-        ended = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, timeout=HANGS)
+        ended = subprocess.run(
+            [sys.executable, "-c", code], capture_output=True, text=True, timeout=HANGS
+        )
         assert "others: set()" in ended.stdout, ended.stdout + ended.stderr
 
     @pytest.mark.skipif(not hasattr(os, "openpty"), reason="needs a pseudo terminal")
     def test_progress_on_a_terminal_only(self):
         ours, theirs = os.openpty()
-        process = subprocess.Popen([sys.executable, "-m", "stiction", "run", "pendulum", "--t-end", "1"], stdout=subprocess.PIPE,
-                                   stderr=theirs, env={**os.environ, "TERM": "xterm"})
+        process = subprocess.Popen(
+            [sys.executable, "-m", "stiction", "run", "pendulum", "--t-end", "1"],
+            stdout=subprocess.PIPE,
+            stderr=theirs,
+            env={**os.environ, "TERM": "xterm"},
+        )
         os.close(theirs)
         shown = []
         # read while it runs: a terminal holds some 4 KB, and who writes more waits for a reader
-        reader = threading.Thread(target=lambda: shown.extend(iter(lambda: _read(ours), b"")), daemon=True)
+        reader = threading.Thread(
+            target=lambda: shown.extend(iter(lambda: _read(ours), b"")), daemon=True
+        )
         reader.start()
         stdout, _ = process.communicate(timeout=HANGS)
         reader.join(timeout=HANGS)
         os.close(ours)
         assert process.returncode == 0
-        assert b"reference on pendulum" in b"".join(shown) and b"reference on pendulum" not in stdout
-        assert b"0/?" not in b"".join(shown) and b"left" not in b"".join(shown)  # of one run nobody knows how long it takes
+        assert (
+            b"reference on pendulum" in b"".join(shown) and b"reference on pendulum" not in stdout
+        )
+        assert b"0/?" not in b"".join(shown) and b"left" not in b"".join(
+            shown
+        )  # of one run nobody knows how long it takes
 
 
 class Terminal(StringIO):
@@ -336,12 +608,21 @@ class Terminal(StringIO):
 @pytest.mark.parametrize("width", [20, 40, 60, 80, 120, 250])
 def test_no_number_is_cut_on_a_narrow_terminal(width, monkeypatch):
     """At 80 columns of nine numbers ``3.4e-12`` once stood as ``3.4e…``: a number without its exponent is another number."""
-    numbers = [f"{sign}{mantissa}e-{exponent}" for sign, mantissa, exponent in zip(" - - - - ", range(10001, 99999, 10000), range(10, 19))]
-    words = "paper's scheme, no stabilization", "a reason that takes some more words than a line of the terminal has"
+    numbers = [
+        f"{sign}{mantissa}e-{exponent}"
+        for sign, mantissa, exponent in zip(" - - - - ", range(10001, 99999, 10000), range(10, 19))
+    ]
+    words = (
+        "paper's scheme, no stabilization",
+        "a reason that takes some more words than a line of the terminal has",
+    )
     terminal = Terminal()
     monkeypatch.setattr("sys.stdout", terminal)
     monkeypatch.setenv("COLUMNS", str(width))
-    show(("variant", *(f"quantity {i}, max [m/s]" for i in range(9)), "reason"), [(words[0], *numbers, words[1])] * 2)
+    show(
+        ("variant", *(f"quantity {i}, max [m/s]" for i in range(9)), "reason"),
+        [(words[0], *numbers, words[1])] * 2,
+    )
     shown = terminal.getvalue()
     assert "…" not in shown
     for number in numbers:
@@ -351,19 +632,36 @@ def test_no_number_is_cut_on_a_narrow_terminal(width, monkeypatch):
 
 def test_more_instants_than_fit_are_bad_input():
     result = invoke("run", "pendulum", "--t-end", "1e12", exit_code=2)
-    assert "t_end, output_step: found 1e+12 s and 0.01 s, 1e+14 instants; expected at most 1e+07" in result.stderr
+    assert (
+        "t_end, output_step: found 1e+12 s and 0.01 s, 1e+14 instants; expected at most 1e+07"
+        in result.stderr
+    )
 
 
 def test_a_breakdown_at_the_start_is_told_without_a_motion():
     result = invoke("run", "existence-lost", exit_code=1)
-    assert "no motion, 1 rows" in result.output and "nan" not in result.output and "no solution of the HLCP was found" in result.stderr
+    assert (
+        "no motion, 1 rows" in result.output
+        and "nan" not in result.output
+        and "no solution of the HLCP was found" in result.stderr
+    )
 
 
-@pytest.mark.parametrize(("command", "work"), [
-    ("nightly --out made", "stiction.comparisons.regression.nightly.run_night"),
-    ("sweep slider-bar-case-1 --vary F0=1,2 --measure event-count --out made", "stiction.comparisons.sweep.sweep.sweep")])
+@pytest.mark.parametrize(
+    ("command", "work"),
+    [
+        ("nightly --out made", "stiction.comparisons.regression.nightly.run_night"),
+        (
+            "sweep slider-bar-case-1 --vary F0=1,2 --measure event-count --out made",
+            "stiction.comparisons.sweep.sweep.sweep",
+        ),
+    ],
+)
 def test_what_is_cut_off_says_how_it_goes_on(command, work, monkeypatch, tmp_path):
     monkeypatch.chdir(tmp_path)
     monkeypatch.setattr(work, lambda *_, **__: terminate())
     result = invoke(*command.split(), exit_code=TERMINATED)
-    assert result.stderr.startswith("stiction: ended by SIGTERM: the same command goes on with") and "made" in result.stderr
+    assert (
+        result.stderr.startswith("stiction: ended by SIGTERM: the same command goes on with")
+        and "made" in result.stderr
+    )

@@ -8,15 +8,22 @@ from conftest import invoke
 
 from stiction.reference_impl.friction import hlcp
 from stiction.reference_impl.multibody.dynamics import row_form
-from stiction.reference_impl.multibody.equation_summary import constraint_components, constraint_rows, hlcp_size, rank
+from stiction.reference_impl.multibody.equation_summary import (
+    constraint_components,
+    constraint_rows,
+    hlcp_size,
+    rank,
+)
 from stiction.reference_impl.multibody.kinematics import workspace
 from stiction.reference_impl.multibody.mechanism import Mechanism
 from stiction.scenes import catalogue, load_scene, scene_from_dict
 
 
 def table_row(text, *begin):
-    [row] = [line.split() for line in text.splitlines() if line.split()[:len(begin)] == list(begin)]
-    return row[len(begin):]
+    [row] = [
+        line.split() for line in text.splitlines() if line.split()[: len(begin)] == list(begin)
+    ]
+    return row[len(begin) :]
 
 
 class TestSizes:
@@ -24,7 +31,9 @@ class TestSizes:
         scene = load_scene("slider-bar-case-1")
         assert (hlcp_size(scene), hlcp_size(scene, 1)) == (5, 9)
 
-    @pytest.mark.parametrize("name", ["slider-bar-case-1", "mass-on-belt", "elliptic-trammel", "slider-on-moving-guide"])
+    @pytest.mark.parametrize(
+        "name", ["slider-bar-case-1", "mass-on-belt", "elliptic-trammel", "slider-on-moving-guide"]
+    )
     def test_those_that_are_assembled(self, name):
         mechanism = Mechanism(load_scene(name))
         m, w = mechanism.arrays, workspace(mechanism.arrays)
@@ -43,20 +52,39 @@ class TestConstraintGraph:
         # two pendulums and a ball that a spring holds: springs do not connect
         body = {"mass": 1, "inertia": 1}
         pin = {"type": "revolute", "points": [[1, 0], [1, 0]]}
-        scene = scene_from_dict({"bodies": {"a": body, "ball": body, "b": body, "c": body}, "joints": {
-            "one": pin | {"bodies": ["a", "ground"]}, "two": pin | {"bodies": ["b", "ground"]}, "three": pin | {"bodies": ["c", "b"]}},
-            "springs": {"s": {"type": "linear", "bodies": ["ball", "a"], "stiffness": 1}}})
+        scene = scene_from_dict(
+            {
+                "bodies": {"a": body, "ball": body, "b": body, "c": body},
+                "joints": {
+                    "one": pin | {"bodies": ["a", "ground"]},
+                    "two": pin | {"bodies": ["b", "ground"]},
+                    "three": pin | {"bodies": ["c", "b"]},
+                },
+                "springs": {"s": {"type": "linear", "bodies": ["ball", "a"], "stiffness": 1}},
+            }
+        )
         assert constraint_components(scene) == [("a",), ("ball",), ("b", "c")]
         assert (constraint_rows(scene), rank(scene)) == (6, 6)
 
     def test_redundant_guides(self):
         # the second guide of the same slider along the same line repeats both of its rows
         guide = {"type": "translational", "slider": "sled", "direction": [1, 0]}
-        scene = scene_from_dict({"bodies": {"sled": {"mass": 1, "inertia": 1}}, "joints": {"g": guide, "h": guide}})
+        scene = scene_from_dict(
+            {"bodies": {"sled": {"mass": 1, "inertia": 1}}, "joints": {"g": guide, "h": guide}}
+        )
         assert (constraint_rows(scene), rank(scene)) == (4, 2)
 
-    @pytest.mark.parametrize(("name", "freedoms"), [("slider-bar-case-1", 1), ("four-bar", 1), ("pendulum", 2), ("slider-crank", 0),
-                                                    ("elliptic-trammel", 1), ("slider-on-moving-guide", 2)])
+    @pytest.mark.parametrize(
+        ("name", "freedoms"),
+        [
+            ("slider-bar-case-1", 1),
+            ("four-bar", 1),
+            ("pendulum", 2),
+            ("slider-crank", 0),
+            ("elliptic-trammel", 1),
+            ("slider-on-moving-guide", 2),
+        ],
+    )
     def test_freedoms(self, name, freedoms):
         # the pendulum is a point on a massless rod: its angle is free too
         scene = load_scene(name)

@@ -33,21 +33,47 @@ def test_a_right_table(judge):
     assert result.exit_code == 0 and "proven" in result.stdout and "15 of 15" in result.stdout
 
 
-@pytest.mark.parametrize(("change", "arguments", "code"), [
-    (lambda frame: frame.assign(**{"slider.x": frame["slider.x"] + 1e-3 * frame["t"]}), [], 0),
-    (lambda frame: frame.assign(**{"slider.x": frame["slider.x"] + 1e-3 * frame["t"]}), ["--max-error", "1e-4"], 3),
-    (lambda frame: frame.assign(**{"bar.angle": frame["bar.angle"] + 1e-3 * frame["t"]})[["t", "bar.angle"]], ["--max-error", "1e-4"], 3),
-    (lambda frame: frame[frame["t"] < 20], ["--max-error", "1"], 3), (lambda frame: frame[frame["t"] > 20], ["--max-error", "1"], 3),
-    (lambda frame: frame[frame["t"] < 20], ["--max-error", "1", "--t-end", "20"], 0),
-    (lambda frame: 1e3 * frame[["t", "slider.x"]], ["--units", "mm,ms"], 0),
-    (lambda frame: 1e3 * frame[["t", "slider.x"]], ["--units", "ms"], 2),
-    (lambda frame: frame.assign(**{"motor.effort": -frame["motor.effort"]}), ["--max-error", "1"], 2),
-    (lambda frame: frame.rename(columns={"t": "zeit"}), [], 2), (lambda frame: frame.rename(columns={"t": "zeit"}), ["--map", "zeit=t"], 0),
-    (lambda frame: frame[["t", "bar.angle"]], ["--max-error", "1e-6"], 2), (lambda frame: frame[["t", "slider.y"]], ["--max-error", "1e-6"], 2),
-    (lambda frame: frame[["t", "bar.y", "slider.y", "bar.angle"]], ["--max-error", "1e-6"], 2), (lambda frame: frame[["t", "slider.x"]], ["--max-error", "1e-6"], 0),
-    (lambda frame: frame.iloc[[0, -1]], ["--max-error", "1e-6"], 2), (lambda frame: frame.iloc[::200], ["--max-error", "1e-6"], 0),
-    (lambda frame: frame[["t", "motor.effort"]], ["--max-error", "1"], 2), (lambda frame: frame, ["--max-error", "1e-17"], 2),
-    (lambda frame: frame, ["--units", "inch"], 2), (lambda frame: frame, ["--map", "x"], 2), (lambda frame: frame, ["--out", "result.csv"], 2)])
+@pytest.mark.parametrize(
+    ("change", "arguments", "code"),
+    [
+        (lambda frame: frame.assign(**{"slider.x": frame["slider.x"] + 1e-3 * frame["t"]}), [], 0),
+        (
+            lambda frame: frame.assign(**{"slider.x": frame["slider.x"] + 1e-3 * frame["t"]}),
+            ["--max-error", "1e-4"],
+            3,
+        ),
+        (
+            lambda frame: frame.assign(**{"bar.angle": frame["bar.angle"] + 1e-3 * frame["t"]})[
+                ["t", "bar.angle"]
+            ],
+            ["--max-error", "1e-4"],
+            3,
+        ),
+        (lambda frame: frame[frame["t"] < 20], ["--max-error", "1"], 3),
+        (lambda frame: frame[frame["t"] > 20], ["--max-error", "1"], 3),
+        (lambda frame: frame[frame["t"] < 20], ["--max-error", "1", "--t-end", "20"], 0),
+        (lambda frame: 1e3 * frame[["t", "slider.x"]], ["--units", "mm,ms"], 0),
+        (lambda frame: 1e3 * frame[["t", "slider.x"]], ["--units", "ms"], 2),
+        (
+            lambda frame: frame.assign(**{"motor.effort": -frame["motor.effort"]}),
+            ["--max-error", "1"],
+            2,
+        ),
+        (lambda frame: frame.rename(columns={"t": "zeit"}), [], 2),
+        (lambda frame: frame.rename(columns={"t": "zeit"}), ["--map", "zeit=t"], 0),
+        (lambda frame: frame[["t", "bar.angle"]], ["--max-error", "1e-6"], 2),
+        (lambda frame: frame[["t", "slider.y"]], ["--max-error", "1e-6"], 2),
+        (lambda frame: frame[["t", "bar.y", "slider.y", "bar.angle"]], ["--max-error", "1e-6"], 2),
+        (lambda frame: frame[["t", "slider.x"]], ["--max-error", "1e-6"], 0),
+        (lambda frame: frame.iloc[[0, -1]], ["--max-error", "1e-6"], 2),
+        (lambda frame: frame.iloc[::200], ["--max-error", "1e-6"], 0),
+        (lambda frame: frame[["t", "motor.effort"]], ["--max-error", "1"], 2),
+        (lambda frame: frame, ["--max-error", "1e-17"], 2),
+        (lambda frame: frame, ["--units", "inch"], 2),
+        (lambda frame: frame, ["--map", "x"], 2),
+        (lambda frame: frame, ["--out", "result.csv"], 2),
+    ],
+)
 def test_exit_codes(judge, frame, change, arguments, code):
     result = judge(change(frame), *arguments)
     assert result.exit_code == code, result.output
@@ -67,7 +93,9 @@ def test_folder(judge, tmp_path):
     assert judge(None, "--out", str(folder)).exit_code == 2 and (folder / "notes.txt").exists()
 
 
-@pytest.mark.parametrize("content", [b"", b"\x00\x01\xff" * 1000, b"t\n0\n1\n", b"t,slider.x\n0,a\n1,b\n"])
+@pytest.mark.parametrize(
+    "content", [b"", b"\x00\x01\xff" * 1000, b"t\n0\n1\n", b"t,slider.x\n0,a\n1,b\n"]
+)
 def test_garbage(tmp_path, monkeypatch, content):
     monkeypatch.chdir(tmp_path)
     (tmp_path / "r.csv").write_bytes(content)

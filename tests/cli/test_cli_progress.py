@@ -55,7 +55,13 @@ def test_a_closed_standard_error_and_a_failure_of_the_work_end_nothing_else(monk
 
 
 def test_a_terminal_has_its_bar_alone(monkeypatch):
-    monkeypatch.setattr(sys, "stderr", SimpleNamespace(isatty=lambda: True, write=len, flush=lambda: None, encoding="utf-8"))
+    monkeypatch.setattr(
+        sys,
+        "stderr",
+        SimpleNamespace(isatty=lambda: True, write=len, flush=lambda: None, encoding="utf-8"),
+    )
     monkeypatch.setattr(render, "SILENCE_S", 0.0)
     with progress("paper"):
-        assert not [thread for thread in threading.enumerate() if thread.name == "stiction-progress"]
+        assert not [
+            thread for thread in threading.enumerate() if thread.name == "stiction-progress"
+        ]

@@ -13,8 +13,14 @@ class Asked(Engine):
     """An engine that keeps what it was asked for, and gives the reference's motion."""
 
     name, version = "asked", "1"
-    capabilities = Capabilities(fidelities=("joint",), static_coefficient={"joint": True}, friction_law={"joint": "the reference's"},
-                                reactions="engine", order="8", adaptive=True)
+    capabilities = Capabilities(
+        fidelities=("joint",),
+        static_coefficient={"joint": True},
+        friction_law={"joint": "the reference's"},
+        reactions="engine",
+        order="8",
+        adaptive=True,
+    )
 
     def default_settings(self, fidelity):
         return {"sigma0": 1e5, "law": "LuGre"}
@@ -27,9 +33,14 @@ class Asked(Engine):
         return load_engine("reference").simulate(scene, t_end=t_end, output_step=output_step)
 
 
-@pytest.mark.parametrize(("given", "expected"), [
-    ({}, {"sigma0": 1e5, "law": "LuGre"}), ({"sigma0": 2.0}, {"sigma0": 2.0, "law": "LuGre"}),
-    ({"law": "Dahl", "sigma0": 1.0}, {"sigma0": 1.0, "law": "Dahl"})])
+@pytest.mark.parametrize(
+    ("given", "expected"),
+    [
+        ({}, {"sigma0": 1e5, "law": "LuGre"}),
+        ({"sigma0": 2.0}, {"sigma0": 2.0, "law": "LuGre"}),
+        ({"law": "Dahl", "sigma0": 1.0}, {"sigma0": 1.0, "law": "Dahl"}),
+    ],
+)
 def test_run_gets_all_settings(given, expected):
     """Those given and the defaults of the others, in a run, in one that is timed, and in the trial of an engine."""
     engine, scene = Asked(), load_scene("pendulum")
@@ -54,5 +65,7 @@ def test_defaults_can_be_given(name):
     scene = load_scene("slider-bar-case-1-mus-equals-mu")
     for fidelity in engine.capabilities.fidelities:
         one = engine.simulate(scene, t_end=0.1, fidelity=fidelity)
-        other = engine.simulate(scene, t_end=0.1, fidelity=fidelity, **engine.default_settings(fidelity))
+        other = engine.simulate(
+            scene, t_end=0.1, fidelity=fidelity, **engine.default_settings(fidelity)
+        )
         assert one.settings == other.settings and (one["slider.x"] == other["slider.x"]).all()

@@ -61,8 +61,13 @@ class Guide:
 
     def excess(self, R, T, f):
         """How far a friction at rest is beyond what the guide holds; negative inside the cone."""
-        return np.max([-d * f - np.max([line[0] * R + line[1] * T for line in self.lines(d)], axis=0)
-                       for d in (1, -1)], axis=0)
+        return np.max(
+            [
+                -d * f - np.max([line[0] * R + line[1] * T for line in self.lines(d)], axis=0)
+                for d in (1, -1)
+            ],
+            axis=0,
+        )
 
     def corner_forces(self, R, T, d):
         """n1, n2 while it slips; of a guide without length R, 0."""
@@ -82,14 +87,26 @@ class Dense:
     def __init__(self, scene: Scene):
         self.scene, self.equations = scene, EquationsOfMotion(scene)
         self.rows = self.equations.rows
-        self.guides = [Guide(name, self.rows.index(f"{name}.normal_force"), *guide.extent, guide.kinetic_coefficient,
-                             guide.static_coefficient) for name, guide in self.equations.guides.items()]
+        self.guides = [
+            Guide(
+                name,
+                self.rows.index(f"{name}.normal_force"),
+                *guide.extent,
+                guide.kinetic_coefficient,
+                guide.static_coefficient,
+            )
+            for name, guide in self.equations.guides.items()
+        ]
         self.columns = [*self.rows, *(f"{guide.name}.friction" for guide in self.guides)]
 
     def states(self, columns) -> tuple[np.ndarray, np.ndarray]:
         """q and v of a run's columns, (n, 3 bodies), or of the side of an event, (3 bodies,)."""
-        return tuple(np.stack([columns[f"{body}.{label}"] for body in self.scene.bodies for label in labels], -1)
-                     for labels in LABELS)
+        return tuple(
+            np.stack(
+                [columns[f"{body}.{label}"] for body in self.scene.bodies for label in labels], -1
+            )
+            for labels in LABELS
+        )
 
     def forces(self, columns) -> np.ndarray:
         """The forces of all rows, and the frictions, of a run's columns."""
@@ -111,7 +128,9 @@ class Dense:
         """Of a mechanism without freedoms: J a = -gamma."""
         return np.linalg.solve(terms.J, -terms.gamma)
 
-    def driven_solutions(self, terms: Terms, slip: np.ndarray) -> tuple[list[np.ndarray], list[np.ndarray], bool]:
+    def driven_solutions(
+        self, terms: Terms, slip: np.ndarray
+    ) -> tuple[list[np.ndarray], list[np.ndarray], bool]:
         """All row forces and frictions of a mechanism without freedoms whose guides slip in the directions `slip`.
 
         Each combination of signs of all corner forces is one linear system J^T lambda + W^T f(lambda) = M a - QE.
@@ -125,7 +144,10 @@ class Dense:
             No system was nearly singular, and no sign undecided in a solution that is none of the certain ones.
         """
         needed = self.equations.mass * self.accelerations(terms) - terms.QE
-        signs = [product((1, -1), repeat=2) if guide.length else ((1, 1), (-1, -1)) for guide in self.guides]
+        signs = [
+            product((1, -1), repeat=2) if guide.length else ((1, 1), (-1, -1))
+            for guide in self.guides
+        ]
         certain: list[np.ndarray] = []
         possible: list[np.ndarray] = []
         decided = True
@@ -144,7 +166,11 @@ class Dense:
                 decided = False
                 continue
             force = np.linalg.solve(acts.T, needed)
-            friction, least, size = np.zeros(len(self.guides)), np.inf, np.max(np.abs(force)) + 1e-300
+            friction, least, size = (
+                np.zeros(len(self.guides)),
+                np.inf,
+                np.max(np.abs(force)) + 1e-300,
+            )
             for g, (guide, (s1, s2)) in enumerate(zip(self.guides, choice)):
                 n1, n2 = guide.corner_forces(force[guide.row], force[guide.row + 1], slip[g])
                 friction[g] = -guide.mu * slip[g] * (s1 * n1 + s2 * n2)
@@ -163,12 +189,21 @@ class Dense:
         acts = np.concatenate([terms.J, terms.W[resting]]).T
         vectors = null_space(acts, rcond=1e-10)
         names = [*self.rows, *(f"{self.guides[g].name}.friction" for g in resting)]
-        return {name for name, part in zip(names, vectors) if np.max(np.abs(part), initial=0.0) > 1e-9}
+        return {
+            name for name, part in zip(names, vectors) if np.max(np.abs(part), initial=0.0) > 1e-9
+        }
 
     def balance(self, t, columns) -> float:
         """Largest residual of M a - QE - J^T lambda - W^T f relative to the largest term of the run."""
         q, v = self.states(columns)
-        a = np.stack([columns[f"{body}.{label}"] for body in self.scene.bodies for label in ("ax", "ay", "alpha")], -1)
+        a = np.stack(
+            [
+                columns[f"{body}.{label}"]
+                for body in self.scene.bodies
+                for label in ("ax", "ay", "alpha")
+            ],
+            -1,
+        )
         terms, force = self.equations.at(t, q, v), self.forces(columns)
         acts = np.concatenate([terms.J, terms.W], -2) * force[..., None]
         left = self.equations.mass * a - terms.QE - np.sum(acts, -2)
@@ -177,8 +212,11 @@ class Dense:
 
 
 def _is_among(solution: np.ndarray, others: list[np.ndarray]) -> bool:
-    return any(np.max(np.abs(solution - other)) <= SAME * max(np.max(np.abs(solution)), np.max(np.abs(other)))
-               for other in others)
+    return any(
+        np.max(np.abs(solution - other))
+        <= SAME * max(np.max(np.abs(solution)), np.max(np.abs(other)))
+        for other in others
+    )
 
 
 class Rest:
@@ -199,7 +237,7 @@ class Rest:
         for g, guide in enumerate(dense.guides):
             for d in (1, -1):
                 lines = np.zeros((len(guide.lines(d)), len(dense.columns)))
-                lines[:, guide.row:guide.row + 2] = guide.lines(d)
+                lines[:, guide.row : guide.row + 2] = guide.lines(d)
                 lines[:, len(dense.rows) + g] = d
                 self.margins.append(lines)
         self.slopes = [lines @ self.null for lines in self.margins]
@@ -225,7 +263,11 @@ class Rest:
             return any(all(np.max(d * slope[:, 0]) > 1e-9 for slope in slopes) for d in (1.0, -1.0))
         if k == 2:  # a least of largest sinusoids changes its sign only where one of them does
             every = np.concatenate(slopes)
-            zero = np.sort(np.concatenate([np.arctan2(-every[:, 0], every[:, 1]), np.arctan2(every[:, 0], -every[:, 1])]))
+            zero = np.sort(
+                np.concatenate(
+                    [np.arctan2(-every[:, 0], every[:, 1]), np.arctan2(every[:, 0], -every[:, 1])]
+                )
+            )
             for angle in (zero + np.append(zero[1:], zero[0] + 2 * np.pi)) / 2:
                 u = np.array([np.cos(angle), np.sin(angle)])
                 if all(np.max(slope @ u) > 1e-9 for slope in slopes):
@@ -264,7 +306,13 @@ class Rest:
         for choice in product(*(range(len(self.slopes[i])) for i in self.shared)):
             A = np.array([np.append(-self.slopes[i][c], 1.0) for i, c in zip(self.shared, choice)])
             b = np.array([self.margins[i][c] @ force for i, c in zip(self.shared, choice)]) / size
-            found = linprog(np.append(np.zeros(k), -1.0), A_ub=A, b_ub=b, bounds=[(None, None)] * (k + 1), method="highs")
+            found = linprog(
+                np.append(np.zeros(k), -1.0),
+                A_ub=A,
+                b_ub=b,
+                bounds=[(None, None)] * (k + 1),
+                method="highs",
+            )
             if found.status == 3:
                 return float(fixed)
             if found.status == 0:
@@ -296,15 +344,22 @@ def assembled(raw: dict, rates: dict[str, float] | None = None) -> Scene:
         raise NotAssembled
     # the coordinate of each drive, at the start, from its law's residual there
     off = equations.at(0.0, q, np.zeros_like(q)).phi[joints:]
-    raw = {**raw, "drives": {name: {**drive, "law": _shifted(drive["law"], float(by))}
-                             for (name, drive), by in zip(raw.get("drives", {}).items(), off)}}
+    raw = {
+        **raw,
+        "drives": {
+            name: {**drive, "law": _shifted(drive["law"], float(by))}
+            for (name, drive), by in zip(raw.get("drives", {}).items(), off)
+        },
+    }
     for name, rate in (rates or {}).items():
         body, _, label = name.partition(".")
         v[3 * list(raw["bodies"]).index(body) + LABELS[1].index(label)] = rate
     equations = EquationsOfMotion(scene_from_dict(_placed(raw, q, None), "draft"))
     terms = equations.at(0.0, q, v)
     v = v - np.linalg.lstsq(terms.J, terms.phi_dot, rcond=1e-10)[0]
-    if len(terms.J) and not np.max(np.abs(equations.at(0.0, q, v).phi_dot)) < 1e-10 * max(1.0, np.max(np.abs(v))):
+    if len(terms.J) and not np.max(np.abs(equations.at(0.0, q, v).phi_dot)) < 1e-10 * max(
+        1.0, np.max(np.abs(v))
+    ):
         raise NotAssembled
     return scene_from_dict(_placed(raw, q, v), "random scene")
 
@@ -315,9 +370,15 @@ def _placed(raw: dict, q: np.ndarray | None, v: np.ndarray | None) -> dict:
     for i, (name, body) in enumerate(raw["bodies"].items()):
         bodies[name] = dict(body)
         if q is not None:
-            bodies[name] |= {"position": q[3 * i:3 * i + 2].tolist(), "angle": float(q[3 * i + 2])}
+            bodies[name] |= {
+                "position": q[3 * i : 3 * i + 2].tolist(),
+                "angle": float(q[3 * i + 2]),
+            }
         if v is not None:
-            bodies[name] |= {"velocity": v[3 * i:3 * i + 2].tolist(), "angular_velocity": float(v[3 * i + 2])}
+            bodies[name] |= {
+                "velocity": v[3 * i : 3 * i + 2].tolist(),
+                "angular_velocity": float(v[3 * i + 2]),
+            }
     return {**raw, "bodies": bodies}
 
 
@@ -352,8 +413,12 @@ class Dice:
         return [float(np.cos(angle)), float(np.sin(angle))]
 
     def body(self, position, angle: float = 0.0) -> dict:
-        return {"mass": self.number(0.3, 3), "inertia": self.number(0.02, 0.5), "position": [float(x) for x in position],
-                "angle": float(angle)}
+        return {
+            "mass": self.number(0.3, 3),
+            "inertia": self.number(0.02, 0.5),
+            "position": [float(x) for x in position],
+            "angle": float(angle),
+        }
 
     def friction(self, most: float) -> dict:
         mu = self.number(0.02, most)
@@ -363,7 +428,9 @@ class Dice:
         if self.chance():
             found["length"] = self.number(0.1, 0.6)
             if self.chance():
-                found["width"] = self.number(0.01, 0.9) * found["length"] / max(found.get("mus", mu), 1.0)
+                found["width"] = (
+                    self.number(0.01, 0.9) * found["length"] / max(found.get("mus", mu), 1.0)
+                )
         return found
 
     def load(self, size: float) -> dict:
@@ -371,20 +438,39 @@ class Dice:
         if kind == 0:
             return {"type": "constant", "value": self.number(-size, size)}
         if kind == 1:
-            return {"type": "linear", "offset": self.number(-size, size) * 0.3, "rate": self.number(-size, size)}
+            return {
+                "type": "linear",
+                "offset": self.number(-size, size) * 0.3,
+                "rate": self.number(-size, size),
+            }
         if kind == 2:
-            return {"type": "sine", "offset": self.number(-size, size) * 0.3, "amplitude": self.number(-size, size),
-                    "frequency": self.number(1, 9), "phase": self.number(0, 6)}
+            return {
+                "type": "sine",
+                "offset": self.number(-size, size) * 0.3,
+                "amplitude": self.number(-size, size),
+                "frequency": self.number(1, 9),
+                "phase": self.number(0, 6),
+            }
         times = np.cumsum(self.random.uniform(0.05, 0.4, 5)) - 0.2
-        return {"type": "table", "times": times.tolist(), "values": self.random.uniform(-size, size, 5).tolist(),
-                "interpolation": self.one_of(["linear", "cubic"])}
+        return {
+            "type": "table",
+            "times": times.tolist(),
+            "values": self.random.uniform(-size, size, 5).tolist(),
+            "interpolation": self.one_of(["linear", "cubic"]),
+        }
 
 
 def pin(name: str, base: str, own: list[float], its: list[float]) -> dict:
-    return {"type": "revolute", "bodies": [name, base], "points": [list(map(float, own)), list(map(float, its))]}
+    return {
+        "type": "revolute",
+        "bodies": [name, base],
+        "points": [list(map(float, own)), list(map(float, its))],
+    }
 
 
-def rod(dice: Dice, raw: dict, name: str, ends: tuple[tuple[str, list[float], np.ndarray], ...]) -> None:
+def rod(
+    dice: Dice, raw: dict, name: str, ends: tuple[tuple[str, list[float], np.ndarray], ...]
+) -> None:
     """A rod between two bodies; `ends`: of each the body, the point in its axes, and the place of that in ground axes."""
     (first, at_first, a), (second, at_second, b) = ends
     a, b = np.asarray(a, dtype=float), np.asarray(b, dtype=float)
@@ -403,8 +489,16 @@ def place_of(raw: dict, body: str, point) -> np.ndarray:
     return np.array(q["position"]) + [c * point[0] - s * point[1], s * point[0] + c * point[1]]
 
 
-def slider_on(dice: Dice, raw: dict, name: str, guide: str, along: float, offset: float, angle: float,
-              friction: dict | None) -> None:
+def slider_on(
+    dice: Dice,
+    raw: dict,
+    name: str,
+    guide: str,
+    along: float,
+    offset: float,
+    angle: float,
+    friction: dict | None,
+) -> None:
     """A slider on a line of a guide; `along`: angle of the line in the guide's axes, through a point `offset` from a drawn one.
 
     Its point on the line is off its centre of mass now and then.
@@ -414,10 +508,21 @@ def slider_on(dice: Dice, raw: dict, name: str, guide: str, along: float, offset
     turned = 0.0 if guide == "ground" else raw["bodies"][guide]["angle"]
     whole = turned + angle
     c, s = np.cos(whole), np.sin(whole)
-    centre = place_of(raw, guide, point + offset * direction) - [c * own[0] - s * own[1], s * own[0] + c * own[1]]
+    centre = place_of(raw, guide, point + offset * direction) - [
+        c * own[0] - s * own[1],
+        s * own[0] + c * own[1],
+    ]
     raw["bodies"][name] = dice.body(centre, whole)
-    raw["joints"][f"guide-{name}"] = {"type": "translational", "slider": name, "guide": guide, "direction": direction.tolist(),
-                                      "point": point.tolist(), "slider_point": own, "angle": angle, **(friction or {})}
+    raw["joints"][f"guide-{name}"] = {
+        "type": "translational",
+        "slider": name,
+        "guide": guide,
+        "direction": direction.tolist(),
+        "point": point.tolist(),
+        "slider_point": own,
+        "angle": angle,
+        **(friction or {}),
+    }
 
 
 def tables(dice: Dice, t_end: float, weight: float = 0.6) -> dict:
@@ -428,14 +533,29 @@ def tables(dice: Dice, t_end: float, weight: float = 0.6) -> dict:
     return raw
 
 
-def add_loads(dice: Dice, raw: dict, size: float, chance: float = 0.6, springs: float = 0.4) -> None:
+def add_loads(
+    dice: Dice, raw: dict, size: float, chance: float = 0.6, springs: float = 0.4
+) -> None:
     """Loads on bodies and springs between them and the ground."""
     for name in list(raw["bodies"]):
         if dice.chance(chance):
-            raw["forces"][f"load-{name}"] = {"type": "force", "body": name, "point": dice.point(0.1), "direction": dice.unit(),
-                                             "law": dice.load(size)} if dice.chance(0.8) else {
-                "type": "torque", "body": name, "law": dice.load(0.3 * size)}
+            raw["forces"][f"load-{name}"] = (
+                {
+                    "type": "force",
+                    "body": name,
+                    "point": dice.point(0.1),
+                    "direction": dice.unit(),
+                    "law": dice.load(size),
+                }
+                if dice.chance(0.8)
+                else {"type": "torque", "body": name, "law": dice.load(0.3 * size)}
+            )
         if dice.chance(springs):
-            raw["springs"][f"spring-{name}"] = {"type": "linear", "bodies": [name, "ground"], "points": [dice.point(0.1), dice.point(1)],
-                                                "stiffness": dice.number(1, 40), "damping": dice.number(0, 1),
-                                                "rest_length": dice.number(0, 0.5)}
+            raw["springs"][f"spring-{name}"] = {
+                "type": "linear",
+                "bodies": [name, "ground"],
+                "points": [dice.point(0.1), dice.point(1)],
+                "stiffness": dice.number(1, 40),
+                "damping": dice.number(0, 1),
+                "rest_length": dice.number(0, 0.5),
+            }

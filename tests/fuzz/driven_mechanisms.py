@@ -13,8 +13,19 @@ from __future__ import annotations
 from collections import Counter
 
 import numpy as np
-from fuzz.dense_mechanics import Dense, Dice, NotAssembled, add_loads, assembled, pin, place_of, rod, slider_on, tables
 
+from fuzz.dense_mechanics import (
+    Dense,
+    Dice,
+    NotAssembled,
+    add_loads,
+    assembled,
+    pin,
+    place_of,
+    rod,
+    slider_on,
+    tables,
+)
 from stiction.scenes import InputError, Scene, Trajectory, scene_from_dict
 from stiction.scenes.laws import evaluate_law
 
@@ -40,19 +51,41 @@ def law_of_drive(dice: Dice, size: float) -> dict:
     if kind == 0:
         return {"type": "linear", "rate": dice.one_of([-1, 1]) * dice.number(0.1, 2) * size}
     if kind == 1:
-        return {"type": "sine", "amplitude": dice.number(0.2, 1) * size, "frequency": dice.number(1, 8), "phase": dice.number(0, 6)}
+        return {
+            "type": "sine",
+            "amplitude": dice.number(0.2, 1) * size,
+            "frequency": dice.number(1, 8),
+            "phase": dice.number(0, 6),
+        }
     times = np.cumsum(dice.random.uniform(0.05, 0.25, 6)) - 0.15
-    return {"type": "table", "times": times.tolist(), "values": (0.6 * size * dice.random.uniform(-1, 1, 6)).tolist(),
-            "interpolation": "cubic"}
+    return {
+        "type": "table",
+        "times": times.tolist(),
+        "values": (0.6 * size * dice.random.uniform(-1, 1, 6)).tolist(),
+        "interpolation": "cubic",
+    }
 
 
 def strut(dice: Dice, raw: dict, most: float) -> None:
     """A block on a guide, moved by a strut of driven length."""
-    slider_on(dice, raw, "block", "ground", dice.number(-3, 3), 0.0, dice.number(-1, 1), dice.friction(most))
+    slider_on(
+        dice,
+        raw,
+        "block",
+        "ground",
+        dice.number(-3, 3),
+        0.0,
+        dice.number(-1, 1),
+        dice.friction(most),
+    )
     own = dice.point(0.05) if dice.chance() else [0.0, 0.0]
     anchor = place_of(raw, "block", own) + dice.number(0.3, 1.2) * np.array(dice.unit())
-    raw["drives"]["strut"] = {"type": "distance", "bodies": ["block", "ground"], "points": [own, anchor.tolist()],
-                              "law": law_of_drive(dice, 0.1) | {}}
+    raw["drives"]["strut"] = {
+        "type": "distance",
+        "bodies": ["block", "ground"],
+        "points": [own, anchor.tolist()],
+        "law": law_of_drive(dice, 0.1) | {},
+    }
 
 
 def slider_crank(dice: Dice, raw: dict, most: float) -> None:
@@ -68,10 +101,18 @@ def slider_crank(dice: Dice, raw: dict, most: float) -> None:
     raw["joints"]["base"] = pin("crank", "ground", [-r / 2, 0], base)
     rod(dice, raw, "rod", (("slider", own, end), ("crank", [r / 2, 0], joint)))
     if dice.chance(0.75):
-        raw["drives"]["motor"] = {"type": "angle", "bodies": ["crank", "ground"], "law": law_of_drive(dice, 1.0)}
+        raw["drives"]["motor"] = {
+            "type": "angle",
+            "bodies": ["crank", "ground"],
+            "law": law_of_drive(dice, 1.0),
+        }
     else:
-        raw["drives"]["ram"] = {"type": "distance", "bodies": ["slider", "ground"], "axis": [float(np.cos(along)), float(np.sin(along))],
-                                "law": law_of_drive(dice, 0.1)}
+        raw["drives"]["ram"] = {
+            "type": "distance",
+            "bodies": ["slider", "ground"],
+            "axis": [float(np.cos(along)), float(np.sin(along))],
+            "law": law_of_drive(dice, 0.1),
+        }
 
 
 def trammel(dice: Dice, raw: dict, most: float) -> None:
@@ -79,18 +120,44 @@ def trammel(dice: Dice, raw: dict, most: float) -> None:
     first = dice.number(-3, 3)
     angle = first + dice.number(0.4, 2.7)
     for name, along in (("one", first), ("two", angle)):
-        slider_on(dice, raw, name, "ground", along, dice.number(-0.6, 0.6), dice.number(-1, 1), dice.friction(most))
-    rod(dice, raw, "rod", tuple((name, [0.0, 0.0], place_of(raw, name, [0, 0])) for name in ("one", "two")))
+        slider_on(
+            dice,
+            raw,
+            name,
+            "ground",
+            along,
+            dice.number(-0.6, 0.6),
+            dice.number(-1, 1),
+            dice.friction(most),
+        )
+    rod(
+        dice,
+        raw,
+        "rod",
+        tuple((name, [0.0, 0.0], place_of(raw, name, [0, 0])) for name in ("one", "two")),
+    )
     if dice.chance():
-        raw["drives"]["motor"] = {"type": "angle", "bodies": ["rod", "ground"], "law": law_of_drive(dice, 1.0)}
+        raw["drives"]["motor"] = {
+            "type": "angle",
+            "bodies": ["rod", "ground"],
+            "law": law_of_drive(dice, 1.0),
+        }
     else:
-        raw["drives"]["ram"] = {"type": "distance", "bodies": ["one", "ground"], "axis": [float(np.cos(first)), float(np.sin(first))],
-                                "law": law_of_drive(dice, 0.15)}
+        raw["drives"]["ram"] = {
+            "type": "distance",
+            "bodies": ["one", "ground"],
+            "axis": [float(np.cos(first)), float(np.sin(first))],
+            "law": law_of_drive(dice, 0.15),
+        }
 
 
 def quick_return(dice: Dice, raw: dict, most: float) -> None:
     """A slider on a rocking arm, pinned to a driven crank."""
-    base, pivot, r = np.array(dice.point(0.1)), np.array([0.0, -dice.number(0.3, 0.8)]), dice.number(0.1, 0.25)
+    base, pivot, r = (
+        np.array(dice.point(0.1)),
+        np.array([0.0, -dice.number(0.3, 0.8)]),
+        dice.number(0.1, 0.25),
+    )
     phi = dice.number(-3, 3)
     joint = base + r * np.array([np.cos(phi), np.sin(phi)])
     raw["bodies"]["crank"] = dice.body(base, phi)
@@ -100,9 +167,19 @@ def quick_return(dice: Dice, raw: dict, most: float) -> None:
     raw["joints"]["pivot"] = pin("arm", "ground", [0, 0], pivot)
     angle = dice.number(-1, 1)
     raw["bodies"]["slider"] = dice.body(joint, arm + angle)
-    raw["joints"]["guide-slider"] = {"type": "translational", "slider": "slider", "guide": "arm", "angle": angle, **dice.friction(most)}
+    raw["joints"]["guide-slider"] = {
+        "type": "translational",
+        "slider": "slider",
+        "guide": "arm",
+        "angle": angle,
+        **dice.friction(most),
+    }
     raw["joints"]["pin"] = pin("slider", "crank", [0, 0], [r, 0])
-    raw["drives"]["motor"] = {"type": "angle", "bodies": ["crank", "ground"], "law": law_of_drive(dice, 1.0)}
+    raw["drives"]["motor"] = {
+        "type": "angle",
+        "bodies": ["crank", "ground"],
+        "law": law_of_drive(dice, 1.0),
+    }
 
 
 def wedge(dice: Dice, raw: dict, most: float) -> None:
@@ -115,14 +192,28 @@ def wedge(dice: Dice, raw: dict, most: float) -> None:
     raw["bodies"]["foot"] |= {"position": place.tolist(), "angle": 0.0}
     upright = np.pi / 2 + dice.number(-0.4, 0.4)
     raw["bodies"]["plunger"] = dice.body(place)
-    raw["joints"]["guide-plunger"] = {"type": "translational", "slider": "plunger", "direction": [float(np.cos(upright)), float(np.sin(upright))],
-                                      "point": place.tolist(), **dice.friction(most)}
+    raw["joints"]["guide-plunger"] = {
+        "type": "translational",
+        "slider": "plunger",
+        "direction": [float(np.cos(upright)), float(np.sin(upright))],
+        "point": place.tolist(),
+        **dice.friction(most),
+    }
     raw["joints"]["pin"] = pin("plunger", "foot", [0, 0], [0, 0])
     if dice.chance():
-        raw["drives"]["ram"] = {"type": "distance", "bodies": ["wedge", "ground"], "axis": [1.0, 0.0], "law": law_of_drive(dice, 0.1)}
+        raw["drives"]["ram"] = {
+            "type": "distance",
+            "bodies": ["wedge", "ground"],
+            "axis": [1.0, 0.0],
+            "law": law_of_drive(dice, 0.1),
+        }
     else:
-        raw["drives"]["ram"] = {"type": "distance", "bodies": ["plunger", "ground"],
-                                "axis": raw["joints"]["guide-plunger"]["direction"], "law": law_of_drive(dice, 0.1)}
+        raw["drives"]["ram"] = {
+            "type": "distance",
+            "bodies": ["plunger", "ground"],
+            "axis": raw["joints"]["guide-plunger"]["direction"],
+            "law": law_of_drive(dice, 0.1),
+        }
 
 
 def driven_arm(dice: Dice, raw: dict, most: float) -> None:
@@ -130,22 +221,56 @@ def driven_arm(dice: Dice, raw: dict, most: float) -> None:
     raw["bodies"]["arm"] = dice.body([0, 0], dice.number(-3, 3))
     raw["joints"]["pivot"] = pin("arm", "ground", [0, 0], [0, 0])
     along = dice.number(-3, 3)
-    slider_on(dice, raw, "slider", "arm", along, dice.number(-0.3, 0.3), dice.number(-1, 1), dice.friction(most))
-    raw["drives"]["motor"] = {"type": "angle", "bodies": ["arm", "ground"], "law": law_of_drive(dice, 2.0)}
+    slider_on(
+        dice,
+        raw,
+        "slider",
+        "arm",
+        along,
+        dice.number(-0.3, 0.3),
+        dice.number(-1, 1),
+        dice.friction(most),
+    )
+    raw["drives"]["motor"] = {
+        "type": "angle",
+        "bodies": ["arm", "ground"],
+        "law": law_of_drive(dice, 2.0),
+    }
     if dice.chance():
-        raw["drives"]["ram"] = {"type": "distance", "bodies": ["slider", "arm"], "axis": [float(np.cos(along)), float(np.sin(along))],
-                                "law": law_of_drive(dice, 0.2)}
+        raw["drives"]["ram"] = {
+            "type": "distance",
+            "bodies": ["slider", "arm"],
+            "axis": [float(np.cos(along)), float(np.sin(along))],
+            "law": law_of_drive(dice, 0.2),
+        }
     else:
-        anchor = np.array(raw["joints"]["guide-slider"]["point"]) + dice.number(0.5, 1) * np.array(dice.unit())
-        raw["drives"]["ram"] = {"type": "distance", "bodies": ["slider", "arm"], "points": [[0, 0], anchor.tolist()],
-                                "law": law_of_drive(dice, 0.1)}
+        anchor = np.array(raw["joints"]["guide-slider"]["point"]) + dice.number(0.5, 1) * np.array(
+            dice.unit()
+        )
+        raw["drives"]["ram"] = {
+            "type": "distance",
+            "bodies": ["slider", "arm"],
+            "points": [[0, 0], anchor.tolist()],
+            "law": law_of_drive(dice, 0.1),
+        }
 
 
 def dwells(scene: Scene) -> Scene:
     """The scene with all its drives holding what they are at the start, and its bodies at rest."""
-    raw = {**scene._raw, "drives": {name: {**drive, "law": {"type": "constant", "value": evaluate_law(scene.drives[name].law, 0.0)[0]}}
-                                    for name, drive in scene._raw["drives"].items()}}
-    raw["bodies"] = {name: {**body, "velocity": [0.0, 0.0], "angular_velocity": 0.0} for name, body in raw["bodies"].items()}
+    raw = {
+        **scene._raw,
+        "drives": {
+            name: {
+                **drive,
+                "law": {"type": "constant", "value": evaluate_law(scene.drives[name].law, 0.0)[0]},
+            }
+            for name, drive in scene._raw["drives"].items()
+        },
+    }
+    raw["bodies"] = {
+        name: {**body, "velocity": [0.0, 0.0], "angular_velocity": 0.0}
+        for name, body in raw["bodies"].items()
+    }
     return scene_from_dict(raw, scene.name)
 
 
@@ -195,27 +320,52 @@ def check(scene: Scene, run: Trajectory) -> tuple[list[str], Counter]:
         for i, t in enumerate(run.t):
             slip = np.array([run[f"{guide.name}.mode"][i] for guide in dense.guides], dtype=int)
             alternatives = {name: values[i] for name, values in run.alternatives.items()}
-            wrong += [f"row {i}, t = {t:.6g}: {word}" for word in _row(dense, t, q[i], v[i], slip, force[i], alternatives, met, scales)]
+            wrong += [
+                f"row {i}, t = {t:.6g}: {word}"
+                for word in _row(dense, t, q[i], v[i], slip, force[i], alternatives, met, scales)
+            ]
     for event in run.events:
         for side in ("before", "after"):
             values = getattr(event, side)
             slip = np.array([values[f"{guide.name}.mode"] for guide in dense.guides], dtype=int)
-            wrong += [f"{event.kind} at {event.time:.6g}, {side}: {word}" for word in _row(
-                dense, event.time, *dense.states(values), slip, dense.forces(values), None, met, scales)]
+            wrong += [
+                f"{event.kind} at {event.time:.6g}, {side}: {word}"
+                for word in _row(
+                    dense,
+                    event.time,
+                    *dense.states(values),
+                    slip,
+                    dense.forces(values),
+                    None,
+                    met,
+                    scales,
+                )
+            ]
     if run.breakdown is not None:
         wrong += _end(dense, run, met)
     return wrong, met
 
 
-def _row(dense: Dense, t: float, q: np.ndarray, v: np.ndarray, slip: np.ndarray, force: np.ndarray,
-         alternatives: dict[str, np.ndarray] | None, met: Counter, scales: tuple[float, float]) -> list[str]:
+def _row(
+    dense: Dense,
+    t: float,
+    q: np.ndarray,
+    v: np.ndarray,
+    slip: np.ndarray,
+    force: np.ndarray,
+    alternatives: dict[str, np.ndarray] | None,
+    met: Counter,
+    scales: tuple[float, float],
+) -> list[str]:
     """What is wrong with the forces of an instant; `scales`: the largest speed and force of the run."""
     terms = dense.equations.at(t, q, v)
     speed = terms.slip_speed
     if not np.isfinite(terms.gamma).all() or np.linalg.cond(terms.J) > 1e8:
         met["singular position"] += 1
         return []
-    known = np.abs(speed) > max(1e-7 * scales[0], 1e-12)  # elsewhere a sign is that of the side of a reversal
+    known = np.abs(speed) > max(
+        1e-7 * scales[0], 1e-12
+    )  # elsewhere a sign is that of the side of a reversal
     if np.any(slip[known] != np.sign(speed[known])):
         return [f"modes {slip.tolist()} against the slip speeds {speed.tolist()}"]
     if np.any(slip == 0):
@@ -225,7 +375,11 @@ def _row(dense: Dense, t: float, q: np.ndarray, v: np.ndarray, slip: np.ndarray,
         # drives hold all guides: they share the load with the frictions, and nothing tells how
         expected = dense.open_columns(terms, list(range(len(slip))))
         nans = {name for name, value in zip(dense.columns, force) if np.isnan(value)}
-        return [f"at rest nan in {sorted(nans)}, expected in {sorted(expected)}"] if nans != expected else []
+        return (
+            [f"at rest nan in {sorted(nans)}, expected in {sorted(expected)}"]
+            if nans != expected
+            else []
+        )
     if np.nanmax(np.abs(force), initial=0.0) < 1e-9 * scales[1]:
         met["without load"] += 1  # all forces pass zero: signs are rounding
         return []
@@ -249,19 +403,33 @@ def _row(dense: Dense, t: float, q: np.ndarray, v: np.ndarray, slip: np.ndarray,
         found.append(f"{len(certain)} solutions; nan in {nans}, expected in {expected}")
     tolerance = FORCES * size
     settled = ~np.isnan(force)
-    if settled.any() and not np.min(np.max(np.abs(every - force)[:, settled], axis=1)) <= tolerance + np.max(spread[settled]):
-        found.append(f"forces off by {np.min(np.max(np.abs(every - force)[:, settled], axis=1)) / size:.2g} of {size:.3g} N")
+    if settled.any() and not np.min(
+        np.max(np.abs(every - force)[:, settled], axis=1)
+    ) <= tolerance + np.max(spread[settled]):
+        found.append(
+            f"forces off by {np.min(np.max(np.abs(every - force)[:, settled], axis=1)) / size:.2g} of {size:.3g} N"
+        )
     if alternatives is not None and len(certain) <= MOST_COMPARED:
         for k, name in enumerate(dense.columns):
             listed = alternatives.get(name, np.array([np.nan]))
             listed = listed[~np.isnan(listed)]
-            if alike[k] and len(listed) or differs[k] and not _same_set(listed, every[:, k], 1e-6 * size):
-                found.append(f"alternatives of {name}: {listed.tolist()}, expected {every[:, k].tolist() if differs[k] else 'none'}")
+            if (
+                alike[k]
+                and len(listed)
+                or differs[k]
+                and not _same_set(listed, every[:, k], 1e-6 * size)
+            ):
+                found.append(
+                    f"alternatives of {name}: {listed.tolist()}, expected {every[:, k].tolist() if differs[k] else 'none'}"
+                )
     return found
 
 
 def _same_set(listed: np.ndarray, expected: np.ndarray, tolerance: float) -> bool:
-    return len(listed) == len(expected) and np.max(np.abs(np.sort(listed) - np.sort(expected)), initial=0.0) <= tolerance
+    return (
+        len(listed) == len(expected)
+        and np.max(np.abs(np.sort(listed) - np.sort(expected)), initial=0.0) <= tolerance
+    )
 
 
 def _end(dense: Dense, run: Trajectory, met: Counter) -> list[str]:
@@ -269,7 +437,9 @@ def _end(dense: Dense, run: Trajectory, met: Counter) -> list[str]:
     stop = run.breakdown
     met[f"ended: {stop.kind}"] += 1
     q, _ = (part[-1] for part in dense.states(run))
-    step = run.settings.get("dt", 1e-5 * dense.scene.t_end)  # of a fixed step a stage ahead has none
+    step = run.settings.get(
+        "dt", 1e-5 * dense.scene.t_end
+    )  # of a fixed step a stage ahead has none
     counts = []
     try:
         # follow the kinematics from the last row to the end of the run, and a little beyond
@@ -296,5 +466,7 @@ def _end(dense: Dense, run: Trajectory, met: Counter) -> list[str]:
     if stop.kind in GIVEN_UP:
         return []
     if counts[0] and counts[1]:
-        return [f"ended ({stop.kind}: {stop.reason[:60]}) at {stop.time:.6g} s; {counts[0]} solutions just beyond"]
+        return [
+            f"ended ({stop.kind}: {stop.reason[:60]}) at {stop.time:.6g} s; {counts[0]} solutions just beyond"
+        ]
     return []

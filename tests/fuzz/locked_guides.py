@@ -16,8 +16,19 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from fuzz.dense_mechanics import Dense, Dice, NotAssembled, add_loads, assembled, pin, place_of, rod, slider_on, tables
 
+from fuzz.dense_mechanics import (
+    Dense,
+    Dice,
+    NotAssembled,
+    add_loads,
+    assembled,
+    pin,
+    place_of,
+    rod,
+    slider_on,
+    tables,
+)
 from stiction.reference_impl.multibody.guide_freedom import GuideFreedom, guide_freedoms
 from stiction.scenes import InputError, Scene, Trajectory, scene_from_dict
 
@@ -38,7 +49,16 @@ class Drawn:
 
 def frame(dice: Dice, raw: dict, host: str, block: str) -> str:
     """A block on a guide of a host that a strut locks; returns the name of its guide."""
-    slider_on(dice, raw, block, host, dice.number(-3, 3), dice.number(-0.2, 0.2), dice.number(-1, 1), dice.friction(1.0))
+    slider_on(
+        dice,
+        raw,
+        block,
+        host,
+        dice.number(-3, 3),
+        dice.number(-0.2, 0.2),
+        dice.number(-1, 1),
+        dice.friction(1.0),
+    )
     guide = raw["joints"][f"guide-{block}"]
     own = dice.point(0.1)
     while True:
@@ -71,10 +91,22 @@ def four_bar(dice: Dice, raw: dict) -> tuple[str, dict[str, float]]:
     raw["joints"]["a"] = pin("crank", "ground", [-np.hypot(*(top_a - a)) / 2, 0], a)
     raw["bodies"]["rocker"] = dice.body((b + top_b) / 2, np.arctan2(*(top_b - b)[::-1]))
     raw["joints"]["b"] = pin("rocker", "ground", [-np.hypot(*(top_b - b)) / 2, 0], b)
-    rod(dice, raw, "coupler", (("crank", [np.hypot(*(top_a - a)) / 2, 0], top_a), ("rocker", [np.hypot(*(top_b - b)) / 2, 0], top_b)))
+    rod(
+        dice,
+        raw,
+        "coupler",
+        (
+            ("crank", [np.hypot(*(top_a - a)) / 2, 0], top_a),
+            ("rocker", [np.hypot(*(top_b - b)) / 2, 0], top_b),
+        ),
+    )
     if dice.chance(0.3):
         rate = dice.number(-3, 3)
-        raw["drives"]["motor"] = {"type": "angle", "bodies": ["crank", "ground"], "law": {"type": "linear", "rate": rate}}
+        raw["drives"]["motor"] = {
+            "type": "angle",
+            "bodies": ["crank", "ground"],
+            "law": {"type": "linear", "rate": rate},
+        }
         return dice.one_of(["crank", "rocker", "coupler"]), {}
     return dice.one_of(["crank", "rocker", "coupler"]), {"crank.omega": dice.number(-3, 3)}
 
@@ -82,9 +114,16 @@ def four_bar(dice: Dice, raw: dict) -> tuple[str, dict[str, float]]:
 def sliding(dice: Dice, raw: dict) -> tuple[str, dict[str, float]]:
     """A carriage on the ground, with friction of its own now and then."""
     along = dice.number(-3, 3)
-    friction = {"mu": dice.number(0.02, 0.3), "length": 0.5, "width": 0.1} if dice.chance() else None
+    friction = (
+        {"mu": dice.number(0.02, 0.3), "length": 0.5, "width": 0.1} if dice.chance() else None
+    )
     slider_on(dice, raw, "carriage", "ground", along, 0.0, dice.number(-1, 1), friction)
-    raw["springs"]["back"] = {"type": "linear", "bodies": ["carriage", "ground"], "points": [[0, 0], dice.point(1)], "stiffness": dice.number(5, 60)}
+    raw["springs"]["back"] = {
+        "type": "linear",
+        "bodies": ["carriage", "ground"],
+        "points": [[0, 0], dice.point(1)],
+        "stiffness": dice.number(5, 60),
+    }
     return "carriage", {"carriage.vx": dice.number(-1, 1)} if dice.chance(0.7) else {}
 
 
@@ -109,15 +148,22 @@ def draw(seed: int, index: int) -> Drawn:
         except (NotAssembled, InputError):
             continue
         dense = Dense(scene)
-        sized = (jacobian := dense.equations.at(0.0, *dense.equations.start()).J) / np.linalg.norm(jacobian, axis=1)[:, None]
+        sized = (jacobian := dense.equations.at(0.0, *dense.equations.start()).J) / np.linalg.norm(
+            jacobian, axis=1
+        )[:, None]
         if np.linalg.svd(sized, compute_uv=False)[-1] > 1e-2:
             return Drawn(host.__name__, scene, tuple(locked))
 
 
 def without_friction(drawn: Drawn) -> Scene:
     """The same scene with mu = 0 in the locked guides."""
-    raw = {**drawn.scene._raw, "joints": {name: {**joint, **({"mu": 0.0, "mus": 0.0} if name in drawn.locked else {})}
-                                          for name, joint in drawn.scene._raw["joints"].items()}}
+    raw = {
+        **drawn.scene._raw,
+        "joints": {
+            name: {**joint, **({"mu": 0.0, "mus": 0.0} if name in drawn.locked else {})}
+            for name, joint in drawn.scene._raw["joints"].items()
+        },
+    }
     return scene_from_dict(raw, drawn.scene.name)
 
 
@@ -125,21 +171,31 @@ def check(drawn: Drawn, run: Trajectory, smooth: Trajectory) -> list[str]:
     """What is wrong with the run of a scene, beside that without friction in the locked guides."""
     found, dense = [], Dense(drawn.scene)
     kinds = guide_freedoms(drawn.scene, 1.0).freedom
-    found += [f"{name} is found {kinds[name].name}" for name in drawn.locked if kinds[name] != GuideFreedom.LOCKED]
+    found += [
+        f"{name} is found {kinds[name].name}"
+        for name in drawn.locked
+        if kinds[name] != GuideFreedom.LOCKED
+    ]
     if (run.breakdown is None) != (smooth.breakdown is None):
         return [*found, f"ends with {run.termination}; without friction with {smooth.termination}"]
     if run.breakdown is not None:
         return found
     for name in drawn.locked:
         if np.any(run[f"{name}.mode"]) or np.any(run[f"{name}.friction"]):
-            found.append(f"{name}: modes {set(run[f'{name}.mode'].tolist())}, friction up to {np.max(np.abs(run[f'{name}.friction'])):.3g} N")
+            found.append(
+                f"{name}: modes {set(run[f'{name}.mode'].tolist())}, friction up to {np.max(np.abs(run[f'{name}.friction'])):.3g} N"
+            )
         if events := [event for event in run.events if event.joint == name]:
-            found.append(f"{name}: {len(events)} events, the first {events[0].kind} at {events[0].time:.6g} s")
+            found.append(
+                f"{name}: {len(events)} events, the first {events[0].kind} at {events[0].time:.6g} s"
+            )
     (q, v), (q0, v0) = dense.states(run), dense.states(smooth)
     error = max(np.max(np.abs(q - q0)), np.max(np.abs(v - v0)) / max(1.0, np.max(np.abs(v0))))
     if not error <= SAME_MOTION:
         found.append(f"motion off by {error:.2g}")
-    if [(event.kind, event.joint) for event in run.events] != [(event.kind, event.joint) for event in smooth.events]:
+    if [(event.kind, event.joint) for event in run.events] != [
+        (event.kind, event.joint) for event in smooth.events
+    ]:
         found.append(f"{len(run.events)} events, {len(smooth.events)} without friction")
     elif any(abs(a.time - b.time) > SAME_MOTION for a, b in zip(run.events, smooth.events)):
         found.append("events at other times than without friction")
@@ -152,12 +208,16 @@ def check(drawn: Drawn, run: Trajectory, smooth: Trajectory) -> list[str]:
 
 def energy_drift(scene: Scene, q: np.ndarray, v: np.ndarray) -> float:
     """Change of kinetic and potential energy relative to the largest kinetic one and its changes; 0 where it is not kept."""
-    if scene.drives or scene.forces or any(spring.damping or spring.type == "torsional" for spring in scene.springs.values()) or any(
-            guide.mu and name.endswith("carriage") for name, guide in scene.guides.items()):
+    if (
+        scene.drives
+        or scene.forces
+        or any(spring.damping or spring.type == "torsional" for spring in scene.springs.values())
+        or any(guide.mu and name.endswith("carriage") for name, guide in scene.guides.items())
+    ):
         return 0.0
     equations = Dense(scene).equations
     gravity = np.resize([*(scene.gravity or (0.0, 0.0)), 0.0], len(equations.mass))
-    kinetic = 0.5 * np.sum(equations.mass * v ** 2, -1)
+    kinetic = 0.5 * np.sum(equations.mass * v**2, -1)
     potential = -np.sum(equations.mass * gravity * q, -1)
     for spring in scene.springs.values():
         ends = []
@@ -167,8 +227,13 @@ def energy_drift(scene: Scene, q: np.ndarray, v: np.ndarray) -> float:
                 continue
             i = 3 * list(scene.bodies).index(body)
             c, s = np.cos(q[:, i + 2]), np.sin(q[:, i + 2])
-            ends.append(q[:, i:i + 2] + np.stack([c * point[0] - s * point[1], s * point[0] + c * point[1]], -1))
-        potential += 0.5 * spring.stiffness * (np.hypot(*(ends[0] - ends[1]).T) - spring.rest_length) ** 2
+            ends.append(
+                q[:, i : i + 2]
+                + np.stack([c * point[0] - s * point[1], s * point[0] + c * point[1]], -1)
+            )
+        potential += (
+            0.5 * spring.stiffness * (np.hypot(*(ends[0] - ends[1]).T) - spring.rest_length) ** 2
+        )
     size = np.max(kinetic) + np.ptp(potential)
     return float(np.ptp(kinetic + potential) / size) if size > 1e-12 else 0.0
 
@@ -179,7 +244,9 @@ def near_miss(seed: int, index: int) -> tuple[str, Scene, GuideFreedom]:
     while True:
         raw = tables(dice, 0.05, 0.8)
         body, rates = dice.one_of([pendulum, standing])(dice, raw)
-        family = dice.one_of(["dead centre", "parallelogram", "nearly locked", "driven dead centre"])
+        family = dice.one_of(
+            ["dead centre", "parallelogram", "nearly locked", "driven dead centre"]
+        )
         along = dice.number(-3, 3)
         slider_on(dice, raw, "block", body, along, 0.0, dice.number(-1, 1), dice.friction(0.3))
         raw["joints"]["guide-block"]["slider_point"] = [0.0, 0.0]
@@ -187,10 +254,22 @@ def near_miss(seed: int, index: int) -> tuple[str, Scene, GuideFreedom]:
         start, direction = np.array(line["point"]), np.array(line["direction"])
         raw["bodies"]["block"]["position"] = place_of(raw, body, start).tolist()
 
-        def on_host(along: float, across: float = 0.0, start=start, direction=direction) -> list[float]:
-            return (start + along * direction + across * np.array([-direction[1], direction[0]])).tolist()
+        def on_host(
+            along: float, across: float = 0.0, start=start, direction=direction
+        ) -> list[float]:
+            return (
+                start + along * direction + across * np.array([-direction[1], direction[0]])
+            ).tolist()
 
-        def link(name: str, one: str, at_one: list[float], two: str, at_two: list[float], raw=raw, dice=dice) -> float:
+        def link(
+            name: str,
+            one: str,
+            at_one: list[float],
+            two: str,
+            at_two: list[float],
+            raw=raw,
+            dice=dice,
+        ) -> float:
             a, b = place_of(raw, one, at_one), place_of(raw, two, at_two)
             rod(dice, raw, name, ((one, at_one, a), (two, at_two, b)))
             return float(np.hypot(*(b - a)) / 2)
@@ -205,7 +284,11 @@ def near_miss(seed: int, index: int) -> tuple[str, Scene, GuideFreedom]:
             link("rod", "block", [0.0, 0.0], "crank", [r / 2, 0])
             rates["crank.omega"] = dice.number(0.5, 3)
             if family.startswith("driven"):
-                raw["drives"]["motor"] = {"type": "angle", "bodies": ["crank", body], "law": {"type": "linear", "rate": 1.5}}
+                raw["drives"]["motor"] = {
+                    "type": "angle",
+                    "bodies": ["crank", body],
+                    "law": {"type": "linear", "rate": 1.5},
+                }
         elif family == "parallelogram":
             # a platform on three equal cranks, redundant, moves the block by a rod
             turn = dice.number(0.6, 2.5)
@@ -213,16 +296,28 @@ def near_miss(seed: int, index: int) -> tuple[str, Scene, GuideFreedom]:
             feet = [on_host(length + x, -0.2) for x in (0.0, 0.3, 0.7)]
             tops = [(np.array(foot) + arm).tolist() for foot in feet]
             places = [place_of(raw, body, top) for top in tops]
-            raw["bodies"]["platform"] = dice.body(places[0], np.arctan2(*(places[2] - places[0])[::-1]))
+            raw["bodies"]["platform"] = dice.body(
+                places[0], np.arctan2(*(places[2] - places[0])[::-1])
+            )
             for k, foot in enumerate(feet):
-                link(f"leg-{k}", body, foot, "platform", [float(np.hypot(*(places[k] - places[0]))), 0.0])
+                link(
+                    f"leg-{k}",
+                    body,
+                    foot,
+                    "platform",
+                    [float(np.hypot(*(places[k] - places[0]))), 0.0],
+                )
             link("rod", "block", [0.0, 0.0], "platform", [0.0, 0.0])
         else:
             # two links, a thousandth longer than the way between their ends, in place of a strut
             a, b = np.array([0.0, 0.0]), np.array(dice.unit()) * length
             foot = (start + b).tolist()
-            knee = 0.4 * b + 0.03 * np.array([-b[1], b[0]])  # (1 + 0.03^2 (1/.4 + 1/.6) / 2 ..): a thousandth and a half
-            raw["bodies"]["knee"] = dice.body(place_of(raw, body, (start + (a + knee) / 2).tolist()), 0.0)
+            knee = 0.4 * b + 0.03 * np.array(
+                [-b[1], b[0]]
+            )  # (1 + 0.03^2 (1/.4 + 1/.6) / 2 ..): a thousandth and a half
+            raw["bodies"]["knee"] = dice.body(
+                place_of(raw, body, (start + (a + knee) / 2).tolist()), 0.0
+            )
             host_angle = 0.0 if body == "ground" else raw["bodies"][body]["angle"]
             raw["bodies"]["knee"]["angle"] = float(host_angle + np.arctan2(*knee[::-1]))
             half = float(np.hypot(*knee) / 2)

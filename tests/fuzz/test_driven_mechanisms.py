@@ -5,12 +5,15 @@ from secrets import randbits
 
 import numpy as np
 import pytest
-from fuzz.driven_mechanisms import ROWS, T_END, check, draw, dwells
 
+from fuzz.driven_mechanisms import ROWS, T_END, check, draw, dwells
 from stiction.engines.protocol import BadTrajectory
 from stiction.engines.reference.engine import ReferenceEngine
 
-SETTINGS = {solver: {"rtol": 1e-9, "solver": solver} for solver in ("automatic", "lemke", "enumeration", "trial")}
+SETTINGS = {
+    solver: {"rtol": 1e-9, "solver": solver}
+    for solver in ("automatic", "lemke", "enumeration", "trial")
+}
 SETTINGS["paper"] = {"dt": T_END / 400}
 
 
@@ -21,19 +24,30 @@ def checked(seed, count, names):
         family, scene = draw(seed, index)
         for name in names:
             try:
-                run = ReferenceEngine().simulate(scene, t_end=T_END, output_step=T_END / ROWS, **SETTINGS[name])
+                run = ReferenceEngine().simulate(
+                    scene, t_end=T_END, output_step=T_END / ROWS, **SETTINGS[name]
+                )
             except BadTrajectory as error:
                 wrong.append(f"driven_mechanisms.draw({seed}, {index}), {family}, {name}: {error}")
                 continue
             found, rows = check(scene, run)
             met += rows
-            wrong += [f"driven_mechanisms.draw({seed}, {index}), {family}, {name}: {word}" for word in found]
+            wrong += [
+                f"driven_mechanisms.draw({seed}, {index}), {family}, {name}: {word}"
+                for word in found
+            ]
     return wrong, met
 
 
-@pytest.mark.parametrize(("seed", "count", "names"), [
-    (1, 30, ["automatic"]), (2, 6, list(SETTINGS)),
-    pytest.param(None, 2000, ["automatic"], marks=pytest.mark.long), pytest.param(None, 400, list(SETTINGS), marks=pytest.mark.long)])
+@pytest.mark.parametrize(
+    ("seed", "count", "names"),
+    [
+        (1, 30, ["automatic"]),
+        (2, 6, list(SETTINGS)),
+        pytest.param(None, 2000, ["automatic"], marks=pytest.mark.long),
+        pytest.param(None, 400, list(SETTINGS), marks=pytest.mark.long),
+    ],
+)
 def test_forces_are_all_that_obey_the_law(seed, count, names):
     seed = randbits(32) if seed is None else seed
     wrong, met = checked(seed, count, names)
@@ -41,14 +55,18 @@ def test_forces_are_all_that_obey_the_law(seed, count, names):
     assert met["1 solutions"] > 5 * count
 
 
-@pytest.mark.parametrize(("seed", "index"), [
-    (5, 222),  # steps went over the jam, and friction acted along the slip
-    (5, 3),  # two solutions meet where a normal force is zero, and end
-    (5, 4),  # so they do, and a third goes on
-    (5, 77),  # a force grows without bound, and another solution goes on
-    (5, 53),  # four solutions with a moment that is zero in all of them
-    (9, 1045),  # guides without any load beside one whose force passes zero
-    (9, 1179)])  # two corner forces pass zero one after the other
+@pytest.mark.parametrize(
+    ("seed", "index"),
+    [
+        (5, 222),  # steps went over the jam, and friction acted along the slip
+        (5, 3),  # two solutions meet where a normal force is zero, and end
+        (5, 4),  # so they do, and a third goes on
+        (5, 77),  # a force grows without bound, and another solution goes on
+        (5, 53),  # four solutions with a moment that is zero in all of them
+        (9, 1045),  # guides without any load beside one whose force passes zero
+        (9, 1179),
+    ],
+)  # two corner forces pass zero one after the other
 def test_what_failed_before(seed, index):
     _, scene = draw(seed, index)
     run = ReferenceEngine().simulate(scene, t_end=T_END, output_step=T_END / ROWS, rtol=1e-9)
@@ -56,7 +74,9 @@ def test_what_failed_before(seed, index):
     assert not found, "\n".join(found)
 
 
-@pytest.mark.parametrize(("seed", "count"), [(3, 10), pytest.param(None, 300, marks=pytest.mark.long)])
+@pytest.mark.parametrize(
+    ("seed", "count"), [(3, 10), pytest.param(None, 300, marks=pytest.mark.long)]
+)
 def test_motors_that_dwell_leave_open_what_they_share(seed, count):
     seed = randbits(32) if seed is None else seed
     for index in range(count):
@@ -64,5 +84,7 @@ def test_motors_that_dwell_leave_open_what_they_share(seed, count):
         scene = dwells(scene)
         run = ReferenceEngine().simulate(scene, t_end=0.1, output_step=0.05, rtol=1e-9)
         found, met = check(scene, run)
-        assert not found and not run.events and met["at rest"] == len(run.t), f"draw({seed}, {index}), {family}: {found}"
+        assert not found and not run.events and met["at rest"] == len(run.t), (
+            f"draw({seed}, {index}), {family}: {found}"
+        )
         assert np.max(run["drift.position"]) < 1e-12

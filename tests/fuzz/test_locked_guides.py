@@ -3,21 +3,25 @@
 from secrets import randbits
 
 import pytest
-from fuzz.locked_guides import ROWS, T_END, check, draw, near_miss, without_friction
 
+from fuzz.locked_guides import ROWS, T_END, check, draw, near_miss, without_friction
 from stiction.engines.protocol import BadTrajectory
 from stiction.engines.reference.engine import ReferenceEngine
 from stiction.reference_impl.multibody.guide_freedom import guide_freedoms
 
 
-@pytest.mark.parametrize(("seed", "count"), [(1, 30), pytest.param(None, 2000, marks=pytest.mark.long)])
+@pytest.mark.parametrize(
+    ("seed", "count"), [(1, 30), pytest.param(None, 2000, marks=pytest.mark.long)]
+)
 def test_locked_guides_are_as_without_friction(seed, count):
     seed, wrong, ended = randbits(32) if seed is None else seed, [], 0
     for index in range(count):
         drawn = draw(seed, index)
         try:
-            runs = [ReferenceEngine().simulate(scene, t_end=T_END, output_step=T_END / ROWS, rtol=1e-9)
-                    for scene in (drawn.scene, without_friction(drawn))]
+            runs = [
+                ReferenceEngine().simulate(scene, t_end=T_END, output_step=T_END / ROWS, rtol=1e-9)
+                for scene in (drawn.scene, without_friction(drawn))
+            ]
         except BadTrajectory as error:
             wrong.append(f"locked_guides.draw({seed}, {index}): {error}")
             continue
@@ -27,9 +31,13 @@ def test_locked_guides_are_as_without_friction(seed, count):
     assert ended > 0.95 * count
 
 
-@pytest.mark.parametrize(("seed", "count"), [(1, 60), pytest.param(None, 2000, marks=pytest.mark.long)])
+@pytest.mark.parametrize(
+    ("seed", "count"), [(1, 60), pytest.param(None, 2000, marks=pytest.mark.long)]
+)
 def test_guides_that_only_seem_locked(seed, count):
     seed = randbits(32) if seed is None else seed
     for index in range(count):
         family, scene, wanted = near_miss(seed, index)
-        assert guide_freedoms(scene, 1.0).freedom["guide-block"] == wanted, f"locked_guides.near_miss({seed}, {index}): {family}"
+        assert guide_freedoms(scene, 1.0).freedom["guide-block"] == wanted, (
+            f"locked_guides.near_miss({seed}, {index}): {family}"
+        )

@@ -28,8 +28,13 @@ NONE = {"method": "none"}
 """The paper does not project."""
 ROUNDING = 1e-11
 """Relative: sums of some ten terms, levers and inverse masses between 0.1 and 100."""
-SETTINGS = settings(max_examples=60, deadline=None, derandomize=True, database=None,
-                    suppress_health_check=[HealthCheck.too_slow])
+SETTINGS = settings(
+    max_examples=60,
+    deadline=None,
+    derandomize=True,
+    database=None,
+    suppress_health_check=[HealthCheck.too_slow],
+)
 
 
 def close(found, expected, tolerance=ROUNDING, size=None):
@@ -42,12 +47,14 @@ def close(found, expected, tolerance=ROUNDING, size=None):
 @st.composite
 def moments(draw):
     """A mechanism whose sliders all have a length, with Baumgarte's stabilization or none, and a state near its start."""
-    seed = draw(st.integers(0, 10 ** 6))
+    seed = draw(st.integers(0, 10**6))
     raw, random = moderate_scene(SeededDice(seed)), np.random.default_rng(seed)
     for joint in raw["joints"].values():
         if joint["type"] == "translational" and "length" not in joint:
             joint |= {"length": 0.5, "width": 0.2}
-    raw["stabilization"] = draw(st.sampled_from([NONE, {"method": "baumgarte", "alpha": 5, "beta": 3}]))
+    raw["stabilization"] = draw(
+        st.sampled_from([NONE, {"method": "baumgarte", "alpha": 5, "beta": 3}])
+    )
     scene = scene_from_dict(raw)
     q, v = EquationsOfMotion(scene).start()
     off = draw(st.sampled_from([0.0, 0.01]))
@@ -70,7 +77,12 @@ def in_order(paper, mechanism):
 
 def test_nothing_compiled_is_imported():
     code = "import sys, stiction.reference_impl.paper; print([name for name in sys.modules if name.partition('.')[0] in ('numba', 'llvmlite')])"
-    assert subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True).stdout.strip() == "[]"
+    assert (
+        subprocess.run(
+            [sys.executable, "-c", code], capture_output=True, text=True, check=True
+        ).stdout.strip()
+        == "[]"
+    )
 
 
 def test_the_table_has_each_equation_once_and_names_functions_that_exist():
@@ -85,7 +97,10 @@ def test_the_table_has_each_equation_once_and_names_functions_that_exist():
     assert sorted(found) == list(range(1, 39))
 
 
-@pytest.mark.parametrize("name", [name for name in [*catalogue(), *catalogue("hard")] if len(load_scene(name).bodies) < 20])
+@pytest.mark.parametrize(
+    "name",
+    [name for name in [*catalogue(), *catalogue("hard")] if len(load_scene(name).bodies) < 20],
+)
 def test_terms_of_every_kind_of_element(name):
     """Rows and applied forces of the whole catalogue at arbitrary states: two derivations."""
     scene, random = load_scene(name), np.random.default_rng(0)
@@ -136,7 +151,7 @@ def test_solution_as_compiled(moment):
     acceleration(m, w, force, motion)
     close(found.acceleration, motion, 1e-9)  # rounding, times the condition of the bases: up to 1e3
     close(found.lambda_C, force[in_order(paper, mechanism)], 1e-9)
-    close(found.friction, force[m.rows:], 1e-9, np.max(np.abs(force)))
+    close(found.friction, force[m.rows :], 1e-9, np.max(np.abs(force)))
 
 
 @pytest.mark.parametrize(("case", "t_end"), [(1, 2.7), (2, 0.45), (3, 1.2)])
@@ -150,8 +165,17 @@ def test_scheme_as_compiled(case, t_end):
     assert written.breakdown is None and compiled.breakdown is None and len(written.t) == steps + 1
     close(written.q[:, 3], compiled["slider.x"])
     close(written.v[:, 3], compiled["slider.vx"])
-    close(written.a[:, 3], compiled["slider.ax"], 1e-9)  # g_T'' of the steps' differences is not damped by integration
-    rows = ("pin.fx", "pin.fy", "guide.normal_force", "guide.moment", "motor.effort", "guide.friction")
+    close(
+        written.a[:, 3], compiled["slider.ax"], 1e-9
+    )  # g_T'' of the steps' differences is not damped by integration
+    rows = (
+        "pin.fx",
+        "pin.fy",
+        "guide.normal_force",
+        "guide.moment",
+        "motor.effort",
+        "guide.friction",
+    )
     close(written.force, np.stack([compiled[row] for row in rows], -1), 1e-9)
     close(written.mode[:, 0], compiled["guide.mode"], 0.0)
     assert [kind for _, kind, _ in written.events] == [event.kind for event in compiled.events]
@@ -166,15 +190,29 @@ def test_ray_is_a_typed_failure():
 
 def test_breakdown_says_when_and_why():
     """A slider held twice: A0 is singular from the start."""
-    scene = scene_from_dict({"gravity": [0, -9.81], "stabilization": NONE, "bodies": {"block": {"mass": 1, "inertia": 1}}, "joints": {
-        name: {"type": "translational", "slider": "block", "length": 0.5, "mu": 0.1} for name in ("guide", "again")}})
+    scene = scene_from_dict(
+        {
+            "gravity": [0, -9.81],
+            "stabilization": NONE,
+            "bodies": {"block": {"mass": 1, "inertia": 1}},
+            "joints": {
+                name: {"type": "translational", "slider": "block", "length": 0.5, "mu": 0.1}
+                for name in ("guide", "again")
+            },
+        }
+    )
     march = Paper(scene).march(np.zeros(3), np.zeros(3), 0.1, 3)
     assert march.breakdown.kind == "singular" and march.breakdown.time == 0.0 and len(march.t) == 0
 
 
-@pytest.mark.parametrize(("changes", "key"), [({"guide.length": None, "guide.width": None}, "joints.guide.length"),
-                                              ({"guide.mu": None, "guide.mus": None}, "joints.guide.mu"),
-                                              ({"stabilization": {"method": "projection"}}, "stabilization.method")])
+@pytest.mark.parametrize(
+    ("changes", "key"),
+    [
+        ({"guide.length": None, "guide.width": None}, "joints.guide.length"),
+        ({"guide.mu": None, "guide.mus": None}, "joints.guide.mu"),
+        ({"stabilization": {"method": "projection"}}, "stabilization.method"),
+    ],
+)
 def test_what_the_paper_does_not_have_is_refused(changes, key):
     with pytest.raises(SceneError) as refused:
         Paper(vary(load_scene("slider-bar-case-1"), changes))
@@ -184,12 +222,20 @@ def test_what_the_paper_does_not_have_is_refused(changes, key):
 def test_runs_by_name():
     """`method=textbook` is the compiled scheme's twin at every output, events with values included; it refuses what it cannot do."""
     scene = load_scene("slider-on-moving-guide", {"stabilization": NONE})
-    runs = [ReferenceEngine().simulate(scene, t_end=0.3, dt=0.01, output_step=0.02, method=method) for method in ("textbook", "paper")]
-    assert runs[0].termination == runs[1].termination == "end" and runs[0].settings["method"] == "textbook"
+    runs = [
+        ReferenceEngine().simulate(scene, t_end=0.3, dt=0.01, output_step=0.02, method=method)
+        for method in ("textbook", "paper")
+    ]
+    assert (
+        runs[0].termination == runs[1].termination == "end"
+        and runs[0].settings["method"] == "textbook"
+    )
     assert set(runs[0].columns) == set(runs[1].columns)
     for column in runs[0].columns:
         close(runs[0][column], runs[1][column], 1e-9, max(1.0, np.max(np.abs(runs[1][column]))))
-    assert [(event.kind, event.joint) for event in runs[0].events] == [(event.kind, event.joint) for event in runs[1].events]
+    assert [(event.kind, event.joint) for event in runs[0].events] == [
+        (event.kind, event.joint) for event in runs[1].events
+    ]
     with pytest.raises(ValueError, match="textbook"):
         ReferenceEngine().simulate(scene, t_end=0.3, method="textbook", solver="enumeration")
     with pytest.raises(ValueError, match="textbook"):

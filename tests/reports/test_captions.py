@@ -16,8 +16,11 @@ from stiction.comparisons.bench.variants import Variant
 from stiction.reports import report_of, write_report
 from stiction.reports.report import Report
 
-PAPER = {f"slider-bar-case-{case}-{subject}": 5 + 3 * (case - 1) + place for case in (1, 2, 3)
-         for place, subject in enumerate(("velocity-acceleration", "corner-forces", "driving-moment"))} | {"drift": 14}
+PAPER = {
+    f"slider-bar-case-{case}-{subject}": 5 + 3 * (case - 1) + place
+    for case in (1, 2, 3)
+    for place, subject in enumerate(("velocity-acceleration", "corner-forces", "driving-moment"))
+} | {"drift": 14}
 """The paper's Figs. 5 to 14, by what they show."""
 
 
@@ -30,7 +33,10 @@ class Data:
 
 
 def data_of(folder: Path) -> Data:
-    scenes = {path.stem: tomllib.loads(path.read_text()) for path in (folder / "reproduce" / "scenes").glob("*.toml")}
+    scenes = {
+        path.stem: tomllib.loads(path.read_text())
+        for path in (folder / "reproduce" / "scenes").glob("*.toml")
+    }
     tables = {path.stem: pd.read_csv(path) for path in (folder / "data").glob("*.csv")}
     return Data(tables, scenes)
 
@@ -71,8 +77,12 @@ def stable_step(name: str, data: Data) -> list[float]:
 
 Rule = Callable[[str, Data], list[float]]
 RULES: dict[str, Rule] = {
-    r"\b[Cc]ase (\d)": case, r"the paper's Fig\. (\d+)": paper_figure, r"\bin (24) s|within (24) s": seconds,
-    r"In SI units: (.*)\.$": parameters, r"step of ([\d.]+) ms beyond": stable_step}
+    r"\b[Cc]ase (\d)": case,
+    r"the paper's Fig\. (\d+)": paper_figure,
+    r"\bin (24) s|within (24) s": seconds,
+    r"In SI units: (.*)\.$": parameters,
+    r"step of ([\d.]+) ms beyond": stable_step,
+}
 
 
 def captions(report: Report) -> Iterator[tuple[str, str]]:
@@ -95,8 +105,13 @@ def report(validation) -> Report:
     """With the figures of all three cases: those of the other two show the truth of the first."""
     others = [f"slider-bar-case-{case}" for case in (2, 3)]
     failed = record(Variant("reference", "reference", "rtol", (1e-9,)), 1e-9, "failed", "made up")
-    records = [replace(failed, scene=scene, key=failed.key.replace(CASE, scene)) for scene in others]
-    truths = {**validation.truths, **{scene: replace(validation.truths[CASE], scene=scene) for scene in others}}
+    records = [
+        replace(failed, scene=scene, key=failed.key.replace(CASE, scene)) for scene in others
+    ]
+    truths = {
+        **validation.truths,
+        **{scene: replace(validation.truths[CASE], scene=scene) for scene in others},
+    }
     return report_of(replace(validation, records=(*validation.records, *records), truths=truths))
 
 

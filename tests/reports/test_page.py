@@ -49,10 +49,39 @@ def history_file(tmp_path_factory):
             opened.begin("nightly", "digest", {"conditions": "processor", "commit": f"abc{number}"})
             for scene in CASES:
                 for variant, lost in (("reference", False), ("other", number == 1)):
-                    metrics = () if lost else (Metric("position_error", "accuracy", 1e-3 * (number + 1), 1e-9, "closed form"),
-                                               Metric("time of the run [s]", "time", 0.5, 0.01), Metric("pivots [-]", "counter", 133.0))
-                    opened.append(night, Row(f"{scene}/{variant}/dt=0.01", f"{variant}; scene {scene}", scene, variant, variant, "1", "joint", "dt", 0.01,
-                                             "crashed" if lost else "ok", "<script>alert('SIGSEGV')</script>" if lost else "", {}, metrics))
+                    metrics = (
+                        ()
+                        if lost
+                        else (
+                            Metric(
+                                "position_error",
+                                "accuracy",
+                                1e-3 * (number + 1),
+                                1e-9,
+                                "closed form",
+                            ),
+                            Metric("time of the run [s]", "time", 0.5, 0.01),
+                            Metric("pivots [-]", "counter", 133.0),
+                        )
+                    )
+                    opened.append(
+                        night,
+                        Row(
+                            f"{scene}/{variant}/dt=0.01",
+                            f"{variant}; scene {scene}",
+                            scene,
+                            variant,
+                            variant,
+                            "1",
+                            "joint",
+                            "dt",
+                            0.01,
+                            "crashed" if lost else "ok",
+                            "<script>alert('SIGSEGV')</script>" if lost else "",
+                            {},
+                            metrics,
+                        ),
+                    )
             opened.finish(night, "regression" if number == 2 else "fine")
     return file
 
@@ -65,12 +94,16 @@ def history_page(history_file):
 
 @pytest.fixture(scope="module")
 def browser() -> Iterator:
-    api = pytest.importorskip("playwright.sync_api", reason="playwright is not installed (pip install '.[test]')")
+    api = pytest.importorskip(
+        "playwright.sync_api", reason="playwright is not installed (pip install '.[test]')"
+    )
     executable = next(filter(None, map(shutil.which, BROWSERS)), None)
     if executable is None:
         pytest.skip(f"no browser on the path: none of {', '.join(BROWSERS)}")
     with api.sync_playwright() as playwright:
-        opened = playwright.chromium.launch(executable_path=executable, args=["--no-sandbox"])  # where tests run as root
+        opened = playwright.chromium.launch(
+            executable_path=executable, args=["--no-sandbox"]
+        )  # where tests run as root
         yield opened
         opened.close()
 
@@ -81,13 +114,26 @@ def open_page(browser):
     contexts, complaints = [], []
 
     def opened(file, scheme="light", width=1280, height=900):
-        context = browser.new_context(offline=True, color_scheme=scheme, viewport={"width": width, "height": height})
+        context = browser.new_context(
+            offline=True, color_scheme=scheme, viewport={"width": width, "height": height}
+        )
         contexts.append(context)
         page = context.new_page()
-        page.on("console", lambda message: complaints.append(message.text) if message.type in ("error", "warning") else None)
+        page.on(
+            "console",
+            lambda message: (
+                complaints.append(message.text) if message.type in ("error", "warning") else None
+            ),
+        )
         page.on("pageerror", lambda error: complaints.append(str(error)))
-        page.on("request", lambda request: None if request.url.startswith((file.as_uri(), "data:", "blob:"))
-                else complaints.append(f"asks for {request.url}"))
+        page.on(
+            "request",
+            lambda request: (
+                None
+                if request.url.startswith((file.as_uri(), "data:", "blob:"))
+                else complaints.append(f"asks for {request.url}")
+            ),
+        )
         page.goto(file.as_uri())
         page.wait_for_selector("body[data-ready=yes]", timeout=600_000)
         return page
@@ -108,12 +154,18 @@ def until(found: Callable[[], object], expected: object) -> None:
 
 def said(page) -> list[str]:
     """What a screen reader says of each panel: quantity, range of time, names of the lines."""
-    return page.evaluate("() => [...document.querySelectorAll('.panel canvas')].map(canvas => canvas.getAttribute('aria-label'))")
+    return page.evaluate(
+        "() => [...document.querySelectorAll('.panel canvas')].map(canvas => canvas.getAttribute('aria-label'))"
+    )
 
 
 def spans(page) -> list[tuple[float, float]]:
     """The range of time of each panel."""
-    return [(float(found[1]), float(found[2])) for label in said(page) if (found := re.search(r" from (\S+) to (\S+):", label))]
+    return [
+        (float(found[1]), float(found[2]))
+        for label in said(page)
+        if (found := re.search(r" from (\S+) to (\S+):", label))
+    ]
 
 
 def names(page, panel: int = 0) -> list[str]:
@@ -130,7 +182,10 @@ def panel_box(page, place: int = 0) -> dict:
 def drag(page, start=(0.4, 0.3), end=(0.6, 0.3)) -> None:
     """Over shares of the first panel's lines, which leave 62 px and 10 px of its width."""
     box = panel_box(page)
-    place = [(box["x"] + 62 + share * (box["width"] - 72), box["y"] + height * box["height"]) for share, height in (start, end)]
+    place = [
+        (box["x"] + 62 + share * (box["width"] - 72), box["y"] + height * box["height"])
+        for share, height in (start, end)
+    ]
     page.mouse.move(*place[0])
     page.mouse.down()
     page.mouse.move(*place[1], steps=5)
@@ -153,7 +208,9 @@ def test_zoom_changes_all_panels_and_reset_brings_them_back(run_page, open_page)
     drag(page)
     zoomed = spans(page)
     assert len(set(zoomed)) == 1 and len(zoomed) == len(before)
-    np.testing.assert_allclose(zoomed[0], [3.6, 5.4], atol=0.05)  # 0.4 and 0.6 of 9 s, to a pixel or two
+    np.testing.assert_allclose(
+        zoomed[0], [3.6, 5.4], atol=0.05
+    )  # 0.4 and 0.6 of 9 s, to a pixel or two
     page.get_by_role("button", name="Reset zoom").click()
     assert spans(page) == before
     drag(page)
@@ -177,23 +234,35 @@ def test_a_name_hides_and_shows_its_lines_in_all_panels(run_page, open_page):
     assert name in names(page) and name in names(page, 2)
 
 
-def test_the_pointer_moves_cursor_and_mechanism_and_tells_full_names_and_values(run_page, report_folder, open_page):
+def test_the_pointer_moves_cursor_and_mechanism_and_tells_full_names_and_values(
+    run_page, report_folder, open_page
+):
     page = open_page(run_page)
     start, box = mechanism(page), panel_box(page)
     page.mouse.move(box["x"] + 62 + (box["width"] - 72) / 3, box["y"] + 60)
     assert shown_time(page) == pytest.approx(3.0, abs=0.02) and mechanism(page) != start
-    [record] = [record for record in read_run(report_folder).validation().records if record.variant.label == "reference" and record.trajectory is not None][-1:]
+    [record] = [
+        record
+        for record in read_run(report_folder).validation().records
+        if record.variant.label == "reference" and record.trajectory is not None
+    ][-1:]
     told = dict(line.rsplit(": ", 1) for line in page.locator(".tip div").all_inner_texts())
     assert set(told) == set(names(page))
     value = next(float(text) for name, text in told.items() if name.startswith("reference ("))
-    expected = np.interp(shown_time(page), record.trajectory.t, record.trajectory["guide.displacement"])
-    assert value == pytest.approx(expected, abs=1e-3)  # five digits, and the time is told to a millisecond
+    expected = np.interp(
+        shown_time(page), record.trajectory.t, record.trajectory["guide.displacement"]
+    )
+    assert value == pytest.approx(
+        expected, abs=1e-3
+    )  # five digits, and the time is told to a millisecond
 
 
 def test_differences_from_the_truth_are_small_where_the_run_is_good(run_page, open_page):
     page = open_page(run_page)
     page.get_by_label("Show").select_option("differences from the truth")
-    assert all(label.startswith("|difference| of ") for label in said(page)) and "truth" not in names(page)
+    assert all(
+        label.startswith("|difference| of ") for label in said(page)
+    ) and "truth" not in names(page)
     box = panel_box(page)
     page.mouse.move(box["x"] + 62 + (box["width"] - 72) / 2, box["y"] + 60)
     told = dict(line.rsplit(": ", 1) for line in page.locator(".tip div").all_inner_texts())
@@ -220,18 +289,30 @@ def test_keyboard_plays_pauses_and_steps(run_page, open_page):
     assert page.get_by_role("button", name="Play").count() == 1 and drawn != start
     page.wait_for_timeout(200)
     assert shown_time(page) == at and mechanism(page) == drawn
-    until(lambda: page.locator(".said").inner_text().startswith(f"t = {at:.3f} s, "), True)  # for a screen reader
+    until(
+        lambda: page.locator(".said").inner_text().startswith(f"t = {at:.3f} s, "), True
+    )  # for a screen reader
     page.get_by_role("slider", name="Time, s").fill("2")
     assert shown_time(page) == pytest.approx(2.0)
 
 
-def test_sections_are_closed_and_keys_open_the_one_with_their_rows(run_page, report_folder, open_page):
+def test_sections_are_closed_and_keys_open_the_one_with_their_rows(
+    run_page, report_folder, open_page
+):
     page, run = open_page(run_page), read_run(report_folder)
     said = report_of(run.validation()).said
-    headings = ["Answer", "Time series", *(study.question for study in said), "Where numbers come from", "Provenance"]
+    headings = [
+        "Answer",
+        "Time series",
+        *(study.question for study in said),
+        "Where numbers come from",
+        "Provenance",
+    ]
     assert page.locator("h2").all_inner_texts() == headings
     sections = page.locator("section > details")
-    assert sections.count() == len(said) + 1 and all(sections.nth(number).get_attribute("open") is None for number in range(sections.count()))
+    assert sections.count() == len(said) + 1 and all(
+        sections.nth(number).get_attribute("open") is None for number in range(sections.count())
+    )
     link = page.locator('a[href^="#key-T"]').first
     link.evaluate("link => link.closest('details').open = true")
     link.click()
@@ -239,7 +320,10 @@ def test_sections_are_closed_and_keys_open_the_one_with_their_rows(run_page, rep
     origin = page.locator(link.get_attribute("href"))
     assert origin.is_visible() and "data/threshold.csv, row 1" in origin.inner_text()
     text = run_page.read_text()
-    targets, places = set(re.findall(r'href="#(key-[^"]*)"', text)), re.findall(r'id="(key-[^"]*)"', text)
+    targets, places = (
+        set(re.findall(r'href="#(key-[^"]*)"', text)),
+        re.findall(r'id="(key-[^"]*)"', text),
+    )
     assert targets and sorted(targets) == sorted(places)
 
 
@@ -252,13 +336,19 @@ def test_a_film_plays_in_a_browser(validation, tmp_path, open_page):
     until(lambda: shown_time(page) > 0.2, True)
     page.keyboard.press(" ")
     assert mechanism(page) != start
-    assert f"at {shown_time(page):.3f} s" in page.locator(".film canvas").get_attribute("aria-label")
+    assert f"at {shown_time(page):.3f} s" in page.locator(".film canvas").get_attribute(
+        "aria-label"
+    )
 
 
 def test_history_draws_each_metric_s_course(history_page, open_page):
     page = open_page(history_page)
     metric, scene = page.locator(".controls select").all()
-    assert metric.locator("option").all_inner_texts() == ["position error [m]", "time of the run [s]", "pivots [-]"]
+    assert metric.locator("option").all_inner_texts() == [
+        "position error [m]",
+        "time of the run [s]",
+        "pivots [-]",
+    ]
     assert scene.locator("option").all_inner_texts() == list(CASES)
 
     def lines() -> dict[str, list]:
@@ -266,35 +356,54 @@ def test_history_draws_each_metric_s_course(history_page, open_page):
         found: dict[str, list] = {}
         for night in range(len(NIGHTS)):
             box = panel_box(page)
-            page.mouse.move(box["x"] + 62 + (night + 0.3) / 2.6 * (box["width"] - 72), box["y"] + 60)
-            assert NIGHTS[night] in page.locator(".tip strong").inner_text() and f"abc{night}" in page.locator(".tip strong").inner_text()
+            page.mouse.move(
+                box["x"] + 62 + (night + 0.3) / 2.6 * (box["width"] - 72), box["y"] + 60
+            )
+            assert (
+                NIGHTS[night] in page.locator(".tip strong").inner_text()
+                and f"abc{night}" in page.locator(".tip strong").inner_text()
+            )
             for text in page.locator(".tip div").all_inner_texts():
                 name, value = re.fullmatch(r"(.*): (\S+) \(.*\)", text).groups()
                 found.setdefault(name, []).append(None if value == "–" else float(value))
         return found
 
-    assert lines() == {"reference (dt = 0.01 s)": [1e-3, 2e-3, 3e-3], "other (dt = 0.01 s)": [1e-3, None, 3e-3]}
+    assert lines() == {
+        "reference (dt = 0.01 s)": [1e-3, 2e-3, 3e-3],
+        "other (dt = 0.01 s)": [1e-3, None, 3e-3],
+    }
     before = said(page)
     drag(page)
     assert said(page) != before
     metric.select_option("pivots [-]")
     scene.select_option(CASES[1])
     until(lambda: said(page)[0].startswith("pivots [-]"), True)
-    assert lines() == {"reference (dt = 0.01 s)": [133, 133, 133], "other (dt = 0.01 s)": [133, None, 133]}
+    assert lines() == {
+        "reference (dt = 0.01 s)": [133, 133, 133],
+        "other (dt = 0.01 s)": [133, None, 133],
+    }
     page.set_viewport_size({"width": 900, "height": 700})
     page.wait_for_timeout(100)  # what was shown before would draw itself again
     assert said(page)[0].startswith("pivots [-]")
     assert "<script>alert('SIGSEGV')</script>" in page.locator("table").last.inner_text()
     nights = page.locator("table").first.locator("tbody tr").all_inner_texts()
-    assert [line.split("\t")[0] for line in nights] == NIGHTS[::-1] and "regression" in nights[0] and nights[1].endswith("4\t2")
+    assert (
+        [line.split("\t")[0] for line in nights] == NIGHTS[::-1]
+        and "regression" in nights[0]
+        and nights[1].endswith("4\t2")
+    )
 
 
-def test_page_needs_nothing_but_itself_and_is_the_same_twice(run_page, report_folder, history_file, history_page, tmp_path):
+def test_page_needs_nothing_but_itself_and_is_the_same_twice(
+    run_page, report_folder, history_file, history_page, tmp_path
+):
     for source, file in ((report_folder, run_page), (history_file, history_page)):
         invoke("page", source, "--out", tmp_path / "again.html")
         assert (tmp_path / "again.html").read_bytes() == file.read_bytes()
         page = re.sub(r"<script\b.*?</script>", "", file.read_text(), flags=re.S)
-        assert not re.findall(r"""(?:src|href)=["'](?!#|data:)""", re.sub(r'src="data:[^"]*"', "", page))
+        assert not re.findall(
+            r"""(?:src|href)=["'](?!#|data:)""", re.sub(r'src="data:[^"]*"', "", page)
+        )
 
 
 def test_a_browser_that_cannot_read_the_data_says_so(history_page, browser):
@@ -306,14 +415,19 @@ def test_a_browser_that_cannot_read_the_data_says_so(history_page, browser):
 
 
 def test_pages_of_nothing(lost_records, truths, tmp_path, open_page):
-    for name, few in (("lost", validation_of(lost_records, truths)), ("nothing", Results((), {}, {}))):
+    for name, few in (
+        ("lost", validation_of(lost_records, truths)),
+        ("nothing", Results((), {}, {})),
+    ):
         with unsaved_figures():
             write_report(report_of(few), tmp_path / name)
         write_run_page(read_run(tmp_path / name), tmp_path / f"{name}.html")
         page = open_page(tmp_path / f"{name}.html")
         assert page.locator("h2").first.inner_text() == "Answer"
         if name == "lost":  # the truth alone
-            assert names(page) == ["truth"] and page.get_by_label("Mechanism of").locator("option").all_inner_texts() == ["truth"]
+            assert names(page) == ["truth"] and page.get_by_label("Mechanism of").locator(
+                "option"
+            ).all_inner_texts() == ["truth"]
     with history.open_history(tmp_path / "empty.sqlite"):
         pass
     write_history_page(tmp_path / "empty.sqlite", tmp_path / "empty.html")
@@ -328,7 +442,9 @@ def test_time_series_keep_both_sides_of_every_event_and_what_can_be_seen(report_
             ranges = {column: (whole[column].min(), whole[column].max()) for column in columns}
             frame = decimated(whole, ranges)
             events = [event.time for event in record.trajectory.events]
-            assert all((frame["t"] == time).sum() == (whole["t"] == time).sum() >= 2 for time in events)
+            assert all(
+                (frame["t"] == time).sum() == (whole["t"] == time).sum() >= 2 for time in events
+            )
             smooth = whole[~whole["t"].isin(events)]
             for column, (low, high) in ranges.items():
                 missed = np.abs(np.interp(smooth["t"], frame["t"], frame[column]) - smooth[column])
@@ -343,21 +459,33 @@ def test_a_peak_between_two_samples_is_kept():
     assert len(decimated(frame, {"force": (0.0, 1.0)})) < 110
 
 
-@given(arrays(float, st.integers(0, 60), elements=st.floats(-1e6, 1e6) | st.just(np.nan)), st.sampled_from([SHORT, LONG]), st.sampled_from([0.0, 1e-3, 10.0]))
+@given(
+    arrays(float, st.integers(0, 60), elements=st.floats(-1e6, 1e6) | st.just(np.nan)),
+    st.sampled_from([SHORT, LONG]),
+    st.sampled_from([0.0, 1e-3, 10.0]),
+)
 def test_columns_lose_no_more_than_half_a_step(values, bits, coarse):
     """Read as ``unpack`` of ``data.js`` reads them."""
     block = Columns()
     block.add([1.0, 2.0])
     block.add(values, bits, coarse)
     (_, rows, low, step, order), data = block.about[1], bytes(block.data[4:])
-    whole = np.frombuffer(data, np.uint8).reshape(bits // 8, rows).T.copy().view(f"<u{bits // 8}").ravel()
+    whole = (
+        np.frombuffer(data, np.uint8)
+        .reshape(bits // 8, rows)
+        .T.copy()
+        .view(f"<u{bits // 8}")
+        .ravel()
+    )
     for _ in range(order):
         whole = np.cumsum(whole, dtype=whole.dtype)
-    read = np.where(whole == 2 ** bits - 1, np.nan, low + step * whole.astype(float))
+    read = np.where(whole == 2**bits - 1, np.nan, low + step * whole.astype(float))
     np.testing.assert_array_equal(np.isnan(read), np.isnan(values))
     known = ~np.isnan(values)
     if known.any():
-        assert np.abs(read - values)[known].max() <= 0.501 * step and step <= max(np.ptp(values[known]) / (2 ** bits - 2), 1.0, coarse)
+        assert np.abs(read - values)[known].max() <= 0.501 * step and step <= max(
+            np.ptp(values[known]) / (2**bits - 2), 1.0, coarse
+        )
 
 
 @pytest.mark.parametrize("which", ["run_page", "history_page"])
@@ -367,7 +495,9 @@ def test_a_narrow_screen_needs_no_scrolling_sideways(which, request, open_page):
     clipped = page.evaluate("""() => [...document.querySelectorAll("h1, h2, nav, .controls, .legend, .panel .title, figcaption")]
         .filter(element => element.getBoundingClientRect().right > innerWidth + 1).length""")
     assert clipped == 0
-    assert page.locator("details").first.get_attribute("open") is None  # the names of the lines do not cover the lines
+    assert (
+        page.locator("details").first.get_attribute("open") is None
+    )  # the names of the lines do not cover the lines
     box = page.locator(".table").last
     box.scroll_into_view_if_needed()
     box.evaluate("box => { box.scrollLeft = 120; }")
@@ -378,19 +508,44 @@ def test_a_narrow_screen_needs_no_scrolling_sideways(which, request, open_page):
 def test_a_page_is_small(run_page):
     """Less than 1.5 MB, and so would be that of a full campaign, if its time series are like these."""
     text = run_page.read_text()
-    series = re.findall(r'<script type="application/json" data-labels[^>]*>(.*?)</script>', text, re.S)
+    series = re.findall(
+        r'<script type="application/json" data-labels[^>]*>(.*?)</script>', text, re.S
+    )
     curves = [curve for view in map(json.loads, series) for curve in view["series"]]
     seconds = json.loads(series[0])["x"]["range"][1]
     rest = len(text) - sum(map(len, series))
-    assert sum(map(len, series)) / len(curves) / seconds * MOST_CURVES * LONGEST + rest < MOST_MB * 1e6
+    assert (
+        sum(map(len, series)) / len(curves) / seconds * MOST_CURVES * LONGEST + rest < MOST_MB * 1e6
+    )
 
 
-def test_figures_are_in_the_page_with_words_for_those_who_do_not_see_them(run_page, report_folder, open_page):
+def test_figures_are_in_the_page_with_words_for_those_who_do_not_see_them(
+    run_page, report_folder, open_page
+):
     page = open_page(run_page)
-    page.evaluate("() => document.querySelectorAll('details').forEach(part => { part.open = true; })")
+    page.evaluate(
+        "() => document.querySelectorAll('details').forEach(part => { part.open = true; })"
+    )
     page.evaluate("() => [...document.images].forEach(image => { image.loading = 'eager'; })")
-    until(lambda: page.evaluate("() => [...document.images].every(image => image.naturalWidth > 600)"), True)
+    until(
+        lambda: page.evaluate(
+            "() => [...document.images].every(image => image.naturalWidth > 600)"
+        ),
+        True,
+    )
     pictures = {file.stem for file in (report_folder / "figures").glob("*.svg")}
-    assert set(page.evaluate("() => [...document.querySelectorAll('.picture')].map(picture => picture.getAttribute('aria-label'))")) == pictures
-    assert all(len(words) > 20 for words in page.evaluate("() => [...document.images].map(image => image.alt)"))
-    assert page.evaluate("document.documentElement.scrollWidth <= innerWidth")  # wide tables scroll on their own
+    assert (
+        set(
+            page.evaluate(
+                "() => [...document.querySelectorAll('.picture')].map(picture => picture.getAttribute('aria-label'))"
+            )
+        )
+        == pictures
+    )
+    assert all(
+        len(words) > 20
+        for words in page.evaluate("() => [...document.images].map(image => image.alt)")
+    )
+    assert page.evaluate(
+        "document.documentElement.scrollWidth <= innerWidth"
+    )  # wide tables scroll on their own

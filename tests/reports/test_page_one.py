@@ -19,8 +19,16 @@ from stiction.comparisons.bench.variants import Variant
 from stiction.reports import report_of, write_report
 from stiction.reports.markdown.tables import WIDTH as TABLE_WIDTH
 from stiction.reports.markdown.tables import fitted
-from stiction.reports.page_one import (HOW_TO_READ, TITLE, answer_lines, bullets, headline_table, not_installed,
-                                       page_one, runs_in_words)
+from stiction.reports.page_one import (
+    HOW_TO_READ,
+    TITLE,
+    answer_lines,
+    bullets,
+    headline_table,
+    not_installed,
+    page_one,
+    runs_in_words,
+)
 from stiction.reports.recommendation import mechanism_in_words, recommendation
 from stiction.reports.report import Report
 from stiction.uncertain import Uncertain
@@ -31,15 +39,34 @@ FIXED = ("Zhuang & Wang 2014", "1 mm takes", "nearest to 1 ms")
 
 def equal_error_table() -> pd.DataFrame:
     """Times to an error of 1 mm; those of the reference in two cases."""
-    rows = [("reference", 1.234e-3, True), ("paper's scheme", 0.0567, False), ("other", 0.25, False), ("reference", 3.12e-3, True)]
-    return pd.DataFrame([{"variant": variant, "scene": f"slider-bar-case-{1 + (seconds == 3.12e-3)}", "quantity": "position", "error": 1e-3, "cpu_time": seconds, "is_bound": bound,
-                          "timing": "timed once" if variant == "paper's scheme" else ""}
-                         for variant, seconds, bound in rows])
+    rows = [
+        ("reference", 1.234e-3, True),
+        ("paper's scheme", 0.0567, False),
+        ("other", 0.25, False),
+        ("reference", 3.12e-3, True),
+    ]
+    return pd.DataFrame(
+        [
+            {
+                "variant": variant,
+                "scene": f"slider-bar-case-{1 + (seconds == 3.12e-3)}",
+                "quantity": "position",
+                "error": 1e-3,
+                "cpu_time": seconds,
+                "is_bound": bound,
+                "timing": "timed once" if variant == "paper's scheme" else "",
+            }
+            for variant, seconds, bound in rows
+        ]
+    )
 
 
 @pytest.fixture(scope="module")
 def full(validation) -> Results:
-    return replace(validation, tables={**validation.tables, "hard": hard_table(), "equal-error": equal_error_table()})
+    return replace(
+        validation,
+        tables={**validation.tables, "hard": hard_table(), "equal-error": equal_error_table()},
+    )
 
 
 @pytest.fixture(scope="module")
@@ -59,14 +86,29 @@ def read(folder) -> dict[str, pd.DataFrame]:
 
 def numbers(report: Report) -> list[Number]:
     """Every traced number of the page."""
-    cells = [part for rows in headline_table(report).groups.values() for row in rows.values() for part in row if part]
-    parts = [*cells, *report.answer, *(answer for _, answer in bullets(report)), runs_in_words(report.results)]
+    cells = [
+        part
+        for rows in headline_table(report).groups.values()
+        for row in rows.values()
+        for part in row
+        if part
+    ]
+    parts = [
+        *cells,
+        *report.answer,
+        *(answer for _, answer in bullets(report)),
+        runs_in_words(report.results),
+    ]
     return [number for part in parts for number in part.numbers]
 
 
 def test_every_number_is_in_the_data(report, folder):
     told, data = numbers(report), read(folder)
-    assert len(told) > 15 and {bool(number.column) for number in told} == {True, False} and {number.table for number in told} >= {"accuracy", "equal-error", "hard"}
+    assert (
+        len(told) > 15
+        and {bool(number.column) for number in told} == {True, False}
+        and {number.table for number in told} >= {"accuracy", "equal-error", "hard"}
+    )
     assert [number for number in told if not is_in(number, data)] == []
 
 
@@ -78,14 +120,26 @@ def test_data_that_say_something_else_are_noticed(report, folder):
         if not number.column:
             changed = pd.concat([table, table])
         else:
-            changed = table.assign(**{number.column: "nothing" if table[number.column].dtype == object else 3.0 * table[number.column] + 1.0})
+            changed = table.assign(
+                **{
+                    number.column: "nothing"
+                    if table[number.column].dtype == object
+                    else 3.0 * table[number.column] + 1.0
+                }
+            )
         assert number.text == "0" or not is_in(number, {**data, number.table: changed}), number
 
 
 def test_no_other_digits(full, report):
     page = text = " ".join(page_one(report, "", "Run.").split())
     assert len(text) > 500
-    for fixed in (TITLE, HOW_TO_READ, mechanism_in_words(full), *FIXED, *(run.variant.label for run in full.records)):
+    for fixed in (
+        TITLE,
+        HOW_TO_READ,
+        mechanism_in_words(full),
+        *FIXED,
+        *(run.variant.label for run in full.records),
+    ):
         text = text.replace(fixed, "")
     for number in sorted(numbers(report), key=lambda number: -len(number.text)):
         assert " ".join(number.text.split()) in page
@@ -94,58 +148,105 @@ def test_no_other_digits(full, report):
     assert not re.findall(r".{20}\d.{20}", text)
 
 
-@pytest.mark.parametrize("missing", ["accuracy", "equal-error", "hard", "threshold", "claims", "all"])
+@pytest.mark.parametrize(
+    "missing", ["accuracy", "equal-error", "hard", "threshold", "claims", "all"]
+)
 def test_it_comes_out_whatever_is_missing(full, missing):
-    few = replace(full, tables={name: table for name, table in full.tables.items() if missing not in (name, "all")})
+    few = replace(
+        full,
+        tables={name: table for name, table in full.tables.items() if missing not in (name, "all")},
+    )
     report = report_of(few)
-    assert page_one(report, "", "Run.").startswith(f"# {TITLE}") and "nan" not in " ".join(answer_lines(report))
+    assert page_one(report, "", "Run.").startswith(f"# {TITLE}") and "nan" not in " ".join(
+        answer_lines(report)
+    )
     empty = page_one(report_of(Results((), {}, {})), "", "Run.")
     assert empty.splitlines() == [f"# {TITLE}", "", "There were no runs. Run."]
 
 
 def test_what_stands_beside_an_answer_is_no_line_of_the_terminal(full, report):
     study = next(study for study in report.said if study.on_page_one)
-    beside = traced("It holds with {}.", value("accuracy", full.table("accuracy"), 0, "position_error"))
+    beside = traced(
+        "It holds with {}.", value("accuracy", full.table("accuracy"), 0, "position_error")
+    )
     said = replace(report, said={**report.said, study: replace(report.said[study], beside=beside)})
     page = " ".join(page_one(said, "", "Run.").split())
-    assert f"{said.said[study].answer.text} {beside.text}" in page and beside.numbers[0] in numbers(said)
+    assert f"{said.said[study].answer.text} {beside.text}" in page and beside.numbers[0] in numbers(
+        said
+    )
     assert list(answer_lines(said)) == list(answer_lines(report))
 
 
 def test_times_are_those_of_all_cases_with_their_signs(report):
     reference, scheme = (part.text for part in report.answer[:2])
-    assert "1 mm takes ≤ 1.3 to ≤ 3.2 ms of CPU." in reference and "1 mm takes ~57 ms of CPU in case 1" in scheme
+    assert (
+        "1 mm takes ≤ 1.3 to ≤ 3.2 ms of CPU." in reference
+        and "1 mm takes ~57 ms of CPU in case 1" in scheme
+    )
 
 
 def test_our_own_solver_of_contacts_is_no_existing_engine(full):
-    made = [made_up(label, case, variant.ladder[-1]) for label, variant in VARIANTS.items() for case in CASES]
-    table = pd.DataFrame([{**about(one), "position_error": 1e-3, "position_uncertainty": 0.0} for one in made])
+    made = [
+        made_up(label, case, variant.ladder[-1])
+        for label, variant in VARIANTS.items()
+        for case in CASES
+    ]
+    table = pd.DataFrame(
+        [{**about(one), "position_error": 1e-3, "position_uncertainty": 0.0} for one in made]
+    )
 
     def said(engine):
         table.loc[table["fidelity"] == "contact", "engine"] = engine
-        return " ".join(part.text for part in recommendation(Results(tuple(made), {}, {"accuracy": table})))
+        return " ".join(
+            part.text for part in recommendation(Results(tuple(made), {}, {"accuracy": table}))
+        )
 
-    assert "Existing engines, real contacts: pymunk 1 mm." in said("pymunk") and "real contacts" not in said("moreau")
+    assert "Existing engines, real contacts: pymunk 1 mm." in said(
+        "pymunk"
+    ) and "real contacts" not in said("moreau")
     assert "right to 1 mm in all three cases" in said("pymunk")
 
 
 def test_runs_that_failed_in_other_studies_are_not_kept_from_the_page(full, report):
-    ended = pd.DataFrame([{"scene": "slider-bar-case-1", "choice": "none", "step": 0.016, "status": "ok", "reason": "stopped"}])
+    ended = pd.DataFrame(
+        [
+            {
+                "scene": "slider-bar-case-1",
+                "choice": "none",
+                "step": 0.016,
+                "status": "ok",
+                "reason": "stopped",
+            }
+        ]
+    )
     assert "other studies" not in page_one(report, "", "Run.")
-    assert "ended early, of no stabilization: `failures.md`" in runs_in_words(replace(full, tables={**full.tables, "study": ended})).text
+    assert (
+        "ended early, of no stabilization: `failures.md`"
+        in runs_in_words(replace(full, tables={**full.tables, "study": ended})).text
+    )
 
 
 def test_methods_stand_in_groups_that_may_be_compared(full, report):
     table = headline_table(report)
-    assert list(table.groups) == ["joint, mus > mu", "contact, mus > mu"] and table.heads[0] == "method"
+    assert (
+        list(table.groups) == ["joint, mus > mu", "contact, mus > mu"]
+        and table.heads[0] == "method"
+    )
     assert [method for rows in table.groups.values() for method in rows] == methods(full)
     assert all(len(row) == len(table.heads) for row in table.rows)
 
 
 def test_engines_that_are_not_installed_are_told_once_and_stand_in_no_table(full):
-    lost = [record(Variant(name, name.partition(",")[0], "dt", (1e-2,)), 1e-2, "missing") for name in ("Alpha", "Beta", "Beta, contact")]
+    lost = [
+        record(Variant(name, name.partition(",")[0], "dt", (1e-2,)), 1e-2, "missing")
+        for name in ("Alpha", "Beta", "Beta, contact")
+    ]
     few = replace(full, records=(*full.records[:3], *lost))
-    assert not_installed(few) == "Not installed: Alpha, Beta; `stiction engines` says how to install them." and not_installed(replace(full, records=full.records[:3])) == ""
+    assert (
+        not_installed(few)
+        == "Not installed: Alpha, Beta; `stiction engines` says how to install them."
+        and not_installed(replace(full, records=full.records[:3])) == ""
+    )
     page = page_one(report_of(few), "", "Run.")
     assert page.count("Alpha") == page.count("Beta") == 1
 
@@ -158,20 +259,46 @@ def test_a_stored_run_without_some_trajectories_has_the_same_methods(full):
     assert methods(replace(full, records=(*full.records, lost))) == [*methods(full), "never"]
 
 
-@pytest.mark.parametrize("value, unsure, told", [
-    (0.145, 0.018, "0.145 ± 0.018"), (12.34, 2.5, "12.3 ± 2.5"), (3.13e-13, 2.9e-14, "3.13e-13 ± 2.9e-14"), (187.0, 120.0, "187 ± 120"),
-    (1.0, 0.1, "1.0 ± 0.1"), (5e-5, 1.1e-5, "5.0e-05 ± 1.1e-05"), (3.996, 0.021, "3.996 ± 0.021"), (1.234, 0.081, "1.23 ± 0.09"),
-    (0.7541, 0.0376, "0.75 ± 0.04"), (52.4, 6.7, "52 ± 7"), (9.6, 9.51, "10 ± 10"), (1.456, float("nan"), "1.5"), (1.456, 0.0, "1.5"),
-    (0.0, 0.1, "0.0 ± 0.1"), (-1e-5, 0.1, "0.0 ± 0.1"), (0.0, 1e-9, "0e+00 ± 1e-09")])
+@pytest.mark.parametrize(
+    "value, unsure, told",
+    [
+        (0.145, 0.018, "0.145 ± 0.018"),
+        (12.34, 2.5, "12.3 ± 2.5"),
+        (3.13e-13, 2.9e-14, "3.13e-13 ± 2.9e-14"),
+        (187.0, 120.0, "187 ± 120"),
+        (1.0, 0.1, "1.0 ± 0.1"),
+        (5e-5, 1.1e-5, "5.0e-05 ± 1.1e-05"),
+        (3.996, 0.021, "3.996 ± 0.021"),
+        (1.234, 0.081, "1.23 ± 0.09"),
+        (0.7541, 0.0376, "0.75 ± 0.04"),
+        (52.4, 6.7, "52 ± 7"),
+        (9.6, 9.51, "10 ± 10"),
+        (1.456, float("nan"), "1.5"),
+        (1.456, 0.0, "1.5"),
+        (0.0, 0.1, "0.0 ± 0.1"),
+        (-1e-5, 0.1, "0.0 ± 0.1"),
+        (0.0, 1e-9, "0e+00 ± 1e-09"),
+    ],
+)
 def test_a_number_ends_where_its_uncertainty_does(value, unsure, told):
     assert Uncertain(value, unsure).both() == told
 
 
 @settings(max_examples=40)
-@given(st.lists(st.text(st.characters(exclude_categories=("Cs", "Cc"), exclude_characters="|"), max_size=200), min_size=1, max_size=15))
+@given(
+    st.lists(
+        st.text(
+            st.characters(exclude_categories=("Cs", "Cc"), exclude_characters="|"), max_size=200
+        ),
+        min_size=1,
+        max_size=15,
+    )
+)
 def test_tables_fit(words):
     text = fitted(pd.DataFrame({"words": words, "again": words, "third": words, "number": np.pi}))
     lines, _, below = text.partition("\n\n")
     assert max(map(len, lines.splitlines())) <= TABLE_WIDTH
-    dropped = [name for name in ("words", "again", "third", "number") if name not in lines.splitlines()[0]]
+    dropped = [
+        name for name in ("words", "again", "third", "number") if name not in lines.splitlines()[0]
+    ]
     assert re.findall(r"\*(\w+)\*", below) == dropped  # what has no room is told

@@ -58,7 +58,11 @@ def present(results):
 
 STUDY = Study("toy", "Toy", "How far does a block slide?", 0.5, present, plan, takes_scene=False, takes=frozenset())
 '''
-ANSWER, CELL, QUESTION = "The block slides 1.83486 m at most.", "183.5", "How far does a block slide?"
+ANSWER, CELL, QUESTION = (
+    "The block slides 1.83486 m at most.",
+    "183.5",
+    "How far does a block slide?",
+)
 """9 / (2 * 0.25 * 9.81) = 1.834862.. m."""
 
 
@@ -84,7 +88,11 @@ def run(toy, validation, tmp_path_factory):
     with here(), pytest.MonkeyPatch.context() as patch:
         patch.setattr(campaign, "studies", lambda: (study,))
         patch.setattr(campaign, "variants", lambda *_: ())
-        made = campaign.validate(depth=Depth.QUICK, engines=[], on_study=lambda study, so_far: told.append((study.name, len(so_far.table("toy")))))
+        made = campaign.validate(
+            depth=Depth.QUICK,
+            engines=[],
+            on_study=lambda study, so_far: told.append((study.name, len(so_far.table("toy")))),
+        )
     assert told == [("toy", 3)]
     results = replace(validation, tables={**validation.tables, **made.tables})
     place = tmp_path_factory.mktemp("toy") / "run"
@@ -96,17 +104,36 @@ def run(toy, validation, tmp_path_factory):
 def test_it_is_a_command(toy, in_this_process, tmp_path):
     assert "toy" in invoke("compare --help").stdout
     ended = invoke("compare toy --out", tmp_path / "toy.csv", "--plot", tmp_path / "toy.svg")
-    assert all(text in ended.stdout for text in (ANSWER, "Paths by speed.", "path [cm]", CELL, "Friction is dry."))
-    assert pd.read_csv(tmp_path / "toy.csv")["path [m]"].iloc[2] == 9 / (2 * 0.25 * 9.81) and (tmp_path / "toy.svg").stat().st_size > 1000
+    assert all(
+        text in ended.stdout
+        for text in (ANSWER, "Paths by speed.", "path [cm]", CELL, "Friction is dry.")
+    )
+    assert (
+        pd.read_csv(tmp_path / "toy.csv")["path [m]"].iloc[2] == 9 / (2 * 0.25 * 9.81)
+        and (tmp_path / "toy.svg").stat().st_size > 1000
+    )
     refused = invoke("compare toy --drive motor", exit_code=2)
     assert "`compare toy` makes no use of it" in " ".join(refused.stderr.split())
 
 
 def test_it_is_in_the_report_and_on_the_terminal(run):
     text = (run.folder / "report.md").read_text()
-    page, section = text.partition("\n## ")[0], text.partition(f"\n## {QUESTION}\n")[2].partition("\n## ")[0]
+    page, section = (
+        text.partition("\n## ")[0],
+        text.partition(f"\n## {QUESTION}\n")[2].partition("\n## ")[0],
+    )
     assert f"**Toy.** {ANSWER}" in page and "slides [m]" in page and "1.83486" in page
-    assert all(part in section for part in (ANSWER, "Paths by speed.", "path [cm]", CELL, "- Friction is dry.", "(figures/toy-paths.svg)"))
+    assert all(
+        part in section
+        for part in (
+            ANSWER,
+            "Paths by speed.",
+            "path [cm]",
+            CELL,
+            "- Friction is dry.",
+            "(figures/toy-paths.svg)",
+        )
+    )
     assert (run.folder / "figures" / "toy-paths.svg").is_file() and len(run.tables["toy"]) == 3
     results = run.validation()
     assert f"Toy: {ANSWER}" in list(answer_lines(report_of(results)))
@@ -115,17 +142,40 @@ def test_it_is_in_the_report_and_on_the_terminal(run):
 def test_it_is_in_the_paper(run, tmp_path, monkeypatch):
     monkeypatch.setattr(folder, "save_all", partial(save_one, name="toy-paths"))
     paper = write_paper(run, tmp_path / "paper").parent
-    assert rf"\textbf{{Toy.}} {ANSWER} (toy:3)" in (paper / "paper.tex").read_text() and rf"\section{{{QUESTION}}}" in (paper / "paper.tex").read_text()
+    assert (
+        rf"\textbf{{Toy.}} {ANSWER} (toy:3)" in (paper / "paper.tex").read_text()
+        and rf"\section{{{QUESTION}}}" in (paper / "paper.tex").read_text()
+    )
     assert f"& {CELL} & toy:3" in (paper / "tables" / "toy.tex").read_text()
-    [section] = [section for section in json.loads((paper / "paper.json").read_text())["sections"] if section["title"] == QUESTION]
-    assert section["tables"][0]["rows"][2][-2:] == [CELL, "toy:3"] and section["figures"][0]["name"] == "toy-paths"
-    assert (paper / "figures" / "toy-paths.pdf").stat().st_size > 1000 and (paper / "paper.pdf").read_bytes().startswith(b"%PDF")
+    [section] = [
+        section
+        for section in json.loads((paper / "paper.json").read_text())["sections"]
+        if section["title"] == QUESTION
+    ]
+    assert (
+        section["tables"][0]["rows"][2][-2:] == [CELL, "toy:3"]
+        and section["figures"][0]["name"] == "toy-paths"
+    )
+    assert (paper / "figures" / "toy-paths.pdf").stat().st_size > 1000 and (
+        paper / "paper.pdf"
+    ).read_bytes().startswith(b"%PDF")
 
 
 def test_it_is_on_the_page_and_its_keys_lead_to_its_rows(run, tmp_path):
     write_run_page(run, tmp_path / "run.html")
     page = (tmp_path / "run.html").read_text()
-    assert all(part in page for part in (ANSWER, QUESTION, CELL, 'href="#key-toy-3"', 'id="key-toy-3"', "data/toy.csv, row 3", 'aria-label="toy-paths"'))
+    assert all(
+        part in page
+        for part in (
+            ANSWER,
+            QUESTION,
+            CELL,
+            'href="#key-toy-3"',
+            'id="key-toy-3"',
+            "data/toy.csv, row 3",
+            'aria-label="toy-paths"',
+        )
+    )
     ended = invoke("trace", run.folder, "toy:3")
     assert str(9 / (2 * 0.25 * 9.81)) in ended.stdout
 

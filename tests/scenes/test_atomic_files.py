@@ -25,6 +25,7 @@ from stiction.scenes.pictures.picture import content as content_of
 @pytest.fixture
 def full_disk(monkeypatch):
     """Every table written from here on meets the end of the disk after its first bytes."""
+
     def to_csv(self, path, **_):
         Path(path).write_text("t,ba")
         raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
@@ -71,7 +72,9 @@ def test_a_full_disk_names_the_file_and_leaves_the_old_one(tmp_path):
         write_text(tmp_path / "gone" / "a.txt", "new")
 
 
-def test_run_on_a_full_disk_keeps_the_old_file_and_shows_the_result(tmp_path, full_disk, in_this_process):
+def test_run_on_a_full_disk_keeps_the_old_file_and_shows_the_result(
+    tmp_path, full_disk, in_this_process
+):
     out = tmp_path / "run.csv"
     out.write_text("old")
     ended = invoke("run", "pendulum", "--t-end", "0.1", "--out", out, exit_code=1)
@@ -81,14 +84,20 @@ def test_run_on_a_full_disk_keeps_the_old_file_and_shows_the_result(tmp_path, fu
 
 def test_compare_on_a_full_disk_shows_the_table(tmp_path, full_disk, in_this_process):
     out = tmp_path / "drift.csv"
-    ended = invoke("compare drift pendulum --t-end 0.1 --engines reference --quick --out", out, exit_code=1)
+    ended = invoke(
+        "compare drift pendulum --t-end 0.1 --engines reference --quick --out", out, exit_code=1
+    )
     assert "drift.csv: not written" in ended.output
     assert "drift" in ended.output.partition("drift.csv: not")[0]
     assert content(tmp_path) == {}
 
 
-def test_a_report_on_a_full_disk_keeps_the_previous_one(report_folder, tmp_path, full_disk, monkeypatch):
-    monkeypatch.setattr("stiction.reports.paper.folder.save_all", lambda *_: None)  # the tables come later
+def test_a_report_on_a_full_disk_keeps_the_previous_one(
+    report_folder, tmp_path, full_disk, monkeypatch
+):
+    monkeypatch.setattr(
+        "stiction.reports.paper.folder.save_all", lambda *_: None
+    )  # the tables come later
     run, paper = tmp_path / "run", tmp_path / "paper"
     shutil.copytree(report_folder, run)
     paper.mkdir()
@@ -118,7 +127,10 @@ def test_figures_on_a_full_disk(tmp_path):
     whole = content_of(figure, "pdf")
     drawing = Drawing("a", "", figure)
     for size in range(0, len(whole), len(whole) // 4):
-        with files_end_at(size), pytest.raises(NotWritten, match="a.pdf: not written: File too large"):
+        with (
+            files_end_at(size),
+            pytest.raises(NotWritten, match="a.pdf: not written: File too large"),
+        ):
             save(drawing, tmp_path, kinds=("pdf",))
     assert len(whole) > 10_000 and content(tmp_path) == {}
 
@@ -129,7 +141,9 @@ def test_a_paper_never_takes_the_place_of_its_run(out, report_folder, tmp_path):
     shutil.copytree(report_folder, run)
     ended = invoke("paper", run, "--out", run / out, exit_code=2)
     assert "expected another place" in ended.output
-    assert content(run) == content(report_folder) and [path.name for path in (tmp_path / "a").iterdir()] == ["run"]
+    assert content(run) == content(report_folder) and [
+        path.name for path in (tmp_path / "a").iterdir()
+    ] == ["run"]
 
 
 def test_a_paper_never_takes_the_place_of_another_run(report_folder, tmp_path):
@@ -154,14 +168,25 @@ def test_an_output_that_is_the_input(tmp_path):
 
 
 def test_a_baseline_that_cannot_be_written_is_refused_before_anything_runs(tmp_path):
-    ended = invoke("baseline", "update", "--file", tmp_path / "gone" / "b.toml", "--reason", "new", exit_code=2)
+    ended = invoke(
+        "baseline", "update", "--file", tmp_path / "gone" / "b.toml", "--reason", "new", exit_code=2
+    )
     assert "--file: found" in ended.output and "folder that exists" in ended.output
 
 
 @pytest.mark.skipif(not Path("/dev/full").exists(), reason="no device that is always full")
 def test_standard_output_on_a_full_disk():
     with open("/dev/full", "w") as full:
-        ended = subprocess.run([sys.executable, "-m", "stiction", "scenes"], stdout=full, stderr=subprocess.PIPE,
-                               text=True, timeout=600,
-                               cwd=Path(__file__).parents[2], check=False)
-    assert ended.returncode == 1 and ended.stderr.strip() == "stiction: standard output: No space left on device"
+        ended = subprocess.run(
+            [sys.executable, "-m", "stiction", "scenes"],
+            stdout=full,
+            stderr=subprocess.PIPE,
+            text=True,
+            timeout=600,
+            cwd=Path(__file__).parents[2],
+            check=False,
+        )
+    assert (
+        ended.returncode == 1
+        and ended.stderr.strip() == "stiction: standard output: No space left on device"
+    )

@@ -8,11 +8,29 @@ import pytest
 from stiction.reference_impl.equations_of_motion import EquationsOfMotion
 from stiction.scenes import catalogue, load_scene, scene_from_dict, scene_to_toml, vary
 
-NAMES = {"painleve-rod", "uniqueness-lost", "existence-lost", "slider-bar-case-1", "slider-bar-case-2", "slider-bar-case-3",
-         *(f"slider-bar-case-{n}-{kind}" for n in (1, 2, 3) for kind in ("mus-equals-mu", "frictionless")),
-         "coulomb-oscillator", "block-on-incline", "mass-on-belt", "four-bar", "pendulum", "slider-crank",
-         "elliptic-trammel", "slider-on-moving-guide", "block-pulled-by-strut",
-         *(f"hold-{name}" for name in ("level", "incline", "bar", "moment", "turning-bar", "vibration"))}
+NAMES = {
+    "painleve-rod",
+    "uniqueness-lost",
+    "existence-lost",
+    "slider-bar-case-1",
+    "slider-bar-case-2",
+    "slider-bar-case-3",
+    *(
+        f"slider-bar-case-{n}-{kind}"
+        for n in (1, 2, 3)
+        for kind in ("mus-equals-mu", "frictionless")
+    ),
+    "coulomb-oscillator",
+    "block-on-incline",
+    "mass-on-belt",
+    "four-bar",
+    "pendulum",
+    "slider-crank",
+    "elliptic-trammel",
+    "slider-on-moving-guide",
+    "block-pulled-by-strut",
+    *(f"hold-{name}" for name in ("level", "incline", "bar", "moment", "turning-bar", "vibration")),
+}
 
 
 def test_the_names_are_those_that_are_promised():
@@ -24,7 +42,10 @@ def test_starts_on_its_constraints(name):
     equations = EquationsOfMotion(load_scene(name))
     terms = equations.at(0.0, *equations.start())
     # rounding of numbers of order 10
-    assert max(np.max(np.abs(residual), initial=0.0) for residual in (terms.phi, terms.phi_dot)) < 1e-14
+    assert (
+        max(np.max(np.abs(residual), initial=0.0) for residual in (terms.phi, terms.phi_dot))
+        < 1e-14
+    )
 
 
 @pytest.mark.parametrize("name", catalogue())
@@ -53,7 +74,11 @@ def test_variants_of_the_slider_bar_differ_in_friction_only(case):
     assert vary(one, {"guide.mus": 0.04}).joints == scene.joints
     assert vary(none, {"guide.mu": 0.03, "guide.mus": 0.04}).joints == scene.joints
     for variant in (one, none):
-        assert (variant.bodies, variant.drives, variant.forces) == (scene.bodies, scene.drives, scene.forces)
+        assert (variant.bodies, variant.drives, variant.forces) == (
+            scene.bodies,
+            scene.drives,
+            scene.forces,
+        )
 
 
 def test_cases_of_the_slider_bar_are_the_papers():
@@ -62,7 +87,7 @@ def test_cases_of_the_slider_bar_are_the_papers():
         scene = load_scene(f"slider-bar-case-{case}")
         assert scene.forces["load"].law.amplitude == force
         assert scene.joints["pin"].points[0] == (-length / 2, 0)
-        assert scene.bodies["bar"].inertia == 2 * length ** 2 / 12
+        assert scene.bodies["bar"].inertia == 2 * length**2 / 12
         assert scene.drives["motor"].law.rate == speed
 
 

@@ -18,12 +18,16 @@ def test_columns_written_in_any_order_are_read_as_they_were():
         rows, names = int(rng.integers(1, 500)), [f"c{i}" for i in range(rng.integers(1, 6))]
         expected = {name: rng.standard_normal(rows) for name in names}
         kept = ColumnFile(rows + int(rng.integers(0, 5)))
-        pieces = [(name, part) for name in names for part in in_parts(rows, int(rng.integers(1, 200)))]
+        pieces = [
+            (name, part) for name in names for part in in_parts(rows, int(rng.integers(1, 200)))
+        ]
         for place in rng.permutation(len(pieces)):
             name, part = pieces[place]
             kept.write(name, part.start, expected[name][part])
         kept.shorten(rows)
-        assert set(kept) == set(names) and all(np.array_equal(kept[name], expected[name]) for name in names)
+        assert set(kept) == set(names) and all(
+            np.array_equal(kept[name], expected[name]) for name in names
+        )
         assert not kept[names[0]].flags.writeable
         left = kept.without(names[0])
         left.write("new", 0, expected[names[0]])
@@ -35,7 +39,12 @@ def test_views():
     columns = {"a": np.arange(5.0), "b": np.ones(5)}
     assert Changed(columns, lambda name, values: values[1:])["a"].tolist() == [1, 2, 3, 4]
     joined = Joined({"a": np.zeros(5)}, columns)
-    assert joined["a"].tolist() == [0] * 5 and list(joined) == ["a", "b"] and len(joined) == 2 and "c" not in joined
+    assert (
+        joined["a"].tolist() == [0] * 5
+        and list(joined) == ["a", "b"]
+        and len(joined) == 2
+        and "c" not in joined
+    )
     with pytest.raises(KeyError):
         joined["c"]
     made = collected(5, 2, lambda part: {"a": columns["a"][part]})
@@ -55,7 +64,14 @@ def small_blocks(monkeypatch):
 @pytest.mark.parametrize("ends", ["\n", "\r\n", "\r"])
 def test_blocks_change_nothing(tmp_path, small_blocks, ends):
     rng = np.random.default_rng(2)
-    frame = pd.DataFrame({"t": np.linspace(0, 24, 203), "slider.x": rng.standard_normal(203), "note": "a, b", "bar.angle": rng.integers(0, 9, 203)})
+    frame = pd.DataFrame(
+        {
+            "t": np.linspace(0, 24, 203),
+            "slider.x": rng.standard_normal(203),
+            "note": "a, b",
+            "bar.angle": rng.integers(0, 9, 203),
+        }
+    )
     (tmp_path / "r.csv").write_bytes(frame.to_csv(index=False).replace("\n", ends).encode())
     frame.to_parquet(tmp_path / "r.parquet")
     frame.set_index("t").to_parquet(tmp_path / "i.parquet")
@@ -65,13 +81,22 @@ def test_blocks_change_nothing(tmp_path, small_blocks, ends):
             found = read(table, SCENE, spills=spills, tell=shares.append)
             assert isinstance(found.columns, ColumnFile) == spills and found.left_out == ("note",)
             assert np.array_equal(found.t, frame["t"])
-            assert all(np.array_equal(found.columns[name], frame[name]) for name in ("slider.x", "bar.angle"))
+            assert all(
+                np.array_equal(found.columns[name], frame[name])
+                for name in ("slider.x", "bar.angle")
+            )
     assert shares.count(1.0) == 8 and all(0 < share <= 1 for share in shares)
 
 
-@pytest.mark.parametrize(("damage", "words"), [
-    ("12.0,x", "slider.x, row 151: found 'x'"), ("12.0,", "slider.x, row 151: found nothing"), ("12.0", "Row #152"),
-    ("1.0,1.0", "time, row 151")])
+@pytest.mark.parametrize(
+    ("damage", "words"),
+    [
+        ("12.0,x", "slider.x, row 151: found 'x'"),
+        ("12.0,", "slider.x, row 151: found nothing"),
+        ("12.0", "Row #152"),
+        ("1.0,1.0", "time, row 151"),
+    ],
+)
 def test_faults_far_in_a_file_have_their_row(tmp_path, small_blocks, damage, words):
     lines = ["t,slider.x", *(f"{t!r},0.25" for t in np.linspace(0, 24, 201).tolist())]
     lines[151] = damage

@@ -10,10 +10,17 @@ from stiction.scenes.expressions import FUNCTIONS, evaluate
 
 NAMES = {"L": 2.0, "w0": math.pi / 4, "m_1": 1.5}
 ATOMS = st.one_of(st.floats(0, allow_infinity=False).map(repr), st.sampled_from([*NAMES, "pi"]))
-EXPRESSIONS = st.recursive(ATOMS, lambda inner: st.one_of(
-    st.tuples(inner, st.sampled_from("+-*/^"), inner).map(lambda t: f"({t[0]}) {t[1]} ({t[2]})"),
-    st.tuples(st.sampled_from("+-"), inner).map(lambda t: f"{t[0]}({t[1]})"),
-    st.tuples(st.sampled_from(sorted(FUNCTIONS)), inner).map(lambda t: f"{t[0]}({t[1]})")), max_leaves=8)
+EXPRESSIONS = st.recursive(
+    ATOMS,
+    lambda inner: st.one_of(
+        st.tuples(inner, st.sampled_from("+-*/^"), inner).map(
+            lambda t: f"({t[0]}) {t[1]} ({t[2]})"
+        ),
+        st.tuples(st.sampled_from("+-"), inner).map(lambda t: f"{t[0]}({t[1]})"),
+        st.tuples(st.sampled_from(sorted(FUNCTIONS)), inner).map(lambda t: f"{t[0]}({t[1]})"),
+    ),
+    max_leaves=8,
+)
 
 
 @given(EXPRESSIONS.filter(lambda text: len(text) <= 400))
@@ -31,21 +38,35 @@ def test_value_is_pythons(text):
         assert evaluate(text, NAMES) == expected
 
 
-@given(st.floats(allow_nan=False, allow_infinity=False) | st.integers(-10 ** 300, 10 ** 300))
+@given(st.floats(allow_nan=False, allow_infinity=False) | st.integers(-(10**300), 10**300))
 def test_numbers_are_themselves_also_as_text(number):
     assert evaluate(number, {}) == float(number)
     assert evaluate(str(number), {}) == float(number)
 
 
-@pytest.mark.parametrize(("text", "value"), [
-    ("2*L^2/12", 2 / 3), ("-2^2", -4.0), ("2^3^2", 512.0), ("2**-1", 0.5), (" pi / 4 ", math.pi / 4),
-    ("deg(180)", math.pi), ("sqrt(2)^2", math.sqrt(2) ** 2), ("atan(1)*4", math.pi), ("1e3", 1000.0), ("--1", 1.0),
-    ("-" * 499 + "1", -1.0)])
+@pytest.mark.parametrize(
+    ("text", "value"),
+    [
+        ("2*L^2/12", 2 / 3),
+        ("-2^2", -4.0),
+        ("2^3^2", 512.0),
+        ("2**-1", 0.5),
+        (" pi / 4 ", math.pi / 4),
+        ("deg(180)", math.pi),
+        ("sqrt(2)^2", math.sqrt(2) ** 2),
+        ("atan(1)*4", math.pi),
+        ("1e3", 1000.0),
+        ("--1", 1.0),
+        ("-" * 499 + "1", -1.0),
+    ],
+)
 def test_notation(text, value):
     assert evaluate(text, NAMES) == value
 
 
-@given(st.text(max_size=30) | st.text("0123456789.eE+-*/^()[]{} ,:=<>'\"#\\\0L_ifnotadb", max_size=30))
+@given(
+    st.text(max_size=30) | st.text("0123456789.eE+-*/^()[]{} ,:=<>'\"#\\\0L_ifnotadb", max_size=30)
+)
 def test_any_text_is_a_number_or_a_value_error(text):
     try:
         assert math.isfinite(evaluate(text, NAMES))
@@ -53,10 +74,36 @@ def test_any_text_is_a_number_or_a_value_error(text):
         assert str(error)
 
 
-@pytest.mark.parametrize("text", [
-    "x", "sin", "sin()", "sin(1, 2)", "sin(x=1)", "exp(1)", "L.real", "[1][0]", "1 if 1 else 2", "1 < 2", "lambda: 1",
-    "(1, 2)", "'1'", "True", "None", "1j", "L := 2", "f'{L}'", "2 // 1", "2 % 1", "~1", "", "1;2",
-    "()" * 100, "(" * 300])
+@pytest.mark.parametrize(
+    "text",
+    [
+        "x",
+        "sin",
+        "sin()",
+        "sin(1, 2)",
+        "sin(x=1)",
+        "exp(1)",
+        "L.real",
+        "[1][0]",
+        "1 if 1 else 2",
+        "1 < 2",
+        "lambda: 1",
+        "(1, 2)",
+        "'1'",
+        "True",
+        "None",
+        "1j",
+        "L := 2",
+        "f'{L}'",
+        "2 // 1",
+        "2 % 1",
+        "~1",
+        "",
+        "1;2",
+        "()" * 100,
+        "(" * 300,
+    ],
+)
 def test_what_is_not_arithmetic(text):
     with pytest.raises(ValueError):
         evaluate(text, NAMES)

@@ -6,7 +6,15 @@ from hypothesis import given
 from hypothesis import strategies as st
 from scipy.interpolate import CubicSpline
 
-from stiction.scenes.laws import Constant, Linear, Sine, Table, evaluate_law, law_kinks, spline_slopes
+from stiction.scenes.laws import (
+    Constant,
+    Linear,
+    Sine,
+    Table,
+    evaluate_law,
+    law_kinks,
+    spline_slopes,
+)
 
 NUMBERS = st.floats(-10, 10)
 
@@ -22,7 +30,14 @@ def tables(draw, interpolation):
 LAWS = st.one_of(
     st.builds(Constant, type=st.just("constant"), value=NUMBERS),
     st.builds(Linear, type=st.just("linear"), offset=NUMBERS, rate=NUMBERS),
-    st.builds(Sine, type=st.just("sine"), offset=NUMBERS, amplitude=NUMBERS, frequency=NUMBERS, phase=NUMBERS),
+    st.builds(
+        Sine,
+        type=st.just("sine"),
+        offset=NUMBERS,
+        amplitude=NUMBERS,
+        frequency=NUMBERS,
+        phase=NUMBERS,
+    ),
     tables("linear"),
     tables("cubic"),
 )
@@ -48,11 +63,17 @@ def test_cubic_table_is_scipys_natural_spline(law):
     times = np.array(law.times)
     spline = CubicSpline(times, law.values, bc_type="natural")
     # second differences round as the values over h^2, also where the second derivative itself is zero
-    scale = max(1.0, np.abs(spline(times, 2)).max(), np.abs(law.values).max() / np.diff(times).min() ** 2)
-    np.testing.assert_allclose(spline_slopes(times, np.array(law.values)), spline(times, 2), atol=1e-12 * scale)
+    scale = max(
+        1.0, np.abs(spline(times, 2)).max(), np.abs(law.values).max() / np.diff(times).min() ** 2
+    )
+    np.testing.assert_allclose(
+        spline_slopes(times, np.array(law.values)), spline(times, 2), atol=1e-12 * scale
+    )
     for t in np.linspace(times[0], times[-1], 41)[:-1]:
         # two algorithms for the same system, whose condition is below 10
-        np.testing.assert_allclose(evaluate_law(law, t), [spline(t), spline(t, 1), spline(t, 2)], atol=1e-11 * scale)
+        np.testing.assert_allclose(
+            evaluate_law(law, t), [spline(t), spline(t, 1), spline(t, 2)], atol=1e-11 * scale
+        )
 
 
 @given(tables("cubic"), st.floats(0, 5))
@@ -85,8 +106,17 @@ def test_closed_forms():
 
 def test_kinks_are_the_inner_knots_of_tables():
     for interpolation in ("linear", "cubic"):
-        law = Table(type="table", times=(-1, 0, 1, 2.5, 4), values=(0, 1, 0, 1, 0), interpolation=interpolation)
+        law = Table(
+            type="table",
+            times=(-1, 0, 1, 2.5, 4),
+            values=(0, 1, 0, 1, 0),
+            interpolation=interpolation,
+        )
         assert law_kinks(law, 4) == (1, 2.5)
         assert law_kinks(law, 5) == (1, 2.5, 4)
     assert law_kinks(Sine(type="sine", amplitude=1, frequency=1), 10) == ()
-    assert law_kinks(Constant(type="constant", value=1), 10) == law_kinks(Linear(type="linear", rate=1), 10) == ()
+    assert (
+        law_kinks(Constant(type="constant", value=1), 10)
+        == law_kinks(Linear(type="linear", rate=1), 10)
+        == ()
+    )

@@ -20,7 +20,13 @@ from stiction.engines import load_engine
 from stiction.scenes import catalogue, load_scene, scene_from_dict
 from stiction.scenes.model import Revolute
 from stiction.scenes.pictures import animation
-from stiction.scenes.pictures.geometry import corners, displacement, poses_at, poses_at_start, view_of
+from stiction.scenes.pictures.geometry import (
+    corners,
+    displacement,
+    poses_at,
+    poses_at_start,
+    view_of,
+)
 from stiction.scenes.pictures.parts import Stroke, parts
 
 CASE = "slider-bar-case-1"
@@ -49,20 +55,40 @@ class TestGeometry:
             poses = poses_at(scene, trajectory, row)
             for joint in scene.joints.values():
                 if isinstance(joint, Revolute):
-                    first, second = (poses[body].place(point) for body, point in zip(joint.bodies, joint.points))
+                    first, second = (
+                        poses[body].place(point) for body, point in zip(joint.bodies, joint.points)
+                    )
                     assert np.allclose(first, second, atol=1e-6)
             for guide, element in scene.guides.items():
-                assert displacement(element, poses) == pytest.approx(trajectory[f"{guide}.displacement"][row], abs=1e-9)
+                assert displacement(element, poses) == pytest.approx(
+                    trajectory[f"{guide}.displacement"][row], abs=1e-9
+                )
 
     @pytest.mark.parametrize("angle", [0.0, 0.7, np.pi / 2, 3.0])
     def test_corners_are_where_their_forces_act(self, angle):
         """Lower is the side from which a force pushes along the normal, the direction turned by +90 degrees; front is where it points to."""
         direction = [np.cos(angle), np.sin(angle)]
-        scene = scene_from_dict({"bodies": {"box": {"mass": 1, "inertia": 1, "angle": angle, "position": [3, 4]}}, "joints": {"guide": {
-            "type": "translational", "slider": "box", "direction": direction, "point": [3, 4], "angle": angle, "length": 2, "width": 1}}})
+        scene = scene_from_dict(
+            {
+                "bodies": {"box": {"mass": 1, "inertia": 1, "angle": angle, "position": [3, 4]}},
+                "joints": {
+                    "guide": {
+                        "type": "translational",
+                        "slider": "box",
+                        "direction": direction,
+                        "point": [3, 4],
+                        "angle": angle,
+                        "length": 2,
+                        "width": 1,
+                    }
+                },
+            }
+        )
         normal = np.array([-direction[1], direction[0]])
         found = corners(scene.guides["guide"], poses_at_start(scene), (2, 1)) - np.array([3, 4])
-        assert np.allclose(found @ direction, [-1, 1, 1, -1]) and np.allclose(found @ normal, [-0.5, -0.5, 0.5, 0.5])
+        assert np.allclose(found @ direction, [-1, 1, 1, -1]) and np.allclose(
+            found @ normal, [-0.5, -0.5, 0.5, 0.5]
+        )
 
     def test_a_view_holds_the_whole_motion(self, run):
         scene = load_scene(CASE)
@@ -70,11 +96,24 @@ class TestGeometry:
         tip = run["bar.x"] + np.cos(run["bar.angle"]), run["bar.y"] + np.sin(run["bar.angle"])
         for (low, high), values in zip((view.x, view.y), tip):
             assert low < values.min() and values.max() < high
-        assert view.reach["guide"][0] < run["guide.displacement"].min() - 0.3 and run["guide.displacement"].max() + 0.3 < view.reach["guide"][1]
+        assert (
+            view.reach["guide"][0] < run["guide.displacement"].min() - 0.3
+            and run["guide.displacement"].max() + 0.3 < view.reach["guide"][1]
+        )
 
 
 class TestDrawing:
-    @pytest.mark.parametrize("name", [*(name for name in catalogue() if not name.endswith(("-mus-equals-mu", "-frictionless"))), "hard/three-guides-at-rest"])
+    @pytest.mark.parametrize(
+        "name",
+        [
+            *(
+                name
+                for name in catalogue()
+                if not name.endswith(("-mus-equals-mu", "-frictionless"))
+            ),
+            "hard/three-guides-at-rest",
+        ],
+    )
     def test_every_scene_can_be_drawn(self, name):
         """Those that differ in coefficients alone once."""
         assert ElementTree.fromstring(load_scene(name).draw().svg()).tag.endswith("svg")
@@ -87,48 +126,150 @@ class TestDrawing:
 
     def test_damper_body_alone_and_drive_along_an_axis(self):
         """What no scene of the catalogue has at once; a body of its own is no point without size."""
-        scene = scene_from_dict({"bodies": {"a": {"mass": 1, "inertia": 1, "position": [1, 0]}, "b": {"mass": 1, "inertia": 1}},
-                                 "springs": {"damper": {"type": "linear", "bodies": ["a", "ground"], "stiffness": 1, "damping": 2}},
-                                 "drives": {"lift": {"type": "distance", "bodies": ["b", "ground"], "axis": [0, 1], "law": {"type": "linear", "rate": 1}}},
-                                 "forces": {"push": {"type": "force", "body": "a", "direction": [0, -1], "law": {"type": "constant", "value": -2}}}})
+        scene = scene_from_dict(
+            {
+                "bodies": {
+                    "a": {"mass": 1, "inertia": 1, "position": [1, 0]},
+                    "b": {"mass": 1, "inertia": 1},
+                },
+                "springs": {
+                    "damper": {
+                        "type": "linear",
+                        "bodies": ["a", "ground"],
+                        "stiffness": 1,
+                        "damping": 2,
+                    }
+                },
+                "drives": {
+                    "lift": {
+                        "type": "distance",
+                        "bodies": ["b", "ground"],
+                        "axis": [0, 1],
+                        "law": {"type": "linear", "rate": 1},
+                    }
+                },
+                "forces": {
+                    "push": {
+                        "type": "force",
+                        "body": "a",
+                        "direction": [0, -1],
+                        "law": {"type": "constant", "value": -2},
+                    }
+                },
+            }
+        )
         drawn = scene.draw().axes[0].patches
-        assert [type(patch) for patch in drawn] == [Polygon] * 2 + [FancyArrowPatch] * 2  # two bodies alone, drive, force
-        (begin, end), (low, high) = ([np.asarray(point) for point in arrow._posA_posB] for arrow in drawn[2:])
-        assert begin @ [1, 0] == end @ [1, 0] == 0 and end[1] > begin[1]  # the drive, which is at its origin, along its axis
-        assert np.allclose(low, [1, 0]) and high[1] > 0 == high[0] - 1  # -2 N along (0, -1) push upwards
-
+        assert [type(patch) for patch in drawn] == [Polygon] * 2 + [
+            FancyArrowPatch
+        ] * 2  # two bodies alone, drive, force
+        (begin, end), (low, high) = (
+            [np.asarray(point) for point in arrow._posA_posB] for arrow in drawn[2:]
+        )
+        assert (
+            begin @ [1, 0] == end @ [1, 0] == 0 and end[1] > begin[1]
+        )  # the drive, which is at its origin, along its axis
+        assert (
+            np.allclose(low, [1, 0]) and high[1] > 0 == high[0] - 1
+        )  # -2 N along (0, -1) push upwards
 
     def test_a_spring_without_length_does_not_pin_its_body_to_the_ground(self):
         """The spring of the slider-bar is at rest at t = 0: its anchor, where the slider's pin is, once looked like that of a pin on the ground."""
         scene = load_scene(CASE)
-        looks = [part.look for part in parts(scene, view_of(scene, [poses_at_start(scene)])) if isinstance(part, Stroke)]
+        looks = [
+            part.look
+            for part in parts(scene, view_of(scene, [poses_at_start(scene)]))
+            if isinstance(part, Stroke)
+        ]
         assert "support" not in looks and looks.count("spring anchor") == 2
-        pendulum = scene_from_dict({"bodies": {"bob": {"mass": 1, "inertia": 1}}, "joints": {"pin": {"type": "revolute", "bodies": ["bob", "ground"], "points": [[0, 1], [0, 1]]}}})
-        assert "support" in [part.look for part in parts(pendulum, view_of(pendulum, [poses_at_start(pendulum)])) if isinstance(part, Stroke)]
+        pendulum = scene_from_dict(
+            {
+                "bodies": {"bob": {"mass": 1, "inertia": 1}},
+                "joints": {
+                    "pin": {
+                        "type": "revolute",
+                        "bodies": ["bob", "ground"],
+                        "points": [[0, 1], [0, 1]],
+                    }
+                },
+            }
+        )
+        assert "support" in [
+            part.look
+            for part in parts(pendulum, view_of(pendulum, [poses_at_start(pendulum)]))
+            if isinstance(part, Stroke)
+        ]
 
     def test_a_slot_lies_above_the_slider_that_has_it(self):
         """Whatever the order in the file: the slot of a yoke once lay below the yoke's box."""
-        body, guide = {"mass": 1, "inertia": 1}, {"type": "translational", "length": 0.1, "width": 0.1}
-        slot, rail = {**guide, "slider": "block", "guide": "yoke", "direction": [0, 1]}, {**guide, "slider": "yoke", "length": 0.5, "width": 0.3}
+        body, guide = (
+            {"mass": 1, "inertia": 1},
+            {"type": "translational", "length": 0.1, "width": 0.1},
+        )
+        slot, rail = (
+            {**guide, "slider": "block", "guide": "yoke", "direction": [0, 1]},
+            {**guide, "slider": "yoke", "length": 0.5, "width": 0.3},
+        )
         for joints in ({"slot": slot, "rail": rail}, {"rail": rail, "slot": slot}):
             scene = scene_from_dict({"bodies": {"block": body, "yoke": body}, "joints": joints})
-            drawn = [(part.look, part.at[0]) for part in parts(scene, view_of(scene, [poses_at_start(scene)])) if isinstance(part, Stroke)]
-            order = [drawn.index(part) for part in (("surface", "ground"), ("slider", "yoke"), ("surface", "yoke"), ("slider", "block"))]
+            drawn = [
+                (part.look, part.at[0])
+                for part in parts(scene, view_of(scene, [poses_at_start(scene)]))
+                if isinstance(part, Stroke)
+            ]
+            order = [
+                drawn.index(part)
+                for part in (
+                    ("surface", "ground"),
+                    ("slider", "yoke"),
+                    ("surface", "yoke"),
+                    ("slider", "block"),
+                )
+            ]
             assert order == sorted(order)
 
     @pytest.mark.parametrize("direction", [[1, 0], [-1, 0], [0, 1], [0, -1]])
-    @pytest.mark.parametrize("law", [{"type": "constant", "value": -2}, {"type": "sine", "amplitude": 3, "frequency": 2, "phase": 4}])
+    @pytest.mark.parametrize(
+        "law",
+        [
+            {"type": "constant", "value": -2},
+            {"type": "sine", "amplitude": 3, "frequency": 2, "phase": 4},
+        ],
+    )
     def test_no_arrow_is_cut_off(self, direction, law):
         """A load, and a drive at the origin of its axis."""
         box = {"mass": 1, "inertia": 1}
-        axes = scene_from_dict({"bodies": {"box": box, "other": {**box, "position": [2, 1]}}, "forces": {"pull": {"type": "force", "body": "box", "direction": direction, "law": law}},
-                                "drives": {"lift": {"type": "distance", "bodies": ["other", "ground"], "points": [[0, 0], [2, 1]], "axis": direction, "law": {"type": "linear", "rate": 1}}}}).draw().axes[0]
+        axes = (
+            scene_from_dict(
+                {
+                    "bodies": {"box": box, "other": {**box, "position": [2, 1]}},
+                    "forces": {
+                        "pull": {"type": "force", "body": "box", "direction": direction, "law": law}
+                    },
+                    "drives": {
+                        "lift": {
+                            "type": "distance",
+                            "bodies": ["other", "ground"],
+                            "points": [[0, 0], [2, 1]],
+                            "axis": direction,
+                            "law": {"type": "linear", "rate": 1},
+                        }
+                    },
+                }
+            )
+            .draw()
+            .axes[0]
+        )
         arrows = [arrow for arrow in axes.patches if isinstance(arrow, FancyArrowPatch)]
         tips = np.array([point for arrow in arrows for point in arrow._posA_posB])
-        assert len(arrows) == 2 and all(low < values.min() and values.max() < high for values, (low, high) in zip(tips.T, (axes.get_xlim(), axes.get_ylim())))
+        assert len(arrows) == 2 and all(
+            low < values.min() and values.max() < high
+            for values, (low, high) in zip(tips.T, (axes.get_xlim(), axes.get_ylim()))
+        )
 
     def test_text_of_the_user_is_no_formula(self, folder):
-        (folder / "a$\\b$.toml").write_text('title = "$x^$"\n[bodies.ball]\nmass = 1\ninertia = 1\n')
+        (folder / "a$\\b$.toml").write_text(
+            'title = "$x^$"\n[bodies.ball]\nmass = 1\ninertia = 1\n'
+        )
         scene = load_scene("a$\\b$.toml")
         scene.draw().write("drawn.svg")
         run = load_engine("reference").simulate(scene, t_end=0.1)
@@ -137,7 +278,6 @@ class TestDrawing:
 
 
 class TestEvolution:
-
     def test_a_panel_a_column(self, run):
         picture = run.plot("slider.x", "motor.effort")
         assert [ax.get_ylabel() for ax in picture.axes] == ["slider.x [m]", "motor.effort [N m]"]
@@ -150,7 +290,10 @@ class TestEvolution:
         [line] = run.plot("guide.friction").axes[0].lines
         jump = next(event for event in run.events if event.kind == "reversal")
         at = line.get_xdata() == jump.time
-        assert np.ptp(line.get_ydata()[at]) == pytest.approx(abs(jump.jump("guide.friction"))) and abs(jump.jump("guide.friction")) > 0.5
+        assert (
+            np.ptp(line.get_ydata()[at]) == pytest.approx(abs(jump.jump("guide.friction")))
+            and abs(jump.jump("guide.friction")) > 0.5
+        )
 
 
 class TestChosenColumns:
@@ -159,11 +302,21 @@ class TestChosenColumns:
         picture = run.plot(*names, against=[run])
         picture.draw_without_rendering()
         boxes = [ax.yaxis.label.get_window_extent() for ax in picture.axes]
-        assert not any(one.overlaps(other) for number, one in enumerate(boxes) for other in boxes[:number])
-        assert [ax.get_ylabel().replace("\n", " ").partition(" [")[0] for ax in picture.axes] == names
-        for ax in picture.axes:  # equal runs lie on each other: the upper one lets the lower one through
+        assert not any(
+            one.overlaps(other) for number, one in enumerate(boxes) for other in boxes[:number]
+        )
+        assert [
+            ax.get_ylabel().replace("\n", " ").partition(" [")[0] for ax in picture.axes
+        ] == names
+        for (
+            ax
+        ) in picture.axes:  # equal runs lie on each other: the upper one lets the lower one through
             below, above = ax.lines
-            assert below.get_linestyle() == "-" and above.get_linestyle() != "-" and below.get_color() != above.get_color()
+            assert (
+                below.get_linestyle() == "-"
+                and above.get_linestyle() != "-"
+                and below.get_color() != above.get_color()
+            )
 
 
 class TestFilm:
@@ -172,13 +325,26 @@ class TestFilm:
 
     def test_page_has_the_motion_and_the_forces(self, run, folder):
         run.animate(folder / "run.html")
-        content = json.loads(re.search(r'id="film-data">(.*?)</script>', (folder / "run.html").read_text(), re.S)[1])
-        assert set(content["columns"]) >= {"bar.x", "bar.angle", "slider.x", "guide.F1", "guide.F4", "load load"}
+        content = json.loads(
+            re.search(r'id="film-data">(.*?)</script>', (folder / "run.html").read_text(), re.S)[1]
+        )
+        assert set(content["columns"]) >= {
+            "bar.x",
+            "bar.angle",
+            "slider.x",
+            "guide.F1",
+            "guide.F4",
+            "load load",
+        }
         _, rows, low, step, _ = content["block"]["columns"][content["columns"]["slider.x"]]
         shown = run.to_frame(events=True, interpolated=True)["slider.x"]
-        assert rows == len(shown) and (low, low + step * (2 ** 16 - 2)) == pytest.approx((shown.min(), shown.max()), rel=1e-9)
+        assert rows == len(shown) and (low, low + step * (2**16 - 2)) == pytest.approx(
+            (shown.min(), shown.max()), rel=1e-9
+        )
         assert content["largest"] == max(run[f"guide.F{i}"].max() for i in (1, 2, 3, 4))
-        assert [part["text"] for part in content["mechanism"]["parts"] if part["kind"] == "label"][:4] == ["1", "2", "3", "4"]
+        assert [part["text"] for part in content["mechanism"]["parts"] if part["kind"] == "label"][
+            :4
+        ] == ["1", "2", "3", "4"]
 
     def test_without_ffmpeg_mp4_is_refused(self, run, monkeypatch):
         monkeypatch.setattr(FFMpegWriter, "isAvailable", classmethod(lambda cls: False))
@@ -196,7 +362,6 @@ class TestFilm:
 
 
 class TestNotebook:
-
     def test_titles_are_text(self):
         scene = load_scene(CASE, {"title": "<script>alert(1)</script>"})
         assert "<script>" not in scene._repr_html_() and "&lt;script&gt;" in scene._repr_html_()
@@ -204,8 +369,13 @@ class TestNotebook:
 
 class TestCommands:
     def test_draw_and_run(self, folder, in_this_process):
-        assert CliRunner().invoke(app, ["draw", CASE, "-o", "scene.svg", "--set", "L=3"]).exit_code == 0
-        ended = CliRunner().invoke(app, ["run", CASE, "--t-end", "1", "--plot", "run.pdf", "--animate", "run.gif"])
+        assert (
+            CliRunner().invoke(app, ["draw", CASE, "-o", "scene.svg", "--set", "L=3"]).exit_code
+            == 0
+        )
+        ended = CliRunner().invoke(
+            app, ["run", CASE, "--t-end", "1", "--plot", "run.pdf", "--animate", "run.gif"]
+        )
         assert ended.exit_code == 0, ended.output
         assert sorted(path.name for path in folder.iterdir()) == ["run.gif", "run.pdf", "scene.svg"]
 

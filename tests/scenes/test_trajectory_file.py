@@ -5,7 +5,15 @@ import dataclasses
 import numpy as np
 import pytest
 
-from stiction import InputError, Scene, Trajectory, load_engine, load_scene, scene_from_dict, scene_to_toml
+from stiction import (
+    InputError,
+    Scene,
+    Trajectory,
+    load_engine,
+    load_scene,
+    scene_from_dict,
+    scene_to_toml,
+)
 from stiction.scenes.loading import load_scene as load
 
 
@@ -21,7 +29,9 @@ def test_saved_and_loaded(run, tmp_path):
     for field in dataclasses.fields(run):
         ours, theirs = getattr(run, field.name), getattr(again, field.name)
         if field.name == "columns":
-            assert list(ours) == list(theirs) and all(np.array_equal(ours[name], theirs[name], equal_nan=True) for name in ours)
+            assert list(ours) == list(theirs) and all(
+                np.array_equal(ours[name], theirs[name], equal_nan=True) for name in ours
+            )
         elif field.name == "t":
             assert np.array_equal(ours, theirs)
         elif field.name != "mechanism":
@@ -56,4 +66,9 @@ def test_a_scene_made_in_python_is_written_and_varied(tmp_path):
     made = Scene(bodies={"ball": {"mass": 2.0, "inertia": 1.0}}, gravity=(0.0, -9.81))
     (tmp_path / "ball.toml").write_text(scene_to_toml(made))
     assert load(tmp_path / "ball.toml") == made
-    assert scene_from_dict({"bodies": {"ball": {"mass": 2.0, "inertia": 1.0}}, "gravity": [0.0, -9.81]}) == made
+    assert (
+        scene_from_dict(
+            {"bodies": {"ball": {"mass": 2.0, "inertia": 1.0}}, "gravity": [0.0, -9.81]}
+        )
+        == made
+    )

@@ -1,6 +1,5 @@
 """Trammel and turning arm: joints, friction law, events, special cases; Newton and Euler in `test_newton_euler`."""
 
-
 import numpy as np
 import pytest
 from truth_checks import check_contact, driven_arm, rocking_trammel
@@ -11,7 +10,11 @@ from stiction.truths import moving_guide_truth, trammel_truth
 
 @pytest.fixture(scope="module", params=["turning", "rocking"])
 def trammel(request):
-    scene = load_scene("elliptic-trammel") if request.param == "turning" else rocking_trammel(phi="deg(50)")
+    scene = (
+        load_scene("elliptic-trammel")
+        if request.param == "turning"
+        else rocking_trammel(phi="deg(50)")
+    )
     return scene, trammel_truth(scene, 4.0)
 
 
@@ -30,11 +33,18 @@ def test_trammel_events(trammel):
     scene, truth = trammel
     found = {(event.kind, event.joint) for event in truth.events}
     if scene.springs:
-        assert {("stick", "guide-x"), ("stick", "guide-y"), ("slip", "guide-x"), ("slip", "guide-y")} <= found
+        assert {
+            ("stick", "guide-x"),
+            ("stick", "guide-y"),
+            ("slip", "guide-x"),
+            ("slip", "guide-y"),
+        } <= found
     else:
         assert {("reversal", "guide-x"), ("reversal", "guide-y")} <= found
         for event in truth.events:
-            if event.kind == "reversal":  # each slider reverses at its dead point while the bar goes on
+            if (
+                event.kind == "reversal"
+            ):  # each slider reverses at its dead point while the bar goes on
                 assert abs(event.before[f"{event.joint}.slip_velocity"]) < 1e-12
                 assert abs(event.before["bar.omega"]) > 1
     assert max(truth.uncertainty.values()) < 1e-10
@@ -44,8 +54,9 @@ def test_trammel_without_friction_keeps_its_energy_and_refuses_jamming_sliders()
     scene = vary(load_scene("elliptic-trammel"), {"mu": 0, "mus": 0, "T": 0})
     c = trammel_truth(scene, 3.0)(np.linspace(0, 3, 100))
     inertia = 2 / 12 + 2 / 4  # bar about the instant centre, L/2 away
-    energy = (inertia * c["bar.omega"] ** 2 + c["slider-x.vx"] ** 2 + c["slider-y.vy"] ** 2) / 2 \
-        + 9.81 * (2 * c["bar.y"] + c["slider-y.y"])
+    energy = (
+        inertia * c["bar.omega"] ** 2 + c["slider-x.vx"] ** 2 + c["slider-y.vy"] ** 2
+    ) / 2 + 9.81 * (2 * c["bar.y"] + c["slider-y.y"])
     np.testing.assert_allclose(energy, energy[0], atol=1e-11)
     with pytest.raises(ValueError, match="mus"):
         trammel_truth(vary(load_scene("elliptic-trammel"), {"mus": 4.0}))
@@ -61,7 +72,11 @@ def test_arm_carries_its_slider_and_obeys_coulomb(arm):
     scene, truth = arm
     c = truth(np.linspace(0, 6, 1001))
     check_contact(c, "guide", scene.guides["guide"], 1e-11)
-    np.testing.assert_allclose([c["slider.x"], c["slider.y"]], c["guide.displacement"] * np.array([np.cos(c["arm.angle"]), np.sin(c["arm.angle"])]), atol=1e-13)
+    np.testing.assert_allclose(
+        [c["slider.x"], c["slider.y"]],
+        c["guide.displacement"] * np.array([np.cos(c["arm.angle"]), np.sin(c["arm.angle"])]),
+        atol=1e-13,
+    )
     assert scene.drives or "stick" in {event.kind for event in truth.events}
     assert max(truth.uncertainty.values()) < 1e-11
 

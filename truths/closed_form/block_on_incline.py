@@ -18,9 +18,15 @@ from stiction.truths.reduced.slider_contact import Contact
 from stiction.truths.structure import CENTRE, Condition, Part, Structure
 from stiction.truths.truth import EPS, Truth, body_columns
 
-INCLINE = Structure("a block on an incline", ("block",), {
-    "guide": Part(Translational, "block", GROUND, slider_point=CENTRE, frictional=True),
-}, gravity=Condition("a vector", lambda gravity: gravity is not None), any_names=True)
+INCLINE = Structure(
+    "a block on an incline",
+    ("block",),
+    {
+        "guide": Part(Translational, "block", GROUND, slider_point=CENTRE, frictional=True),
+    },
+    gravity=Condition("a vector", lambda gravity: gravity is not None),
+    any_names=True,
+)
 
 
 class _Phase(NamedTuple):
@@ -60,17 +66,28 @@ def incline_truth(scene: Scene, t_end: float | None = None) -> Truth:
         motion.append(phase(-first.v / first.a, first.x - first.v * first.v / (2 * first.a), 0.0))
 
     def columns(t: np.ndarray, side: str) -> dict[str, np.ndarray]:
-        owner = np.searchsorted([later.start for later in motion[1:]], t, side="right" if side == "after" else "left")
+        owner = np.searchsorted(
+            [later.start for later in motion[1:]], t, side="right" if side == "after" else "left"
+        )
         start, x, speed, a, slip = (np.array(column)[owner] for column in zip(*motion))
         since = t - start
-        s, v = x + speed * since + a * since ** 2 / 2, speed + a * since
+        s, v = x + speed * since + a * since**2 / 2, speed + a * since
         friction = np.where(slip != 0, -slip * capacity(contact.mu), -pull)
         offset = np.array(guide.point) + (position @ across) * across
         d = direction[:, None]
         return body_columns(block, offset[:, None] + d * s, d * v, d * a) | contact.columns(
-            name, np.full(len(t), R), np.zeros(len(t)), contact.mobilization(R, 0.0, friction), slip.astype(float),
-            displacement=s, slip_velocity=v)
+            name,
+            np.full(len(t), R),
+            np.zeros(len(t)),
+            contact.mobilization(R, 0.0, friction),
+            slip.astype(float),
+            displacement=s,
+            slip_velocity=v,
+        )
 
-    switches = [(later.start, "reversal" if later.slip else "stick", name) for later in motion[1:]
-                if later.start < t_end]
+    switches = [
+        (later.start, "reversal" if later.slip else "stick", name)
+        for later in motion[1:]
+        if later.start < t_end
+    ]
     return Truth.of_formulas(scene, t_end, columns, 8 * EPS, 200, switches)

@@ -24,12 +24,19 @@ from stiction.truths.truth import Truth, body_columns
 def _row(loops: int, length: float) -> Structure:
     """A row of so many four-bars of bars of one length, m."""
     start, end = (-length / 2, 0), (length / 2, 0)
-    uprights, couplers = [f"upright-{i}" for i in range(loops + 1)], [f"coupler-{i + 1}" for i in range(loops)]
-    pins = {f"foot of {upright}": Part(Revolute, upright, GROUND, points=(start, (i * length, 0)))
-            for i, upright in enumerate(uprights)}
+    uprights, couplers = (
+        [f"upright-{i}" for i in range(loops + 1)],
+        [f"coupler-{i + 1}" for i in range(loops)],
+    )
+    pins = {
+        f"foot of {upright}": Part(Revolute, upright, GROUND, points=(start, (i * length, 0)))
+        for i, upright in enumerate(uprights)
+    }
     for coupler, left, right in zip(couplers, uprights, uprights[1:]):
-        pins |= {f"left pin of {coupler}": Part(Revolute, coupler, left, points=(start, end)),
-                 f"right pin of {coupler}": Part(Revolute, coupler, right, points=(end, end))}
+        pins |= {
+            f"left pin of {coupler}": Part(Revolute, coupler, left, points=(start, end)),
+            f"right pin of {coupler}": Part(Revolute, coupler, right, points=(end, end)),
+        }
     return Structure("a row of four-bars", (*uprights, *couplers), pins, gravity=(0, NEGATIVE))
 
 
@@ -42,9 +49,14 @@ def four_bar_truth(scene: Scene, t_end: float | None = None) -> Truth:
     row = _row(loops, length)
     row.match(scene)
     bar, g = scene.bodies["upright-0"], -(scene.gravity or (0.0, 0.0))[1]
-    uniform = bar.mass * length ** 2 / 12
-    if any(body.mass != bar.mass or abs(body.inertia - uniform) >= 1e-12 for body in scene.bodies.values()):
-        raise row.misfit(scene, f"bodies: expected uniform bars alike, of {bar.mass:g} kg and {length:g} m")
+    uniform = bar.mass * length**2 / 12
+    if any(
+        body.mass != bar.mass or abs(body.inertia - uniform) >= 1e-12
+        for body in scene.bodies.values()
+    ):
+        raise row.misfit(
+            scene, f"bodies: expected uniform bars alike, of {bar.mass:g} kg and {length:g} m"
+        )
     w = float(np.sqrt(g / length * ((loops + 1) / 2 + loops) / ((loops + 1) / 3 + loops)))
 
     def columns(t: np.ndarray, side: str) -> dict[str, np.ndarray]:
@@ -52,14 +64,18 @@ def four_bar_truth(scene: Scene, t_end: float | None = None) -> Truth:
         th = psi - np.pi / 2
         along, across = np.array([np.cos(th), np.sin(th)]), np.array([-np.sin(th), np.cos(th)])
         tip, tip_v = length * along, length * omega * across
-        tip_a = length * (alpha * across - omega ** 2 * along)
+        tip_a = length * (alpha * across - omega**2 * along)
         values, zero = dict[str, np.ndarray](), np.zeros_like(t)
         for i in range(loops + 1):
             centre = np.array([[i * length], [0]]) + tip / 2
-            values |= body_columns(f"upright-{i}", (*centre, th), (*tip_v / 2, omega), (*tip_a / 2, alpha))
+            values |= body_columns(
+                f"upright-{i}", (*centre, th), (*tip_v / 2, omega), (*tip_a / 2, alpha)
+            )
         for i in range(loops):
             centre = np.array([[(i + 0.5) * length], [0]]) + tip
-            values |= body_columns(f"coupler-{i + 1}", (*centre, zero), (*tip_v, zero), (*tip_a, zero))
+            values |= body_columns(
+                f"coupler-{i + 1}", (*centre, zero), (*tip_v, zero), (*tip_a, zero)
+            )
         return values
 
     return Truth.of_formulas(scene, t_end, columns, elliptic_rounding(w * t_end), 500)

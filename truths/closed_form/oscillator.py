@@ -21,25 +21,63 @@ from stiction.scenes.fields import GROUND
 from stiction.scenes.laws import Constant, Linear, Sine
 from stiction.scenes.model import Drive, Force, LinearSpring, Translational
 from stiction.truths.reduced.slider_contact import Contact
-from stiction.truths.structure import ANY, CENTRE, FORWARD, OPTIONAL, POSITIVE, PULLS_ALONG_X, Match, Part, Structure
+from stiction.truths.structure import (
+    ANY,
+    CENTRE,
+    FORWARD,
+    OPTIONAL,
+    POSITIVE,
+    PULLS_ALONG_X,
+    Match,
+    Part,
+    Structure,
+)
 from stiction.truths.truth import EPS, Truth
 
-_GUIDE: dict[str, Any] = {"direction": FORWARD, "slider_point": CENTRE, "angle": 0, "frictional": True}
-_OTHERS = {"spring": Part(LinearSpring, "mass", GROUND, points=(CENTRE, ANY), stiffness=POSITIVE, damping=0,
-                          where=PULLS_ALONG_X),
-           "force": Part(Force, "mass", count=OPTIONAL, point=CENTRE, direction=FORWARD, law=Constant | Sine)}
-ON_GROUND = Structure("a mass on a spring with dry friction", ("mass",), {
-    "guide": Part(Translational, "mass", GROUND, **_GUIDE), **_OTHERS}, any_names=True)
-ON_BELT = Structure("a mass on a spring with dry friction, on a belt", ("mass", "belt"), {
-    "guide": Part(Translational, "mass", "belt", **_GUIDE), **_OTHERS,
-    "track": Part(Translational, "belt", GROUND, direction=FORWARD, frictional=False),
-    "drive": Part(Drive, "belt", GROUND, type="distance", axis=FORWARD, law=Linear)}, any_names=True)
+_GUIDE: dict[str, Any] = {
+    "direction": FORWARD,
+    "slider_point": CENTRE,
+    "angle": 0,
+    "frictional": True,
+}
+_OTHERS = {
+    "spring": Part(
+        LinearSpring,
+        "mass",
+        GROUND,
+        points=(CENTRE, ANY),
+        stiffness=POSITIVE,
+        damping=0,
+        where=PULLS_ALONG_X,
+    ),
+    "force": Part(
+        Force, "mass", count=OPTIONAL, point=CENTRE, direction=FORWARD, law=Constant | Sine
+    ),
+}
+ON_GROUND = Structure(
+    "a mass on a spring with dry friction",
+    ("mass",),
+    {"guide": Part(Translational, "mass", GROUND, **_GUIDE), **_OTHERS},
+    any_names=True,
+)
+ON_BELT = Structure(
+    "a mass on a spring with dry friction, on a belt",
+    ("mass", "belt"),
+    {
+        "guide": Part(Translational, "mass", "belt", **_GUIDE),
+        **_OTHERS,
+        "track": Part(Translational, "belt", GROUND, direction=FORWARD, frictional=False),
+        "drive": Part(Drive, "belt", GROUND, type="distance", axis=FORWARD, law=Linear),
+    },
+    any_names=True,
+)
 _STARTING = 1e-6
 """Fraction of 1/wn for which a slip phase is known not to end (it starts at relative velocity zero)."""
 
 
-def first_zero(function: Callable[[float], tuple[float, float, float]], bound: float, start: float,
-               end: float) -> float:
+def first_zero(
+    function: Callable[[float], tuple[float, float, float]], bound: float, start: float, end: float
+) -> float:
     """Find the first t >= start at which a positive function reaches zero; inf if it does not before end.
 
     The function gives its value, first and second derivative; `bound` is that of the third.
@@ -49,8 +87,14 @@ def first_zero(function: Callable[[float], tuple[float, float, float]], bound: f
         value, first, second = function(t)
         if value <= 0:
             return t
-        roots = np.roots([-bound / 6, second / 2, first, value]) if bound else np.roots([second / 2, first, value])
-        ahead = roots.real[(np.abs(roots.imag) < 1e-12 * (1 + np.abs(roots.real))) & (roots.real > 0)]
+        roots = (
+            np.roots([-bound / 6, second / 2, first, value])
+            if bound
+            else np.roots([second / 2, first, value])
+        )
+        ahead = roots.real[
+            (np.abs(roots.imag) < 1e-12 * (1 + np.abs(roots.real))) & (roots.real > 0)
+        ]
         step = ahead.min() if len(ahead) else np.inf
         if step <= 4 * EPS * max(t, 1.0):
             return t
@@ -88,8 +132,11 @@ class DryOscillator:
     def forcing(self, t, derivative: int = 0):
         """The load or a derivative of it."""
         f = self.load
-        return (f.offset if derivative == 0 else 0.0) + f.amplitude * f.frequency ** derivative * np.sin(
-            f.frequency * t + f.phase + derivative * np.pi / 2)
+        return (
+            f.offset if derivative == 0 else 0.0
+        ) + f.amplitude * f.frequency**derivative * np.sin(
+            f.frequency * t + f.phase + derivative * np.pi / 2
+        )
 
 
 @dataclass(frozen=True)
@@ -107,10 +154,14 @@ class Phase:
         """Centre, amplitude of the forced part, and cosine and sine amplitude of the free part."""
         o, f = self.oscillator, self.oscillator.load
         centre = o.anchor + (f.offset - self.slip * o.capacity(o.contact.mu)) / o.stiffness
-        forced = f.amplitude / (o.stiffness - o.mass * f.frequency ** 2) if f.amplitude else 0.0
+        forced = f.amplitude / (o.stiffness - o.mass * f.frequency**2) if f.amplitude else 0.0
         angle = f.frequency * self.start + f.phase
-        return (centre, forced, self.x - centre - forced * np.sin(angle),
-                (self.v - forced * f.frequency * np.cos(angle)) / o.w)
+        return (
+            centre,
+            forced,
+            self.x - centre - forced * np.sin(angle),
+            (self.v - forced * f.frequency * np.cos(angle)) / o.w,
+        )
 
     def derivative(self, t, order: int):
         """x (order 0), its velocity, acceleration, ... at times t."""
@@ -120,9 +171,11 @@ class Phase:
         centre, forced, cosine, sine = self._slip_solution()
         turn = order * np.pi / 2
         angle = o.w * (t - self.start) + turn
-        return ((centre if order == 0 else 0.0)
-                + forced * f.frequency ** order * np.sin(f.frequency * t + f.phase + turn)
-                + o.w ** order * (cosine * np.cos(angle) + sine * np.sin(angle)))
+        return (
+            (centre if order == 0 else 0.0)
+            + forced * f.frequency**order * np.sin(f.frequency * t + f.phase + turn)
+            + o.w**order * (cosine * np.cos(angle) + sine * np.sin(angle))
+        )
 
     def friction(self, t):
         """Force on the mass: given by Coulomb's law in slip, by equilibrium in stick."""
@@ -136,17 +189,34 @@ class Phase:
         o = self.oscillator
         if self.slip:
             _, forced, cosine, sine = self._slip_solution()
-            bound = abs(forced) * o.load.frequency ** 4 + o.w ** 4 * np.hypot(cosine, sine)
+            bound = abs(forced) * o.load.frequency**4 + o.w**4 * np.hypot(cosine, sine)
             start = self.start + (_STARTING / o.w if self.v == o.speed else 0.0)
-            end = first_zero(lambda t: (self.slip * (self.derivative(t, 1) - o.speed),
-                                        self.slip * self.derivative(t, 2), self.slip * self.derivative(t, 3)),
-                             bound, start, t_end)
+            end = first_zero(
+                lambda t: (
+                    self.slip * (self.derivative(t, 1) - o.speed),
+                    self.slip * self.derivative(t, 2),
+                    self.slip * self.derivative(t, 3),
+                ),
+                bound,
+                start,
+                t_end,
+            )
         else:
-            bound = abs(o.load.amplitude) * o.load.frequency ** 3
+            bound = abs(o.load.amplitude) * o.load.frequency**3
             limit = o.capacity(o.contact.mus)
-            end = min(first_zero(lambda t: (limit + s * self.friction(t),
-                                            s * (o.stiffness * o.speed - o.forcing(t, 1)), -s * o.forcing(t, 2)),
-                                 bound, self.start, t_end) for s in (1, -1))
+            end = min(
+                first_zero(
+                    lambda t: (
+                        limit + s * self.friction(t),
+                        s * (o.stiffness * o.speed - o.forcing(t, 1)),
+                        -s * o.forcing(t, 2),
+                    ),
+                    bound,
+                    self.start,
+                    t_end,
+                )
+                for s in (1, -1)
+            )
         return replace(self, end=end)
 
     def next(self) -> Phase:
@@ -161,7 +231,11 @@ class Phase:
 
     def sample(self, t: np.ndarray) -> list[np.ndarray]:
         """x, v, a, friction and direction of slip at times t."""
-        return [*(self.derivative(t, order) for order in range(3)), self.friction(t), np.full(len(t), self.slip)]
+        return [
+            *(self.derivative(t, order) for order in range(3)),
+            self.friction(t),
+            np.full(len(t), self.slip),
+        ]
 
 
 def phases(o: DryOscillator, t_end: float) -> list[Phase]:
@@ -188,21 +262,40 @@ def oscillator_truth(scene: Scene, t_end: float | None = None) -> Truth:
     origin = found["guide"].point[0] + belt_x
 
     def columns(t: np.ndarray, side: str) -> dict[str, np.ndarray]:
-        owner, sampled = np.searchsorted(ends, t, side="right" if side == "after" else "left"), np.empty((5, len(t)))
+        owner, sampled = (
+            np.searchsorted(ends, t, side="right" if side == "after" else "left"),
+            np.empty((5, len(t))),
+        )
         for i in np.unique(owner):
             sampled[:, owner == i] = motion[i].sample(t[owner == i])
         x, v, a, friction, mode = sampled
         phi = o.contact.mobilization(o.normal, 0.0, friction)
         values = {f"{mass}.x": x, f"{mass}.vx": v, f"{mass}.ax": a}
-        values |= o.contact.columns(guide, np.full(len(t), o.normal), np.zeros(len(t)), phi, mode,
-                                    displacement=x - origin - o.speed * t, slip_velocity=v - o.speed)
+        values |= o.contact.columns(
+            guide,
+            np.full(len(t), o.normal),
+            np.zeros(len(t)),
+            phi,
+            mode,
+            displacement=x - origin - o.speed * t,
+            slip_velocity=v - o.speed,
+        )
         if belt:
-            values |= {f"{belt}.x": belt_x + o.speed * t, f"{belt}.vx": np.full(len(t), o.speed),
-                       f"{found.name('drive')}.effort": friction}
+            values |= {
+                f"{belt}.x": belt_x + o.speed * t,
+                f"{belt}.vx": np.full(len(t), o.speed),
+                f"{found.name('drive')}.effort": friction,
+            }
         return values
 
-    switches = [(after.start, "stick" if after.slip == 0 else "slip" if before.slip == 0 else "reversal", guide)
-                for before, after in zip(motion, motion[1:])]
+    switches = [
+        (
+            after.start,
+            "stick" if after.slip == 0 else "slip" if before.slip == 0 else "reversal",
+            guide,
+        )
+        for before, after in zip(motion, motion[1:])
+    ]
     return Truth.of_formulas(scene, t_end, columns, 8 * EPS * len(motion), 2000, switches)
 
 
@@ -210,14 +303,28 @@ def _oscillator(scene: Scene, structure: Structure, found: Match) -> DryOscillat
     """The parameters of a scene."""
     body, spring = scene.bodies[found.bodies["mass"]], found["spring"]
     if spring.axis is None and spring.points[1][1] != body.position[1]:
-        raise structure.misfit(scene, f"{found.name('spring')}: expected both of its ends at the same height")
+        raise structure.misfit(
+            scene, f"{found.name('spring')}: expected both of its ends at the same height"
+        )
     load = found["force"].law if found["force"] else None
     if not isinstance(load, Sine):
         load = Sine(type="sine", offset=load.value if load else 0.0, amplitude=0.0, frequency=0.0)
-    if load.amplitude and abs(spring.stiffness - body.mass * load.frequency ** 2) <= 1e-6 * spring.stiffness:
-        raise structure.misfit(scene, f"{found.name('force')}: found resonance; expected Omega != wn")
+    if (
+        load.amplitude
+        and abs(spring.stiffness - body.mass * load.frequency**2) <= 1e-6 * spring.stiffness
+    ):
+        raise structure.misfit(
+            scene, f"{found.name('force')}: found resonance; expected Omega != wn"
+        )
     gx, gy = scene.gravity or (0.0, 0.0)
-    return DryOscillator(body.mass, spring.stiffness, spring.points[1][0] + spring.rest_length,
-                         load.model_copy(update={"offset": load.offset + body.mass * gx}),
-                         found["drive"].law.rate if structure is ON_BELT else 0.0, -body.mass * gy,
-                         Contact.of(found["guide"]), body.position[0], body.velocity[0])
+    return DryOscillator(
+        body.mass,
+        spring.stiffness,
+        spring.points[1][0] + spring.rest_length,
+        load.model_copy(update={"offset": load.offset + body.mass * gx}),
+        found["drive"].law.rate if structure is ON_BELT else 0.0,
+        -body.mass * gy,
+        Contact.of(found["guide"]),
+        body.position[0],
+        body.velocity[0],
+    )

@@ -20,12 +20,22 @@ from stiction.scenes.model import Drive
 from stiction.truths.structure import ANY, CENTRE, NEGATIVE, Part, Structure
 from stiction.truths.truth import EPS, NotThisMechanism, Truth, body_columns
 
-PENDULUM = Structure("a pendulum", ("mass",), {
-    "rod": Part(Drive, "mass", GROUND, type="distance", points=(CENTRE, ANY), axis=None, law=Constant),
-}, gravity=(0, NEGATIVE), any_names=True)
+PENDULUM = Structure(
+    "a pendulum",
+    ("mass",),
+    {
+        "rod": Part(
+            Drive, "mass", GROUND, type="distance", points=(CENTRE, ANY), axis=None, law=Constant
+        ),
+    },
+    gravity=(0, NEGATIVE),
+    any_names=True,
+)
 
 
-def pendulum_angle(t: np.ndarray, w: float, angle: float, rate: float) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+def pendulum_angle(
+    t: np.ndarray, w: float, angle: float, rate: float
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Return the angle from the lowest position, its rate and acceleration at times t (s), each of shape (n,).
 
     w is the frequency of small swings (rad/s); angle and rate are those at t = 0, |angle| <= pi. NotThisMechanism is
@@ -33,7 +43,9 @@ def pendulum_angle(t: np.ndarray, w: float, angle: float, rate: float) -> tuple[
     """
     k = np.hypot(np.sin(angle / 2), rate / (2 * w))
     if abs(k - 1) < 1e-9:
-        raise NotThisMechanism("the pendulum moves on its separatrix (k = 1); expected it to swing or to rotate")
+        raise NotThisMechanism(
+            "the pendulum moves on its separatrix (k = 1); expected it to swing or to rotate"
+        )
     if k == 0:
         return (np.zeros_like(t),) * 3
     if k < 1:
@@ -42,8 +54,8 @@ def pendulum_angle(t: np.ndarray, w: float, angle: float, rate: float) -> tuple[
         psi, psi_t = 2 * np.arcsin(k * sn), 2 * w * k * cn
     else:
         turn = np.sign(rate)
-        start = ellipkinc(turn * angle / 2, 1 / k ** 2)
-        _, _, dn, amplitude = ellipj(k * w * t + start, 1 / k ** 2)
+        start = ellipkinc(turn * angle / 2, 1 / k**2)
+        _, _, dn, amplitude = ellipj(k * w * t + start, 1 / k**2)
         psi, psi_t = 2 * turn * amplitude, 2 * turn * w * k * dn
     return psi, psi_t, -w * w * np.sin(psi)
 
@@ -56,16 +68,19 @@ def pendulum_truth(scene: Scene, t_end: float | None = None) -> Truth:
     body = scene.bodies[name]
     length, g, pivot = rod.law.value, -(scene.gravity or (0.0, 0.0))[1], np.array(rod.points[1])
     arm = np.array(body.position) - pivot
-    rate = (arm[0] * body.velocity[1] - arm[1] * body.velocity[0]) / length ** 2
+    rate = (arm[0] * body.velocity[1] - arm[1] * body.velocity[0]) / length**2
     angle, w = float(np.arctan2(arm[0], -arm[1])), float(np.sqrt(g / length))
 
     def columns(t: np.ndarray, side: str) -> dict[str, np.ndarray]:
         psi, psi_t, psi_tt = pendulum_angle(t, w, angle, rate)
         sin, cos = np.sin(psi), np.cos(psi)
-        values = body_columns(name, (pivot[0] + length * sin, pivot[1] - length * cos),
-                              (length * psi_t * cos, length * psi_t * sin),
-                              (length * (psi_tt * cos - psi_t ** 2 * sin), length * (psi_tt * sin + psi_t ** 2 * cos)))
-        return values | {f"{found.name('rod')}.effort": -body.mass * (length * psi_t ** 2 + g * cos)}
+        values = body_columns(
+            name,
+            (pivot[0] + length * sin, pivot[1] - length * cos),
+            (length * psi_t * cos, length * psi_t * sin),
+            (length * (psi_tt * cos - psi_t**2 * sin), length * (psi_tt * sin + psi_t**2 * cos)),
+        )
+        return values | {f"{found.name('rod')}.effort": -body.mass * (length * psi_t**2 + g * cos)}
 
     return Truth.of_formulas(scene, t_end, columns, elliptic_rounding(w * t_end), 500)
 

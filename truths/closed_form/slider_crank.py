@@ -26,13 +26,25 @@ from stiction.scenes.model import Drive, Revolute, Translational
 from stiction.truths.structure import CENTRE, FORWARD, Condition, Match, Part, Structure
 from stiction.truths.truth import EPS, Truth, body_columns
 
-SLIDER_CRANK = Structure("a slider-crank at constant speed", ("crank", "rod", "slider"), {
-    "pivot": Part(Revolute, "crank", GROUND, any_order=True),
-    "crank pin": Part(Revolute, "rod", "crank", any_order=True),
-    "slider pin": Part(Revolute, "rod", "slider", any_order=True),
-    "guide": Part(Translational, "slider", GROUND, direction=FORWARD, slider_point=CENTRE, angle=0,
-                  mu=Condition("none or 0", lambda mu: not mu)),
-    "motor": Part(Drive, "crank", GROUND, type="angle", law=Linear)})
+SLIDER_CRANK = Structure(
+    "a slider-crank at constant speed",
+    ("crank", "rod", "slider"),
+    {
+        "pivot": Part(Revolute, "crank", GROUND, any_order=True),
+        "crank pin": Part(Revolute, "rod", "crank", any_order=True),
+        "slider pin": Part(Revolute, "rod", "slider", any_order=True),
+        "guide": Part(
+            Translational,
+            "slider",
+            GROUND,
+            direction=FORWARD,
+            slider_point=CENTRE,
+            angle=0,
+            mu=Condition("none or 0", lambda mu: not mu),
+        ),
+        "motor": Part(Drive, "crank", GROUND, type="angle", law=Linear),
+    },
+)
 
 
 def slider_crank_truth(scene: Scene, t_end: float | None = None) -> Truth:
@@ -50,30 +62,44 @@ def slider_crank_truth(scene: Scene, t_end: float | None = None) -> Truth:
     def columns(t: np.ndarray, side: str) -> dict[str, np.ndarray]:
         th = th0 + w * t
         sin_phi = (h - p[1] - r * np.sin(th)) / l
-        cos_phi = elbow * np.sqrt(1 - sin_phi ** 2)
+        cos_phi = elbow * np.sqrt(1 - sin_phi**2)
         phi = np.arctan2(sin_phi, cos_phi)
         phi_th = -r * np.cos(th) / (l * cos_phi)
         omega = w * phi_th
-        alpha = (r * w * w * np.sin(th) + l * omega ** 2 * sin_phi) / (l * cos_phi)
+        alpha = (r * w * w * np.sin(th) + l * omega**2 * sin_phi) / (l * cos_phi)
         zero = np.zeros_like(t)
-        angles = {"crank": (th, zero + w, zero, 1.0), "rod": (phi, omega, alpha, phi_th),
-                  "slider": (zero, zero, zero, 0.0)}
+        angles = {
+            "crank": (th, zero + w, zero, 1.0),
+            "rod": (phi, omega, alpha, phi_th),
+            "slider": (zero, zero, zero, 0.0),
+        }
         values: dict[str, np.ndarray] = {}
         torque, inertia_force = zero.copy(), {}
         for name, (on_crank, on_rod) in arms.items():
             body, (angle, rate, acceleration, by_th) = scene.bodies[name], angles[name]
             position = p[:, None] + on_crank * _unit(th) + on_rod * _unit(phi)
             partial = on_crank * _normal(th) + on_rod * phi_th * _normal(phi)
-            a = -on_crank * w * w * _unit(th) + on_rod * (alpha * _normal(phi) - omega ** 2 * _unit(phi))
-            values |= body_columns(name, (*position, angle), (*w * partial, rate), (*a, acceleration))
+            a = -on_crank * w * w * _unit(th) + on_rod * (
+                alpha * _normal(phi) - omega**2 * _unit(phi)
+            )
+            values |= body_columns(
+                name, (*position, angle), (*w * partial, rate), (*a, acceleration)
+            )
             inertia_force[name] = body.mass * (a - gravity)
-            torque += np.sum(inertia_force[name] * partial, axis=0) + body.inertia * acceleration * by_th
+            torque += (
+                np.sum(inertia_force[name] * partial, axis=0) + body.inertia * acceleration * by_th
+            )
         fx = -inertia_force["slider"][0]
-        moment = scene.bodies["rod"].inertia * alpha + l1 * (np.cos(phi) * inertia_force["rod"][1]
-                                                             - np.sin(phi) * inertia_force["rod"][0])
+        moment = scene.bodies["rod"].inertia * alpha + l1 * (
+            np.cos(phi) * inertia_force["rod"][1] - np.sin(phi) * inertia_force["rod"][0]
+        )
         fy = (moment / l + np.sin(phi) * fx) / np.cos(phi)
-        return values | {f"{motor}.effort": torque, f"{guide}.normal_force": fy + inertia_force["slider"][1],
-                         f"{pin}.fx": pin_sign * fx, f"{pin}.fy": pin_sign * fy}
+        return values | {
+            f"{motor}.effort": torque,
+            f"{guide}.normal_force": fy + inertia_force["slider"][1],
+            f"{pin}.fx": pin_sign * fx,
+            f"{pin}.fy": pin_sign * fy,
+        }
 
     rounding = 20 * EPS * (1 + abs(w) * t_end)  # th carries the rounding of w t
     return Truth.of_formulas(scene, t_end, columns, rounding, 1000)
@@ -89,16 +115,27 @@ def _normal(angle: np.ndarray) -> np.ndarray:
 
 def _lengths(scene: Scene, found: Match) -> tuple[np.ndarray, float, float, float, float]:
     """Pivot, then from each bar's beginning its centre and its end: p, r1, r, l1, l; m."""
+
     def point(pin: str, body: str) -> tuple[float, float]:
         return found[pin].points[found[pin].bodies.index(body)]
 
-    ends = [point("pivot", "crank"), point("crank pin", "crank"), point("crank pin", "rod"), point("slider pin", "rod")]
+    ends = [
+        point("pivot", "crank"),
+        point("crank pin", "crank"),
+        point("crank pin", "rod"),
+        point("slider pin", "rod"),
+    ]
     if any(y for _, y in ends) or point("slider pin", "slider") != (0, 0):
-        raise SLIDER_CRANK.misfit(scene, f"pins: found {ends} on the bars; expected points of the bars' x axes and the "
-                                  "slider's centre")
+        raise SLIDER_CRANK.misfit(
+            scene,
+            f"pins: found {ends} on the bars; expected points of the bars' x axes and the "
+            "slider's centre",
+        )
     crank_begin, crank_end, rod_begin, rod_end = (x for x, _ in ends)
     r, l = crank_end - crank_begin, rod_end - rod_begin
     p = np.array(point("pivot", GROUND))
     if not l > abs(r) + abs(found["guide"].point[1] - p[1]):
-        raise SLIDER_CRANK.misfit(scene, f"rod of {l:g} m is too short for a crank of {r:g} m; expected a full turn")
+        raise SLIDER_CRANK.misfit(
+            scene, f"rod of {l:g} m is too short for a crank of {r:g} m; expected a full turn"
+        )
     return p, -crank_begin, r, -rod_begin, l

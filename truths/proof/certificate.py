@@ -54,8 +54,9 @@ class Format:
         except NotACertificate:
             raise
         except (KeyError, TypeError, IndexError, ValueError, ZeroDivisionError) as error:
-            raise NotACertificate(f"found {type(error).__name__}: {error}; "
-                                  f"expected the tables of {self.name!r}") from error
+            raise NotACertificate(
+                f"found {type(error).__name__}: {error}; expected the tables of {self.name!r}"
+            ) from error
 
 
 def write_certificate(claims: Claims, path: Path) -> None:
@@ -74,11 +75,15 @@ def read_certificate(path: Path, formats: Collection[str]) -> Claims:
         content = path.read_bytes()
         claims = json.loads(gzip.decompress(content) if path.suffix == ".gz" else content)
     except (OSError, EOFError, ValueError) as error:
-        raise NotACertificate(f"{path}: found {type(error).__name__}: {error}; "
-                              "expected a certificate of `stiction prove`") from None
+        raise NotACertificate(
+            f"{path}: found {type(error).__name__}: {error}; "
+            "expected a certificate of `stiction prove`"
+        ) from None
     found = claims.get("format") if isinstance(claims, dict) else type(claims).__name__
     if found not in [*formats]:
-        raise NotACertificate(f"{path}: format: found {found!r}; expected {' or '.join(map(repr, formats))}")
+        raise NotACertificate(
+            f"{path}: format: found {found!r}; expected {' or '.join(map(repr, formats))}"
+        )
     return claims
 
 
@@ -107,8 +112,10 @@ def read_number(text: str) -> arb:
     mantissa, exponent = text.split("*2^")
     value = arb(int(mantissa)) * arb(2) ** int(exponent)
     if not value.is_exact():
-        raise NotACertificate(f"found a number of more than {ctx.prec} bits: {text[:40]}..; "
-                              "expected one of the precision that the file names")
+        raise NotACertificate(
+            f"found a number of more than {ctx.prec} bits: {text[:40]}..; "
+            "expected one of the precision that the file names"
+        )
     return value
 
 

@@ -17,11 +17,23 @@ from stiction.truths.proof.mechanisms.moving_guide import MovingGuide
 from stiction.truths.proof.mechanisms.pendulum import Pendulum
 from stiction.truths.proof.mechanisms.sliding_mass import SlidingMass
 from stiction.truths.proof.mechanisms.trammel import Trammel
-from stiction.truths.proof.step import SHORTEST, Leg, Precision, ProvenEvent, StateSet, Step, take_step
+from stiction.truths.proof.step import (
+    SHORTEST,
+    Leg,
+    Precision,
+    ProvenEvent,
+    StateSet,
+    Step,
+    take_step,
+)
 from stiction.truths.truth import NotThisMechanism
 
-MECHANISMS: Mapping[type[ProvableMechanism], float] = {SlidingMass: 250.0, MovingGuide: 20.0, Trammel: 20.0,
-                                                       Pendulum: 250.0}
+MECHANISMS: Mapping[type[ProvableMechanism], float] = {
+    SlidingMass: 250.0,
+    MovingGuide: 20.0,
+    Trammel: 20.0,
+    Pendulum: 250.0,
+}
 """Seconds of motion up to which a truth gets a proof: of a mass or pendulum in seconds, else in up to half a minute."""
 _ATTEMPTS = 4
 _LONGEST = 0.5
@@ -52,7 +64,9 @@ class ProvenMotion:
         """
         around = [leg for leg in self.legs if not (t - leg.t < 0 or t - leg.t > leg.end)]
         if not around:
-            raise ValueError(f"t: found {t.str(10)} s; expected times within 0 .. {self.mechanism.t_end.str(10)} s")
+            raise ValueError(
+                f"t: found {t.str(10)} s; expected times within 0 .. {self.mechanism.t_end.str(10)} s"
+            )
         hull, *others = ([f(t - leg.t) for f in leg.state] for leg in around)
         for other in others:
             hull = [a.union(b) for a, b in zip(hull, other)]
@@ -72,8 +86,9 @@ class ProvenMotion:
         return max((2 * x.rad() for x in ends), key=lambda ball: float(ball.upper()))
 
 
-def prove(mechanism: ProvableMechanism, precision: Precision,
-          start: StateSet | None = None) -> ProvenMotion:
+def prove(
+    mechanism: ProvableMechanism, precision: Precision, start: StateSet | None = None
+) -> ProvenMotion:
     """Enclose the motion from t = 0 to its end; from all states of `start` where that is given.
 
     Call it with `Precision.working`. Raises Undecided, with the time and the reason.
@@ -125,7 +140,9 @@ def prove_scene(scene: Scene, digits: int) -> ProvenMotion:
         with precision.working():
             motion = prove(provable(scene), precision)
             width = float(motion.width().upper())
-        if width <= 10.0 ** -digits:
+        if width <= 10.0**-digits:
             return motion
         asked += ceil(log10(width) + digits) + 2
-    raise NotProven(f"{scene.name}: found a width of {width:.2g} at {precision.bits} bits; expected 1e-{digits}")
+    raise NotProven(
+        f"{scene.name}: found a width of {width:.2g} at {precision.bits} bits; expected 1e-{digits}"
+    )

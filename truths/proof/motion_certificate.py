@@ -17,9 +17,21 @@ from typing import Any
 from flint import arb
 
 from stiction.scenes import Scene, scene_to_toml
-from stiction.truths.proof.certificate import (Claims, Failure, Format, ball_texts, claimed_scene, contains, decimals,
-                                               exact_text, matrix_texts, read_ball, read_ball_within, read_matrix,
-                                               read_number)
+from stiction.truths.proof.certificate import (
+    Claims,
+    Failure,
+    Format,
+    ball_texts,
+    claimed_scene,
+    contains,
+    decimals,
+    exact_text,
+    matrix_texts,
+    read_ball,
+    read_ball_within,
+    read_matrix,
+    read_number,
+)
 from stiction.truths.proof.enclosures import NotProven
 from stiction.truths.proof.enclosures.series import halves
 from stiction.truths.proof.mechanisms.mechanism import Next, ProvableMechanism
@@ -36,38 +48,74 @@ def motion_certificate(motion: ProvenMotion, scene: Scene, digits: int) -> Claim
     p, mechanism, last = motion.precision, motion.mechanism, motion.steps[-1]
 
     def shown(columns: Mapping[str, arb]) -> dict[str, str]:
-        return {name: decimals(value + (p.margin + value.rad() / _SLACK) * arb(0, 1), digits)
-                for name, value in columns.items()}
+        return {
+            name: decimals(value + (p.margin + value.rad() / _SLACK) * arb(0, 1), digits)
+            for name, value in columns.items()
+        }
 
     with p.working():
-        steps = [{"t0": exact_text(step.t0), "mode": step.legs[0].mode, "start": _set(step.start),
-                  "events": [{"kind": event.kind, "after": event.after, "time": ball_texts(event.time)}
-                             for event in step.events]} for step in motion.steps]
-        events = [{"kind": event.kind, "joint": event.joint, "time [s]": decimals(event.time, digits),
-                   **shown(mechanism.columns(event.time, event.q, event.v))} for event in motion.events]
+        steps = [
+            {
+                "t0": exact_text(step.t0),
+                "mode": step.legs[0].mode,
+                "start": _set(step.start),
+                "events": [
+                    {"kind": event.kind, "after": event.after, "time": ball_texts(event.time)}
+                    for event in step.events
+                ],
+            }
+            for step in motion.steps
+        ]
+        events = [
+            {
+                "kind": event.kind,
+                "joint": event.joint,
+                "time [s]": decimals(event.time, digits),
+                **shown(mechanism.columns(event.time, event.q, event.v)),
+            }
+            for event in motion.events
+        ]
         state = shown(_end_columns(mechanism, last.t1, motion.end, last.legs[-1].mode))
-        return {"format": FORMAT.name, "scene": scene.name, "file": scene_to_toml(scene), "digits": digits,
-                "bits": p.bits, "order": p.order, "largest width": motion.width().str(3, radius=False),
-                "t_end [s]": decimals(last.t1, digits), "state at t_end": state, "events": events, "steps": steps,
-                "end": {"mode": last.legs[-1].mode, "set": _set(motion.end)}}
+        return {
+            "format": FORMAT.name,
+            "scene": scene.name,
+            "file": scene_to_toml(scene),
+            "digits": digits,
+            "bits": p.bits,
+            "order": p.order,
+            "largest width": motion.width().str(3, radius=False),
+            "t_end [s]": decimals(last.t1, digits),
+            "state at t_end": state,
+            "events": events,
+            "steps": steps,
+            "end": {"mode": last.legs[-1].mode, "set": _set(motion.end)},
+        }
 
 
 def _set(states: StateSet) -> dict[str, Any]:
-    return {"centre": [exact_text(x) for x in states.centre], "frame": matrix_texts(states.frame),
-            "size": [ball_texts(x) for x in states.size]}
+    return {
+        "centre": [exact_text(x) for x in states.centre],
+        "frame": matrix_texts(states.frame),
+        "size": [ball_texts(x) for x in states.size],
+    }
 
 
 def _read_set(claimed: dict[str, Any], read: Callable[[Sequence[str]], arb]) -> StateSet:
     """Return a set, at least (`read_ball`) or at most (`read_ball_within`) as large as claimed."""
-    return StateSet(tuple(map(read_number, claimed["centre"])), read_matrix(claimed["frame"]),
-                    tuple(map(read, claimed["size"])))
+    return StateSet(
+        tuple(map(read_number, claimed["centre"])),
+        read_matrix(claimed["frame"]),
+        tuple(map(read, claimed["size"])),
+    )
 
 
 def _read_mode(claimed: Any) -> Hashable:
     return tuple(claimed) if isinstance(claimed, list) else claimed
 
 
-def _end_columns(mechanism: ProvableMechanism, t: arb, end: StateSet, mode: Hashable) -> dict[str, arb]:
+def _end_columns(
+    mechanism: ProvableMechanism, t: arb, end: StateSet, mode: Hashable
+) -> dict[str, arb]:
     """Return the columns of a set at the end of a motion in a mode."""
     q, v = halves(end.hull())
     held = mechanism.held(mode)
@@ -75,25 +123,38 @@ def _end_columns(mechanism: ProvableMechanism, t: arb, end: StateSet, mode: Hash
 
 
 def _failures(claims: Claims) -> Iterator[Failure]:
-    precision = Precision(int(claims["bits"]) + _MORE_BITS, int(claims["order"]) + _MORE_ORDER, float("inf"))
+    precision = Precision(
+        int(claims["bits"]) + _MORE_BITS, int(claims["order"]) + _MORE_ORDER, float("inf")
+    )
     with precision.working():
-        mechanism, steps, shown = provable(claimed_scene(claims)), claims["steps"], iter(claims["events"])
+        mechanism, steps, shown = (
+            provable(claimed_scene(claims)),
+            claims["steps"],
+            iter(claims["events"]),
+        )
         times = [*(read_number(step["t0"]) for step in steps), mechanism.t_end]
         modes = [_read_mode(part["mode"]) for part in (*steps, claims["end"])]
         sets = [*(step["start"] for step in steps), claims["end"]["set"]]
-        starts, targets = ([_read_set(claimed, read) for claimed in sets] for read in (read_ball, read_ball_within))
+        starts, targets = (
+            [_read_set(claimed, read) for claimed in sets] for read in (read_ball, read_ball_within)
+        )
         mode = mechanism.start().mode
         if not targets[0].contains([*mechanism.q, *mechanism.v]):
             yield Failure(-1, "the start of the scene is not in the first set")
         if modes[0] != mode or times[0] != 0:
-            yield Failure(-1, f"the motion starts at 0 in mode {mode}, the first step at {times[0]} in {modes[0]}")
+            yield Failure(
+                -1,
+                f"the motion starts at 0 in mode {mode}, the first step at {times[0]} in {modes[0]}",
+            )
         for i, step in enumerate(steps):
             if not times[i] < times[i + 1]:
                 yield Failure(i, "the step does not go forward")
                 continue
             first = mechanism.start() if times[i] == 0 else Next(modes[i])
             try:
-                again = take_step(mechanism, times[i], starts[i], first, 0.0, precision, times[i + 1])
+                again = take_step(
+                    mechanism, times[i], starts[i], first, 0.0, precision, times[i + 1]
+                )
             except NotProven as error:
                 yield Failure(i, str(error))
                 continue
@@ -101,19 +162,32 @@ def _failures(claims: Claims) -> Iterator[Failure]:
                 yield Failure(i, reason)
             for event in again.events:
                 if not _shows(next(shown, None), event, mechanism):
-                    yield Failure(i, f"the list of events has no {event.kind} at {event.time.str(10)} s as proven")
-        state, claimed = _end_columns(mechanism, times[-1], starts[-1], modes[-1]), claims["state at t_end"]
-        if next(shown, None) is not None or not all(contains(claimed[name], value) for name, value in state.items()):
+                    yield Failure(
+                        i,
+                        f"the list of events has no {event.kind} at {event.time.str(10)} s as proven",
+                    )
+        state, claimed = (
+            _end_columns(mechanism, times[-1], starts[-1], modes[-1]),
+            claims["state at t_end"],
+        )
+        if next(shown, None) is not None or not all(
+            contains(claimed[name], value) for name, value in state.items()
+        ):
             yield Failure(-1, "the list of events or the state at t_end differs from the steps")
 
 
-def _difference(again: Step, claimed: list[dict[str, Any]], mode: Hashable, target: StateSet) -> str:
+def _difference(
+    again: Step, claimed: list[dict[str, Any]], mode: Hashable, target: StateSet
+) -> str:
     """Difference of a step that is proven again from its claimed events, and from the mode and set at its end."""
     changes = [(event["kind"], _read_mode(event["after"])) for event in claimed]
     found = [(event.kind, event.after) for event in again.events]
     if changes != found or again.current.mode != mode:
         return f"other changes of mode: {found} instead of {changes}"
-    if not all(read_ball_within(one["time"]).contains(event.time) for one, event in zip(claimed, again.events)):
+    if not all(
+        read_ball_within(one["time"]).contains(event.time)
+        for one, event in zip(claimed, again.events)
+    ):
         return "the time of an event is not within its interval"
     if not again.start.image_lies_in(target, again.point, again.derivative):
         return "the image of the set is not within the next set"
@@ -125,7 +199,9 @@ def _shows(shown: dict[str, str] | None, event: ProvenEvent, mechanism: Provable
     if shown is None or (shown["kind"], shown["joint"]) != (event.kind, event.joint):
         return False
     columns = mechanism.columns(event.time, event.q, event.v)
-    return contains(shown["time [s]"], event.time) and all(contains(shown[name], columns[name]) for name in columns)
+    return contains(shown["time [s]"], event.time) and all(
+        contains(shown[name], columns[name]) for name in columns
+    )
 
 
 FORMAT = Format("stiction proof 1", "step", lambda claims: len(claims["steps"]), _failures)

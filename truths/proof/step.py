@@ -28,7 +28,7 @@ from stiction.truths.proof.enclosures.series import TooLong, halves, identity, t
 from stiction.truths.proof.enclosures.zeros import Undecided, Zero, first_zero, newton
 from stiction.truths.proof.mechanisms.mechanism import Next, ProvableMechanism
 
-_GRID = 2 ** 20
+_GRID = 2**20
 """Steps end at multiples of 1/_GRID s."""
 SHORTEST = 1e-5
 """Shortest step, s."""
@@ -46,7 +46,9 @@ class StateSet:
     @classmethod
     def box(cls, state: Sequence[arb]) -> StateSet:
         """The set of all states in 2n balls."""
-        return cls(tuple(x.mid() for x in state), identity(len(state)), tuple(x - x.mid() for x in state))
+        return cls(
+            tuple(x.mid() for x in state), identity(len(state)), tuple(x - x.mid() for x in state)
+        )
 
     def hull(self) -> list[arb]:
         """Balls that contain the set."""
@@ -67,19 +69,27 @@ class StateSet:
         length = np.array([float(abs(r).upper()) for r in self.size])
         scaled = middle * (length / max(length.max(), 1e-300))
         order = np.argsort(-np.linalg.norm(scaled, axis=0), kind="stable")
-        frame, centre = arb_mat(np.linalg.qr(middle[:, order])[0].tolist()), tuple(x.mid() for x in point)
+        frame, centre = (
+            arb_mat(np.linalg.qr(middle[:, order])[0].tolist()),
+            tuple(x.mid() for x in point),
+        )
         size = self._image_in(frame, centre, point, derivative)
-        return StateSet(centre, frame, tuple(_wider(size[i, 0], margin) for i in range(len(centre))))
+        return StateSet(
+            centre, frame, tuple(_wider(size[i, 0], margin) for i in range(len(centre)))
+        )
 
     def image_lies_in(self, other: StateSet, point: list[arb], derivative: arb_mat) -> bool:
         """Return whether the image under a map, as of `image`, is proven to be within a set."""
         return other._holds(self._image_in(other.frame, other.centre, point, derivative))
 
-    def _image_in(self, frame: arb_mat, centre: Sequence[arb], point: list[arb], derivative: arb_mat) -> arb_mat:
+    def _image_in(
+        self, frame: arb_mat, centre: Sequence[arb], point: list[arb], derivative: arb_mat
+    ) -> arb_mat:
         """The size of the image in the coordinates of a set."""
         inverse = frame.inv()
-        return (inverse * (derivative * self.frame) * column(self.size)
-                + inverse * column(x - c for x, c in zip(point, centre)))
+        return inverse * (derivative * self.frame) * column(self.size) + inverse * column(
+            x - c for x, c in zip(point, centre)
+        )
 
     def _holds(self, inside: arb_mat) -> bool:
         return all(size.contains(inside[i, 0]) for i, size in enumerate(self.size))
@@ -192,9 +202,13 @@ class Step:
         else:
             tau = zero.tau
             point_tau = newton(arc.functions(guards, one)[zero.group][zero.function], tau)
-        columns = arc.functions(lambda *at: {name: [f] for name, f in mechanism.bodies(*at[:3]).items()}, arc.fine)
+        columns = arc.functions(
+            lambda *at: {name: [f] for name, f in mechanism.bodies(*at[:3]).items()}, arc.fine
+        )
         state = arc.polynomials(arc.fine)
-        self.legs.append(Leg(t, tau, mode, state, {str(name): column for name, [column] in columns.items()}))
+        self.legs.append(
+            Leg(t, tau, mode, state, {str(name): column for name, [column] in columns.items()})
+        )
         self.t, self.point_t = t + tau, self.point_t + point_tau
         self.state = [f(tau) for f in state]
         self.point = [f(point_tau) for f in arc.polynomials(one)]
@@ -228,8 +242,15 @@ class Step:
             self.derivative = self._jump(mode, zero, slope) * self.derivative
         self._hold()
         joint = self.mechanism.event_joint(mode, self.current.mode)
-        self.events.append(ProvenEvent(_wider(self.t, margin), self.current.kind, joint, self.current.mode,
-                                       *halves(self.state)))
+        self.events.append(
+            ProvenEvent(
+                _wider(self.t, margin),
+                self.current.kind,
+                joint,
+                self.current.mode,
+                *halves(self.state),
+            )
+        )
 
     def _jump(self, mode: Any, zero: Zero, slope: arb) -> arb_mat:
         """S at the change from a mode to the current one."""
@@ -248,8 +269,15 @@ class Step:
         return arb_mat(rows)
 
 
-def take_step(mechanism: ProvableMechanism, t0: arb, start: StateSet, first: Next, h: float, precision: Precision,
-              t1: arb | None = None) -> Step:
+def take_step(
+    mechanism: ProvableMechanism,
+    t0: arb,
+    start: StateSet,
+    first: Next,
+    h: float,
+    precision: Precision,
+    t1: arb | None = None,
+) -> Step:
     """Enclose a step of about h seconds after its last event, to the end of the motion at most; to t1 where given.
 
     A step to t1 that was found as stretches about its events may be too long for an enclosure: it is taken in parts.

@@ -61,10 +61,12 @@ class ProvenSteadyState:
         x, speed = (value.str(15) for value in self.state)
         phase = "has a stick phase" if self.sticks else "has no stick phase"
         radius = float(self.states.size[0].rad())
-        return (f"At F0 = {decimal(self.F0)} N the motion from the scene's start tends to a periodic one, the only one "
-                f"near (x, x') = ({x} m, {speed} m/s) at t = 0; it {phase} (period {self.period.str(12)} s, "
-                f"contraction by {self.contraction:.4g} per period on a set of size {radius:.0e}, "
-                f"reached after {self.periods} periods).")
+        return (
+            f"At F0 = {decimal(self.F0)} N the motion from the scene's start tends to a periodic one, the only one "
+            f"near (x, x') = ({x} m, {speed} m/s) at t = 0; it {phase} (period {self.period.str(12)} s, "
+            f"contraction by {self.contraction:.4g} per period on a set of size {radius:.0e}, "
+            f"reached after {self.periods} periods)."
+        )
 
 
 @dataclass(frozen=True)
@@ -77,10 +79,13 @@ class ProvenThreshold:
     def sentences(self) -> list[str]:
         """The theorem, with its hypotheses."""
         low, high = decimal(self.low.F0), decimal(self.high.F0)
-        return ["Hypotheses: the scene's numbers are exact as they are written; rigid bodies; Coulomb's law with mu "
-                "and mus; the slider rests exactly while full static friction holds it.",
-                self.low.sentence(), self.high.sentence(),
-                f"The threshold of stick phases that is crossed there lies between {low} N and {high} N."]
+        return [
+            "Hypotheses: the scene's numbers are exact as they are written; rigid bodies; Coulomb's law with mu "
+            "and mus; the slider rests exactly while full static friction holds it.",
+            self.low.sentence(),
+            self.high.sentence(),
+            f"The threshold of stick phases that is crossed there lies between {low} N and {high} N.",
+        ]
 
 
 def decimal(number: Fraction) -> str:
@@ -98,12 +103,14 @@ def proven_threshold(scene: Scene, places: int = 9) -> ProvenThreshold:
     found = stick_threshold(scene)
     if found.F0 is None:
         raise NotProven(f"{scene.name}: {found.note}")
-    unit = Fraction(1, 10 ** places)
+    unit = Fraction(1, 10**places)
     low = (Fraction(found.F0) // unit) * unit  # as exact as floats are; the proofs do not trust it
     ends = [proven_steady_state(scene, F0) for F0 in (low, low + unit)]
     if not ends[0].sticks or ends[1].sticks:
-        raise NotProven(f"{scene.name}: stick phase at {float(low):.12g} N: {ends[0].sticks}, "
-                        f"at {float(low + unit):.12g} N: {ends[1].sticks}")
+        raise NotProven(
+            f"{scene.name}: stick phase at {float(low):.12g} N: {ends[0].sticks}, "
+            f"at {float(low + unit):.12g} N: {ends[1].sticks}"
+        )
     return ProvenThreshold(*ends)
 
 
@@ -116,11 +123,13 @@ def proven_steady_state(scene: Scene, F0: Fraction) -> ProvenSteadyState:
         for _ in range(_REFINEMENTS):  # Newton's method
             motion = _motion_from(mechanism, StateSet.box(centre), _DIGITS)
             slope = motion.derivative()
-            correction = (identity(2) - slope).solve(column(b - a for a, b in zip(centre, motion.end.hull())))
+            correction = (identity(2) - slope).solve(
+                column(b - a for a, b in zip(centre, motion.end.hull()))
+            )
             centre = [(c + correction[i, 0]).mid() for i, c in enumerate(centre)]
         frame, reason = _frame(slope), ""
         for exponent in range(8, _DIGITS, 2):
-            states = StateSet(tuple(centre), frame, (arb(10.0 ** -exponent) * arb(0, 1),) * 2)
+            states = StateSet(tuple(centre), frame, (arb(10.0**-exponent) * arb(0, 1),) * 2)
             try:
                 return proven_on(scene, F0, near.periods, states, _DIGITS)
             except ArithmeticError as error:
@@ -140,8 +149,10 @@ def _mechanism(scene: Scene, F0: Fraction, count: int) -> SlidingMass:
     rate, frequency = numbers.drives[drive].law.rate, numbers.forces[load].law.frequency
     ratio = (frequency / rate).factors
     if ratio is None or ratio[1] != 0:
-        raise NotProven(f"{scene.name}: found frequencies {frequency.ball.str(10)} and {rate.ball.str(10)}; "
-                        "expected a rational ratio")
+        raise NotProven(
+            f"{scene.name}: found frequencies {frequency.ball.str(10)} and {rate.ball.str(10)}; "
+            "expected a rational ratio"
+        )
     q, k = rate.factors or (1, 0)
     period = abs(Exact.of(2 * ratio[0].q / q, 1 - k).ball)
     return replace(SlidingMass.from_scene(loaded), t_end=period * count)
@@ -153,7 +164,9 @@ def _motion_from(mechanism: SlidingMass, states: StateSet, digits: int) -> Prove
     return prove(replace(mechanism, q=[x], v=[speed], at_rest=False), Precision.of(digits), states)
 
 
-def proven_on(scene: Scene, F0: Fraction, count: int, states: StateSet, digits: int) -> ProvenSteadyState:
+def proven_on(
+    scene: Scene, F0: Fraction, count: int, states: StateSet, digits: int
+) -> ProvenSteadyState:
     """The steady state at an amplitude F0, with B given: both inequalities, and that the start leads into B.
 
     Call it at the working precision of the digits. Raises NotProven where that does not hold.
@@ -165,19 +178,38 @@ def proven_on(scene: Scene, F0: Fraction, count: int, states: StateSet, digits: 
     image = _motion_from(mechanism, StateSet.box(centre), digits).end.hull()
     residual = _norm(inverse * column(b - a for a, b in zip(centre, image)))
     if not (rate < 1 and residual <= (1 - rate) * radius):
-        raise NotProven(f"F0 = {float(F0):.12g} N: no contraction: factor {rate.str(5)}, residual {residual.str(3)}")
+        raise NotProven(
+            f"F0 = {float(F0):.12g} N: no contraction: factor {rate.str(5)}, residual {residual.str(3)}"
+        )
     tight = residual / (1 - rate)
-    state = [c + sum((abs(frame[i, j]) for j in range(2)), arb(0)) * tight * arb(0, 1) for i, c in enumerate(centre)]
+    state = [
+        c + sum((abs(frame[i, j]) for j in range(2)), arb(0)) * tight * arb(0, 1)
+        for i, c in enumerate(centre)
+    ]
     sticks = any(event.kind == "stick" for event in motion.events) or motion.legs[0].mode[0] == 0
     periods = _reached(mechanism, states, Precision.of(digits))
-    return ProvenSteadyState(F0, mechanism.t_end, tuple(state), float(rate.upper()), states, count, periods,
-                             motion.events, sticks, digits)
+    return ProvenSteadyState(
+        F0,
+        mechanism.t_end,
+        tuple(state),
+        float(rate.upper()),
+        states,
+        count,
+        periods,
+        motion.events,
+        sticks,
+        digits,
+    )
 
 
 def _frame(slope: arb_mat) -> arb_mat:
     """A basis in which a map's derivative has a small norm: real and imaginary parts of its eigenvectors."""
     values, vectors = np.linalg.eig(middles(slope))
-    basis = np.column_stack([vectors[:, 0].real, vectors[:, 0].imag]) if np.iscomplexobj(values) else vectors
+    basis = (
+        np.column_stack([vectors[:, 0].real, vectors[:, 0].imag])
+        if np.iscomplexobj(values)
+        else vectors
+    )
     return arb_mat(basis.tolist())
 
 
@@ -198,4 +230,6 @@ def _reached(mechanism: SlidingMass, states: StateSet, precision: Precision) -> 
         now = StateSet.box([x, held[0]]) if held else motion.end
         x, speed = now.hull()
         current = replace(mechanism, q=[x], v=[speed], at_rest=bool(held))
-    raise NotProven(f"the motion from the scene's start is not near the periodic one after {_PERIODS} periods")
+    raise NotProven(
+        f"the motion from the scene's start is not near the periodic one after {_PERIODS} periods"
+    )

@@ -20,9 +20,22 @@ from fractions import Fraction
 from flint import arb
 
 from stiction.scenes import Scene, scene_to_toml
-from stiction.truths.proof.certificate import (Claims, Failure, Format, NotACertificate, ball_texts, claimed_scene,
-                                               contains, decimals, exact_text, matrix_texts, read_ball,
-                                               read_ball_within, read_matrix, read_number)
+from stiction.truths.proof.certificate import (
+    Claims,
+    Failure,
+    Format,
+    NotACertificate,
+    ball_texts,
+    claimed_scene,
+    contains,
+    decimals,
+    exact_text,
+    matrix_texts,
+    read_ball,
+    read_ball_within,
+    read_matrix,
+    read_number,
+)
 from stiction.truths.proof.enclosures import NotProven
 from stiction.truths.proof.step import Precision, StateSet
 from stiction.truths.proof.threshold import ProvenSteadyState, ProvenThreshold, decimal, proven_on
@@ -38,27 +51,42 @@ ENDS = ("low", "high")
 def threshold_certificate(found: ProvenThreshold, scene: Scene) -> Claims:
     """Return the claims about a threshold."""
     claimed = ProvenThreshold(_claimed(found.low), _claimed(found.high))
-    return {"format": FORMAT.name, "scene": scene.name, "file": scene_to_toml(scene), "theorem": claimed.sentences(),
-            **{name: _end(end) for name, end in zip(ENDS, (claimed.low, claimed.high))}}
+    return {
+        "format": FORMAT.name,
+        "scene": scene.name,
+        "file": scene_to_toml(scene),
+        "theorem": claimed.sentences(),
+        **{name: _end(end) for name, end in zip(ENDS, (claimed.low, claimed.high))},
+    }
 
 
 def _claimed(end: ProvenSteadyState) -> ProvenSteadyState:
     """An end with somewhat less than was found, so that another proof of it finds as much."""
     with Precision.of(end.digits).working():
-        state = tuple(read_ball([exact_text(x.mid()), exact_text((2 * x.rad()).upper())]) for x in end.state)
+        state = tuple(
+            read_ball([exact_text(x.mid()), exact_text((2 * x.rad()).upper())]) for x in end.state
+        )
         events = [replace(e, time=e.time.mid() + 2 * e.time.rad() * arb(0, 1)) for e in end.events]
         return replace(end, state=state, contraction=end.contraction * (1 + _SLACK), events=events)
 
 
 def _end(end: ProvenSteadyState) -> Claims:
     with Precision.of(end.digits).working():
-        return {"F0 [N]": str(end.F0), "F0, decimal": decimal(end.F0),
-                "stick phase": end.sticks, "digits": end.digits, "count": end.count,
-                "centre": [exact_text(x) for x in end.states.centre], "frame": matrix_texts(end.states.frame),
-                "radius": exact_text(end.states.size[0].rad()), "state": [ball_texts(x) for x in end.state],
-                "state, decimal [m, m/s]": [decimals(x, _SHOWN) for x in end.state],
-                "contraction": end.contraction, "periods": end.periods,
-                "events": [{"kind": e.kind, "time [s]": decimals(e.time, _SHOWN)} for e in end.events]}
+        return {
+            "F0 [N]": str(end.F0),
+            "F0, decimal": decimal(end.F0),
+            "stick phase": end.sticks,
+            "digits": end.digits,
+            "count": end.count,
+            "centre": [exact_text(x) for x in end.states.centre],
+            "frame": matrix_texts(end.states.frame),
+            "radius": exact_text(end.states.size[0].rad()),
+            "state": [ball_texts(x) for x in end.state],
+            "state, decimal [m, m/s]": [decimals(x, _SHOWN) for x in end.state],
+            "contraction": end.contraction,
+            "periods": end.periods,
+            "events": [{"kind": e.kind, "time [s]": decimals(e.time, _SHOWN)} for e in end.events],
+        }
 
 
 def _failures(claims: Claims) -> Iterator[Failure]:
@@ -66,7 +94,9 @@ def _failures(claims: Claims) -> Iterator[Failure]:
     low, high = (Fraction(claims[name]["F0 [N]"]) for name in ENDS)
     below, above = (claims[name]["stick phase"] for name in ENDS)
     if not low < high or not below or above:
-        yield Failure(-1, f"the ends are none: stick phase at {low} N: {below}, at {high} N: {above}")
+        yield Failure(
+            -1, f"the ends are none: stick phase at {low} N: {below}, at {high} N: {above}"
+        )
     ends = []
     for number, (name, F0) in enumerate(zip(ENDS, (low, high))):
         try:
@@ -81,26 +111,51 @@ def _proven_again(end: Claims, scene: Scene, F0: Fraction) -> ProvenSteadyState:
     """The claims of an end, proven; raises NotProven, with what is not proven again."""
     digits, count, claimed = int(end["digits"]), int(end["count"]), end["contraction"]
     if not (1 <= digits <= _MOST_DIGITS and count >= 1):
-        raise NotACertificate(f"digits, count: found {digits}, {count}; expected 1 .. {_MOST_DIGITS} and at least 1")
+        raise NotACertificate(
+            f"digits, count: found {digits}, {count}; expected 1 .. {_MOST_DIGITS} and at least 1"
+        )
     with Precision.of(digits + _MORE_DIGITS).working():
-        centre, radius = tuple(map(read_number, end["centre"])), read_number(end["radius"]) * arb(0, 1)
+        centre, radius = (
+            tuple(map(read_number, end["centre"])),
+            read_number(end["radius"]) * arb(0, 1),
+        )
         states = StateSet(centre, read_matrix(end["frame"]), (radius,) * 2)
         again = proven_on(scene, F0, count, states, digits + _MORE_DIGITS)
         kinds = [event.kind for event in again.events]
-        if again.sticks != end["stick phase"] or kinds != [event["kind"] for event in end["events"]]:
+        if again.sticks != end["stick phase"] or kinds != [
+            event["kind"] for event in end["events"]
+        ]:
             raise NotProven(f"other changes of mode: {', '.join(kinds)}")
         if not again.contraction <= claimed < 1:
-            raise NotProven(f"the factor of contraction: found at most {again.contraction:.6g}; claimed {claimed:.6g}")
+            raise NotProven(
+                f"the factor of contraction: found at most {again.contraction:.6g}; claimed {claimed:.6g}"
+            )
         if again.periods > end["periods"]:
-            raise NotProven(f"the motion from the start is in the set after {again.periods} times the period; "
-                            f"claimed {end['periods']}")
-        if not all(read_ball_within(ball).contains(own) for ball, own in zip(end["state"], again.state, strict=True)):
+            raise NotProven(
+                f"the motion from the start is in the set after {again.periods} times the period; "
+                f"claimed {end['periods']}"
+            )
+        if not all(
+            read_ball_within(ball).contains(own)
+            for ball, own in zip(end["state"], again.state, strict=True)
+        ):
             raise NotProven("the state at t = 0 is not within the claimed one")
-        shown = [*zip(end["state, decimal [m, m/s]"], again.state, strict=True),
-                 *((event["time [s]"], own.time) for event, own in zip(end["events"], again.events))]
-        if end["F0, decimal"] != decimal(again.F0) or not all(contains(text, ball) for text, ball in shown):
-            raise NotProven("the decimals of F0, the state or the events do not contain what is proven")
-        return replace(again, state=tuple(map(read_ball, end["state"])), contraction=claimed, periods=end["periods"])
+        shown = [
+            *zip(end["state, decimal [m, m/s]"], again.state, strict=True),
+            *((event["time [s]"], own.time) for event, own in zip(end["events"], again.events)),
+        ]
+        if end["F0, decimal"] != decimal(again.F0) or not all(
+            contains(text, ball) for text, ball in shown
+        ):
+            raise NotProven(
+                "the decimals of F0, the state or the events do not contain what is proven"
+            )
+        return replace(
+            again,
+            state=tuple(map(read_ball, end["state"])),
+            contraction=claimed,
+            periods=end["periods"],
+        )
 
 
 FORMAT = Format("stiction threshold proof 1", "end", lambda claims: len(ENDS), _failures)

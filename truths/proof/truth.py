@@ -68,14 +68,25 @@ class ProvenTruth:
     @classmethod
     def of(cls, claims: Mapping[str, Any]) -> ProvenTruth:
         """Read the tables of a certificate."""
-        coefficients = {name: np.array([*zip_longest(*legs, fillvalue=0.0)]).T
-                        for name, legs in claims["coefficients"].items()}
-        return cls(claims["t_end"], np.array(claims["starts"]), coefficients, claims["derivatives"], claims["errors"],
-                   tuple(map(tuple, claims["events"])), claims["event time"])
+        coefficients = {
+            name: np.array([*zip_longest(*legs, fillvalue=0.0)]).T
+            for name, legs in claims["coefficients"].items()
+        }
+        return cls(
+            claims["t_end"],
+            np.array(claims["starts"]),
+            coefficients,
+            claims["derivatives"],
+            claims["errors"],
+            tuple(map(tuple, claims["events"])),
+            claims["event time"],
+        )
 
     def columns(self, t: np.ndarray, side: str) -> dict[str, np.ndarray]:
         """The columns at times t, by Horner's rule."""
-        leg = np.maximum(np.searchsorted(self.starts, t, side="right" if side == "after" else "left") - 1, 0)
+        leg = np.maximum(
+            np.searchsorted(self.starts, t, side="right" if side == "after" else "left") - 1, 0
+        )
         tau, columns = t - self.starts[leg], dict(self.coefficients)
         columns |= {name: polyder(columns[of], axis=1) for name, of in self.derivatives.items()}
         return {name: polyval(tau, terms[leg].T, tensor=False) for name, terms in columns.items()}
@@ -84,7 +95,11 @@ class ProvenTruth:
 def motion_digest(text: str) -> str:
     """Digest of a scene's text as far as its motion depends on it; numbers as written, names of parameters left out."""
     raw = tomllib.loads(text)
-    content = {key: _put_in(value, raw.get("parameters", {})) for key, value in raw.items() if key not in _UNPROVEN}
+    content = {
+        key: _put_in(value, raw.get("parameters", {}))
+        for key, value in raw.items()
+        if key not in _UNPROVEN
+    }
     return digest(content)[:SHORT]
 
 
@@ -107,29 +122,49 @@ def with_proof(scene: Scene, truth: Truth) -> Truth:
     proven = None if file is None else _read(file)
     if proven is None or truth.t_end > proven.t_end:
         return truth
-    found, listed = [(event.kind, event.joint) for event in truth.events], [event[:2] for event in proven.events]
+    found, listed = (
+        [(event.kind, event.joint) for event in truth.events],
+        [event[:2] for event in proven.events],
+    )
     times, later = np.split([time for *_, time in proven.events], [len(found)])
-    if found != listed[:len(found)] or any(later < truth.t_end - _AT_THE_END):
-        raise Contradiction(f"{truth.scene}: found events {_words(found)}; proven are {_words(listed)}")
+    if found != listed[: len(found)] or any(later < truth.t_end - _AT_THE_END):
+        raise Contradiction(
+            f"{truth.scene}: found events {_words(found)}; proven are {_words(listed)}"
+        )
     errors = {name: error for name, error in proven.errors.items() if name in truth.uncertainty}
     instants = np.linspace(0.0, truth.t_end, _INSTANTS)
     estimated, enclosed = truth.columns(instants, "after"), proven.columns(instants, "after")
     for name, error in errors.items():
-        off, allowed = np.max(np.abs(estimated[name] - enclosed[name])), _ESTIMATED * truth.uncertainty[name] + error
+        off, allowed = (
+            np.max(np.abs(estimated[name] - enclosed[name])),
+            _ESTIMATED * truth.uncertainty[name] + error,
+        )
         if not off <= allowed:
-            raise Contradiction(f"{truth.scene}: {name}: found a truth {off:.2g} off what is proven; "
-                                f"expected at most {allowed:.2g}")
+            raise Contradiction(
+                f"{truth.scene}: {name}: found a truth {off:.2g} off what is proven; "
+                f"expected at most {allowed:.2g}"
+            )
 
     def columns(t: np.ndarray, side: str) -> dict[str, np.ndarray]:
         at = t.copy()
-        for time, event in zip(times, truth.events):  # the truth has two sides of an event at its own time for it
+        for time, event in zip(
+            times, truth.events
+        ):  # the truth has two sides of an event at its own time for it
             at[t == time] = event.time
         found = truth.columns(at, side)
-        return {**found, **{name: values for name, values in proven.columns(t, side).items() if name in found}}
+        return {
+            **found,
+            **{name: values for name, values in proven.columns(t, side).items() if name in found},
+        }
 
-    return replace(truth, tier=PROVEN, tier_below=truth.tier, columns=columns,
-                   uncertainty={**truth.uncertainty, **errors, "event time": proven.event_time},
-                   events=tuple(replace(event, time=float(time)) for event, time in zip(truth.events, times)))
+    return replace(
+        truth,
+        tier=PROVEN,
+        tier_below=truth.tier,
+        columns=columns,
+        uncertainty={**truth.uncertainty, **errors, "event time": proven.event_time},
+        events=tuple(replace(event, time=float(time)) for event, time in zip(truth.events, times)),
+    )
 
 
 def threshold_of_theorem(scene: Scene) -> StickThreshold | None:
@@ -137,11 +172,17 @@ def threshold_of_theorem(scene: Scene) -> StickThreshold | None:
     mechanism = SliderBar.from_scene(scene)
     for file in sorted(DATA.glob("threshold-*.json")):
         claims = json.loads(file.read_text(encoding="utf-8"))
-        proven = SliderBar.from_scene(scene_from_dict(tomllib.loads(claims["file"]), claims["scene"]))
+        proven = SliderBar.from_scene(
+            scene_from_dict(tomllib.loads(claims["file"]), claims["scene"])
+        )
         if replace(mechanism, F0=proven.F0) == proven:
             low, high = (Fraction(claims[end]["F0 [N]"]) for end in ("low", "high"))
-            return StickThreshold(float((low + high) / 2), float(high - low) / 2, (float(low), float(high)),
-                                  theorem=" ".join(claims["theorem"]))
+            return StickThreshold(
+                float((low + high) / 2),
+                float(high - low) / 2,
+                (float(low), float(high)),
+                theorem=" ".join(claims["theorem"]),
+            )
     return None
 
 

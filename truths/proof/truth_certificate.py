@@ -23,7 +23,14 @@ from flint import arb, arb_poly
 
 from stiction.scenes import Scene, catalogue, load_scene, scene_to_toml
 from stiction.truths.physics import physics_of, rubbing_guides
-from stiction.truths.proof.certificate import Claims, Failure, Format, NotACertificate, claimed_scene, write_certificate
+from stiction.truths.proof.certificate import (
+    Claims,
+    Failure,
+    Format,
+    NotACertificate,
+    claimed_scene,
+    write_certificate,
+)
 from stiction.truths.proof.enclosures import NotProven
 from stiction.truths.proof.enclosures.series import working
 from stiction.truths.proof.motion import MECHANISMS, ProvenMotion, provable, prove_scene
@@ -33,10 +40,10 @@ from stiction.truths.truth import NotThisMechanism
 
 DIGITS = 14
 _MORE_DIGITS = 4
-_ROUNDING = 2.0 ** -53
+_ROUNDING = 2.0**-53
 _RATES = {"x": "vx", "y": "vy", "angle": "omega", "displacement": "slip_velocity"}
 """Rates of columns of an element."""
-_KEPT = 2.0 ** -55
+_KEPT = 2.0**-55
 """Largest part of a column's size that is left out of each of its terms; of its derivative on legs of less than 1 s."""
 _SLACK = 1.25
 """Ratio of the claimed errors to those found: another proof, with other steps, finds others."""
@@ -50,16 +57,30 @@ def truth_certificate(scene: Scene) -> Claims:
     with motion.precision.working():
         starts = [float(leg.t.mid()) for leg in motion.legs]
         # without those between events that are at the same time in floats
-        legs = [leg for leg, start, end in zip(motion.legs, starts, [*starts[1:], scene.t_end]) if start < end]
+        legs = [
+            leg
+            for leg, start, end in zip(motion.legs, starts, [*starts[1:], scene.t_end])
+            if start < end
+        ]
         columns = legs[0].bodies
         parts = ((name, *name.rpartition(".")) for name in columns)
         rates = {f"{element}.{_RATES.get(part)}": name for name, element, _, part in parts}
         derivatives = {rate: name for rate, name in rates.items() if rate in columns}
-        claims = {"format": FORMAT.name, "scene": scene.name, "digest": motion_digest(text), "file": text,
-                  "digits": DIGITS, "t_end": scene.t_end, "starts": [float(leg.t.mid()) for leg in legs],
-                  "derivatives": derivatives,
-                  "coefficients": {name: [_floats(leg.bodies[name], _upper(leg.end)) for leg in legs]
-                                   for name in columns if name not in derivatives}}
+        claims = {
+            "format": FORMAT.name,
+            "scene": scene.name,
+            "digest": motion_digest(text),
+            "file": text,
+            "digits": DIGITS,
+            "t_end": scene.t_end,
+            "starts": [float(leg.t.mid()) for leg in legs],
+            "derivatives": derivatives,
+            "coefficients": {
+                name: [_floats(leg.bodies[name], _upper(leg.end)) for leg in legs]
+                for name in columns
+                if name not in derivatives
+            },
+        }
         claims["errors"] = {name: error * _SLACK for name, error in _errors(claims, motion).items()}
         events = _events(motion, scene)
         claims["events"] = [[event.kind, event.joint, float(event.time.mid())] for event in events]
@@ -72,7 +93,9 @@ def _failures(claims: Claims) -> Iterator[Failure]:
     scene = claimed_scene(claims)
     claimed, digest = (claims["digest"], claims["t_end"]), motion_digest(claims["file"])
     if claimed != (digest, scene.t_end):
-        yield Failure(-1, f"digest and t_end: found {claimed}; the scene has {(digest, scene.t_end)}")
+        yield Failure(
+            -1, f"digest and t_end: found {claimed}; the scene has {(digest, scene.t_end)}"
+        )
         return
     try:
         motion = prove_scene(scene, int(claims["digits"]) + _MORE_DIGITS)
@@ -82,9 +105,13 @@ def _failures(claims: Claims) -> Iterator[Failure]:
     with motion.precision.working():
         for name, bound in _errors(claims, motion).items():
             if not bound <= claims["errors"][name]:
-                yield Failure(-1, f"{name}: off by up to {bound:.3g}; claimed {claims['errors'][name]:.3g}")
+                yield Failure(
+                    -1, f"{name}: off by up to {bound:.3g}; claimed {claims['errors'][name]:.3g}"
+                )
         found, listed, width = _events(motion, scene), claims["events"], claims["event time"]
-        if [(event.kind, event.joint) for event in found] != [(kind, joint) for kind, joint, _ in listed]:
+        if [(event.kind, event.joint) for event in found] != [
+            (kind, joint) for kind, joint, _ in listed
+        ]:
             yield Failure(-1, "other events")
         elif not all(abs(event.time - near) <= width for event, (_, _, near) in zip(found, listed)):
             yield Failure(-1, "the time of an event is not within its interval")
@@ -113,14 +140,16 @@ def _errors(claims: Claims, motion: ProvenMotion) -> dict[str, float]:
             for leg in takewhile(lambda leg: not leg.t > end, legs[first:]):
                 begin = leg.t if leg.t > start else start
                 reach = max(min(_upper(leg.t + leg.end), _upper(end)) - float(begin.lower()), 0.0)
-                shifted = leg.bodies[name](arb_poly([begin - leg.t, 1])) - polynomial(arb_poly([begin - start, 1]))
+                shifted = leg.bodies[name](arb_poly([begin - leg.t, 1])) - polynomial(
+                    arb_poly([begin - start, 1])
+                )
                 off[name] = max(off[name], _upper(sum(_terms(shifted, arb(reach)), arb(0))))
     return {name: (rounding[name] + off[name]) * (1 + 1e-9) for name in off}
 
 
 def _terms(polynomial: arb_poly, length: arb | float) -> list[arb]:
     """Sizes of the terms of a polynomial over some seconds."""
-    return [abs(c) * length ** k for k, c in enumerate(polynomial.coeffs())]
+    return [abs(c) * length**k for k, c in enumerate(polynomial.coeffs())]
 
 
 def _rounding(polynomial: arb_poly, length: float) -> float:
@@ -140,8 +169,12 @@ def _events(motion: ProvenMotion, scene: Scene) -> list[ProvenEvent]:
     for event in motion.events:
         if event.joint not in counted:
             continue
-        if (kept and kept[-1].kind == event.kind == "corner" and kept[-1].joint == event.joint
-                and not event.time - kept[-1].time > _AT_ONCE):
+        if (
+            kept
+            and kept[-1].kind == event.kind == "corner"
+            and kept[-1].joint == event.joint
+            and not event.time - kept[-1].time > _AT_ONCE
+        ):
             kept.pop()
         kept.append(event)
     return kept
@@ -150,10 +183,10 @@ def _events(motion: ProvenMotion, scene: Scene) -> list[ProvenEvent]:
 def _floats(polynomial: arb_poly, length: float) -> list[float]:
     """Coefficients with no more decimals than count."""
     terms = [float(c.mid()) for c in polynomial.coeffs()]
-    size = sum(abs(c) * length ** k for k, c in enumerate(terms))
+    size = sum(abs(c) * length**k for k, c in enumerate(terms))
     kept = []
     for k, c in enumerate(terms):
-        share = abs(c) * length ** k / (_KEPT * min(length, 1.0) * size or 1.0)
+        share = abs(c) * length**k / (_KEPT * min(length, 1.0) * size or 1.0)
         kept.append(float(f"{c:.{min(max(ceil(log10(share)), 1), 17)}g}") if share > 0.5 else 0.0)
     while len(kept) > 1 and kept[-1] == 0.0:
         kept.pop()

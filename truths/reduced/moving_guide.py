@@ -64,7 +64,8 @@ class MovingGuide(SingleSlider):
             return np.zeros_like(q[1])
         r, across = q[0], self._weight(q[1])[1]
         return (self._twist(q, v) - r * (2 * self.m * v[0] * v[1] - across)) / (
-            self.arm_inertia + self.slider_inertia + self.m * r * r)
+            self.arm_inertia + self.slider_inertia + self.m * r * r
+        )
 
     def loads(self, t, q, v, a=None):
         """R, M and the push, with the inertia of the turning frame; independent of q''."""
@@ -84,7 +85,9 @@ class MovingGuide(SingleSlider):
             radial = (force + phi * self.contact.load(R, M, phi, signs)) / self.m
         return np.array([radial, self.angular_acceleration(q, v)])
 
-    def columns(self, t: np.ndarray, q: np.ndarray, v: np.ndarray, mode: Mode) -> dict[str, np.ndarray]:
+    def columns(
+        self, t: np.ndarray, q: np.ndarray, v: np.ndarray, mode: Mode
+    ) -> dict[str, np.ndarray]:
         pivot, guide, drive = self.names
         acceleration = self.acceleration(t, q, v, mode)
         (r, th), (rv, w), (ra, alpha) = q, v, acceleration
@@ -92,23 +95,42 @@ class MovingGuide(SingleSlider):
         e, n = np.array([cos, sin]), np.array([-sin, cos])
         velocity, a = rv * e + r * w * n, (ra - r * w * w) * e + (r * alpha + 2 * rv * w) * n
         px, py = self.pivot
-        values = {**body_columns("arm", (zero + px, zero + py, th), (zero, zero, w), (zero, zero, alpha)),
-                  **body_columns("slider", (px + r * cos, py + r * sin, th), (*velocity, w), (*a, alpha))}
+        values = {
+            **body_columns("arm", (zero + px, zero + py, th), (zero, zero, w), (zero, zero, alpha)),
+            **body_columns("slider", (px + r * cos, py + r * sin, th), (*velocity, w), (*a, alpha)),
+        }
         for i, c in enumerate("xy"):
             values[f"{pivot}.f{c}"] = self.m * a[i] - (self.m + self.arm_mass) * self.gravity[i]
         if drive is not None:
             R, M, _ = self.loads(t, q, v)
             values[f"{drive}.effort"] = M + r * R - self._twist(q, v)
-        return values | self.guide_columns(guide, t, q, v, acceleration, mode, displacement=r, slip_velocity=rv)
+        return values | self.guide_columns(
+            guide, t, q, v, acceleration, mode, displacement=r, slip_velocity=rv
+        )
 
 
-TURNING_ARM = Structure("a slider on a turning arm", ("arm", "slider"), {
-    "pivot": Part(Revolute, "arm", GROUND, points=(CENTRE, ANY)),
-    "guide": Part(Translational, "slider", "arm", direction=FORWARD, point=CENTRE, slider_point=CENTRE, angle=0,
-                  frictional=True),
-    "spring": Part(LinearSpring, "slider", "arm", count=OPTIONAL, points=(CENTRE, ON_X_AXIS), axis=FORWARD),
-    "twist": Part(TorsionalSpring, "arm", GROUND, count=OPTIONAL),
-    "motor": Part(Drive, "arm", GROUND, count=OPTIONAL, type="angle", law=Linear)})
+TURNING_ARM = Structure(
+    "a slider on a turning arm",
+    ("arm", "slider"),
+    {
+        "pivot": Part(Revolute, "arm", GROUND, points=(CENTRE, ANY)),
+        "guide": Part(
+            Translational,
+            "slider",
+            "arm",
+            direction=FORWARD,
+            point=CENTRE,
+            slider_point=CENTRE,
+            angle=0,
+            frictional=True,
+        ),
+        "spring": Part(
+            LinearSpring, "slider", "arm", count=OPTIONAL, points=(CENTRE, ON_X_AXIS), axis=FORWARD
+        ),
+        "twist": Part(TorsionalSpring, "arm", GROUND, count=OPTIONAL),
+        "motor": Part(Drive, "arm", GROUND, count=OPTIONAL, type="angle", law=Linear),
+    },
+)
 
 
 def moving_guide_truth(scene: Scene, t_end: float | None = None) -> Truth:
@@ -117,14 +139,28 @@ def moving_guide_truth(scene: Scene, t_end: float | None = None) -> Truth:
     arm, slider = scene.bodies["arm"], scene.bodies["slider"]
     motor, spring, twist = found["motor"], found["spring"], found["twist"]
     if motor and (motor.law.offset, motor.law.rate) != (arm.angle, arm.angular_velocity):
-        raise TURNING_ARM.misfit(scene, f"{found.name('motor')}: expected a drive that meets the start of the arm")
+        raise TURNING_ARM.misfit(
+            scene, f"{found.name('motor')}: expected a drive that meets the start of the arm"
+        )
     pivot = found["pivot"].points[1]
     mechanism = MovingGuide(
-        slider.mass, slider.inertia, arm.mass, arm.inertia, scene.gravity or (0.0, 0.0),
-        (spring.stiffness, spring.damping, spring.points[1][0] + spring.rest_length) if spring else (0.0, 0.0, 0.0),
-        (twist.stiffness, twist.damping, twist.rest_angle) if twist else (0.0, 0.0, 0.0), Contact.of(found["guide"]),
-        pivot, (found.name("pivot"), found.name("guide"), found.name("motor") if motor else None))
+        slider.mass,
+        slider.inertia,
+        arm.mass,
+        arm.inertia,
+        scene.gravity or (0.0, 0.0),
+        (spring.stiffness, spring.damping, spring.points[1][0] + spring.rest_length)
+        if spring
+        else (0.0, 0.0, 0.0),
+        (twist.stiffness, twist.damping, twist.rest_angle) if twist else (0.0, 0.0, 0.0),
+        Contact.of(found["guide"]),
+        pivot,
+        (found.name("pivot"), found.name("guide"), found.name("motor") if motor else None),
+    )
     along = np.array([np.cos(arm.angle), np.sin(arm.angle)])
     r = float((np.array(slider.position) - np.array(pivot)) @ along)
-    q, v = np.array([r, arm.angle]), np.array([float(np.array(slider.velocity) @ along), arm.angular_velocity])
+    q, v = (
+        np.array([r, arm.angle]),
+        np.array([float(np.array(slider.velocity) @ along), arm.angular_velocity]),
+    )
     return truth_of(scene, mechanism.names[1:2], mechanism, q, v, t_end)

@@ -36,12 +36,16 @@ These and the times below hold for motions up to `_FAST`; for faster ones they a
 """
 _FAST = 10.0  # rad/s
 _SHORTEST_STEP = 1e-9
-_JUNCTION = 1e-12  # a root this close before a step belongs to it: rounding at the junction of two steps
+_JUNCTION = (
+    1e-12  # a root this close before a step belongs to it: rounding at the junction of two steps
+)
 _PICARD_LIMIT = 60
 _SAME = 1e-6  # relative; accelerations of two modes that are one motion (a tie of signs) differ by rounding only
 _NOISE = 5e-14  # relative to max |q''| and what cancels in it: some hundred roundings
 _ROUNDING = np.finfo(float).eps
-_HALVINGS = 12  # after these, where bounds cannot separate a double root from none, eigenvalues decide
+_HALVINGS = (
+    12  # after these, where bounds cannot separate a double root from none, eigenvalues decide
+)
 _SWITCH_LIMIT = 100_000
 
 
@@ -83,7 +87,9 @@ class PiecewiseMechanism(ABC):
         """q'' in a mode, shape (n, k); must continue smoothly somewhat beyond the end of the mode."""
 
     @abstractmethod
-    def guards(self, t: np.ndarray, q: np.ndarray, v: np.ndarray, a: np.ndarray, mode: Any) -> np.ndarray:
+    def guards(
+        self, t: np.ndarray, q: np.ndarray, v: np.ndarray, a: np.ndarray, mode: Any
+    ) -> np.ndarray:
         """Return guards, shape (m, p, k): the mode lasts while the largest of each one's p functions is positive."""
 
     def limits(self, t: np.ndarray, q: np.ndarray, v: np.ndarray, mode: Any) -> np.ndarray:
@@ -91,8 +97,9 @@ class PiecewiseMechanism(ABC):
         return np.empty((0, 1, len(t)))
 
     @abstractmethod
-    def candidates(self, t: float, q: np.ndarray, v: np.ndarray, mode: Any,
-                   guard: int | None) -> Iterator[list[tuple[Any, np.ndarray]]]:
+    def candidates(
+        self, t: float, q: np.ndarray, v: np.ndarray, mode: Any, guard: int | None
+    ) -> Iterator[list[tuple[Any, np.ndarray]]]:
         """Modes that may follow when `guard` of `mode` reached zero, each with the velocity (n,) it starts with.
 
         They come in groups, of which one is tried only if no mode of those before it holds; NoMotion is raised where
@@ -100,7 +107,9 @@ class PiecewiseMechanism(ABC):
         """
 
     @abstractmethod
-    def columns(self, t: np.ndarray, q: np.ndarray, v: np.ndarray, mode: Any) -> dict[str, np.ndarray]:
+    def columns(
+        self, t: np.ndarray, q: np.ndarray, v: np.ndarray, mode: Any
+    ) -> dict[str, np.ndarray]:
         """All columns of a Trajectory within a mode, each (k,)."""
 
     @abstractmethod
@@ -147,11 +156,15 @@ class Motion:
 
     def state(self, t: np.ndarray, owner: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Return q and v, each (n, k), by the polynomials of the segments with the indices `owner` (k,)."""
-        start, length, position, velocity = (np.array([getattr(s, name) for s in self.segments])[owner]
-                                             for name in ("start", "length", "position", "velocity"))
+        start, length, position, velocity = (
+            np.array([getattr(s, name) for s in self.segments])[owner]
+            for name in ("start", "length", "position", "velocity")
+        )
         x = 2 * (t - start) / length - 1
-        q, v = (chebyshev.chebval(x, np.moveaxis(series, -1, 0).swapaxes(1, 2), tensor=False)
-                for series in (position, velocity))
+        q, v = (
+            chebyshev.chebval(x, np.moveaxis(series, -1, 0).swapaxes(1, 2), tensor=False)
+            for series in (position, velocity)
+        )
         return q, v
 
     def final_state(self) -> tuple[np.ndarray, np.ndarray]:
@@ -175,11 +188,25 @@ class Collocation:
         self._velocity = chebyshev.chebval(self.nodes, self._once.T).T @ self.to_coefficients
         self._position = chebyshev.chebval(self.nodes, self._twice.T).T @ self.to_coefficients
         self._derivative = np.array([np.append(chebyshev.chebder(row), 0.0) for row in identity]).T
-        self._halves = [np.array([chebyshev.chebinterpolate(partial(_on_half, row, side), order - 1)
-                                  for row in identity]).T for side in (-1, 1)]
+        self._halves = [
+            np.array(
+                [
+                    chebyshev.chebinterpolate(partial(_on_half, row, side), order - 1)
+                    for row in identity
+                ]
+            ).T
+            for side in (-1, 1)
+        ]
 
-    def solve(self, mechanism: PiecewiseMechanism, mode: Hashable, t0: float, q0: np.ndarray, v0: np.ndarray,
-              h: float) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray] | None:
+    def solve(
+        self,
+        mechanism: PiecewiseMechanism,
+        mode: Hashable,
+        t0: float,
+        q0: np.ndarray,
+        v0: np.ndarray,
+        h: float,
+    ) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray] | None:
         """Instants, q, v, a at the nodes of the step [t0, t0 + h]; None if h is too long for full precision."""
         s = h / 2
         t = t0 + s * (self.nodes + 1)
@@ -203,8 +230,16 @@ class Collocation:
         tail = np.abs(a @ self.to_coefficients.T)[:, -3:]
         return (t, q, v, a) if np.max(tail) <= _NOISE * scale else None
 
-    def segment(self, mode: Hashable, t0: float, q0: np.ndarray, v0: np.ndarray, h: float, end: float,
-                a: np.ndarray) -> Segment:
+    def segment(
+        self,
+        mode: Hashable,
+        t0: float,
+        q0: np.ndarray,
+        v0: np.ndarray,
+        h: float,
+        end: float,
+        a: np.ndarray,
+    ) -> Segment:
         """Polynomials of the solved step."""
         s = h / 2
         coefficients = a @ self.to_coefficients.T
@@ -228,8 +263,10 @@ class Collocation:
         """
         series = guards @ self.to_coefficients.T
         positive = np.any(series[..., 0] > np.sum(np.abs(series[..., 1:]), axis=-1), axis=1)
-        roots = ((self._first_negative(series[i], max(2 * ignore / h - 1, -1.0)), int(i))
-                 for i in np.flatnonzero(~positive))
+        roots = (
+            (self._first_negative(series[i], max(2 * ignore / h - 1, -1.0)), int(i))
+            for i in np.flatnonzero(~positive)
+        )
         return min((((root + 1) * h / 2, i) for root, i in roots if root is not None), default=None)
 
     def _first_negative(self, group: np.ndarray, begin: float) -> float | None:
@@ -237,14 +274,20 @@ class Collocation:
         noise = _NOISE * np.max(np.abs(group))
         if np.max(chebyshev.chebval(begin, group.T)) < -noise:
             return begin
-        roots = sorted(root for series in group for root in self._roots(series, -1.0, 1.0, _HALVINGS, noise / 10))
+        roots = sorted(
+            root
+            for series in group
+            for root in self._roots(series, -1.0, 1.0, _HALVINGS, noise / 10)
+        )
         ends = [root for root in roots if begin < root < 1] + [1.0]
         for root, end in zip(ends, ends[1:]):
             if np.max(chebyshev.chebval((root + end) / 2, group.T)) < 0:
                 return root
         return None
 
-    def _roots(self, series: np.ndarray, low: float, high: float, halvings: int, zero: float) -> list[float]:
+    def _roots(
+        self, series: np.ndarray, low: float, high: float, halvings: int, zero: float
+    ) -> list[float]:
         """Roots of a series over [low, high]; what is nowhere larger than `zero` has none."""
         size = np.abs(series)
         if size[0] > np.sum(size[1:]) or np.sum(size) <= zero:
@@ -258,10 +301,13 @@ class Collocation:
         elif halvings:
             middle = (low + high) / 2
             left, right = (half @ series for half in self._halves)
-            return (self._roots(left, low, middle, halvings - 1, zero)
-                    + self._roots(right, middle, high, halvings - 1, zero))
+            return self._roots(left, low, middle, halvings - 1, zero) + self._roots(
+                right, middle, high, halvings - 1, zero
+            )
         else:
-            complex_roots = chebyshev.chebroots(chebyshev.chebtrim(series, 4 * _ROUNDING * np.max(size)))
+            complex_roots = chebyshev.chebroots(
+                chebyshev.chebtrim(series, 4 * _ROUNDING * np.max(size))
+            )
             real = (np.abs(complex_roots.imag) < 1e-10) & (np.abs(complex_roots.real) <= 1)
             found = complex_roots.real[real].tolist()
         return [low + (high - low) * (float(x) + 1) / 2 for x in found]
@@ -279,8 +325,14 @@ def _clenshaw(x: float, backwards: list[float]) -> float:
     return backwards[-1] + x * one - two
 
 
-def integrate(mechanism: PiecewiseMechanism, t0: float, t_end: float, q0: np.ndarray, v0: np.ndarray,
-              collocation: Collocation) -> Motion:
+def integrate(
+    mechanism: PiecewiseMechanism,
+    t0: float,
+    t_end: float,
+    q0: np.ndarray,
+    v0: np.ndarray,
+    collocation: Collocation,
+) -> Motion:
     """Integrate the motion from (t0, q0, v0) to t_end.
 
     Raises NoMotion where no mode is consistent at the start, where the step falls to nothing, or after too many
@@ -296,15 +348,23 @@ def integrate(mechanism: PiecewiseMechanism, t0: float, t_end: float, q0: np.nda
         solved = collocation.solve(mechanism, mode, t, q, v, h)
         if solved is not None:
             guards, limits = mechanism.guards(*solved, mode), mechanism.limits(*solved[:3], mode)
-        if solved is None or not all(collocation.resolves(f, mechanism.magnitude) for f in (guards, limits)):
+        if solved is None or not all(
+            collocation.resolves(f, mechanism.magnitude) for f in (guards, limits)
+        ):
             h /= 2
             if h < _SHORTEST_STEP * mechanism.pace:
                 raise NoMotion(f"no smooth motion in mode {mode}", t)
             continue
-        root, limit = collocation.first_root(guards, h, ignored), collocation.first_root(limits, h, -junction)
+        root, limit = (
+            collocation.first_root(guards, h, ignored),
+            collocation.first_root(limits, h, -junction),
+        )
         if limit is not None and t + limit[0] < t_end and (root is None or limit[0] < root[0]):
-            raise NoMotion(f"several motions, or none, besides mode {mode}: friction adds more load than inertia takes "
-                           "away", t + limit[0])
+            raise NoMotion(
+                f"several motions, or none, besides mode {mode}: friction adds more load than inertia takes "
+                "away",
+                t + limit[0],
+            )
         end = t + (h if root is None else root[0])
         segments.append(collocation.segment(mode, t, q, v, h, min(end, t_end), solved[3]))
         t = segments[-1].end
@@ -319,8 +379,15 @@ def integrate(mechanism: PiecewiseMechanism, t0: float, t_end: float, q0: np.nda
     return Motion(tuple(segments), tuple(switches))
 
 
-def _next_mode(mechanism: PiecewiseMechanism, collocation: Collocation, t: float, q: np.ndarray, v: np.ndarray,
-               mode: Hashable, guard: int | None) -> tuple[Hashable, np.ndarray, float]:
+def _next_mode(
+    mechanism: PiecewiseMechanism,
+    collocation: Collocation,
+    t: float,
+    q: np.ndarray,
+    v: np.ndarray,
+    mode: Hashable,
+    guard: int | None,
+) -> tuple[Hashable, np.ndarray, float]:
     """The mode from t on, its initial velocity, and the time from t on in which guards are known to be positive."""
     later = slice(collocation.order // 2, None)
     for trial in (mechanism.pace * seconds for seconds in TRIAL_STEPS):
@@ -329,8 +396,12 @@ def _next_mode(mechanism: PiecewiseMechanism, collocation: Collocation, t: float
             for candidate, velocity in group:
                 solved = collocation.solve(mechanism, candidate, t, q, velocity, trial)
                 if solved is not None:
-                    instants, positions, velocities, accelerations = (array[..., later] for array in solved)
-                    values = mechanism.guards(instants, positions, velocities, accelerations, candidate)
+                    instants, positions, velocities, accelerations = (
+                        array[..., later] for array in solved
+                    )
+                    values = mechanism.guards(
+                        instants, positions, velocities, accelerations, candidate
+                    )
                     if np.all(np.max(values, axis=1) >= 0):
                         consistent.append((candidate, velocity, solved[3][:, -1]))
             if consistent:

@@ -28,17 +28,41 @@ from stiction.scenes.laws import Linear, Sine
 from stiction.scenes.model import Drive, Force, LinearSpring, Revolute, Translational
 from stiction.truths.reduced.slider_contact import Contact, Mode, SingleSlider
 from stiction.truths.reduced.truth_of_motion import truth_of
-from stiction.truths.structure import CENTRE, FORWARD, NEGATIVE, ON_X_AXIS, PULLS_ALONG_X, Condition, Part, Structure
+from stiction.truths.structure import (
+    CENTRE,
+    FORWARD,
+    NEGATIVE,
+    ON_X_AXIS,
+    PULLS_ALONG_X,
+    Condition,
+    Part,
+    Structure,
+)
 from stiction.truths.truth import Truth, body_columns
 
-SLIDER_BAR = Structure("a slider-bar", ("bar", "slider"), {
-    "pin": Part(Revolute, "bar", "slider", name="pin", points=((NEGATIVE, 0), CENTRE)),
-    "guide": Part(Translational, "slider", GROUND, name="guide", direction=FORWARD, point=CENTRE, slider_point=CENTRE,
-                  angle=0),
-    "motor": Part(Drive, "bar", "slider", name="motor", type="angle", law=Linear),
-    "spring": Part(LinearSpring, "slider", GROUND, points=(CENTRE, ON_X_AXIS), where=PULLS_ALONG_X),
-    "load": Part(Force, "slider", point=CENTRE, direction=FORWARD, law=Sine),
-}, gravity=Condition("none or [0, any]", lambda gravity: gravity is None or gravity[0] == 0))
+SLIDER_BAR = Structure(
+    "a slider-bar",
+    ("bar", "slider"),
+    {
+        "pin": Part(Revolute, "bar", "slider", name="pin", points=((NEGATIVE, 0), CENTRE)),
+        "guide": Part(
+            Translational,
+            "slider",
+            GROUND,
+            name="guide",
+            direction=FORWARD,
+            point=CENTRE,
+            slider_point=CENTRE,
+            angle=0,
+        ),
+        "motor": Part(Drive, "bar", "slider", name="motor", type="angle", law=Linear),
+        "spring": Part(
+            LinearSpring, "slider", GROUND, points=(CENTRE, ON_X_AXIS), where=PULLS_ALONG_X
+        ),
+        "load": Part(Force, "slider", point=CENTRE, direction=FORWARD, law=Sine),
+    },
+    gravity=Condition("none or [0, any]", lambda gravity: gravity is None or gravity[0] == 0),
+)
 
 
 @dataclass(frozen=True)
@@ -70,13 +94,31 @@ class SliderBar(SingleSlider):
     def from_scene(cls, scene: Scene) -> SliderBar:
         """Parameters of a scene of the structure `SLIDER_BAR`; NotThisMechanism for any other."""
         found = SLIDER_BAR.match(scene)
-        bar, slider, pin, guide = scene.bodies["bar"], scene.bodies["slider"], found["pin"], found["guide"]
+        bar, slider, pin, guide = (
+            scene.bodies["bar"],
+            scene.bodies["slider"],
+            found["pin"],
+            found["guide"],
+        )
         spring, motion, force = found["spring"], found["motor"].law, found["load"].law
-        return cls(m1=bar.mass, m2=slider.mass, L=-2 * pin.points[0][0], angle=motion.offset, rate=motion.rate,
-                   g=-scene.gravity[1] if scene.gravity else 0.0, stiffness=spring.stiffness, damping=spring.damping,
-                   L0=spring.points[1][0] + spring.rest_length, force_offset=force.offset, F0=force.amplitude,
-                   frequency=force.frequency, phase=force.phase, contact=Contact.of(guide), x=slider.position[0],
-                   v=slider.velocity[0])
+        return cls(
+            m1=bar.mass,
+            m2=slider.mass,
+            L=-2 * pin.points[0][0],
+            angle=motion.offset,
+            rate=motion.rate,
+            g=-scene.gravity[1] if scene.gravity else 0.0,
+            stiffness=spring.stiffness,
+            damping=spring.damping,
+            L0=spring.points[1][0] + spring.rest_length,
+            force_offset=force.offset,
+            F0=force.amplitude,
+            frequency=force.frequency,
+            phase=force.phase,
+            contact=Contact.of(guide),
+            x=slider.position[0],
+            v=slider.velocity[0],
+        )
 
     @property
     def mass(self) -> float:
@@ -90,8 +132,17 @@ class SliderBar(SingleSlider):
     @property
     def magnitude(self) -> float:
         """Largest acceleration that load, spring at rest length zero, weight and the bar's turning would each give."""
-        return 1.0 + (abs(self.force_offset) + abs(self.F0) + self.stiffness * abs(self.L0) + self.mass * abs(self.g)
-                      + self.c * self.rate ** 2) / self.mass
+        return (
+            1.0
+            + (
+                abs(self.force_offset)
+                + abs(self.F0)
+                + self.stiffness * abs(self.L0)
+                + self.mass * abs(self.g)
+                + self.c * self.rate**2
+            )
+            / self.mass
+        )
 
     @property
     def fastest(self) -> float:
@@ -102,12 +153,17 @@ class SliderBar(SingleSlider):
 
     def applied(self, t, x, v):
         """Everything in m x'' but friction, N."""
-        return (self.force_offset + self.F0 * np.sin(self.frequency * t + self.phase)
-                - self.stiffness * (x - self.L0) - self.damping * v + self.c * self.rate ** 2 * np.cos(self.theta(t)))
+        return (
+            self.force_offset
+            + self.F0 * np.sin(self.frequency * t + self.phase)
+            - self.stiffness * (x - self.L0)
+            - self.damping * v
+            + self.c * self.rate**2 * np.cos(self.theta(t))
+        )
 
     def normal(self, t):
         """R, N."""
-        return self.mass * self.g - self.c * self.rate ** 2 * np.sin(self.theta(t))
+        return self.mass * self.g - self.c * self.rate**2 * np.sin(self.theta(t))
 
     def torque(self, t, a):
         """tau, N m."""
@@ -119,7 +175,9 @@ class SliderBar(SingleSlider):
             return np.zeros_like(q)
         phi = self.slip_fraction(slip)
         load = self.contact.load(self.normal(t), self.torque(t, 0.0), phi, signs)
-        slope = self.contact.load(0.0, -self.c * np.sin(self.theta(t)), phi, signs)  # N = load + slope x''
+        slope = self.contact.load(
+            0.0, -self.c * np.sin(self.theta(t)), phi, signs
+        )  # N = load + slope x''
         push, inertia = self.applied(t, 0.0, 0.0) + phi * load, self.mass - phi * slope
         return (push - self.stiffness * q - self.damping * v) / inertia
 
@@ -150,22 +208,39 @@ class SliderBar(SingleSlider):
             n1, n2 = self.contact.corners(R, self.torque(t, 0.0), -mus * s)
             for sign in (1, -1):
                 A, b = sign * (n2 - n1), sign * s * B
-                found.append([m - mus * b, R - A, -R - A, *(m * A - s * P * b + (mus * b - m) * r for r in (R, -R))])
+                found.append(
+                    [
+                        m - mus * b,
+                        R - A,
+                        -R - A,
+                        *(m * A - s * P * b + (mus * b - m) * r for r in (R, -R)),
+                    ]
+                )
         return np.array(found)
 
-    def columns(self, t: np.ndarray, q: np.ndarray, v: np.ndarray, mode: Mode) -> dict[str, np.ndarray]:
+    def columns(
+        self, t: np.ndarray, q: np.ndarray, v: np.ndarray, mode: Mode
+    ) -> dict[str, np.ndarray]:
         a = self.acceleration(t, q, v, mode)
         (x,), (vx,), (ax,) = q, v, a
         zero, th = np.zeros_like(t), self.theta(t)
         sin, cos, half, w = np.sin(th), np.cos(th), self.L / 2, self.rate
         bar_ax, bar_ay = ax - half * w * w * cos, -half * w * w * sin
         return {
-            **body_columns("bar", (x + half * cos, half * sin, th),
-                           (vx - half * w * sin, half * w * cos, zero + w), (bar_ax, bar_ay, zero)),
+            **body_columns(
+                "bar",
+                (x + half * cos, half * sin, th),
+                (vx - half * w * sin, half * w * cos, zero + w),
+                (bar_ax, bar_ay, zero),
+            ),
             **body_columns("slider", (x, zero, zero), (vx, zero, zero), (ax, zero, zero)),
-            "pin.fx": self.m1 * bar_ax, "pin.fy": self.m1 * (bar_ay + self.g),
-            "guide.displacement": x, "guide.slip_velocity": vx, "motor.effort": self.torque(t, ax),
-            **self.guide_columns("guide", t, q, v, a, mode)}
+            "pin.fx": self.m1 * bar_ax,
+            "pin.fy": self.m1 * (bar_ay + self.g),
+            "guide.displacement": x,
+            "guide.slip_velocity": vx,
+            "motor.effort": self.torque(t, ax),
+            **self.guide_columns("guide", t, q, v, a, mode),
+        }
 
     def break_away_margin(self, t: float, x: float) -> float:
         """Excess of the load over what static friction can hold at rest, N: positive if the slider breaks away.
@@ -181,15 +256,20 @@ class SliderBar(SingleSlider):
             return 2 * np.pi / self.frequency
         ratio = Fraction(self.frequency / abs(self.rate)).limit_denominator(64)
         if abs(self.frequency / abs(self.rate) - ratio) > 1e-12 or ratio == 0:
-            raise InputError(f"bar ({self.rate:g} rad/s) and load ({self.frequency:g} rad/s) have no common period")
+            raise InputError(
+                f"bar ({self.rate:g} rad/s) and load ({self.frequency:g} rad/s) have no common period"
+            )
         return 2 * np.pi * ratio.denominator / abs(self.rate)
 
 
 def slider_bar_truth(scene: Scene, t_end: float | None = None) -> Truth:
     """Return the slider-bar's motion from its start; NoMotion also where mu |B| >= m (Painleve)."""
     mechanism = SliderBar.from_scene(scene)
-    truth = truth_of(scene, ("guide",), mechanism, np.array([mechanism.x]), np.array([mechanism.v]), t_end)
-    jumps = [-mechanism.c * np.sin(mechanism.theta(event.time)) * event.jump("slider.ax") for event in truth.events]
+    truth = truth_of(
+        scene, ("guide",), mechanism, np.array([mechanism.x]), np.array([mechanism.v]), t_end
+    )
+    jumps = [
+        -mechanism.c * np.sin(mechanism.theta(event.time)) * event.jump("slider.ax")
+        for event in truth.events
+    ]
     return replace(truth, jump_closed_form=np.array(jumps))
-
-

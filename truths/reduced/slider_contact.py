@@ -56,7 +56,13 @@ class Contact:
     @classmethod
     def of(cls, guide: Translational) -> Contact:
         """The contact of a scene's translational joint; without friction mu = mus = 0."""
-        return cls(guide.length, guide.width or 0.0, guide.mu or 0.0, guide.static_coefficient, guide.frictional)
+        return cls(
+            guide.length,
+            guide.width or 0.0,
+            guide.mu or 0.0,
+            guide.static_coefficient,
+            guide.frictional,
+        )
 
     @property
     def frictionless(self) -> bool:
@@ -96,8 +102,11 @@ class Contact:
     def require_unique_slip(self, t: float) -> None:
         """Raise NoMotion where a guide at rest, loaded beyond full static friction at time t, can jam: mus b > a."""
         if self.length is not None and self.mus * self.width > self.length:
-            raise NoMotion("several motions: a guide at rest under more than full static friction holds can slip or "
-                           f"jam (mus * width = {self.mus * self.width:g} > length = {self.length:g})", t)
+            raise NoMotion(
+                "several motions: a guide at rest under more than full static friction holds can slip or "
+                f"jam (mus * width = {self.mus * self.width:g} > length = {self.length:g})",
+                t,
+            )
 
     def mobilization(self, R, M, friction):
         """Return phi in stick: of the roots of  phi N(phi) = friction  the smallest.
@@ -113,7 +122,9 @@ class Contact:
                 p, r = np.abs(2 / self.length * M), np.abs(self.width / self.length * R)
                 opposed, alike = p * p + 4 * r * force, p * p - 4 * r * force
                 rising = 2 * force / (p + np.sqrt(opposed))
-                falling = np.where(alike >= 0, 2 * force / (p + np.sqrt(alike)), (p + np.sqrt(opposed)) / (2 * r))
+                falling = np.where(
+                    alike >= 0, 2 * force / (p + np.sqrt(alike)), (p + np.sqrt(opposed)) / (2 * r)
+                )
                 first = np.fmin(first, np.where(np.sign(friction) * M * R > 0, falling, rising))
         return np.where(force > 0, np.sign(friction) * first, 0.0)
 
@@ -162,16 +173,28 @@ class SingleSlider(PiecewiseMechanism):
         zero = np.zeros_like(t)
         if self.contact.frictionless:
             return self.contact.columns(guide, R, M, zero, np.sign(v[0]), **others)
-        phi = zero + self.slip_fraction(mode[0]) if mode[0] else self.contact.mobilization(R, M, -push)
+        phi = (
+            zero + self.slip_fraction(mode[0])
+            if mode[0]
+            else self.contact.mobilization(R, M, -push)
+        )
         return self.contact.columns(guide, R, M, phi, zero + mode[0], **others)
 
-    def candidates(self, t: float, q: np.ndarray, v: np.ndarray, mode: Mode | None, guard: int | None):
+    def candidates(
+        self, t: float, q: np.ndarray, v: np.ndarray, mode: Mode | None, guard: int | None
+    ):
         # which surface each corner rests on
         patterns = [(1, 1), (-1, -1), *([] if self.contact.length is None else [(1, -1), (-1, 1)])]
         if self.contact.frictionless:
             yield [((1, signs), v) for signs in patterns]
             return
-        slip = mode[0] if mode is not None and guard != 0 else int(np.sign(v[0])) if mode is None else 0
+        slip = (
+            mode[0]
+            if mode is not None and guard != 0
+            else int(np.sign(v[0]))
+            if mode is None
+            else 0
+        )
         if slip:
             yield [((slip, signs), v) for signs in patterns]
         # a start so slow that it is at rest within a trial step has no mode of its own

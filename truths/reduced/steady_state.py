@@ -26,11 +26,15 @@ MOST_PERIODS = 8
 """Subharmonics of higher order count as not periodic."""
 SETTLING = 400
 """Periods after which a motion that has not come near a fixed point is given up."""
-DEFINITION = ("upper end of the band of F0, next to the scene's own, for which the steady state reached from the "
-              "scene's start has a stick phase")
+DEFINITION = (
+    "upper end of the band of F0, next to the scene's own, for which the steady state reached from the "
+    "scene's start has a stick phase"
+)
 
 _STEPS, _CHECK = Collocation(order=20, longest_step=0.5), Collocation(order=16, longest_step=0.2)
-_NEAR = 1e-2  # of the motion's size: repeats itself as closely as this before Newton's method is tried
+_NEAR = (
+    1e-2  # of the motion's size: repeats itself as closely as this before Newton's method is tried
+)
 _RESIDUAL = 1e-11  # m and m/s
 _DIFFERENCE = 1e-7  # m and m/s; of the Jacobian by central differences
 _ROUNDING = np.finfo(float).eps
@@ -80,16 +84,22 @@ def steady_state(mechanism: SliderBar) -> SteadyState:
             return SteadyState(1, motion, (), 0.0)
         if j < next_try:
             continue
-        size = _NEAR * max(np.ptp([s[i] for s in orbit[-MOST_PERIODS:]]) + abs(orbit[-1][i]) for i in (0, 1))
-        distances = {n: np.max(np.abs(orbit[-1] - orbit[-1 - n])) for n in range(1, min(MOST_PERIODS, j) + 1)}
+        size = _NEAR * max(
+            np.ptp([s[i] for s in orbit[-MOST_PERIODS:]]) + abs(orbit[-1][i]) for i in (0, 1)
+        )
+        distances = {
+            n: np.max(np.abs(orbit[-1] - orbit[-1 - n])) for n in range(1, min(MOST_PERIODS, j) + 1)
+        }
         near = [n for n in distances if distances[n] < size]
         for n in dict.fromkeys(near[:1] + sorted(near, key=distances.__getitem__)[:1]):
             found = _newton(mechanism, orbit[-1], n)
             if found is not None and _attracts(mechanism, found, orbit[-1]):
                 return found
             next_try = j + 10
-    raise NoSteadyState(f"no steady state of up to {MOST_PERIODS} periods of {mechanism.period():g} s at F0 = "
-                        f"{mechanism.F0:.9g} N within {SETTLING} periods")
+    raise NoSteadyState(
+        f"no steady state of up to {MOST_PERIODS} periods of {mechanism.period():g} s at F0 = "
+        f"{mechanism.F0:.9g} N within {SETTLING} periods"
+    )
 
 
 def _period(mechanism: SliderBar, state: np.ndarray, n: int, steps: Collocation = _STEPS) -> Motion:
@@ -105,11 +115,23 @@ def _newton(mechanism: SliderBar, state: np.ndarray, n: int) -> SteadyState | No
     for _ in range(8):
         motion = _period(mechanism, state, n)
         change = _end(motion) - state
-        jacobian = np.array([(_end(_period(mechanism, state + step, n)) - _end(_period(mechanism, state - step, n)))
-                             / (2 * _DIFFERENCE) for step in _DIFFERENCE * np.eye(2)]).T
+        jacobian = np.array(
+            [
+                (
+                    _end(_period(mechanism, state + step, n))
+                    - _end(_period(mechanism, state - step, n))
+                )
+                / (2 * _DIFFERENCE)
+                for step in _DIFFERENCE * np.eye(2)
+            ]
+        ).T
         if np.max(np.abs(change)) <= _RESIDUAL:
-            return SteadyState(n, motion, tuple(map(complex, np.linalg.eigvals(jacobian))),
-                               float(np.max(np.abs(change))))
+            return SteadyState(
+                n,
+                motion,
+                tuple(map(complex, np.linalg.eigvals(jacobian))),
+                float(np.max(np.abs(change))),
+            )
         matrix = np.eye(2) - jacobian
         if abs(np.linalg.det(matrix)) < 1e-12:
             return None
@@ -132,7 +154,9 @@ def _attracts(mechanism: SliderBar, found: SteadyState, state: np.ndarray) -> bo
         if left and any(segment.mode[0] == 0 for segment in motion.segments):
             return False
         here, state = _left_until_rest(mechanism, motion) if left else {}, _end(motion)
-        alike = all(abs(here.get(way, np.inf) - value) < abs(value) / 2 for way, value in left.items())
+        alike = all(
+            abs(here.get(way, np.inf) - value) < abs(value) / 2 for way, value in left.items()
+        )
         near = near + 1 if alike else 0
         distances.append(np.linalg.norm(state - found.state))
     return near == 3 and bool(distances[-1] < distances[0] or distances[-1] < 100 * _RESIDUAL)
@@ -160,8 +184,10 @@ class StickBands:
     @property
     def words(self) -> str:
         """Where it sticks again, such as ``"at about 3.77 to 4.54 N"``; nothing where it does not."""
-        shown = [f"{low:.3g} to {high:.3g}" if f"{low:.3g}" != f"{high:.3g}" else f"{low:.3g}"
-                 for low, high in self.bands]
+        shown = [
+            f"{low:.3g} to {high:.3g}" if f"{low:.3g}" != f"{high:.3g}" else f"{low:.3g}"
+            for low, high in self.bands
+        ]
         return f"at about {' N and '.join(shown)} N" if shown else ""
 
 
@@ -221,8 +247,11 @@ def with_threshold(scene: Scene) -> SliderBar:
 def margin(mechanism: SliderBar, steady: SteadyState) -> float:
     """Smallest excess of the load over static friction where the slider stops, N; negative if it sticks."""
     motion, x = steady.motion, _starts(steady.motion)
-    stops = [mechanism.break_away_margin(switch.time, x[switch.index]) for switch in motion.switches
-             if motion.segments[switch.index - 1].mode[0] and switch.guard == 0]
+    stops = [
+        mechanism.break_away_margin(switch.time, x[switch.index])
+        for switch in motion.switches
+        if motion.segments[switch.index - 1].mode[0] and switch.guard == 0
+    ]
     if stops:
         return float(min(stops))
     return -np.inf if steady.sticks else np.inf  # at rest; never stops
@@ -264,7 +293,9 @@ def _threshold(mechanism: SliderBar, xtol: float) -> StickThreshold:
             if not sticks(low):
                 # a margin that runs on through zero is that of one steady state; above a jump its basin may be small
                 jumps = not 0.25 < -below / above < 4
-                return StickThreshold(F0, uncertainty + _SEEN * F0 if jumps else uncertainty, bracket, note)
+                return StickThreshold(
+                    F0, uncertainty + _SEEN * F0 if jumps else uncertainty, bracket, note
+                )
     unknown = ""
     while high - low > max(xtol, 1e-9 * high):
         middle = (low + high) / 2
@@ -273,8 +304,12 @@ def _threshold(mechanism: SliderBar, xtol: float) -> StickThreshold:
         except NoSteadyState as error:
             unknown = f"; {error}"
             break
-    return StickThreshold((low + high) / 2, high - low, (low, high),
-                          f"two steady states coexist: {_lower_end(mechanism, steady[high], high)}{unknown}")
+    return StickThreshold(
+        (low + high) / 2,
+        high - low,
+        (low, high),
+        f"two steady states coexist: {_lower_end(mechanism, steady[high], high)}{unknown}",
+    )
 
 
 def _left_until_rest(mechanism: SliderBar, motion: Motion) -> dict[tuple[str, int], float]:
@@ -295,12 +330,15 @@ def _left_until_rest(mechanism: SliderBar, motion: Motion) -> dict[tuple[str, in
         times = times[segment.start + (times + 1) / 2 * segment.length <= segment.end]
         phase = "dip", stops % max(len(begun), 1)  # the last is the first of the next period
         if len(times):
-            found[phase] = min(found.get(phase, np.inf), float(np.min(np.abs(chebyshev.chebval(times, velocity)))))
+            found[phase] = min(
+                found.get(phase, np.inf), float(np.min(np.abs(chebyshev.chebval(times, velocity))))
+            )
     return found
 
 
-def _end_of_sliding(mechanism: SliderBar, sliding: SteadyState, low: float,
-                    high: float) -> tuple[float, float, str] | None:
+def _end_of_sliding(
+    mechanism: SliderBar, sliding: SteadyState, low: float, high: float
+) -> tuple[float, float, str] | None:
     """F0 at which the steady state without a stick phase at `high` gets one; None if it has none down to `low`.
 
     With its uncertainty and a note.
@@ -318,37 +356,63 @@ def _end_of_sliding(mechanism: SliderBar, sliding: SteadyState, low: float,
     if len(steady) < _NODES:
         return None
     check = _period(replace(mechanism, F0=amplitudes[0]), steady[0].state, sliding.periods, _CHECK)
-    left = [rest for F0, motion in zip([*amplitudes, amplitudes[0]], [*(one.motion for one in steady), check])
-            if (rest := _left_until_rest(replace(mechanism, F0=F0), motion).get(way)) is not None]
+    left = [
+        rest
+        for F0, motion in zip(
+            [*amplitudes, amplitudes[0]], [*(one.motion for one in steady), check]
+        )
+        if (rest := _left_until_rest(replace(mechanism, F0=F0), motion).get(way)) is not None
+    ]
     if len(left) <= _NODES:
         return None
     *values, other = left
-    root, coarser = (float(BarycentricInterpolator(values[:n], amplitudes[:n])(0.0)) for n in (_NODES, _NODES - 1))
+    root, coarser = (
+        float(BarycentricInterpolator(values[:n], amplitudes[:n])(0.0))
+        for n in (_NODES, _NODES - 1)
+    )
     if not low < root < high:
         return None
     rate = max(map(abs, sliding.multipliers))
     residual = max([*np.abs(_end(check) - steady[0].state), *(one.residual for one in steady)])
-    unsure = abs(values[0] - other) + (mechanism.stiffness if way[0] == "stop" else 1.0) * residual / (1 - rate)
+    unsure = abs(values[0] - other) + (
+        mechanism.stiffness if way[0] == "stop" else 1.0
+    ) * residual / (1 - rate)
     slope = (values[1] - values[0]) / step
-    note = "" if sliding.periods == 1 else f"the steady state has {sliding.periods} periods of load and bar"
-    return root, abs(root - coarser) + float(2 ** _NODES * unsure / slope), note
+    note = (
+        ""
+        if sliding.periods == 1
+        else f"the steady state has {sliding.periods} periods of load and bar"
+    )
+    return root, abs(root - coarser) + float(2**_NODES * unsure / slope), note
 
 
-def _ways_to_rest(mechanism: SliderBar, sliding: SteadyState, high: float, step: float) -> dict[tuple[str, int], float]:
+def _ways_to_rest(
+    mechanism: SliderBar, sliding: SteadyState, high: float, step: float
+) -> dict[tuple[str, int], float]:
     """F0 below `high` at which the steady state there comes to rest, in each of the ways, by a secant."""
     beyond = _followed(mechanism, sliding, high + step)
     if beyond is None:
         return {}
-    near, far = (_left_until_rest(replace(mechanism, F0=F0), steady.motion)
-                 for F0, steady in ((high, sliding), (high + step, beyond)))
-    return {way: high - step * near[way] / (far[way] - near[way]) for way in near if far.get(way, -np.inf) > near[way]}
+    near, far = (
+        _left_until_rest(replace(mechanism, F0=F0), steady.motion)
+        for F0, steady in ((high, sliding), (high + step, beyond))
+    )
+    return {
+        way: high - step * near[way] / (far[way] - near[way])
+        for way in near
+        if far.get(way, -np.inf) > near[way]
+    }
 
 
 def _followed(mechanism: SliderBar, sliding: SteadyState, F0: float) -> SteadyState | None:
     """The steady state without a stick phase near another one, at F0; None if there is none."""
     loaded = replace(mechanism, F0=F0)
     found = _newton(loaded, sliding.state, sliding.periods)
-    return None if found is None or max(map(abs, found.multipliers)) >= 1 or margin(loaded, found) < 0 else found
+    return (
+        None
+        if found is None or max(map(abs, found.multipliers)) >= 1 or margin(loaded, found) < 0
+        else found
+    )
 
 
 def _lower_end(mechanism: SliderBar, steady: SteadyState, F0: float) -> str:

@@ -48,7 +48,16 @@ from stiction.scenes.model import Force, LinearSpring, Revolute, Torque, Transla
 from stiction.truths.reduced.piecewise_smooth import PiecewiseMechanism
 from stiction.truths.reduced.slider_contact import Contact
 from stiction.truths.reduced.truth_of_motion import truth_of
-from stiction.truths.structure import ANY, CENTRE, NEGATIVE, POSITIVE, SEVERAL, Condition, Part, Structure
+from stiction.truths.structure import (
+    ANY,
+    CENTRE,
+    NEGATIVE,
+    POSITIVE,
+    SEVERAL,
+    Condition,
+    Part,
+    Structure,
+)
 from stiction.truths.truth import Truth, body_columns
 
 
@@ -87,7 +96,9 @@ class Trammel(PiecewiseMechanism):
 
     def _applied(self, i, t, position, velocity):
         """Weight, springs and forces on a slider's centre, shape (2, k), by its place and speed along its guide."""
-        total = np.repeat((self.my if i else self.mx) * np.array(self.gravity)[:, None], len(t), axis=1)
+        total = np.repeat(
+            (self.my if i else self.mx) * np.array(self.gravity)[:, None], len(t), axis=1
+        )
         for spring in self.springs[i]:
             stretch = position - (spring.points[1][i] + spring.rest_length)
             total[i] -= spring.stiffness * stretch + spring.damping * velocity
@@ -105,7 +116,10 @@ class Trammel(PiecewiseMechanism):
         Gx, Gy = self.m * self.gravity[0], self.m * self.gravity[1]
         A = self.m * self.lx * s2 + self.my * self.L * s2 - Ey[1] - Ex[1] - Gy
         B = -self.m * self.ly * c2 - self.mx * self.L * c2 + Ex[0] + Ey[0] + Gx
-        common, torque = 1 + cx * cy, sum((evaluate_law(load.law, t)[0] for load in self.torques), np.zeros_like(t))
+        common, torque = (
+            1 + cx * cy,
+            sum((evaluate_law(load.law, t)[0] for load in self.torques), np.zeros_like(t)),
+        )
         Rx, Ry = (A - cy * B) / common, (B + cx * A) / common
         Hx, Vx = self.mx * self.L * c2 - cx * Rx - Ex[0], -Rx - Ex[1]
         Hy, Vy = Ry - Ey[0], self.my * self.L * s2 - cy * Ry - Ey[1]
@@ -115,24 +129,40 @@ class Trammel(PiecewiseMechanism):
     def _friction(self, p, mode: Mode, rho):
         """cx and cy in slip, or at rest with the mobilized fraction rho."""
         if mode.turn:
-            return tuple(-contact.mu * s * sign for contact, s, sign in zip(self.contacts, mode.slip, mode.signs))
+            return tuple(
+                -contact.mu * s * sign
+                for contact, s, sign in zip(self.contacts, mode.slip, mode.signs)
+            )
         forward = -np.sign(np.sin(p)), np.sign(np.cos(p))
-        return tuple(-rho * contact.mus * e * sign for contact, e, sign in zip(self.contacts, forward, mode.signs))
+        return tuple(
+            -rho * contact.mus * e * sign
+            for contact, e, sign in zip(self.contacts, forward, mode.signs)
+        )
 
     def mobilization(self, t, p, mode: Mode):
         """rho at rest: the root of the quadratic that is continuous with rho = 0."""
         zero = np.zeros_like(t)
-        minus, middle, plus = (self._balance(t, p, zero, zero, *self._friction(p, mode, rho))[2]
-                               for rho in (-1.0, 0.0, 1.0))
+        minus, middle, plus = (
+            self._balance(t, p, zero, zero, *self._friction(p, mode, rho))[2]
+            for rho in (-1.0, 0.0, 1.0)
+        )
         square, linear = (plus + minus) / 2 - middle, (plus - minus) / 2
-        with np.errstate(invalid="ignore", divide="ignore"):  # beyond break-away there may be no root: not finite
-            return -2 * middle / (linear + np.copysign(np.sqrt(linear ** 2 - 4 * square * middle), linear))
+        with np.errstate(
+            invalid="ignore", divide="ignore"
+        ):  # beyond break-away there may be no root: not finite
+            return (
+                -2
+                * middle
+                / (linear + np.copysign(np.sqrt(linear**2 - 4 * square * middle), linear))
+            )
 
     def acceleration(self, t, q, v, mode: Mode):
         if mode.turn == 0:
             return np.zeros_like(q)
         c = self._friction(q[0], mode, None)
-        at_zero, at_one = (self._balance(t, q[0], v[0], a, *c)[2] for a in (np.zeros_like(t), np.ones_like(t)))
+        at_zero, at_one = (
+            self._balance(t, q[0], v[0], a, *c)[2] for a in (np.zeros_like(t), np.ones_like(t))
+        )
         return (at_zero / (at_zero - at_one))[None]
 
     def guards(self, t, q, v, a, mode: Mode):
@@ -149,9 +179,16 @@ class Trammel(PiecewiseMechanism):
         signs = list(product((1, -1), (1, -1)))
         rest = np.zeros(1)
         if v[0] == 0 if mode is None else mode.turn == 0 or guard == 0:
-            moving = [(Mode(turn, slip, sign), rest) for turn in (1, -1) for slip in signs for sign in signs]
+            moving = [
+                (Mode(turn, slip, sign), rest)
+                for turn in (1, -1)
+                for slip in signs
+                for sign in signs
+            ]
             resting = [(Mode(0, (0, 0), sign), rest) for sign in signs]
-            yield from [resting, moving] if any(contact.mus for contact in self.contacts) else [moving]
+            yield from (
+                [resting, moving] if any(contact.mus for contact in self.contacts) else [moving]
+            )
         else:
             turn = int(np.sign(v[0])) if mode is None else mode.turn
             yield [(Mode(turn, slip, sign), v) for slip in signs for sign in signs]
@@ -162,14 +199,20 @@ class Trammel(PiecewiseMechanism):
     def corner_guide(self, mode: Mode, guard: int) -> int:
         return guard - (2 if mode.turn == 0 else 3)
 
-    def columns(self, t: np.ndarray, q: np.ndarray, v: np.ndarray, mode: Mode) -> dict[str, np.ndarray]:
+    def columns(
+        self, t: np.ndarray, q: np.ndarray, v: np.ndarray, mode: Mode
+    ) -> dict[str, np.ndarray]:
         a = self.acceleration(t, q, v, mode)
         (p,), (rate,), (turn,) = q, v, a
         sin, cos, zero = np.sin(p), np.cos(p), np.zeros_like(t)
         c2, s2 = self._second(p, rate, turn)
         c1, s1 = -sin * rate, cos * rate
         values = {"bar.angle": -p, "bar.omega": -rate, "bar.alpha": -turn}
-        for name, x, y in (("bar", self.ly, self.lx), ("slider-x", self.L, 0.0), ("slider-y", 0.0, self.L)):
+        for name, x, y in (
+            ("bar", self.ly, self.lx),
+            ("slider-x", self.L, 0.0),
+            ("slider-y", 0.0, self.L),
+        ):
             values |= body_columns(name, (x * cos, y * sin), (x * c1, y * s1), (x * c2, y * s2))
         rho = self.mobilization(t, p, mode) if mode.turn == 0 else 0.0
         c = self._friction(p, mode, rho)
@@ -177,13 +220,24 @@ class Trammel(PiecewiseMechanism):
         values |= {"pin-x.fx": -Hx, "pin-x.fy": -Vx, "pin-y.fx": -Hy, "pin-y.fy": -Vy}
         along = ((self.L * cos, self.L * c1), (self.L * sin, self.L * s1))
         for i, (name, R) in enumerate((("guide-x", Rx), ("guide-y", Ry))):
-            values |= self.contacts[i].columns(name, R, zero, c[i] * mode.signs[i] + zero, zero + mode.slip[i],
-                                               displacement=along[i][0], slip_velocity=along[i][1])
+            values |= self.contacts[i].columns(
+                name,
+                R,
+                zero,
+                c[i] * mode.signs[i] + zero,
+                zero + mode.slip[i],
+                displacement=along[i][0],
+                slip_velocity=along[i][1],
+            )
         return values
 
 
-_STAYS_ON_ONE_SURFACE = Condition("mus * width < length", lambda guide: guide.length is None
-                                  or guide.static_coefficient * (guide.width or 0.0) < guide.length)
+_STAYS_ON_ONE_SURFACE = Condition(
+    "mus * width < length",
+    lambda guide: (
+        guide.length is None or guide.static_coefficient * (guide.width or 0.0) < guide.length
+    ),
+)
 _FORMULA = Constant | Linear | Sine
 
 
@@ -191,16 +245,34 @@ def _parts(axis: str, direction: tuple[int, int], forward: tuple[Any, Any]) -> d
     """The parts about one of the sliders, by label."""
     pin, guide, slider = f"pin-{axis}", f"guide-{axis}", f"slider-{axis}"
     side = POSITIVE if axis == "x" else NEGATIVE
-    return {pin: Part(Revolute, "bar", slider, name=pin, points=((side, 0), CENTRE)),
-            guide: Part(Translational, slider, GROUND, name=guide, direction=direction, point=CENTRE,
-                        slider_point=CENTRE, where=_STAYS_ON_ONE_SURFACE),
-            f"springs-{axis}": Part(LinearSpring, slider, GROUND, count=SEVERAL, points=(CENTRE, ANY), axis=forward),
-            f"forces-{axis}": Part(Force, slider, count=SEVERAL, point=CENTRE, law=_FORMULA)}
+    return {
+        pin: Part(Revolute, "bar", slider, name=pin, points=((side, 0), CENTRE)),
+        guide: Part(
+            Translational,
+            slider,
+            GROUND,
+            name=guide,
+            direction=direction,
+            point=CENTRE,
+            slider_point=CENTRE,
+            where=_STAYS_ON_ONE_SURFACE,
+        ),
+        f"springs-{axis}": Part(
+            LinearSpring, slider, GROUND, count=SEVERAL, points=(CENTRE, ANY), axis=forward
+        ),
+        f"forces-{axis}": Part(Force, slider, count=SEVERAL, point=CENTRE, law=_FORMULA),
+    }
 
 
-TRAMMEL = Structure("an elliptic trammel", ("bar", "slider-x", "slider-y"), {
-    **_parts("x", (1, 0), (POSITIVE, 0)), **_parts("y", (0, 1), (0, POSITIVE)),
-    "torques": Part(Torque, "bar", count=SEVERAL, law=_FORMULA)})
+TRAMMEL = Structure(
+    "an elliptic trammel",
+    ("bar", "slider-x", "slider-y"),
+    {
+        **_parts("x", (1, 0), (POSITIVE, 0)),
+        **_parts("y", (0, 1), (0, POSITIVE)),
+        "torques": Part(Torque, "bar", count=SEVERAL, law=_FORMULA),
+    },
+)
 
 
 def trammel_truth(scene: Scene, t_end: float | None = None) -> Truth:
@@ -212,9 +284,23 @@ def trammel_truth(scene: Scene, t_end: float | None = None) -> Truth:
 
     bar, ((guide_x,), (guide_y,)) = scene.bodies["bar"], elements("guide-x", "guide-y")
     mechanism = Trammel(
-        m=bar.mass, inertia=bar.inertia, lx=found["pin-x"].points[0][0], ly=-found["pin-y"].points[0][0],
-        mx=scene.bodies["slider-x"].mass, my=scene.bodies["slider-y"].mass, gravity=scene.gravity or (0.0, 0.0),
-        contacts=(Contact.of(guide_x), Contact.of(guide_y)), springs=elements("springs-x", "springs-y"),
-        forces=elements("forces-x", "forces-y"), torques=elements("torques")[0])
-    return truth_of(scene, ("guide-x", "guide-y"), mechanism, np.array([-bar.angle]), np.array([-bar.angular_velocity]),
-                    t_end)
+        m=bar.mass,
+        inertia=bar.inertia,
+        lx=found["pin-x"].points[0][0],
+        ly=-found["pin-y"].points[0][0],
+        mx=scene.bodies["slider-x"].mass,
+        my=scene.bodies["slider-y"].mass,
+        gravity=scene.gravity or (0.0, 0.0),
+        contacts=(Contact.of(guide_x), Contact.of(guide_y)),
+        springs=elements("springs-x", "springs-y"),
+        forces=elements("forces-x", "forces-y"),
+        torques=elements("torques")[0],
+    )
+    return truth_of(
+        scene,
+        ("guide-x", "guide-y"),
+        mechanism,
+        np.array([-bar.angle]),
+        np.array([-bar.angular_velocity]),
+        t_end,
+    )

@@ -12,7 +12,11 @@ from pathlib import Path
 
 import numpy as np
 
-from stiction.comparisons.bench.complementarity.problems import Problem, problems_met, write_problems
+from stiction.comparisons.bench.complementarity.problems import (
+    Problem,
+    problems_met,
+    write_problems,
+)
 from stiction.engines import load_engine
 from stiction.reference_impl.integration.event_driven import simulate_event_driven
 from stiction.reference_impl.integration.step_audit import GOLDEN
@@ -33,7 +37,9 @@ def write_problems_of_run(scene: Scene, path: str | Path) -> int:
     load_engine("reference").prepare_run(scene)
     found = [problem for part in independent_parts(scene) for problem in _of_part(part)]
     if not found:
-        raise InputError(f"{scene.name}: found no complementarity problem; expected a scene with friction")
+        raise InputError(
+            f"{scene.name}: found no complementarity problem; expected a scene with friction"
+        )
     return write_problems(found, path)
 
 

@@ -53,7 +53,9 @@ class Problem:
     lcp: bool
 
 
-def problem_at(kind: str, scene: Scene, t: float, q: np.ndarray, v: np.ndarray, rest_speed: float) -> Problem | None:
+def problem_at(
+    kind: str, scene: Scene, t: float, q: np.ndarray, v: np.ndarray, rest_speed: float
+) -> Problem | None:
     """The HLCP at a state (q, v of shape (3 * bodies,)) with its solution by the reference.
 
     None without friction, or where it is not known whether there is a solution. The least-squares answer of redundant
@@ -78,11 +80,23 @@ def problem_at(kind: str, scene: Scene, t: float, q: np.ndarray, v: np.ndarray, 
     A0, A1, b, *_ = hlcp.assemble(m, w, slip)
     solved = outcome == FOUND and hlcp.residual(A0, A1, b, y, x) <= hlcp.ACCURATE
     y, x = (np.array(value) if solved else np.zeros(0) for value in (y, x))
-    return Problem(kind, scene.name, float(t), A0, A1, b, y, x, SOLVED if solved else UNSOLVABLE,
-                   bool(np.linalg.matrix_rank(A0 / np.abs(A0).max(axis=1, keepdims=True), 1e-9) == len(b)))
+    return Problem(
+        kind,
+        scene.name,
+        float(t),
+        A0,
+        A1,
+        b,
+        y,
+        x,
+        SOLVED if solved else UNSOLVABLE,
+        bool(np.linalg.matrix_rank(A0 / np.abs(A0).max(axis=1, keepdims=True), 1e-9) == len(b)),
+    )
 
 
-def problems_met(kind: str, scene: Scene, run: Trajectory | Run, everywhere: bool = False) -> list[Problem]:
+def problems_met(
+    kind: str, scene: Scene, run: Trajectory | Run, everywhere: bool = False
+) -> list[Problem]:
     """Problems at the start, before the first events and at the end of a run of the reference.
 
     With `everywhere` those at each row and on both sides of each event.
@@ -93,20 +107,30 @@ def problems_met(kind: str, scene: Scene, run: Trajectory | Run, everywhere: boo
     return [problem for problem in found if problem is not None]
 
 
-def _states(scene: Scene, run: Trajectory | Run, everywhere: bool) -> Iterator[tuple[float, np.ndarray, np.ndarray]]:
+def _states(
+    scene: Scene, run: Trajectory | Run, everywhere: bool
+) -> Iterator[tuple[float, np.ndarray, np.ndarray]]:
     """Yield times and states (q, v) of a run, in order; the start of the scene where the run has none."""
     from stiction.reference_impl.multibody.mechanism import Mechanism
 
     if not len(run.t):
         yield 0.0, *Mechanism(scene, "none").initial_state()
         return
-    names = [[f"{body}.{label}" for body in scene.bodies for label in labels] for labels in BODY_COLUMNS[:2]]
+    names = [
+        [f"{body}.{label}" for body in scene.bodies for label in labels]
+        for labels in BODY_COLUMNS[:2]
+    ]
     samples: list[tuple[float, Mapping[str, float]]] = list(zip(run.t, rows_of(run.columns)))
-    events = run.events if everywhere else run.events[:PER_RUN - 2]
-    sides = [(event.time, side) for event in events
-             for side in ((event.before, event.after) if everywhere else (event.before,))
-             if side.keys() >= {*names[0], *names[1]}]  # not those of a part of the scene
-    for t, columns in sorted([*(samples if everywhere else [samples[0], samples[-1]]), *sides], key=itemgetter(0)):
+    events = run.events if everywhere else run.events[: PER_RUN - 2]
+    sides = [
+        (event.time, side)
+        for event in events
+        for side in ((event.before, event.after) if everywhere else (event.before,))
+        if side.keys() >= {*names[0], *names[1]}
+    ]  # not those of a part of the scene
+    for t, columns in sorted(
+        [*(samples if everywhere else [samples[0], samples[-1]]), *sides], key=itemgetter(0)
+    ):
         q, v = (np.array([columns[name] for name in part]) for part in names)
         yield t, q, v
 
@@ -116,8 +140,22 @@ def write_problems(problems: Iterable[Problem], path: str | Path) -> int:
     import pandas as pd
 
     unique = {(p.scene, p.A0.tobytes(), p.A1.tobytes(), p.b.tobytes()): p for p in problems}
-    rows = [(p.kind, p.scene, p.t, len(p.b), p.A0.ravel(), p.A1.ravel(), p.b, p.y, p.x, p.outcome, p.lcp)
-            for p in unique.values()]
+    rows = [
+        (
+            p.kind,
+            p.scene,
+            p.t,
+            len(p.b),
+            p.A0.ravel(),
+            p.A1.ravel(),
+            p.b,
+            p.y,
+            p.x,
+            p.outcome,
+            p.lcp,
+        )
+        for p in unique.values()
+    ]
     with whole_file(path) as partial:
         pd.DataFrame(rows, columns=COLUMNS).to_parquet(partial, index=False, compression="zstd")
     return len(rows)
@@ -136,12 +174,16 @@ def read_problems(path: str | Path | None = None) -> Iterator[Problem]:
 
         yield from read_folder(path)
         return
-    where = resources.files("stiction.comparisons") / "data" / STORED if path is None else Path(path)
+    where = (
+        resources.files("stiction.comparisons") / "data" / STORED if path is None else Path(path)
+    )
     try:
         rows = pd.read_parquet(where, columns=COLUMNS)
     except (OSError, pa.ArrowException) as error:
         found = f"{type(error).__name__}: {str(error).splitlines()[0]}"
-        raise InputError(f"{where}: found {found}; expected a set of problems, a Parquet file with the columns "
-                         f"{', '.join(COLUMNS)}") from None
+        raise InputError(
+            f"{where}: found {found}; expected a set of problems, a Parquet file with the columns "
+            f"{', '.join(COLUMNS)}"
+        ) from None
     for kind, scene, t, n, A0, A1, *rest in rows.itertuples(index=False, name=None):
         yield Problem(kind, scene, t, A0.reshape(n, n), A1.reshape(n, n), *rest)

@@ -72,11 +72,17 @@ class _Reduced:
         y, x, self.b = _matrix(problem.A0), _matrix(-problem.A1), _matrix(problem.b[:, None])
         self.y, self.x = y.transpose().tolist(), x.transpose().tolist()
         k, units = len(self.free), [[int(r == j) for j in range(n)] for r in range(n)]
-        form, _ = fmpq_mat([[self.y[i][r] for i in self.free] + unit for r, unit in enumerate(units)]).rref()
+        form, _ = fmpq_mat(
+            [[self.y[i][r] for i in self.free] + unit for r, unit in enumerate(units)]
+        ).rref()
         rows = [row[k:] for row in form.tolist() if not any(row[:k])]
         self.rows = fmpq_mat(len(rows), n, sum(rows, []))
         self.right, sides = self.rows * self.b, ((1, self.rows * x), (-1, self.rows * y))
-        self.columns = {(i, side): [row[i] for row in matrix.tolist()] for i in self.pairs for side, matrix in sides}
+        self.columns = {
+            (i, side): [row[i] for row in matrix.tolist()]
+            for i in self.pairs
+            for side, matrix in sides
+        }
 
 
 Choice = dict[int, int]
@@ -107,7 +113,9 @@ def _pivoted(reduced: _Reduced, choice: Choice) -> Decision | None:
         negative = [i for i in reduced.pairs if values[i] < 0]
         if not negative:
             isolated = regular and all(values[i] > 0 for i in reduced.pairs)
-            return _solution([choice.get(i, -1) * value for i, value in enumerate(values)], isolated)
+            return _solution(
+                [choice.get(i, -1) * value for i, value in enumerate(values)], isolated
+            )
         flipped = negative if len(negative) < fewest else negative[-1:]
         fewest = min(fewest, len(negative))
         choice = {i: -side if i in flipped else side for i, side in choice.items()}
@@ -128,7 +136,9 @@ def _values(reduced: _Reduced, choice: Choice) -> tuple[list[fmpq] | None, bool]
 def _particular(columns: list[list[fmpq]], right: list[fmpq]) -> list[fmpq] | None:
     """A solution of a linear system, zero where a column depends on those before it; None if there is none."""
     count = len(columns)
-    form, rank = fmpq_mat([[*(column[r] for column in columns), value] for r, value in enumerate(right)]).rref()
+    form, rank = fmpq_mat(
+        [[*(column[r] for column in columns), value] for r, value in enumerate(right)]
+    ).rref()
     values = [fmpq(0)] * count
     for row in form.tolist()[:rank]:
         pivot = next(j for j, value in enumerate(row) if value != 0)
@@ -141,7 +151,9 @@ def _particular(columns: list[list[fmpq]], right: list[fmpq]) -> list[fmpq] | No
 def _solution(signed: list[fmpq], isolated: bool = False) -> Decision:
     """The solution with x - y given: one of each pair is zero."""
     zero = fmpq(0)
-    return Decision(SOLVED, tuple(max(-u, zero) for u in signed), tuple(max(u, zero) for u in signed), isolated)
+    return Decision(
+        SOLVED, tuple(max(-u, zero) for u in signed), tuple(max(u, zero) for u in signed), isolated
+    )
 
 
 def _search(reduced: _Reduced) -> Decision:
@@ -159,10 +171,14 @@ def _search(reduced: _Reduced) -> Decision:
             refutations.append(Refutation(tuple(sorted(choice.items())), tuple(full.entries())))
             continue
         values = dict(zip(allowed, point))
-        guess = {i: 1 if values.get((i, 1), 0) > values.get((i, -1), 0) else -1 for i in reduced.pairs}
+        guess = {
+            i: 1 if values.get((i, 1), 0) > values.get((i, -1), 0) else -1 for i in reduced.pairs
+        }
         if (found := _pivoted(reduced, guess)) is not None:
             return found
-        both = [i for i in reduced.pairs if values.get((i, 1), 0) > 0 and values.get((i, -1), 0) > 0]
+        both = [
+            i for i in reduced.pairs if values.get((i, 1), 0) > 0 and values.get((i, -1), 0) > 0
+        ]
         if not both:
             return _completed(reduced, values)
         choices += [{**choice, both[0]: -guess[both[0]]}, {**choice, both[0]: guess[both[0]]}]
@@ -177,22 +193,30 @@ def _feasible(columns: list[list[fmpq]], right: fmpq_mat) -> tuple[list[fmpq], l
     """
     count, n = right.nrows(), len(columns)
     signs = [-1 if right[r, 0] < 0 else 1 for r in range(count)]
-    rows = [[sign * column[r] for column in columns] + [fmpq(int(r == k)) for k in range(count)] + [sign * right[r, 0]]
-            for r, sign in enumerate(signs)]
+    rows = [
+        [sign * column[r] for column in columns]
+        + [fmpq(int(r == k)) for k in range(count)]
+        + [sign * right[r, 0]]
+        for r, sign in enumerate(signs)
+    ]
     costs = [sum((row[j] for row in rows), fmpq(0)) for j in range(n + count + 1)]
     basis = list(range(n, n + count))
     while (enters := next((j for j in range(n) if costs[j] > 0), None)) is not None:
-        _, _, pivot = min((rows[r][-1] / rows[r][enters], basis[r], r) for r in range(count) if rows[r][enters] > 0)
+        _, _, pivot = min(
+            (rows[r][-1] / rows[r][enters], basis[r], r)
+            for r in range(count)
+            if rows[r][enters] > 0
+        )
         scale = 1 / rows[pivot][enters]
         rows[pivot] = [scale * value for value in rows[pivot]]
         leading = [(j, value) for j, value in enumerate(rows[pivot]) if value != 0]
-        for row in (*rows[:pivot], *rows[pivot + 1:], costs):
+        for row in (*rows[:pivot], *rows[pivot + 1 :], costs):
             if (factor := row[enters]) != 0:
                 for j, value in leading:
                     row[j] -= factor * value
         basis[pivot] = enters
     if costs[-1] > 0:
-        return [], [sign * value for sign, value in zip(signs, costs[n:n + count])]
+        return [], [sign * value for sign, value in zip(signs, costs[n : n + count])]
     weights = [fmpq(0)] * n
     for r, j in enumerate(basis):
         if j < n:
@@ -208,10 +232,16 @@ def _completed(reduced: _Reduced, values: dict[tuple[int, int], fmpq]) -> Decisi
         rest = [b - value * c for b, c in zip(rest, column)]
     unsigned = _particular([reduced.y[i] for i in reduced.free], rest)
     if unsigned is None:
-        raise ArithmeticError("values of the pairs: found none for the unknowns of any sign; expected a solution")
+        raise ArithmeticError(
+            "values of the pairs: found none for the unknowns of any sign; expected a solution"
+        )
     free = dict(zip(reduced.free, unsigned))
-    return _solution([-free[i] if i in free else values.get((i, 1), fmpq(0)) - values.get((i, -1), fmpq(0))
-                      for i in range(reduced.n)])
+    return _solution(
+        [
+            -free[i] if i in free else values.get((i, 1), fmpq(0)) - values.get((i, -1), fmpq(0))
+            for i in range(reduced.n)
+        ]
+    )
 
 
 def holds(problem: Problem, verdict: Decision) -> bool:
@@ -224,8 +254,11 @@ def holds(problem: Problem, verdict: Decision) -> bool:
     y, x, b = _matrix(problem.A0), _matrix(problem.A1), _matrix(problem.b[:, None])
     if verdict.decided == SOLVED:
         left, right = y * fmpq_mat(n, 1, verdict.y), x * fmpq_mat(n, 1, verdict.x)
-        return (left == right + b and all(v >= 0 for v in (*verdict.y, *verdict.x))
-                and all(v * w == 0 for v, w in zip(verdict.y, verdict.x)))
+        return (
+            left == right + b
+            and all(v >= 0 for v in (*verdict.y, *verdict.x))
+            and all(v * w == 0 for v, w in zip(verdict.y, verdict.x))
+        )
     if verdict.decided != NONE:
         return True
     for refutation in verdict.refutations:
@@ -233,7 +266,10 @@ def holds(problem: Problem, verdict: Decision) -> bool:
         on_y, on_x = row * y, row * x
         if not (row * b)[0, 0] > 0:
             return False
-        if any(zero.get(i) != 1 and on_y[0, i] > 0 or zero.get(i) != -1 and -on_x[0, i] > 0 for i in range(n)):
+        if any(
+            zero.get(i) != 1 and on_y[0, i] > 0 or zero.get(i) != -1 and -on_x[0, i] > 0
+            for i in range(n)
+        ):
             return False
     return _complete([dict(refutation.zero) for refutation in verdict.refutations])
 
@@ -244,7 +280,9 @@ def _complete(choices: list[Choice]) -> bool:
         return bool(choices)
 
     def rest(i: int, side: int) -> list[Choice]:
-        return [{k: s for k, s in choice.items() if k != i} for choice in choices if choice[i] == side]
+        return [
+            {k: s for k, s in choice.items() if k != i} for choice in choices if choice[i] == side
+        ]
 
     shared = set.intersection(*map(set, choices))
     return any(_complete(rest(i, 1)) and _complete(rest(i, -1)) for i in sorted(shared))

@@ -44,7 +44,9 @@ def load_solver(address: str) -> Solver:
     try:
         function = resolve_name(address)
     except (ImportError, AttributeError, ValueError) as error:
-        raise InputError(f"solver: found {address!r} ({error}); expected module:function") from error
+        raise InputError(
+            f"solver: found {address!r} ({error}); expected module:function"
+        ) from error
     if not callable(function):
         raise InputError(f"solver: found {address!r}; expected module:function")
     _arity(function)
@@ -53,10 +55,15 @@ def load_solver(address: str) -> Solver:
 
 def _arity(solver: Solver) -> int:
     """2 for a solver of LCPs, 3 for one of HLCPs."""
-    required = [p for p in inspect.signature(solver).parameters.values()
-                if p.default is p.empty and p.kind in (p.POSITIONAL_ONLY, p.POSITIONAL_OR_KEYWORD)]
+    required = [
+        p
+        for p in inspect.signature(solver).parameters.values()
+        if p.default is p.empty and p.kind in (p.POSITIONAL_ONLY, p.POSITIONAL_OR_KEYWORD)
+    ]
     if len(required) not in (2, 3):
-        raise InputError(f"solver: found {len(required)} required arguments; expected (M, q) or (A0, A1, b)")
+        raise InputError(
+            f"solver: found {len(required)} required arguments; expected (M, q) or (A0, A1, b)"
+        )
     return len(required)
 
 
@@ -87,7 +94,9 @@ def answer(solver: Solver, problem: Problem) -> Answer:
         reason = f"{type(error).__name__}: {error}"
     seconds = time.perf_counter() - started
     if found is None:
-        outcome = "raised" if reason else "none found" if problem.outcome == SOLVED else "rightly none"
+        outcome = (
+            "raised" if reason else "none found" if problem.outcome == SOLVED else "rightly none"
+        )
         return Answer(problem.kind, outcome, seconds=seconds, reason=reason)
     y, x = (np.asarray(part, dtype=float) for part in found)
     complete = y.shape == x.shape == problem.b.shape and np.all(np.isfinite([y, x]))
@@ -97,14 +106,23 @@ def answer(solver: Solver, problem: Problem) -> Answer:
 
 def _answers(address: str, path: str | None, kind: str) -> list[Answer]:
     """Answer all problems of a class; the first one twice: a compiled solver compiles at its first call."""
-    solver, problems = load_solver(address), [problem for problem in read_problems(path) if problem.kind == kind]
+    solver, problems = (
+        load_solver(address),
+        [problem for problem in read_problems(path) if problem.kind == kind],
+    )
     answer(solver, problems[0])
     return [answer(solver, problem) for problem in problems]
 
 
-def replay(solver: str = LEMKE, problems: str | Path | None = None, *, timeout_s: float = 60.0,
-           workers: int | None = None, on_start: Callable[[int], None] | None = None,
-           on_result: Callable[[Outcome], None] | None = None) -> pd.DataFrame:
+def replay(
+    solver: str = LEMKE,
+    problems: str | Path | None = None,
+    *,
+    timeout_s: float = 60.0,
+    workers: int | None = None,
+    on_start: Callable[[int], None] | None = None,
+    on_result: Callable[[Outcome], None] | None = None,
+) -> pd.DataFrame:
     """Run a solver, ``"module:function"``, over a set (`read_problems`), each class in a child process.
 
     The table has one row per class: problems, numbers by outcome, largest residual of those solved, median time, reason
@@ -124,8 +142,13 @@ def _row(kind: str, outcome: Outcome) -> dict[str, Any]:
     answers: Sequence[Answer] = outcome.value or ()
     timed = [each.seconds for each in answers if each.outcome != "not an LCP"]
     reasons = [each.reason for each in answers if each.reason]
-    return {"class": kind, "problems": len(answers),
-            **{name: sum(each.outcome == name for each in answers) for name in OUTCOMES},
-            "largest_residual": max((each.residual for each in answers if each.outcome == "solved"), default=np.nan),
-            "median_time": 1e6 * float(np.median(timed)) if timed else np.nan,
-            "reason": outcome.reason if outcome.status != "ok" else next(iter(reasons), "")}
+    return {
+        "class": kind,
+        "problems": len(answers),
+        **{name: sum(each.outcome == name for each in answers) for name in OUTCOMES},
+        "largest_residual": max(
+            (each.residual for each in answers if each.outcome == "solved"), default=np.nan
+        ),
+        "median_time": 1e6 * float(np.median(timed)) if timed else np.nan,
+        "reason": outcome.reason if outcome.status != "ok" else next(iter(reasons), ""),
+    }

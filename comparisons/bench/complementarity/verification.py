@@ -8,12 +8,27 @@ from typing import Any
 import pandas as pd
 
 from stiction.comparisons.bench.complementarity.problems import UNSOLVABLE, Problem, read_problems
-from stiction.comparisons.bench.complementarity.proof import NONE, OPEN, SOLVED, Decision, decide, holds
+from stiction.comparisons.bench.complementarity.proof import (
+    NONE,
+    OPEN,
+    SOLVED,
+    Decision,
+    decide,
+    holds,
+)
 from stiction.comparisons.bench.complementarity.replay import Answer, Solver, answer, load_solver
 from stiction.scenes import StictionError
 
-JUDGEMENTS = ("right", "misses a solution", "rightly none", "solves what has none", "wrong", "not judged")
+JUDGEMENTS = (
+    "right",
+    "misses a solution",
+    "rightly none",
+    "solves what has none",
+    "wrong",
+    "not judged",
+)
 """Judgements of a solver's answer. "wrong": it is not a solution to the accuracy of a replay, whatever is proven."""
+
 
 class WrongProof(StictionError, AssertionError):
     """A verdict that its own test refutes: an error of this program."""
@@ -49,11 +64,21 @@ def _row(problem: Problem, solve: Solver) -> dict[str, Any]:
     """The table's counts for one problem."""
     verdict = decide(problem)
     if not holds(problem, verdict):
-        raise WrongProof(f"{problem.kind}, {problem.scene}, t = {problem.t:g} s: found a verdict that does not hold: "
-                         f"{verdict.decided}")
-    contradicted = verdict.decided != OPEN and (verdict.decided == NONE) != (problem.outcome == UNSOLVABLE)
+        raise WrongProof(
+            f"{problem.kind}, {problem.scene}, t = {problem.t:g} s: found a verdict that does not hold: "
+            f"{verdict.decided}"
+        )
+    contradicted = verdict.decided != OPEN and (verdict.decided == NONE) != (
+        problem.outcome == UNSOLVABLE
+    )
     judgement = judge(answer(solve, problem), verdict)
-    return {"class": problem.kind, "problems": 1, "solution": int(verdict.decided == SOLVED),
-            "isolated": int(verdict.isolated), "no solution": int(verdict.decided == NONE),
-            "not decided": int(verdict.decided == OPEN), "stored outcome refuted": int(contradicted),
-            **{name: int(name == judgement) for name in JUDGEMENTS}}
+    return {
+        "class": problem.kind,
+        "problems": 1,
+        "solution": int(verdict.decided == SOLVED),
+        "isolated": int(verdict.isolated),
+        "no solution": int(verdict.decided == NONE),
+        "not decided": int(verdict.decided == OPEN),
+        "stored outcome refuted": int(contradicted),
+        **{name: int(name == judgement) for name in JUDGEMENTS},
+    }

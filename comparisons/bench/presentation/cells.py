@@ -25,11 +25,17 @@ LARGEST_WHOLE = 1e6
 
 def with_uncertainty(table: pd.DataFrame) -> pd.DataFrame:
     """Replace pairs of columns, number and uncertainty, by `Uncertain` numbers."""
-    pairs = {column: unsure for column in table if (unsure := quantity_of(column).uncertainty) and unsure in table}
+    pairs = {
+        column: unsure
+        for column in table
+        if (unsure := quantity_of(column).uncertainty) and unsure in table
+    }
     shown = table.drop(columns=list(set(pairs.values())))
     for column, unsure in pairs.items():
-        shown[column] = [value if is_missing(value) or is_missing(u) else Uncertain(float(value), float(u))
-                         for value, u in zip(table[column], table[unsure])]
+        shown[column] = [
+            value if is_missing(value) or is_missing(u) else Uncertain(float(value), float(u))
+            for value, u in zip(table[column], table[unsure])
+        ]
     return shown
 
 
@@ -66,4 +72,9 @@ def cell(quantity: Quantity, value: object) -> str:
 
 def is_missing(value: object) -> bool:
     """Nothing to show: None, not a number, or an empty text."""
-    return value is None or value is pd.NA or (isinstance(value, float) and math.isnan(value)) or value == ""
+    return (
+        value is None
+        or value is pd.NA
+        or (isinstance(value, float) and math.isnan(value))
+        or value == ""
+    )

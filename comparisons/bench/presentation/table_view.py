@@ -71,7 +71,11 @@ class Column:
         """The cell of a row of the frame."""
         text, sign, second = self._value(row), row.get(self.bound), row.get(self.second)
         if isinstance(sign, str) and sign:
-            text = f"{sign}{text}" if self.interval else bounded(self.scale * float(row[self.name]), sign)
+            text = (
+                f"{sign}{text}"
+                if self.interval
+                else bounded(self.scale * float(row[self.name]), sign)
+            )
         if second is not None and not is_missing(second) and second != row[self.name]:
             text += f" ({cell(self.quantity, self.scale * float(second))})"
         return text
@@ -124,9 +128,13 @@ class TableView:
     def shown(self, brief: bool = False) -> list[Column]:
         """The columns that hold anything; `brief`: those of the report alone, which has groups as headings of rows."""
         first = (Column(self.group),) if self.group and not brief else ()
-        return [column for column in (*first, *self.columns)
-                if (column.brief or not brief) and column.name in self.frame
-                and not all(is_missing(value) for value in self.frame[column.name])]
+        return [
+            column
+            for column in (*first, *self.columns)
+            if (column.brief or not brief)
+            and column.name in self.frame
+            and not all(is_missing(value) for value in self.frame[column.name])
+        ]
 
     def heads(self, brief: bool = False) -> list[str]:
         return [column.head for column in self.shown(brief)]
@@ -138,13 +146,24 @@ class TableView:
 
     def right(self, brief: bool = False) -> list[bool]:
         """True for columns of numbers, which stand to the right."""
-        return [pd.api.types.is_numeric_dtype(self.frame[column.name]) and self.frame[column.name].dtype != bool
-                for column in self.shown(brief)]
+        return [
+            pd.api.types.is_numeric_dtype(self.frame[column.name])
+            and self.frame[column.name].dtype != bool
+            for column in self.shown(brief)
+        ]
 
 
-def view(name: str, caption: str, frame: pd.DataFrame | Iterable[tuple[Mapping[str, Any], pd.DataFrame]],
-         columns: Iterable[Column], *, source: str = "", rows: Sequence[Sequence[int]] | None = None, group: str = "",
-         in_report: bool = True) -> TableView:
+def view(
+    name: str,
+    caption: str,
+    frame: pd.DataFrame | Iterable[tuple[Mapping[str, Any], pd.DataFrame]],
+    columns: Iterable[Column],
+    *,
+    source: str = "",
+    rows: Sequence[Sequence[int]] | None = None,
+    group: str = "",
+    in_report: bool = True,
+) -> TableView:
     """Return a `TableView` of a table of the data, or of a part of it, whose index counts from 0.
 
     Parameters
@@ -156,7 +175,18 @@ def view(name: str, caption: str, frame: pd.DataFrame | Iterable[tuple[Mapping[s
     """
     if not isinstance(frame, pd.DataFrame):
         pairs = list(frame)
-        frame, rows = pd.DataFrame([row for row, _ in pairs]), [behind.index + 1 for _, behind in pairs]
+        frame, rows = (
+            pd.DataFrame([row for row, _ in pairs]),
+            [behind.index + 1 for _, behind in pairs],
+        )
     behind = [(number + 1,) for number in frame.index] if rows is None else rows
-    return TableView(name, caption, frame.reset_index(drop=True), tuple(columns), source or name,
-                     tuple(tuple(int(number) for number in each) for each in behind), group, in_report)
+    return TableView(
+        name,
+        caption,
+        frame.reset_index(drop=True),
+        tuple(columns),
+        source or name,
+        tuple(tuple(int(number) for number in each) for each in behind),
+        group,
+        in_report,
+    )

@@ -59,7 +59,13 @@ def traced(template: str, *parts: Part) -> TracedText:
     """Return the template with a part in place of each ``{}``."""
     numbers: list[Number] = []
     for part in parts:
-        numbers += [part] if isinstance(part, Number) else part.numbers if isinstance(part, TracedText) else []
+        numbers += (
+            [part]
+            if isinstance(part, Number)
+            else part.numbers
+            if isinstance(part, TracedText)
+            else []
+        )
     return TracedText(template.format(*map(_text, parts)), tuple(numbers))
 
 
@@ -85,7 +91,9 @@ def joined(*sentences: TracedText) -> TracedText:
     return listed(list(filter(None, sentences)), " ", " ")
 
 
-def value(table: str, rows: pd.DataFrame, label: int, column: str, form: str = "", unsure: str = "") -> Number:
+def value(
+    table: str, rows: pd.DataFrame, label: int, column: str, form: str = "", unsure: str = ""
+) -> Number:
     """Return the cell of a row, an error or a jump by its size, with its uncertainty where the table has one.
 
     Parameters
@@ -112,7 +120,9 @@ def value(table: str, rows: pd.DataFrame, label: int, column: str, form: str = "
 
 def scaled_value(table: str, rows: pd.DataFrame, label: int, column: str, sign: str = "") -> Number:
     """Return a cell in a thousandth of its unit, to two digits, behind its sign: a time in ms, a length in mm."""
-    return Number(bounded(1e3 * rows.at[label, column], sign), table, column, (label + 1,), factor=1e3)
+    return Number(
+        bounded(1e3 * rows.at[label, column], sign), table, column, (label + 1,), factor=1e3
+    )
 
 
 def length(name: str, table: pd.DataFrame, row: int, column: str) -> TracedText:
@@ -124,7 +134,10 @@ def length(name: str, table: pd.DataFrame, row: int, column: str) -> TracedText:
 
 def interval(table: str, rows: pd.DataFrame, label: int, column: str, unsure: str = "") -> Number:
     """Return the cell of a row with its sign and its uncertainty: ``-0.035 ± 0.063``; arguments as of `value`."""
-    number = Uncertain(float(rows.at[label, column]), float(rows.at[label, unsure or quantity_of(column).uncertainty]))
+    number = Uncertain(
+        float(rows.at[label, column]),
+        float(rows.at[label, unsure or quantity_of(column).uncertainty]),
+    )
     return Number(number.both(), table, column, (label + 1,))
 
 

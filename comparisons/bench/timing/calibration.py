@@ -46,4 +46,6 @@ def relative_time(call: Callable[[], Any], least: int) -> tuple[float, float | N
     calls = {"kernel": one_kernel, "run": lambda: min(seconds for _, seconds in block(call))}
     found = in_rounds(list(calls), lambda keys: {key: calls[key]() for key in keys}, least)
     least_s, shortest = min(found["kernel"]), sorted(found["run"])
-    return shortest[0] / least_s, None if len(shortest) == 1 else (shortest[1] - shortest[0]) / least_s
+    return shortest[0] / least_s, None if len(shortest) == 1 else (
+        shortest[1] - shortest[0]
+    ) / least_s

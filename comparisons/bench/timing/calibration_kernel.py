@@ -28,9 +28,9 @@ def _dry_oscillator(steps: int) -> float:
     for _ in range(steps):
         a1 = _acceleration(t, x, v)
         a2 = _acceleration(t + h / 2, x + h / 2 * v, v + h / 2 * a1)
-        a3 = _acceleration(t + h / 2, x + h / 2 * v + h ** 2 / 4 * a1, v + h / 2 * a2)
-        a4 = _acceleration(t + h, x + h * v + h ** 2 / 2 * a2, v + h * a3)
-        x += h * v + h ** 2 / 6 * (a1 + a2 + a3)
+        a3 = _acceleration(t + h / 2, x + h / 2 * v + h**2 / 4 * a1, v + h / 2 * a2)
+        a4 = _acceleration(t + h, x + h * v + h**2 / 2 * a2, v + h * a3)
+        x += h * v + h**2 / 6 * (a1 + a2 + a3)
         v += h / 6 * (a1 + 2 * a2 + 2 * a3 + a4)
         t += h
     return x

@@ -35,7 +35,11 @@ class Interval:
     @property
     def width(self) -> float:
         """Width in units of the median; infinite where the level is below `CONFIDENCE`."""
-        return (self.high - self.low) / self.value if self.level >= CONFIDENCE and self.value > 0 else float("inf")
+        return (
+            (self.high - self.low) / self.value
+            if self.level >= CONFIDENCE and self.value > 0
+            else float("inf")
+        )
 
 
 def median_interval(samples: Sequence[float]) -> Interval:
@@ -44,14 +48,18 @@ def median_interval(samples: Sequence[float]) -> Interval:
     if n == 0 or not np.all(np.isfinite(ordered)):
         return Interval(math.nan, math.nan, math.nan, 0.0, n)
     k, level = _rank(n)
-    return Interval(float(np.median(ordered)), float(ordered[k - 1]), float(ordered[n - k]), level, n)
+    return Interval(
+        float(np.median(ordered)), float(ordered[k - 1]), float(ordered[n - k]), level, n
+    )
 
 
 @cache
 def _rank(n: int) -> tuple[int, float]:
     """Rank k of the narrowest interval of n samples that reaches `CONFIDENCE`, else of the widest, and its level."""
-    levels = {k: max(0.0, 1 - 2 * sum(math.comb(n, below) for below in range(k)) / 2 ** n)
-              for k in range(1, (n + 1) // 2 + 1)}
+    levels = {
+        k: max(0.0, 1 - 2 * sum(math.comb(n, below) for below in range(k)) / 2**n)
+        for k in range(1, (n + 1) // 2 + 1)
+    }
     k = max((k for k, level in levels.items() if level >= CONFIDENCE), default=1)
     return k, levels[k]
 

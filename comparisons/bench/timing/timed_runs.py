@@ -10,7 +10,15 @@ from typing import Any
 import pandas as pd
 
 from stiction.comparisons.bench.timing.intervals import median_interval
-from stiction.comparisons.bench.timing.visits import TRIES, Timing, VisitTimes, disturbed_visits, load, others, visit
+from stiction.comparisons.bench.timing.visits import (
+    TRIES,
+    Timing,
+    VisitTimes,
+    disturbed_visits,
+    load,
+    others,
+    visit,
+)
 from stiction.comparisons.bench.variants import OWN_CPU
 from stiction.engines.isolation import Isolate, Outcome, Task, is_simulation
 from stiction.scenes import Trajectory, vary
@@ -27,10 +35,15 @@ def computation(task: Task, run: Trajectory) -> str:
     a timed run has none but start and end.
     """
     engine, scene, arguments = task.args
-    settings = {**run.settings, **{name: arguments[name] for name in ("dt", "rtol") if arguments.get(name) is not None}}
+    settings = {
+        **run.settings,
+        **{name: arguments[name] for name in ("dt", "rtol") if arguments.get(name) is not None},
+    }
     content = vary(scene, {"stabilization": None}) if "stabilization" in settings else scene
     t_end = arguments.get("t_end") or scene.t_end
-    return digest([engine, arguments.get("fidelity", "joint"), scene_digest(content), t_end, settings])
+    return digest(
+        [engine, arguments.get("fidelity", "joint"), scene_digest(content), t_end, settings]
+    )
 
 
 def call_of(task: Task) -> str:
@@ -38,8 +51,9 @@ def call_of(task: Task) -> str:
     return digest([task.function.__module__, task.function.__qualname__, task.args])
 
 
-def affordable(runs: Sequence[tuple[Task, Outcome]], series: Sequence[str], rounds: int,
-               budget_s: float) -> Iterator[tuple[Task, Outcome, bool]]:
+def affordable(
+    runs: Sequence[tuple[Task, Outcome]], series: Sequence[str], rounds: int, budget_s: float
+) -> Iterator[tuple[Task, Outcome, bool]]:
     """Yield the runs that succeeded, and whether all rounds of them fit into the budget of their series, CPU seconds.
 
     The first two of each series always have all rounds.
@@ -54,8 +68,14 @@ def affordable(runs: Sequence[tuple[Task, Outcome]], series: Sequence[str], roun
             yield task, outcome, steps[name] <= 2 or spent[name] <= budget_s
 
 
-def time_runs(runs: Iterable[tuple[Task, Outcome, bool]], rounds: int, isolated: Isolate, timeout_s: float,
-              on_result: Callable[[Outcome], None] | None = None, workers: int | None = None) -> dict[str, Timing]:
+def time_runs(
+    runs: Iterable[tuple[Task, Outcome, bool]],
+    rounds: int,
+    isolated: Isolate,
+    timeout_s: float,
+    on_result: Callable[[Outcome], None] | None = None,
+    workers: int | None = None,
+) -> dict[str, Timing]:
     """Time the runs of `affordable`, by `computation`: one at a time, in turns, and the others once.
 
     A run that is lost in the first round has no other. What is timed once follows on all processors, which moves a time
@@ -74,7 +94,9 @@ def time_runs(runs: Iterable[tuple[Task, Outcome, bool]], rounds: int, isolated:
 
     def visits(keys: Sequence[str], workers: int | None = 1) -> Iterator[tuple[str, VisitTimes]]:
         before = load()
-        outcomes = isolated([tasks[key] for key in keys], workers=workers, timeout_s=timeout_s, on_result=on_result)
+        outcomes = isolated(
+            [tasks[key] for key in keys], workers=workers, timeout_s=timeout_s, on_result=on_result
+        )
         cores = others(before, load())
         for key, outcome in zip(keys, outcomes, strict=True):
             if outcome.status == "ok":
@@ -85,7 +107,7 @@ def time_runs(runs: Iterable[tuple[Task, Outcome, bool]], rounds: int, isolated:
     keys = [key for key in tasks if key in in_all]
     samples = {key: [sample] for key, sample in visits(keys)}
     turns = [list(reversed(samples)), list(samples)] * rounds
-    for key, sample in visits([key for turn in turns[:rounds - 1] for key in turn]):
+    for key, sample in visits([key for turn in turns[: rounds - 1] for key in turn]):
         samples[key].append(sample)
     once = [key for key in tasks if key not in in_all]
     samples |= {key: [sample] for key, sample in visits(once, workers)} if once else {}
@@ -93,7 +115,10 @@ def time_runs(runs: Iterable[tuple[Task, Outcome, bool]], rounds: int, isolated:
         disturbed = disturbed_visits(samples)
         for key, sample in visits(list(disturbed)) if disturbed else ():
             samples[key][disturbed[key][0]] = sample
-    return {key: Timing(run, tuple(samples.get(key, ())), failures.get(key, "")) for key, run in made.items()}
+    return {
+        key: Timing(run, tuple(samples.get(key, ())), failures.get(key, ""))
+        for key, run in made.items()
+    }
 
 
 def with_time(task: Task, outcome: Outcome, times: Mapping[str, Timing], is_timed: bool) -> Outcome:
@@ -104,8 +129,13 @@ def with_time(task: Task, outcome: Outcome, times: Mapping[str, Timing], is_time
     if outcome.status != "ok" or not is_simulation(task):
         return outcome
     timing = times.get(computation(task, outcome.value), Timing(outcome.value))
-    setup, stepping, own = (timing.interval(name).value for name in ("setup_s", "stepping_s", "own_s"))
-    run = replace(outcome.value, cost=replace(outcome.value.cost, setup_s=setup, stepping_s=stepping, engine_s=own))
+    setup, stepping, own = (
+        timing.interval(name).value for name in ("setup_s", "stepping_s", "own_s")
+    )
+    run = replace(
+        outcome.value,
+        cost=replace(outcome.value.cost, setup_s=setup, stepping_s=stepping, engine_s=own),
+    )
     return replace(outcome, value=replace(timing, trajectory=run) if is_timed else run)
 
 
@@ -116,11 +146,20 @@ def samples_table(timings: Mapping[str, Timing | None]) -> pd.DataFrame:
     [s]`` and `OWN_CPU` as in the tables of runs; ``calibration kernel [s]``; ``others [cores]``: kept busy by other
     work.
     """
-    columns = {"runs": "runs", "setup_s": "setup_time", "stepping_s": "cpu_time", "own_s": OWN_CPU, "kernel_s": KERNEL,
-               "others": OTHERS}
-    rows = [(key, number, *(getattr(sample, name) for name in columns))
-            for key, timing in timings.items() if timing is not None
-            for number, sample in enumerate(timing.samples, 1)]
+    columns = {
+        "runs": "runs",
+        "setup_s": "setup_time",
+        "stepping_s": "cpu_time",
+        "own_s": OWN_CPU,
+        "kernel_s": KERNEL,
+        "others": OTHERS,
+    }
+    rows = [
+        (key, number, *(getattr(sample, name) for name in columns))
+        for key, timing in timings.items()
+        if timing is not None
+        for number, sample in enumerate(timing.samples, 1)
+    ]
     return pd.DataFrame(rows, columns=["key", "round", *columns.values()])
 
 
@@ -133,11 +172,17 @@ def machine_while_timing(samples: pd.DataFrame) -> dict[str, Any]:
     if samples.empty:
         return {}
     number, cores = samples["round"], samples.groupby("round")[OTHERS].max().dropna()
-    rounds = {"first round": number == number.min(), "all rounds": number > 0, "last round": number == number.max()}
+    rounds = {
+        "first round": number == number.min(),
+        "all rounds": number > 0,
+        "last round": number == number.max(),
+    }
     found: dict[str, Any] = {"rounds": int(number.max())}
     for name, chosen in rounds.items():
         kernel = median_interval(1e3 * samples.loc[chosen, KERNEL].to_numpy(dtype=float))
-        found[f"calibration kernel, {name} [ms]"] = f"{kernel.value:.4f} [{kernel.low:.4f} .. {kernel.high:.4f}]"
+        found[f"calibration kernel, {name} [ms]"] = (
+            f"{kernel.value:.4f} [{kernel.low:.4f} .. {kernel.high:.4f}]"
+        )
     if len(cores):
         found["cores busy with others, median of rounds"] = float(cores.median())
         found["cores busy with others, largest"] = float(cores.max())

@@ -73,6 +73,7 @@ def visit(engine: str, scene: Scene, arguments: Mapping[str, Any]) -> VisitTimes
 
     Times are those that the engine states (set-up, stepping), of the whole run where it states none.
     """
+
     def stated(run: Trajectory, seconds: float) -> Cost:
         return run.cost if run.cost != Cost() else Cost(stepping_s=seconds)
 
@@ -83,12 +84,15 @@ def visit(engine: str, scene: Scene, arguments: Mapping[str, Any]) -> VisitTimes
     kernels = [seconds_of(kernel)[1] for _ in range(KERNELS)]
     costs = [stated(*each) for each in block(call, counted)]
     kernels += [seconds_of(kernel)[1] for _ in range(KERNELS)]
-    setup, stepping, own = (median(getattr(cost, name) for cost in costs)
-                            for name in ("setup_s", "stepping_s", "own_s"))
+    setup, stepping, own = (
+        median(getattr(cost, name) for cost in costs) for name in ("setup_s", "stepping_s", "own_s")
+    )
     return VisitTimes(setup, stepping, own, median(kernels), len(costs))
 
 
-def bare_run(engine: Engine, scene: Scene, arguments: Mapping[str, Any]) -> Callable[[], Trajectory]:
+def bare_run(
+    engine: Engine, scene: Scene, arguments: Mapping[str, Any]
+) -> Callable[[], Trajectory]:
     """Return the call that is timed, for arguments of `Engine.simulate` that have passed it once."""
     settings = dict(arguments)
     t_end = settings.pop("t_end", None) or scene.t_end
@@ -96,11 +100,14 @@ def bare_run(engine: Engine, scene: Scene, arguments: Mapping[str, Any]) -> Call
     options = {name: settings.pop(name, None) for name in ("dt", "rtol")}
     fidelity = settings.pop("fidelity", "joint")
     settings = engine.settings_of_run(settings, fidelity=fidelity, **options)
-    return lambda: engine.run(scene, t_end=t_end, fidelity=fidelity, output_step=t_end, settings=settings, **options)
+    return lambda: engine.run(
+        scene, t_end=t_end, fidelity=fidelity, output_step=t_end, settings=settings, **options
+    )
 
 
-def block(call: Callable[[], T],
-          counted: Callable[[T, float], float] = lambda result, seconds: seconds) -> list[tuple[T, float]]:
+def block(
+    call: Callable[[], T], counted: Callable[[T, float], float] = lambda result, seconds: seconds
+) -> list[tuple[T, float]]:
     """Return results and CPU seconds of a call that is repeated for `BLOCK` seconds.
 
     The first call counts if it takes longer than `LONG`: then it is the only one. `counted` has the seconds that are
@@ -132,7 +139,9 @@ def _cpu_s() -> float:
     return process_time() + children.ru_utime + children.ru_stime
 
 
-def in_rounds(keys: Sequence[K], one_round: Callable[[Sequence[K]], Mapping[K, S]], rounds: int) -> dict[K, list[S]]:
+def in_rounds(
+    keys: Sequence[K], one_round: Callable[[Sequence[K]], Mapping[K, S]], rounds: int
+) -> dict[K, list[S]]:
     """Return samples of several runs that are timed in turns, by key and round.
 
     `one_round` visits each key that it is given once, in that order. A key that it has no sample of is not visited
@@ -150,9 +159,15 @@ def in_rounds(keys: Sequence[K], one_round: Callable[[Sequence[K]], Mapping[K, S
 
 def disturbed_visits(samples: Mapping[K, Sequence[VisitTimes]]) -> dict[K, list[int]]:
     """Return the numbers of the samples in whose visits the machine was slow, by key; keys without any are left out."""
-    usual = median(sample.kernel_s for each in samples.values() for sample in each) if any(samples.values()) else 0.0
-    found = {key: [i for i, sample in enumerate(each) if sample.kernel_s > SLOW * usual]
-             for key, each in samples.items()}
+    usual = (
+        median(sample.kernel_s for each in samples.values() for sample in each)
+        if any(samples.values())
+        else 0.0
+    )
+    found = {
+        key: [i for i, sample in enumerate(each) if sample.kernel_s > SLOW * usual]
+        for key, each in samples.items()
+    }
     return {key: numbers for key, numbers in found.items() if numbers}
 
 
@@ -172,7 +187,9 @@ def load() -> Load:
     idle = sum(getattr(times, name, 0.0) for name in ("idle", "iowait", "guest", "guest_nice"))
     for process in (ours := psutil.Process(), *ours.children(recursive=True)):
         with suppress(psutil.NoSuchProcess):  # it has just ended: its parent has its times
-            own += sum(process.cpu_times()[:4])  # in user and system code, its own and that of its children
+            own += sum(
+                process.cpu_times()[:4]
+            )  # in user and system code, its own and that of its children
     return Load(time.monotonic(), sum(times) - idle, own)
 
 
@@ -210,6 +227,14 @@ def doubt(time: Interval) -> str:
     if not time.samples:
         return ""
     if time.level < CONFIDENCE:
-        return f"{time.samples} rounds are too few for an interval" if time.samples > 1 else "timed once"
+        return (
+            f"{time.samples} rounds are too few for an interval"
+            if time.samples > 1
+            else "timed once"
+        )
     low, high = time.low / time.value, time.high / time.value
-    return f"unsure: {low:.2f} to {high:.2f} of the median after {time.samples} rounds" if time.width > WIDE else ""
+    return (
+        f"unsure: {low:.2f} to {high:.2f} of the median after {time.samples} rounds"
+        if time.width > WIDE
+        else ""
+    )

@@ -36,9 +36,9 @@ def law(data, t):
         rate = slope + h / 6 * bend if cubic else 0.0
         return y[k] + rate * (t - x[k]), rate
     u, s = t - x[i], x[i + 1] - t
-    value = (b[i] * s ** 3 + b[i + 1] * u ** 3) / (6 * h)
+    value = (b[i] * s**3 + b[i + 1] * u**3) / (6 * h)
     value += (y[i] / h - b[i] * h / 6) * s + (y[i + 1] / h - b[i + 1] * h / 6) * u
-    return value, (b[i + 1] * u ** 2 - b[i] * s ** 2) / (2 * h) + slope - h / 6 * (b[i + 1] - b[i])
+    return value, (b[i + 1] * u**2 - b[i] * s**2) / (2 * h) + slope - h / 6 * (b[i + 1] - b[i])
 
 
 def spline(x, y):
@@ -48,7 +48,9 @@ def spline(x, y):
         left, right = x[i] - x[i - 1], x[i + 1] - x[i]
         pivot = 2 * (left + right) - left * c[i - 1]
         c[i] = right / pivot
-        d[i] = (6 * ((y[i + 1] - y[i]) / right - (y[i] - y[i - 1]) / left) - left * d[i - 1]) / pivot
+        d[i] = (
+            6 * ((y[i + 1] - y[i]) / right - (y[i] - y[i - 1]) / left) - left * d[i - 1]
+        ) / pivot
     for i in range(n - 2, 0, -1):
         d[i] -= c[i] * d[i + 1]
     return d
@@ -63,27 +65,44 @@ class Mechanism:
     def __init__(self, scene):
         self.scene, bodies = scene, scene["bodies"]
         self.place = {name: 3 * i for i, name in enumerate(bodies)}
-        self.mass = [m for body in bodies.values() for m in (body["mass"], body["mass"], body["inertia"])]
+        self.mass = [
+            m for body in bodies.values() for m in (body["mass"], body["mass"], body["inertia"])
+        ]
         self.q = [x for body in bodies.values() for x in (*body["position"], body["angle"])]
-        self.v = [x for body in bodies.values() for x in (*body["velocity"], body["angular_velocity"])]
-        self.rows, self.guides = [], []  # constraints; guides with friction: tangential row, number of the normal row
+        self.v = [
+            x for body in bodies.values() for x in (*body["velocity"], body["angular_velocity"])
+        ]
+        self.rows, self.guides = (
+            [],
+            [],
+        )  # constraints; guides with friction: tangential row, number of the normal row
         for joint in scene["joints"].values():
             if joint["type"] == "revolute":
-                self.rows += [{**joint, "type": "distance", "axis": axis, "law": zero} for axis in ([1, 0], [0, 1])]
+                self.rows += [
+                    {**joint, "type": "distance", "axis": axis, "law": zero}
+                    for axis in ([1, 0], [0, 1])
+                ]
                 continue
-            d, sides = joint["direction"], {"bodies": (joint["slider"], joint["guide"]), "type": "distance"}
+            d, sides = (
+                joint["direction"],
+                {"bodies": (joint["slider"], joint["guide"]), "type": "distance"},
+            )
             sides |= {"points": (joint["slider_point"], joint["point"])}
             if joint["mu"] is not None:
                 self.guides.append(({**joint, **sides, "axis": d}, len(self.rows)))
-            self.rows += [{**sides, "axis": (-d[1], d[0]), "law": zero},
-                          {**sides, "type": "angle", "law": {"type": "constant", "value": joint["angle"]}}]
+            self.rows += [
+                {**sides, "axis": (-d[1], d[0]), "law": zero},
+                {**sides, "type": "angle", "law": {"type": "constant", "value": joint["angle"]}},
+            ]
         self.rows += scene["drives"].values()
 
     def coordinate(self, element, q):
         """A coordinate between two bodies, angle or distance, and its derivatives with respect to q."""
         row = [0.0] * len(q)
-        (x, y, a), (s, t, b) = ([q[i:i + 3] for i in [self.place[name]]][0] if name in self.place else (0.0, 0.0, 0.0)
-                                for name in element["bodies"])
+        (x, y, a), (s, t, b) = (
+            [q[i : i + 3] for i in [self.place[name]]][0] if name in self.place else (0.0, 0.0, 0.0)
+            for name in element["bodies"]
+        )
         if element["type"] in ("angle", "torsional"):
             value, parts = a - b, ((0, 0, 1), (0, 0, -1))
         else:
@@ -91,12 +110,18 @@ class Mechanism:
             between = x + arm[0] - s - own[0], y + arm[1] - t - own[1]
             e = turned(b, element["axis"]) if element["axis"] else between
             e = [part / (math.hypot(*e) or 1.0) for part in e]
-            there = x + arm[0] - s, y + arm[1] - t  # the same place, seen from the second body's centre
+            there = (
+                x + arm[0] - s,
+                y + arm[1] - t,
+            )  # the same place, seen from the second body's centre
             value = e[0] * between[0] + e[1] * between[1]
-            parts = (*e, arm[0] * e[1] - arm[1] * e[0]), (-e[0], -e[1], there[1] * e[0] - there[0] * e[1])
+            parts = (
+                (*e, arm[0] * e[1] - arm[1] * e[0]),
+                (-e[0], -e[1], there[1] * e[0] - there[0] * e[1]),
+            )
         for name, part in zip(element["bodies"], parts):
             if name in self.place:
-                row[self.place[name]:self.place[name] + 3] = part
+                row[self.place[name] : self.place[name] + 3] = part
         return value, row
 
     def forces(self, t, q, v):
@@ -126,8 +151,15 @@ class Mechanism:
         Q = self.forces(t + h / 2, middle, v)
         J = [self.coordinate(row, middle)[1] for row in self.rows]
         T = [self.coordinate(row, middle)[1] for row, _ in self.guides]
-        system = [[*(mass * (i == j) for j in range(n)), *(-row[i] for row in J), mass * v[i] + h * Q[i],
-                   *(row[i] for row in T)] for i, mass in enumerate(self.mass)]
+        system = [
+            [
+                *(mass * (i == j) for j in range(n)),
+                *(-row[i] for row in J),
+                mass * v[i] + h * Q[i],
+                *(row[i] for row in T),
+            ]
+            for i, mass in enumerate(self.mass)
+        ]
         for row in self.rows:
             error = self.coordinate(row, self.q)[0] - law(row["law"], t)[0]
             wanted = law(row["law"], t + h)[1] - error / (10 * h)
@@ -141,11 +173,15 @@ class Mechanism:
                 now, unit = sums(free, P, units), units[k]
                 gain, slip = dot(slips[k], unit), dot(slips[k], now)
                 held = P[k] - slip / gain  # the impulse that ends the slip
-                R, N = now[n + normal:n + normal + 2]
+                R, N = now[n + normal : n + normal + 2]
                 most = guide["mu"] * load(guide, R, N, math.copysign(guide["mu"], held))
                 found, more = max(-most, min(most, held)), held - P[k]
-                hold = guide["mus"] * load(guide, R + more * unit[n + normal], N + more * unit[n + normal + 1],
-                                           math.copysign(guide["mus"], held))
+                hold = guide["mus"] * load(
+                    guide,
+                    R + more * unit[n + normal],
+                    N + more * unit[n + normal + 1],
+                    math.copysign(guide["mus"], held),
+                )
                 was, will = dot(T[k], v), gain * (found - held)
                 at_rest = abs(was) < 1e-9 or was * will <= 0  # or on its way through rest
                 P[k] = held if at_rest and abs(held) <= hold else found
@@ -202,9 +238,15 @@ def main(scene_file, result_file, dt, output_step):
     steps = max(1, round(scene["t_end"] / float(dt)))
     h = scene["t_end"] / steps
     every = max(1, int(float(output_step) / h + 1e-9))
-    labels = [f"{name}.{label}" for labels in (("x", "y", "angle"), ("vx", "vy", "omega"), ("ax", "ay", "alpha"))
-              for name in scene["bodies"] for label in labels]
-    frictions = [f"{name}.friction" for name, joint in scene["joints"].items() if joint.get("mu") is not None]
+    labels = [
+        f"{name}.{label}"
+        for labels in (("x", "y", "angle"), ("vx", "vy", "omega"), ("ax", "ay", "alpha"))
+        for name in scene["bodies"]
+        for label in labels
+    ]
+    frictions = [
+        f"{name}.friction" for name, joint in scene["joints"].items() if joint.get("mu") is not None
+    ]
     with open(result_file, "w", encoding="utf-8") as file:
         print("t", *labels, *frictions, sep=",", file=file)
         last = None  # acceleration and frictions of the step before: at an instant they are the mean of both sides'
@@ -214,7 +256,9 @@ def main(scene_file, result_file, dt, output_step):
             if k % every == 0 or k == steps:
                 mean = [(a + b) / 2 for a, b in zip(step, last or step)]
                 print(k * h, *mechanism.q, *mechanism.v, *mean, sep=",", file=file)
-            mechanism.q = [x + h / 2 * (old + new) for x, old, new in zip(mechanism.q, mechanism.v, w)]
+            mechanism.q = [
+                x + h / 2 * (old + new) for x, old, new in zip(mechanism.q, mechanism.v, w)
+            ]
             mechanism.v, last = w, step
 
 

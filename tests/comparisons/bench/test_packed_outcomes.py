@@ -11,26 +11,60 @@ from stiction.engines import Outcome, load_engine
 from stiction.scenes import load_scene
 
 SPECIAL = np.array([0.0, -0.0, np.nan, np.inf, -np.inf, 5e-324, -1.7976931348623157e308, 1.0])
-QUIET_AND_SIGNALLING = np.array([0x7FF8000000000001, 0x7FF0000000000001, 0xFFFFFFFFFFFFFFFF], dtype=np.uint64).view(float)
+QUIET_AND_SIGNALLING = np.array(
+    [0x7FF8000000000001, 0x7FF0000000000001, 0xFFFFFFFFFFFFFFFF], dtype=np.uint64
+).view(float)
 
 
 def test_a_trajectory_comes_back_bit_by_bit_in_less_than_half_the_space():
-    run = load_engine("reference").simulate(load_scene("slider-bar-case-1"), t_end=24.0, output_step=2e-3)
+    run = load_engine("reference").simulate(
+        load_scene("slider-bar-case-1"), t_end=24.0, output_step=2e-3
+    )
     outcome = Outcome("run", "ok", run, log="words", wall_s=0.5, cpu_s=0.25)
     packed = pack(outcome)
     found = unpack(packed)
     assert len(packed) < 0.5 * len(pickle.dumps(outcome))
-    assert (found.label, found.status, found.log, found.wall_s, found.cpu_s) == ("run", "ok", "words", 0.5, 0.25)
-    assert (found.value.events, found.value.settings, found.value.cost) == (run.events, run.settings, run.cost)
-    assert found.value.t.tobytes() == run.t.tobytes() and list(found.value.columns) == list(run.columns)
+    assert (found.label, found.status, found.log, found.wall_s, found.cpu_s) == (
+        "run",
+        "ok",
+        "words",
+        0.5,
+        0.25,
+    )
+    assert (found.value.events, found.value.settings, found.value.cost) == (
+        run.events,
+        run.settings,
+        run.cost,
+    )
+    assert found.value.t.tobytes() == run.t.tobytes() and list(found.value.columns) == list(
+        run.columns
+    )
     for name, column in run.columns.items():
-        assert found.value[name].tobytes() == column.tobytes() and found.value[name].flags.writeable == column.flags.writeable
+        assert (
+            found.value[name].tobytes() == column.tobytes()
+            and found.value[name].flags.writeable == column.flags.writeable
+        )
 
 
-@pytest.mark.parametrize("array", [
-    SPECIAL, QUIET_AND_SIGNALLING, np.zeros(0), np.zeros((0, 3)), np.arange(7, dtype=np.uint8), np.arange(13, dtype=np.float32),
-    np.array([True, False, True]), np.asfortranarray(np.arange(12.0).reshape(3, 4)), np.arange(20.0)[::3], np.array(3.5),
-    np.array([2 ** 63 - 1, -2 ** 63, 0, -1]), np.array([1 + 2j, -0.0j]), np.array(["a", "longer"]), np.array([None, "b"], dtype=object)])
+@pytest.mark.parametrize(
+    "array",
+    [
+        SPECIAL,
+        QUIET_AND_SIGNALLING,
+        np.zeros(0),
+        np.zeros((0, 3)),
+        np.arange(7, dtype=np.uint8),
+        np.arange(13, dtype=np.float32),
+        np.array([True, False, True]),
+        np.asfortranarray(np.arange(12.0).reshape(3, 4)),
+        np.arange(20.0)[::3],
+        np.array(3.5),
+        np.array([2**63 - 1, -(2**63), 0, -1]),
+        np.array([1 + 2j, -0.0j]),
+        np.array(["a", "longer"]),
+        np.array([None, "b"], dtype=object),
+    ],
+)
 def test_arrays_of_any_kind_come_back_bit_by_bit(array):
     found = unpack(pack(Outcome("array", "ok", array))).value
     assert found.dtype == array.dtype and found.shape == array.shape
@@ -44,7 +78,9 @@ def test_random_bytes_come_back():
     random = np.random.default_rng(20)
     for _ in range(300):
         kind = random.choice(["u1", "f4", "f8", "i8"])
-        array = np.frombuffer(random.bytes(int(random.integers(0, 60)) * np.dtype(kind).itemsize), kind)
+        array = np.frombuffer(
+            random.bytes(int(random.integers(0, 60)) * np.dtype(kind).itemsize), kind
+        )
         found = unpack(pack(Outcome("random", "ok", array))).value
         assert found.dtype == array.dtype and found.tobytes() == array.tobytes()
 
@@ -52,7 +88,10 @@ def test_random_bytes_come_back():
 def test_what_is_no_array_comes_back():
     table = pd.DataFrame({"a": [1.0, np.nan], "b": ["x", None], "c": [1, 2]})
     pd.testing.assert_frame_equal(unpack(pack(Outcome("table", "ok", table))).value, table)
-    for outcome in (Outcome("failed", "failed", reason="gave up", bug=True), Outcome("row", "ok", {"F0": 3.0, "status": "ok"})):
+    for outcome in (
+        Outcome("failed", "failed", reason="gave up", bug=True),
+        Outcome("row", "ok", {"F0": 3.0, "status": "ok"}),
+    ):
         assert unpack(pack(outcome)) == outcome
 
 
@@ -61,6 +100,12 @@ def test_what_is_damaged_or_of_the_earlier_format_is_told():
     packed = pack(outcome)
     with pytest.raises(NotAnOutcome, match="another version"):
         unpack(pickle.dumps(outcome))
-    for damaged in (b"", packed[:5], packed[:15], packed[:-10], packed[:40] + bytes(20) + packed[60:]):
+    for damaged in (
+        b"",
+        packed[:5],
+        packed[:15],
+        packed[:-10],
+        packed[:40] + bytes(20) + packed[60:],
+    ):
         with pytest.raises(NotAnOutcome):
             unpack(damaged)

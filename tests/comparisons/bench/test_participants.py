@@ -8,8 +8,13 @@ from conftest import invoke
 from stiction import comparisons
 from stiction.comparisons.bench.campaign import load_campaign
 from stiction.comparisons.bench.depth import Depth
-from stiction.comparisons.bench.participants import (cost_variants, participants, threshold_variants,
-                                                     validation_campaign, variants)
+from stiction.comparisons.bench.participants import (
+    cost_variants,
+    participants,
+    threshold_variants,
+    validation_campaign,
+    variants,
+)
 from stiction.comparisons.bench.runner import prepare
 from stiction.comparisons.bench.variants import Variant
 from stiction.comparisons.hard.table import hard_variants
@@ -30,7 +35,9 @@ class Plugged(PymunkEngine):
 
 class Adaptive(Engine):
     name, version = "adaptive", "1"
-    capabilities = Capabilities(("joint",), {"joint": True}, {"joint": "none"}, "engine", "8", adaptive=True)
+    capabilities = Capabilities(
+        ("joint",), {"joint": True}, {"joint": "none"}, "engine", "8", adaptive=True
+    )
 
     def refusal(self, scene, fidelity):
         return "never"
@@ -62,8 +69,11 @@ def plugged(tmp_path, monkeypatch):
 
 
 def ladders(found, engine):
-    return {variant.fidelity: variant.ladder for variant in found
-            if variant.engine == engine and variant.parameter == "dt"}
+    return {
+        variant.fidelity: variant.ladder
+        for variant in found
+        if variant.engine == engine and variant.parameter == "dt"
+    }
 
 
 @pytest.mark.parametrize("ways", [variants, cost_variants, threshold_variants])
@@ -88,29 +98,52 @@ def test_plugged_in_engine_is_in_every_comparison(plugged):
 
 
 def test_an_adaptive_engine_has_tolerances_and_one_that_is_missing_a_row():
-    [adaptive] = [variant for variant in variants([f"{__name__}:Adaptive"]) if variant.engine != "reference"]
+    [adaptive] = [
+        variant for variant in variants([f"{__name__}:Adaptive"]) if variant.engine != "reference"
+    ]
     reference = variants([])[0]
     assert (adaptive.parameter, adaptive.ladder) == ("rtol", reference.ladder)
-    [missing] = [variant for variant in variants(["nobody_has_this:Engine"]) if variant.engine != "reference"]
+    [missing] = [
+        variant for variant in variants(["nobody_has_this:Engine"]) if variant.engine != "reference"
+    ]
     assert (missing.label, missing.fidelity) == ("nobody_has_this:Engine", "joint")
 
 
 def test_tables_of_the_plugged_in_engine(plugged, in_this_process):
     """Its numbers are those of the engine that it is derived from, rung by rung."""
-    few = [Variant(variant.label, variant.engine, "dt", variant.ladder[:1])
-           for variant in cost_variants(["pymunk", plugged])
-           if variant.engine != "reference" and variant.fidelity == "joint" and variant.parameter == "dt"]
-    table = work_precision(load_scene("slider-bar-case-1"), few, t_end=1.0, repeats=1).make().table.set_index("engine")
+    few = [
+        Variant(variant.label, variant.engine, "dt", variant.ladder[:1])
+        for variant in cost_variants(["pymunk", plugged])
+        if variant.engine != "reference"
+        and variant.fidelity == "joint"
+        and variant.parameter == "dt"
+    ]
+    table = (
+        work_precision(load_scene("slider-bar-case-1"), few, t_end=1.0, repeats=1)
+        .make()
+        .table.set_index("engine")
+    )
     assert set(table["status"]) == {"ok"}
     assert table.at[plugged, "position_error"] == table.at["pymunk", "position_error"] > 0
-    ended = invoke("compare", "drift", "slider-bar-case-1", "--engines", f"{plugged},pymunk", "--quick", "--t-end", "1")
+    ended = invoke(
+        "compare",
+        "drift",
+        "slider-bar-case-1",
+        "--engines",
+        f"{plugged},pymunk",
+        "--quick",
+        "--t-end",
+        "1",
+    )
     assert f"{plugged}, contact" in ended.stdout, ended.output
 
 
 def test_no_comparison_knows_an_engine_by_name():
     """But for the reference, to which all are compared, and the label of Moreau's method among the suite's own."""
     for path in Path(comparisons.__file__).parent.rglob("*.py"):
-        code = [line for line in path.read_text().splitlines() if line.lstrip()[:3] not in ('"""', "#")]
+        code = [
+            line for line in path.read_text().splitlines() if line.lstrip()[:3] not in ('"""', "#")
+        ]
         named = [line for line in code for name in OWN - {"reference"} if f'"{name}"' in line]
         assert not named, (path, named)
 
@@ -120,8 +153,12 @@ def test_variants_of_the_file_are_whole():
     assert [scene.name for scene in campaign.scenes] == [f"slider-bar-case-{i}" for i in (1, 2, 3)]
     assert {variant.engine for variant in campaign.variants} == OWN
     assert all(variant.ladder or variant.cost for variant in campaign.variants)
-    assert all(isinstance(rung, int) for variant in campaign.variants if variant.parameter == "iterations"
-               for rung in variant.cost)
+    assert all(
+        isinstance(rung, int)
+        for variant in campaign.variants
+        if variant.parameter == "iterations"
+        for rung in variant.cost
+    )
     assert len({variant.label for variant in participants()}) == len(participants())
 
 

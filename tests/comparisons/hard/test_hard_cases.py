@@ -16,9 +16,28 @@ from stiction.comparisons.hard import hard_cases
 from stiction.comparisons.hard.case import MOTION, MOTION_OR_WORD, NO_MOTION, REFUSAL, HardCase
 from stiction.comparisons.hard.checks import accepted_start, follows, friction_excess
 from stiction.comparisons.hard.closed_forms import rod_normal_force
-from stiction.comparisons.hard.examination import (ADAPTER, BEYOND, DECLINED, DECLINED_BY_ADAPTER, DEGRADED, FAILED,
-                                                   IMPULSIVE, INEXPRESSIBLE, METHOD, NOT_INSTALLED, NOT_RUN, READER,
-                                                   RIGHT, UNREAD, WRONG, Examination, Verdict, _beyond, examine, judge)
+from stiction.comparisons.hard.examination import (
+    ADAPTER,
+    BEYOND,
+    DECLINED,
+    DECLINED_BY_ADAPTER,
+    DEGRADED,
+    FAILED,
+    IMPULSIVE,
+    INEXPRESSIBLE,
+    METHOD,
+    NOT_INSTALLED,
+    NOT_RUN,
+    READER,
+    RIGHT,
+    UNREAD,
+    WRONG,
+    Examination,
+    Verdict,
+    _beyond,
+    examine,
+    judge,
+)
 from stiction.comparisons.hard.scaled_scenes import Units, scaled
 from stiction.comparisons.hard.table import REFERENCE
 from stiction.comparisons.studies.hard import HOSTILE, present
@@ -41,14 +60,21 @@ def verdict(case, variant):
         return judge(case, variant, Outcome("", "failed", None, f"{type(error).__name__}: {error}"))
 
 
-@pytest.mark.parametrize("case", [pytest.param(case, marks=[pytest.mark.long] * (case.name in LONG), id=case.name)
-                                  for case in hard_cases()])
+@pytest.mark.parametrize(
+    "case",
+    [
+        pytest.param(case, marks=[pytest.mark.long] * (case.name in LONG), id=case.name)
+        for case in hard_cases()
+    ],
+)
 def test_reference_is_right_or_says_why_not(case):
     found = verdict(case, EVENT_DRIVEN)
     assert found.word in (RIGHT, DECLINED, UNREAD), found
     assert case.name not in LONG or found.word == RIGHT
     if case.expected in (NO_MOTION, REFUSAL):
-        assert found.word == (UNREAD if case.words else RIGHT), found  # what no reader accepts is no method's merit
+        assert found.word == (UNREAD if case.words else RIGHT), (
+            found
+        )  # what no reader accepts is no method's merit
 
 
 def test_every_scene_has_a_derivation_and_a_case():
@@ -58,7 +84,11 @@ def test_every_scene_has_a_derivation_and_a_case():
     names = [case.name for case in hard_cases()]
     assert len(names) == len(set(names))
     quick, default, full = ({case.topic for case in hard_cases(depth)} for depth in Depth)
-    assert len(full) == 13 and full - default == {"long time", "chatter"} and default - quick == {"stick threshold"}
+    assert (
+        len(full) == 13
+        and full - default == {"long time", "chatter"}
+        and default - quick == {"stick threshold"}
+    )
 
 
 def case_of(expected=MOTION, **changes):
@@ -66,18 +96,37 @@ def case_of(expected=MOTION, **changes):
 
 
 def judged(found, expected=MOTION, parameter="dt", **changes):
-    return judge(case_of(expected, **changes), Variant("v", "e", parameter, (1e-9,)), Outcome("", "ok", found)).word
+    return judge(
+        case_of(expected, **changes),
+        Variant("v", "e", parameter, (1e-9,)),
+        Outcome("", "ok", found),
+    ).word
 
 
-@pytest.mark.parametrize(("error", "parameter", "word"), [
-    (0.0, "dt", RIGHT), (9e-3, "dt", RIGHT), (2e-2, "dt", DEGRADED), (0.2, "dt", WRONG), (np.inf, "dt", WRONG), (np.nan, "dt", WRONG),
-    (9e-7, "rtol", RIGHT), (1e-4, "rtol", DEGRADED), (2e-3, "rtol", WRONG)])
+@pytest.mark.parametrize(
+    ("error", "parameter", "word"),
+    [
+        (0.0, "dt", RIGHT),
+        (9e-3, "dt", RIGHT),
+        (2e-2, "dt", DEGRADED),
+        (0.2, "dt", WRONG),
+        (np.inf, "dt", WRONG),
+        (np.nan, "dt", WRONG),
+        (9e-7, "rtol", RIGHT),
+        (1e-4, "rtol", DEGRADED),
+        (2e-3, "rtol", WRONG),
+    ],
+)
 def test_a_motion_is_judged_by_its_error(error, parameter, word):
     assert judged(Examination({"x": error, "y": 0.0}), parameter=parameter) == word
 
 
 def test_the_worst_measure_decides_by_its_own_limit():
-    found = judge(case_of(), Variant("v", "e", "rtol", (1e-9,)), Outcome("", "ok", Examination({"x": 5e-7, "complementarity": 2e-9})))
+    found = judge(
+        case_of(),
+        Variant("v", "e", "rtol", (1e-9,)),
+        Outcome("", "ok", Examination({"x": 5e-7, "complementarity": 2e-9})),
+    )
     assert (found.word, found.about, found.size) == (WRONG, "complementarity", 2e-9)
 
 
@@ -86,35 +135,102 @@ def test_stops_and_refusals():
     gave_up = Examination(stopped="step too small", stop_kind="step too small", stop_time=1.0)
     assert judged(claim) == WRONG and judged(gave_up) == DECLINED  # there is a motion
     assert judged(claim, REFUSAL) == judged(gave_up, REFUSAL) == RIGHT
-    assert judged(gave_up, MOTION_OR_WORD) == DECLINED and judged(Examination({"x": 1.0}), MOTION_OR_WORD) == WRONG
-    assert judged(Examination({"drift accepted": 0.05}), REFUSAL) == judged(Examination({}), REFUSAL) == WRONG
-    for by, word in ((METHOD, RIGHT), (READER, UNREAD), (ADAPTER, DECLINED_BY_ADAPTER)):  # only an answer of the method is right
+    assert (
+        judged(gave_up, MOTION_OR_WORD) == DECLINED
+        and judged(Examination({"x": 1.0}), MOTION_OR_WORD) == WRONG
+    )
+    assert (
+        judged(Examination({"drift accepted": 0.05}), REFUSAL)
+        == judged(Examination({}), REFUSAL)
+        == WRONG
+    )
+    for by, word in (
+        (METHOD, RIGHT),
+        (READER, UNREAD),
+        (ADAPTER, DECLINED_BY_ADAPTER),
+    ):  # only an answer of the method is right
         assert judged(Examination(refused="mass: found 0", by=by), REFUSAL, words="mass") == word
-        assert judged(Examination(refused="something else", by=by), REFUSAL, words="mass") == (word if by == ADAPTER else FAILED)
+        assert judged(Examination(refused="something else", by=by), REFUSAL, words="mass") == (
+            word if by == ADAPTER else FAILED
+        )
     assert judged(Examination(refused="at most 2000", by=ADAPTER), MOTION) == DECLINED_BY_ADAPTER
-    for expected in (MOTION, REFUSAL):  # a start off the constraints that was accepted silently, say
+    for expected in (
+        MOTION,
+        REFUSAL,
+    ):  # a start off the constraints that was accepted silently, say
         assert judged(Examination(verdict=Verdict(WRONG, "50 m off")), expected) == WRONG
-    for status, word in (("refused", INEXPRESSIBLE), ("failed", FAILED), ("crashed", FAILED), ("timed out", FAILED), ("missing", NOT_INSTALLED)):
+    for status, word in (
+        ("refused", INEXPRESSIBLE),
+        ("failed", FAILED),
+        ("crashed", FAILED),
+        ("timed out", FAILED),
+        ("missing", NOT_INSTALLED),
+    ):
         for expected in (MOTION, REFUSAL):
-            assert judge(case_of(expected), EVENT_DRIVEN, Outcome("", status, None, "why")).word == word
+            assert (
+                judge(case_of(expected), EVENT_DRIVEN, Outcome("", status, None, "why")).word
+                == word
+            )
 
 
 def test_the_end_of_existence_is_judged_by_time_and_kind():
     end = {"stop": {"at": 1, "kind": "several solutions"}}
-    for time, kind, word in ((1.0, "several solutions", RIGHT), (1.0 + 5e-9, "several solutions", RIGHT), (1.0, "no solution", DEGRADED),
-                             (1.001, "several solutions", WRONG), (0.9, "several solutions", WRONG)):
-        assert judged(Examination(stopped=kind, stop_kind=kind, stop_time=time), NO_MOTION, "rtol", **end) == word
+    for time, kind, word in (
+        (1.0, "several solutions", RIGHT),
+        (1.0 + 5e-9, "several solutions", RIGHT),
+        (1.0, "no solution", DEGRADED),
+        (1.001, "several solutions", WRONG),
+        (0.9, "several solutions", WRONG),
+    ):
+        assert (
+            judged(
+                Examination(stopped=kind, stop_kind=kind, stop_time=time), NO_MOTION, "rtol", **end
+            )
+            == word
+        )
     assert judged(Examination({"x": 0.0}), NO_MOTION, "rtol", **end) == WRONG  # it went on
-    assert judged(Examination({BEYOND: 1e-3}), NO_MOTION, **end) == DEGRADED  # with one of the several
-    assert judged(Examination({BEYOND: 0.1}), NO_MOTION, **end) == judged(Examination({BEYOND: np.inf}), NO_MOTION, **end) == WRONG
+    assert (
+        judged(Examination({BEYOND: 1e-3}), NO_MOTION, **end) == DEGRADED
+    )  # with one of the several
+    assert (
+        judged(Examination({BEYOND: 0.1}), NO_MOTION, **end)
+        == judged(Examination({BEYOND: np.inf}), NO_MOTION, **end)
+        == WRONG
+    )
     for law, word in ((0.0, DEGRADED), (0.1, WRONG)):
-        assert judged(Examination({BEYOND: law}, stopped="several", stop_kind="several solutions", stop_time=1.1), NO_MOTION, **end) == word
-    assert judged(Examination({BEYOND: 0.0}, stopped="diverged", stop_kind="step too small", stop_time=1.1), NO_MOTION, **end) == WRONG
-    assert judged(Examination(stopped="Newton did not converge"), NO_MOTION, **end) == DECLINED  # says neither when nor that there is none
+        assert (
+            judged(
+                Examination(
+                    {BEYOND: law}, stopped="several", stop_kind="several solutions", stop_time=1.1
+                ),
+                NO_MOTION,
+                **end,
+            )
+            == word
+        )
+    assert (
+        judged(
+            Examination(
+                {BEYOND: 0.0}, stopped="diverged", stop_kind="step too small", stop_time=1.1
+            ),
+            NO_MOTION,
+            **end,
+        )
+        == WRONG
+    )
+    assert (
+        judged(Examination(stopped="Newton did not converge"), NO_MOTION, **end) == DECLINED
+    )  # says neither when nor that there is none
 
 
-@pytest.mark.parametrize(("name", "word"), [("slider wider than long by 1/mus", DEGRADED), ("slider-bar through the critical angle", WRONG),
-                                            ("slider-bar started beyond it", IMPULSIVE)])
+@pytest.mark.parametrize(
+    ("name", "word"),
+    [
+        ("slider wider than long by 1/mus", DEGRADED),
+        ("slider-bar through the critical angle", WRONG),
+        ("slider-bar started beyond it", IMPULSIVE),
+    ],
+)
 def test_one_of_several_motions_is_told_from_none_of_them(name, word):
     """pymunk goes on in all three: where rest and slip both obey Coulomb's law it slips by that law; past the critical angle its friction, of the step
     before, is off the law by a seventh of the load; and where finite forces have no motion impulses have one."""
@@ -122,22 +238,54 @@ def test_one_of_several_motions_is_told_from_none_of_them(name, word):
     assert found.word == word, found
 
 
-@pytest.mark.parametrize(("engine", "fidelity", "settings", "word"), [
-    ("pymunk", "joint", {}, IMPULSIVE), ("pymunk", "contact", {}, IMPULSIVE), ("pybullet", "contact", {}, IMPULSIVE), ("mujoco", "joint", {}, IMPULSIVE),
-    ("dart", "contact", {}, IMPULSIVE), ("drake", "contact", {}, IMPULSIVE), ("moreau", "contact", {}, IMPULSIVE),
-    ("drake", "contact", {"method": "continuous"}, WRONG), ("mujoco", "joint", {"method": "accelerations"}, WRONG), ("exudyn", "joint", {}, WRONG),
-    ("reference", "joint", {"method": "paper"}, WRONG)])
-def test_what_goes_on_without_finite_forces_is_not_wrong_for_schemes_of_impulses(engine, fidelity, settings, word):
+@pytest.mark.parametrize(
+    ("engine", "fidelity", "settings", "word"),
+    [
+        ("pymunk", "joint", {}, IMPULSIVE),
+        ("pymunk", "contact", {}, IMPULSIVE),
+        ("pybullet", "contact", {}, IMPULSIVE),
+        ("mujoco", "joint", {}, IMPULSIVE),
+        ("dart", "contact", {}, IMPULSIVE),
+        ("drake", "contact", {}, IMPULSIVE),
+        ("moreau", "contact", {}, IMPULSIVE),
+        ("drake", "contact", {"method": "continuous"}, WRONG),
+        ("mujoco", "joint", {"method": "accelerations"}, WRONG),
+        ("exudyn", "joint", {}, WRONG),
+        ("reference", "joint", {"method": "paper"}, WRONG),
+    ],
+)
+def test_what_goes_on_without_finite_forces_is_not_wrong_for_schemes_of_impulses(
+    engine, fidelity, settings, word
+):
     installed(engine)
-    variant, gone_on = Variant("v", engine, "dt", (), fidelity, settings), Outcome("", "ok", Examination({BEYOND: np.inf}))
-    assert judge(case_of(NO_MOTION, stop={"at": 1, "kind": "no solution"}), variant, gone_on).word == word
-    assert judge(case_of(NO_MOTION, stop={"at": 1, "kind": "several solutions"}), variant, gone_on).word == WRONG
+    variant, gone_on = (
+        Variant("v", engine, "dt", (), fidelity, settings),
+        Outcome("", "ok", Examination({BEYOND: np.inf})),
+    )
+    assert (
+        judge(case_of(NO_MOTION, stop={"at": 1, "kind": "no solution"}), variant, gone_on).word
+        == word
+    )
+    assert (
+        judge(
+            case_of(NO_MOTION, stop={"at": 1, "kind": "several solutions"}), variant, gone_on
+        ).word
+        == WRONG
+    )
 
 
-@pytest.mark.parametrize(("name", "engine", "word"), [
-    ("start off its constraints", "reference", RIGHT), ("start off its constraints", "pymunk", DECLINED_BY_ADAPTER),
-    ("velocity off its constraints", "exudyn", DECLINED_BY_ADAPTER), ("velocity off its constraints", "moreau", RIGHT),
-    ("zero mass", "reference", UNREAD), ("zero mass", "pymunk", UNREAD), ("contradictory drives", "exudyn", RIGHT)])
+@pytest.mark.parametrize(
+    ("name", "engine", "word"),
+    [
+        ("start off its constraints", "reference", RIGHT),
+        ("start off its constraints", "pymunk", DECLINED_BY_ADAPTER),
+        ("velocity off its constraints", "exudyn", DECLINED_BY_ADAPTER),
+        ("velocity off its constraints", "moreau", RIGHT),
+        ("zero mass", "reference", UNREAD),
+        ("zero mass", "pymunk", UNREAD),
+        ("contradictory drives", "exudyn", RIGHT),
+    ],
+)
 def test_only_a_method_is_right_in_refusing(name, engine, word):
     """Not the adapter in the name of its engine, nor the reader of scenes; Exudyn's own solver finds that drives contradict."""
     installed(engine)
@@ -147,35 +295,58 @@ def test_only_a_method_is_right_in_refusing(name, engine, word):
     assert found.word == word, found
 
 
-@pytest.mark.parametrize("name", ["weightless instants", "wedged slider", "slider of 2e8 kg on a bar of 2 kg"])
+@pytest.mark.parametrize(
+    "name", ["weightless instants", "wedged slider", "slider of 2e8 kg on a bar of 2 kg"]
+)
 def test_a_box_without_clearance_stays_pressed_between_the_surfaces_of_its_guide(name):
     """In pymunk, by what its contacts remember: it stays where it was braked, and with a clearance it moves as it must."""
     case, error = CASES[name], {}
     for clearance in (0.0, 1e-7):
-        variant = Variant("pymunk, contact", "pymunk", "dt", (), "contact", {"clearance": clearance})
+        variant = Variant(
+            "pymunk, contact", "pymunk", "dt", (), "contact", {"clearance": clearance}
+        )
         error[clearance] = examine(case.name, variant).measures["slider.x"]
     assert error[1e-7] < 1e-2 and error[0.0] > 0.5
 
 
 def test_a_friction_that_is_not_a_number_obeys_no_law():
     scene = load_scene("hard/can-jam")
-    columns = {f"guide.{name}": np.ones(3) for name in ("F1", "F2")} | {f"guide.{name}": np.zeros(3) for name in ("F3", "F4", "mode", "friction")}
+    columns = {f"guide.{name}": np.ones(3) for name in ("F1", "F2")} | {
+        f"guide.{name}": np.zeros(3) for name in ("F3", "F4", "mode", "friction")
+    }
     assert friction_excess(scene, columns) <= 0.0
-    assert friction_excess(scene, columns | {"guide.friction": np.array([0.0, np.nan, 0.0])}) == np.inf
+    assert (
+        friction_excess(scene, columns | {"guide.friction": np.array([0.0, np.nan, 0.0])}) == np.inf
+    )
 
 
-@pytest.mark.parametrize(("fidelity", "off_at", "error"), [("contact", 0, 0.0), ("contact", 9, 0.0), ("contact", 10, 1.0), ("joint", 0, 1.0)])
+@pytest.mark.parametrize(
+    ("fidelity", "off_at", "error"),
+    [("contact", 0, 0.0), ("contact", 9, 0.0), ("contact", 10, 1.0), ("joint", 0, 1.0)],
+)
 def test_contacts_are_given_some_steps_to_carry_a_load(fidelity, off_at, error):
     force = np.ones(100)
     force[off_at] = 0.0
-    run = Trajectory("s", "any", "1", fidelity, np.arange(100) * 1e-3, {"guide.normal_force": force, "slider.x": force}, settings={"dt": 1e-3})
+    run = Trajectory(
+        "s",
+        "any",
+        "1",
+        fidelity,
+        np.arange(100) * 1e-3,
+        {"guide.normal_force": force, "slider.x": force},
+        settings={"dt": 1e-3},
+    )
 
     def error_of(column, run):
-        return follows(case_of(follows={column: "cos(t)^0"}), [load_scene("slider-bar-case-1")], [run])[column]
+        return follows(
+            case_of(follows={column: "cos(t)^0"}), [load_scene("slider-bar-case-1")], [run]
+        )[column]
 
     assert error_of("guide.normal_force", run) == error
     assert error_of("slider.x", run) == 1.0  # a position has no such grace
-    assert error_of("guide.normal_force", replace(run, settings={})) == 1.0  # nor a method without a step
+    assert (
+        error_of("guide.normal_force", replace(run, settings={})) == 1.0
+    )  # nor a method without a step
 
 
 def test_a_motion_of_which_no_guide_is_known_to_stick_is_not_held_to_coulombs_law():
@@ -184,7 +355,21 @@ def test_a_motion_of_which_no_guide_is_known_to_stick_is_not_held_to_coulombs_la
     scene = case.scenes(True)[0]
     run = load_engine("pymunk").simulate(scene, dt=case.dt)
     assert set(_beyond(case, scene, run)) == {BEYOND}
-    assert _beyond(case, scene, replace(run, columns={name: values for name, values in run.columns.items() if not name.endswith(".mode")})) == {}
+    assert (
+        _beyond(
+            case,
+            scene,
+            replace(
+                run,
+                columns={
+                    name: values
+                    for name, values in run.columns.items()
+                    if not name.endswith(".mode")
+                },
+            ),
+        )
+        == {}
+    )
 
 
 @pytest.mark.parametrize("seed", range(12))
@@ -195,7 +380,9 @@ def test_other_units_scale_equations_and_come_back(seed):
     other = scaled(scene, units)
     back = scaled(other, Units(1 / 10.0, 1e3, 1 / 7.0))
     for name, body in scene.bodies.items():
-        assert back.bodies[name].inertia == pytest.approx(body.inertia) and back.bodies[name].velocity == pytest.approx(body.velocity)
+        assert back.bodies[name].inertia == pytest.approx(body.inertia) and back.bodies[
+            name
+        ].velocity == pytest.approx(body.velocity)
     rows = []
     for one in (scene, other):
         m = Mechanism(one).arrays
@@ -203,14 +390,21 @@ def test_other_units_scale_equations_and_come_back(seed):
         row_form(m, w, 0.0, *Mechanism(one).initial_state())
         # right sides over the square roots of mobilities: accelerations times the square root of a mass, sqrt(W)/s
         rows.append(w.right / np.sqrt(np.diag(w.G)))
-    np.testing.assert_allclose(rows[1], rows[0] * units.of((1, 0, -2)) * np.sqrt(units.mass), rtol=1e-6,
-                               atol=1e-9 * np.max(np.abs(rows[1])))
+    np.testing.assert_allclose(
+        rows[1],
+        rows[0] * units.of((1, 0, -2)) * np.sqrt(units.mass),
+        rtol=1e-6,
+        atol=1e-9 * np.max(np.abs(rows[1])),
+    )
 
 
 def test_critical_coefficient_of_the_rod():
     """Number of consistent normal forces: one below the critical coefficient, none or two above."""
     for excess, w, count in ((-1e-6, 0, 1), (1e-6, 0, 0), (-1e-6, 20, 1), (1e-6, 20, 2)):
-        assert len(rod_normal_force(load_scene("hard/sliding-rod", {"excess": excess, "w": w}))) == count
+        assert (
+            len(rod_normal_force(load_scene("hard/sliding-rod", {"excess": excess, "w": w})))
+            == count
+        )
     small = load_scene("hard/sliding-rod", {"r": 1e-9}).parameters["critical"]
     assert small == pytest.approx(4 / 3, abs=1e-8)
 
@@ -221,7 +415,10 @@ def test_hyperstatic_stick_does_not_depend_on_order_or_units():
     for scene in CASES["three guides at rest"].scenes():
         run = load_engine("reference").simulate(scene, rtol=1e-10, stabilization="projection")
         weight = -scene.gravity[1] * scene.bodies["slider"].mass
-        for name, total in (("friction", -weight * np.sin(incline)), ("normal_force", weight * np.cos(incline))):
+        for name, total in (
+            ("friction", -weight * np.sin(incline)),
+            ("normal_force", weight * np.cos(incline)),
+        ):
             for i in (1, 2, 3):
                 np.testing.assert_allclose(run[f"guide-{i}.{name}"], total / 3, rtol=1e-9)
 
@@ -229,10 +426,23 @@ def test_hyperstatic_stick_does_not_depend_on_order_or_units():
 @pytest.mark.parametrize("moved", [0.0, 1e-3])
 def test_a_start_moved_silently_has_a_size(moved):
     scene = load_scene("hard/inconsistent-velocity")
-    columns = {f"{name}.{column}": np.array([float(value)]) for name, body in scene.bodies.items() for column, value in zip(
-        ("x", "y", "angle", "vx", "vy", "omega"), (*body.position, body.angle, *body.velocity, body.angular_velocity))}
+    columns = {
+        f"{name}.{column}": np.array([float(value)])
+        for name, body in scene.bodies.items()
+        for column, value in zip(
+            ("x", "y", "angle", "vx", "vy", "omega"),
+            (*body.position, body.angle, *body.velocity, body.angular_velocity),
+        )
+    }
     columns["bar.x"] = columns["bar.x"] + moved
-    run = Trajectory(scene.name, "any", "1", "joint", np.zeros(1), columns | {"drift.position": np.zeros(1), "drift.velocity": np.zeros(1)})
+    run = Trajectory(
+        scene.name,
+        "any",
+        "1",
+        "joint",
+        np.zeros(1),
+        columns | {"drift.position": np.zeros(1), "drift.velocity": np.zeros(1)},
+    )
     assert accepted_start(case_of(), [scene], [run])["start moved silently"] == pytest.approx(moved)
 
 
@@ -243,16 +453,27 @@ def test_without_a_static_coefficient_a_case_that_is_not_about_it_has_mus_equal_
 
 
 def page_table():
-    rows = [("t1", "a", "reference", RIGHT, "x", 1e-9), ("t1", "a", "trial and error", DECLINED, "cycles", np.nan),
-            ("t1", "a", "Moreau, contact", WRONG, "slider.x", 0.4), ("t2", "b", "reference", RIGHT, "", np.nan),
-            ("t2", "b", "trial and error", RIGHT, "", np.nan), ("t2", "b", "Moreau, contact", WRONG, "slider.x", 0.2)]
-    return pd.DataFrame(rows, columns=["topic", "case", "variant", "verdict", "about", "size"]).assign(
-        scene="s", must="m", limit=1e-2, **{"cpu_time": 1.0})
+    rows = [
+        ("t1", "a", "reference", RIGHT, "x", 1e-9),
+        ("t1", "a", "trial and error", DECLINED, "cycles", np.nan),
+        ("t1", "a", "Moreau, contact", WRONG, "slider.x", 0.4),
+        ("t2", "b", "reference", RIGHT, "", np.nan),
+        ("t2", "b", "trial and error", RIGHT, "", np.nan),
+        ("t2", "b", "Moreau, contact", WRONG, "slider.x", 0.2),
+    ]
+    return pd.DataFrame(
+        rows, columns=["topic", "case", "variant", "verdict", "about", "size"]
+    ).assign(scene="s", must="m", limit=1e-2, **{"cpu_time": 1.0})
 
 
 def test_presentation():
     """Counts of every method over the same mechanical cases; hostile files stand apart; a verdict that changes changes them."""
-    table = page_table().assign(fidelity="joint", engine=lambda rows: ["reference" if name != "Moreau, contact" else "pymunk" for name in rows["variant"]])
+    table = page_table().assign(
+        fidelity="joint",
+        engine=lambda rows: [
+            "reference" if name != "Moreau, contact" else "pymunk" for name in rows["variant"]
+        ],
+    )
     hostile = table.assign(topic=HOSTILE, case="hostile " + table["case"], verdict=UNREAD)
     missing = table.iloc[:1].assign(variant="absent", engine="absent", verdict=NOT_INSTALLED)
     results = Results((), {}, {"hard": pd.concat([table, hostile, missing], ignore_index=True)})
@@ -263,15 +484,29 @@ def test_presentation():
 
     expected = {}
     for method, rows in table.groupby("variant", sort=False):
-        expected[method] = "/".join(str(rows["verdict"].isin(verdicts).sum()) for verdicts in (
-            [RIGHT], [DECLINED], [DECLINED_BY_ADAPTER, INEXPRESSIBLE, IMPULSIVE], [DEGRADED], [WRONG, FAILED]))
+        expected[method] = "/".join(
+            str(rows["verdict"].isin(verdicts).sum())
+            for verdicts in (
+                [RIGHT],
+                [DECLINED],
+                [DECLINED_BY_ADAPTER, INEXPRESSIBLE, IMPULSIVE],
+                [DEGRADED],
+                [WRONG, FAILED],
+            )
+        )
     assert counts(results) == expected and len(expected) == 3
     said = present(results)
     assert said.answer.text == "Wrong/judged: the reference 0/2; joints Moreau 2/2."
     assert any(f"Hostile files are {hostile['case'].nunique()} more" in note for note in said.notes)
     [heat] = said.figures
     wide = table.pivot(index="case", columns="variant", values="verdict")
-    assert heat.cells == wide.loc[list(heat.rows), list(heat.columns)].replace({RIGHT: "right", DECLINED: "declined", WRONG: "wrong"}).to_numpy().tolist()
+    assert (
+        heat.cells
+        == wide.loc[list(heat.rows), list(heat.columns)]
+        .replace({RIGHT: "right", DECLINED: "declined", WRONG: "wrong"})
+        .to_numpy()
+        .tolist()
+    )
     assert list(heat.categories) == said.tables[0].heads()[1:]  # the kinds of the table
     mutated = results.tables["hard"].copy()
     mutated.loc[0, "verdict"] = WRONG
@@ -286,13 +521,22 @@ def test_ten_thousand_bodies_are_refused():
     scene = CASES["ten thousand bodies"].scenes()[0]
     with pytest.raises(SceneError, match=f"20000 constraint equations.*at most {MOST_ROWS}"):
         Mechanism(scene)
-    assert "at most 5000" in load_engine("exudyn").refusal(scene, "joint")  # in its process memory would end
+    assert "at most 5000" in load_engine("exudyn").refusal(
+        scene, "joint"
+    )  # in its process memory would end
     pytest.importorskip("pybullet")
     assert "at most" in load_engine("pybullet").refusal(scene, "joint")
 
 
-@pytest.mark.parametrize("arguments", [["scenes", "soft"], ["compare", "hard", "--engines", "havok"], ["compare", "hard", "--timeout", "0"],
-                                       ["compare", "hard", "--problems", "nowhere/set.parquet"]])
+@pytest.mark.parametrize(
+    "arguments",
+    [
+        ["scenes", "soft"],
+        ["compare", "hard", "--engines", "havok"],
+        ["compare", "hard", "--timeout", "0"],
+        ["compare", "hard", "--problems", "nowhere/set.parquet"],
+    ],
+)
 def test_bad_commands(arguments):
     result = invoke(*arguments, exit_code=BAD_INPUT)
     assert "Traceback" not in result.output

@@ -7,7 +7,14 @@ import pandas as pd
 import pytest
 
 import stiction
-from stiction.comparisons.judge.judgement import FOUND, INVENTED, MISSED, UNRESOLVED, judge, prescribed
+from stiction.comparisons.judge.judgement import (
+    FOUND,
+    INVENTED,
+    MISSED,
+    UNRESOLVED,
+    judge,
+    prescribed,
+)
 from stiction.comparisons.measures.scene_truth import ground_truth
 from stiction.scenes import load_scene
 from stiction.scenes.result_table import parse_units
@@ -25,14 +32,20 @@ def true_table(step=0.01, two_sided=False, name=CASE, **overrides):
     frame = pd.DataFrame({"t": t, **truth(t)})
     if not two_sided:
         return frame
-    sides = [{"t": event.time, **side} for event in truth.events for side in (event.before, event.after)]
-    return pd.concat([frame, pd.DataFrame(sides)]).sort_values("t", kind="stable", ignore_index=True)
+    sides = [
+        {"t": event.time, **side} for event in truth.events for side in (event.before, event.after)
+    ]
+    return pd.concat([frame, pd.DataFrame(sides)]).sort_values(
+        "t", kind="stable", ignore_index=True
+    )
 
 
 @cache
 def own_run(name):
     scene = load_scene(name)
-    return scene, stiction.load_engine("reference").simulate(scene, rtol=1e-9, output_step=scene.t_end / 1000)
+    return scene, stiction.load_engine("reference").simulate(
+        scene, rtol=1e-9, output_step=scene.t_end / 1000
+    )
 
 
 def only(frame, *endings):
@@ -63,9 +76,16 @@ class TestRight:
         assert judged.tables["jumps"]["resolved"].all() and len(judged.tables["jumps"]) == 15
         assert judged.tables["findings"].empty
         summary = judged.tables["summary"].loc[0]
-        assert summary["energy_error"] <= summary["energy_uncertainty"] < 0.01 * summary["energy_exchanged"]
+        assert (
+            summary["energy_error"]
+            <= summary["energy_uncertainty"]
+            < 0.01 * summary["energy_exchanged"]
+        )
         if two_sided:  # efforts are exact
-            assert error_of(judged, "motor.effort")["uncertainty"] < 1e-8 and summary["events_matched"] == 25
+            assert (
+                error_of(judged, "motor.effort")["uncertainty"] < 1e-8
+                and summary["events_matched"] == 25
+            )
             assert judged.tables["jumps"]["jump_error"].abs().max() < 1e-9
 
     def test_positions_are_enough(self, frame):
@@ -81,8 +101,18 @@ class TestRight:
         assert judged.error < 1e-12 and effort["error"] <= effort["uncertainty"]
 
     @pytest.mark.parametrize("two_sided", [False, True])
-    @pytest.mark.parametrize("name", ["coulomb-oscillator", "elliptic-trammel", "hard/wedged-slider", "hard/three-stop-at-once",
-                                      "hard/three-guides-at-rest", "hard/trammel-at-rest", "hard/trammel-comes-to-rest"])
+    @pytest.mark.parametrize(
+        "name",
+        [
+            "coulomb-oscillator",
+            "elliptic-trammel",
+            "hard/wedged-slider",
+            "hard/three-stop-at-once",
+            "hard/three-guides-at-rest",
+            "hard/trammel-at-rest",
+            "hard/trammel-comes-to-rest",
+        ],
+    )
     def test_nothing_is_held_against_a_run_of_ours(self, name, two_sided):
         """With many events, events at the end of a sample, at one instant, in independent parts, and without any motion."""
         scene, run = own_run(name)
@@ -101,7 +131,9 @@ class TestWrong:
     def test_another_friction_coefficient(self, frame):
         other = true_table(mu=0.035)
         judged = judge(CASE, other)
-        assert judged.error == pytest.approx(np.abs(other["slider.x"] - frame["slider.x"]).max(), rel=0.01)
+        assert judged.error == pytest.approx(
+            np.abs(other["slider.x"] - frame["slider.x"]).max(), rel=0.01
+        )
         assert INVENTED in verdicts(judged) and not judged.is_misread
         assert any("friction" in finding for finding in judged.tables["findings"]["finding"])
 
@@ -111,9 +143,16 @@ class TestWrong:
 
     def test_millimetres_and_degrees(self, frame):
         frame = only(frame, *POSITIONS, *VELOCITIES, ".effort")
-        scale = [1 if name == "t" else 180 / np.pi if name.endswith((".angle", ".omega")) else 1e3 for name in frame]
+        scale = [
+            1 if name == "t" else 180 / np.pi if name.endswith((".angle", ".omega")) else 1e3
+            for name in frame
+        ]
         wrong = judge(CASE, frame * scale)
-        assert wrong.is_misread and any("deg" in hint for hint in wrong.hints) and any("mm" in hint for hint in wrong.hints)
+        assert (
+            wrong.is_misread
+            and any("deg" in hint for hint in wrong.hints)
+            and any("mm" in hint for hint in wrong.hints)
+        )
         right = judge(CASE, frame * scale, units=parse_units("mm,deg"))
         assert right.error < 1e-12 and not right.hints
 
@@ -129,26 +168,45 @@ class TestWrong:
         frame = only(frame, *POSITIONS, ".effort")
         frame = frame.assign(**{"motor.effort": -frame["motor.effort"]})
         judged = judge(CASE, frame)
-        assert judged.is_misread and list(judged.hints.values()) == [["motor.effort"]] and judged.error < 1e-12
+        assert (
+            judged.is_misread
+            and list(judged.hints.values()) == [["motor.effort"]]
+            and judged.error < 1e-12
+        )
         assert not judge(CASE, frame, {"motor.effort": "-motor.effort"}).hints
 
     def test_another_origin(self, frame):
-        judged = judge(CASE, only(frame, "slider.x").assign(**{"slider.x": frame["slider.x"] - 0.25}))
+        judged = judge(
+            CASE, only(frame, "slider.x").assign(**{"slider.x": frame["slider.x"] - 0.25})
+        )
         assert judged.is_misread and judged.error == pytest.approx(0.25)
 
     def test_energy_velocities_and_constraints_that_do_not_fit(self, frame):
-        summary = judge(CASE, frame.assign(**{"motor.effort": 1.1 * frame["motor.effort"]})).tables["summary"].loc[0]
+        summary = (
+            judge(CASE, frame.assign(**{"motor.effort": 1.1 * frame["motor.effort"]}))
+            .tables["summary"]
+            .loc[0]
+        )
         assert summary["energy_error"] > 3 * summary["energy_uncertainty"]
         states = only(frame, *POSITIONS, *VELOCITIES)
-        faster = states.assign(**{"slider.vx": 1.2 * frame["slider.vx"], "bar.vx": 1.2 * frame["bar.vx"]})
-        assert any("velocities" in finding for finding in judge(CASE, faster).tables["findings"]["finding"])
+        faster = states.assign(
+            **{"slider.vx": 1.2 * frame["slider.vx"], "bar.vx": 1.2 * frame["bar.vx"]}
+        )
+        assert any(
+            "velocities" in finding for finding in judge(CASE, faster).tables["findings"]["finding"]
+        )
         off = only(frame, *POSITIONS).assign(**{"slider.y": frame["slider.y"] + 1e-3 * frame["t"]})
-        assert judge(CASE, off).tables["summary"].at[0, "position_drift"] == pytest.approx(0.024 * np.sqrt(2), rel=0.01)
+        assert judge(CASE, off).tables["summary"].at[0, "position_drift"] == pytest.approx(
+            0.024 * np.sqrt(2), rel=0.01
+        )
 
     def test_what_a_table_does_not_cover_is_not_counted(self, frame):
         late = judge(CASE, frame[frame["t"] >= 19])
         assert not late.is_complete and verdicts(late) == [FOUND]
-        assert late.tables["jumps"]["event_time"].min() >= 19 and late.tables["jumps"]["resolved"].all()
+        assert (
+            late.tables["jumps"]["event_time"].min() >= 19
+            and late.tables["jumps"]["resolved"].all()
+        )
 
     def test_two_rows_are_a_table_and_half_a_one_is_not_complete(self, frame):
         judged, half = judge(CASE, frame[:2]), frame[frame["t"] <= 12]
@@ -177,14 +235,20 @@ class TestTruths:
     def test_without_a_truth_the_table_is_held_against_itself(self):
         run = stiction.load_engine("reference").simulate(load_scene("painleve-rod"))
         judged = judge("painleve-rod", run)
-        assert judged.error is None and "no truth" in str(judged) and judged.tables["findings"].empty
+        assert (
+            judged.error is None and "no truth" in str(judged) and judged.tables["findings"].empty
+        )
         torn = run.to_frame()
         torn["rod.x"] += 0.3 * (torn["t"] > 0.03)
         assert len(judge("painleve-rod", torn).tables["findings"])
 
     def test_a_scene_without_friction(self):
         judged = judge("pendulum", true_table(name="pendulum"))
-        assert judged.error < 1e-12 and judged.tables["stick-phases"].empty and list(judged.tables["jumps"]) == ["effort"]
+        assert (
+            judged.error < 1e-12
+            and judged.tables["stick-phases"].empty
+            and list(judged.tables["jumps"]) == ["effort"]
+        )
 
 
 def test_events_of_a_table_without_modes_are_those_of_the_truth():
@@ -193,31 +257,62 @@ def test_events_of_a_table_without_modes_are_those_of_the_truth():
     assert list(found["kind"]) == list(true["kind"])
 
 
-@pytest.mark.parametrize(("name", "held"), [
-    ("slider-bar-case-1", {"bar.y", "bar.angle", "slider.y", "slider.angle"}), ("slider-crank", set()), ("four-bar", {"coupler-1.angle", "coupler-2.angle"}), ("pendulum", set()),
-    ("block-on-incline", {"slider.angle"}), ("coulomb-oscillator", {"slider.y", "slider.angle"})])
+@pytest.mark.parametrize(
+    ("name", "held"),
+    [
+        ("slider-bar-case-1", {"bar.y", "bar.angle", "slider.y", "slider.angle"}),
+        ("slider-crank", set()),
+        ("four-bar", {"coupler-1.angle", "coupler-2.angle"}),
+        ("pendulum", set()),
+        ("block-on-incline", {"slider.angle"}),
+        ("coulomb-oscillator", {"slider.y", "slider.angle"}),
+    ],
+)
 def test_coordinates_that_no_force_moves(name, held):
     """Those of guides and drives, and of the couplers of parallelograms, which do not turn; none where all of the motion is prescribed."""
     scene = load_scene(name)
     assert prescribed(scene, ground_truth(scene)) == held
 
 
-@pytest.mark.parametrize(("column", "factor"), [("slider.ax", 1.05), ("slider.ax", 0.9), ("guide.normal_force", 1.1), ("guide.friction", -1.0)])
+@pytest.mark.parametrize(
+    ("column", "factor"),
+    [
+        ("slider.ax", 1.05),
+        ("slider.ax", 0.9),
+        ("guide.normal_force", 1.1),
+        ("guide.friction", -1.0),
+    ],
+)
 def test_an_acceleration_or_force_that_is_off_is_named_among_the_findings(column, factor):
     """A truth whose one column is some per cent too large; the truth itself has none such."""
     scene = load_scene("slider-bar-case-1", {"t_end": 8})
     t = np.linspace(0, 8, 801)
     true = {"t": t, **ground_truth(scene)(t)}
+
     def said(table):
-        return [line for line in str(judge(scene, pd.DataFrame(table))).splitlines() if "of its size" in line]
+        return [
+            line
+            for line in str(judge(scene, pd.DataFrame(table))).splitlines()
+            if "of its size" in line
+        ]
+
     assert not said(true)
     [line] = said({**true, column: factor * true[column]})
     assert line.startswith(column + " is off by ")
 
 
 @pytest.mark.parametrize("two_sided", [False, True])
-@pytest.mark.parametrize("change", [lambda frame: frame, lambda frame: only(frame, *POSITIONS), lambda frame: only(frame, "slider.x"),
-                                    lambda frame: frame.assign(**{"guide.F1": 1.2 * frame["guide.F1"], "slider.x": frame["slider.x"] + 1e-4})])
+@pytest.mark.parametrize(
+    "change",
+    [
+        lambda frame: frame,
+        lambda frame: only(frame, *POSITIONS),
+        lambda frame: only(frame, "slider.x"),
+        lambda frame: frame.assign(
+            **{"guide.F1": 1.2 * frame["guide.F1"], "slider.x": frame["slider.x"] + 1e-4}
+        ),
+    ],
+)
 def test_long_tables_are_judged_like_short_ones(monkeypatch, two_sided, change):
     """The same table as a whole and in parts of some hundred rows, whose columns are in files."""
     from stiction.comparisons.judge import judgement

@@ -11,7 +11,14 @@ from stiction.comparisons.bench.participants import variant
 from stiction.comparisons.bench.presentation.cells import with_uncertainty
 from stiction.comparisons.bench.quantities import quantity_of
 from stiction.comparisons.bench.variants import COEFFICIENTS, Coefficients, Record
-from stiction.comparisons.measures.accuracy import KINDS, effort_error, errors, graph, missed, truth_over_time
+from stiction.comparisons.measures.accuracy import (
+    KINDS,
+    effort_error,
+    errors,
+    graph,
+    missed,
+    truth_over_time,
+)
 from stiction.comparisons.measures.distances import Graph, l1
 from stiction.comparisons.measures.torque_jumps import torque_table
 from stiction.engines import Outcome
@@ -52,7 +59,10 @@ def test_error_of_the_effort_does_not_depend_on_the_output(truth):
     fine, coarse = run(1e-3, dt=1e-3), run(2e-2, dt=1e-3)
     one, other = (effort_error(found, truth, EFFORT) for found in (fine, coarse))
     assert abs(one.value - other.value) <= one.uncertainty + other.uncertainty < 0.1 * one.value
-    by_interpolation = l1(graph(coarse, EFFORT), Graph(*truth_over_time(truth, EFFORT, coarse.t))).value / coarse.t[-1]
+    by_interpolation = (
+        l1(graph(coarse, EFFORT), Graph(*truth_over_time(truth, EFFORT, coarse.t))).value
+        / coarse.t[-1]
+    )
     assert abs(by_interpolation - one.value) > abs(other.value - one.value)
 
 
@@ -62,14 +72,20 @@ def test_an_effort_that_is_left_open_has_no_error_and_the_motion_has(truth):
     effort[7] = np.nan
     unknown = replace(found, columns={**found.columns, EFFORT: effort})
     known, left_open = (errors(one, truth) for one in (found, unknown))
-    assert set(known) - set(left_open) == {name for name in known if name.startswith("torque")} != set()
+    assert (
+        set(known) - set(left_open)
+        == {name for name in known if name.startswith("torque")}
+        != set()
+    )
     assert left_open["position_error"] < 1e-6
 
 
 def test_error_of_the_effort_of_a_shifted_truth(truth):
     """Jumps that all come by `shift` late: the mean error is their sum times the shift, and the known smooth part."""
     found, shift = run(1e-2, rtol=1e-12), 1e-4
-    late = replace(found, events=tuple(replace(event, time=event.time + shift) for event in found.events))
+    late = replace(
+        found, events=tuple(replace(event, time=event.time + shift) for event in found.events)
+    )
     expected = all_jumps(truth) * shift / truth.t_end
     assert effort_error(found, truth, EFFORT).value < 1e-3 * expected
     # the effort of the late rows is off by shift times its rate of some 15 N m/s
@@ -79,21 +95,35 @@ def test_error_of_the_effort_of_a_shifted_truth(truth):
 def test_runs_without_events_know_their_effort_to_a_jump_times_the_output_step(truth):
     blind = replace(run(1e-2, rtol=1e-12), events=())
     found = effort_error(blind, truth, EFFORT)
-    assert found.value <= found.uncertainty and found.uncertainty >= all_jumps(truth) * 1e-2 / truth.t_end
+    assert (
+        found.value <= found.uncertainty
+        and found.uncertainty >= all_jumps(truth) * 1e-2 / truth.t_end
+    )
     record = Record("key", CASE, variant("paper's scheme"), 1e-2, Outcome("key", "ok", blind))
     table = torque_table([record], {"key": truth})
     assert (table["time_error"].abs() <= table["time_uncertainty"])[table["resolved"]].all()
 
 
-@pytest.mark.parametrize("value, uncertainty, shown", [
-    (1.234e-3, 1e-9, "0.0012"), (1.234e-3, 2.01e-4, "0.00123 ± 0.00021"), (1.7e-13, 9e-6, "< 9.1e-06"),
-    (-2e-5, 2e-5, "< 4e-05"), (0.0, 0.0, "0"), (float("inf"), 1e-3, "inf")])
+@pytest.mark.parametrize(
+    "value, uncertainty, shown",
+    [
+        (1.234e-3, 1e-9, "0.0012"),
+        (1.234e-3, 2.01e-4, "0.00123 ± 0.00021"),
+        (1.7e-13, 9e-6, "< 9.1e-06"),
+        (-2e-5, 2e-5, "< 4e-05"),
+        (0.0, 0.0, "0"),
+        (float("inf"), 1e-3, "inf"),
+    ],
+)
 def test_no_number_is_printed_below_its_uncertainty(value, uncertainty, shown):
     assert str(Uncertain(value, uncertainty)) == shown
 
 
 def test_tables_print_numbers_with_their_uncertainty():
-    assert quantity_of("position_error").uncertainty == "position_uncertainty" and quantity_of(TORQUE).uncertainty == UNSURE
+    assert (
+        quantity_of("position_error").uncertainty == "position_uncertainty"
+        and quantity_of(TORQUE).uncertainty == UNSURE
+    )
     table = pd.DataFrame({"variant": ["a", "b"], TORQUE: [1e-3, 1e-13], UNSURE: [1e-9, 1e-6]})
     assert list(with_uncertainty(table)) == ["variant", TORQUE]
     text = markdown(table)
@@ -101,7 +131,15 @@ def test_tables_print_numbers_with_their_uncertainty():
 
 
 def test_lists_hold_one_fidelity_and_one_physics():
-    table = pd.DataFrame({"variant": list("abc"), "fidelity": ["joint", "contact", "joint"],
-                          COEFFICIENTS: [Coefficients.BOTH, Coefficients.BOTH, Coefficients.ONE]})
+    table = pd.DataFrame(
+        {
+            "variant": list("abc"),
+            "fidelity": ["joint", "contact", "joint"],
+            COEFFICIENTS: [Coefficients.BOTH, Coefficients.BOTH, Coefficients.ONE],
+        }
+    )
     assert [(group.label, list(rows["variant"])) for group, rows in groups(table)] == [
-        ("joint, mus > mu", ["a"]), ("contact, mus > mu", ["b"]), ("joint, mus = mu", ["c"])]
+        ("joint, mus > mu", ["a"]),
+        ("contact, mus > mu", ["b"]),
+        ("joint, mus = mu", ["c"]),
+    ]

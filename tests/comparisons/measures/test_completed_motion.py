@@ -20,10 +20,19 @@ def table_of(name, columns, rows=2001, **overrides):
     return pd.DataFrame({"t": t, **{column: known[column] for column in columns}})
 
 
-@pytest.mark.parametrize(("name", "columns", "phases"), [
-    ("coulomb-oscillator", ["slider.x"], 1), ("coulomb-oscillator", ["slider.x", "slider.vx"], 1), ("mass-on-belt", ["slider.x"], 7),
-    ("slider-bar-case-1", ["slider.x"], 4), ("slider-bar-case-1", ["bar.x", "slider.vx"], 4), ("slider-bar-case-1", ["guide.displacement"], 4),
-    ("block-on-incline", ["slider.x"], 0), ("slider-crank", ["slider.x"], 0)])
+@pytest.mark.parametrize(
+    ("name", "columns", "phases"),
+    [
+        ("coulomb-oscillator", ["slider.x"], 1),
+        ("coulomb-oscillator", ["slider.x", "slider.vx"], 1),
+        ("mass-on-belt", ["slider.x"], 7),
+        ("slider-bar-case-1", ["slider.x"], 4),
+        ("slider-bar-case-1", ["bar.x", "slider.vx"], 4),
+        ("slider-bar-case-1", ["guide.displacement"], 4),
+        ("block-on-incline", ["slider.x"], 0),
+        ("slider-crank", ["slider.x"], 0),
+    ],
+)
 def test_one_coordinate_shows_stick_phases_and_energy(name, columns, phases):
     judged = judge(name, table_of(name, columns))
     verdicts = list(judged.tables["stick-phases"]["verdict"])
@@ -33,7 +42,14 @@ def test_one_coordinate_shows_stick_phases_and_energy(name, columns, phases):
     assert "position_drift" not in judged.tables["summary"]  # zero by construction
 
 
-@pytest.mark.parametrize(("name", "column"), [("coulomb-oscillator", "slider.x"), ("slider-bar-case-1", "slider.x"), ("mass-on-belt", "slider.x")])
+@pytest.mark.parametrize(
+    ("name", "column"),
+    [
+        ("coulomb-oscillator", "slider.x"),
+        ("slider-bar-case-1", "slider.x"),
+        ("mass-on-belt", "slider.x"),
+    ],
+)
 def test_energy_of_a_motion_with_another_friction_is_off(name, column):
     mu = load_scene(name).frictional_guides["guide"].kinetic_coefficient
     judged = judge(name, table_of(name, [column], **{"guide.mu": 0.8 * mu}))
@@ -56,15 +72,21 @@ def test_completed_states_are_the_truth():
     q = completion.positions(t, columns)
     v = completion.velocities(t, q, columns)
     known = truth(t)
-    for place, (position, velocity) in enumerate(zip(completion.names(("x", "y", "angle")), completion.names(("vx", "vy", "omega")))):
+    for place, (position, velocity) in enumerate(
+        zip(completion.names(("x", "y", "angle")), completion.names(("vx", "vy", "omega")))
+    ):
         assert np.max(np.abs(q[:, place] - known[position])) < 1e-11
         assert np.max(np.abs(v[:, place] - known[velocity])) < 1e-11
 
 
-@pytest.mark.parametrize(("name", "column"), [
-    ("slider-bar-case-1", "bar.angle"),  # driven: the slider moves freely along it
-    ("slider-on-moving-guide", "arm.angle"),  # two freedoms
-    ("elliptic-trammel", "bar.x")])  # through a dead centre
+@pytest.mark.parametrize(
+    ("name", "column"),
+    [
+        ("slider-bar-case-1", "bar.angle"),  # driven: the slider moves freely along it
+        ("slider-on-moving-guide", "arm.angle"),  # two freedoms
+        ("elliptic-trammel", "bar.x"),
+    ],
+)  # through a dead centre
 def test_what_a_coordinate_does_not_determine_is_not_judged(name, column):
     judged = judge(name, table_of(name, [column]))
     assert judged.tables["stick-phases"].empty and not {*ENERGY} & {*judged.tables["summary"]}

@@ -67,7 +67,7 @@ def test_a_slider_that_never_lets_go_and_one_that_had_never_been_held():
 def test_a_slider_that_lets_go_late_is_neither_at_rest_nor_creeping(last):
     """It falls freely in the last part of the window: its median slope is 0, its mean speed is not."""
     since = np.maximum(T - T[-1] + last * 1.1, 0.0)
-    found = reduced(since ** 2 / 2, since)
+    found = reduced(since**2 / 2, since)
     assert found.lets_go and abs(found.creep.value) > 1e-6
     steady = reduced(2e-3 * T, 2e-3 + 0 * T)
     assert not steady.lets_go and steady.creep.value == pytest.approx(2e-3)

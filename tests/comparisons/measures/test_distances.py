@@ -38,7 +38,9 @@ def test_l1_is_a_metric(a, b, c):
 @settings(deadline=None, max_examples=60)
 @given(st.floats(0.1, 0.8), st.floats(0.0, 0.1), st.floats(0.5, 10))
 def test_shift_of_a_jump(at, shift, jump):
-    assert l1(step(at, jump), step(at + shift, jump)).value == pytest.approx(jump * shift, abs=1e-12)
+    assert l1(step(at, jump), step(at + shift, jump)).value == pytest.approx(
+        jump * shift, abs=1e-12
+    )
 
 
 @pytest.mark.parametrize("n", [50, 200, 1000])
@@ -56,9 +58,16 @@ def test_l1_on_different_times_and_crossings():
     assert l1(a, b).value == pytest.approx(1.0, abs=1e-15)  # two triangles of 1/2
 
 
-@pytest.mark.parametrize("t, values, what", [
-    ([0.0], [1.0], "at least two"), ([0.0, 1.0], [1.0], "one value per time"), ([1.0, 0.0], [1.0, 1.0], "decrease"),
-    ([0.0, 0.0], [1.0, 2.0], "advance"), ([0.0, 1.0], [1.0, math.nan], "finite")])
+@pytest.mark.parametrize(
+    "t, values, what",
+    [
+        ([0.0], [1.0], "at least two"),
+        ([0.0, 1.0], [1.0], "one value per time"),
+        ([1.0, 0.0], [1.0, 1.0], "decrease"),
+        ([0.0, 0.0], [1.0, 2.0], "advance"),
+        ([0.0, 1.0], [1.0, math.nan], "finite"),
+    ],
+)
 def test_graphs_refuse(t, values, what):
     with pytest.raises(ValueError, match=what):
         Graph(np.array(t), np.array(values))

@@ -13,10 +13,14 @@ T = np.linspace(0.0, 2400.0, 48_001)
 WAVE = 2 + np.sin(2 * np.pi * T / 8)
 
 
-@pytest.mark.parametrize("power, verdict", [(0.0, BOUNDED), (0.1, BOUNDED), (1.0, GROWS), (1.5, GROWS), (2.0, GROWS)])
+@pytest.mark.parametrize(
+    "power, verdict", [(0.0, BOUNDED), (0.1, BOUNDED), (1.0, GROWS), (1.5, GROWS), (2.0, GROWS)]
+)
 def test_powers_of_a_periodic_residual(power, verdict):
-    found = growth(T, 1e-9 * WAVE * T ** power, 8.0)
-    assert found.verdict == verdict and abs(found.exponent - power) <= found.uncertainty + 1e-3 < 0.1
+    found = growth(T, 1e-9 * WAVE * T**power, 8.0)
+    assert (
+        found.verdict == verdict and abs(found.exponent - power) <= found.uncertainty + 1e-3 < 0.1
+    )
 
 
 @pytest.mark.parametrize("seed", range(8))
@@ -33,9 +37,12 @@ def test_random_walks_grow(integrated, exponent, seed):
 @pytest.mark.parametrize("octaves", [4, 5, 8])
 def test_the_interval_of_an_exponent_holds_for_independent_octaves(octaves):
     """In 95 %, whatever the scatter; in three of four for a rate's random walk, whose octaves are not independent."""
-    random, t = np.random.default_rng(octaves), np.repeat(2.0 ** np.arange(octaves), 2) * np.tile([0.75, 1.0], octaves)
+    random, t = (
+        np.random.default_rng(octaves),
+        np.repeat(2.0 ** np.arange(octaves), 2) * np.tile([0.75, 1.0], octaves),
+    )
     scatter = np.repeat(random.normal(size=(2000, octaves)), 2, axis=1)
-    found = [growth(t, t ** 1.5 * np.exp(0.3 * one), 0.5) for one in scatter]
+    found = [growth(t, t**1.5 * np.exp(0.3 * one), 0.5) for one in scatter]
     held = np.mean([abs(one.exponent - 1.5) <= one.uncertainty for one in found])
     assert held == pytest.approx(0.95, abs=4 * np.sqrt(0.95 * 0.05 / 2000))
     walks = [np.abs(np.cumsum(np.cumsum(random.normal(size=4800)))) for _ in range(200)]
@@ -67,14 +74,27 @@ def test_what_rounding_makes_is_no_law():
 
 
 @pytest.mark.parametrize(("alpha", "beta"), [(3, 2), (2, 3), (2, 2), (5, 0.5)])
-@pytest.mark.parametrize(("steps", "bound"), [({"dt": 1e-2, "method": "paper"}, 1e-5), ({"rtol": 1e-11}, 1e-2)])
+@pytest.mark.parametrize(
+    ("steps", "bound"), [({"dt": 1e-2, "method": "paper"}, 1e-5), ({"rtol": 1e-11}, 1e-2)]
+)
 def test_a_start_off_the_joints_decays_as_alpha_and_beta_say(alpha, beta, steps, bound, compiled):
     """In closed form. Bounds: h^4 (2 alpha)^5/120 s of order 4; the tolerance of 0.5 m over the 0.5 nm of the start."""
-    scene = vary(load_scene(CAMPAIGNS / "off-its-pin.toml"), {"stabilization.alpha": alpha, "stabilization.beta": beta})
+    scene = vary(
+        load_scene(CAMPAIGNS / "off-its-pin.toml"),
+        {"stabilization.alpha": alpha, "stabilization.beta": beta},
+    )
     run = ReferenceEngine().simulate(scene, **steps)
     found = decay_error(run, scene)
     assert found.value < bound and found.uncertainty < 1e-5
-    for wrong in ({"stabilization.beta": beta ** 0.5}, {"stabilization.alpha": alpha / 2}):
+    for wrong in ({"stabilization.beta": beta**0.5}, {"stabilization.alpha": alpha / 2}):
         assert decay_error(run, vary(scene, wrong)).value > max(0.03, 30 * found.value)
-    assert decay_error(ReferenceEngine().simulate(scene, stabilization="projection", **steps), scene) is None
-    assert decay_error(ReferenceEngine().simulate(vary(scene, {"rod.position": [0, -0.5]}), **steps), scene) is None
+    assert (
+        decay_error(ReferenceEngine().simulate(scene, stabilization="projection", **steps), scene)
+        is None
+    )
+    assert (
+        decay_error(
+            ReferenceEngine().simulate(vary(scene, {"rod.position": [0, -0.5]}), **steps), scene
+        )
+        is None
+    )

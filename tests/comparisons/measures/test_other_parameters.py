@@ -8,7 +8,12 @@ import pytest
 
 import stiction
 from stiction.comparisons.judge.judgement import judge
-from stiction.comparisons.measures.other_parameters import Hypothesis, Parameter, changed, explanations
+from stiction.comparisons.measures.other_parameters import (
+    Hypothesis,
+    Parameter,
+    changed,
+    explanations,
+)
 from stiction.comparisons.measures.scene_truth import ground_truth
 from stiction.scenes import load_scene
 from stiction.scenes.result_table import result_table
@@ -19,7 +24,11 @@ pytestmark = pytest.mark.usefixtures("compiled")
 
 def run_of(scene, endings=(".x", ".y", ".angle"), noise=0.0, rows=1001):
     """Positions of the reference, with independent scatter."""
-    run = stiction.load_engine("reference").simulate(scene, rtol=1e-9, output_step=scene.t_end / (rows - 1)).to_frame()
+    run = (
+        stiction.load_engine("reference")
+        .simulate(scene, rtol=1e-9, output_step=scene.t_end / (rows - 1))
+        .to_frame()
+    )
     frame = run[["t", *(name for name in run if name.endswith(endings))]].copy()
     scatter = np.random.default_rng(5)
     for name in frame.columns[1:]:
@@ -33,14 +42,23 @@ def found_of(scene, frame):
 
 
 @pytest.mark.parametrize("noise", [0.0, 3e-6])
-@pytest.mark.parametrize(("hypothesis", "factor"), [
-    (Hypothesis.ONE_COEFFICIENT, math.nan), (Hypothesis.KINETIC, 1.02), (Hypothesis.KINETIC, 0.8), (Hypothesis.FRICTION, 1.05),
-    (Hypothesis.GRAVITY, 0.95)])
+@pytest.mark.parametrize(
+    ("hypothesis", "factor"),
+    [
+        (Hypothesis.ONE_COEFFICIENT, math.nan),
+        (Hypothesis.KINETIC, 1.02),
+        (Hypothesis.KINETIC, 0.8),
+        (Hypothesis.FRICTION, 1.05),
+        (Hypothesis.GRAVITY, 0.95),
+    ],
+)
 def test_another_parameter_is_named_with_its_number(hypothesis, factor, noise):
     scene = load_scene(CASE)
     table = run_of(changed(scene, Parameter(hypothesis), factor), noise=noise)
     found, named = found_of(scene, table)
-    assert [one.hypothesis for one in named] == [hypothesis] and named[0].after < 0.02 * named[0].before
+    assert [one.hypothesis for one in named] == [hypothesis] and named[0].after < 0.02 * named[
+        0
+    ].before
     if hypothesis is not Hypothesis.ONE_COEFFICIENT:
         assert named[0].factor - 1 == pytest.approx(factor - 1, rel=0.02)
 
@@ -55,8 +73,12 @@ def test_a_usual_g_is_told_from_a_near_one():
 def test_one_coordinate_and_velocities_are_enough():
     scene = load_scene(CASE)
     for ending in ("slider.x", "slider.vx"):
-        _, [named] = found_of(scene, run_of(changed(scene, Parameter(Hypothesis.KINETIC), 1.1), (ending,)))
-        assert named.hypothesis is Hypothesis.KINETIC and named.factor == pytest.approx(1.1, rel=1e-4)
+        _, [named] = found_of(
+            scene, run_of(changed(scene, Parameter(Hypothesis.KINETIC), 1.1), (ending,))
+        )
+        assert named.hypothesis is Hypothesis.KINETIC and named.factor == pytest.approx(
+            1.1, rel=1e-4
+        )
 
 
 def test_right_tables_are_not_explained():
@@ -65,11 +87,17 @@ def test_right_tables_are_not_explained():
         assert found_of(scene, run_of(scene, noise=noise))[0] == []
 
 
-@pytest.mark.parametrize(("kind", "element"), [(Hypothesis.STIFFNESS, "spring"), (Hypothesis.LOAD, "load"), (Hypothesis.MASS, "slider")])
+@pytest.mark.parametrize(
+    ("kind", "element"),
+    [(Hypothesis.STIFFNESS, "spring"), (Hypothesis.LOAD, "load"), (Hypothesis.MASS, "slider")],
+)
 def test_other_faults_are_not_named(kind, element):
     scene = load_scene(CASE)
-    element = element if element in {**scene.springs, **scene.forces, **scene.bodies} else next(iter(
-        scene.springs if kind is Hypothesis.STIFFNESS else scene.forces))
+    element = (
+        element
+        if element in {**scene.springs, **scene.forces, **scene.bodies}
+        else next(iter(scene.springs if kind is Hypothesis.STIFFNESS else scene.forces))
+    )
     found, named = found_of(scene, run_of(changed(scene, Parameter(kind, element), 1.05)))
     assert found and not named
 
@@ -88,19 +116,26 @@ def test_what_two_parameters_explain_is_not_named(name):
     scene = load_scene(name)
     found, named = found_of(scene, run_of(changed(scene, Parameter(Hypothesis.FRICTION), 1.03)))
     assert not named and {one.hypothesis for one in found if one.after < 0.01 * one.before} >= {
-        Hypothesis.FRICTION, Hypothesis.GRAVITY}
+        Hypothesis.FRICTION,
+        Hypothesis.GRAVITY,
+    }
 
 
 def test_only_what_a_scene_has_is_tried():
     pendulum = load_scene("pendulum")
-    found, [named] = found_of(pendulum, run_of(changed(pendulum, Parameter(Hypothesis.GRAVITY), 9.8 / 9.81)))
-    assert named.value == pytest.approx(9.8) and {one.hypothesis for one in found} == {Hypothesis.GRAVITY}
+    found, [named] = found_of(
+        pendulum, run_of(changed(pendulum, Parameter(Hypothesis.GRAVITY), 9.8 / 9.81))
+    )
+    assert named.value == pytest.approx(9.8) and {one.hypothesis for one in found} == {
+        Hypothesis.GRAVITY
+    }
     weightless = pendulum.model_copy(update={"gravity": None})
     assert found_of(weightless, run_of(pendulum))[0] == []
     alike = load_scene("slider-bar-case-1-mus-equals-mu")
     found, _ = found_of(alike, run_of(changed(alike, Parameter(Hypothesis.FRICTION), 1.1)))
     assert {one.hypothesis for one in found} == {Hypothesis.FRICTION, Hypothesis.GRAVITY} | {
-        one.hypothesis for one in found if one.parameter.element}
+        one.hypothesis for one in found if one.parameter.element
+    }
 
 
 def test_the_judgement_asks():
@@ -109,5 +144,7 @@ def test_the_judgement_asks():
     table = judged.tables["other-parameters"]
     assert list(table.loc[table["named"], "hypothesis"]) == ["mus = mu"]
     assert "mus = mu" in str(judged)
-    millimetres = pd.DataFrame(run_of(scene)).assign(**{"slider.x": lambda frame: 1e3 * frame["slider.x"]})
+    millimetres = pd.DataFrame(run_of(scene)).assign(
+        **{"slider.x": lambda frame: 1e3 * frame["slider.x"]}
+    )
     assert judge(scene, millimetres).tables["other-parameters"].empty

@@ -18,7 +18,7 @@ def test_settled_bounds_the_rest_of_a_transient(order, ratio):
 
 def test_slow_or_wandering_motions_are_not_settled():
     k = np.arange(401)
-    assert settled(1 + 0.3 * 0.999 ** k) is None  # 0.2 away from its limit
+    assert settled(1 + 0.3 * 0.999**k) is None  # 0.2 away from its limit
     assert settled(np.sin(k * np.sqrt(2))) is None
     logistic = [0.3]
     for _ in range(400):

@@ -30,7 +30,7 @@ def sampled(step, phase, size, inside=None, noise=0.0, seed=0):
     In the step of the jump the value is `inside`, in units of the jump.
     """
     t = np.arange(0.0, 2 * AT, step) + phase * step
-    values = 15 * t - 5 * t ** 2 + np.sin(2 * t) + np.where(t > AT, size * (1 + 0.1 * (t - AT)), 0.0)
+    values = 15 * t - 5 * t**2 + np.sin(2 * t) + np.where(t > AT, size * (1 + 0.1 * (t - AT)), 0.0)
     if inside is not None:
         values[int(np.searchsorted(t, AT))] -= (1 - inside) * size
     return trajectory(t, values + noise * np.random.default_rng(seed).normal(size=len(t)))
@@ -40,7 +40,12 @@ def read(run, room=0.3):
     return estimate_jump(run, Event(AT, "reversal", "guide", {}, {}), room)
 
 
-@given(STEPS, st.floats(0.05, 0.95), st.sampled_from([-1.2, 0.3, 1.0]), st.one_of(st.none(), st.floats(-1.0, 2.0)))
+@given(
+    STEPS,
+    st.floats(0.05, 0.95),
+    st.sampled_from([-1.2, 0.3, 1.0]),
+    st.one_of(st.none(), st.floats(-1.0, 2.0)),
+)
 def test_the_value_inside_the_step_of_the_jump_does_not_count(step, phase, size, inside):
     """Impulse-based engines have a mean over the step there, or the impulse of a stop."""
     found = read(sampled(step, phase, size, inside))
@@ -48,7 +53,10 @@ def test_the_value_inside_the_step_of_the_jump_does_not_count(step, phase, size,
     # worst was off by 1.87 times that. Slopes of the two sides differ by a tenth of the jump a second
     assert abs(found.size - size) <= 2 * found.size_uncertainty < 0.02 * abs(size)
     # a value inside may belong to either side
-    assert abs(found.time - AT) <= found.time_uncertainty + step and found.time_uncertainty <= 1.5 * step
+    assert (
+        abs(found.time - AT) <= found.time_uncertainty + step
+        and found.time_uncertainty <= 1.5 * step
+    )
 
 
 @pytest.mark.parametrize("step", [1e-3, 1e-2])
@@ -58,7 +66,12 @@ def test_sizes_are_unsure_by_the_noise(step):
     errors = [(abs(one.size - 1.0), one.size_uncertainty) for one in found if one is not None]
     # the surest of many is not unsure enough
     assert len(errors) > 75 and np.mean([error <= unsure for error, unsure in errors]) > 0.85
-    assert np.mean([read(sampled(step, 0.3, 0.0, noise=0.1, seed=seed)) is not None for seed in range(100)]) < 0.1
+    assert (
+        np.mean(
+            [read(sampled(step, 0.3, 0.0, noise=0.1, seed=seed)) is not None for seed in range(100)]
+        )
+        < 0.1
+    )
 
 
 @pytest.mark.parametrize("phase", [0.1, 0.5, 0.9])
@@ -68,21 +81,33 @@ def test_a_jump_that_rings_is_read(phase):
     since = np.maximum(run.t - AT, 0.0)
     ringing = 0.7 * np.sin(2 * np.pi * since / 8e-3) * np.exp(-since / 5e-3) * (run.t > AT)
     found = read(replace(run, columns={EFFORT: run[EFFORT] - ringing}))
-    assert found is not None and abs(found.size + 2.5) < 0.5 * 2.5 and abs(found.time - AT) < 0.01 + found.time_uncertainty
+    assert (
+        found is not None
+        and abs(found.size + 2.5) < 0.5 * 2.5
+        and abs(found.time - AT) < 0.01 + found.time_uncertainty
+    )
 
 
 def test_nothing_is_read_from_beyond_other_events():
     """Another jump 40 ms later, as large: left out with samples of 1 ms; too few on one side with those of 10 ms."""
     fine, coarse = (sampled(step, 0.3, 1.0) for step in (1e-3, 1e-2))
-    both = [replace(run, columns={EFFORT: run[EFFORT] + 1.0 * (run.t > AT + 0.04)}) for run in (fine, coarse)]
-    assert read(both[0], room=0.02).size == pytest.approx(1.0, abs=0.01) and read(both[1], room=0.02) is None
+    both = [
+        replace(run, columns={EFFORT: run[EFFORT] + 1.0 * (run.t > AT + 0.04)})
+        for run in (fine, coarse)
+    ]
+    assert (
+        read(both[0], room=0.02).size == pytest.approx(1.0, abs=0.01)
+        and read(both[1], room=0.02) is None
+    )
 
 
 def test_an_effort_that_guides_at_rest_leave_open_has_no_jump():
     """Nan at the instants before: no size is read from the others. Beyond the search it does not matter."""
     run = sampled(1e-3, 0.3, 1.0)
-    near, far = (replace(run, columns={EFFORT: np.where(where, np.nan, run[EFFORT])})
-                 for where in ((run.t > 0.9) & (run.t < AT), run.t < 0.2))
+    near, far = (
+        replace(run, columns={EFFORT: np.where(where, np.nan, run[EFFORT])})
+        for where in ((run.t > 0.9) & (run.t < AT), run.t < 0.2)
+    )
     assert read(near) is None and read(far).size == pytest.approx(1.0, abs=0.01)
 
 
@@ -90,19 +115,28 @@ def test_an_engine_has_the_same_jumps_on_any_grid():
     """pymunk's efforts are right to 1e-3 N m on both sides of every jump, of 0.08 to 1.1 N m, of case 1."""
     scene = load_scene("slider-bar-case-1")
     run = PymunkEngine().simulate(scene, t_end=8.5, dt=1e-3, output_step=1e-3)
-    jumps = [event for event in slider_bar_truth(scene, 8.5).events if abs(event.jump(EFFORT)) > 1e-9]
+    jumps = [
+        event for event in slider_bar_truth(scene, 8.5).events if abs(event.jump(EFFORT)) > 1e-9
+    ]
     assert len(jumps) == 6
     for event in jumps:
         found = [
-            estimate_jump(replace(run, t=run.t[::n], columns={EFFORT: run[EFFORT][::n]}), event, 0.06)
-            for n in (1, 2, 5, 10)]
+            estimate_jump(
+                replace(run, t=run.t[::n], columns={EFFORT: run[EFFORT][::n]}), event, 0.06
+            )
+            for n in (1, 2, 5, 10)
+        ]
         assert all(abs(one.size - event.jump(EFFORT)) < 0.02 for one in found)
         for one in found:
-            assert abs(one.size - found[0].size) <= one.size_uncertainty + found[0].size_uncertainty < 0.05
+            assert (
+                abs(one.size - found[0].size)
+                <= one.size_uncertainty + found[0].size_uncertainty
+                < 0.05
+            )
 
 
 def smooth(t):
-    return 15 * t - 5 * t ** 2
+    return 15 * t - 5 * t**2
 
 
 def true_motion(*jumps):
@@ -117,12 +151,17 @@ def true_motion(*jumps):
 
 def run(*jumps, end=END, step=2e-3):
     t = np.arange(0.3 * step, end, step)
-    return trajectory(t, smooth(t) + sum((np.where(t > time, size, 0.0) for time, size in jumps), np.zeros(len(t))))
+    return trajectory(
+        t,
+        smooth(t) + sum((np.where(t > time, size, 0.0) for time, size in jumps), np.zeros(len(t))),
+    )
 
 
 def table_of(trajectory, truth, status="ok"):
     outcome = Outcome("key", status, trajectory, "" if status == "ok" else "why")
-    return torque_table([Record("key", "made-up", variant("pymunk"), 1e-3, outcome)], {"key": truth})
+    return torque_table(
+        [Record("key", "made-up", variant("pymunk"), 1e-3, outcome)], {"key": truth}
+    )
 
 
 def test_a_jump_that_is_there_is_read_and_its_bound_holds():
@@ -134,7 +173,11 @@ def test_a_jump_that_is_there_is_read_and_its_bound_holds():
 def test_a_step_of_rounding_size_before_the_event_is_no_reading_of_it():
     """A contact that opened: pymunk's read -8.8e-7 N m 23 ms before a slip of -.064 N m that it did not have."""
     [early] = table_of(run((AT - 0.023, -8.8e-7)), true_motion((AT, -0.064))).to_dict("records")
-    assert not early["resolved"] and early[BOUND] == pytest.approx(0.064) and pd.isna(early.get("jump", np.nan))
+    assert (
+        not early["resolved"]
+        and early[BOUND] == pytest.approx(0.064)
+        and pd.isna(early.get("jump", np.nan))
+    )
     [tiny] = table_of(run((AT, -8.8e-7)), true_motion((AT, -0.064))).to_dict("records")
     assert not tiny["resolved"] and tiny[BOUND] == pytest.approx(0.064)
     assert tiny["jump"] == pytest.approx(-8.8e-7, rel=0.01)
@@ -145,7 +188,9 @@ def test_a_jump_at_another_time_is_another_jump():
     assert not row["resolved"] and row[BOUND] == pytest.approx(0.5)
 
 
-@pytest.mark.parametrize("size, is_read", [(0.27, True), (0.73, True), (0.23, False), (0.77, False), (-0.5, False)])
+@pytest.mark.parametrize(
+    "size, is_read", [(0.27, True), (0.73, True), (0.23, False), (0.77, False), (-0.5, False)]
+)
 def test_a_reading_is_off_by_less_than_half_the_jump(size, is_read):
     """Of 0.5 N m; an error that is larger than the jump is not made smaller by calling the jump unread."""
     [row] = table_of(run((AT, size)), true_motion((AT, 0.5))).to_dict("records")

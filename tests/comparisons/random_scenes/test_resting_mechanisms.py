@@ -7,22 +7,49 @@ import pytest
 
 from stiction.comparisons.random_scenes import __main__ as random_scenes
 from stiction.comparisons.random_scenes import resting_mechanisms
-from stiction.comparisons.random_scenes.resting_mechanisms import (AGREES, FAMILIES, NO_BALANCE, OTHER_EVENTS,
-                                                                   OTHER_MOTION, OWN_ERROR, SLIPS, STOPS, drawn, judge,
-                                                                   runs)
+from stiction.comparisons.random_scenes.resting_mechanisms import (
+    AGREES,
+    FAMILIES,
+    NO_BALANCE,
+    OTHER_EVENTS,
+    OTHER_MOTION,
+    OWN_ERROR,
+    SLIPS,
+    STOPS,
+    drawn,
+    judge,
+    runs,
+)
 from stiction.scenes import Breakdown, load_scene, scene_from_dict
 from stiction.truths.one_freedom import NoClearMotion, OneFreedom, simulate
 
 SEED = 8
-SLIDER = {"type": "translational", "slider": "block", "length": 0.4, "width": 0.1, "mu": 0.3, "mus": 0.4}
+SLIDER = {
+    "type": "translational",
+    "slider": "block",
+    "length": 0.4,
+    "width": 0.1,
+    "mu": 0.3,
+    "mus": 0.4,
+}
 
 
 def incline(degrees, speed):
     slope = np.deg2rad(degrees)
     along = [np.cos(slope), np.sin(slope)]
-    block = {"mass": 2, "inertia": 0.1, "angle": slope, "velocity": [speed * along[0], speed * along[1]]}
-    return scene_from_dict({"gravity": [0, -9.81], "bodies": {"block": block},
-                            "joints": {"guide": {**SLIDER, "direction": along, "angle": slope}}})
+    block = {
+        "mass": 2,
+        "inertia": 0.1,
+        "angle": slope,
+        "velocity": [speed * along[0], speed * along[1]],
+    }
+    return scene_from_dict(
+        {
+            "gravity": [0, -9.81],
+            "bodies": {"block": block},
+            "joints": {"guide": {**SLIDER, "direction": along, "angle": slope}},
+        }
+    )
 
 
 def test_a_block_stops_and_stays_in_closed_form():
@@ -30,10 +57,16 @@ def test_a_block_stops_and_stays_in_closed_form():
     slope = np.deg2rad(20)
     motion = simulate(incline(20, 1.0), 5.0)
     stop = 1 / (9.81 * (np.sin(slope) + 0.3 * np.cos(slope)))
-    assert [event.kind for event in motion.events] == ["stick"] and motion.rest == pytest.approx(stop, abs=1e-12)
-    assert motion.q[:2] == pytest.approx(stop / 2 * np.array([np.cos(slope), np.sin(slope)]), abs=1e-12)
+    assert [event.kind for event in motion.events] == ["stick"] and motion.rest == pytest.approx(
+        stop, abs=1e-12
+    )
+    assert motion.q[:2] == pytest.approx(
+        stop / 2 * np.array([np.cos(slope), np.sin(slope)]), abs=1e-12
+    )
     normal, friction = motion.at(stop / 2)[1]
-    assert (normal[0], friction[0]) == pytest.approx((2 * 9.81 * np.cos(slope), -0.6 * 9.81 * np.cos(slope)), rel=1e-12)
+    assert (normal[0], friction[0]) == pytest.approx(
+        (2 * 9.81 * np.cos(slope), -0.6 * 9.81 * np.cos(slope)), rel=1e-12
+    )
     with pytest.raises(NoClearMotion, match="does not come to rest"):
         simulate(incline(25, 1.0), 1.0)
     with pytest.raises(NoClearMotion, match="begins at rest"):
@@ -43,14 +76,23 @@ def test_a_block_stops_and_stays_in_closed_form():
 def ladder(angle, mus):
     """Without weight but a force at the middle of the rod."""
     end = np.array([np.cos(angle), np.sin(angle)])
-    bodies = {"rod": {"mass": 1, "inertia": 0.1, "position": list(end / 2), "angle": np.pi - angle},
-              "foot": {"mass": 1, "inertia": 0.1, "position": [end[0], 0]},
-              "head": {"mass": 1, "inertia": 0.1, "position": [0, end[1]]}}
-    joints = {"low": {"type": "revolute", "bodies": ["rod", "foot"], "points": [[-0.5, 0], [0, 0]]},
-              "high": {"type": "revolute", "bodies": ["rod", "head"], "points": [[0.5, 0], [0, 0]]},
-              "floor": {"type": "translational", "slider": "foot", "mu": mus},
-              "wall": {"type": "translational", "slider": "head", "direction": [0, 1], "mu": mus}}
-    force = {"type": "force", "body": "rod", "direction": [0, -1], "law": {"type": "constant", "value": 7}}
+    bodies = {
+        "rod": {"mass": 1, "inertia": 0.1, "position": list(end / 2), "angle": np.pi - angle},
+        "foot": {"mass": 1, "inertia": 0.1, "position": [end[0], 0]},
+        "head": {"mass": 1, "inertia": 0.1, "position": [0, end[1]]},
+    }
+    joints = {
+        "low": {"type": "revolute", "bodies": ["rod", "foot"], "points": [[-0.5, 0], [0, 0]]},
+        "high": {"type": "revolute", "bodies": ["rod", "head"], "points": [[0.5, 0], [0, 0]]},
+        "floor": {"type": "translational", "slider": "foot", "mu": mus},
+        "wall": {"type": "translational", "slider": "head", "direction": [0, 1], "mu": mus},
+    }
+    force = {
+        "type": "force",
+        "body": "rod",
+        "direction": [0, -1],
+        "law": {"type": "constant", "value": 7},
+    }
     return scene_from_dict({"bodies": bodies, "joints": joints, "forces": {"weight": force}})
 
 
@@ -58,14 +100,16 @@ def ladder(angle, mus):
 def test_a_ladder_is_held_from_its_classic_angle_on(mus):
     """Floor and wall both at their limit: N_floor + mus N_wall = W, N_wall = mus N_floor, moments about the foot:
     tan(angle) = (1 - mus^2)/(2 mus)."""
-    limit = np.arctan((1 - mus ** 2) / (2 * mus))
+    limit = np.arctan((1 - mus**2) / (2 * mus))
     for step, expected in ((1e-6, True), (-1e-6, False)):
         m = OneFreedom(ladder(limit + step, mus))
         held, margin = m.held(m.terms(m.start, 0.0, np.ones(2)))
         assert held == expected and 0 < margin < 1e-4
 
 
-@pytest.fixture(scope="module", params=range(len(FAMILIES)), ids=[family.__name__ for family in FAMILIES])
+@pytest.fixture(
+    scope="module", params=range(len(FAMILIES)), ids=[family.__name__ for family in FAMILIES]
+)
 def mechanism(request):
     return drawn(SEED, request.param)
 
@@ -76,7 +120,7 @@ def test_forces_are_those_of_newton_and_euler(mechanism):
     m, piece = motion.equations, max(motion.pieces, key=lambda piece: piece.end - piece.begin)
     t, h = (piece.begin + piece.end) / 2, (piece.end - piece.begin) / 100
     q = [piece.y(t + k * h)[:-1] for k in (-2, -1, 0, 1, 2)]
-    acceleration = (-q[0] + 16 * q[1] - 30 * q[2] + 16 * q[3] - q[4]) / (12 * h ** 2)
+    acceleration = (-q[0] + 16 * q[1] - 30 * q[2] + 16 * q[3] - q[4]) / (12 * h**2)
     velocity = (q[0] - 8 * q[1] + 8 * q[3] - q[4]) / (12 * h)
     phi, rows, gamma = m.rows(q[2])
     k = len(m.guides)
@@ -86,14 +130,22 @@ def test_forces_are_those_of_newton_and_euler(mechanism):
     terms = m.terms(q[2], piece.y(t)[-1], piece.d)
     R, f = motion.at(t)[1]
     T = terms.load0[1] + terms.load[1] @ f
-    left = m.mass * acceleration - m.applied(q[2], velocity) - np.concatenate([R, T, f]) @ rows[m.pins:]
-    of_pins = rows[:m.pins].T
-    assert np.max(np.abs(left - of_pins @ np.linalg.lstsq(of_pins, left, rcond=None)[0])) < 1e-4 * np.max(np.abs(left))
+    left = (
+        m.mass * acceleration
+        - m.applied(q[2], velocity)
+        - np.concatenate([R, T, f]) @ rows[m.pins :]
+    )
+    of_pins = rows[: m.pins].T
+    assert np.max(
+        np.abs(left - of_pins @ np.linalg.lstsq(of_pins, left, rcond=None)[0])
+    ) < 1e-4 * np.max(np.abs(left))
 
 
 def test_reference_comes_to_rest(mechanism):
     scene, motion = mechanism
-    found = [(rtol, judge(scene, motion, run, rtol)) for rtol, run in runs(scene, (1e-6, 1e-9, 1e-12))]
+    found = [
+        (rtol, judge(scene, motion, run, rtol)) for rtol, run in runs(scene, (1e-6, 1e-9, 1e-12))
+    ]
     assert [each for each in found if each[1].outcome != AGREES] == []
 
 
@@ -101,7 +153,10 @@ def test_reference_comes_to_rest(mechanism):
 def test_scenes_of_the_catalogue_come_to_rest(name):
     scene = load_scene(f"hard/{name}")
     motion = simulate(scene, scene.t_end)
-    found = [judge(scene, motion, run, rtol) for rtol, run in runs(scene, [10.0 ** -k for k in range(6, 13)])]
+    found = [
+        judge(scene, motion, run, rtol)
+        for rtol, run in runs(scene, [10.0**-k for k in range(6, 13)])
+    ]
     assert [each for each in found if each.outcome != AGREES] == []
 
 
@@ -111,7 +166,10 @@ def test_reference_brings_a_thousand_mechanisms_to_rest(block):
     wrong = []
     for i in range(block, 1000, 20):
         scene, motion = drawn(SEED + 1, i)
-        verdicts = [judge(scene, motion, run, rtol) for rtol, run in runs(scene, [10.0 ** -k for k in range(6, 13)])]
+        verdicts = [
+            judge(scene, motion, run, rtol)
+            for rtol, run in runs(scene, [10.0**-k for k in range(6, 13)])
+        ]
         wrong += [found for found in verdicts if found.outcome != AGREES]
     assert wrong == []
 
@@ -140,21 +198,28 @@ def test_each_fault_is_found(mechanism):
         values[rows] += change
         return replace(run, columns={**run.columns, column: values})
 
-    stick = next(k for k, event in enumerate(run.events) if event.kind == "stick" and event.joint == guide)
-    before, event, after = run.events[:stick], run.events[stick], run.events[stick + 1:]
+    stick = next(
+        k for k, event in enumerate(run.events) if event.kind == "stick" and event.joint == guide
+    )
+    before, event, after = run.events[:stick], run.events[stick], run.events[stick + 1 :]
     shift = 1e-7 * (1 + 1 / motion.events[-1].rate)
     normal = 1e-5 * np.max(np.abs(run[f"{guide}.normal_force"]))
     for expected, wrong in (
-            (STOPS, replace(run, breakdown=Breakdown("several solutions", 1.0, "two"))),
-            (SLIPS, other(f"{guide}.mode", -1, 1)), (SLIPS, other(f"{guide}.slip_velocity", -1, 1e-9)),
-            (OTHER_EVENTS, replace(run, events=before + after)),
-            (OTHER_EVENTS, replace(run, events=(*before, replace(event, kind="reversal"), *after))),
-            (OTHER_EVENTS, replace(run, events=(*before, replace(event, time=motion.rest + shift), *after))),
-            (OTHER_MOTION, other(f"{body}.x", slice(None), 1e-6)),
-            (OTHER_MOTION, other(f"{guide}.normal_force", slice(0, -1), normal)),
-            (OTHER_MOTION, other(f"{guide}.friction", slice(0, -1), normal)),
-            (NO_BALANCE, other(f"{guide}.normal_force", -1, normal)),
-            (NO_BALANCE, other(f"{guide}.friction", -1, normal))):
+        (STOPS, replace(run, breakdown=Breakdown("several solutions", 1.0, "two"))),
+        (SLIPS, other(f"{guide}.mode", -1, 1)),
+        (SLIPS, other(f"{guide}.slip_velocity", -1, 1e-9)),
+        (OTHER_EVENTS, replace(run, events=before + after)),
+        (OTHER_EVENTS, replace(run, events=(*before, replace(event, kind="reversal"), *after))),
+        (
+            OTHER_EVENTS,
+            replace(run, events=(*before, replace(event, time=motion.rest + shift), *after)),
+        ),
+        (OTHER_MOTION, other(f"{body}.x", slice(None), 1e-6)),
+        (OTHER_MOTION, other(f"{guide}.normal_force", slice(0, -1), normal)),
+        (OTHER_MOTION, other(f"{guide}.friction", slice(0, -1), normal)),
+        (NO_BALANCE, other(f"{guide}.normal_force", -1, normal)),
+        (NO_BALANCE, other(f"{guide}.friction", -1, normal)),
+    ):
         assert judge(scene, motion, wrong, rtol).outcome == expected
 
 
@@ -170,13 +235,17 @@ def test_friction_beyond_the_static_cone_is_found(mechanism):
 def test_a_fault_repeats_by_its_command(capsys, monkeypatch, compiled):
     """All that a failing night says of a mechanism is its seed and number."""
     # the motion that decides where a run disagrees takes ten seconds
-    monkeypatch.setattr(resting_mechanisms, "simulate", lambda scene, t_end, *_: simulate(scene, t_end))
+    monkeypatch.setattr(
+        resting_mechanisms, "simulate", lambda scene, t_end, *_: simulate(scene, t_end)
+    )
     true = resting_mechanisms.judge
 
     def wrong(scene, motion, run, rtol):
         return replace(true(scene, motion, run, rtol), outcome=SLIPS)
 
     monkeypatch.setattr(resting_mechanisms, "judge", wrong)
-    monkeypatch.setattr(random_scenes, "STUDIES", {"mechanisms": replace(resting_mechanisms.STUDY, rtols=(1e-12,))})
+    monkeypatch.setattr(
+        random_scenes, "STUDIES", {"mechanisms": replace(resting_mechanisms.STUDY, rtols=(1e-12,))}
+    )
     assert random_scenes.main(["mechanisms", str(SEED), "0"]) == 1
     assert capsys.readouterr().out.count(f"trammel 0 of seed {SEED}, ") == 3

@@ -24,11 +24,37 @@ from stiction.comparisons.regression.nightly import HISTORY
 from stiction.scenes.atomic_files import NotWritten
 
 ROOT = Path(__file__).parents[3]
-FALL = Row("ball/falling/dt=0.1", "free, joint, dt = 0.1; scene 1", "ball", "falling", "free", "1.0", "joint", "dt",
-           0.1, "ok", "", {"step": 0.1},
-           (Metric("position_error", "accuracy", 1e-3, 1e-9, "closed form"), Metric(TIME, "time", 2.5, 0.1)))
-LOST = Row("ball/lost/dt=0.1", "gone, joint, dt = 0.1; scene 1", "ball", "lost", "gone", None, "joint", "dt", 0.1,
-           "crashed", "SIGSEGV")
+FALL = Row(
+    "ball/falling/dt=0.1",
+    "free, joint, dt = 0.1; scene 1",
+    "ball",
+    "falling",
+    "free",
+    "1.0",
+    "joint",
+    "dt",
+    0.1,
+    "ok",
+    "",
+    {"step": 0.1},
+    (
+        Metric("position_error", "accuracy", 1e-3, 1e-9, "closed form"),
+        Metric(TIME, "time", 2.5, 0.1),
+    ),
+)
+LOST = Row(
+    "ball/lost/dt=0.1",
+    "gone, joint, dt = 0.1; scene 1",
+    "ball",
+    "lost",
+    "gone",
+    None,
+    "joint",
+    "dt",
+    0.1,
+    "crashed",
+    "SIGSEGV",
+)
 
 
 @pytest.fixture
@@ -44,9 +70,17 @@ def test_pandas_reads_it_in_one_line(file):
         history.finish(night, "fine")
     assert list(file.parent.iterdir()) == [file]  # closed, it is one file
     frame = pd.read_sql("SELECT * FROM history", sqlite3.connect(file))
-    assert list(frame["key"]) == [FALL.key, FALL.key, LOST.key]  # a run that did not come out is a row
+    assert list(frame["key"]) == [
+        FALL.key,
+        FALL.key,
+        LOST.key,
+    ]  # a run that did not come out is a row
     assert frame["value"].tolist()[:2] == [1e-3, 2.5] and frame["value"].isna()[2]
-    assert frame["reason"][2] == "SIGSEGV" and set(frame["night"]) == {night} and set(frame["verdict"]) == {"fine"}
+    assert (
+        frame["reason"][2] == "SIGSEGV"
+        and set(frame["night"]) == {night}
+        and set(frame["verdict"]) == {"fine"}
+    )
 
 
 def test_rows_come_back_as_they_went_in_each_once_and_whole(file):
@@ -54,7 +88,9 @@ def test_rows_come_back_as_they_went_in_each_once_and_whole(file):
         night = history.begin("c", "digest", origin())
         history.append(night, FALL)
         history.append(night, LOST)
-        number_twice = replace(FALL, key="ball/other/dt=0.1", metrics=(*FALL.metrics, FALL.metrics[0]))
+        number_twice = replace(
+            FALL, key="ball/other/dt=0.1", metrics=(*FALL.metrics, FALL.metrics[0])
+        )
         for row in (replace(FALL, reason="again"), number_twice):
             with pytest.raises(sqlite3.IntegrityError):
                 history.append(night, row)
@@ -93,27 +129,43 @@ def test_first_night_of_a_run(file):
     """The first finished one in which it came out, whatever its name then."""
     with open_history(file) as history:
         nights = []
-        for key, row, finished in (("a", replace(FALL, status="crashed", metrics=()), True), ("b", FALL, False),
-                                   ("c", replace(FALL, key="ball/other/dt=0.1"), True),
-                                   ("d", FALL, True), ("e", FALL, True)):
+        for key, row, finished in (
+            ("a", replace(FALL, status="crashed", metrics=()), True),
+            ("b", FALL, False),
+            ("c", replace(FALL, key="ball/other/dt=0.1"), True),
+            ("d", FALL, True),
+            ("e", FALL, True),
+        ):
             nights.append(history.begin("c", key, origin()))
             history.append(nights[-1], row)
             if finished:
                 history.finish(nights[-1], "fine")
             time.sleep(0.002)  # nights are told apart by milliseconds
-        assert history.first(FALL.identity, nights[4]) == (nights[2], replace(FALL, key="ball/other/dt=0.1"))
-        assert history.first(FALL.identity, nights[2]) is None and history.first("another", nights[4]) is None
+        assert history.first(FALL.identity, nights[4]) == (
+            nights[2],
+            replace(FALL, key="ball/other/dt=0.1"),
+        )
+        assert (
+            history.first(FALL.identity, nights[2]) is None
+            and history.first("another", nights[4]) is None
+        )
 
 
 def test_something_else_is_refused(file, tmp_path):
     for content in (b"", b"not a database at all, but long enough to be taken for one" * 20):
         file.write_bytes(content)
-        with pytest.raises(HistoryRefused, match="expected a history"), open_history(file, write=False):
+        with (
+            pytest.raises(HistoryRefused, match="expected a history"),
+            open_history(file, write=False),
+        ):
             pass
         assert file.read_bytes() == content
     with closing(sqlite3.connect(tmp_path / "of another format")) as connection:
         connection.executescript("CREATE TABLE nights (night TEXT); PRAGMA user_version = 99;")
-    for path, words in ((tmp_path / "of another format", "format 99"), (tmp_path, "found a folder")):
+    for path, words in (
+        (tmp_path / "of another format", "format 99"),
+        (tmp_path, "found a folder"),
+    ):
         with pytest.raises(HistoryRefused, match=words), open_history(path):
             pass
 
@@ -149,9 +201,21 @@ def test_a_night_that_is_killed_while_it_writes_goes_on_where_it_stopped(tmp_pat
     """Its process group is killed when rows come fast: no run with a part of its numbers, none twice, none lost."""
     (tmp_path / "campaign.toml").write_text(CAMPAIGN)
     (tmp_path / "baseline.toml").write_text("format = 2\n")
-    command = [sys.executable, "-m", "stiction", "nightly", "campaign.toml", "--baseline", "baseline.toml", "--out", "out"]
+    command = [
+        sys.executable,
+        "-m",
+        "stiction",
+        "nightly",
+        "campaign.toml",
+        "--baseline",
+        "baseline.toml",
+        "--out",
+        "out",
+    ]
     environment = os.environ | {"PYTHONPATH": f"{ROOT}{os.pathsep}{ROOT / 'tests'}"}
-    night = subprocess.Popen(command, cwd=tmp_path, env=environment, start_new_session=True, stdout=subprocess.DEVNULL)
+    night = subprocess.Popen(
+        command, cwd=tmp_path, env=environment, start_new_session=True, stdout=subprocess.DEVNULL
+    )
     deadline = time.monotonic() + 600
     while contents(tmp_path / "out").empty and night.poll() is None and time.monotonic() < deadline:
         time.sleep(0.01)
@@ -168,13 +232,23 @@ def test_a_night_that_is_killed_while_it_writes_goes_on_where_it_stopped(tmp_pat
     kept = seen.merge(whole, on=["key", "metric"], how="left", suffixes=("", " now"))
     assert (kept["value"] == kept["value now"]).all()
     with closing(sqlite3.connect(tmp_path / "out" / HISTORY)) as connection:  # one night, resumed
-        assert connection.execute("SELECT count(*), count(finished) FROM nights").fetchone() == (1, 1)
+        assert connection.execute("SELECT count(*), count(finished) FROM nights").fetchone() == (
+            1,
+            1,
+        )
 
 
 def test_two_nights_at_once_are_refused(tmp_path):
     (tmp_path / "baseline.toml").write_text("format = 2\n")
     with FileLock(tmp_path / f".{HISTORY}.lock"):
-        ended = invoke("nightly", "--baseline", tmp_path / "baseline.toml", "--out", tmp_path, exit_code=COULD_NOT_RUN)
+        ended = invoke(
+            "nightly",
+            "--baseline",
+            tmp_path / "baseline.toml",
+            "--out",
+            tmp_path,
+            exit_code=COULD_NOT_RUN,
+        )
     assert "another night is being written" in ended.stderr
 
 
@@ -183,7 +257,10 @@ def test_a_full_disk_is_no_matter_of_the_file(file):
     with open_history(file) as history:
         night = history.begin("c", "digest", origin())
         history.append(night, FALL)
-    with pytest.raises(NotWritten, match="history.sqlite: not written: .*full"), open_history(file) as history:
+    with (
+        pytest.raises(NotWritten, match="history.sqlite: not written: .*full"),
+        open_history(file) as history,
+    ):
         history.connection.execute("PRAGMA max_page_count = 1")  # no page more than there are
         for number in range(10_000):
             history.append(night, replace(LOST, key=f"{number}"))

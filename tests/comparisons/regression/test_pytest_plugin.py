@@ -16,7 +16,9 @@ def test_ball(stiction_scene):
     numbers = stiction_scene("ball.toml", "my_solver:MySolver", dt=1e-2)
     assert numbers["position_error"] < 1e-9
 """
-TESTS = THREE_LINES + """
+TESTS = (
+    THREE_LINES
+    + """
 def test_wrong(stiction_scene):
     moon = {"gravity.1": -1.6}
     numbers = stiction_scene("ball.toml", "my_solver:MySolver", dt=1e-2, overrides=moon, wind=1.0)
@@ -28,6 +30,7 @@ def test_crashed(stiction_scene):
 def test_neither_step_nor_tolerance(stiction_scene):
     stiction_scene("pendulum", "reference")
 """
+)
 
 SOLVER = """
 import os
@@ -65,15 +68,23 @@ def test_three_lines(pytester, monkeypatch):
     result = pytester.runpytest_subprocess("-p", "stiction.comparisons.regression.pytest_plugin")
     result.assert_outcomes(passed=1, failed=3)
     # a wind of 1 m/s^2 moves the ball by 0.5 m in a second
-    result.stdout.fnmatch_lines_random(["*FAILED*test_wrong - assert 0.* < 1e-09*",
-                                        "*ball/my_solver:MySolver/dt=0.01: crashed: exit code 7*",
-                                        "*InputError: dt, rtol: found None, None*"])
+    result.stdout.fnmatch_lines_random(
+        [
+            "*FAILED*test_wrong - assert 0.* < 1e-09*",
+            "*ball/my_solver:MySolver/dt=0.01: crashed: exit code 7*",
+            "*InputError: dt, rtol: found None, None*",
+        ]
+    )
 
 
 def test_plugin_is_announced_and_imports_nothing_heavy():
-    announced = tomllib.loads((ROOT / "pyproject.toml").read_text())["project"]["entry-points"]["pytest11"]
+    announced = tomllib.loads((ROOT / "pyproject.toml").read_text())["project"]["entry-points"][
+        "pytest11"
+    ]
     assert hasattr(import_module(announced["stiction"]), "stiction_scene")
     heavy = {"numpy", "scipy", "numba", "pandas", "pydantic", "engines", "scenes"}
     code = f"import sys, {announced['stiction']}; print(sorted({heavy!r} & sys.modules.keys()))"
-    loaded = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True, cwd=ROOT)
+    loaded = subprocess.run(
+        [sys.executable, "-c", code], capture_output=True, text=True, check=True, cwd=ROOT
+    )
     assert loaded.stdout.strip() == "[]"

@@ -13,8 +13,13 @@ from stiction.comparisons.studies.accuracy import largest_differences, present
 from stiction.scenes import Event, Trajectory
 from stiction.truths import CLOSED_FORM, Truth
 
-ERRORS = {"reference": (1e-12, 2e-12, 3e-12), "paper's scheme": (2e-4, 1e-4, 1e-6), "pymunk": (1e-3, 2e-3, 4.5e-3),
-          "PyBullet": (9e-4, 1e-3, 9.4e-3), "pymunk, contact": (1e-3, 2e-3, 2.9e-3)}
+ERRORS = {
+    "reference": (1e-12, 2e-12, 3e-12),
+    "paper's scheme": (2e-4, 1e-4, 1e-6),
+    "pymunk": (1e-3, 2e-3, 4.5e-3),
+    "PyBullet": (9e-4, 1e-3, 9.4e-3),
+    "pymunk, contact": (1e-3, 2e-3, 2.9e-3),
+}
 
 
 def true_columns(t, side):
@@ -29,7 +34,11 @@ def results(errors=ERRORS, lost=(), status="failed", reason="why"):
             for step, factor in zip(VARIANTS[label].ladder, (10.0, 1.0)):
                 is_lost = (label, case) in lost and factor == 1
                 one = record(label, case, step, *((status, reason) if is_lost else ()))
-                found = {} if is_lost else {"position_error": factor * size, "position_uncertainty": 1e-14}
+                found = (
+                    {}
+                    if is_lost
+                    else {"position_error": factor * size, "position_uncertainty": 1e-14}
+                )
                 records.append(one)
                 rows.append({**about(one), **found})
     truths = {case: Truth(case, CLOSED_FORM, 0.01, true_columns, {}) for case in CASES}
@@ -46,13 +55,19 @@ def test_the_answer_is_the_worst_case_of_each():
 
 def closest(made):
     [table] = [table for table in present(made).tables if table.name == "accuracy-closest"]
-    assert [row[0] for row in table.cells()] == ["joint, mus > mu", "contact, mus > mu"]  # pages and prints have no rows of groups
+    assert [row[0] for row in table.cells()] == [
+        "joint, mus > mu",
+        "contact, mus > mu",
+    ]  # pages and prints have no rows of groups
     return table.cells(brief=True)
 
 
 def test_the_closest_is_closest_in_its_worst_case():
     """PyBullet is closer in two cases of three; in the third it is twice as far off."""
-    assert closest(results()) == [["pymunk", "2", "adapter", "nobody", "0.0045", "case 3"], ["pymunk", "1", "adapter", "nobody", "0.0029", "case 3"]]
+    assert closest(results()) == [
+        ["pymunk", "2", "adapter", "nobody", "0.0045", "case 3"],
+        ["pymunk", "1", "adapter", "nobody", "0.0029", "case 3"],
+    ]
     better = results({**ERRORS, "PyBullet": (9e-4, 1e-3, 4.4e-3)})
     assert closest(better)[0] == ["PyBullet", "2", "adapter", "nobody", "0.0044", "case 3"]
 
@@ -62,8 +77,10 @@ def test_indistinguishable_errors_are_not_ranked():
     assert closest(made)[0][:2] == ["pymunk, PyBullet", "2"]
 
 
-@pytest.mark.parametrize("status, reason", [("failed", "why"), ("crashed", "signal 11"), ("refused", "cannot"),
-                                            ("ok", "step too small")])
+@pytest.mark.parametrize(
+    "status, reason",
+    [("failed", "why"), ("crashed", "signal 11"), ("refused", "cannot"), ("ok", "step too small")],
+)
 def test_failing_in_the_worst_case_does_not_improve_a_method(status, reason):
     """Without case 3 pymunk would be at 2 mm; an early end counts, too."""
     said = present(made := results(lost={("pymunk", CASES[2])}, status=status, reason=reason))
@@ -89,7 +106,9 @@ def test_tables_and_figures_have_every_run_where_it_belongs():
     whole = {table.name: table for table in said.tables}
     assert list(whole) == ["accuracy", "accuracy-closest", *(f"accuracy-{case}" for case in CASES)]
     assert [table.in_report for table in said.tables] == [True, True, False, False, False]
-    assert whole["accuracy"].frame["group"].tolist() == ["joint, mus > mu"] * 4 + ["contact, mus > mu"]
+    assert whole["accuracy"].frame["group"].tolist() == ["joint, mus > mu"] * 4 + [
+        "contact, mus > mu"
+    ]
     assert whole[f"accuracy-{CASES[1]}"].rows[0] == (3,)  # the first run of the second case
     figures = {figure.name: figure for figure in said.figures}
     assert list(figures) == ["accuracy", "difference-position", "difference-torque"]
@@ -104,19 +123,44 @@ def test_events_are_counted_of_the_kinds_that_a_method_reports():
     """Two reversals and three corners a case; the reference finds all, the scheme no corner, pymunk one of two reversals."""
     made = results()
     table = made.tables["accuracy"]
-    for label, (matched, reversals, corners) in {"reference": (5, 0, 0), "paper's scheme": (2, 0, 3), "pymunk": (1, 1, 3)}.items():
-        table.loc[table["variant"] == label, ["events_matched", "events_missed", "events_spurious", "reversal_events_missed", "corner_events_missed"]] = [
-            matched, reversals + corners, 0, reversals, corners]
-    events = tuple(Event(0.001 * number, kind, "guide", {}, {}) for number, kind in enumerate(["reversal"] * 2 + ["corner"] * 3))
-    made = replace(made, truths={name: replace(truth, events=events) for name, truth in made.truths.items()})
+    for label, (matched, reversals, corners) in {
+        "reference": (5, 0, 0),
+        "paper's scheme": (2, 0, 3),
+        "pymunk": (1, 1, 3),
+    }.items():
+        table.loc[
+            table["variant"] == label,
+            [
+                "events_matched",
+                "events_missed",
+                "events_spurious",
+                "reversal_events_missed",
+                "corner_events_missed",
+            ],
+        ] = [matched, reversals + corners, 0, reversals, corners]
+    events = tuple(
+        Event(0.001 * number, kind, "guide", {}, {})
+        for number, kind in enumerate(["reversal"] * 2 + ["corner"] * 3)
+    )
+    made = replace(
+        made, truths={name: replace(truth, events=events) for name, truth in made.truths.items()}
+    )
     shown = present(made).tables[0].frame.set_index("method")["events"]
-    assert list(shown[["reference", "paper's scheme", "pymunk"]]) == ["15/0/0", "6/0/0; no corner", "3/3/0; no corner"]
+    assert list(shown[["reference", "paper's scheme", "pymunk"]]) == [
+        "15/0/0",
+        "6/0/0; no corner",
+        "3/3/0; no corner",
+    ]
 
 
 def test_differences_are_taken_where_the_truth_is_stored():
     t = np.linspace(0.0, 24.0, 2401)
-    truth = Truth("made-up", CLOSED_FORM, 24.0, lambda t, side: {"slider.x": np.sin(t), "slider.y": 0 * t}, {})
+    truth = Truth(
+        "made-up", CLOSED_FORM, 24.0, lambda t, side: {"slider.x": np.sin(t), "slider.y": 0 * t}, {}
+    )
     off = np.where(np.arange(len(t)) % 20 == 7, 3e-3, 1e-3)
-    run = Trajectory("made-up", "made-up", "1", "joint", t, {"slider.x": np.sin(t) + off, "slider.y": -0.5 * off})
+    run = Trajectory(
+        "made-up", "made-up", "1", "joint", t, {"slider.x": np.sin(t) + off, "slider.y": -0.5 * off}
+    )
     at, size = largest_differences(run, truth, (".x", ".y"))
     assert len(at) == 120 and size == pytest.approx(3e-3, rel=1e-9) and np.allclose(at % 0.2, 0.07)

@@ -14,8 +14,15 @@ from stiction.comparisons.bench.results import Results
 from stiction.comparisons.bench.study import Scope
 from stiction.comparisons.bench.timing.timed_runs import OTHERS
 from stiction.comparisons.bench.timing.visits import WIDE
-from stiction.comparisons.bench.variants import (COEFFICIENTS, EVENTS_BY, FRICTION_BY, OWN_CPU, Coefficients, Record,
-                                                 Variant)
+from stiction.comparisons.bench.variants import (
+    COEFFICIENTS,
+    EVENTS_BY,
+    FRICTION_BY,
+    OWN_CPU,
+    Coefficients,
+    Record,
+    Variant,
+)
 from stiction.comparisons.measures.equal_error import INTEGRATION, UNKNOWN, equal_error
 from stiction.comparisons.measures.work_precision import TIMING
 from stiction.comparisons.studies.cost import STUDY, plan
@@ -24,9 +31,15 @@ from stiction.scenes import load_scene
 
 CASES = [f"slider-bar-case-{number}" for number in (1, 2, 3)]
 STEPS = (1e-2, 2.5e-3, 1e-3)
-ENGINES = {"reference": ("reference", "joint"), "paper's scheme": ("reference", "joint"),
-           "pymunk": ("pymunk", "joint"), "PyBullet": ("pybullet", "joint"),
-           "slow": ("slow", "joint"), "pymunk, contact": ("pymunk", "contact"), "not there": ("other", "joint")}
+ENGINES = {
+    "reference": ("reference", "joint"),
+    "paper's scheme": ("reference", "joint"),
+    "pymunk": ("pymunk", "joint"),
+    "PyBullet": ("pybullet", "joint"),
+    "slow": ("slow", "joint"),
+    "pymunk, contact": ("pymunk", "contact"),
+    "not there": ("other", "joint"),
+}
 OWN_PART = {"pymunk": 0.5, "PyBullet": 0.25, "slow": 0.5, "pymunk, contact": 0.8}
 
 
@@ -40,7 +53,10 @@ def cost_of_case_1():
 
 
 def with_equal_error(cost, times=None):
-    return {"cost": cost, "equal-error": equal_error(cost, times_of(cost) if times is None else times)}
+    return {
+        "cost": cost,
+        "equal-error": equal_error(cost, times_of(cost) if times is None else times),
+    }
 
 
 @cache
@@ -53,30 +69,64 @@ def first_order():
                 there = variant != "not there"
                 size = {"slow": 10.0, "reference": 1e-2}.get(variant, 1.0) * 0.5 * number * step
                 total = place * 1e-4 / step
-                row = {"scene": scene, "variant": variant, "engine": engine, "fidelity": fidelity, "parameter": "dt",
-                       "step": step, "truth": scene, COEFFICIENTS: str(Coefficients.BOTH), "status": "missing", "reason": "No module",
-                       "key": f"{scene}/{variant}/{step:g}", "position_uncertainty": 1e-14}
+                row = {
+                    "scene": scene,
+                    "variant": variant,
+                    "engine": engine,
+                    "fidelity": fidelity,
+                    "parameter": "dt",
+                    "step": step,
+                    "truth": scene,
+                    COEFFICIENTS: str(Coefficients.BOTH),
+                    "status": "missing",
+                    "reason": "No module",
+                    "key": f"{scene}/{variant}/{step:g}",
+                    "position_uncertainty": 1e-14,
+                }
                 if there:
-                    row |= {"status": "ok", "reason": "", "settings": json.dumps({"method": variant}),
-                            "cpu_time": total, OWN_CPU: total * OWN_PART.get(variant, 1.0), "setup_time": 1e-3 * place,
-                            "compile_time": 0.02, "repeats": 5, "position_error": size,
-                            TIMING: "unsure" if step == 1e-2 and variant == "pymunk" else ""}
+                    row |= {
+                        "status": "ok",
+                        "reason": "",
+                        "settings": json.dumps({"method": variant}),
+                        "cpu_time": total,
+                        OWN_CPU: total * OWN_PART.get(variant, 1.0),
+                        "setup_time": 1e-3 * place,
+                        "compile_time": 0.02,
+                        "repeats": 5,
+                        "position_error": size,
+                        TIMING: "unsure" if step == 1e-2 and variant == "pymunk" else "",
+                    }
                 rows.append(row)
     return with_equal_error(pd.DataFrame(rows))
 
 
 def times_of(cost):
     """The same times in five rounds."""
-    return pd.DataFrame([{"key": row["key"], "round": number, "cpu_time": row["cpu_time"], OWN_CPU: row[OWN_CPU]}
-                         for row in cost.dropna(subset="cpu_time").to_dict("records") for number in range(1, 6)])
+    return pd.DataFrame(
+        [
+            {"key": row["key"], "round": number, "cpu_time": row["cpu_time"], OWN_CPU: row[OWN_CPU]}
+            for row in cost.dropna(subset="cpu_time").to_dict("records")
+            for number in range(1, 6)
+        ]
+    )
 
 
 def records(tables):
     first = tables["cost"].drop_duplicates("variant")
-    runs = {row.key: SimpleNamespace(settings={"method": row.variant}) if row.status == "ok" else None
-            for row in first.itertuples()}
-    return tuple(Record(row.key, row.scene, Variant(row.variant, row.engine, "dt", STEPS, row.fidelity), row.step,
-                        Outcome("", row.status, runs[row.key])) for row in first.itertuples())
+    runs = {
+        row.key: SimpleNamespace(settings={"method": row.variant}) if row.status == "ok" else None
+        for row in first.itertuples()
+    }
+    return tuple(
+        Record(
+            row.key,
+            row.scene,
+            Variant(row.variant, row.engine, "dt", STEPS, row.fidelity),
+            row.step,
+            Outcome("", row.status, runs[row.key]),
+        )
+        for row in first.itertuples()
+    )
 
 
 def said(tables):
@@ -86,7 +136,11 @@ def said(tables):
 def test_numbers_are_those_of_the_tables():
     tables = material()
     shown = said(tables)
-    assert not wrong_numbers(shown, Results((), {}, tables)) and len(cells(shown)) == 6 and "nan" not in sentences(shown)
+    assert (
+        not wrong_numbers(shown, Results((), {}, tables))
+        and len(cells(shown)) == 6
+        and "nan" not in sentences(shown)
+    )
 
 
 def test_time_to_a_millimetre_is_the_total_one_in_the_first_case():
@@ -94,18 +148,40 @@ def test_time_to_a_millimetre_is_the_total_one_in_the_first_case():
     shown = said(material())
     assert [number.text for number in shown.answer.numbers] == ["≤ 10", "100", "150", "200"]
     assert cells(shown) == {
-        "reference": "≤ 10", "paper's scheme": "100", "pymunk": "150 (75)", "PyBullet": "200 (50)",
-        "slow": "> 500", "pymunk, contact": "300 (240)"}
+        "reference": "≤ 10",
+        "paper's scheme": "100",
+        "pymunk": "150 (75)",
+        "PyBullet": "200 (50)",
+        "slow": "> 500",
+        "pymunk, contact": "300 (240)",
+    }
     assert "3 of 54 runs" in sentences(shown) and "up to 20 ms more" in shown.beside.text
 
 
 def test_tables_have_totals_with_the_engines_part_and_no_engine_that_is_not_installed():
     shown = said(material())
     tables = {table.name: table for table in shown.tables}
-    assert list(tables) == ["cost", f"cost-{CASES[1]}", f"cost-{CASES[2]}", "cost-limits", "cost-all"]
-    row = dict(zip(tables["cost"].heads(brief=True), next(cells for cells in tables["cost"].cells(brief=True) if cells[0] == "pymunk")))
-    assert row["10 mm [ms]"] == "≤ 30 (15)" and row["1 mm [ms]"] == "150 (75)" and row["0.1 mm [ms]"] == "–"
-    assert not any("not there" in cells for table in shown.tables for cells in map(tuple, table.cells()))
+    assert list(tables) == [
+        "cost",
+        f"cost-{CASES[1]}",
+        f"cost-{CASES[2]}",
+        "cost-limits",
+        "cost-all",
+    ]
+    row = dict(
+        zip(
+            tables["cost"].heads(brief=True),
+            next(cells for cells in tables["cost"].cells(brief=True) if cells[0] == "pymunk"),
+        )
+    )
+    assert (
+        row["10 mm [ms]"] == "≤ 30 (15)"
+        and row["1 mm [ms]"] == "150 (75)"
+        and row["0.1 mm [ms]"] == "–"
+    )
+    assert not any(
+        "not there" in cells for table in shown.tables for cells in map(tuple, table.cells())
+    )
 
 
 def test_methods_that_may_be_compared_share_a_panel_and_what_the_adapter_does_is_marked():
@@ -116,7 +192,9 @@ def test_methods_that_may_be_compared_share_a_panel_and_what_the_adapter_does_is
     [figure] = said({"cost": cost}).figures
     labels = [[series.label for series in panel.series if series.label] for panel in figure.panels]
     joint = ["reference", "paper's scheme", "pymunk *", "PyBullet", "slow *"]
-    assert list(map(sorted, labels)) == [sorted(joint)] * 3 + [["pymunk, contact"]] * 3 and figure.columns == len(CASES)
+    assert list(map(sorted, labels)) == [sorted(joint)] * 3 + [
+        ["pymunk, contact"]
+    ] * 3 and figure.columns == len(CASES)
 
 
 @pytest.mark.parametrize("part, mark", [(0.9, ""), (1.1, "~")])
@@ -125,17 +203,29 @@ def test_a_time_with_a_wide_interval_is_marked_where_it_stands(part, mark):
     cost = cost_of_case_1()
     times = times_of(cost)
     slower = 1 + part * WIDE * (times["round"] == 1)
-    times = times.assign(**{name: times[name] * slower for name in ("cpu_time", OWN_CPU)}, **{OTHERS: 0.1 * times["round"]})
+    times = times.assign(
+        **{name: times[name] * slower for name in ("cpu_time", OWN_CPU)},
+        **{OTHERS: 0.1 * times["round"]},
+    )
     tables = with_equal_error(cost, times) | {"times": times}
     shown = said(tables)
-    assert "up to 0.5 cores busy" in sentences(shown) and not wrong_numbers(shown, Results((), {}, tables))
-    assert cells(shown)["reference"] == f"≤ {mark}10" and cells(shown)["pymunk"] == f"{mark}150 (75)"
-    assert dict((row[0], row[2]) for row in shown.tables[0].cells(brief=True))["pymunk"] == f"{mark}150 (75)"
+    assert "up to 0.5 cores busy" in sentences(shown) and not wrong_numbers(
+        shown, Results((), {}, tables)
+    )
+    assert (
+        cells(shown)["reference"] == f"≤ {mark}10" and cells(shown)["pymunk"] == f"{mark}150 (75)"
+    )
+    assert (
+        dict((row[0], row[2]) for row in shown.tables[0].cells(brief=True))["pymunk"]
+        == f"{mark}150 (75)"
+    )
 
 
 def test_errors_below_the_uncertainty_of_the_truth_have_a_bound():
     """The reference is at 5e-6 m; of a truth that is known to 2e-5 m, its time to 1e-5 m is at least that to 1e-4 m."""
-    first, *_ = said(with_equal_error(cost_of_case_1().assign(**{"position_uncertainty": 2e-5}))).tables
+    first, *_ = said(
+        with_equal_error(cost_of_case_1().assign(**{"position_uncertainty": 2e-5}))
+    ).tables
     cells = {row[0]: row[1:] for row in first.cells(brief=True)}
     assert cells["reference"] == ["≤ 10", "≤ 10", "≤ 10", "≥ 10", "≥ 10"]
     assert cells["pymunk"][1:3] == ["150 (75)", "–"]
@@ -143,8 +233,12 @@ def test_errors_below_the_uncertainty_of_the_truth_have_a_bound():
 
 def test_a_limit_turns_with_one_case():
     tables = material()
-    limits = {table.name: table for table in said(tables).tables}["cost-limits"].frame.set_index("variant")
-    assert set(limits["limit"]) == {INTEGRATION} and limits["order"].tolist() == pytest.approx([1.0] * 6)
+    limits = {table.name: table for table in said(tables).tables}["cost-limits"].frame.set_index(
+        "variant"
+    )
+    assert set(limits["limit"]) == {INTEGRATION} and limits["order"].tolist() == pytest.approx(
+        [1.0] * 6
+    )
     level = tables["cost"]["variant"].eq("pymunk") & tables["cost"]["scene"].eq(CASES[2])
     tables["cost"].loc[level, "position_error"] = 1e-2
     shown = said(with_equal_error(tables["cost"]))
@@ -161,7 +255,9 @@ def test_bounds_stay_bounds_when_they_are_rounded():
     tables = with_equal_error(cost)
     shown = said(tables)
     assert cells(shown)["reference"] == "≤ 11" and cells(shown)["slow"] == "> 490"
-    assert dict((row[0], row[1]) for row in shown.tables[0].cells(brief=True))["reference"] == "≤ 11"
+    assert (
+        dict((row[0], row[1]) for row in shown.tables[0].cells(brief=True))["reference"] == "≤ 11"
+    )
     assert not wrong_numbers(shown, Results((), {}, tables))
 
 
@@ -169,7 +265,9 @@ def test_our_own_solver_of_contacts_is_no_engine():
     tables = material()
     for table in tables.values():
         table.loc[table["variant"] == "pymunk, contact", "engine"] = "moreau"
-    assert "Engines with contacts" in sentences(said(material())) and "Engines with contacts" not in sentences(said(tables))
+    assert "Engines with contacts" in sentences(
+        said(material())
+    ) and "Engines with contacts" not in sentences(said(tables))
 
 
 def test_an_error_that_falls_over_all_cases_and_rises_in_one_is_named():
@@ -177,20 +275,30 @@ def test_an_error_that_falls_over_all_cases_and_rises_in_one_is_named():
     last = cost["variant"].eq("PyBullet") & cost["scene"].eq(CASES[2]) & cost["step"].eq(STEPS[-1])
     cost.loc[last, "position_error"] = 4e-3  # 15, 3.8 and 1.5 mm before
     shown = said(with_equal_error(cost))
-    assert "rises: PyBullet in case 3." in sentences(shown) and "rises" not in sentences(said(material()))
+    assert "rises: PyBullet in case 3." in sentences(shown) and "rises" not in sentences(
+        said(material())
+    )
 
 
-@pytest.mark.parametrize("gone", [["equal-error"], [], ["repeats"], ["setup_time", "compile_time", TIMING]])
+@pytest.mark.parametrize(
+    "gone", [["equal-error"], [], ["repeats"], ["setup_time", "compile_time", TIMING]]
+)
 def test_what_is_missing_is_left_out(gone):
     tables = material()
     tables["cost"] = tables["cost"].drop(columns=[name for name in gone if name in tables["cost"]])
     shown = said({name: table for name, table in tables.items() if name not in gone})
-    assert shown.answer and not any("nan" in text.text or not text.text for text in (shown.answer, *shown.findings))
-    assert not any("nan" in cell for table in shown.tables for cells in table.cells() for cell in cells)
+    assert shown.answer and not any(
+        "nan" in text.text or not text.text for text in (shown.answer, *shown.findings)
+    )
+    assert not any(
+        "nan" in cell for table in shown.tables for cells in table.cells() for cell in cells
+    )
 
 
 def test_no_timed_run_is_said_without_numbers():
-    failed = material()["cost"].assign(status="failed", reason="gave up").drop(columns="position_error")
+    failed = (
+        material()["cost"].assign(status="failed", reason="gave up").drop(columns="position_error")
+    )
     assert said({"cost": failed}).answer and not said({"cost": failed}).answer.numbers
 
 
@@ -200,7 +308,9 @@ def test_plan_times_all_cases_and_elsewhere_what_is_compared(depth):
     comparison = plan(Scope(scenes, depth, engines=("pybullet",)))
     made = {tuple(ladder.split("/", 1)) for ladder in comparison.ladders}
     of_scene = {scene: {variant for where, variant in made if where == scene} for scene in CASES}
-    chosen, compared = ({one.label for one in ways(("pybullet",), depth)} for ways in (cost_variants, variants))
+    chosen, compared = (
+        {one.label for one in ways(("pybullet",), depth)} for ways in (cost_variants, variants)
+    )
     others = chosen if depth == Depth.FULL else chosen & compared
     assert of_scene[CASES[0]] == chosen and of_scene[CASES[1]] == of_scene[CASES[2]] == others
     assert ({where for where, _ in made} > set(CASES)) == (depth == Depth.FULL)

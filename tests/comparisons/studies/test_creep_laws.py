@@ -36,12 +36,34 @@ def convex_contact(load, contacts, inverse_mass, impedance, damping, impratio):
 def creep(name, part, *, mu=MU, dt=STEP, t_end=0.5, **settings):
     """Speed at the end, with this part of the bound as load, m/s."""
     pytest.importorskip({"drake": "pydrake"}.get(name, name))
-    scene = scene_from_dict({
-        "gravity": [0, -G], "bodies": {"slider": {"mass": MASS, "inertia": INERTIA}},
-        "joints": {"guide": {"type": "translational", "slider": "slider", "direction": [1.0, 0.0], "mu": mu, "length": LENGTH, "width": WIDTH}},
-        "forces": {"push": {"type": "force", "body": "slider", "direction": [1.0, 0.0], "point": [0.0, -WIDTH / 2],
-                            "law": {"type": "constant", "value": part * mu * MASS * G}}}})
-    return load_engine(name).simulate(scene, dt=dt, t_end=t_end, fidelity="contact", **settings)["guide.slip_velocity"][-1]
+    scene = scene_from_dict(
+        {
+            "gravity": [0, -G],
+            "bodies": {"slider": {"mass": MASS, "inertia": INERTIA}},
+            "joints": {
+                "guide": {
+                    "type": "translational",
+                    "slider": "slider",
+                    "direction": [1.0, 0.0],
+                    "mu": mu,
+                    "length": LENGTH,
+                    "width": WIDTH,
+                }
+            },
+            "forces": {
+                "push": {
+                    "type": "force",
+                    "body": "slider",
+                    "direction": [1.0, 0.0],
+                    "point": [0.0, -WIDTH / 2],
+                    "law": {"type": "constant", "value": part * mu * MASS * G},
+                }
+            },
+        }
+    )
+    return load_engine(name).simulate(scene, dt=dt, t_end=t_end, fidelity="contact", **settings)[
+        "guide.slip_velocity"
+    ][-1]
 
 
 def contact_block():
@@ -54,29 +76,50 @@ def contact_block():
 class TestInRuns:
     @pytest.mark.parametrize("zone", [1e-3, 1e-4])
     def test_linear_zone(self, part, zone):
-        assert creep("exudyn", part, friction_zone=zone) == pytest.approx(linear_zone(part, zone), rel=ROUND)
+        assert creep("exudyn", part, friction_zone=zone) == pytest.approx(
+            linear_zone(part, zone), rel=ROUND
+        )
 
-    @pytest.mark.parametrize("settings", [{}, {"approximation": "similar"}, {"method": "continuous", "dt": None, "rtol": 1e-6}])
+    @pytest.mark.parametrize(
+        "settings",
+        [{}, {"approximation": "similar"}, {"method": "continuous", "dt": None, "rtol": 1e-6}],
+    )
     def test_soft_norm(self, part, settings):
-        assert creep("drake", part, stiction_tolerance=1e-3, **settings) == pytest.approx(soft_norm(part, 1e-3), rel=ROUND)
+        assert creep("drake", part, stiction_tolerance=1e-3, **settings) == pytest.approx(
+            soft_norm(part, 1e-3), rel=ROUND
+        )
 
     def test_near_rigid_friction(self, part):
         """The third direction is out of the plane, where nothing moves."""
         w = np.linalg.norm(contact_block()) / 3
         law = {"inverse_mass": w, "step": STEP}
-        residual = 1e-6 * MU * G * STEP  # Drake's solver ends at 1e-6 of the momenta; here of what friction takes in a step
-        assert creep("drake", part, approximation="sap") == pytest.approx(near_rigid_friction(part * BOUND, CONTACTS, **law), abs=residual)
+        residual = (
+            1e-6 * MU * G * STEP
+        )  # Drake's solver ends at 1e-6 of the momenta; here of what friction takes in a step
+        assert creep("drake", part, approximation="sap") == pytest.approx(
+            near_rigid_friction(part * BOUND, CONTACTS, **law), abs=residual
+        )
         floor = near_rigid_friction(BOUND, CONTACTS, **law)
-        assert creep("drake", part, stiction_tolerance=1e-9) == pytest.approx(soft_norm(part, floor), abs=residual)
+        assert creep("drake", part, stiction_tolerance=1e-9) == pytest.approx(
+            soft_norm(part, floor), abs=residual
+        )
 
     @pytest.mark.parametrize("impratio", [1.0, 10.0])
     def test_convex_contact(self, part, impratio):
         law = {"inverse_mass": contact_block()[0, 0], "impratio": impratio}
         of_a_step = creep("mujoco", part, friction_damping="step", impratio=impratio)
-        assert of_a_step == pytest.approx(convex_contact(part * BOUND, CONTACTS, impedance=2 / 3, damping=1 / STEP, **law), rel=ROUND)
+        assert of_a_step == pytest.approx(
+            convex_contact(part * BOUND, CONTACTS, impedance=2 / 3, damping=1 / STEP, **law),
+            rel=ROUND,
+        )
         settings = {"time_constant": 0.02, "impedance": 0.95}
         plain = creep("mujoco", part, impratio=impratio, t_end=1.0, **settings)
-        assert plain == pytest.approx(convex_contact(part * BOUND, CONTACTS, impedance=0.95, damping=2 / (0.95 * 0.02), **law), rel=ROUND)
+        assert plain == pytest.approx(
+            convex_contact(
+                part * BOUND, CONTACTS, impedance=0.95, damping=2 / (0.95 * 0.02), **law
+            ),
+            rel=ROUND,
+        )
 
 
 def test_the_coefficient_has_no_part_in_it():
@@ -89,7 +132,9 @@ def test_an_engine_that_holds_is_found_out():
     assert abs(creep("pybullet", 0.5)) < 1e-12
 
 
-@pytest.mark.parametrize(("law", "g"), [(linear_zone, lambda x: x), (soft_norm, lambda x: x / np.sqrt(x * x + 1))])
+@pytest.mark.parametrize(
+    ("law", "g"), [(linear_zone, lambda x: x), (soft_norm, lambda x: x / np.sqrt(x * x + 1))]
+)
 def test_the_law_carries_the_load_at_its_creep(law, g):
     for part in (0.0, 1e-6, 0.5, 0.999):
         assert g(law(part, 1e-3) / 1e-3) == pytest.approx(part, rel=1e-9)

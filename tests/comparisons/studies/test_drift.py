@@ -17,8 +17,11 @@ from stiction.engines.isolation import Outcome
 from stiction.scenes import Trajectory
 
 SCENES = ("slider-bar-case-1", "slider-bar-case-3")
-SIZES = {("still", "joint"): ((3e-16, 2e-15), (1e-5, 4e-5)), ("slow", "joint"): ((2e-11, 7e-11), (1e-16, 2e-16)),
-         ("touching", "contact"): ((1e-4, 3e-3), (2e-2, 1e-2))}
+SIZES = {
+    ("still", "joint"): ((3e-16, 2e-15), (1e-5, 4e-5)),
+    ("slow", "joint"): ((2e-11, 7e-11), (1e-16, 2e-16)),
+    ("touching", "contact"): ((1e-4, 3e-3), (2e-2, 1e-2)),
+}
 """By method and fidelity position (m) and velocity drift (m/s) in both scenes."""
 
 
@@ -35,16 +38,39 @@ def made_up(status="ok"):
         variant = Variant(label, label, "dt", (1e-2, 1e-3), fidelity)
         for scene, position, velocity in zip(SCENES, positions, velocities):
             for step, factor in ((1e-2, 50.0), (1e-3, 1.0)):
-                key, law = f"{scene}/{label}/dt={step:g}", GROWS if label == "slow" else INCONCLUSIVE
+                key, law = (
+                    f"{scene}/{label}/dt={step:g}",
+                    GROWS if label == "slow" else INCONCLUSIVE,
+                )
                 found = status if label == "slow" and scene == SCENES[0] else "ok"
                 value = run(label, scene, fidelity, position) if found == "ok" else None
                 records.append(Record(key, scene, variant, step, Outcome(key, found, value)))
-                row = {"scene": scene, "variant": label, "engine": label, "fidelity": fidelity, "parameter": "dt",
-                       "step": step, "status": found, "reason": "", "key": key, JOINT_COORDINATES: label == "still"}
-                rows.append(row if value is None else row | {
-                    POSITION: factor * position, VELOCITY: factor * velocity, "position_drift_end": position,
-                    "velocity_drift_end": velocity, "growth": law, "growth_exponent": 0.8,
-                    "growth_exponent_uncertainty": 0.5})
+                row = {
+                    "scene": scene,
+                    "variant": label,
+                    "engine": label,
+                    "fidelity": fidelity,
+                    "parameter": "dt",
+                    "step": step,
+                    "status": found,
+                    "reason": "",
+                    "key": key,
+                    JOINT_COORDINATES: label == "still",
+                }
+                rows.append(
+                    row
+                    if value is None
+                    else row
+                    | {
+                        POSITION: factor * position,
+                        VELOCITY: factor * velocity,
+                        "position_drift_end": position,
+                        "velocity_drift_end": velocity,
+                        "growth": law,
+                        "growth_exponent": 0.8,
+                        "growth_exponent_uncertainty": 0.5,
+                    }
+                )
     return Results(tuple(records), {}, {"drift": pd.DataFrame(rows)})
 
 
@@ -52,11 +78,20 @@ def test_drift_is_the_largest_of_all_cases_at_equal_step():
     results = made_up()
     said = STUDY.presented(results)
     assert [number.text for number in said.answer.numbers] == ["7e-11", "4e-05", "0.003", "0.02"]
-    position, velocity = ({method: text.text for method, text in headline.cells.items()} for headline in said.headlines)
+    position, velocity = (
+        {method: text.text for method, text in headline.cells.items()}
+        for headline in said.headlines
+    )
     assert position == {"still": "0", "slow": "7e-11", "touching": "0.003"}  # 2e-15 m is rounding
     assert velocity == {"still": "4e-05", "slow": "0", "touching": "0.02"}
-    assert all(number.text == "0" and results.tables["drift"][number.column].iloc[number.rows[0] - 1] < ROUNDING for number in wrong_numbers(said, results))
-    assert "2 of 6 runs (slow; up to 7e-11 m)" in sentences(said) and "bounded" not in said.answer.text
+    assert all(
+        number.text == "0"
+        and results.tables["drift"][number.column].iloc[number.rows[0] - 1] < ROUNDING
+        for number in wrong_numbers(said, results)
+    )
+    assert (
+        "2 of 6 runs (slow; up to 7e-11 m)" in sentences(said) and "bounded" not in said.answer.text
+    )
     assert list(said.tables[0].frame["growth"])[-1] == "inconclusive, t^(0.8 ± 0.5)"
 
 
@@ -68,7 +103,10 @@ def test_methods_that_are_as_far_off_are_all_named_and_an_offset_is_no_growth():
     alike = (table["variant"] == "slow") & (table["scene"] == SCENES[1])
     table.loc[alike, VELOCITY] = 4.01e-5
     said = STUDY.presented(results)
-    assert "7e-11 m (slow; bounded) and 4e-05 m/s (slow, still) at joints; 0.003 m and 0.02 m/s at contacts (touching)" in said.answer.text
+    assert (
+        "7e-11 m (slow; bounded) and 4e-05 m/s (slow, still) at joints; 0.003 m and 0.02 m/s at contacts (touching)"
+        in said.answer.text
+    )
     cells = {row[0]: row for row in said.tables[0].cells(brief=True)}
     assert cells["still"][2:6] == ["0", "–", "4e-05", "case 3"]
 
@@ -78,10 +116,27 @@ def test_a_failed_run_is_counted_and_an_engine_that_is_not_installed_is_absent()
     assert "slow in 1 of 2" in sentences(said)
     assert "1 of 2" in [cell for row in said.tables[0].cells(brief=True) for cell in row]
     results = made_up()
-    missing = Record("a/none/dt=1", "a", Variant("none", "none", "dt", (1e-3,)), 1e-3,
-                     Outcome("a", "missing", None, "not installed"))
-    lost = pd.DataFrame([{**results.tables["drift"].iloc[0][["scene", "fidelity", "parameter", JOINT_COORDINATES]],
-                          "variant": "none", "engine": "none", "step": 1e-3, "status": "missing", "key": missing.key}])
+    missing = Record(
+        "a/none/dt=1",
+        "a",
+        Variant("none", "none", "dt", (1e-3,)),
+        1e-3,
+        Outcome("a", "missing", None, "not installed"),
+    )
+    lost = pd.DataFrame(
+        [
+            {
+                **results.tables["drift"].iloc[0][
+                    ["scene", "fidelity", "parameter", JOINT_COORDINATES]
+                ],
+                "variant": "none",
+                "engine": "none",
+                "step": 1e-3,
+                "status": "missing",
+                "key": missing.key,
+            }
+        ]
+    )
     both = pd.concat([results.tables["drift"], lost], ignore_index=True)
     with_missing = STUDY.presented(Results((*results.records, missing), {}, {"drift": both}))
     assert sentences(with_missing) == sentences(STUDY.presented(results))
@@ -89,10 +144,14 @@ def test_a_failed_run_is_counted_and_an_engine_that_is_not_installed_is_absent()
 
 def test_the_figure_has_a_column_a_case():
     [figure] = STUDY.presented(made_up()).figures
-    assert figure.columns == len(SCENES) and len(figure.panels) == 4 * len(SCENES)  # joints and contacts apart
-    for place, panel in enumerate(figure.panels[:2 * len(SCENES)]):
+    assert figure.columns == len(SCENES) and len(figure.panels) == 4 * len(
+        SCENES
+    )  # joints and contacts apart
+    for place, panel in enumerate(figure.panels[: 2 * len(SCENES)]):
         fidelity, scene = ("joint", "contact")[place // len(SCENES)], place % len(SCENES)
-        there = {label: positions for (label, one), (positions, _) in SIZES.items() if one == fidelity}
+        there = {
+            label: positions for (label, one), (positions, _) in SIZES.items() if one == fidelity
+        }
         assert {series.label for series in panel.series} == {"", *there}
         for label, positions in there.items():
             [series] = [one for one in panel.series if one.label == label]
@@ -102,7 +161,9 @@ def test_the_figure_has_a_column_a_case():
 def test_runs_that_failed_are_rows_and_nothing_is_said_of_their_drift():
     pytest.importorskip("pydrake")
     comparison = STUDY.plan(Scope(tuple(validation_campaign().scenes), Depth.QUICK, ("drake",)))
-    made = comparison.tabulate([Outcome(task.label, "failed", None, "made up") for task in comparison.tasks])
+    made = comparison.tabulate(
+        [Outcome(task.label, "failed", None, "made up") for task in comparison.tasks]
+    )
     table = made.tables["drift"]
     assert len(made.records) == len(table) == len(comparison.tasks)
     assert (table[JOINT_COORDINATES] == (table["engine"] == "drake")).all()

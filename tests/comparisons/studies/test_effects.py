@@ -14,17 +14,38 @@ from stiction.comparisons.bench.study import Scope
 from stiction.comparisons.bench.variants import OWN_CPU, Variant
 from stiction.comparisons.studies import effects
 from stiction.comparisons.studies import suppression as stabilization_choices
-from stiction.comparisons.studies.effects import (BASELINE, HIGH, LEFT_OUT, LOW, MOTION, PAIRS, RATIO, REFERENCE,
-                                                  EffectKind, effects_comparison, effects_variants, toggles)
+from stiction.comparisons.studies.effects import (
+    BASELINE,
+    HIGH,
+    LEFT_OUT,
+    LOW,
+    MOTION,
+    PAIRS,
+    RATIO,
+    REFERENCE,
+    EffectKind,
+    effects_comparison,
+    effects_variants,
+    toggles,
+)
 from stiction.reference_impl.multibody.equation_summary import blocks, hlcp_size
 from stiction.scenes import catalogue, load_scene, vary
 from stiction.truths import slider_bar_truth
 
 CASE = "slider-bar-case-1"
 PROJECTED = {"stabilization": {"method": "projection"}}
-BLOCK = {"no gravity": "gravity", "no friction": "friction", "no static coefficient (mus = mu)": "static coefficient",
-         "no surface levers (width)": "surface levers", "no corner forces (length, width)": "corner forces", "no drive": "drives",
-         "no spring": "springs", "no damper": "dampers", "no load": "forces", "no stabilization": "stabilization"}
+BLOCK = {
+    "no gravity": "gravity",
+    "no friction": "friction",
+    "no static coefficient (mus = mu)": "static coefficient",
+    "no surface levers (width)": "surface levers",
+    "no corner forces (length, width)": "corner forces",
+    "no drive": "drives",
+    "no spring": "springs",
+    "no damper": "dampers",
+    "no load": "forces",
+    "no stabilization": "stabilization",
+}
 
 
 @pytest.mark.parametrize("name", catalogue())
@@ -32,11 +53,15 @@ def test_every_toggle_removes_exactly_a_block_that_the_scene_declares(name):
     scene = load_scene(name)
     declared = {block.name for block in blocks(scene) if block.elements}
     removed = set()
-    assert vary(scene, next(toggles(scene)).overrides).stabilization.method == "projection"  # of the baseline
+    assert (
+        vary(scene, next(toggles(scene)).overrides).stabilization.method == "projection"
+    )  # of the baseline
     assert all("stabilization" in effect.overrides for effect in toggles(scene))
     for effect in toggles(scene):
         changed = {block.name for block in blocks(vary(scene, effect.overrides)) if block.elements}
-        if effect.name in BLOCK and (effect.name != "no stabilization" or "stabilization" in declared):  # projection is no block
+        if effect.name in BLOCK and (
+            effect.name != "no stabilization" or "stabilization" in declared
+        ):  # projection is no block
             assert BLOCK[effect.name] in declared - changed
             removed.add(BLOCK[effect.name])
         if effect.name == "no friction":
@@ -50,7 +75,11 @@ def table() -> pd.DataFrame:
     adapter = next(variant for variant in effects_variants(["pymunk"]) if variant.label == "pymunk")
     broken = Variant("broken", "reference", "rtol", (1e-6,), settings={"nonsense": 1})
     with here():
-        return effects_comparison(scene, (REFERENCE, adapter, broken), t_end=2.0, repeats=1).make().table
+        return (
+            effects_comparison(scene, (REFERENCE, adapter, broken), t_end=2.0, repeats=1)
+            .make()
+            .table
+        )
 
 
 def rows(table: pd.DataFrame, variant: str) -> pd.DataFrame:
@@ -60,13 +89,28 @@ def rows(table: pd.DataFrame, variant: str) -> pd.DataFrame:
 def test_counters_are_what_the_effects_say(table):
     own = rows(table, "reference")
     assert (own["status"] == "ok").all() and (own["reason"] == "").all()
-    assert own.at["no friction", "counter:hlcp"] == own.at["no friction", "counter:pivots"] == own.at["no friction", PAIRS] == 0
+    assert (
+        own.at["no friction", "counter:hlcp"]
+        == own.at["no friction", "counter:pivots"]
+        == own.at["no friction", PAIRS]
+        == 0
+    )
     assert own.at["no friction", LEFT_OUT] == "friction, surface levers, static coefficient"
-    assert own.at[BASELINE, LEFT_OUT] == "" and own.at[BASELINE, PAIRS] == hlcp_size(load_scene(CASE))
+    assert own.at[BASELINE, LEFT_OUT] == "" and own.at[BASELINE, PAIRS] == hlcp_size(
+        load_scene(CASE)
+    )
     assert (own.drop("no friction")["counter:hlcp"] > 0).all()
-    assert own.at["no stabilization", "counter:projections"] == 0 < own.at[BASELINE, "counter:projections"]
+    assert (
+        own.at["no stabilization", "counter:projections"]
+        == 0
+        < own.at[BASELINE, "counter:projections"]
+    )
     # 2 s are 2 alpha 2 s = 360 time constants of the paper's Baumgarte, of which an explicit step of order 8 covers about 6
-    assert own.at["Baumgarte (alpha = 90, beta = 10)", "counter:steps"] > 360 / 6 > 3 * own.at[BASELINE, "counter:steps"]
+    assert (
+        own.at["Baumgarte (alpha = 90, beta = 10)", "counter:steps"]
+        > 360 / 6
+        > 3 * own.at[BASELINE, "counter:steps"]
+    )
 
 
 def test_motion_changes_as_the_truth_does(table):
@@ -74,11 +118,17 @@ def test_motion_changes_as_the_truth_does(table):
     assert (own.loc[BASELINE, ["position_change", "velocity_change", "effort_change"]] == 0).all()
     scene = load_scene(CASE)
     exact = slider_bar_truth(scene, 2.0)(t)["slider.x"]
-    for effect, keys in (("no friction", ("guide.mu", "guide.mus")), ("no static coefficient (mus = mu)", ("guide.mus",)),
-                         ("no gravity", ("gravity",)), ("no corner forces (length, width)", ("guide.length", "guide.width"))):
+    for effect, keys in (
+        ("no friction", ("guide.mu", "guide.mus")),
+        ("no static coefficient (mus = mu)", ("guide.mus",)),
+        ("no gravity", ("gravity",)),
+        ("no corner forces (length, width)", ("guide.length", "guide.width")),
+    ):
         truth = slider_bar_truth(vary(scene, dict.fromkeys(keys)), 2.0)
         # two runs at rtol 1e-9, whose errors of position are of the order of 1e-9 m
-        assert own.at[effect, "position_change"] == pytest.approx(np.max(np.abs(truth(t)["slider.x"] - exact)), abs=2e-8)
+        assert own.at[effect, "position_change"] == pytest.approx(
+            np.max(np.abs(truth(t)["slider.x"] - exact)), abs=2e-8
+        )
         if effect != "no gravity" and truth.events and not effect.startswith("no friction"):
             assert own.at[effect, "first_event"] == pytest.approx(truth.events[0].time, abs=1e-8)
     assert np.isnan(own.at["no drive", "effort_change"])
@@ -113,33 +163,60 @@ def test_drift_suppression_is_a_choice_with_a_price(in_this_process):
 
 def test_clearance_is_toggled_where_an_engine_has_one(in_this_process):
     scene = load_scene(CASE, {**PROJECTED, "guide.mus": None})
-    [moreau] = [replace(variant, ladder=(1e-3,)) for variant in effects_variants(["moreau"]) if variant.engine == "moreau"]
+    [moreau] = [
+        replace(variant, ladder=(1e-3,))
+        for variant in effects_variants(["moreau"])
+        if variant.engine == "moreau"
+    ]
     found = effects_comparison(scene, (REFERENCE, moreau), t_end=0.5, repeats=1).make().table
     own, others = rows(found, moreau.label), rows(found, REFERENCE.label)
     assert not any("clearance" in effect for effect in others.index)
-    small, large = (own.at[f"clearance {part} of the size", "position_change"] for part in ("0.001", "0.01"))
+    small, large = (
+        own.at[f"clearance {part} of the size", "position_change"] for part in ("0.001", "0.01")
+    )
     # the slider rests on a surface of its guide instead of its line: off by a clearance, which grows ten times
     assert 0 < small < large and large > 5 * small
 
 
-ROWS = {BASELINE: (1.0, 1.0, 1.0, 5, ""), "no gravity": (1.2, 1.1, 1.3, 5, "gravity"),
-        "no friction": (0.5, 0.48, 0.52, 0, "friction, static coefficient"),
-        "no load": (0.45, 0.4, 0.5, 5, "forces"), "no spring": (0.98, 0.9, 1.1, 5, "springs"),
-        "no stabilization": (0.9, 0.88, 0.92, 5, ""),
-        "Baumgarte (alpha = 90, beta = 10)": (22.0, 21.0, 23.5, 5, "")}
+ROWS = {
+    BASELINE: (1.0, 1.0, 1.0, 5, ""),
+    "no gravity": (1.2, 1.1, 1.3, 5, "gravity"),
+    "no friction": (0.5, 0.48, 0.52, 0, "friction, static coefficient"),
+    "no load": (0.45, 0.4, 0.5, 5, "forces"),
+    "no spring": (0.98, 0.9, 1.1, 5, "springs"),
+    "no stabilization": (0.9, 0.88, 0.92, 5, ""),
+    "Baumgarte (alpha = 90, beta = 10)": (22.0, 21.0, 23.5, 5, ""),
+}
 
 
-KINDS_OF_ROWS = {BASELINE: EffectKind.BASELINE, "no stabilization": EffectKind.UNSTABILIZED,
-                 "Baumgarte (alpha = 90, beta = 10)": EffectKind.BAUMGARTE}
+KINDS_OF_ROWS = {
+    BASELINE: EffectKind.BASELINE,
+    "no stabilization": EffectKind.UNSTABILIZED,
+    "Baumgarte (alpha = 90, beta = 10)": EffectKind.BAUMGARTE,
+}
 
 
 def effects_table():
-    table = pd.DataFrame([{"variant": "reference", "engine": "reference", "effect": effect, "status": "ok",
-                           effects.EFFECT_KIND: str(KINDS_OF_ROWS.get(effect, EffectKind.LEFT_OUT)),
-                           effects.WITHOUT: None if effect in KINDS_OF_ROWS else effect.removeprefix("no "),
-                           RATIO: share, LOW: low, HIGH: high, PAIRS: pairs, LEFT_OUT: out,
-                           "counter:rhs": 1000 + number, MOTION: 0.5 * number} for number,
-                          (effect, (share, low, high, pairs, out)) in enumerate(ROWS.items())])
+    table = pd.DataFrame(
+        [
+            {
+                "variant": "reference",
+                "engine": "reference",
+                "effect": effect,
+                "status": "ok",
+                effects.EFFECT_KIND: str(KINDS_OF_ROWS.get(effect, EffectKind.LEFT_OUT)),
+                effects.WITHOUT: None if effect in KINDS_OF_ROWS else effect.removeprefix("no "),
+                RATIO: share,
+                LOW: low,
+                HIGH: high,
+                PAIRS: pairs,
+                LEFT_OUT: out,
+                "counter:rhs": 1000 + number,
+                MOTION: 0.5 * number,
+            }
+            for number, (effect, (share, low, high, pairs, out)) in enumerate(ROWS.items())
+        ]
+    )
     return table
 
 
@@ -154,21 +231,51 @@ def test_the_answer_has_what_saves_time_and_what_baumgarte_costs():
     for number in said.answer.numbers:
         assert float(number.text) == table.loc[number.rows[0] - 1, number.column]
     findings = " ".join(text.text for text in said.findings)
-    for part in ("friction, static coefficient", "from 5 to 0 pairs", "0.5 (0.48 to 0.52)", "1002 instead of 1000",
-                 "At the same tolerance", "22 (21 to 23.5) times"):
+    for part in (
+        "friction, static coefficient",
+        "from 5 to 0 pairs",
+        "0.5 (0.48 to 0.52)",
+        "1002 instead of 1000",
+        "At the same tolerance",
+        "22 (21 to 23.5) times",
+    ):
         assert part in findings
 
 
 def test_baumgarte_is_compared_at_equal_error():
     """Of all cases and errors from 1 mm down; by hand: 7 and 2 ms over 1 ms each, 30 over 2. A bound is no time."""
-    times = {("reference", 1, 1e-2): 1.0, ("reference, Baumgarte", 1, 1e-2): 90.0, ("reference", 1, 1e-3): 1.0, ("reference, Baumgarte", 1, 1e-3): 7.0,
-             ("reference", 2, 1e-3): 1.0, ("reference, Baumgarte", 2, 1e-3): 2.0, ("reference", 2, 1e-6): 2.0, ("reference, Baumgarte", 2, 1e-6): 30.0,
-             ("reference, Baumgarte", 2, 1e-9): 99.0, ("reference", 1, 1e-4): 1.0, ("reference, Baumgarte", 1, 1e-4): 90.0}
-    equal = pd.DataFrame([{"variant": variant, "scene": f"case {case}", "error": error, "quantity": "position", "cpu_time": 1e-3 * time, "is_bound": error == 1e-4}
-                          for (variant, case, error), time in times.items()])
+    times = {
+        ("reference", 1, 1e-2): 1.0,
+        ("reference, Baumgarte", 1, 1e-2): 90.0,
+        ("reference", 1, 1e-3): 1.0,
+        ("reference, Baumgarte", 1, 1e-3): 7.0,
+        ("reference", 2, 1e-3): 1.0,
+        ("reference, Baumgarte", 2, 1e-3): 2.0,
+        ("reference", 2, 1e-6): 2.0,
+        ("reference, Baumgarte", 2, 1e-6): 30.0,
+        ("reference, Baumgarte", 2, 1e-9): 99.0,
+        ("reference", 1, 1e-4): 1.0,
+        ("reference, Baumgarte", 1, 1e-4): 90.0,
+    }
+    equal = pd.DataFrame(
+        [
+            {
+                "variant": variant,
+                "scene": f"case {case}",
+                "error": error,
+                "quantity": "position",
+                "cpu_time": 1e-3 * time,
+                "is_bound": error == 1e-4,
+            }
+            for (variant, case, error), time in times.items()
+        ]
+    )
     results = Results((), {}, {"effects": effects_table(), "equal-error": equal})
     said = effects.STUDY.presented(results)
-    assert "2 to 15 with Baumgarte's terms at equal error" in said.answer.text and not wrong_numbers(said, results)
+    assert (
+        "2 to 15 with Baumgarte's terms at equal error" in said.answer.text
+        and not wrong_numbers(said, results)
+    )
     assert len(f"Effects: {said.answer.text}") <= ANSWER_LENGTH
 
 
@@ -185,12 +292,27 @@ def test_what_cannot_be_distinguished_from_the_baseline_saves_nothing():
     assert "friction" not in said_of(effects.STUDY, "effects", table).answer.text
 
 
-@pytest.mark.parametrize("study, name", [(effects.STUDY, "effects"), (stabilization_choices.STUDY, "suppression")])
+@pytest.mark.parametrize(
+    "study, name", [(effects.STUDY, "effects"), (stabilization_choices.STUDY, "suppression")]
+)
 def test_failures_are_said_and_nothing_else(study, name):
-    lost = pd.DataFrame({"variant": ["reference", "reference"], "engine": "reference", "effect": ["no load", BASELINE], effects.EFFECT_KIND: ["left out", "baseline"],
-                         "status": "failed", "reason": "killed"})
+    lost = pd.DataFrame(
+        {
+            "variant": ["reference", "reference"],
+            "engine": "reference",
+            "effect": ["no load", BASELINE],
+            effects.EFFECT_KIND: ["left out", "baseline"],
+            "status": "failed",
+            "reason": "killed",
+        }
+    )
     said = said_of(study, name, lost)
-    assert not said.answer and not said.tables and len(said.findings) == 1 and "failed" in said.findings[0].text
+    assert (
+        not said.answer
+        and not said.tables
+        and len(said.findings) == 1
+        and "failed" in said.findings[0].text
+    )
 
 
 def test_a_failed_effect_among_others_is_named():
@@ -205,18 +327,38 @@ def test_a_failed_effect_among_others_is_named():
 def suppression_table():
     rows = []
     for parameter, step in (("rtol", 1e-6), ("rtol", 1e-9), ("dt", 1e-2)):
-        for choice, cpu, drift in (("none", 1.0, 2e-11), ("baumgarte", 20.0, 3e-12), ("projection", 1.1, 4e-15)):
-            rows.append({"variant": f"way, {choice}", "suppression": choice, "parameter": parameter, "step": step,
-                         "status": "ok", "reason": "", OWN_CPU: cpu * step,
-                         stabilization_choices.LOW: 0.9 * cpu * step, stabilization_choices.HIGH: 1.1 * cpu * step,
-                         "position_drift": drift, "velocity_drift": drift,
-                         "position_error": 1e-9 / cpu, "key": f"{choice}/{step:g}"})
+        for choice, cpu, drift in (
+            ("none", 1.0, 2e-11),
+            ("baumgarte", 20.0, 3e-12),
+            ("projection", 1.1, 4e-15),
+        ):
+            rows.append(
+                {
+                    "variant": f"way, {choice}",
+                    "suppression": choice,
+                    "parameter": parameter,
+                    "step": step,
+                    "status": "ok",
+                    "reason": "",
+                    OWN_CPU: cpu * step,
+                    stabilization_choices.LOW: 0.9 * cpu * step,
+                    stabilization_choices.HIGH: 1.1 * cpu * step,
+                    "position_drift": drift,
+                    "velocity_drift": drift,
+                    "position_error": 1e-9 / cpu,
+                    "key": f"{choice}/{step:g}",
+                }
+            )
     return pd.DataFrame(rows)
 
 
 def suppression_results(table):
     """Five rounds of each run, all of its median."""
-    times = [{"key": row["key"], "round": number, OWN_CPU: row[OWN_CPU]} for row in table.to_dict("records") for number in range(5)]
+    times = [
+        {"key": row["key"], "round": number, OWN_CPU: row[OWN_CPU]}
+        for row in table.to_dict("records")
+        for number in range(5)
+    ]
     return Results((), {}, {"suppression": table, "times": pd.DataFrame(times)})
 
 
@@ -224,12 +366,27 @@ def test_stabilizations_are_compared_at_the_tightest_tolerance():
     table = suppression_table()
     results = suppression_results(table)
     said = stabilization_choices.STUDY.presented(results)
-    assert [number.text for number in said.answer.numbers] == ["18.2 (18.2 to 18.2)", "3e-12", "0", "5e-11", "9.1e-10"]
+    assert [number.text for number in said.answer.numbers] == [
+        "18.2 (18.2 to 18.2)",
+        "3e-12",
+        "0",
+        "5e-11",
+        "9.1e-10",
+    ]
     assert [number for number in wrong_numbers(said, results) if number.text != "0"] == []
     time, *drifts = said.answer.numbers
-    assert [table.loc[row - 1, "suppression"] for row in time.rows] == ["baumgarte",
-                            "projection"] and {table.loc[row - 1, "step"] for row in time.rows} == {1e-9}
-    assert [table.loc[number.rows[0] - 1, "suppression"] for number in drifts] == ["baumgarte", "projection"] * 2
+    assert [table.loc[row - 1, "suppression"] for row in time.rows] == [
+        "baumgarte",
+        "projection",
+    ] and {table.loc[row - 1, "step"] for row in time.rows} == {1e-9}
+    assert [table.loc[number.rows[0] - 1, "suppression"] for number in drifts] == [
+        "baumgarte",
+        "projection",
+    ] * 2
     without = table[(table["suppression"] != "baumgarte")]
-    assert not stabilization_choices.STUDY.presented(suppression_results(without.reset_index(drop=True))).answer
-    assert not said_of(stabilization_choices.STUDY, "suppression", table).answer  # without samples there is no ratio
+    assert not stabilization_choices.STUDY.presented(
+        suppression_results(without.reset_index(drop=True))
+    ).answer
+    assert not said_of(
+        stabilization_choices.STUDY, "suppression", table
+    ).answer  # without samples there is no ratio

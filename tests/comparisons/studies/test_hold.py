@@ -19,9 +19,29 @@ from stiction.comparisons.bench.study import Scope, union
 from stiction.comparisons.bench.timing.visits import VisitTimes
 from stiction.comparisons.bench.variants import COEFFICIENTS, OWN_CPU, Coefficients
 from stiction.comparisons.studies import hold
-from stiction.comparisons.studies.hold import (BROKEN, CREEP, HELD, HOLDS, LOAD, OBEYED, OPEN, RAMP, SLOWER, STOP, TEST,
-                                               UNSURE, changes, laws_table, measured, methods_table, plan, present,
-                                               settings_table, true_slip, verdict)
+from stiction.comparisons.studies.hold import (
+    BROKEN,
+    CREEP,
+    HELD,
+    HOLDS,
+    LOAD,
+    OBEYED,
+    OPEN,
+    RAMP,
+    SLOWER,
+    STOP,
+    TEST,
+    UNSURE,
+    changes,
+    laws_table,
+    measured,
+    methods_table,
+    plan,
+    present,
+    settings_table,
+    true_slip,
+    verdict,
+)
 from stiction.comparisons.studies.hold_data import Law
 from stiction.comparisons.studies.settings import DEFAULT, SETTING, SUBJECT
 from stiction.engines import load_engine
@@ -49,9 +69,13 @@ def statics(name, t, load, mus):
         "hold-incline": (load, G * np.cos(np.pi / 18), 0.0),
         "hold-bar": (load, 3 * G, -2 * G * 1.0),  # 2 kg at 1 m
         "hold-moment": (load, G + 20.0, -20.0 * 0.5 - 0.2 * load),
-        "hold-turning-bar": (load + 0.5 * 0.025 * w ** 2 * np.cos(w * t), 1.5 * G - 0.5 * 0.025 * w ** 2 * np.sin(w * t),
-                             -0.5 * G * 0.025 * np.cos(w * t)),
-        "hold-vibration": (load, G - 0.5 * G * np.sin(10 * np.pi * t), 0.0)}[name]
+        "hold-turning-bar": (
+            load + 0.5 * 0.025 * w**2 * np.cos(w * t),
+            1.5 * G - 0.5 * 0.025 * w**2 * np.sin(w * t),
+            -0.5 * G * 0.025 * np.cos(w * t),
+        ),
+        "hold-vibration": (load, G - 0.5 * G * np.sin(10 * np.pi * t), 0.0),
+    }[name]
     return along, normal, moment
 
 
@@ -80,9 +104,19 @@ def test_the_limit_is_that_of_statics(name, static):
     """The load at which the least margin over a period is 0; sampled finely, as the least is flat where it lies."""
     scene, (_, mus) = loaded(load_scene(name), HELD, 0.5, static), coefficients(name, static)
     t = np.linspace(0.0, 1.0, 200_001)
-    limit = brentq(lambda load: min(margin(name, s, load, mus) for s in (t if "period" in scene.parameters else t[:1])[::1000]),
-                   0.0, 50.0, xtol=1e-12) if "period" not in scene.parameters else brentq(
-        lambda load: float(np.min(margin(name, t, load, mus))), 0.0, 50.0, xtol=1e-12)
+    limit = (
+        brentq(
+            lambda load: min(
+                margin(name, s, load, mus)
+                for s in (t if "period" in scene.parameters else t[:1])[::1000]
+            ),
+            0.0,
+            50.0,
+            xtol=1e-12,
+        )
+        if "period" not in scene.parameters
+        else brentq(lambda load: float(np.min(margin(name, t, load, mus))), 0.0, 50.0, xtol=1e-12)
+    )
     assert scene.parameters["limit"] == pytest.approx(limit, rel=1e-9)
 
 
@@ -95,7 +129,10 @@ def test_the_reference_rests_below_the_limit(name, static, compiled):
         run = load_engine("reference").simulate(scene, rtol=1e-6)
         assert run.termination == "end" and not run.events and np.all(run["guide.mode"] == 0)
         bound = 1e-15 if name in ("hold-turning-bar", "hold-incline") else 0.0
-        assert np.max(np.abs(run["guide.slip_velocity"])) <= bound and np.ptp(run["guide.displacement"]) <= bound
+        assert (
+            np.max(np.abs(run["guide.slip_velocity"])) <= bound
+            and np.ptp(run["guide.displacement"]) <= bound
+        )
         assert measured("reference", scene, HELD, {"rtol": 1e-6})[0].creep.value == 0.0
 
 
@@ -128,11 +165,25 @@ def test_beyond_the_limit_the_truth_has_the_closed_form(name, static, compiled):
         return -margin(name, 0.0, load, mu) / mass
 
     found, _ = true_slip(scene, RAMP)
-    gained = brentq(lambda s: acceleration(limit) * s + (acceleration(1.25 * limit) - acceleration(limit)) * s ** 2 / 2 - 1e-3, 0, 1)
-    assert found.let_go == pytest.approx(0.8 + gained, abs=1e-6)  # samples every 0.1 ms, a line between
-    assert found.acceleration == pytest.approx(acceleration(limit * (1 + 0.25 * (gained + 0.025))), rel=1e-3)
+    gained = brentq(
+        lambda s: (
+            acceleration(limit) * s
+            + (acceleration(1.25 * limit) - acceleration(limit)) * s**2 / 2
+            - 1e-3
+        ),
+        0,
+        1,
+    )
+    assert found.let_go == pytest.approx(
+        0.8 + gained, abs=1e-6
+    )  # samples every 0.1 ms, a line between
+    assert found.acceleration == pytest.approx(
+        acceleration(limit * (1 + 0.25 * (gained + 0.025))), rel=1e-3
+    )
     stop = loaded(load_scene(name), STOP, 0.5, static)
-    assert true_slip(stop, STOP)[0].landing == pytest.approx(0.05 ** 2 / (-2 * acceleration(0.5 * limit)), rel=1e-9)
+    assert true_slip(stop, STOP)[0].landing == pytest.approx(
+        0.05**2 / (-2 * acceleration(0.5 * limit)), rel=1e-9
+    )
 
 
 class Creeping:
@@ -145,8 +196,11 @@ class Creeping:
         zone = self.zone * arguments.pop("scale", 1.0)
         run = load_engine("reference").simulate(scene, **arguments)
         speed = zone * scene.parameters["part"] ** self.power
-        columns = {**run.columns, "guide.displacement": run["guide.displacement"] + speed * run.t,
-                   "guide.slip_velocity": run["guide.slip_velocity"] + speed}
+        columns = {
+            **run.columns,
+            "guide.displacement": run["guide.displacement"] + speed * run.t,
+            "guide.slip_velocity": run["guide.slip_velocity"] + speed,
+        }
         return replace(run, columns=columns, settings={**run.settings, "scale": zone / self.zone})
 
 
@@ -173,7 +227,9 @@ def test_a_quick_study_has_a_row_a_run_and_holds_with_the_reference(quick):
     assert methods.loc[methods["engine"] == "reference", HOLDS].all()
     assert list(methods["variant"]) == list(table["variant"].unique())
     said = present(union([quick]))
-    assert list(quick.tables["hold-laws"]["verdict"]) == [OBEYED] and "The reference rests (1 runs)." in sentences(said)
+    assert list(quick.tables["hold-laws"]["verdict"]) == [
+        OBEYED
+    ] and "The reference rests (1 runs)." in sentences(said)
     assert not wrong_numbers(said, Results((), {}, quick.tables))
     assert set(said.headlines[0].cells) == set(methods["variant"]) and len(said.answer.text) <= 160
 
@@ -204,36 +260,91 @@ def test_a_run_beyond_the_limit_against_the_truth(engine, compiled):
         scene = loaded(load_scene("hold-moment"), test, 0.8, True)
         found, (exact, _) = measured(engine, scene, test, given)[0], true_slip(scene, test)
         if test == RAMP:
-            assert abs(found.let_go - exact.let_go) < 3e-3 and found.acceleration == pytest.approx(exact.acceleration, rel=0.02)
+            assert abs(found.let_go - exact.let_go) < 3e-3 and found.acceleration == pytest.approx(
+                exact.acceleration, rel=0.02
+            )
         else:
-            assert found.landing == pytest.approx(exact.landing, abs=2 * 0.05 * 1e-3) and abs(found.creep.value) < 1e-9
+            assert (
+                found.landing == pytest.approx(exact.landing, abs=2 * 0.05 * 1e-3)
+                and abs(found.creep.value) < 1e-9
+            )
 
 
 def made_up(subject, setting, load, creep, unsure=0.0, cpu=1.0, scene="s", status="ok", **settings):
-    return {"scene": scene, "variant": f"{subject}: {setting}" if setting else subject, "engine": "e", "fidelity": "contact",
-            "truth": scene, COEFFICIENTS: str(Coefficients.ONE), hold.CHANGED: setting.partition("=")[0] if "=" in (setting or "") else None,
-            "parameter": "dt", "step": 1e-3, "status": status, "reason": "", "friction_by": "engine",
-            "settings": json.dumps(settings), OWN_CPU: cpu, SUBJECT: subject if setting else None, SETTING: setting or None,
-            TEST: HELD, LOAD: load, hold.PART: load, hold.LETS_GO: creep > 0.1, CREEP: creep, UNSURE: unsure, "key": f"{subject}{setting}{load}"}
+    return {
+        "scene": scene,
+        "variant": f"{subject}: {setting}" if setting else subject,
+        "engine": "e",
+        "fidelity": "contact",
+        "truth": scene,
+        COEFFICIENTS: str(Coefficients.ONE),
+        hold.CHANGED: setting.partition("=")[0] if "=" in (setting or "") else None,
+        "parameter": "dt",
+        "step": 1e-3,
+        "status": status,
+        "reason": "",
+        "friction_by": "engine",
+        "settings": json.dumps(settings),
+        OWN_CPU: cpu,
+        SUBJECT: subject if setting else None,
+        SETTING: setting or None,
+        TEST: HELD,
+        LOAD: load,
+        hold.PART: load,
+        hold.LETS_GO: creep > 0.1,
+        CREEP: creep,
+        UNSURE: unsure,
+        "key": f"{subject}{setting}{load}",
+    }
 
 
 def over_impratio(power, noise=0.0):
-    rng, values = np.random.default_rng(1), {DEFAULT: 1e4, "impratio=100.0": 1e2, "impratio=1.0": 1.0}
-    return pd.DataFrame([made_up("mujoco, contact", setting, load, 1e-3 * load * value ** -power * np.exp(noise * rng.normal()), impratio=value)
-                         for setting, value in values.items() for load in (0.1, 0.5, 0.9)])
+    rng, values = (
+        np.random.default_rng(1),
+        {DEFAULT: 1e4, "impratio=100.0": 1e2, "impratio=1.0": 1.0},
+    )
+    return pd.DataFrame(
+        [
+            made_up(
+                "mujoco, contact",
+                setting,
+                load,
+                1e-3 * load * value**-power * np.exp(noise * rng.normal()),
+                impratio=value,
+            )
+            for setting, value in values.items()
+            for load in (0.1, 0.5, 0.9)
+        ]
+    )
 
 
-@pytest.mark.parametrize(("power", "noise", "word"), [(1.0, 0.0, OBEYED), (0.5, 0.0, BROKEN), (1.0, 5.0, OPEN)])
+@pytest.mark.parametrize(
+    ("power", "noise", "word"), [(1.0, 0.0, OBEYED), (0.5, 0.0, BROKEN), (1.0, 5.0, OPEN)]
+)
 def test_an_exponent_is_obeyed_broken_or_open(power, noise, word):
     [law] = laws_table(over_impratio(power, noise)).to_dict("records")
     assert law["verdict"] == word and (noise or law[hold.FOUND] == pytest.approx(-power))
 
 
-@pytest.mark.parametrize(("factor", "unsure", "word"), [(1.0, 1e-4, OBEYED), (1.3, 0.01, BROKEN), (1.005, 0.02, OPEN)])
+@pytest.mark.parametrize(
+    ("factor", "unsure", "word"), [(1.0, 1e-4, OBEYED), (1.3, 0.01, BROKEN), (1.005, 0.02, OPEN)]
+)
 def test_a_predicted_creep_is_obeyed_broken_or_open(factor, unsure, word):
     """Creep = part of the bound times zone, at every load and zone."""
-    runs = pd.DataFrame([made_up("exudyn, contact", setting, load, factor * load * zone, unsure * load * zone, friction_zone=zone)
-                         for setting, zone in ((DEFAULT, 1e-4), ("friction_zone=0.001", 1e-3)) for load in (0.1, 0.5, 0.9)])
+    runs = pd.DataFrame(
+        [
+            made_up(
+                "exudyn, contact",
+                setting,
+                load,
+                factor * load * zone,
+                unsure * load * zone,
+                friction_zone=zone,
+            )
+            for setting, zone in ((DEFAULT, 1e-4), ("friction_zone=0.001", 1e-3))
+            for load in (0.1, 0.5, 0.9)
+        ]
+    )
     [law] = laws_table(runs).to_dict("records")
     assert law["verdict"] == word and law[hold.FOUND] == pytest.approx(factor)
 
@@ -243,80 +354,159 @@ def test_creep_within_its_uncertainty_and_single_runs_decide_nothing():
     assert laws_table(runs.assign(**{UNSURE: 1.0})).empty
     assert list(laws_table(runs[runs[SETTING] == DEFAULT])["verdict"]) == [OPEN]
     assert verdict(Uncertain(1.19, 0.02), 1.0, 0.2) == verdict(None, 1.0, 0.2) == OPEN
-    assert verdict(Uncertain(1.25, 0.02), 1.0, 0.2) == BROKEN and verdict(Uncertain(-0.9, 0.02), -1.0, 0.2) == OBEYED
+    assert (
+        verdict(Uncertain(1.25, 0.02), 1.0, 0.2) == BROKEN
+        and verdict(Uncertain(-0.9, 0.02), -1.0, 0.2) == OBEYED
+    )
 
 
 def test_the_fastest_creep_counts_and_a_failed_run_is_not_held():
-    runs = pd.DataFrame([made_up("a", "", 0.5, 0.0), made_up("a", "", 0.9, -1e-5, 1e-7), made_up("a", "", 0.99, 1.0),
-                         made_up("b", "", 0.5, 2e-6, 3e-6), made_up("b", "", 0.9, 5e-10), made_up("c", "", 0.5, 0.0),
-                         made_up("c", "", 0.9, np.nan, status="crashed")])
+    runs = pd.DataFrame(
+        [
+            made_up("a", "", 0.5, 0.0),
+            made_up("a", "", 0.9, -1e-5, 1e-7),
+            made_up("a", "", 0.99, 1.0),
+            made_up("b", "", 0.5, 2e-6, 3e-6),
+            made_up("b", "", 0.9, 5e-10),
+            made_up("c", "", 0.5, 0.0),
+            made_up("c", "", 0.9, np.nan, status="crashed"),
+        ]
+    )
     found = methods_table(runs).set_index("variant")
     assert (found.loc["a", CREEP], found.loc["a", LOAD]) == (1e-5, 0.9)
     assert list(found[HOLDS]) == [False, None, False] and list(found["failed"]) == [0, 0, 1]
     tables = {"hold": runs, "hold-methods": methods_table(runs)}
     said = present(Results((), {}, tables))
-    assert said.answer.text == "Up to 90 % of static friction 0 of 3 engines hold; 1 creep, a at 1e-05 m/s; 1 undecided."
+    assert (
+        said.answer.text
+        == "Up to 90 % of static friction 0 of 3 engines hold; 1 creep, a at 1e-05 m/s; 1 undecided."
+    )
     assert "Runs that failed: c (1)." in [part.text for part in said.findings]
 
 
 def test_noise_decides_nothing():
     """As PyBullet's contacts on hold-moment: beyond the limit by less than two intervals, and against the load."""
-    runs = pd.DataFrame([made_up("a", "", 0.5, 1.44e-8, 1.5e-8), made_up("a", "", 0.9, -1.87e-9, 7.3e-10), made_up("b", "", 0.9, 1e-5, 1e-13)])
+    runs = pd.DataFrame(
+        [
+            made_up("a", "", 0.5, 1.44e-8, 1.5e-8),
+            made_up("a", "", 0.9, -1.87e-9, 7.3e-10),
+            made_up("b", "", 0.9, 1e-5, 1e-13),
+        ]
+    )
     tables = {"hold": runs, "hold-methods": methods_table(runs)}
     assert list(tables["hold-methods"][HOLDS]) == [None, False]
     said = present(Results((), {}, tables))
     assert "1 creep, b at" in said.answer.text and "Undecided: a." in sentences(said)
-    assert said.headlines[0].cells["a"].text == "< 3e-08" and [row[-1] for row in said.tables[0].cells()] == ["inconclusive", "no"]
+    assert said.headlines[0].cells["a"].text == "< 3e-08" and [
+        row[-1] for row in said.tables[0].cells()
+    ] == ["inconclusive", "no"]
 
 
 def test_engines_are_counted_without_our_own_and_what_a_setting_makes_is_said():
     """A regularized law creeps by its setting; bristles let go where the load acts at once, and not under a ramp."""
-    runs = pd.DataFrame([made_up("a", "", 0.9, 0.0), made_up("ours", "", 0.9, 0.0), made_up("b", "", 0.9, 9e-5), made_up("c", "", 0.9, 1.0),
-                         made_up("c", "", np.nan, np.nan)])
+    runs = pd.DataFrame(
+        [
+            made_up("a", "", 0.9, 0.0),
+            made_up("ours", "", 0.9, 0.0),
+            made_up("b", "", 0.9, 9e-5),
+            made_up("c", "", 0.9, 1.0),
+            made_up("c", "", np.nan, np.nan),
+        ]
+    )
     runs["engine"] = runs["engine"].mask(runs["variant"] == "ours", "reference")
     runs[hold.OF_ZONE] = [None, None, 0.9, None, None]
     runs.loc[4, [TEST, hold.BREAK_AWAY, hold.BREAK_UNSURE]] = [RAMP, 1.2e-3, 2.5e-4]
     tables = {"hold": runs, "hold-methods": methods_table(runs)}
     said = present(Results((), {}, tables))
-    assert said.answer.text == "Up to 90 % of static friction 1 of 3 engines and 1 of 1 of our own hold; 1 creep, b at 9e-05 m/s; 1 let go."
-    assert "b 0.9." in said.beside.text and "c (on s; under a slow ramp it breaks away +0.12 % off the limit)" in sentences(said)
+    assert (
+        said.answer.text
+        == "Up to 90 % of static friction 1 of 3 engines and 1 of 1 of our own hold; 1 creep, b at 9e-05 m/s; 1 let go."
+    )
+    assert (
+        "b 0.9." in said.beside.text
+        and "c (on s; under a slow ramp it breaks away +0.12 % off the limit)" in sentences(said)
+    )
     assert not wrong_numbers(said, Results((), {}, tables))
     [figure] = said.figures
-    assert [series.label for panel in figure.panels for series in panel.series] == ["b", "c"]  # at rest nothing is drawn
+    assert [series.label for panel in figure.panels for series in panel.series] == [
+        "b",
+        "c",
+    ]  # at rest nothing is drawn
 
 
 def test_what_rounding_makes_is_0_and_the_reference_alone_is_no_table_of_laws():
     runs = pd.DataFrame([made_up("a", "", 0.9, 0.0), made_up("a", "", 0.5, 0.0)])
     runs["engine"] = "reference"
-    runs.loc[1, [TEST, hold.STOPPED, hold.STOP_UNSURE, hold.BREAK_AWAY]] = [STOP, 7.8e-18, 2.1e-18, 0.0]
+    runs.loc[1, [TEST, hold.STOPPED, hold.STOP_UNSURE, hold.BREAK_AWAY]] = [
+        STOP,
+        7.8e-18,
+        2.1e-18,
+        0.0,
+    ]
     laws = pd.DataFrame([{SUBJECT: "reference", "over": hold.REST, "runs": 1, "verdict": OBEYED}])
-    shown = {table.name: table for table in present(Results((), {}, {"hold": runs, "hold-methods": methods_table(runs), "hold-laws": laws})).tables}
+    shown = {
+        table.name: table
+        for table in present(
+            Results((), {}, {"hold": runs, "hold-methods": methods_table(runs), "hold-laws": laws})
+        ).tables
+    }
     assert "hold-laws" not in shown and shown["hold-limit"].cells()[0][-1] == "0"
 
 
 def test_one_creep_stands_for_a_method_in_sentence_and_table():
     """That which exceeds its uncertainty, however fast another may be; where none does, the largest bound."""
-    runs = pd.DataFrame([made_up("a", "", 0.9, 3e-8, 1e-9), made_up("a", "", 0.9, 1e-6, 2e-6, scene="t"),
-                         made_up("b", "", 0.9, 0.0, 1e-10), made_up("b", "", 0.9, 1e-12, 3e-12, scene="t"),
-                         made_up("b", "", 0.9, 2e-12, 1e-11, scene="u"), made_up("c", "", 0.9, 0.0, 1e-12)])
+    runs = pd.DataFrame(
+        [
+            made_up("a", "", 0.9, 3e-8, 1e-9),
+            made_up("a", "", 0.9, 1e-6, 2e-6, scene="t"),
+            made_up("b", "", 0.9, 0.0, 1e-10),
+            made_up("b", "", 0.9, 1e-12, 3e-12, scene="t"),
+            made_up("b", "", 0.9, 2e-12, 1e-11, scene="u"),
+            made_up("c", "", 0.9, 0.0, 1e-12),
+        ]
+    )
     tables = {"hold": runs, "hold-methods": methods_table(runs)}
     said = present(Results((), {}, tables))
-    assert said.answer.text == "Up to 90 % of static friction 2 of 3 engines hold; 1 creep, a at 3e-08 m/s."
+    assert (
+        said.answer.text
+        == "Up to 90 % of static friction 2 of 3 engines hold; 1 creep, a at 3e-08 m/s."
+    )
     cells = {row[0]: row[3] for row in said.tables[0].cells()}
     assert cells == {"a": "3e-08", "b": "< 1.2e-11", "c": "0"}
     assert {name: cell.text for name, cell in said.headlines[0].cells.items()} == cells
 
 
 def test_the_setting_that_helps_most_and_its_cost():
-    runs = pd.DataFrame([made_up("e, contact", setting, load, load * creep, cpu=cpu) for load in (0.5, 0.9)
-                         for setting, creep, cpu in ((DEFAULT, 1e-4, 1.0), ("a=1", 1e-5, 3.0), ("b=2", 5e-5, 1.0))])
+    runs = pd.DataFrame(
+        [
+            made_up("e, contact", setting, load, load * creep, cpu=cpu)
+            for load in (0.5, 0.9)
+            for setting, creep, cpu in (
+                (DEFAULT, 1e-4, 1.0),
+                ("a=1", 1e-5, 3.0),
+                ("b=2", 5e-5, 1.0),
+            )
+        ]
+    )
     settings = settings_table(runs)
     assert list(settings[SLOWER]) == pytest.approx([1.0, 0.1, 0.5])
-    tables = {"hold": runs, "hold-methods": methods_table(pd.DataFrame([made_up("a", "", 0.9, 0.0)])), "hold-settings": settings}
+    tables = {
+        "hold": runs,
+        "hold-methods": methods_table(pd.DataFrame([made_up("a", "", 0.9, 0.0)])),
+        "hold-settings": settings,
+    }
     said = present(Results((), {}, tables))
-    assert said.findings[1].text == "Least creep, and time over the default's: e, contact with a=1 (9e-06 m/s, 3)."
-    assert said.beside.text == "Of all settings a=1 of e, contact helps most: 9e-06 instead of 9e-05 m/s, at 3 times its cost."
-    assert not wrong_numbers(said, Results((), {}, tables)) and [figure.name for figure in said.figures] == ["hold", "hold-settings"]
+    assert (
+        said.findings[1].text
+        == "Least creep, and time over the default's: e, contact with a=1 (9e-06 m/s, 3)."
+    )
+    assert (
+        said.beside.text
+        == "Of all settings a=1 of e, contact helps most: 9e-06 instead of 9e-05 m/s, at 3 times its cost."
+    )
+    assert not wrong_numbers(said, Results((), {}, tables)) and [
+        figure.name for figure in said.figures
+    ] == ["hold", "hold-settings"]
 
 
 def test_the_time_of_a_setting_is_the_median_of_repeats(monkeypatch, compiled):
@@ -329,11 +519,16 @@ def test_the_time_of_a_setting_is_the_median_of_repeats(monkeypatch, compiled):
 
     monkeypatch.setattr(hold, "visit", visit)
     scene = loaded(load_scene("hold-level"), HELD, 0.5, False)
-    times = [measured("reference", scene, HELD, {"rtol": 1e-6}, timed)[1].cost.own_s for timed in (False, True)]
+    times = [
+        measured("reference", scene, HELD, {"rtol": 1e-6}, timed)[1].cost.own_s
+        for timed in (False, True)
+    ]
     assert times[0] != 0.125 == times[1] and visits == [("reference", scene, {"rtol": 1e-6})]
     tasks = plan(Scope((load_scene("hold-level"),), Depth.FULL, ("pymunk",))).tasks
     assert {task.args[-1] for task in tasks if ": " in task.label} == {True}
-    assert {task.args[-1] for task in tasks if task.function is measured and ": " not in task.label} == {False}
+    assert {
+        task.args[-1] for task in tasks if task.function is measured and ": " not in task.label
+    } == {False}
 
 
 def test_a_row_has_the_command_that_runs_it_again(quick, in_this_process):
@@ -344,18 +539,27 @@ def test_a_row_has_the_command_that_runs_it_again(quick, in_this_process):
 
 
 def test_a_scene_without_the_parameters_is_refused():
-    with pytest.raises(InputError, match="pendulum: parameters: found no part, ramp, v0, limit, mu, mus; expected part"):
+    with pytest.raises(
+        InputError,
+        match="pendulum: parameters: found no part, ramp, v0, limit, mu, mus; expected part",
+    ):
         plan(Scope((load_scene("pendulum"),), Depth.QUICK, ()))
 
 
 def test_command(tmp_path, in_this_process):
     file = tmp_path / "hold.csv"
-    ended = invoke("compare", "hold", "hold-incline", "--quick", "--engines", "reference", "--out", file)
+    ended = invoke(
+        "compare", "hold", "hold-incline", "--quick", "--engines", "reference", "--out", file
+    )
     assert set(pd.read_csv(file)["scene"]) == {"hold-incline"} and "of our own hold" in ended.output
     invoke("compare", "hold", "pendulum", "--quick", exit_code=BAD_INPUT)
 
 
-@pytest.mark.parametrize("wrong", [{"form": "soft_norm", "exponent": -1.0}, {}, {"exponent": -1.0, "last": 1.0}])
+@pytest.mark.parametrize(
+    "wrong", [{"form": "soft_norm", "exponent": -1.0}, {}, {"exponent": -1.0, "last": 1.0}]
+)
 def test_a_law_has_a_form_or_an_exponent_and_no_key_that_nobody_reads(wrong):
     with pytest.raises(ValueError, match="Law"):
-        Law.model_validate({"subject": "mujoco, contact", "over": "impratio", "source": "manual", **wrong})
+        Law.model_validate(
+            {"subject": "mujoco, contact", "over": "impratio", "source": "manual", **wrong}
+        )

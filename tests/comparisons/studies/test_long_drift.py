@@ -13,8 +13,21 @@ from stiction.comparisons.bench.results import Results
 from stiction.comparisons.bench.study import Scope
 from stiction.comparisons.measures.drift_growth import BOUNDED, GROWS, ROUNDED
 from stiction.comparisons.studies import studies
-from stiction.comparisons.studies.long_drift import (CHOICES, DRIFT_RATIO, ERROR, ERROR_RATIO, IN_SHORT, NONE, PAPERS,
-                                                     PROJECTION, STEPS, STUDY, drift_study, long_runs, rounding_level)
+from stiction.comparisons.studies.long_drift import (
+    CHOICES,
+    DRIFT_RATIO,
+    ERROR,
+    ERROR_RATIO,
+    IN_SHORT,
+    NONE,
+    PAPERS,
+    PROJECTION,
+    STEPS,
+    STUDY,
+    drift_study,
+    long_runs,
+    rounding_level,
+)
 from stiction.engines.isolation import Outcome
 from stiction.engines.reference.engine import ReferenceEngine
 from stiction.scenes import load_scene
@@ -27,7 +40,9 @@ DRIFT = {NONE: 1e-11, PAPERS: 1e-6, PROJECTION: 1e-12}
 def test_stability_of_the_papers_choice():
     """lambda = -179.44 and -0.557 1/s; on the negative real axis the method of order 4 is stable up to
     h |lambda| = 2.7853 (Hairer & Wanner, Sect. IV.2)."""
-    assert PAPERS.largest_step() == pytest.approx(2.785293563 / (90 + np.sqrt(90 ** 2 - 10 ** 2)), rel=1e-8)
+    assert PAPERS.largest_step() == pytest.approx(
+        2.785293563 / (90 + np.sqrt(90**2 - 10**2)), rel=1e-8
+    )
     assert PAPERS.amplification(1.5e-2) < 1 < PAPERS.amplification(1.6e-2)
     for choice in CHOICES[1:-1]:
         assert choice.amplification(1e-9) == pytest.approx(1.0, abs=1e-6)
@@ -36,23 +51,32 @@ def test_stability_of_the_papers_choice():
 
 def test_the_plan_grows_with_the_depth():
     quick, default, full = (long_runs(CASES, depth) for depth in Depth)
-    assert {run.t_end for run in full} == {240.0, 2400.0} and {run.t_end for run in quick} == {240.0}
+    assert {run.t_end for run in full} == {240.0, 2400.0} and {run.t_end for run in quick} == {
+        240.0
+    }
     assert {run.t_end for run in default if run.scene is CASES[1]} == {240.0}
     assert {run.t_end for run in default if run.scene is CASES[3]} == {24.0}
     names = [{run.name for run in part} for part in (quick, default, full)]
     assert names[0] < names[1] < names[2]
     assert {(run.choice, run.step) for run in default} >= set(product((NONE, PAPERS), STEPS))
-    assert sum(run.t_end / run.step for run in default) < 0.1 * sum(run.t_end / run.step for run in full)
+    assert sum(run.t_end / run.step for run in default) < 0.1 * sum(
+        run.t_end / run.step for run in full
+    )
 
 
 def drift_of(turns, step):
     """Drift of 24 s of the scheme with the paper's choice after so many turns of the bar, and its rounding level."""
     angle = 2 * np.pi * turns
-    scene = load_scene("slider-bar-case-1", {"bodies.bar.angle": angle, "drives.motor.law.offset": angle})
-    run = ReferenceEngine().simulate(scene, t_end=24.0, dt=step, output_step=0.05, stabilization="baumgarte",
-                                     event_values=False)
+    scene = load_scene(
+        "slider-bar-case-1", {"bodies.bar.angle": angle, "drives.motor.law.offset": angle}
+    )
+    run = ReferenceEngine().simulate(
+        scene, t_end=24.0, dt=step, output_step=0.05, stabilization="baumgarte", event_values=False
+    )
     late = run.t > 12
-    return np.sqrt(np.mean(run["drift.position"][late] ** 2)), np.max(rounding_level(scene, PAPERS, step, run)[late])
+    return np.sqrt(np.mean(run["drift.position"][late] ** 2)), np.max(
+        rounding_level(scene, PAPERS, step, run)[late]
+    )
 
 
 def test_drift_at_small_steps_is_that_of_the_angle_not_of_time(compiled):
@@ -68,21 +92,34 @@ def made_up(failed=()):
 
     The paper's terms make the position error of case 3 forty times as large.
     """
-    runs = [run for run in long_runs({1: CASES[1], 3: CASES[3]}) if run.choice in DRIFT and run.step in STEPS]
+    runs = [
+        run
+        for run in long_runs({1: CASES[1], 3: CASES[3]})
+        if run.choice in DRIFT and run.step in STEPS
+    ]
     outcomes = []
     for run in runs:
         size = DRIFT[run.choice] * (run.step if run.choice == PAPERS else 1.0)
         early = run.choice == PAPERS and run.step == STEPS[-1]
         law = {NONE: GROWS, PAPERS: BOUNDED, PROJECTION: ROUNDED}[run.choice]
         worse = 40.0 if run.choice == PAPERS and run.scene is CASES[3] else 1.0
-        row = {"reason": "modes follow each other" if early else "", IN_SHORT: size, ERROR: 1e-5 * worse,
-               "position_uncertainty": 1e-12, "position_drift": 10 * size,
-               "velocity_drift": size, "growth_240s": None if early else law,
-               "growth_exponent_240s": 1.5 + 0.1 * STEPS.index(run.step),
-               "growth_exponent_uncertainty_240s": 0.2}
+        row = {
+            "reason": "modes follow each other" if early else "",
+            IN_SHORT: size,
+            ERROR: 1e-5 * worse,
+            "position_uncertainty": 1e-12,
+            "position_drift": 10 * size,
+            "velocity_drift": size,
+            "growth_240s": None if early else law,
+            "growth_exponent_240s": 1.5 + 0.1 * STEPS.index(run.step),
+            "growth_exponent_uncertainty_240s": 0.2,
+        }
         octaves = () if early else ((60.0, size), (120.0, size), (240.0, size))
-        outcomes.append(Outcome(run.name, "timed out", None, "made up") if run.name in failed else
-                        Outcome(run.name, "ok", (row, octaves)))
+        outcomes.append(
+            Outcome(run.name, "timed out", None, "made up")
+            if run.name in failed
+            else Outcome(run.name, "ok", (row, octaves))
+        )
     return Results((), {}, dict(drift_study(runs, outcomes).tables))
 
 
@@ -90,9 +127,21 @@ def test_all_long_runs_are_counted():
     results = made_up()
     said = STUDY.presented(results)
     # of both ends of the steps, as the paper's terms help at one and do harm at the other
-    assert [number.text for number in said.answer.numbers] == ["1e-11", "1e-09", "1", "1e-11", "1e-08", "10"]
+    assert [number.text for number in said.answer.numbers] == [
+        "1e-11",
+        "1e-09",
+        "1",
+        "1e-11",
+        "1e-08",
+        "10",
+    ]
     found = [[number.text for number in text.numbers] for text in said.findings]
-    assert found == [["8", "8", "1", "10", "1.5", "1.8"], ["6", "2", "8", "1", "10"], ["8", "8", "1", "10"], ["1", "1e-05", "0.0004", "1", "1e-05", "1e-05"]]
+    assert found == [
+        ["8", "8", "1", "10", "1.5", "1.8"],
+        ["6", "2", "8", "1", "10"],
+        ["8", "8", "1", "10"],
+        ["1", "1e-05", "0.0004", "1", "1e-05", "1e-05"],
+    ]
     assert not wrong_numbers(said, results)
 
 
@@ -100,7 +149,11 @@ def test_a_run_that_failed_counts_among_all():
     results = made_up(failed=("slider-bar-case-1/none/dt=0.001",))
     study = results.tables["study"]
     [row] = study[study["status"] == "timed out"].to_dict("records")
-    assert (row["run"], row["time"], row["reason"]) == ("slider-bar-case-1/none/dt=0.001", 2400.0, "made up")
+    assert (row["run"], row["time"], row["reason"]) == (
+        "slider-bar-case-1/none/dt=0.001",
+        2400.0,
+        "made up",
+    )
     said = STUDY.presented(results)
     assert [number.text for number in said.findings[0].numbers][:3] == ["7", "1", "8"]
     assert not wrong_numbers(said, results)
@@ -111,29 +164,38 @@ def test_sentences_follow_the_data():
     study = results.tables["study"]
     study.loc[0, "growth_240s"], study[ERROR_RATIO] = BOUNDED, 1.5
     said = STUDY.presented(results)
-    assert [number.text for number in said.findings[0].numbers][:3] == ["7", "1", "8"] and len(said.findings) == 3
+    assert [number.text for number in said.findings[0].numbers][:3] == ["7", "1", "8"] and len(
+        said.findings
+    ) == 3
 
 
 def test_ratios_are_to_the_run_without_stabilization_over_the_time_of_the_papers_figure():
     """Over 192 s the made-up drift without stabilization is 2^4.5 times that with it, over 24 s they are equal."""
     study = study_tables()["study"]
     whole = study.groupby("choice")["position_drift"].max()
-    assert whole[NONE.label] == pytest.approx(2 ** 4.5 * whole[PAPERS.label])
+    assert whole[NONE.label] == pytest.approx(2**4.5 * whole[PAPERS.label])
     ratios = study.set_index("choice")
-    assert ratios.loc[PAPERS.label, [DRIFT_RATIO, ERROR_RATIO]].to_numpy().tolist() == [[1.0, 2.0], [1.0, 2.0]]
+    assert ratios.loc[PAPERS.label, [DRIFT_RATIO, ERROR_RATIO]].to_numpy().tolist() == [
+        [1.0, 2.0],
+        [1.0, 2.0],
+    ]
     assert ratios.loc[NONE.label, [DRIFT_RATIO, ERROR_RATIO]].isna().all(axis=None)
 
 
 def test_a_figure_per_scene_shows_drift_over_time_and_over_the_step():
     figures = STUDY.presented(made_up()).figures
     assert [figure.name for figure in figures] == ["fig14-drift", "drift-slider-bar-case-3"]
-    assert len(figures[0].panels) == 2 and {series.hollow for series in figures[0].panels[0].series} == {True, False}
+    assert len(figures[0].panels) == 2 and {
+        series.hollow for series in figures[0].panels[0].series
+    } == {True, False}
 
 
 def test_the_plan_has_the_papers_cases_alone():
     scenes = tuple(validation_campaign().scenes)
     assert STUDY in studies() and STUDY.plan(Scope(scenes[:1], Depth.QUICK, ())) is None
     comparison = STUDY.plan(Scope(scenes, Depth.QUICK, ()))
-    made = comparison.tabulate([Outcome(task.label, "failed", None, "made up") for task in comparison.tasks])
+    made = comparison.tabulate(
+        [Outcome(task.label, "failed", None, "made up") for task in comparison.tasks]
+    )
     assert len(made.tables["study"]) == len(comparison.tasks) == len(long_runs(CASES, Depth.QUICK))
     assert STUDY.presented(Results((), {}, made.tables)).is_empty

@@ -18,11 +18,30 @@ from stiction.comparisons.hard.examination import DEGRADED, RIGHT, WRONG, examin
 from stiction.comparisons.measures.work_precision import HIGH, LOW, work_precision
 from stiction.comparisons.studies import settings as engine_settings
 from stiction.comparisons.studies.hold_data import load_data
-from stiction.comparisons.studies.settings import (DEFAULT, DRIFT, ERROR, ERROR_RATIO, EVERYWHERE, FACTOR, FAILED,
-                                                   JUDGED, ON_FRONT, ROUNDING, SETTING, SUBJECT, TIME_RATIO,
-                                                   TIME_RATIO_ENDS, against_defaults, better_everywhere,
-                                                   drift_and_rounding, front, load_study, plan, present,
-                                                   ranks_of_defaults)
+from stiction.comparisons.studies.settings import (
+    DEFAULT,
+    DRIFT,
+    ERROR,
+    ERROR_RATIO,
+    EVERYWHERE,
+    FACTOR,
+    FAILED,
+    JUDGED,
+    ON_FRONT,
+    ROUNDING,
+    SETTING,
+    SUBJECT,
+    TIME_RATIO,
+    TIME_RATIO_ENDS,
+    against_defaults,
+    better_everywhere,
+    drift_and_rounding,
+    front,
+    load_study,
+    plan,
+    present,
+    ranks_of_defaults,
+)
 from stiction.engines import Outcome, load_engine
 from stiction.scenes import InputError, load_scene
 
@@ -36,10 +55,25 @@ FAILS = np.nan, 1.0
 def table(*runs, **columns):
     """Runs of the default and of the choices a=1, a=2, .. at one step: error, nan where it failed, and time."""
     settings = [DEFAULT, *(f"a={number}" for number in range(1, len(runs)))]
-    rows = pd.DataFrame([{
-        "scene": "s", SUBJECT: "e, joint", "variant": f"e, joint: {setting}", SETTING: setting, "step": 1e-3,
-        "status": "failed" if np.isnan(error) else "ok", "reason": "", ERROR: error, OWN_CPU: time, LOW: time,
-        HIGH: time, ON_FRONT: True} for setting, (error, time) in zip(settings, runs)])
+    rows = pd.DataFrame(
+        [
+            {
+                "scene": "s",
+                SUBJECT: "e, joint",
+                "variant": f"e, joint: {setting}",
+                SETTING: setting,
+                "step": 1e-3,
+                "status": "failed" if np.isnan(error) else "ok",
+                "reason": "",
+                ERROR: error,
+                OWN_CPU: time,
+                LOW: time,
+                HIGH: time,
+                ON_FRONT: True,
+            }
+            for setting, (error, time) in zip(settings, runs)
+        ]
+    )
     return rows.assign(**columns)
 
 
@@ -51,18 +85,33 @@ def said_of(rows):
     return present(Results((), {}, {"settings": rows}))
 
 
-@pytest.mark.parametrize(("error", "time", "expected"), [
-    ([1.0, 0.5, 2.0], [1.0, 2.0, 2.0], [True, True, False]),  # the third is slower and worse than both
-    ([1.0, 1.0], [1.0, 2.0], [True, False]),
-    ([1.0, 0.999], [1.0, 2.0], [True, False]),  # a thousandth of an error is none
-    ([0.0, 0.0, 1.0], [1.0, 2.0, 0.5], [True, False, True]),  # errors of 0, of what does not move
-    ([1.0, 0.9], [1.0, 1.0], [False, True]), ([1.0], [1.0], [True])])
+@pytest.mark.parametrize(
+    ("error", "time", "expected"),
+    [
+        (
+            [1.0, 0.5, 2.0],
+            [1.0, 2.0, 2.0],
+            [True, True, False],
+        ),  # the third is slower and worse than both
+        ([1.0, 1.0], [1.0, 2.0], [True, False]),
+        ([1.0, 0.999], [1.0, 2.0], [True, False]),  # a thousandth of an error is none
+        (
+            [0.0, 0.0, 1.0],
+            [1.0, 2.0, 0.5],
+            [True, False, True],
+        ),  # errors of 0, of what does not move
+        ([1.0, 0.9], [1.0, 1.0], [False, True]),
+        ([1.0], [1.0], [True]),
+    ],
+)
 def test_front_of_sharp_times(error, time, expected):
     time = np.array(time)
     assert list(front(np.array([error]), time, time)) == expected
 
 
-@pytest.mark.parametrize(("torque", "expected"), [([1.0, 9.0], [True, True]), ([1.0, 1.0], [False, True])])
+@pytest.mark.parametrize(
+    ("torque", "expected"), [([1.0, 9.0], [True, True]), ([1.0, 1.0], [False, True])]
+)
 def test_two_errors_are_two_axes_of_the_front(torque, expected):
     time = np.array([1.0, 1.0])
     assert list(front(np.array([[1.0, 0.5], torque]), time, time)) == expected
@@ -71,14 +120,27 @@ def test_two_errors_are_two_axes_of_the_front(torque, expected):
 MORE_ACCURATE, FASTER = (5e-4, 2.0), (1e-3, 1.0)
 
 
-@pytest.mark.parametrize(("choice", "columns", "is_better"), [
-    (MORE_ACCURATE, {TORQUE: [1.0, 9.0]}, False), (MORE_ACCURATE, {TORQUE: np.nan}, True),
-    (MORE_ACCURATE, {TORQUE: [1.0, 9.0], JUDGED[TORQUE]: 10.0}, True),
-    (MORE_ACCURATE, {JUDGED[ERROR]: 1e-2}, False),  # an error below the truth's uncertainty decides nothing
-    # however small the drift is against the position error, but not where rounding alone makes as much of it
-    (FASTER, {DRIFT: [1e-14, 6e-8]}, False), (FASTER, {DRIFT: [1e-14, 2e-12]}, True),
-    (FASTER, {DRIFT: [6e-8, 6e-8]}, True), (FASTER, {DRIFT: [np.nan, np.nan]}, True)])
-def test_a_choice_that_is_better_in_one_and_worse_in_another_is_no_better(choice, columns, is_better):
+@pytest.mark.parametrize(
+    ("choice", "columns", "is_better"),
+    [
+        (MORE_ACCURATE, {TORQUE: [1.0, 9.0]}, False),
+        (MORE_ACCURATE, {TORQUE: np.nan}, True),
+        (MORE_ACCURATE, {TORQUE: [1.0, 9.0], JUDGED[TORQUE]: 10.0}, True),
+        (
+            MORE_ACCURATE,
+            {JUDGED[ERROR]: 1e-2},
+            False,
+        ),  # an error below the truth's uncertainty decides nothing
+        # however small the drift is against the position error, but not where rounding alone makes as much of it
+        (FASTER, {DRIFT: [1e-14, 6e-8]}, False),
+        (FASTER, {DRIFT: [1e-14, 2e-12]}, True),
+        (FASTER, {DRIFT: [6e-8, 6e-8]}, True),
+        (FASTER, {DRIFT: [np.nan, np.nan]}, True),
+    ],
+)
+def test_a_choice_that_is_better_in_one_and_worse_in_another_is_no_better(
+    choice, columns, is_better
+):
     rows = table((1e-3, 2.0), choice, **{ROUNDING: 3e-12, **columns})
     assert better_everywhere(rows) == (["a=1"] if is_better else [])
 
@@ -100,30 +162,45 @@ def test_the_study_sees_a_solver_that_lets_a_drive_go(iterations, drifts, in_thi
     pytest.importorskip("pybullet")
     default = Variant("default", "pybullet", "dt", (4e-3,))
     variants = [default, replace(default, label="changed", settings={"iterations": iterations})]
-    found = work_precision(CASES[0], variants, t_end=load_study().scenes[CASES[0].name], repeats=1).make()
+    found = work_precision(
+        CASES[0], variants, t_end=load_study().scenes[CASES[0].name], repeats=1
+    ).make()
     default, changed = (drift_and_rounding(record.trajectory) for record in found.records)
-    assert default[DRIFT] < default[ROUNDING] < 1e-10 and (changed[DRIFT] > 100 * changed[ROUNDING]) == drifts
+    assert (
+        default[DRIFT] < default[ROUNDING] < 1e-10
+        and (changed[DRIFT] > 100 * changed[ROUNDING]) == drifts
+    )
 
 
-@pytest.mark.parametrize("subject", [*load_study().subjects, *load_data().subjects],
-                         ids=lambda subject: subject.label)
+@pytest.mark.parametrize(
+    "subject", [*load_study().subjects, *load_data().subjects], ids=lambda subject: subject.label
+)
 def test_each_choice_is_a_setting_of_the_engine_and_not_its_default(subject):
     solver = installed(subject.engine)
-    default = solver.simulate(load_scene("slider-bar-case-1-mus-equals-mu"), t_end=0.01, dt=5e-3,
-                              fidelity=subject.fidelity, **subject.fixed).settings
+    default = solver.simulate(
+        load_scene("slider-bar-case-1-mus-equals-mu"),
+        t_end=0.01,
+        dt=5e-3,
+        fidelity=subject.fidelity,
+        **subject.fixed,
+    ).settings
     assert all(default[name] == value for name, value in subject.fixed.items())
     for name, values in subject.choices.items():
         assert name in default and default[name] not in values
 
 
-@pytest.mark.parametrize("runs", [[(1e-3, 2.0), (1e-3, 1.0), (2e-3, 0.1), FAILS], [(0.0, 2.0), (0.0, 1.0)]])
+@pytest.mark.parametrize(
+    "runs", [[(1e-3, 2.0), (1e-3, 1.0), (2e-3, 0.1), FAILS], [(0.0, 2.0), (0.0, 1.0)]]
+)
 def test_a_gain_is_over_the_fastest_choice_that_is_no_worse(runs):
     [row] = ranks_of_defaults(table(*runs)).to_dict("records")
     assert (row[FACTOR], row["choice"]) == (2.0, "a=1")
 
 
 def test_there_is_no_gain_where_intervals_overlap():
-    near = table((1e-3, 2.0), (1e-3, 1.9), (1e-3, 3.0), **{LOW: [1.8, 1.7, 2.8], HIGH: [2.2, 2.1, 3.2]})
+    near = table(
+        (1e-3, 2.0), (1e-3, 1.9), (1e-3, 3.0), **{LOW: [1.8, 1.7, 2.8], HIGH: [2.2, 2.1, 3.2]}
+    )
     assert ranks_of_defaults(near)["choice"].isna().all() and ranks_of_defaults(table(FAILS)).empty
 
 
@@ -132,18 +209,34 @@ def test_ranks_of_defaults_name_where_another_choice_gains_most():
     slower = table((1e-3, 6.0), (1e-3, 7.0), (1e-3, 2.0), scene="other")
     best = table((1e-3, 1.0), (1e-3, 2.0), **{SUBJECT: "f, joint"})
     one, other = ranks_of_defaults(joined(slow, slower, best)).to_dict("records")
-    assert one == {SUBJECT: "e, joint", ON_FRONT: "2 of 2", EVERYWHERE: "a=2", FACTOR: 3.0, "scene": "other",
-                   "step": 1e-3, "choice": "a=2"}
+    assert one == {
+        SUBJECT: "e, joint",
+        ON_FRONT: "2 of 2",
+        EVERYWHERE: "a=2",
+        FACTOR: 3.0,
+        "scene": "other",
+        "step": 1e-3,
+        "choice": "a=2",
+    }
     assert (other[SUBJECT], other[ON_FRONT], other[EVERYWHERE]) == ("f, joint", "1 of 1", "none")
     assert pd.isna(other["scene"])
 
 
-@pytest.mark.parametrize(("there", "is_better"), [
-    ([(1e-3, 1.0), (1e-3, 2.0)], True), ([(1e-4, 2.0), (1e-3, 2.0)], True), ([(1e-3, 2.0), (1e-3, 2.0)], False),
-    ([(1e-3, 1.0), (2e-3, 1.0)], False), ([(1e-4, 1.0), (1e-4, 3.0)], False),  # less accurate, slower on one scene
-    ([(1e-4, 1.0), FAILS], False)])
+@pytest.mark.parametrize(
+    ("there", "is_better"),
+    [
+        ([(1e-3, 1.0), (1e-3, 2.0)], True),
+        ([(1e-4, 2.0), (1e-3, 2.0)], True),
+        ([(1e-3, 2.0), (1e-3, 2.0)], False),
+        ([(1e-3, 1.0), (2e-3, 1.0)], False),
+        ([(1e-4, 1.0), (1e-4, 3.0)], False),  # less accurate, slower on one scene
+        ([(1e-4, 1.0), FAILS], False),
+    ],
+)
 def test_better_everywhere_is_worse_nowhere(there, is_better):
-    rows = joined(*(table((1e-3, 2.0), found, scene=f"s{place}") for place, found in enumerate(there)))
+    rows = joined(
+        *(table((1e-3, 2.0), found, scene=f"s{place}") for place, found in enumerate(there))
+    )
     assert better_everywhere(rows) == (["a=1"] if is_better else [])
 
 
@@ -182,7 +275,9 @@ def test_study_has_every_choice_on_every_scene_and_the_rows_of_a_method_together
     assert (studied["status"] == "ok").all()
     assert studied[SUBJECT].ne(studied[SUBJECT].shift()).sum() == studied[SUBJECT].nunique() == 2
     study = short_study()
-    assert len(studied) == 2 * sum(len(one.variants(study.steps)) for one in study.subjects if one.engine == "pymunk")
+    assert len(studied) == 2 * sum(
+        len(one.variants(study.steps)) for one in study.subjects if one.engine == "pymunk"
+    )
     for setting, had in zip(studied[SETTING], map(json.loads, studied["settings"])):
         name, _, value = setting.partition("=")
         assert setting == DEFAULT or str(had[name]) == value
@@ -194,9 +289,14 @@ def test_what_is_said_of_the_defaults(studied):
     defaults = studied[studied["variant"].str.endswith(f": {DEFAULT}")]
     assert f"in {int(defaults[ON_FRONT].sum())} of {len(defaults)} comparisons." in said.answer.text
     ranks, choices = said.tables
-    counts = {subject: f"{int(rows[ON_FRONT].sum())} of {len(rows)}" for subject, rows in defaults.groupby(SUBJECT)}
+    counts = {
+        subject: f"{int(rows[ON_FRONT].sum())} of {len(rows)}"
+        for subject, rows in defaults.groupby(SUBJECT)
+    }
     assert {row[0]: row[1] for row in ranks.cells()} == counts
-    assert ranks.rows == tuple(tuple(rows.index + 1) for _, rows in studied.groupby(SUBJECT, sort=False))
+    assert ranks.rows == tuple(
+        tuple(rows.index + 1) for _, rows in studied.groupby(SUBJECT, sort=False)
+    )
     assert len(choices.frame) == studied["variant"].nunique()
     assert len(said.figures[0].panels) == studied[SUBJECT].nunique()
 
@@ -216,14 +316,21 @@ def test_a_study_in_which_all_runs_failed_says_so(studied):
     crashed = studied.assign(status="crashed", reason="SIGSEGV").drop(columns=ERROR)
     assert ranks_of_defaults(crashed).empty
     said = said_of(crashed)
-    assert said.answer.text == "No run with the default settings of an engine succeeded." and not said.tables
+    assert (
+        said.answer.text == "No run with the default settings of an engine succeeded."
+        and not said.tables
+    )
 
 
-@pytest.mark.parametrize(("depth", "engines", "planned"), [
-    (Depth.FULL, None, True), (Depth.FULL, ("moreau",), False), (Depth.DEFAULT, None, False)])
+@pytest.mark.parametrize(
+    ("depth", "engines", "planned"),
+    [(Depth.FULL, None, True), (Depth.FULL, ("moreau",), False), (Depth.DEFAULT, None, False)],
+)
 def test_settings_are_tried_at_full_depth_and_on_a_scene_of_ones_own(depth, engines, planned):
     assert (plan(Scope(CASES, depth, engines)) is not None) == planned
-    assert {task.args[1].name for task in plan(Scope(CASES[1:2], depth, ("pymunk",))).tasks} == {"slider-bar-case-2"}
+    assert {task.args[1].name for task in plan(Scope(CASES[1:2], depth, ("pymunk",))).tasks} == {
+        "slider-bar-case-2"
+    }
 
 
 def test_a_gain_at_another_step_says_so():
@@ -256,13 +363,21 @@ MILLISECONDS, UNSTABLE = "load above static friction for 2 ms", "Baumgarte unsta
 BELOW, WIDE = "static friction below kinetic", "slider wider than long by 1/mus"
 
 
-@pytest.mark.parametrize(("engine", "setting", "value", "name", "default", "overturned"), [
-    ("mujoco", "impedance", 0.8, UNSTABLE, DEGRADED, RIGHT),
-    pytest.param("mujoco", "impedance", 0.8, BELOW, DEGRADED, WRONG, marks=pytest.mark.long),
-    pytest.param("drake", "near_rigid", 1.0, MILLISECONDS, WRONG, DEGRADED, marks=pytest.mark.long),
-    pytest.param("drake", "near_rigid", 1.0, WIDE, DEGRADED, WRONG, marks=pytest.mark.long),
-    pytest.param("drake", "dissipation", 100.0, BELOW, DEGRADED, WRONG, marks=pytest.mark.long)])
-def test_a_setting_overturns_the_verdict_of_the_default(engine, setting, value, name, default, overturned):
+@pytest.mark.parametrize(
+    ("engine", "setting", "value", "name", "default", "overturned"),
+    [
+        ("mujoco", "impedance", 0.8, UNSTABLE, DEGRADED, RIGHT),
+        pytest.param("mujoco", "impedance", 0.8, BELOW, DEGRADED, WRONG, marks=pytest.mark.long),
+        pytest.param(
+            "drake", "near_rigid", 1.0, MILLISECONDS, WRONG, DEGRADED, marks=pytest.mark.long
+        ),
+        pytest.param("drake", "near_rigid", 1.0, WIDE, DEGRADED, WRONG, marks=pytest.mark.long),
+        pytest.param("drake", "dissipation", 100.0, BELOW, DEGRADED, WRONG, marks=pytest.mark.long),
+    ],
+)
+def test_a_setting_overturns_the_verdict_of_the_default(
+    engine, setting, value, name, default, overturned
+):
     pytest.importorskip({"drake": "pydrake"}.get(engine, engine))
     assert load_engine(engine).default_settings("contact")[setting] != value
     case = next(case for case in hard_cases() if case.name == name)

@@ -18,7 +18,13 @@ from stiction.truths import CLOSED_FORM, Truth
 EFFORT = "motor.effort"
 JUMPS = (-0.0636, 1.2, -2.5)
 """Of each case."""
-BOUNDS = {"reference": 1e-12, "paper's scheme": 2.2e-4, "pymunk": 0.02, "PyBullet": 0.0142, "pymunk, contact": 0.03}
+BOUNDS = {
+    "reference": 1e-12,
+    "paper's scheme": 2.2e-4,
+    "pymunk": 0.02,
+    "PyBullet": 0.0142,
+    "pymunk, contact": 0.03,
+}
 
 
 def results(unread=(), bounds=BOUNDS):
@@ -32,17 +38,33 @@ def results(unread=(), bounds=BOUNDS):
                 for number, jump in enumerate(JUMPS):
                     is_read = (label, case, number) not in unread
                     off = bound * (1 - 0.1 * number) if is_read else abs(jump)
-                    rows.append({**about(one), "event": number, "true_jump": jump, "resolved": is_read,
-                                 "jump_bound": off, "time_error": 1e-3 if is_read else np.nan})
+                    rows.append(
+                        {
+                            **about(one),
+                            "event": number,
+                            "true_jump": jump,
+                            "resolved": is_read,
+                            "jump_bound": off,
+                            "time_error": 1e-3 if is_read else np.nan,
+                        }
+                    )
     return Results(tuple(records), {}, {"torque": pd.DataFrame(rows)})
 
 
 def test_the_answer_counts_all_jumps_and_the_worst_bound():
-    said = present(made := results(unread={("pymunk, contact", CASES[0], 0), ("pymunk, contact", CASES[2], 1)}))
-    assert all(part in said.answer.text for part in ("9/9", "1e-12 N m", "0.00022", "7/9 with contacts"))
+    said = present(
+        made := results(unread={("pymunk, contact", CASES[0], 0), ("pymunk, contact", CASES[2], 1)})
+    )
+    assert all(
+        part in said.answer.text for part in ("9/9", "1e-12 N m", "0.00022", "7/9 with contacts")
+    )
     assert len(f"Torque jumps: {said.answer.text}") <= ANSWER_LENGTH
     assert len(said.answer.text) <= ANSWER_LENGTH and not wrong_numbers(said, made)
-    for part in ("0.064 to 2.5 N m", "0.015 to 0.02 N m with joints, 0.03 N m with contacts", "pymunk with contact (2 of 9)"):
+    for part in (
+        "0.064 to 2.5 N m",
+        "0.015 to 0.02 N m with joints, 0.03 N m with contacts",
+        "pymunk with contact (2 of 9)",
+    ):
         assert part in sentences(said)
 
 
@@ -53,7 +75,10 @@ def test_a_bound_is_rounded_up():
 def test_a_jump_that_is_not_read_is_counted_and_has_no_bound():
     """A jump that our reader does not find may be right: its size is no bound of what the engine is off by."""
     kept, lost = results(), results(unread={("pymunk", CASES[1], 2)})
-    assert cells(present(kept))["pymunk"] == "9/9, 0.02" and cells(present(lost))["pymunk"] == "8/9, 0.02"
+    assert (
+        cells(present(kept))["pymunk"] == "9/9, 0.02"
+        and cells(present(lost))["pymunk"] == "8/9, 0.02"
+    )
     assert "8/9 to 9/9" in present(lost).answer.text and not wrong_numbers(present(lost), lost)
     none = results(unread={("pymunk", case, number) for case in CASES for number in range(3)})
     assert cells(present(none))["pymunk"] == "0/9" and not wrong_numbers(present(none), none)
@@ -63,11 +88,18 @@ def test_tables_say_it_by_case_and_by_run():
     said = present(results(unread={("pymunk", CASES[1], 2)}))
     first, *whole = said.tables
     row = first.frame.set_index("method").loc["pymunk"]
-    assert (row["read"], row["jumps"], row["case 1"], row["case 2"]) == (8, 9, "3/3, 0.02", "2/3, 0.02")
+    assert (row["read"], row["jumps"], row["case 1"], row["case 2"]) == (
+        8,
+        9,
+        "3/3, 0.02",
+        "2/3, 0.02",
+    )
     assert [table.name for table in whole] == [f"torque-{case}" for case in CASES]
     assert not any(table.in_report for table in whole)
     runs = whole[1].frame.set_index(["variant", "step"])
-    assert runs.loc[("pymunk", 1e-3), "read"] == 2 and len(runs) == 10 and len(whole[1].rows[0]) == 3
+    assert (
+        runs.loc[("pymunk", 1e-3), "read"] == 2 and len(runs) == 10 and len(whole[1].rows[0]) == 3
+    )
 
 
 def test_without_bounds_there_is_nothing_to_say():
@@ -82,33 +114,52 @@ def test_rows_without_a_truth_or_of_an_engine_that_is_not_installed_count_for_no
     table.loc[contact, ["resolved", "jump_bound", "true_jump", "event"]] = None
     table.loc[contact, "status"] = "missing"
     said = present(made)
-    assert "pymunk, contact" not in cells(said) and "contact" not in sentences(said) and not wrong_numbers(said, made)
+    assert (
+        "pymunk, contact" not in cells(said)
+        and "contact" not in sentences(said)
+        and not wrong_numbers(said, made)
+    )
 
 
 def true_motion(name, *events):
     """An effort of slope one that jumps by a size at a time, of a kind."""
+
     def columns(t, side):
         return {EFFORT: t + sum(np.where(t >= time, size, 0.0) for _, time, size in events)}
 
     made, before = [], 0.0
     for kind, time, size in events:
-        made.append(Event(time, kind, "guide", {EFFORT: time + before}, {EFFORT: time + before + size}))
+        made.append(
+            Event(time, kind, "guide", {EFFORT: time + before}, {EFFORT: time + before + size})
+        )
         before += size
     return Truth(name, CLOSED_FORM, 10.0, columns, {}, tuple(made))
 
 
 def windows():
     """A run without events that jumps 3 ms late, and one that locates those of another truth, which come 2 ms later."""
-    events = [("reversal", 1.0, 0.5), ("reversal", 3.0, -2.0), ("stick", 5.0, 0.25), ("slip", 7.0, 4.0)]
+    events = [
+        ("reversal", 1.0, 0.5),
+        ("reversal", 3.0, -2.0),
+        ("stick", 5.0, 0.25),
+        ("slip", 7.0, 4.0),
+    ]
     truth = true_motion("a", *events)
     other = true_motion("a (mus = mu)", *[(kind, time + 2e-3, size) for kind, time, size in events])
     late = true_motion("late", *[(kind, time + 3e-3, size) for kind, time, size in events])
     t = np.arange(0.0, 10.0, 2e-3)
-    runs = {"pymunk": Trajectory("a", "pymunk", "1", "joint", t, late(t)),
-            "reference": Trajectory("a", "reference", "1", "joint", t, other(t), other.events)}
+    runs = {
+        "pymunk": Trajectory("a", "pymunk", "1", "joint", t, late(t)),
+        "reference": Trajectory("a", "reference", "1", "joint", t, other(t), other.events),
+    }
     records = [record(label, "a", 1e-3) for label in runs]
-    records = [replace(one, outcome=replace(one.outcome, value=run)) for one, run in zip(records, runs.values())]
-    return windows_table(records, dict(zip((one.key for one in records), (truth, other))), EFFORT), records
+    records = [
+        replace(one, outcome=replace(one.outcome, value=run))
+        for one, run in zip(records, runs.values())
+    ]
+    return windows_table(
+        records, dict(zip((one.key for one in records), (truth, other))), EFFORT
+    ), records
 
 
 def test_windows_are_around_the_largest_events_as_each_run_has_them():
@@ -122,17 +173,34 @@ def test_windows_are_around_the_largest_events_as_each_run_has_them():
     sides = own["truth"].loc[own["truth"]["t"] == 3.0, "effort_value"]
     assert len(sides) == 2 and np.ptp(sides) == pytest.approx(2.0)
     jump = own["pymunk"].loc[own["pymunk"]["effort_value"].diff().abs().idxmax()]
-    assert jump["t"] == pytest.approx(3.004) and len(own["pymunk"]) == 31  # every sample, 2 ms apart
+    assert (
+        jump["t"] == pytest.approx(3.004) and len(own["pymunk"]) == 31
+    )  # every sample, 2 ms apart
 
 
 def test_the_central_figure_shows_each_method_over_the_time_from_its_own_true_event():
     table, records = windows()
-    rows = [{**about(one), "truth": truth, COEFFICIENTS: str(coefficients), "event": 0, "true_jump": -2.0, "resolved": True,
-             "jump_bound": 0.1, "time_error": 0.0}
-            for one, truth, coefficients in zip(records, ("a", "a (mus = mu)"), Coefficients)]
-    said = present(Results(tuple(records), {}, {"torque": pd.DataFrame(rows), "event-windows": table}))
+    rows = [
+        {
+            **about(one),
+            "truth": truth,
+            COEFFICIENTS: str(coefficients),
+            "event": 0,
+            "true_jump": -2.0,
+            "resolved": True,
+            "jump_bound": 0.1,
+            "time_error": 0.0,
+        }
+        for one, truth, coefficients in zip(records, ("a", "a (mus = mu)"), Coefficients)
+    ]
+    said = present(
+        Results(tuple(records), {}, {"torque": pd.DataFrame(rows), "event-windows": table})
+    )
     [figure] = [figure for figure in said.figures if figure.name == "torque-events"]
-    assert [panel.title for panel in figure.panels] == ["A, reversal", "A, stick"] * 2 and figure.columns == 2
+    assert [panel.title for panel in figure.panels] == [
+        "A, reversal",
+        "A, stick",
+    ] * 2 and figure.columns == 2
     for panel in figure.panels:
         run, truth = panel.series
         assert truth.look == "truth" and run.points and not truth.points

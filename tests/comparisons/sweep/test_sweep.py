@@ -17,7 +17,13 @@ from stiction.comparisons.bench.executors import open_isolate
 from stiction.comparisons.bench.store import kept_file
 from stiction.comparisons.measures.settling import NotSettled
 from stiction.comparisons.sweep.steady_state_measures import MEASURES, SteadyRun, steady_window
-from stiction.comparisons.sweep.sweep import Specification, SweepAxis, SweepRefused, parse_axis, sweep
+from stiction.comparisons.sweep.sweep import (
+    Specification,
+    SweepAxis,
+    SweepRefused,
+    parse_axis,
+    sweep,
+)
 from stiction.engines import Outcome
 from stiction.reports.figures.map import sweep_drawings
 from stiction.reports.figures.style import rc
@@ -26,8 +32,15 @@ from stiction.scenes import SceneError, load_scene, scene_from_dict
 CASE_1 = load_scene("slider-bar-case-1")
 
 
-def specification(*axes, measures=("stick-fraction", "peak-torque"), scene=CASE_1, settle=40.0, t_end=160.0,
-                  timeout_s=600.0, **run):
+def specification(
+    *axes,
+    measures=("stick-fraction", "peak-torque"),
+    scene=CASE_1,
+    settle=40.0,
+    t_end=160.0,
+    timeout_s=600.0,
+    **run,
+):
     run = SteadyRun(settle, t_end, **run)
     return Specification(scene, tuple(map(parse_axis, axes)), tuple(measures), run, timeout_s)
 
@@ -37,7 +50,9 @@ def row_of(specification, part, index):
     return task.function(*task.args)
 
 
-GRID = specification("F0=1:6:6", "motor.rate=pi/8,pi/4,pi/2", measures=("stick-fraction", "threshold"))
+GRID = specification(
+    "F0=1:6:6", "motor.rate=pi/8,pi/4,pi/2", measures=("stick-fraction", "threshold")
+)
 RATES = [np.pi / 8, np.pi / 4, np.pi / 2]
 
 
@@ -82,7 +97,10 @@ def test_threshold_separates_the_map(here):
     """Bisection and map look at the same motions: every point of the map is on its side of a bracket."""
     result, _ = here
     found = result.threshold[result.threshold["status"] == "ok"]
-    assert len(found) >= 2 and (result.threshold['reason'][result.threshold['status'] != 'ok'] != '').all()
+    assert (
+        len(found) >= 2
+        and (result.threshold["reason"][result.threshold["status"] != "ok"] != "").all()
+    )
     for row in found.to_dict("records"):
         column = result.map[result.map["motor.rate"] == row["motor.rate"]]
         assert (column.loc[column["F0"] >= row["F0_without_stick"], "stick-fraction"] == 0).all()
@@ -99,7 +117,12 @@ def test_goes_on_after_an_interruption(here, tmp_path):
     assert kept == 2 and not (folder / "map.parquet").exists()
     left, planned, told = Here(), [], []
     sweep(GRID, folder, made_by=left, on_start=planned.append, on_result=told.append)
-    assert planned == [len(told)] == [len(GRID.tasks("map")) + len(GRID.tasks("threshold"))] == [len(left.computed) + kept]
+    assert (
+        planned
+        == [len(told)]
+        == [len(GRID.tasks("map")) + len(GRID.tasks("threshold"))]
+        == [len(left.computed) + kept]
+    )
     assert content(folder) == content(here[1]) and not kept_file(folder).exists()
     again = Here()
     sweep(GRID, folder, made_by=again)
@@ -115,7 +138,9 @@ def test_computes_what_was_lost_or_cut_off(here, tmp_path):
     (folder / "threshold.parquet").write_bytes((folder / "threshold.parquet").read_bytes()[:100])
     repaired = Here()
     sweep(GRID, folder, made_by=repaired)
-    assert len(repaired.computed) == len(GRID.tasks("threshold")) and content(folder) == content(here[1])
+    assert len(repaired.computed) == len(GRID.tasks("threshold")) and content(folder) == content(
+        here[1]
+    )
 
 
 LOST = {2: ("timed out", "no result within 20 s"), 4: ("crashed", "SIGABRT: out of cheese")}
@@ -142,7 +167,9 @@ def test_a_point_that_hangs_or_crashes_costs_only_itself(tmp_path):
 
 
 def test_another_sweep_in_the_folder_is_refused(here, tmp_path):
-    other = specification("F0=1:6:6", "motor.rate=pi/8,pi/4,pi", measures=("stick-fraction", "threshold"))
+    other = specification(
+        "F0=1:6:6", "motor.rate=pi/8,pi/4,pi", measures=("stick-fraction", "threshold")
+    )
     with pytest.raises(SweepRefused, match=r"differs in axes\.motor\.rate"):
         sweep(other, here[1], made_by=Here())
     (tmp_path / "letter.txt").write_text("mine")
@@ -153,11 +180,24 @@ def test_another_sweep_in_the_folder_is_refused(here, tmp_path):
     assert (tmp_path / "letter.txt").read_text() == "mine"
 
 
-@pytest.mark.parametrize("change", [
-    dict(scene=load_scene("slider-bar-case-1", {"guide.mus": 0.05})), dict(t_end=161.0), dict(settle=41.0),
-    dict(measures=["peak-torque"]), dict(engine="pymunk"), dict(dt=1e-3)], ids=lambda change: next(iter(change)))
+@pytest.mark.parametrize(
+    "change",
+    [
+        dict(scene=load_scene("slider-bar-case-1", {"guide.mus": 0.05})),
+        dict(t_end=161.0),
+        dict(settle=41.0),
+        dict(measures=["peak-torque"]),
+        dict(engine="pymunk"),
+        dict(dt=1e-3),
+    ],
+    ids=lambda change: next(iter(change)),
+)
 def test_digest_covers(change):
-    assert specification("F0=1,2", **change).digest != specification("F0=1,2").digest == specification("F0=1,2").digest
+    assert (
+        specification("F0=1,2", **change).digest
+        != specification("F0=1,2").digest
+        == specification("F0=1,2").digest
+    )
 
 
 def test_a_folder_of_other_code_is_refused(here, monkeypatch):
@@ -170,28 +210,50 @@ def test_a_folder_of_other_code_is_refused(here, monkeypatch):
 def test_failing_points_are_rows(tmp_path, monkeypatch):
     result = swept_here(tmp_path, "guide.mu=-1,0.02,0.03,1").map
     assert list(result["status"]) == ["refused", "ok", "ok", "refused"]
-    assert "expected a number >= 0" in result["reason"][0] and "expected at least mu" in result["reason"][3]
+    assert (
+        "expected a number >= 0" in result["reason"][0]
+        and "expected at least mu" in result["reason"][3]
+    )
     assert result["stick-fraction"].isna().tolist() == [True, False, False, True]
     monkeypatch.setattr("stiction.comparisons.sweep.steady_state_measures.STEP_LIMIT", 5)
     row = row_of(specification("F0=3"), "map", 0)
     assert row["status"] == "failed" and "step limit" in row["reason"]
 
 
-RANGES = {"F0": (0.5, 6), "Omega": (1, 2), "load.phase": (-1, 1), "mu": (-0.01, 0.04), "guide.mus": (0.02, 0.1),
-          "m1": (0.5, 5), "slider.mass": (1e-6, 5), "spring.stiffness": (0, 5), "L": (1, 3), "guide.width": (0, 0.5),
-          "pin.points.0.0": (-1.2, -0.8), "bar.position.0": (1, 1.5), "slider.velocity.0": (-0.2, 0.2),
-          "motor.rate": (0.4, 1), "gravity.1": (-10, 0), "stabilization.alpha": (0, 90), "t_end": (1, 9)}
+RANGES = {
+    "F0": (0.5, 6),
+    "Omega": (1, 2),
+    "load.phase": (-1, 1),
+    "mu": (-0.01, 0.04),
+    "guide.mus": (0.02, 0.1),
+    "m1": (0.5, 5),
+    "slider.mass": (1e-6, 5),
+    "spring.stiffness": (0, 5),
+    "L": (1, 3),
+    "guide.width": (0, 0.5),
+    "pin.points.0.0": (-1.2, -0.8),
+    "bar.position.0": (1, 1.5),
+    "slider.velocity.0": (-0.2, 0.2),
+    "motor.rate": (0.4, 1),
+    "gravity.1": (-10, 0),
+    "stabilization.alpha": (0, 90),
+    "t_end": (1, 9),
+}
 
 
 @st.composite
 def axes_of_two(draw):
     keys = draw(st.lists(st.sampled_from(sorted(RANGES)), min_size=1, max_size=3, unique=True))
-    values = [draw(st.lists(st.floats(*RANGES[key]), min_size=2, max_size=2, unique=True)) for key in keys]
+    values = [
+        draw(st.lists(st.floats(*RANGES[key]), min_size=2, max_size=2, unique=True)) for key in keys
+    ]
     return tuple(map(SweepAxis, keys, map(tuple, values)))
 
 
 @settings(max_examples=15, deadline=None)
-@given(axes_of_two(), st.sampled_from(["slider-bar-case-1", "slider-bar-case-2", "slider-bar-case-3"]))
+@given(
+    axes_of_two(), st.sampled_from(["slider-bar-case-1", "slider-bar-case-2", "slider-bar-case-3"])
+)
 def test_a_point_is_the_scene_run_alone_to_the_bit(axes, name):
     """Read from its file with the same overrides; where that is refused, the point says the same."""
     run, measures = SteadyRun(10.0, 160.0), MEASURES.values()
@@ -203,8 +265,12 @@ def test_a_point_is_the_scene_run_alone_to_the_bit(axes, name):
             return {"status": "ok", "reason": "", **numbers}
         except Exception as error:
             statuses = {NotSettled: "no steady state", SceneError: "refused", Exception: "failed"}
-            return {"status": next(status for kind, status in statuses.items() if isinstance(error, kind)),
-                    "reason": " ".join(f"{type(error).__name__}: {error}".split())}
+            return {
+                "status": next(
+                    status for kind, status in statuses.items() if isinstance(error, kind)
+                ),
+                "reason": " ".join(f"{type(error).__name__}: {error}".split()),
+            }
 
     try:
         swept = Specification(load_scene(name), axes, tuple(MEASURES), run)
@@ -219,25 +285,50 @@ def test_a_point_is_the_scene_run_alone_to_the_bit(axes, name):
 
 def test_thresholds_say_where_the_slider_sticks_again(tmp_path):
     """Of mu = 0.015 and 0.01 (mus = 0.04), and not of 0.03; the command prints it."""
-    ended = sweep_command("--vary", "mu=0.01,0.015,0.03", "--measure", "threshold", "--out", str(tmp_path / "out"))
+    ended = sweep_command(
+        "--vary", "mu=0.01,0.015,0.03", "--measure", "threshold", "--out", str(tmp_path / "out")
+    )
     table = pd.read_parquet(tmp_path / "out" / "threshold.parquet")
-    bands = [[float(word) for word in words.split() if word[0].isdigit()] for words in table["sticks_again"]]
-    assert bands[0] == pytest.approx([4.33, 4.71], abs=0.03) and bands[1] == pytest.approx([3.77, 4.55], abs=0.03) and bands[2] == []
+    bands = [
+        [float(word) for word in words.split() if word[0].isdigit()]
+        for words in table["sticks_again"]
+    ]
+    assert (
+        bands[0] == pytest.approx([4.33, 4.71], abs=0.03)
+        and bands[1] == pytest.approx([3.77, 4.55], abs=0.03)
+        and bands[2] == []
+    )
     assert np.all(table["scanned_to"] > 2.4 * table["threshold"])
     assert ended.count("the slider sticks again at about") == 2
 
 
 def test_threshold_that_is_not_in_the_range_is_a_row(tmp_path):
     result = swept_here(tmp_path, "F0=5:6:2", measures=["threshold"]).threshold
-    assert list(result["status"]) == ["not found"] and "no stick phase at F0 = 5 N" in result["reason"][0]
+    assert (
+        list(result["status"]) == ["not found"]
+        and "no stick phase at F0 = 5 N" in result["reason"][0]
+    )
 
 
-@pytest.mark.parametrize("text, expected", [
-    ("F0", "KEY=FROM:TO:COUNT"), ("=1:2:3", "KEY=FROM:TO:COUNT"), ("F0=", "KEY=FROM:TO:COUNT"),
-    ("F0=1:2", "FROM:TO:COUNT"), ("F0=1:2:3:4", "FROM:TO:COUNT"), ("F0=1:2:2.5", "whole number"),
-    ("F0=1:2:1", "whole number"), ("F0=1:2:-3", "whole number"), ("F0=1:2:1e12", "whole number"),
-    ("F0=1:1:5", "differ"), ("F0=1,2,1", "differ"), ("F0=one:2:3", "unknown name"), ("F0=1,,2", "expected a number"),
-    ("F0=1/0:2:3", "divides by zero")])
+@pytest.mark.parametrize(
+    "text, expected",
+    [
+        ("F0", "KEY=FROM:TO:COUNT"),
+        ("=1:2:3", "KEY=FROM:TO:COUNT"),
+        ("F0=", "KEY=FROM:TO:COUNT"),
+        ("F0=1:2", "FROM:TO:COUNT"),
+        ("F0=1:2:3:4", "FROM:TO:COUNT"),
+        ("F0=1:2:2.5", "whole number"),
+        ("F0=1:2:1", "whole number"),
+        ("F0=1:2:-3", "whole number"),
+        ("F0=1:2:1e12", "whole number"),
+        ("F0=1:1:5", "differ"),
+        ("F0=1,2,1", "differ"),
+        ("F0=one:2:3", "unknown name"),
+        ("F0=1,,2", "expected a number"),
+        ("F0=1/0:2:3", "divides by zero"),
+    ],
+)
 def test_bad_axes(text, expected):
     with pytest.raises(ValueError, match=expected):
         parse_axis(text)
@@ -245,31 +336,58 @@ def test_bad_axes(text, expected):
 
 def test_axes():
     assert parse_axis("motor.rate=pi/4:pi/2:3").values == (np.pi / 4, 3 * np.pi / 8, np.pi / 2)
-    assert parse_axis(" F0 = 3, 2^2 ").values == (3.0, 4.0) and parse_axis("F0=6:1:2").values == (6.0, 1.0)
-    assert parse_axis("mu=0:0.3:7").values == (0.0, 0.05, 0.1, 0.15, 0.2, 0.25, 0.3)  # none is 0.15000000000000002
+    assert parse_axis(" F0 = 3, 2^2 ").values == (3.0, 4.0) and parse_axis("F0=6:1:2").values == (
+        6.0,
+        1.0,
+    )
+    assert parse_axis("mu=0:0.3:7").values == (
+        0.0,
+        0.05,
+        0.1,
+        0.15,
+        0.2,
+        0.25,
+        0.3,
+    )  # none is 0.15000000000000002
 
 
 @given(st.floats(-10, 10), st.floats(-10, 10), st.integers(2, 50))
 def test_values_of_an_axis_are_equally_spaced_to_rounding(low, high, count):
     if low != high and len(set(np.linspace(low, high, count))) == count:
         values = np.array(parse_axis(f"F0={low!r}:{high!r}:{count}").values)
-        assert np.all(np.abs(values - np.linspace(low, high, count)) <= 2 * np.spacing(np.abs(np.linspace(low, high, count))))
+        assert np.all(
+            np.abs(values - np.linspace(low, high, count))
+            <= 2 * np.spacing(np.abs(np.linspace(low, high, count)))
+        )
 
 
 INCLINE = load_scene("block-on-incline")
 
 
-@pytest.mark.parametrize("change, expected", [
-    (dict(measures=[]), "measures: found none"), (dict(measures=["speed"]), "expected some of stick-fraction"),
-    (dict(settle=160.0), "settle < t_end"),
-    (dict(measures=["peak-speed:wheel"]), "peak-speed: found 'wheel'; expected one of guide, bar, slider"),
-    (dict(measures=["stick-fraction:bar"]), "stick-fraction: found 'bar'; expected one of guide"),
-    (dict(measures=["event-count:guide"]), "found 'event-count:guide'"), (dict(measures=["peak-speed:"]), "found 'peak-speed:'"),
-    (dict(scene=load_scene("four-bar")), "stick-fraction: found no frictional guides"),
-    (dict(scene=INCLINE, measures=["peak-torque"]), "peak-torque: found no drives"),
-    (dict(scene=INCLINE, measures=["threshold"]), "and a parameter F0"),
-    (dict(scene=INCLINE, measures=["event-count"]), "F0: found no such key"),
-    (dict(engine="nobody"), "engine: found 'nobody'"), (dict(fidelity="contact"), "reference has joint")])
+@pytest.mark.parametrize(
+    "change, expected",
+    [
+        (dict(measures=[]), "measures: found none"),
+        (dict(measures=["speed"]), "expected some of stick-fraction"),
+        (dict(settle=160.0), "settle < t_end"),
+        (
+            dict(measures=["peak-speed:wheel"]),
+            "peak-speed: found 'wheel'; expected one of guide, bar, slider",
+        ),
+        (
+            dict(measures=["stick-fraction:bar"]),
+            "stick-fraction: found 'bar'; expected one of guide",
+        ),
+        (dict(measures=["event-count:guide"]), "found 'event-count:guide'"),
+        (dict(measures=["peak-speed:"]), "found 'peak-speed:'"),
+        (dict(scene=load_scene("four-bar")), "stick-fraction: found no frictional guides"),
+        (dict(scene=INCLINE, measures=["peak-torque"]), "peak-torque: found no drives"),
+        (dict(scene=INCLINE, measures=["threshold"]), "and a parameter F0"),
+        (dict(scene=INCLINE, measures=["event-count"]), "F0: found no such key"),
+        (dict(engine="nobody"), "engine: found 'nobody'"),
+        (dict(fidelity="contact"), "reference has joint"),
+    ],
+)
 def test_bad_specifications(change, expected):
     with pytest.raises((ValueError, SceneError), match=expected):
         specification("F0=1,2", **change)
@@ -292,13 +410,33 @@ def shaken():
     It stays for ever, or goes down a way in each period, faster and faster with little friction.
     """
     slope = ["cos(slope)", "sin(slope)"]
-    return scene_from_dict({
-        "t_end": 10, "gravity": [0, -9.81], "parameters": {"shake": 8, "mu": 0.15, "slope": 0.2},
-        "bodies": {"sledge": {"mass": 2, "inertia": 0.1, "angle": "slope"}},
-        "joints": {"track": {"type": "translational", "slider": "sledge", "direction": slope, "angle": "slope",
-                             "mu": "mu", "mus": 0.4}},
-        "forces": {"hand": {"type": "force", "body": "sledge", "direction": slope,
-                            "law": {"type": "sine", "amplitude": "shake", "frequency": "pi"}}}}, "sledge")
+    return scene_from_dict(
+        {
+            "t_end": 10,
+            "gravity": [0, -9.81],
+            "parameters": {"shake": 8, "mu": 0.15, "slope": 0.2},
+            "bodies": {"sledge": {"mass": 2, "inertia": 0.1, "angle": "slope"}},
+            "joints": {
+                "track": {
+                    "type": "translational",
+                    "slider": "sledge",
+                    "direction": slope,
+                    "angle": "slope",
+                    "mu": "mu",
+                    "mus": 0.4,
+                }
+            },
+            "forces": {
+                "hand": {
+                    "type": "force",
+                    "body": "sledge",
+                    "direction": slope,
+                    "law": {"type": "sine", "amplitude": "shake", "frequency": "pi"},
+                }
+            },
+        },
+        "sledge",
+    )
 
 
 def test_a_slider_that_goes_away_has_no_steady_state(shaken, tmp_path):
@@ -307,20 +445,36 @@ def test_a_slider_that_goes_away_has_no_steady_state(shaken, tmp_path):
     With mu below tan it never stops again once it has begun to slide. With mu above, it does in each period: its place
     is another one each time, and makes no difference.
     """
-    result = swept_here(tmp_path, "shake=1,3,6,9", "mu=0.15,0.3", measures=["peak-speed", "stick-fraction"],
-                        scene=shaken, settle=4.0, t_end=30.0)
+    result = swept_here(
+        tmp_path,
+        "shake=1,3,6,9",
+        "mu=0.15,0.3",
+        measures=["peak-speed", "stick-fraction"],
+        scene=shaken,
+        settle=4.0,
+        t_end=30.0,
+    )
     rows = {(row["shake"], row["mu"]): row for row in result.map.to_dict("records")}
     for (shake, mu), row in rows.items():
         if shake <= 3.0:
-            assert (row["status"], row["stick-fraction"]) == ("ok", 1.0) and row["peak-speed"] < 1e-9
+            assert (row["status"], row["stick-fraction"]) == ("ok", 1.0) and row[
+                "peak-speed"
+            ] < 1e-9
         elif mu == 0.15:
             assert row["status"] == "no steady state" and "does not repeat itself" in row["reason"]
             assert np.isnan(row["peak-speed"])
         else:
-            assert row["status"] == "ok" and row["peak-speed"] > 0.1 and 0.0 < row["stick-fraction"] < 1.0
+            assert (
+                row["status"] == "ok"
+                and row["peak-speed"] > 0.1
+                and 0.0 < row["stick-fraction"] < 1.0
+            )
     with rc():
         drawings = list(sweep_drawings(result))
-    assert all("points without a number: 2 no steady state, white" in drawing.caption for drawing in drawings)
+    assert all(
+        "points without a number: 2 no steady state, white" in drawing.caption
+        for drawing in drawings
+    )
 
 
 def sweep_command(*arguments, **options):
@@ -329,26 +483,60 @@ def sweep_command(*arguments, **options):
 
 def test_command(tmp_path):
     folder = tmp_path / "out"
-    arguments = ["--vary", "F0=2:4:2", "--vary", "motor.rate=pi/4,pi/2", "--measure", "stick-fraction,event-count",
-                 "--t-end", "120", "--workers", "1", "--out", str(folder)]
+    arguments = [
+        "--vary",
+        "F0=2:4:2",
+        "--vary",
+        "motor.rate=pi/4,pi/2",
+        "--measure",
+        "stick-fraction,event-count",
+        "--t-end",
+        "120",
+        "--workers",
+        "1",
+        "--out",
+        str(folder),
+    ]
     assert "stick-fraction" in sweep_command(*arguments)
-    assert {"map.parquet", "map.csv", "map-stick-fraction.png", "map-stick-fraction.pdf", "map-event-count.png",
-            "sweep.json"} <= {path.name for path in folder.iterdir()}
+    assert {
+        "map.parquet",
+        "map.csv",
+        "map-stick-fraction.png",
+        "map-stick-fraction.pdf",
+        "map-event-count.png",
+        "sweep.json",
+    } <= {path.name for path in folder.iterdir()}
     assert len(pd.read_parquet(folder / "map.parquet")) == 4
     assert json.loads((folder / "sweep.json").read_text())["settings"]["settle"] == 40.0
     assert "settings.t_end" in sweep_command(*arguments, "--t-end", "121", exit_code=BAD_INPUT)
 
 
-@pytest.mark.parametrize("arguments, words", [
-    ("F0=1:2", "FROM:TO:COUNT"), ("FO=1,2", "no such key"), ("guide.mu=-1,-2", "expected a number >= 0"),
-    ("F0=1,2 --settle -1", "expected a number > 0"), ("F0=1,2 --executor threads", "expected processes"),
-    ("F0=1,2 --engine nobody", "found 'nobody'"), ("F0=1,2 --timeout 0", "--timeout"),
-    ("F0=1,2 --engine moreau", "moreau has contact"), ("F0=1,2 --workers 0", "--workers"),
-    ("F0=1,2 --vary F0=3,4", "each key once")])
+@pytest.mark.parametrize(
+    "arguments, words",
+    [
+        ("F0=1:2", "FROM:TO:COUNT"),
+        ("FO=1,2", "no such key"),
+        ("guide.mu=-1,-2", "expected a number >= 0"),
+        ("F0=1,2 --settle -1", "expected a number > 0"),
+        ("F0=1,2 --executor threads", "expected processes"),
+        ("F0=1,2 --engine nobody", "found 'nobody'"),
+        ("F0=1,2 --timeout 0", "--timeout"),
+        ("F0=1,2 --engine moreau", "moreau has contact"),
+        ("F0=1,2 --workers 0", "--workers"),
+        ("F0=1,2 --vary F0=3,4", "each key once"),
+    ],
+)
 def test_bad_command_lines(arguments, words, tmp_path):
     folder = tmp_path / "out"
-    printed = sweep_command("--vary", *arguments.split(), "--measure", "stick-fraction", "--out", str(folder),
-                     exit_code=BAD_INPUT)
+    printed = sweep_command(
+        "--vary",
+        *arguments.split(),
+        "--measure",
+        "stick-fraction",
+        "--out",
+        str(folder),
+        exit_code=BAD_INPUT,
+    )
     assert words in printed and not folder.exists()
 
 
@@ -358,8 +546,12 @@ def test_dask_computes_the_same(here, tmp_path):
     distributed, dask = pytest.importorskip("distributed"), pytest.importorskip("dask")
     with open_isolate("dask", 2) as made_by:
         sweep(GRID, tmp_path / "own", made_by=made_by)
-    with dask.config.set({"distributed.worker.daemon": False}), \
-            distributed.LocalCluster(n_workers=2, threads_per_worker=1, dashboard_address=None) as cluster, \
-            open_isolate(f"dask:{cluster.scheduler_address}") as made_by:
+    with (
+        dask.config.set({"distributed.worker.daemon": False}),
+        distributed.LocalCluster(
+            n_workers=2, threads_per_worker=1, dashboard_address=None
+        ) as cluster,
+        open_isolate(f"dask:{cluster.scheduler_address}") as made_by,
+    ):
         sweep(GRID, tmp_path / "addressed", made_by=made_by)
     assert content(tmp_path / "own") == content(tmp_path / "addressed") == content(here[1])

@@ -4,7 +4,19 @@ from math import copysign, cos, pi, sin
 
 from pythonfmu import Fmi2Causality, Fmi2Slave, Fmi2Variability, Real, String
 
-PARAMETERS = {"F0": 3.0, "L": 2.0, "w0": pi / 4, "g": 9.81, "m1": 2.0, "m2": 1.0, "k": 1.0, "L0": 0.25, "Omega": pi / 2, "mu": 0.03, "mus": 0.04}
+PARAMETERS = {
+    "F0": 3.0,
+    "L": 2.0,
+    "w0": pi / 4,
+    "g": 9.81,
+    "m1": 2.0,
+    "m2": 1.0,
+    "k": 1.0,
+    "L0": 0.25,
+    "Omega": pi / 2,
+    "mu": 0.03,
+    "mus": 0.04,
+}
 LENGTH, WIDTH = 0.6, 0.5
 
 
@@ -14,14 +26,29 @@ class SliderBar(Fmi2Slave):
     def __init__(self, **kwargs):
         super().__init__(**kwargs)
         self.scenes = "slider-bar-case-?"
-        self.register_variable(String("stiction.scene", causality=Fmi2Causality.parameter, variability=Fmi2Variability.fixed,
-                                      getter=lambda: self.scenes, setter=lambda value: None))
+        self.register_variable(
+            String(
+                "stiction.scene",
+                causality=Fmi2Causality.parameter,
+                variability=Fmi2Variability.fixed,
+                getter=lambda: self.scenes,
+                setter=lambda value: None,
+            )
+        )
         for name, value in PARAMETERS.items():
             setattr(self, name, value)
-            self.register_variable(Real(name, causality=Fmi2Causality.parameter, variability=Fmi2Variability.tunable))
-        for place, name in enumerate("bar.x bar.y bar.angle bar.vx bar.vy bar.omega bar.ax bar.ay bar.alpha slider.x slider.y slider.angle slider.vx "
-                                     "slider.vy slider.omega slider.ax slider.ay slider.alpha guide.friction guide.mode".split()):
-            self.register_variable(Real(name, causality=Fmi2Causality.output, getter=lambda place=place: self.out[place]))
+            self.register_variable(
+                Real(name, causality=Fmi2Causality.parameter, variability=Fmi2Variability.tunable)
+            )
+        for place, name in enumerate(
+            "bar.x bar.y bar.angle bar.vx bar.vy bar.omega bar.ax bar.ay bar.alpha slider.x slider.y slider.angle slider.vx "
+            "slider.vy slider.omega slider.ax slider.ay slider.alpha guide.friction guide.mode".split()
+        ):
+            self.register_variable(
+                Real(
+                    name, causality=Fmi2Causality.output, getter=lambda place=place: self.out[place]
+                )
+            )
         self.t = self.v = 0.0
         self.x, self.out = self.L0, [0.0] * 20
 
@@ -34,12 +61,18 @@ class SliderBar(Fmi2Slave):
         return self.m1 + self.m2
 
     def push(self):
-        return self.F0 * sin(self.Omega * self.t) - self.k * (self.x - self.L0) + self.m1 * self.L / 2 * self.w0 ** 2 * cos(self.w0 * self.t)
+        return (
+            self.F0 * sin(self.Omega * self.t)
+            - self.k * (self.x - self.L0)
+            + self.m1 * self.L / 2 * self.w0**2 * cos(self.w0 * self.t)
+        )
 
     def load(self, a, phi):
         th, c = self.w0 * self.t, self.m1 * self.L / 2
-        R = self.mass * self.g - c * self.w0 ** 2 * sin(th)
-        return max(abs(R), 2 / LENGTH * abs(c * (self.g * cos(th) - a * sin(th)) - WIDTH / 2 * phi * R))
+        R = self.mass * self.g - c * self.w0**2 * sin(th)
+        return max(
+            abs(R), 2 / LENGTH * abs(c * (self.g * cos(th) - a * sin(th)) - WIDTH / 2 * phi * R)
+        )
 
     def slipping(self, phi):
         a = 0.0
@@ -55,8 +88,28 @@ class SliderBar(Fmi2Slave):
         a = 0.0 if held else self.slipping(-self.mu * sign)
         friction = -push if held else -self.mu * sign * self.load(a, -self.mu * sign)
         C, S = cos(th), sin(th)
-        return [self.x + r * C, r * S, th, self.v - r * w * S, r * w * C, w, a - r * w * w * C, -r * w * w * S, 0.0,
-                self.x, 0.0, 0.0, self.v, 0.0, 0.0, a, 0.0, 0.0, friction, sign]
+        return [
+            self.x + r * C,
+            r * S,
+            th,
+            self.v - r * w * S,
+            r * w * C,
+            w,
+            a - r * w * w * C,
+            -r * w * w * S,
+            0.0,
+            self.x,
+            0.0,
+            0.0,
+            self.v,
+            0.0,
+            0.0,
+            a,
+            0.0,
+            0.0,
+            friction,
+            sign,
+        ]
 
     def do_step(self, current_time, step_size):
         h, v = step_size, self.v

@@ -39,9 +39,23 @@ def folder(tmp_path, monkeypatch):
 
 def started(folder, **environment):
     """A process that calls the kernel; it prints the result, and how many kernels it compiled."""
-    inherited = {key: value for key, value in os.environ.items() if key not in ("NUMBA_CACHE_DIR", "XDG_CACHE_HOME")}
-    return subprocess.Popen([sys.executable, "-c", CALL], text=True, stdout=subprocess.PIPE, stderr=subprocess.PIPE,
-                            env={**inherited, "PYTHONPATH": f"{folder}:{ROOT}", "HOME": str(folder / "home"), **environment})
+    inherited = {
+        key: value
+        for key, value in os.environ.items()
+        if key not in ("NUMBA_CACHE_DIR", "XDG_CACHE_HOME")
+    }
+    return subprocess.Popen(
+        [sys.executable, "-c", CALL],
+        text=True,
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+        env={
+            **inherited,
+            "PYTHONPATH": f"{folder}:{ROOT}",
+            "HOME": str(folder / "home"),
+            **environment,
+        },
+    )
 
 
 def finished(process):
@@ -95,9 +109,15 @@ def test_an_installation_that_cannot_be_written_uses_the_home(unwritable):
 
 def test_without_a_home_a_temporary_folder_is_used_and_said_unless_others_can_write_it(unwritable):
     (unwritable / "temporary").mkdir()
-    result, compiled, note = call(unwritable, HOME="/dev/null", TMPDIR=str(unwritable / "temporary"))
+    result, compiled, note = call(
+        unwritable, HOME="/dev/null", TMPDIR=str(unwritable / "temporary")
+    )
     assert (result, compiled) == (42.0, 1)
-    assert note.count("\n") == 1 and f"compiled kernels are kept in {unwritable}/temporary/stiction-" in note and "NUMBA_CACHE_DIR" in note
+    assert (
+        note.count("\n") == 1
+        and f"compiled kernels are kept in {unwritable}/temporary/stiction-" in note
+        and "NUMBA_CACHE_DIR" in note
+    )
     assert called_here(unwritable, **NO_HOME) == (42.0, 0, "")
     [own] = (unwritable / "temporary").iterdir()
     own.chmod(0o777)
@@ -118,9 +138,17 @@ def test_a_folder_that_is_asked_for_is_the_only_one(folder):
 
 
 @pytest.mark.parametrize("ending", ["nbc", "nbi"], ids=["machine code", "index"])
-@pytest.mark.parametrize("damage", [lambda data: b"", lambda data: data[:20], lambda data: data[:len(data) // 2],
-                                    lambda data: data[:-1], lambda data: b"\x80" * len(data)],
-                         ids=["empty", "the beginning", "half", "all but a byte", "garbage"])
+@pytest.mark.parametrize(
+    "damage",
+    [
+        lambda data: b"",
+        lambda data: data[:20],
+        lambda data: data[: len(data) // 2],
+        lambda data: data[:-1],
+        lambda data: b"\x80" * len(data),
+    ],
+    ids=["empty", "the beginning", "half", "all but a byte", "garbage"],
+)
 def test_what_is_damaged_is_compiled_anew(folder, damage, ending):
     called_here(folder)
     [file] = (folder / "__pycache__").rglob(f"made.times-*.{ending}")
@@ -153,7 +181,9 @@ def test_another_numba_compiles_anew(folder, monkeypatch):
 def test_of_changed_sources_nothing_old_is_called_or_left(folder):
     called_here(folder)
     [old] = kept(folder)
-    old.with_name(f"{old.name}.tmp.0123").write_bytes(b"of a process that was killed while it wrote")
+    old.with_name(f"{old.name}.tmp.0123").write_bytes(
+        b"of a process that was killed while it wrote"
+    )
     (folder / "made.py").write_text(SOURCE.format(factor=3))
     assert called_here(folder) == (63.0, 1, "")
     assert len(kept(folder)) == 1 and old not in kept(folder) and not list(folder.rglob("*.tmp.*"))
@@ -171,13 +201,25 @@ print(all(kernel.is_kept for kernel in kernels), made.times(1.0), made.squared(3
 """
 
 
-@pytest.mark.parametrize("before", ["", "import sys; sys.executable = '/dev/null/python'",
-                                    "import signal, sys; signal.signal(signal.SIGTERM, signal.SIG_IGN); sys.executable = made.__file__.replace('made.py', 'endless')"],
-                         ids=["two processes", "one that cannot start the other", "the other hangs and inherits that SIGTERM is ignored"])
+@pytest.mark.parametrize(
+    "before",
+    [
+        "",
+        "import sys; sys.executable = '/dev/null/python'",
+        "import signal, sys; signal.signal(signal.SIGTERM, signal.SIG_IGN); sys.executable = made.__file__.replace('made.py', 'endless')",
+    ],
+    ids=[
+        "two processes",
+        "one that cannot start the other",
+        "the other hangs and inherits that SIGTERM is ignored",
+    ],
+)
 def test_compiled_ahead(folder, before):
     (folder / "endless").write_text("#!/bin/sh\nexec tail -f /dev/null\n")
     (folder / "endless").chmod(0o755)
-    (folder / "made.py").write_text(SOURCE.format(factor=2) + """
+    (folder / "made.py").write_text(
+        SOURCE.format(factor=2)
+        + """
 @kernel
 def squared(x: float) -> float:
     return x * x
@@ -185,10 +227,19 @@ def squared(x: float) -> float:
 @kernel
 def cubed(x: float) -> float:
     return squared(x) * x
-""")
+"""
+    )
     for said in (True,) if before else (True, False):
-        done = subprocess.run([sys.executable, "-c", AHEAD.format(before=before)], text=True, capture_output=True, check=True, timeout=300,
-                              env={**os.environ, "PYTHONPATH": f"{folder}:{ROOT}"})
+        done = subprocess.run(
+            [sys.executable, "-c", AHEAD.format(before=before)],
+            text=True,
+            capture_output=True,
+            check=True,
+            timeout=300,
+            env={**os.environ, "PYTHONPATH": f"{folder}:{ROOT}"},
+        )
         assert done.stdout.split() == ["True", "2.0", "9.0", "8.0"]
-        assert ("compiling a kernel, once for an installation: 1 of 3, made.times" in done.stderr) == said
+        assert (
+            "compiling a kernel, once for an installation: 1 of 3, made.times" in done.stderr
+        ) == said
     assert len(list((folder / "__pycache__").rglob("*.nbc"))) == 3

@@ -26,8 +26,17 @@ class Pair(Bundle):
 
 
 def pair(**changes):
-    return Pair(**{"factor": 2.0, "count": 3, "table": np.arange(6.0).reshape(2, 3), "values": np.ones(4),
-                   "places": np.array([1, 0]), "parts": (), **changes})
+    return Pair(
+        **{
+            "factor": 2.0,
+            "count": 3,
+            "table": np.arange(6.0).reshape(2, 3),
+            "values": np.ones(4),
+            "places": np.array([1, 0]),
+            "parts": (),
+            **changes,
+        }
+    )
 
 
 @kernel
@@ -99,8 +108,15 @@ class TestBundle:
 
     @pytest.mark.parametrize("size", [0, 1, 5])
     def test_zeros_are_arrays_of_their_own(self, size):
-        b, out = Pair.zeros(factor=2.0, count=3, table=(size, 3), values=4, places=size, parts=()), np.zeros(3)
-        assert [part.tolist() for part in (b.table, b.values, b.places)] == [[[0.0] * 3] * size, [0.0] * 4, [0] * size]
+        b, out = (
+            Pair.zeros(factor=2.0, count=3, table=(size, 3), values=4, places=size, parts=()),
+            np.zeros(3),
+        )
+        assert [part.tolist() for part in (b.table, b.values, b.places)] == [
+            [[0.0] * 3] * size,
+            [0.0] * 4,
+            [0] * size,
+        ]
         b.table[:], b.places[:] = 1.0, -1
         if size:
             transpose_times(b, out)
@@ -111,13 +127,28 @@ class TestBundle:
 
     def test_arrays_of_records(self):
         arrays = Mechanism(load_scene("slider-bar-case-1")).arrays
-        assert arrays.friction.dtype == FRICTION and friction_of(arrays) == arrays.friction[0]["mu"] > 0
+        assert (
+            arrays.friction.dtype == FRICTION
+            and friction_of(arrays) == arrays.friction[0]["mu"] > 0
+        )
 
-    @pytest.mark.parametrize("wrong", [{"table": np.zeros(3)}, {"table": np.zeros((2, 3), dtype=np.float32)}, {"table": np.zeros((3, 2)).T},
-                                       {"values": [1.0, 2.0]}, {"places": np.zeros(2)}, {"values": np.ones(8)[::2]},
-                                       {"values": np.frombuffer(bytes(32))}], ids=lambda wrong: next(iter(wrong)))
+    @pytest.mark.parametrize(
+        "wrong",
+        [
+            {"table": np.zeros(3)},
+            {"table": np.zeros((2, 3), dtype=np.float32)},
+            {"table": np.zeros((3, 2)).T},
+            {"values": [1.0, 2.0]},
+            {"places": np.zeros(2)},
+            {"values": np.ones(8)[::2]},
+            {"values": np.frombuffer(bytes(32))},
+        ],
+        ids=lambda wrong: next(iter(wrong)),
+    )
     def test_an_array_that_is_not_what_its_field_says_is_refused(self, wrong):
-        with pytest.raises(TypeError, match=rf"Pair.{next(iter(wrong))}: found .* expected a contiguous"):
+        with pytest.raises(
+            TypeError, match=rf"Pair.{next(iter(wrong))}: found .* expected a contiguous"
+        ):
             pair(**wrong)
 
     def test_missing_and_unknown_fields_are_refused(self):
@@ -176,7 +207,9 @@ class TestLinked:
         assert "expected int64, as annotated" in capfd.readouterr().err
         assert gc.isenabled()  # it is not while a kernel is compiled
 
-    @pytest.mark.parametrize(("scene", "friction"), [("pendulum", False), ("slider-bar-case-1", True)])
+    @pytest.mark.parametrize(
+        ("scene", "friction"), [("pendulum", False), ("slider-bar-case-1", True)]
+    )
     def test_only_what_a_scene_calls_for_is_compiled_and_all_of_it_ahead(self, scene, friction):
         code = dedent(f"""
             from stiction.engines import load_engine
@@ -192,6 +225,8 @@ class TestLinked:
             print(right_hand_side.right_hand_side.is_linked, hlcp.solve.is_linked, mode_choice.choose_mode.is_linked,
                   frozen_mode.solve_cells.is_linked, uniqueness._respond_banded.is_linked)
             """)
-        done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=False)
+        done = subprocess.run(
+            [sys.executable, "-c", code], capture_output=True, text=True, check=False
+        )
         assert done.returncode == 0, done.stderr
         assert done.stdout.split() == ["True", str(friction), str(friction), "False", "False"]

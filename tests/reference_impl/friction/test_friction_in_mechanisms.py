@@ -10,15 +10,26 @@ from stiction.scenes import load_scene, scene_from_dict
 from stiction.truths import moving_guide_truth, slider_bar_truth, trammel_truth
 
 
-@pytest.mark.parametrize(("name", "t_end"), [
-    ("elliptic-trammel", 4), ("slider-on-moving-guide", 6), ("slider-bar-case-1", 8), ("slider-bar-case-3", 4),
-    ("mass-on-belt", 6), ("slider-crank", 1), ("pendulum", 3)])
+@pytest.mark.parametrize(
+    ("name", "t_end"),
+    [
+        ("elliptic-trammel", 4),
+        ("slider-on-moving-guide", 6),
+        ("slider-bar-case-1", 8),
+        ("slider-bar-case-3", 4),
+        ("mass-on-belt", 6),
+        ("slider-crank", 1),
+        ("pendulum", 3),
+    ],
+)
 def test_energy_balance_and_action_equals_reaction(name, t_end):
     scene = load_scene(name)
     # integration error at the tight setting, accumulated over some hundred steps
     assert energy_defect(scene, t_end, 1e-12) < 1e-9
     trajectory = simulate(scene, t_end=t_end, rtol=1e-12, stabilization="projection")
-    assert balance_residual(scene, trajectory.t, trajectory.columns) < 1e-11  # rounding of the linear solves
+    assert (
+        balance_residual(scene, trajectory.t, trajectory.columns) < 1e-11
+    )  # rounding of the linear solves
     assert friction_excess(scene, trajectory.columns) < 1e-12
 
 
@@ -31,12 +42,15 @@ def motion(trajectory, truth):
     return states(errors(trajectory, truth, names))
 
 
-@pytest.mark.parametrize("changes", [
-    {"w": 0, "T": 0, "mu": 0.6, "mus": 0.8},  # never moves
-    {"w": 0, "T": 0, "mu": 0.3, "mus": 0.4},
-    {"w": 1, "T": 0, "mu": 0.6, "mus": 0.7},  # stops, for good
-    {"w": 1, "T": 6, "mu": 0.5, "mus": 0.6},  # past dead points, then stops
-])
+@pytest.mark.parametrize(
+    "changes",
+    [
+        {"w": 0, "T": 0, "mu": 0.6, "mus": 0.8},  # never moves
+        {"w": 0, "T": 0, "mu": 0.3, "mus": 0.4},
+        {"w": 1, "T": 0, "mu": 0.6, "mus": 0.7},  # stops, for good
+        {"w": 1, "T": 6, "mu": 0.5, "mus": 0.6},  # past dead points, then stops
+    ],
+)
 def test_trammel_that_comes_to_rest(changes):
     scene = load_scene("elliptic-trammel", changes)
     truth = trammel_truth(scene, 2.0)
@@ -73,23 +87,56 @@ def test_tolerance_is_kept_for_every_stabilization(stabilization, rtol):
 
 def two_on_an_arm(mu):
     """A turning arm that carries a slider which moves and one that is stuck."""
-    angle, arm = np.deg2rad(20), {"mass": 3, "inertia": 1, "angle": np.deg2rad(20), "angular_velocity": 1}
-    along, across = np.array([np.cos(angle), np.sin(angle)]), np.array([-np.sin(angle), np.cos(angle)])
+    angle, arm = (
+        np.deg2rad(20),
+        {"mass": 3, "inertia": 1, "angle": np.deg2rad(20), "angular_velocity": 1},
+    )
+    along, across = (
+        np.array([np.cos(angle), np.sin(angle)]),
+        np.array([-np.sin(angle), np.cos(angle)]),
+    )
 
     def slider(d, u):
-        return {"mass": 1, "inertia": 0.01, "position": list(d * along), "velocity": list(u * along + d * across),
-                "angle": angle, "angular_velocity": 1}
+        return {
+            "mass": 1,
+            "inertia": 0.01,
+            "position": list(d * along),
+            "velocity": list(u * along + d * across),
+            "angle": angle,
+            "angular_velocity": 1,
+        }
 
     def guide(name, **friction):
-        return {"type": "translational", "slider": name, "guide": "arm", "length": 0.2, "width": 0.1, **friction}
+        return {
+            "type": "translational",
+            "slider": name,
+            "guide": "arm",
+            "length": 0.2,
+            "width": 0.1,
+            **friction,
+        }
 
-    return scene_from_dict({
-        "gravity": [0, -9.81], "bodies": {"arm": arm, "moving": slider(0.5, 0.4), "stuck": slider(-0.3, 0)},
-        "joints": {"pivot": {"type": "revolute", "bodies": ["arm", "ground"]},
-                   "first": guide("moving", mu=0.1, mus=0.15), "second": guide("stuck", mu=mu)},
-        "springs": {"spring": {"type": "linear", "bodies": ["moving", "arm"], "axis": [1, 0], "stiffness": 30,
-                               "rest_length": 0.5},
-                    "twist": {"type": "torsional", "bodies": ["arm", "ground"], "stiffness": 20}}})
+    return scene_from_dict(
+        {
+            "gravity": [0, -9.81],
+            "bodies": {"arm": arm, "moving": slider(0.5, 0.4), "stuck": slider(-0.3, 0)},
+            "joints": {
+                "pivot": {"type": "revolute", "bodies": ["arm", "ground"]},
+                "first": guide("moving", mu=0.1, mus=0.15),
+                "second": guide("stuck", mu=mu),
+            },
+            "springs": {
+                "spring": {
+                    "type": "linear",
+                    "bodies": ["moving", "arm"],
+                    "axis": [1, 0],
+                    "stiffness": 30,
+                    "rest_length": 0.5,
+                },
+                "twist": {"type": "torsional", "bodies": ["arm", "ground"], "stiffness": 20},
+            },
+        }
+    )
 
 
 @pytest.mark.parametrize("rtol", [1e-4, 1e-6, 1e-9])
@@ -104,6 +151,9 @@ def test_tolerance_and_error_go_together():
     """Error over tolerance stays within two decades from 1e-4 to 1e-12: order 8 across located events."""
     scene = load_scene("slider-bar-case-3")
     truth = slider_bar_truth(scene, 8.0)
-    ratios = [states(errors(simulate(scene, t_end=8, rtol=rtol, stabilization="projection"), truth)) / rtol
-              for rtol in (1e-4, 1e-6, 1e-8, 1e-10, 1e-12)]
+    ratios = [
+        states(errors(simulate(scene, t_end=8, rtol=rtol, stabilization="projection"), truth))
+        / rtol
+        for rtol in (1e-4, 1e-6, 1e-8, 1e-10, 1e-12)
+    ]
     assert max(ratios) < 100 and max(ratios) < 300 * min(ratios)

@@ -30,13 +30,23 @@ def falling_rod(turn: float) -> dict:
     guide = {"type": "translational", "length": 0.1, "width": 0.05, "mu": 0.1, "angle": 0.0}
     return {
         "gravity": at(0.0, -9.81),
-        "bodies": {"rod": {"mass": 1.0, "inertia": L ** 2 / 12, "position": at(L / 2 * np.cos(p), L / 2 * np.sin(p)),
-                           "angle": float(np.pi - p + turn)},
-                   "A": {**slider, "position": at(L * np.cos(p), 0.0)}, "B": {**slider, "position": at(0.0, L * np.sin(p))}},
-        "joints": {"pin-a": {"type": "revolute", "bodies": ["rod", "A"], "points": [[-L / 2, 0], [0, 0]]},
-                   "pin-b": {"type": "revolute", "bodies": ["rod", "B"], "points": [[L / 2, 0], [0, 0]]},
-                   "along": {**guide, "slider": "A", "direction": at(1.0, 0.0), "angle": turn},
-                   "across": {**guide, "slider": "B", "direction": at(0.0, 1.0), "angle": turn}}}
+        "bodies": {
+            "rod": {
+                "mass": 1.0,
+                "inertia": L**2 / 12,
+                "position": at(L / 2 * np.cos(p), L / 2 * np.sin(p)),
+                "angle": float(np.pi - p + turn),
+            },
+            "A": {**slider, "position": at(L * np.cos(p), 0.0)},
+            "B": {**slider, "position": at(0.0, L * np.sin(p))},
+        },
+        "joints": {
+            "pin-a": {"type": "revolute", "bodies": ["rod", "A"], "points": [[-L / 2, 0], [0, 0]]},
+            "pin-b": {"type": "revolute", "bodies": ["rod", "B"], "points": [[L / 2, 0], [0, 0]]},
+            "along": {**guide, "slider": "A", "direction": at(1.0, 0.0), "angle": turn},
+            "across": {**guide, "slider": "B", "direction": at(0.0, 1.0), "angle": turn},
+        },
+    }
 
 
 @pytest.mark.parametrize("stabilization", STABILIZATIONS)
@@ -44,7 +54,13 @@ def falling_rod(turn: float) -> dict:
 def test_both_guides_of_one_freedom_stop_and_stay_together(turn, stabilization):
     found = []
     for rtol in TOLERANCES:
-        run = simulate(scene_from_dict(falling_rod(turn), "rod"), t_end=5.0, rtol=rtol, output_step=0.05, stabilization=stabilization)
+        run = simulate(
+            scene_from_dict(falling_rod(turn), "rod"),
+            t_end=5.0,
+            rtol=rtol,
+            output_step=0.05,
+            stabilization=stabilization,
+        )
         assert run.breakdown is None
         last = [event for event in run.events if event.kind != "corner"][-2:]
         assert [event.kind for event in last] == ["stick", "stick"] and last[0].time == last[1].time
@@ -53,8 +69,13 @@ def test_both_guides_of_one_freedom_stop_and_stay_together(turn, stabilization):
             assert np.all(run[f"{name}.mode"][resting] == 0)
             # rounding of the speeds of some m/s, which nothing makes grow
             assert np.max(np.abs(run[f"{name}.slip_velocity"][resting])) < 1e-12
-        found.append(([(event.kind, event.joint) for event in run.events], last[0].time,
-                      [run[f"{name}.normal_force"][-1] for name in ("along", "across")]))
+        found.append(
+            (
+                [(event.kind, event.joint) for event in run.events],
+                last[0].time,
+                [run[f"{name}.normal_force"][-1] for name in ("along", "across")],
+            )
+        )
     tight = found[-1]
     for rtol, (kinds, time, normal) in zip(TOLERANCES, found):
         assert kinds == tight[0]
@@ -67,23 +88,53 @@ def test_rods_that_springs_connect_stop_each_at_its_own_time():
     scene, count = {"gravity": [0, -9.81], "bodies": {}, "joints": {}, "springs": {}}, 4
     for k in range(count):
         rod = falling_rod(0.3 * k)
-        scene["bodies"] |= {f"{name}{k}": {**body, "position": [body["position"][0] + 5.0 * k, body["position"][1]]}
-                            for name, body in rod["bodies"].items()}
+        scene["bodies"] |= {
+            f"{name}{k}": {**body, "position": [body["position"][0] + 5.0 * k, body["position"][1]]}
+            for name, body in rod["bodies"].items()
+        }
         for name, joint in rod["joints"].items():
-            joint = {**joint, "bodies": [f"{body}{k}" for body in joint["bodies"]]} if "bodies" in joint \
+            joint = (
+                {**joint, "bodies": [f"{body}{k}" for body in joint["bodies"]]}
+                if "bodies" in joint
                 else {**joint, "slider": f"{joint['slider']}{k}", "point": [5.0 * k, 0.0]}
+            )
             scene["joints"][f"{name}{k}"] = joint
-        turned = [[0, -9.81]] if k == 0 else [[9.81 * np.sin(0.3 * k), -9.81 * np.cos(0.3 * k) + 9.81]]
-        scene.setdefault("forces", {}).update({f"{name}{k}": {
-            "type": "force", "body": name, "direction": turned[0], "law": {"type": "constant", "value": float(body["mass"] * np.hypot(*turned[0]))}}
-            for name, body in scene["bodies"].items() if name.endswith(str(k)) and k > 0})
-    scene["springs"] = {f"link{k}": {"type": "linear", "bodies": [f"rod{k}", f"rod{k + 1}"], "stiffness": 1e-3, "rest_length": 5.0}
-                        for k in range(count - 1)}
+        turned = (
+            [[0, -9.81]] if k == 0 else [[9.81 * np.sin(0.3 * k), -9.81 * np.cos(0.3 * k) + 9.81]]
+        )
+        scene.setdefault("forces", {}).update(
+            {
+                f"{name}{k}": {
+                    "type": "force",
+                    "body": name,
+                    "direction": turned[0],
+                    "law": {
+                        "type": "constant",
+                        "value": float(body["mass"] * np.hypot(*turned[0])),
+                    },
+                }
+                for name, body in scene["bodies"].items()
+                if name.endswith(str(k)) and k > 0
+            }
+        )
+    scene["springs"] = {
+        f"link{k}": {
+            "type": "linear",
+            "bodies": [f"rod{k}", f"rod{k + 1}"],
+            "stiffness": 1e-3,
+            "rest_length": 5.0,
+        }
+        for k in range(count - 1)
+    }
     run = simulate(scene_from_dict(scene, "rods"), t_end=6.0, rtol=1e-9, output_step=0.05)
     assert run.breakdown is None
     stops = {}
     for k in range(count):
-        own = [event for event in run.events if event.joint in (f"along{k}", f"across{k}") and event.kind != "corner"][-2:]
+        own = [
+            event
+            for event in run.events
+            if event.joint in (f"along{k}", f"across{k}") and event.kind != "corner"
+        ][-2:]
         assert [event.kind for event in own] == ["stick", "stick"] and own[0].time == own[1].time
         stops[k] = own[0].time
         for name in (f"along{k}", f"across{k}"):
@@ -97,15 +148,31 @@ def test_guides_of_one_freedom_in_a_large_cell_stop_and_stay_together():
     (x, y), down = scene["bodies"]["A"]["position"], (np.sin(turn), -np.cos(turn))
     for k in range(12):
         middle = [float(x + 0.05 * (2 * k + 1) * down[0]), float(y + 0.05 * (2 * k + 1) * down[1])]
-        scene["bodies"][f"link{k}"] = {"mass": 1e-3, "inertia": 1e-6, "position": middle, "angle": turn}
-        scene["joints"][f"hinge{k}"] = {"type": "revolute", "bodies": [f"link{k}", held],
-                                        "points": [[0, 0.05], [0, -0.05] if k else [0, 0]]}
+        scene["bodies"][f"link{k}"] = {
+            "mass": 1e-3,
+            "inertia": 1e-6,
+            "position": middle,
+            "angle": turn,
+        }
+        scene["joints"][f"hinge{k}"] = {
+            "type": "revolute",
+            "bodies": [f"link{k}", held],
+            "points": [[0, 0.05], [0, -0.05] if k else [0, 0]],
+        }
         held = f"link{k}"
     scene = scene_from_dict(scene, "rod-with-chain")
     assert len(Mechanism(scene).arrays.cell) == 1
-    run = simulate(scene, t_end=4.6, rtol=1e-6, output_step=0.01, stabilization="projection")  # it comes to rest at 4.2 s
-    changes = {guide: [(event.kind, event.time) for event in run.events if event.joint == guide and event.kind in ("stick", "slip")]
-               for guide in ("along", "across")}
+    run = simulate(
+        scene, t_end=4.6, rtol=1e-6, output_step=0.01, stabilization="projection"
+    )  # it comes to rest at 4.2 s
+    changes = {
+        guide: [
+            (event.kind, event.time)
+            for event in run.events
+            if event.joint == guide and event.kind in ("stick", "slip")
+        ]
+        for guide in ("along", "across")
+    }
     assert len(changes["along"]) >= 8 and changes["along"] == changes["across"]
 
 
@@ -115,9 +182,19 @@ def stacked(kinetic: float) -> dict:
     return {
         "gravity": [0, -G],
         "bodies": {"A": {"mass": 1.0, "inertia": 0.01}, "B": {"mass": 1.0, "inertia": 0.01}},
-        "joints": {"ground-A": {**guide, "slider": "A", "mu": kinetic * 0.202, "mus": 0.202},
-                   "A-B": {**guide, "slider": "B", "guide": "A", "mu": kinetic * 0.4, "mus": 0.4}},
-        "forces": {"load": {"type": "force", "body": "B", "direction": [1, 0], "law": {"type": "sine", "amplitude": 5.0, "frequency": 1.0}}}}
+        "joints": {
+            "ground-A": {**guide, "slider": "A", "mu": kinetic * 0.202, "mus": 0.202},
+            "A-B": {**guide, "slider": "B", "guide": "A", "mu": kinetic * 0.4, "mus": 0.4},
+        },
+        "forces": {
+            "load": {
+                "type": "force",
+                "body": "B",
+                "direction": [1, 0],
+                "law": {"type": "sine", "amplitude": 5.0, "frequency": 1.0},
+            }
+        },
+    }
 
 
 @pytest.mark.parametrize(("kinetic", "others"), [(1.0, 0), (0.5, 1)])

@@ -64,11 +64,14 @@ def test_lemke_on_strictly_copositive_matrices(n):
         assert any(np.allclose(z, other, atol=1e-8) for _, other in lcp_solutions(M, q))
 
 
-@pytest.mark.parametrize(("M", "q"), [
-    ([[0.0]], [-1.0]),  # w = -1
-    ([[-1.0]], [-1.0]),  # w = -1 - z
-    ([[0.0, -1.0], [1.0, 0.0]], [-1.0, -1.0]),  # w1 = -1 - z2
-])
+@pytest.mark.parametrize(
+    ("M", "q"),
+    [
+        ([[0.0]], [-1.0]),  # w = -1
+        ([[-1.0]], [-1.0]),  # w = -1 - z
+        ([[0.0, -1.0], [1.0, 0.0]], [-1.0, -1.0]),  # w1 = -1 - z2
+    ],
+)
 def test_ray_where_there_is_no_solution(M, q):
     M, q = np.array(M), np.array(q)
     assert not lcp_solutions(M, q)
@@ -87,12 +90,18 @@ def test_degenerate_problems_do_not_cycle():
 
 def slider_bar_at(t, case=1, **changes):
     """Workspace of the slider-bar at a state of its motion, and its slip direction (0 at rest)."""
-    scene = vary(load_scene(f"slider-bar-case-{case}"), changes) if changes else load_scene(f"slider-bar-case-{case}")
+    scene = (
+        vary(load_scene(f"slider-bar-case-{case}"), changes)
+        if changes
+        else load_scene(f"slider-bar-case-{case}")
+    )
     true = slider_bar_truth(load_scene(f"slider-bar-case-{case}"), 8.0)(t)
     mechanism = Mechanism(scene, "none")
     m, w = mechanism.arrays, workspace(mechanism.arrays)
-    q, v = (np.array([true[f"{body}.{label}"][0] for body in mechanism.body_names for label in labels])
-            for labels in (("x", "y", "angle"), ("vx", "vy", "omega")))
+    q, v = (
+        np.array([true[f"{body}.{label}"][0] for body in mechanism.body_names for label in labels])
+        for labels in (("x", "y", "angle"), ("vx", "vy", "omega"))
+    )
     row_form(m, w, t, q, v)
     return m, w, np.array([int(true["guide.mode"][0])]), true
 
@@ -112,7 +121,10 @@ def rays(tables, at_rest=True):
         m, w, slip = at_start(scene_from_dict(table, name=str(i)), 0.0 if at_rest else 1.0)
         if len(m.friction):
             _, _, _, outcome, _ = hlcp.solve(m, w, slip)
-            solved, ended = solved + (outcome == SOLVED), ended + (outcome == SOLVED and w.counters["lemke_rays"] > 0)
+            solved, ended = (
+                solved + (outcome == SOLVED),
+                ended + (outcome == SOLVED and w.counters["lemke_rays"] > 0),
+            )
     return solved, ended
 
 
@@ -120,14 +132,20 @@ def rays(tables, at_rest=True):
 def test_lemke_ends_without_a_solution_where_friction_is_extreme_only(at_rest):
     """What the limits and the comment at `hlcp.SATURATION_COVER` say: never with mu up to 0.2, and in some per cent of problems with friction far beyond what
     leaves one motion, for which all contact modes are tried."""
-    solved, ended = rays((moderate_scene(SeededDice([seed, 7]), (1, 4)) for seed in range(150)), at_rest)
+    solved, ended = rays(
+        (moderate_scene(SeededDice([seed, 7]), (1, 4)) for seed in range(150)), at_rest
+    )
     assert ended == 0 and solved >= 145
-    solved, ended = rays((extreme_scene(np.random.default_rng([seed, 7])) for seed in range(300)), at_rest)
+    solved, ended = rays(
+        (extreme_scene(np.random.default_rng([seed, 7])) for seed in range(300)), at_rest
+    )
     assert 0.02 * solved < ended < 0.15 * solved and solved > 250
 
 
-@pytest.mark.parametrize(("case", "t", "size"), [(1, 1.3, 5), (1, 2.7, 5), (3, 5.9, 5),
-                                                 (1, 0.1, 9), (1, 7.7, 9), (1, 8.0, 9)])
+@pytest.mark.parametrize(
+    ("case", "t", "size"),
+    [(1, 1.3, 5), (1, 2.7, 5), (3, 5.9, 5), (1, 0.1, 9), (1, 7.7, 9), (1, 8.0, 9)],
+)
 def test_hlcp_of_the_slider_bar(case, t, size):
     m, w, slip, true = slider_bar_at(t, case)
     A0, A1, b, E0, E1 = hlcp.assemble(m, w, slip)
@@ -151,11 +169,27 @@ def test_without_friction_the_lcp_matrix_is_the_identity():
 
 
 def incline(mass=1.0, length=0.6, width=0.5, mu=0.2, mus=0.3, tilt=20.0, g=9.81):
-    angle, inertia = np.deg2rad(-tilt), mass * (length ** 2 + width ** 2) / 12
-    return at_start(scene_from_dict({
-        "gravity": [0, -g], "bodies": {"block": {"mass": mass, "inertia": inertia, "angle": angle}},
-        "joints": {"guide": {"type": "translational", "slider": "block", "direction": [np.cos(angle), np.sin(angle)],
-                             "angle": angle, "length": length, "width": width, "mu": mu, "mus": mus}}}))
+    angle, inertia = np.deg2rad(-tilt), mass * (length**2 + width**2) / 12
+    return at_start(
+        scene_from_dict(
+            {
+                "gravity": [0, -g],
+                "bodies": {"block": {"mass": mass, "inertia": inertia, "angle": angle}},
+                "joints": {
+                    "guide": {
+                        "type": "translational",
+                        "slider": "block",
+                        "direction": [np.cos(angle), np.sin(angle)],
+                        "angle": angle,
+                        "length": length,
+                        "width": width,
+                        "mu": mu,
+                        "mus": mus,
+                    }
+                },
+            }
+        )
+    )
 
 
 @pytest.mark.parametrize("tilt", [1.0, 10.0, 16.69, 16.71, 20.0, 45.0, 80.0])
@@ -173,10 +207,15 @@ def test_block_on_an_incline_at_rest(tilt):
 def test_solution_scales_with_mass_and_length(mass, length):
     """Forces grow with the mass; lengths do not enter forces, with them moments grow."""
     for tilt in (10.0, 30.0):
-        unit, scaled = (hlcp.solve(*block) for block in (incline(tilt=tilt), incline(mass, 0.6 * length, 0.5 * length, tilt=tilt)))
+        unit, scaled = (
+            hlcp.solve(*block)
+            for block in (incline(tilt=tilt), incline(mass, 0.6 * length, 0.5 * length, tilt=tilt))
+        )
         assert scaled[3] == SOLVED
         np.testing.assert_allclose(scaled[0][[0, 2]], mass * unit[0][[0, 2]], rtol=1e-9)
-        np.testing.assert_allclose(scaled[0][1], mass * length * unit[0][1], rtol=1e-9, atol=1e-12 * mass * length)
+        np.testing.assert_allclose(
+            scaled[0][1], mass * length * unit[0][1], rtol=1e-9, atol=1e-12 * mass * length
+        )
 
 
 def consistent_modes(m, w, slip):
@@ -196,13 +235,28 @@ def stacked(random):
         direction, u = random.uniform(-1, 1), float(random.choice([0.0, random.normal()]))
         d = np.array([np.cos(direction), np.sin(direction)])
         origin, speed = origin + random.uniform(-0.2, 0.2) * d, speed + u * d
-        raw["bodies"][f"s{i}"] = {"mass": random.uniform(0.5, 2), "inertia": random.uniform(0.05, 0.3),
-                                  "position": list(origin), "velocity": list(speed)}
-        raw["joints"][f"g{i}"] = {"type": "translational", "slider": f"s{i}", "guide": guide, "direction": list(d),
-                                  "length": random.uniform(0.4, 0.8), "width": random.uniform(0, 0.4), "mu": 0.15,
-                                  "mus": random.uniform(0.15, 0.25)}
-        raw["forces"][f"f{i}"] = {"type": "force", "body": f"s{i}", "direction": list(random.normal(size=2)),
-                                  "law": {"type": "constant", "value": random.uniform(0, 20)}}
+        raw["bodies"][f"s{i}"] = {
+            "mass": random.uniform(0.5, 2),
+            "inertia": random.uniform(0.05, 0.3),
+            "position": list(origin),
+            "velocity": list(speed),
+        }
+        raw["joints"][f"g{i}"] = {
+            "type": "translational",
+            "slider": f"s{i}",
+            "guide": guide,
+            "direction": list(d),
+            "length": random.uniform(0.4, 0.8),
+            "width": random.uniform(0, 0.4),
+            "mu": 0.15,
+            "mus": random.uniform(0.15, 0.25),
+        }
+        raw["forces"][f"f{i}"] = {
+            "type": "force",
+            "body": f"s{i}",
+            "direction": list(random.normal(size=2)),
+            "law": {"type": "constant", "value": random.uniform(0, 20)},
+        }
         guide = f"s{i}"
     return scene_from_dict(raw)
 

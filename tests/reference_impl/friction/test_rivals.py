@@ -12,14 +12,21 @@ from stiction.engines import load_engine
 from stiction.scenes import Scene, load_scene, vary
 from stiction.truths import slider_bar_truth
 
-SLIDER_BARS = ["slider-bar-case-1", "slider-bar-case-2", "slider-bar-case-3", "slider-bar-case-1-mus-equals-mu"]
+SLIDER_BARS = [
+    "slider-bar-case-1",
+    "slider-bar-case-2",
+    "slider-bar-case-3",
+    "slider-bar-case-1-mus-equals-mu",
+]
 OTHERS = ["coulomb-oscillator", "mass-on-belt", "block-on-incline", "slider-on-moving-guide"]
 CLEARANCE = 1e-7
 """Of Moreau's guides, in parts of the mechanism's size: small beside the errors of its steps."""
 
 
 def simulate(scene, solver, rtol=1e-12):
-    return load_engine("reference").simulate(scene, rtol=rtol, stabilization="projection", solver=solver)
+    return load_engine("reference").simulate(
+        scene, rtol=rtol, stabilization="projection", solver=solver
+    )
 
 
 @pytest.mark.parametrize("name", [*SLIDER_BARS, *OTHERS])
@@ -50,8 +57,12 @@ class TestWhereTheyFail:
         scene = load_scene("elliptic-trammel")
         truth = ground_truth(scene, 2.0)
         dead_centre = next(event.time for event in truth.events if event.kind == "reversal")
-        lost, found = (simulate(vary(scene, {"t_end": 2.0}), solver) for solver in ("trial", "enumeration"))
-        assert lost.breakdown.kind == "singular" and lost.breakdown.time == pytest.approx(dead_centre, abs=1e-9)
+        lost, found = (
+            simulate(vary(scene, {"t_end": 2.0}), solver) for solver in ("trial", "enumeration")
+        )
+        assert lost.breakdown.kind == "singular" and lost.breakdown.time == pytest.approx(
+            dead_centre, abs=1e-9
+        )
         assert errors(lost, truth)["position_error"] < 1e-9  # until then
         assert found.termination == "end" and errors(found, truth)["position_error"] < 1e-9
 
@@ -59,23 +70,35 @@ class TestWhereTheyFail:
 def without_static_coefficient(name: str) -> Scene:
     """Moreau's impact law has one coefficient."""
     scene = load_scene(name)
-    return vary(scene, {f"{guide}.mus": joint.mu for guide, joint in scene.frictional_guides.items()})
+    return vary(
+        scene, {f"{guide}.mus": joint.mu for guide, joint in scene.frictional_guides.items()}
+    )
 
 
 def moreau(scene, dt, **settings):
-    return load_engine("moreau").simulate(scene, dt=dt, fidelity="contact", clearance=CLEARANCE, **settings)
+    return load_engine("moreau").simulate(
+        scene, dt=dt, fidelity="contact", clearance=CLEARANCE, **settings
+    )
 
 
 class TestMoreau:
-    @pytest.mark.parametrize("name", [*SLIDER_BARS[:3], *OTHERS, "elliptic-trammel", "pendulum", "slider-crank"])
+    @pytest.mark.parametrize(
+        "name", [*SLIDER_BARS[:3], *OTHERS, "elliptic-trammel", "pendulum", "slider-crank"]
+    )
     def test_is_late_by_a_step_at_most(self, name):
         """Velocities jump at the ends of steps: a change of the contact mode waits for one, and what moves then is a step behind."""
         scene, dt = without_static_coefficient(name), 2e-3
-        scene = vary(scene, {"t_end": min(scene.t_end, 9.0)})  # a period of the slider-bars and a bit
+        scene = vary(
+            scene, {"t_end": min(scene.t_end, 9.0)}
+        )  # a period of the slider-bars and a bit
         truth = ground_truth(scene)
         run = moreau(scene, dt)
         states = truth(np.linspace(0.0, scene.t_end, 4001))
-        fastest = max(np.abs(values).max() for column, values in states.items() if column.endswith((".vx", ".vy")))
+        fastest = max(
+            np.abs(values).max()
+            for column, values in states.items()
+            if column.endswith((".vx", ".vy"))
+        )
         assert run.termination == "end" and run.t[-1] == pytest.approx(scene.t_end)
         assert errors(run, truth)["position_error"] < dt * fastest
 
@@ -86,17 +109,29 @@ class TestMoreau:
         truth, steps, found = slider_bar_truth(scene, t_end), (1e-3, 2.5e-4), []
         for dt in steps:
             run = moreau(scene, dt, t_end=t_end, output_step=0.02)
-            between = np.abs(run.t[:, None] - [0.0, *(event.time for event in truth.events)]).min(axis=1) > 0.019
+            between = (
+                np.abs(run.t[:, None] - [0.0, *(event.time for event in truth.events)]).min(axis=1)
+                > 0.019
+            )
             true = truth(run.t)
-            found.append([np.abs(run[column] - true[column])[between].max()
-                          for column in ("motor.effort", "guide.friction", "guide.normal_force")])
-        assert np.all(np.log(np.divide(*found)) / np.log(4.0) > 0.8)  # 1, less what is left of the coarse run's curvature
+            found.append(
+                [
+                    np.abs(run[column] - true[column])[between].max()
+                    for column in ("motor.effort", "guide.friction", "guide.normal_force")
+                ]
+            )
+        assert np.all(
+            np.log(np.divide(*found)) / np.log(4.0) > 0.8
+        )  # 1, less what is left of the coarse run's curvature
 
     def test_sticks_within_its_clearance(self):
         """At rest from 7.60 to 8.22 s: a contact that sticks has no velocity, and the slider stays where it is."""
         scene = without_static_coefficient("slider-bar-case-1")
         truth = slider_bar_truth(scene, 9.0)
-        begin, end = ([event.time for event in truth.events if event.kind == kind][i] for kind, i in (("stick", 0), ("slip", 1)))
+        begin, end = (
+            [event.time for event in truth.events if event.kind == kind][i]
+            for kind, i in (("stick", 0), ("slip", 1))
+        )
         run = moreau(scene, 1e-3, t_end=9.0, output_step=0.02)
         rest = (run.t > begin + 0.01) & (run.t < end - 0.01)
         assert rest.sum() > 10 and np.all(run["guide.mode"][rest] == 0)
@@ -105,8 +140,13 @@ class TestMoreau:
     @pytest.mark.parametrize(("tangent", "slides"), [(0.19, False), (0.21, True)])
     def test_incline(self, tangent, slides):
         """Sticks if tan <= mu = 0.2; slides with g (sin - mu cos) from the first step on."""
-        scene = vary(without_static_coefficient("block-on-incline"), {"guide.mu": 0.2, "guide.mus": 0.2, "incline": float(np.arctan(tangent))})
+        scene = vary(
+            without_static_coefficient("block-on-incline"),
+            {"guide.mu": 0.2, "guide.mus": 0.2, "incline": float(np.arctan(tangent))},
+        )
         run, dt = moreau(scene, 1e-3, t_end=1.0), 1e-3
         angle = np.arctan(tangent)
         speed = 9.81 * (np.sin(angle) - 0.2 * np.cos(angle)) if slides else 0.0
-        assert np.hypot(run["slider.vx"][-1], run["slider.vy"][-1]) == pytest.approx(speed, abs=9.81 * dt if slides else 1e-9)
+        assert np.hypot(run["slider.vx"][-1], run["slider.vy"][-1]) == pytest.approx(
+            speed, abs=9.81 * dt if slides else 1e-9
+        )

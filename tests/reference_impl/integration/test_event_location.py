@@ -30,15 +30,37 @@ MASS, G = 1.3, 9.81
 
 def loaded_slider(length, width, mus, pulls, torques):
     """A slider at rest on a level guide; pulls and torques are (amplitude, frequency, phase)."""
+
     def law(amplitude, frequency, phase):
         return {"type": "sine", "amplitude": amplitude, "frequency": frequency, "phase": phase}
 
-    forces = {f"pull-{i}": {"type": "force", "body": "slider", "direction": [1, 0], "law": law(*pull)} for i, pull in enumerate(pulls)}
-    forces |= {f"torque-{i}": {"type": "torque", "body": "slider", "law": law(*torque)} for i, torque in enumerate(torques)}
-    return scene_from_dict({
-        "t_end": T_END, "gravity": [0, -G], "bodies": {"slider": {"mass": MASS, "inertia": 0.1}},
-        "joints": {"guide": {"type": "translational", "slider": "slider", "length": length, "width": width, "mu": 0.8 * mus, "mus": mus}},
-        "forces": forces}, "loaded slider")
+    forces = {
+        f"pull-{i}": {"type": "force", "body": "slider", "direction": [1, 0], "law": law(*pull)}
+        for i, pull in enumerate(pulls)
+    }
+    forces |= {
+        f"torque-{i}": {"type": "torque", "body": "slider", "law": law(*torque)}
+        for i, torque in enumerate(torques)
+    }
+    return scene_from_dict(
+        {
+            "t_end": T_END,
+            "gravity": [0, -G],
+            "bodies": {"slider": {"mass": MASS, "inertia": 0.1}},
+            "joints": {
+                "guide": {
+                    "type": "translational",
+                    "slider": "slider",
+                    "length": length,
+                    "width": width,
+                    "mu": 0.8 * mus,
+                    "mus": mus,
+                }
+            },
+            "forces": forces,
+        },
+        "loaded slider",
+    )
 
 
 def total(loads, t):
@@ -59,8 +81,19 @@ def minima(*parameters):
     inner = np.flatnonzero((ratio[1:-1] <= ratio[:-2]) & (ratio[1:-1] <= ratio[2:])) + 1
     yield 0.0, 0.0, float(ratio[0])
     for i in inner[ratio[inner] < 1.01 * ratio.min()]:
-        found = minimize_scalar(lambda x: float(holding_ratio(*parameters, x)), bounds=(t[i - 1], t[i + 1]), method="bounded", options={"xatol": 1e-13})
-        yield t[i - 1], *min(((float(found.x), float(found.fun)), (t[i], float(ratio[i]))), key=lambda pair: pair[1])
+        found = minimize_scalar(
+            lambda x: float(holding_ratio(*parameters, x)),
+            bounds=(t[i - 1], t[i + 1]),
+            method="bounded",
+            options={"xatol": 1e-13},
+        )
+        yield (
+            t[i - 1],
+            *min(
+                ((float(found.x), float(found.fun)), (t[i], float(ratio[i]))),
+                key=lambda pair: pair[1],
+            ),
+        )
 
 
 def first_break_away(*parameters):
@@ -71,11 +104,21 @@ def first_break_away(*parameters):
         if len(below) and t[below[0]] <= before:
             break
         if value < 1:
-            return 0.0 if least == 0 else brentq(lambda x: float(holding_ratio(*parameters, x)) - 1, before, least, xtol=1e-15)
+            return (
+                0.0
+                if least == 0
+                else brentq(
+                    lambda x: float(holding_ratio(*parameters, x)) - 1, before, least, xtol=1e-15
+                )
+            )
     if not len(below):
         return None
     i = below[0]
-    return 0.0 if i == 0 else brentq(lambda x: float(holding_ratio(*parameters, x)) - 1, t[i - 1], t[i], xtol=1e-15)
+    return (
+        0.0
+        if i == 0
+        else brentq(lambda x: float(holding_ratio(*parameters, x)) - 1, t[i - 1], t[i], xtol=1e-15)
+    )
 
 
 def between(low, high):
@@ -86,10 +129,25 @@ sines = st.tuples(between(0.05, 1.0), between(0.3, 12.0), between(0.01, 6.0))
 
 
 @settings(max_examples=100)
-@given(between(0.1, 2.0), between(0.05, 1.5), between(0.05, 0.8), st.lists(sines, min_size=1, max_size=3), st.lists(sines, max_size=2),
-       st.sampled_from([0.3, 1e-2, 1e-4, 1e-6, 1e-8, -1e-6, -1e-3]))
-@example(0.1, 0.05, 0.36807506024995007, [(0.07582513177467641, 0.32059617355116365, 5.961740922846939),  # a step ends in the dip
-                                          *2 * [(0.08547800423141748, 0.5413159867258451, 2.4659724855386735)]], [], 1e-8)
+@given(
+    between(0.1, 2.0),
+    between(0.05, 1.5),
+    between(0.05, 0.8),
+    st.lists(sines, min_size=1, max_size=3),
+    st.lists(sines, max_size=2),
+    st.sampled_from([0.3, 1e-2, 1e-4, 1e-6, 1e-8, -1e-6, -1e-3]),
+)
+@example(
+    0.1,
+    0.05,
+    0.36807506024995007,
+    [
+        (0.07582513177467641, 0.32059617355116365, 5.961740922846939),  # a step ends in the dip
+        *2 * [(0.08547800423141748, 0.5413159867258451, 2.4659724855386735)],
+    ],
+    [],
+    1e-8,
+)
 def test_first_break_away_of_a_slider_under_given_loads(length, width, mus, pulls, torques, excess):
     """Loads that exceed the capacity by a part `excess` of it at their worst instant, or do not, and never mind for how short a time."""
     if mus * width >= length:
@@ -111,8 +169,19 @@ def test_first_break_away_of_a_slider_under_given_loads(length, width, mus, pull
     assert slips and abs(slips[0] - expected) < 1e-6
 
 
-@pytest.mark.parametrize("name", ["slider-bar-case-1", "slider-bar-case-3", "coulomb-oscillator", "elliptic-trammel", "mass-on-belt",
-                                  "slider-on-moving-guide", "hard/break-away-for-a-millisecond", "hard/two-guides-sliding"])
+@pytest.mark.parametrize(
+    "name",
+    [
+        "slider-bar-case-1",
+        "slider-bar-case-3",
+        "coulomb-oscillator",
+        "elliptic-trammel",
+        "mass-on-belt",
+        "slider-on-moving-guide",
+        "hard/break-away-for-a-millisecond",
+        "hard/two-guides-sliding",
+    ],
+)
 @pytest.mark.parametrize("rtol", [1e-6, 1e-9])
 def test_output_does_not_change_the_motion(name, rtol):
     """End state, events and their two-sided values are the same to the last bit, whatever is output."""
@@ -121,7 +190,13 @@ def test_output_does_not_change_the_motion(name, rtol):
     for step in (scene.t_end, 0.37, 0.01):
         run = simulate(scene, rtol=rtol, output_step=step)
         end = {column: values[-1] for column, values in run.columns.items()}
-        found.append((end, [(e.time, e.kind, e.joint, e.before, e.after) for e in run.events], run.termination))
+        found.append(
+            (
+                end,
+                [(e.time, e.kind, e.joint, e.before, e.after) for e in run.events],
+                run.termination,
+            )
+        )
     assert found[0][2] == "end" and all(other == found[0] for other in found[1:])
 
 
@@ -133,7 +208,9 @@ def test_no_event_behind_the_end(rtol):
     for time in times:
         for before in (1e-8, 1e-6, 3e-5, 1e-4, 5e-4, 2e-3):
             run = simulate(scene, t_end=time - before, rtol=rtol, output_step=8.0)
-            assert run.t[-1] == time - before and all(event.time <= run.t[-1] for event in run.events)
+            assert run.t[-1] == time - before and all(
+                event.time <= run.t[-1] for event in run.events
+            )
             # the first step, and with it every error, depends on t_end
             assert before < 30 * rtol or len(run.events) == times.index(time)
 
@@ -148,10 +225,19 @@ def largest_friction(length, width, mus, R, T, sense):
     for s1 in (1, -1):
         for s2 in (1, -1):
             lower, upper = [(1 + s1) / 2, (1 + s2) / 2], [(1 - s1) / 2, (1 - s2) / 2]
-            bounds = [[-mus * n for n in surface] + row for surface, rows in ((lower, ([1, 0], [-1, 0])), (upper, ([0, 1], [0, -1])))
-                      for row in rows]
-            answer = linprog([0, 0, -sense, -sense], A_ub=bounds, b_ub=[0] * 4, bounds=[(0, None)] * 2 + [(None, None)] * 2,
-                             A_eq=[[s1, s2, 0, 0], [-length / 2 * s1, length / 2 * s2, width / 2, -width / 2]], b_eq=[R, T])
+            bounds = [
+                [-mus * n for n in surface] + row
+                for surface, rows in ((lower, ([1, 0], [-1, 0])), (upper, ([0, 1], [0, -1])))
+                for row in rows
+            ]
+            answer = linprog(
+                [0, 0, -sense, -sense],
+                A_ub=bounds,
+                b_ub=[0] * 4,
+                bounds=[(0, None)] * 2 + [(None, None)] * 2,
+                A_eq=[[s1, s2, 0, 0], [-length / 2 * s1, length / 2 * s2, width / 2, -width / 2]],
+                b_eq=[R, T],
+            )
             if answer.status == 3:
                 return math.inf
             if answer.status == 0:
@@ -160,7 +246,13 @@ def largest_friction(length, width, mus, R, T, sense):
 
 
 @settings(max_examples=60)
-@given(between(0.1, 2.0), between(0.05, 3.0), between(0.05, 0.9), st.integers(-20, 20), st.integers(-20, 20))
+@given(
+    between(0.1, 2.0),
+    between(0.05, 3.0),
+    between(0.05, 0.9),
+    st.integers(-20, 20),
+    st.integers(-20, 20),
+)
 def test_static_friction_is_the_largest_that_the_law_allows(length, width, mus, R, T):
     """At full mobilization where mus b <= a, whatever the loads; none is the largest where mus b > a: such a guide can jam."""
     mechanism = Mechanism(loaded_slider(length, width, mus, [], []))
@@ -175,7 +267,9 @@ def test_static_friction_is_the_largest_that_the_law_allows(length, width, mus, 
         if mus * width > length:
             assert math.isinf(found)
         else:
-            assert found == pytest.approx(capacity(m, 0, float(R), float(T), float(d)), rel=1e-7, abs=1e-9)
+            assert found == pytest.approx(
+                capacity(m, 0, float(R), float(T), float(d)), rel=1e-7, abs=1e-9
+            )
 
 
 def test_an_audit_sees_what_the_law_forbids():
@@ -190,7 +284,9 @@ def test_an_audit_sees_what_the_law_forbids():
     w.force[m.rows], w.slip_speed[0] = -0.24 * 10.0, 0.5
     assert margin(m, w, np.array([1]), 0) == pytest.approx((0.5, 0.0), abs=1e-12)
     assert margin(m, w, np.array([-1]), 0)[0] < 0 and margin(m, w, np.array([-1]), 0)[1] < 0
-    w.force[row + 1] = 4.0  # a moment that needs opposite corners: the load is larger, and so must friction be
+    w.force[row + 1] = (
+        4.0  # a moment that needs opposite corners: the load is larger, and so must friction be
+    )
     assert margin(m, w, np.array([1]), 0)[1] < -1.0
 
 
@@ -200,5 +296,7 @@ def test_a_guide_that_can_jam_is_not_moved_and_not_held(rtol):
     scene = load_scene("hard/can-jam")
     run = ReferenceEngine().simulate(scene, rtol=rtol, output_step=0.1)
     assert run.breakdown.kind == "several solutions" and run.breakdown.guide == "guide"
-    held = scene.parameters["mus"] ** 2 * 0.6 / 0.2 * scene.parameters["m"] * 9.81  # both surfaces fully mobilized
+    held = (
+        scene.parameters["mus"] ** 2 * 0.6 / 0.2 * scene.parameters["m"] * 9.81
+    )  # both surfaces fully mobilized
     assert run.breakdown.time == pytest.approx(np.arcsin(held / scene.parameters["P"]), abs=1e-9)

@@ -35,7 +35,7 @@ REGRESSIONS = sorted((Path(__file__).parent / "fuzz").glob("*.toml"))
 def equation_units(m, w, stuck):
     """What makes the equations of the HLCP comparable: accelerations times the square root of the row's effective mass, forces
     over it (rows of lH-), all in sqrt(W)."""
-    unit = list(1 / np.sqrt(np.diag(w.G)[:m.rows]))
+    unit = list(1 / np.sqrt(np.diag(w.G)[: m.rows]))
     for power in (-1, 1):  # rows of gH'', then of lH-, two surfaces each
         for f in np.flatnonzero(stuck):
             row = m.rows + f if power < 0 else m.friction[f]["row"]
@@ -57,17 +57,23 @@ def verify_start(scene):
         assert not (len(every[0]) and every[1]), "a solution exists"
     if outcome == SOLVED:
         A0, A1, b, E0, E1 = hlcp.assemble(m, w, slip)
-        assert np.all(np.isfinite(force)) and np.all(y >= 0) and np.all(x >= 0) and np.all(y * x == 0)
+        assert (
+            np.all(np.isfinite(force)) and np.all(y >= 0) and np.all(x >= 0) and np.all(y * x == 0)
+        )
         unit = equation_units(m, w, stuck)
         terms = (np.abs(A0) @ y + np.abs(A1) @ x + np.abs(b)) * unit
         assert np.max(np.abs(A0 @ y - A1 @ x - b) * unit) <= CONDITIONS * np.max(terms), "residual"
         np.testing.assert_allclose(E0 @ y + E1 @ x, force, atol=CONDITIONS * np.max(np.abs(force)))
         a = np.zeros(len(q))
         acceleration(m, w, force, a)
-        columns = build_columns(mechanism, np.zeros(1), q[None], v[None], a[None], force[None], None)
+        columns = build_columns(
+            mechanism, np.zeros(1), q[None], v[None], a[None], force[None], None
+        )
         assert balance_residual(scene, np.zeros(1), columns) < CONDITIONS, "balance"
         if every is not None and every[1] and len(every[0]) == 1 and not np.any(stuck):
-            size = np.abs(force) + np.max(np.abs(force) * np.sqrt(np.diag(w.G))) / np.sqrt(np.diag(w.G))
+            size = np.abs(force) + np.max(np.abs(force) * np.sqrt(np.diag(w.G))) / np.sqrt(
+                np.diag(w.G)
+            )
             assert np.max(np.abs(every[0][0] - force) / size) < 1e-6, "not the enumerated solution"
     return outcome, every is not None
 
@@ -76,10 +82,14 @@ def simulate_shortly(scene, steps):
     """Simulate a scene for some of its time; a run ends at its end or says why not, and what it accepted satisfies all conditions."""
     mechanism = Mechanism(scene, "projection")
     output = np.linspace(0.0, scene.t_end, 9)
-    run = simulate_event_driven(mechanism, *mechanism.initial_state(), output, scene.t_end, 1e-7, step_limit=steps)
+    run = simulate_event_driven(
+        mechanism, *mechanism.initial_state(), output, scene.t_end, 1e-7, step_limit=steps
+    )
     work = run.cost.counters
     assert work["rhs"] < MOST_EVALUATIONS * (1 + work["steps"] + work["rejected"]), "hangs"
-    at_start = run.breakdown is not None and run.breakdown.time == 0.0  # then the state is known, and nothing else
+    at_start = (
+        run.breakdown is not None and run.breakdown.time == 0.0
+    )  # then the state is known, and nothing else
     for values in run.columns.values():
         assert at_start or np.all(np.isfinite(values)), "not finite"
     if not at_start:
@@ -93,7 +103,9 @@ def compiled():
     scene = scene_from_dict(extreme_scene(np.random.default_rng(0)))
     verify_start(scene)
     mechanism = Mechanism(scene, "projection")
-    simulate_event_driven(mechanism, *mechanism.initial_state(), np.zeros(1), scene.t_end, 1e-7, step_limit=10)
+    simulate_event_driven(
+        mechanism, *mechanism.initial_state(), np.zeros(1), scene.t_end, 1e-7, step_limit=10
+    )
 
 
 def fuzz(seed, count, *, steps):
@@ -112,12 +124,17 @@ def fuzz(seed, count, *, steps):
                 kind = run.breakdown.kind if run.breakdown else "end"
                 met[kind] = met.get(kind, 0) + 1
         except (AssertionError, ArithmeticError, np.linalg.LinAlgError, ValueError) as error:
-            failures.append(f"{seed}/{number}: {type(error).__name__}: {str(error).strip().splitlines()[0] if str(error).strip() else ''}")
+            failures.append(
+                f"{seed}/{number}: {type(error).__name__}: {str(error).strip().splitlines()[0] if str(error).strip() else ''}"
+            )
     print(f"{count} scenes: {enumerated} enumerated, {simulated} simulated; {met}")
     return failures, met
 
 
-@pytest.mark.parametrize(("seed", "count", "steps"), [(1, 300, 500), pytest.param(2, 20_000, 2000, marks=pytest.mark.long)])
+@pytest.mark.parametrize(
+    ("seed", "count", "steps"),
+    [(1, 300, 500), pytest.param(2, 20_000, 2000, marks=pytest.mark.long)],
+)
 def test_every_solution_is_verified(seed, count, steps):
     failures, met = fuzz(seed, count, steps=steps)
     assert not failures, "\n".join(failures)

@@ -47,8 +47,12 @@ class Guise:
     """A scene, and the way back from its motion to that of the original."""
 
     scene: Scene
-    names: Mapping[str, str] = field(default_factory=dict)  # the original's name of each element that has another
-    home: Callable[[np.ndarray], np.ndarray] = lambda x: x  # positions (2, n), m, in the ground axes of the original
+    names: Mapping[str, str] = field(
+        default_factory=dict
+    )  # the original's name of each element that has another
+    home: Callable[[np.ndarray], np.ndarray] = lambda x: (
+        x
+    )  # positions (2, n), m, in the ground axes of the original
     spin: float = 1.0  # angular velocities times this are the original's
 
 
@@ -57,10 +61,16 @@ def guises(tables: Tables, random: np.random.Generator) -> dict[str, Guise]:
     shift, angle = random.uniform(-2, 2, 2), float(random.uniform(-3, 3))
     other, names = renamed(tables)
     place = scene_from_dict(moved(tables, shift, angle))
-    return {"moved": Guise(place, home=lambda x: turn(-angle, x - shift[:, None])),
-            "mirrored": Guise(scene_from_dict(mirrored(tables)), home=lambda x: x * [[-1.0], [1.0]], spin=-1.0),
-            "scaled": Guise(scaled(scene_from_dict(tables), MILLIMETRES), home=lambda x: x / MILLIMETRES.length),
-            "renamed": Guise(scene_from_dict(other), names)}
+    return {
+        "moved": Guise(place, home=lambda x: turn(-angle, x - shift[:, None])),
+        "mirrored": Guise(
+            scene_from_dict(mirrored(tables)), home=lambda x: x * [[-1.0], [1.0]], spin=-1.0
+        ),
+        "scaled": Guise(
+            scaled(scene_from_dict(tables), MILLIMETRES), home=lambda x: x / MILLIMETRES.length
+        ),
+        "renamed": Guise(scene_from_dict(other), names),
+    }
 
 
 def moved(tables: Tables, shift: np.ndarray, angle: float) -> Tables:
@@ -83,7 +93,11 @@ def moved(tables: Tables, shift: np.ndarray, angle: float) -> Tables:
                 element["direction"] = list(turn(angle, element.get("direction", [1, 0])))
                 element["angle"] = element.get("angle", 0.0) + angle
             continue
-        sign = [1.0, -1.0][element["bodies"].index("ground")] * -1.0 if "ground" in element["bodies"] else 0.0
+        sign = (
+            [1.0, -1.0][element["bodies"].index("ground")] * -1.0
+            if "ground" in element["bodies"]
+            else 0.0
+        )
         if element["type"] == "angle":
             key = "value" if element["law"]["type"] == "constant" else "offset"
             element["law"][key] = element["law"].get(key, 0.0) + sign * angle
@@ -91,8 +105,10 @@ def moved(tables: Tables, shift: np.ndarray, angle: float) -> Tables:
             element["rest_angle"] = element.get("rest_angle", 0.0) + sign * angle
         else:
             points = element.get("points", [[0, 0], [0, 0]])
-            element["points"] = [place(point) if body == "ground" else point
-                                 for body, point in zip(element["bodies"], points)]
+            element["points"] = [
+                place(point) if body == "ground" else point
+                for body, point in zip(element["bodies"], points)
+            ]
             if "axis" in element and element["bodies"][1] == "ground":
                 element["axis"] = list(turn(angle, element["axis"]))
     for load in _elements(tables, "forces"):
@@ -105,7 +121,15 @@ def mirrored(tables: Tables) -> Tables:
     """x -> -x on the ground and in the axes of every body, whose angle changes its sign with that."""
     tables = copy.deepcopy(tables)
     for table in (tables, *_elements(tables, *SECTIONS)):
-        for key in ("gravity", "position", "velocity", "point", "slider_point", "direction", "axis"):
+        for key in (
+            "gravity",
+            "position",
+            "velocity",
+            "point",
+            "slider_point",
+            "direction",
+            "axis",
+        ):
             if table.get(key):
                 table[key] = [-table[key][0], table[key][1]]
         if table.get("type") == "translational" and "direction" not in table:
@@ -123,7 +147,11 @@ def mirrored(tables: Tables) -> Tables:
 def renamed(tables: Tables) -> tuple[Tables, dict[str, str]]:
     """The elements in reverse order under other names, and the original's name of each."""
     tables = copy.deepcopy(tables)
-    other = {name: f"{section}-{i}" for section in SECTIONS for i, name in enumerate(reversed(tables.get(section, {})))}
+    other = {
+        name: f"{section}-{i}"
+        for section in SECTIONS
+        for i, name in enumerate(reversed(tables.get(section, {})))
+    }
     for table in _elements(tables, *SECTIONS):
         for key in REFERENCES:
             if table.get(key) in other:
@@ -131,7 +159,9 @@ def renamed(tables: Tables) -> tuple[Tables, dict[str, str]]:
         if "bodies" in table:
             table["bodies"] = [other.get(name, name) for name in table["bodies"]]
     for section in SECTIONS:
-        tables[section] = {other[name]: table for name, table in reversed(tables.get(section, {}).items())}
+        tables[section] = {
+            other[name]: table for name, table in reversed(tables.get(section, {}).items())
+        }
     return tables, {new: old for old, new in other.items()}
 
 
@@ -148,10 +178,14 @@ def _scale_law(law: Tables, factor: float) -> None:
 
 
 def simulate(scene: Scene, rtol: float, t_end: float) -> Trajectory:
-    return ReferenceEngine().simulate(scene, t_end=t_end, rtol=rtol, stabilization="projection", output_step=t_end)
+    return ReferenceEngine().simulate(
+        scene, t_end=t_end, rtol=rtol, stabilization="projection", output_step=t_end
+    )
 
 
-def difference(one: Trajectory, other: Trajectory, bodies: Mapping[str, Any], guise: Guise) -> float | str:
+def difference(
+    one: Trajectory, other: Trajectory, bodies: Mapping[str, Any], guise: Guise
+) -> float | str:
     """Difference of two runs: in words where they do not even have the same events and end.
 
     Else the largest of: differences of event times, s; at the end of positions and angular velocities, relative to 1
@@ -160,8 +194,18 @@ def difference(one: Trajectory, other: Trajectory, bodies: Mapping[str, Any], gu
     ends = [(run.breakdown and run.breakdown.kind) for run in (one, other)]
     if ends[0] != ends[1]:
         return f"one ends with {ends[0] or 'its time'}, the other with {ends[1] or 'its time'}"
-    events = [sorted((round(event.time, 5), guise.names.get(event.joint, event.joint), event.kind, event.time)
-                     for event in run.events) for run in (one, other)]
+    events = [
+        sorted(
+            (
+                round(event.time, 5),
+                guise.names.get(event.joint, event.joint),
+                event.kind,
+                event.time,
+            )
+            for event in run.events
+        )
+        for run in (one, other)
+    ]
     kinds = [[event[1:3] for event in found] for found in events]
     if kinds[0] != kinds[1]:
         return f"events {events[0]} and {events[1]}"
@@ -174,12 +218,16 @@ def difference(one: Trajectory, other: Trajectory, bodies: Mapping[str, Any], gu
         a = np.array([one[f"{name}.x"][-1:], one[f"{name}.y"][-1:]])
         b = guise.home(np.array([other[f"{theirs}.x"][-1:], other[f"{theirs}.y"][-1:]]))
         omega, its_omega = one[f"{name}.omega"][-1], guise.spin * other[f"{theirs}.omega"][-1]
-        differences += [np.max(np.abs(a - b)) / (1 + np.max(np.abs(a))), abs(omega - its_omega) / (1 + abs(omega))]
+        differences += [
+            np.max(np.abs(a - b)) / (1 + np.max(np.abs(a))),
+            abs(omega - its_omega) / (1 + abs(omega)),
+        ]
     return float(max(differences))
 
 
 def disagreement(tables: Tables, guise: Guise, t_end: float = T_END) -> str:
     """In words, or nothing."""
+
     def at(rtol: float) -> float | str:
         runs = (simulate(scene, rtol, t_end) for scene in (scene_from_dict(tables), guise.scene))
         return difference(*runs, tables["bodies"], guise)
@@ -190,7 +238,9 @@ def disagreement(tables: Tables, guise: Guise, t_end: float = T_END) -> str:
     second = at(TIGHTER * RTOL)
     if isinstance(second, str):
         return f"{second}, at rtol {TIGHTER * RTOL:g} too"
-    allowed = max(ROUNDING, ALLOWED * TIGHTER * RTOL, 0.0 if isinstance(first, str) else SHRINKS * first)
+    allowed = max(
+        ROUNDING, ALLOWED * TIGHTER * RTOL, 0.0 if isinstance(first, str) else SHRINKS * first
+    )
     if second <= allowed:
         return ""
     return f"{first} at rtol {RTOL:g}, {second:.1e} at {TIGHTER * RTOL:g}; allowed {allowed:.1e}"
@@ -204,13 +254,21 @@ def drawn(seed: int, number: int) -> tuple[Tables, dict[str, Guise]]:
 
 def disagreements(name: str, seed: int, scenes: range, t_end: float = T_END) -> list[str]:
     found = ((number, *drawn(seed, number)) for number in scenes)
-    return [f"seed {seed}, scene {number}: {words}" for number, tables, all_ in found
-            if (words := disagreement(tables, all_[name], t_end))]
+    return [
+        f"seed {seed}, scene {number}: {words}"
+        for number, tables, all_ in found
+        if (words := disagreement(tables, all_[name], t_end))
+    ]
 
 
 @pytest.mark.parametrize("name", NAMES)
-@pytest.mark.parametrize(("seed", "count", "t_end"), [
-    (SEED, 30, T_END), *(pytest.param(SEED + 1, 300, t_end, marks=pytest.mark.long) for t_end in (1.5, 8.0))])
+@pytest.mark.parametrize(
+    ("seed", "count", "t_end"),
+    [
+        (SEED, 30, T_END),
+        *(pytest.param(SEED + 1, 300, t_end, marks=pytest.mark.long) for t_end in (1.5, 8.0)),
+    ],
+)
 def test_guises_agree(name, seed, count, t_end, compiled):
     assert disagreements(name, seed, range(count), t_end) == []
 
@@ -218,7 +276,10 @@ def test_guises_agree(name, seed, count, t_end, compiled):
 def test_scenes_have_what_the_guises_are_about():
     scenes = (scene_from_dict(drawn(SEED, number)[0]) for number in range(30))
     several = [scene for scene in scenes if len(scene.frictional_guides) > 1]
-    assert len(several) > 10 and sum(len(simulate(scene, RTOL, T_END).events) for scene in several) > 30
+    assert (
+        len(several) > 10
+        and sum(len(simulate(scene, RTOL, T_END).events) for scene in several) > 30
+    )
 
 
 @pytest.mark.parametrize("name", NAMES)

@@ -18,13 +18,23 @@ from stiction.reference_impl.multibody.mechanism import Mechanism
 from stiction.scenes import scene_from_dict
 
 T_END, RTOL = 1.5, 1e-9
-mechanisms = st.integers(0, 2 ** 32 - 1).map(lambda seed: moderate_scene(SeededDice(seed)))
+mechanisms = st.integers(0, 2**32 - 1).map(lambda seed: moderate_scene(SeededDice(seed)))
 
 
 def run(raw):
     scene = scene_from_dict(raw)
-    trajectory = ReferenceEngine().simulate(scene, t_end=T_END, rtol=RTOL, stabilization="projection", output_step=0.03)
-    assume(not trajectory.termination.startswith(("no solution of the HLCP was found", "the HLCP has several solutions", "contact modes follow each other")))
+    trajectory = ReferenceEngine().simulate(
+        scene, t_end=T_END, rtol=RTOL, stabilization="projection", output_step=0.03
+    )
+    assume(
+        not trajectory.termination.startswith(
+            (
+                "no solution of the HLCP was found",
+                "the HLCP has several solutions",
+                "contact modes follow each other",
+            )
+        )
+    )
     assert trajectory.termination == "end"
     return scene, trajectory
 
@@ -36,7 +46,9 @@ def test_forces_balance_and_obey_coulomb_and_energy_is_accounted_for(raw):
     scene, trajectory = run(raw)
     # momentum: rounding of the linear solves, with a reserve of 10^4 over one epsilon for ill-conditioned mechanisms
     assert balance_residual(scene, trajectory.t, trajectory.columns) < 2e-12
-    assert friction_excess(scene, trajectory.columns) < 1e-9  # moments of rounding size, divided by short sliders
+    assert (
+        friction_excess(scene, trajectory.columns) < 1e-9
+    )  # moments of rounding size, divided by short sliders
     for name in scene.frictional_guides:
         mode, speed = trajectory[f"{name}.mode"], trajectory[f"{name}.slip_velocity"]
         # a stuck slider creeps by the integration error only, a slipping one slips in the direction of its mode

@@ -20,12 +20,24 @@ from stiction.reference_impl.integration.coulomb_audit import audit
 from stiction.reference_impl.integration.event_driven import simulate_event_driven
 from stiction.reference_impl.multibody.mechanism import Mechanism
 from stiction.scenes import load_scene, vary
-from stiction.truths import (HIGH_PRECISION, incline_truth, moving_guide_truth, oscillator_truth, pendulum_truth,
-                             slider_bar_truth, slider_crank_truth, trammel_truth)
+from stiction.truths import (
+    HIGH_PRECISION,
+    incline_truth,
+    moving_guide_truth,
+    oscillator_truth,
+    pendulum_truth,
+    slider_bar_truth,
+    slider_crank_truth,
+    trammel_truth,
+)
 from stiction.truths.truth import OWN_RUN
 
 CASES = ["slider-bar-case-1", "slider-bar-case-2", "slider-bar-case-3"]
-VARIETIES = [*CASES, *(f"{case}-mus-equals-mu" for case in CASES), *(f"{case}-frictionless" for case in CASES)]
+VARIETIES = [
+    *CASES,
+    *(f"{case}-mus-equals-mu" for case in CASES),
+    *(f"{case}-frictionless" for case in CASES),
+]
 TIGHT = {"rtol": 1e-12, "stabilization": "projection"}
 
 
@@ -97,7 +109,9 @@ class TestSliderBar:
         At rtol 1e-5 nothing is left of that: all events, no other, and 24 s of steps of some 10 ms, 1e-5 each.
         """
         scene, truth, _ = tight(name)
-        runs = [simulate(scene, rtol=rtol, stabilization=stabilization) for rtol in (1e-2, 1e-3, 1e-4)]
+        runs = [
+            simulate(scene, rtol=rtol, stabilization=stabilization) for rtol in (1e-2, 1e-3, 1e-4)
+        ]
         assert {run.termination for run in runs} == {"end"}
         found = errors(simulate(scene, rtol=1e-5, stabilization=stabilization), truth)
         assert found["events_missed"] == found["events_spurious"] == 0
@@ -114,15 +128,25 @@ class TestPaperScheme:
         2.78/(2 alpha) = 0.0155 s are outside of the stability of Runge-Kutta with the paper's Baumgarte: not taken."""
         scene = load_scene(name, {"t_end": 9})  # one period and a bit
         truth, sizes = slider_bar_truth(scene), np.array([1e-2, 5e-3, 2.5e-3])
-        worst = [max(errors(simulate(scene, dt=share * size), truth)["position_error"]
-                     for share in (1.0, 0.95, 0.9, 0.85, 0.8, 0.75)) for size in sizes]
+        worst = [
+            max(
+                errors(simulate(scene, dt=share * size), truth)["position_error"]
+                for share in (1.0, 0.95, 0.9, 0.85, 0.8, 0.75)
+            )
+            for size in sizes
+        ]
         assert 0.7 < np.polyfit(np.log(sizes), np.log(worst), 1)[0] < 1.5
 
     def test_fourth_order_where_nothing_happens(self):
         """Without friction the motion is smooth and the classical Runge-Kutta method has its order."""
-        scene = vary(load_scene("slider-bar-case-1-frictionless"), {"stabilization": {"method": "none"}})
+        scene = vary(
+            load_scene("slider-bar-case-1-frictionless"), {"stabilization": {"method": "none"}}
+        )
         truth, steps = slider_bar_truth(scene), (4e-2, 2e-2)
-        coarse, fine = (errors(simulate(scene, method="paper", dt=step), truth)["position_error"] for step in steps)
+        coarse, fine = (
+            errors(simulate(scene, method="paper", dt=step), truth)["position_error"]
+            for step in steps
+        )
         assert 3.7 < np.log2(coarse / fine) < 4.3
 
     def test_drift_grows_without_and_is_bounded_with_stabilization(self):
@@ -141,17 +165,32 @@ def test_frictionless_solves_no_complementarity_problem(name):
     """Neither way does, and both give the same motion and forces: the classical Runge-Kutta method of 1 ms errs by
     1e-12 times fourth derivatives, which are below 1e7 in SI units before the four-bar is singular, at 0.7 s."""
     ways = {"rtol": 1e-9}, {"dt": 1e-3, "method": "paper"}
-    runs = [simulate(load_scene(name), t_end=0.6, stabilization="projection", **way) for way in ways]
+    runs = [
+        simulate(load_scene(name), t_end=0.6, stabilization="projection", **way) for way in ways
+    ]
     for run in runs:
-        assert run.cost.counters["hlcp"] == run.cost.counters["pivots"] == run.cost.counters["events"] == 0
+        assert (
+            run.cost.counters["hlcp"]
+            == run.cost.counters["pivots"]
+            == run.cost.counters["events"]
+            == 0
+        )
     for column in runs[0].columns:
         np.testing.assert_allclose(runs[0][column], runs[1][column], rtol=0, atol=1e-5)
 
 
-@pytest.mark.parametrize(("name", "build"), [
-    ("coulomb-oscillator", oscillator_truth), ("mass-on-belt", oscillator_truth), ("block-on-incline", incline_truth),
-    ("slider-crank", slider_crank_truth), ("pendulum", pendulum_truth), ("elliptic-trammel", trammel_truth),
-    ("slider-on-moving-guide", moving_guide_truth)])
+@pytest.mark.parametrize(
+    ("name", "build"),
+    [
+        ("coulomb-oscillator", oscillator_truth),
+        ("mass-on-belt", oscillator_truth),
+        ("block-on-incline", incline_truth),
+        ("slider-crank", slider_crank_truth),
+        ("pendulum", pendulum_truth),
+        ("elliptic-trammel", trammel_truth),
+        ("slider-on-moving-guide", moving_guide_truth),
+    ],
+)
 def test_other_mechanisms(name, build):
     """Two frictional guides on perpendicular axes, a guide that moves among them: states and events as in the cases."""
     scene = load_scene(name)
@@ -163,12 +202,17 @@ def test_other_mechanisms(name, build):
 
 
 def test_a_damped_slider_bar_has_an_independent_truth():
-    scene = vary(load_scene("slider-bar-case-1"), {"spring.damping": 0.3, "spring.axis": [1, 0], "t_end": 2})
-    assert slider_bar_truth(scene).tier == ground_truth(scene).tier == HIGH_PRECISION  # no certificate is of it
+    scene = vary(
+        load_scene("slider-bar-case-1"), {"spring.damping": 0.3, "spring.axis": [1, 0], "t_end": 2}
+    )
+    assert (
+        slider_bar_truth(scene).tier == ground_truth(scene).tier == HIGH_PRECISION
+    )  # no certificate is of it
 
 
 def test_own_truth_whose_events_depend_on_the_tolerance_knows_no_times(monkeypatch):
     """An event that only the finer of its two runs has: the others, in order, are not those of the coarser one."""
+
     def less(mechanism, q, v, output, t_end, rtol, **arguments):
         run = simulate_event_driven(mechanism, q, v, output, t_end, rtol, **arguments)
         return run if rtol == scene_truth.OWN_RTOL else replace(run, events=run.events[1:])

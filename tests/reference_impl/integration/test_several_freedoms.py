@@ -17,7 +17,9 @@ RTOLS = (1e-9, 1e-12)
 
 
 def reference(scene, t_end, rtol):
-    return ReferenceEngine().simulate(scene, t_end=t_end, rtol=rtol, stabilization="projection", output_step=t_end)
+    return ReferenceEngine().simulate(
+        scene, t_end=t_end, rtol=rtol, stabilization="projection", output_step=t_end
+    )
 
 
 @pytest.mark.parametrize(("case", "t_end"), [(1, 8.4), (3, 1.2)])
@@ -27,8 +29,12 @@ def test_follows_the_reduced_equation(case, t_end):
     motion, true = simulate(scene, t_end), slider_bar_truth(scene, t_end)
     events = [event for event in true.events if event.time < t_end]
     assert [event.kind for event in motion.events] == [event.kind for event in events]
-    np.testing.assert_allclose([event.time for event in motion.events], [event.time for event in events], rtol=0,
-                               atol=RESERVE * TOLERANCE)
+    np.testing.assert_allclose(
+        [event.time for event in motion.events],
+        [event.time for event in events],
+        rtol=0,
+        atol=RESERVE * TOLERANCE,
+    )
     assert motion.q[-1, 3] == pytest.approx(true(t_end)["slider.x"][0], abs=RESERVE * TOLERANCE)
     assert motion.breakdown is None and motion.violation < RESERVE * TOLERANCE
 
@@ -61,7 +67,9 @@ def test_hundreds_of_random_mechanisms(block):
         assert motion.violation < RESERVE * TOLERANCE
         for rtol in RTOLS:
             run = reference(scene, t_end, rtol)
-            assert (run.breakdown or not motion.breakdown) and differences(scene, motion, run, rtol) == [], (i, rtol)
+            assert (run.breakdown or not motion.breakdown) and differences(
+                scene, motion, run, rtol
+            ) == [], (i, rtol)
 
 
 def test_a_wrong_run_is_found():
@@ -71,10 +79,16 @@ def test_a_wrong_run_is_found():
     assert differences(scene, motion, run, rtol) == [] and len(run.events) > 2
     first, *others = run.events
     body = next(iter(scene.bodies))
-    for wrong in (replace(run, events=tuple(others)), replace(run, events=(*run.events, replace(first, time=T_END - 1e-4))),
-                  replace(run, events=(replace(first, time=first.time + 1e-3), *others)),
-                  replace(run, events=(replace(first, kind="corner" if first.kind != "corner" else "stick"), *others)),
-                  replace(run, columns={**run.columns, f"{body}.x": run[f"{body}.x"] + 1e-3})):
+    for wrong in (
+        replace(run, events=tuple(others)),
+        replace(run, events=(*run.events, replace(first, time=T_END - 1e-4))),
+        replace(run, events=(replace(first, time=first.time + 1e-3), *others)),
+        replace(
+            run,
+            events=(replace(first, kind="corner" if first.kind != "corner" else "stick"), *others),
+        ),
+        replace(run, columns={**run.columns, f"{body}.x": run[f"{body}.x"] + 1e-3}),
+    ):
         assert differences(scene, motion, wrong, rtol)
 
 
@@ -89,7 +103,11 @@ def test_several_motions_are_reported():
 def test_no_motion_is_reported():
     """Where no acceleration satisfies Coulomb's law from the start, by closed form (`existence-lost.toml`)."""
     motion = simulate(load_scene("existence-lost"), 1.0)
-    assert (motion.breakdown.kind, motion.breakdown.time, motion.breakdown.solutions) == ("no solution", 0.0, 0)
+    assert (motion.breakdown.kind, motion.breakdown.time, motion.breakdown.solutions) == (
+        "no solution",
+        0.0,
+        0,
+    )
     assert len(motion.t) == 1 and not motion.events
 
 
@@ -100,8 +118,16 @@ def test_a_self_locking_guide_is_refused():
 
 
 def test_redundant_constraints_are_a_typed_breakdown():
-    scene = scene_from_dict({"gravity": [0, -9.81], "bodies": {"block": {"mass": 1, "inertia": 1}}, "joints": {
-        name: {"type": "translational", "slider": "block", "length": 0.5, "mu": 0.1} for name in ("guide", "again")}})
+    scene = scene_from_dict(
+        {
+            "gravity": [0, -9.81],
+            "bodies": {"block": {"mass": 1, "inertia": 1}},
+            "joints": {
+                name: {"type": "translational", "slider": "block", "length": 0.5, "mu": 0.1}
+                for name in ("guide", "again")
+            },
+        }
+    )
     assert simulate(scene, 0.1).breakdown.kind == "singular"
 
 
@@ -110,7 +136,12 @@ def test_own_truth_states_its_tier_and_is_the_motion():
     (scene, other), bound = drawn(0), RESERVE * TOLERANCE
     truth = ground_truth(scene, T_END)
     assert truth.tier == OWN_RUN and len(truth.events) == len(other.events)
-    np.testing.assert_allclose([event.time for event in truth.events], [event.time for event in other.events], rtol=0, atol=bound)
+    np.testing.assert_allclose(
+        [event.time for event in truth.events],
+        [event.time for event in other.events],
+        rtol=0,
+        atol=bound,
+    )
     for body, q in zip(scene.bodies, other.q[-1].reshape(-1, 3)):
         for name, value in zip(("x", "y", "angle"), q):
             assert truth(T_END)[f"{body}.{name}"][0] == pytest.approx(value, abs=bound)

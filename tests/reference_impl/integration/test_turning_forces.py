@@ -24,7 +24,9 @@ OUTPUT_STEPS = [0.001, 0.01, 0.1, 1.0, 2.0]
 
 
 def run_of(tables, rtol=1e-9, output_step=1.0):
-    run = ReferenceEngine().simulate(scene_from_dict(tables, "turning"), rtol=rtol, output_step=output_step)
+    run = ReferenceEngine().simulate(
+        scene_from_dict(tables, "turning"), rtol=rtol, output_step=output_step
+    )
     assert run.termination == "end", run.termination
     return run
 
@@ -44,24 +46,45 @@ def rotor(name, on, place, rate, **more):
     """A balanced rotor, its pin and its motor."""
     body = {"mass": 1.0, "inertia": 0.01, "position": list(place), "angular_velocity": rate, **more}
     pin = {"type": "revolute", "bodies": [name, on], "points": [[0, 0], list(place)]}
-    return body, pin, {"type": "angle", "bodies": [name, on], "law": {"type": "linear", "rate": rate}}
+    return (
+        body,
+        pin,
+        {"type": "angle", "bodies": [name, on], "law": {"type": "linear", "rate": rate}},
+    )
 
 
 def pulled_by_a_turning_axis(rate):
     """A slider of 2 kg at rest on a level guide. A spring pulls it along an axis of a rotor 0.3 m beside it; a load along the guide grows."""
     body, pin, motor = rotor("r", "ground", (-0.3, 0), rate)
     return {
-        "t_end": 10.0, "gravity": [0, -9.81], "bodies": {"s": {"mass": 2.0, "inertia": 0.1}, "r": body},
-        "joints": {"guide": {"type": "translational", "slider": "s", "mu": 0.3}, "pin": pin}, "drives": {"motor": motor},
-        "springs": {"k": {"type": "linear", "bodies": ["s", "r"], "axis": [1, 0], "stiffness": 8.0}},
-        "forces": {"F": {"type": "force", "body": "s", "direction": [1, 0], "law": {"type": "linear", "rate": 10 / 9}}}}
+        "t_end": 10.0,
+        "gravity": [0, -9.81],
+        "bodies": {"s": {"mass": 2.0, "inertia": 0.1}, "r": body},
+        "joints": {"guide": {"type": "translational", "slider": "s", "mu": 0.3}, "pin": pin},
+        "drives": {"motor": motor},
+        "springs": {
+            "k": {"type": "linear", "bodies": ["s", "r"], "axis": [1, 0], "stiffness": 8.0}
+        },
+        "forces": {
+            "F": {
+                "type": "force",
+                "body": "s",
+                "direction": [1, 0],
+                "law": {"type": "linear", "rate": 10 / 9},
+            }
+        },
+    }
 
 
 @pytest.mark.parametrize("output_step", OUTPUT_STEPS)
 @pytest.mark.parametrize("rtol", TOLERANCES)
-@pytest.mark.parametrize(("rate", "expected"), [(30.0, None), (100.0, 5.262864476776), (100 * np.pi, 5.255307175), (200 * np.pi, 5.252675555)])
+@pytest.mark.parametrize(
+    ("rate", "expected"),
+    [(30.0, None), (100.0, 5.262864476776), (100 * np.pi, 5.255307175), (200 * np.pi, 5.252675555)],
+)
 def test_a_spring_along_an_axis_that_turns(rate, expected, rtol, output_step):
     """The spring is 0.3 cos(rate t) long, and pulls with 8 N/m times that along (cos, sin): |X| = 0.3 |Y| at the break-away."""
+
     def left(t):
         c, s = np.cos(rate * t), np.sin(rate * t)
         return 0.3 * np.abs(2 * 9.81 + 2.4 * c * s) - np.abs(10 / 9 * t - 2.4 * c * c)
@@ -69,7 +92,9 @@ def test_a_spring_along_an_axis_that_turns(rate, expected, rtol, output_step):
     truth = first_zero(left, 10.0, 1_000_000)
     if expected is not None:
         assert truth == pytest.approx(expected, abs=1e-9)
-    assert break_away(run_of(pulled_by_a_turning_axis(rate), rtol, output_step)) == pytest.approx(truth, abs=1e-12)
+    assert break_away(run_of(pulled_by_a_turning_axis(rate), rtol, output_step)) == pytest.approx(
+        truth, abs=1e-12
+    )
 
 
 @pytest.mark.parametrize("rtol", TOLERANCES)
@@ -82,11 +107,35 @@ def test_a_load_on_the_rim_of_a_rotor(rate, rtol):
     P, r, a, mu = 200.0, 0.2, 0.3, 0.2
     body, pin, motor = rotor("r", "s", (0, 0), rate)
     tables = {
-        "t_end": 10.0, "gravity": [0, -9.81], "bodies": {"s": {"mass": 2.0, "inertia": 0.1}, "r": body},
-        "joints": {"guide": {"type": "translational", "slider": "s", "mu": mu, "length": a}, "pin": pin}, "drives": {"motor": motor},
-        "forces": {"P": {"type": "force", "body": "r", "point": [r, 0], "direction": [0, -1], "law": {"type": "constant", "value": P}},
-                   "F": {"type": "force", "body": "s", "direction": [1, 0], "law": {"type": "linear", "rate": 6.6}}}}
-    truth = first_zero(lambda t: mu * np.maximum(3 * 9.81 + P, 2 / a * P * r * np.abs(np.cos(rate * t))) - 6.6 * t, 10.0, 2_000_000)
+        "t_end": 10.0,
+        "gravity": [0, -9.81],
+        "bodies": {"s": {"mass": 2.0, "inertia": 0.1}, "r": body},
+        "joints": {
+            "guide": {"type": "translational", "slider": "s", "mu": mu, "length": a},
+            "pin": pin,
+        },
+        "drives": {"motor": motor},
+        "forces": {
+            "P": {
+                "type": "force",
+                "body": "r",
+                "point": [r, 0],
+                "direction": [0, -1],
+                "law": {"type": "constant", "value": P},
+            },
+            "F": {
+                "type": "force",
+                "body": "s",
+                "direction": [1, 0],
+                "law": {"type": "linear", "rate": 6.6},
+            },
+        },
+    }
+    truth = first_zero(
+        lambda t: mu * np.maximum(3 * 9.81 + P, 2 / a * P * r * np.abs(np.cos(rate * t))) - 6.6 * t,
+        10.0,
+        2_000_000,
+    )
     assert break_away(run_of(tables, rtol)) == pytest.approx(truth, abs=1e-11)
 
 
@@ -100,14 +149,42 @@ def test_corners_of_a_slider_that_a_motor_moves(rtol):
     rate, N, P, r, a, t_end = 87.0, 20.0, 15.0, 0.4, 0.3, 6.0
     body, pin, motor = rotor("r", "s", (0, 0), rate, velocity=[0.5, 0])
     tables = {
-        "t_end": t_end, "bodies": {"s": {"mass": 2.0, "inertia": 0.1, "velocity": [0.5, 0]}, "r": body},
-        "joints": {"guide": {"type": "translational", "slider": "s", "mu": 0.2, "length": a}, "pin": pin},
-        "drives": {"motor": motor, "along": {"type": "distance", "bodies": ["s", "ground"], "axis": [1, 0], "law": {"type": "linear", "rate": 0.5}}},
-        "forces": {"P": {"type": "force", "body": "r", "point": [r, 0], "direction": [0, -1], "law": {"type": "constant", "value": P}},
-                   "N": {"type": "force", "body": "s", "direction": [0, -1], "law": {"type": "constant", "value": N}}}}
+        "t_end": t_end,
+        "bodies": {"s": {"mass": 2.0, "inertia": 0.1, "velocity": [0.5, 0]}, "r": body},
+        "joints": {
+            "guide": {"type": "translational", "slider": "s", "mu": 0.2, "length": a},
+            "pin": pin,
+        },
+        "drives": {
+            "motor": motor,
+            "along": {
+                "type": "distance",
+                "bodies": ["s", "ground"],
+                "axis": [1, 0],
+                "law": {"type": "linear", "rate": 0.5},
+            },
+        },
+        "forces": {
+            "P": {
+                "type": "force",
+                "body": "r",
+                "point": [r, 0],
+                "direction": [0, -1],
+                "law": {"type": "constant", "value": P},
+            },
+            "N": {
+                "type": "force",
+                "body": "s",
+                "direction": [0, -1],
+                "law": {"type": "constant", "value": N},
+            },
+        },
+    }
     angle = np.arccos(a * (N + P) / (2 * P * r))
     turn = 2 * np.pi * np.arange(rate * t_end / (2 * np.pi) + 1)[:, None]
-    expected = np.sort((turn + [angle, np.pi - angle, np.pi + angle, 2 * np.pi - angle]).ravel() / rate)
+    expected = np.sort(
+        (turn + [angle, np.pi - angle, np.pi + angle, 2 * np.pi - angle]).ravel() / rate
+    )
     expected = expected[expected < t_end]
     run = run_of(tables, rtol)
     assert {event.kind for event in run.events} == {"corner"} and len(run.events) == len(expected)
@@ -126,12 +203,47 @@ def test_a_damper_to_a_slider_that_a_motor_moves_past(beside, begin, rtol):
     """
     v, c, mass, mu = 1.0, 30.0, 2.0, 0.5
     tables = {
-        "t_end": 2 - 2 * begin, "gravity": [0, -9.81],
-        "bodies": {"s": {"mass": mass, "inertia": 0.1}, "other": {"mass": 1.0, "inertia": 0.1, "position": [begin, -beside], "velocity": [v, 0]}},
-        "joints": {"guide": {"type": "translational", "slider": "s", "mu": mu}, "line": {"type": "translational", "slider": "other", "point": [0, -beside]}},
-        "drives": {"motor": {"type": "distance", "bodies": ["other", "ground"], "axis": [1, 0], "law": {"type": "linear", "offset": begin, "rate": v}}},
-        "springs": {"damper": {"type": "linear", "bodies": ["s", "other"], "points": [[0, 0], [0, 0]], "stiffness": 0.0, "damping": c}},
-        "forces": {"F": {"type": "force", "body": "s", "direction": [-1, 0], "law": {"type": "constant", "value": c * v}}}}
+        "t_end": 2 - 2 * begin,
+        "gravity": [0, -9.81],
+        "bodies": {
+            "s": {"mass": mass, "inertia": 0.1},
+            "other": {
+                "mass": 1.0,
+                "inertia": 0.1,
+                "position": [begin, -beside],
+                "velocity": [v, 0],
+            },
+        },
+        "joints": {
+            "guide": {"type": "translational", "slider": "s", "mu": mu},
+            "line": {"type": "translational", "slider": "other", "point": [0, -beside]},
+        },
+        "drives": {
+            "motor": {
+                "type": "distance",
+                "bodies": ["other", "ground"],
+                "axis": [1, 0],
+                "law": {"type": "linear", "offset": begin, "rate": v},
+            }
+        },
+        "springs": {
+            "damper": {
+                "type": "linear",
+                "bodies": ["s", "other"],
+                "points": [[0, 0], [0, 0]],
+                "stiffness": 0.0,
+                "damping": c,
+            }
+        },
+        "forces": {
+            "F": {
+                "type": "force",
+                "body": "s",
+                "direction": [-1, 0],
+                "law": {"type": "constant", "value": c * v},
+            }
+        },
+    }
     polynomial = np.array([mu * mass * 9.81, -mu * c * v, mu * mass * 9.81 - c * v])
     s = max(np.roots(polynomial).real)
     run = run_of(tables, rtol, 0.5)
@@ -145,23 +257,53 @@ def test_steps_of_a_rotor_that_turns_faster_and_faster():
     """
     j, t_end, inertia, e = 900.0, 3.0, 0.01, 1e-18
     tables = {
-        "t_end": t_end, "bodies": {"s": {"mass": 2.0, "inertia": 0.1}, "r": {"mass": 1.0, "inertia": inertia, "position": [e, 0]}},
-        "joints": {"guide": {"type": "translational", "slider": "s", "mu": 0.3, "length": 0.3}, "pin": {"type": "revolute", "bodies": ["r", "s"], "points": [[-e, 0], [0, 0]]}},
-        "forces": {"N": {"type": "force", "body": "s", "direction": [0, -1], "law": {"type": "constant", "value": 10.0}},
-                   "M": {"type": "torque", "body": "r", "law": {"type": "linear", "rate": j * inertia}}}}
+        "t_end": t_end,
+        "bodies": {
+            "s": {"mass": 2.0, "inertia": 0.1},
+            "r": {"mass": 1.0, "inertia": inertia, "position": [e, 0]},
+        },
+        "joints": {
+            "guide": {"type": "translational", "slider": "s", "mu": 0.3, "length": 0.3},
+            "pin": {"type": "revolute", "bodies": ["r", "s"], "points": [[-e, 0], [0, 0]]},
+        },
+        "forces": {
+            "N": {
+                "type": "force",
+                "body": "s",
+                "direction": [0, -1],
+                "law": {"type": "constant", "value": 10.0},
+            },
+            "M": {"type": "torque", "body": "r", "law": {"type": "linear", "rate": j * inertia}},
+        },
+    }
     mechanism, ends = Mechanism(scene_from_dict(tables, "spun up")), []
-    run = simulate_event_driven(mechanism, *mechanism.initial_state(), np.array([0.0, t_end]), t_end, 1e-6, ends=ends)
-    assert run.breakdown is None and run.columns["r.omega"][-1] == pytest.approx(0.5 * j * t_end ** 2, rel=1e-6)
+    run = simulate_event_driven(
+        mechanism, *mechanism.initial_state(), np.array([0.0, t_end]), t_end, 1e-6, ends=ends
+    )
+    assert run.breakdown is None and run.columns["r.omega"][-1] == pytest.approx(
+        0.5 * j * t_end**2, rel=1e-6
+    )
     steps = np.array([0.0, *ends])
-    assert 2 * np.max(np.diff(j * steps ** 3 / 6)) < 1.5 * np.pi  # a force turns twice as fast
-    assert len(ends) < 2 * 2 * j * t_end ** 3 / 6 / np.pi + 100
+    assert 2 * np.max(np.diff(j * steps**3 / 6)) < 1.5 * np.pi  # a force turns twice as fast
+    assert len(ends) < 2 * 2 * j * t_end**3 / 6 / np.pi + 100
 
 
 def arrays(joint, drives=None, springs=None, forces=None):
     slider = {"type": "translational", "slider": "s", "mu": 0.3}
     bodies = {"s": {"mass": 1.0, "inertia": 1.0}, "r": {"mass": 1.0, "inertia": 1.0}}
-    return Mechanism(scene_from_dict({"t_end": 1.0, "bodies": bodies, "joints": {"guide": slider, **joint}, "drives": drives or {}, "springs": springs or {},
-                                      "forces": forces or {}}, "what turns")).arrays
+    return Mechanism(
+        scene_from_dict(
+            {
+                "t_end": 1.0,
+                "bodies": bodies,
+                "joints": {"guide": slider, **joint},
+                "drives": drives or {},
+                "springs": springs or {},
+                "forces": forces or {},
+            },
+            "what turns",
+        )
+    ).arrays
 
 
 CENTRED = {"pin": {"type": "revolute", "bodies": ["r", "s"]}}
@@ -171,20 +313,89 @@ def spring(**more):
     return {"k": {"type": "linear", "bodies": ["s", "r"], "stiffness": 1.0, **more}}
 
 
-@pytest.mark.parametrize(("turning", "lines", "parts"), [
-    ([], 0, {"joint": CENTRED}),
-    ([0], 0, {"joint": {"pin": {"type": "revolute", "bodies": ["r", "s"], "points": [[0, 0], [0.1, 0]]}}}),
-    ([1], 0, {"joint": {"pin": {"type": "revolute", "bodies": ["r", "s"], "points": [[-0.1, 0], [0, 0]]}}}),
-    ([1], 0, {"joint": {"rider": {"type": "translational", "slider": "s", "guide": "r"}}}),
-    ([], 0, {"joint": CENTRED, "drives": {"motor": {"type": "angle", "bodies": ["r", "s"], "law": {"type": "constant", "value": 0}}}}),
-    ([1], 0, {"joint": CENTRED, "springs": spring(axis=[1, 0])}),
-    ([], 0, {"joint": CENTRED, "springs": spring(points=[[0, 0], [0, 0]])}),
-    ([1], 0, {"joint": CENTRED, "springs": spring(points=[[0, 0], [0, 0.1]])}),
-    ([1], 1, {"joint": CENTRED, "springs": spring(points=[[0, 0], [0, 0.1]], rest_length=0.1)}),
-    ([], 1, {"joint": CENTRED, "springs": spring(points=[[0, 0], [0, 0]], damping=0.1)}),
-    ([], 0, {"joint": CENTRED, "springs": {"k": {"type": "torsional", "bodies": ["s", "r"], "stiffness": 1.0}}}),
-    ([1], 0, {"joint": CENTRED, "forces": {"F": {"type": "force", "body": "r", "point": [0.1, 0], "direction": [1, 0], "law": {"type": "constant", "value": 1}}}}),
-    ([], 0, {"joint": CENTRED, "forces": {"F": {"type": "force", "body": "r", "direction": [1, 0], "law": {"type": "constant", "value": 1}}}})])
+@pytest.mark.parametrize(
+    ("turning", "lines", "parts"),
+    [
+        ([], 0, {"joint": CENTRED}),
+        (
+            [0],
+            0,
+            {
+                "joint": {
+                    "pin": {"type": "revolute", "bodies": ["r", "s"], "points": [[0, 0], [0.1, 0]]}
+                }
+            },
+        ),
+        (
+            [1],
+            0,
+            {
+                "joint": {
+                    "pin": {"type": "revolute", "bodies": ["r", "s"], "points": [[-0.1, 0], [0, 0]]}
+                }
+            },
+        ),
+        ([1], 0, {"joint": {"rider": {"type": "translational", "slider": "s", "guide": "r"}}}),
+        (
+            [],
+            0,
+            {
+                "joint": CENTRED,
+                "drives": {
+                    "motor": {
+                        "type": "angle",
+                        "bodies": ["r", "s"],
+                        "law": {"type": "constant", "value": 0},
+                    }
+                },
+            },
+        ),
+        ([1], 0, {"joint": CENTRED, "springs": spring(axis=[1, 0])}),
+        ([], 0, {"joint": CENTRED, "springs": spring(points=[[0, 0], [0, 0]])}),
+        ([1], 0, {"joint": CENTRED, "springs": spring(points=[[0, 0], [0, 0.1]])}),
+        ([1], 1, {"joint": CENTRED, "springs": spring(points=[[0, 0], [0, 0.1]], rest_length=0.1)}),
+        ([], 1, {"joint": CENTRED, "springs": spring(points=[[0, 0], [0, 0]], damping=0.1)}),
+        (
+            [],
+            0,
+            {
+                "joint": CENTRED,
+                "springs": {"k": {"type": "torsional", "bodies": ["s", "r"], "stiffness": 1.0}},
+            },
+        ),
+        (
+            [1],
+            0,
+            {
+                "joint": CENTRED,
+                "forces": {
+                    "F": {
+                        "type": "force",
+                        "body": "r",
+                        "point": [0.1, 0],
+                        "direction": [1, 0],
+                        "law": {"type": "constant", "value": 1},
+                    }
+                },
+            },
+        ),
+        (
+            [],
+            0,
+            {
+                "joint": CENTRED,
+                "forces": {
+                    "F": {
+                        "type": "force",
+                        "body": "r",
+                        "direction": [1, 0],
+                        "law": {"type": "constant", "value": 1},
+                    }
+                },
+            },
+        ),
+    ],
+)
 def test_what_turns(turning, lines, parts):
     """Bodies whose angle enters a force, and pairs of points along whose line one acts; slider 0 is `s`, rotor 1 is `r`."""
     m = arrays(**parts)
@@ -198,7 +409,10 @@ def test_what_turns_without_friction_costs_nothing():
     assert not len(mechanism.arrays.turning) and not len(mechanism.arrays.line)
 
 
-@pytest.mark.parametrize(("phase", "expected"), [(np.pi, True), (2 * np.pi, True), (4 * np.pi, False), (5 * np.pi, False), (13 * np.pi, False)])
+@pytest.mark.parametrize(
+    ("phase", "expected"),
+    [(np.pi, True), (2 * np.pi, True), (4 * np.pi, False), (5 * np.pi, False), (13 * np.pi, False)],
+)
 @pytest.mark.parametrize("at_start", np.linspace(0, 6, 5))
 def test_stages_that_do_not_see_how_an_event_function_changes(phase, at_start, expected):
     """A sinusoid by its values at the stages: seen up to one period in a step, not from two on; rounding is not looked at."""
@@ -220,7 +434,13 @@ def count_wrong(seed, draws):
         verdict = judged(drawn, rng) if drawn is not None else None
         if verdict is not None:
             words[verdict.word] += 1
-            assert verdict.word != "wrong", (seed, sum(words.values()), drawn.kinds, drawn.rtol, verdict)
+            assert verdict.word != "wrong", (
+                seed,
+                sum(words.values()),
+                drawn.kinds,
+                drawn.rtol,
+                verdict,
+            )
     return words
 
 

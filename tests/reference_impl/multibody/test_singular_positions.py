@@ -10,7 +10,11 @@ from stiction.engines.reference.engine import _linear_algebra
 from stiction.reference_impl.multibody import subsystems
 from stiction.reference_impl.multibody.kinematics import constraints_at, workspace
 from stiction.reference_impl.multibody.mechanism import Mechanism
-from stiction.reference_impl.multibody.singular_positions import leave_nearly_dependent, lengths, singular_rows
+from stiction.reference_impl.multibody.singular_positions import (
+    leave_nearly_dependent,
+    lengths,
+    singular_rows,
+)
 from stiction.reference_impl.multibody.subsystems import simulate_parts
 from stiction.scenes import load_scene, scene_from_dict
 from stiction.truths import four_bar_truth
@@ -27,31 +31,72 @@ def four_bars(n):
 
     One freedom; with all bars horizontal, which happens again and again, n more.
     """
-    tables = {"title": f"Four-bar mechanism, {n} loops", "t_end": 10, "gravity": [0, -9.81],
-                              "stabilization": {"method": "projection"}, "bodies": {}, "joints": {}}
+    tables = {
+        "title": f"Four-bar mechanism, {n} loops",
+        "t_end": 10,
+        "gravity": [0, -9.81],
+        "stabilization": {"method": "projection"},
+        "bodies": {},
+        "joints": {},
+    }
     bodies, joints, ends = tables["bodies"], tables["joints"], ([-0.5, 0], [0.5, 0])
     for k in range(n + 1):
-        bodies[f"upright-{k}"] = {"mass": 1, "inertia": 1 / 12, "position": [k, 0.5], "angle": np.pi / 2, "velocity": [0.5, 0],
-                                  "angular_velocity": -1}
-        joints[f"foot-{k}"] = {"type": "revolute", "bodies": [f"upright-{k}", "ground"], "points": [ends[0], [k, 0]]}
+        bodies[f"upright-{k}"] = {
+            "mass": 1,
+            "inertia": 1 / 12,
+            "position": [k, 0.5],
+            "angle": np.pi / 2,
+            "velocity": [0.5, 0],
+            "angular_velocity": -1,
+        }
+        joints[f"foot-{k}"] = {
+            "type": "revolute",
+            "bodies": [f"upright-{k}", "ground"],
+            "points": [ends[0], [k, 0]],
+        }
     for k in range(1, n + 1):
-        bodies[f"coupler-{k}"] = {"mass": 1, "inertia": 1 / 12, "position": [k - 0.5, 1], "velocity": [1, 0]}
+        bodies[f"coupler-{k}"] = {
+            "mass": 1,
+            "inertia": 1 / 12,
+            "position": [k - 0.5, 1],
+            "velocity": [1, 0],
+        }
         for name, own, upright in (("left", ends[0], k - 1), ("right", ends[1], k)):
-            joints[f"{name}-{k}"] = {"type": "revolute", "bodies": [f"coupler-{k}", f"upright-{upright}"], "points": [own, ends[1]]}
+            joints[f"{name}-{k}"] = {
+                "type": "revolute",
+                "bodies": [f"coupler-{k}", f"upright-{upright}"],
+                "points": [own, ends[1]],
+            }
     return scene_from_dict(tables, f"four-bars-{n}")
 
 
 def worst_tip(loops: int, rtol: float) -> float:
     """Distance of the centres of all uprights from the truth at 10 s."""
     scene = four_bars(loops)
-    run, true = simulate(scene, rtol=rtol, output_step=10.0), four_bar_truth(scene)(np.array([10.0]))
+    run, true = (
+        simulate(scene, rtol=rtol, output_step=10.0),
+        four_bar_truth(scene)(np.array([10.0])),
+    )
     assert run.termination == "end"
-    return max(abs(run[column][-1] - true[column][0]) for k in range(loops + 1)
-               for column in (f"upright-{k}.x", f"upright-{k}.y"))
+    return max(
+        abs(run[column][-1] - true[column][0])
+        for k in range(loops + 1)
+        for column in (f"upright-{k}.x", f"upright-{k}.y")
+    )
 
 
-@pytest.mark.parametrize("loops, rtol", [*product((1, 2, 5), TOLERANCES), (10, 1e-6),
-                                         *(pytest.param(*case, marks=pytest.mark.long) for case in product((10, 20, 40), TOLERANCES) if case != (10, 1e-6))])
+@pytest.mark.parametrize(
+    "loops, rtol",
+    [
+        *product((1, 2, 5), TOLERANCES),
+        (10, 1e-6),
+        *(
+            pytest.param(*case, marks=pytest.mark.long)
+            for case in product((10, 20, 40), TOLERANCES)
+            if case != (10, 1e-6)
+        ),
+    ],
+)
 def test_error_is_proportionate_to_the_tolerance(loops, rtol):
     """A step may turn each of the uprights, 1 m long, by rtol; some fifty steps, and a pendulum that swings round keeps an error of its energy,
     which moves it by some times as much in 10 s. How many loops there are makes no difference."""
@@ -87,8 +132,8 @@ def test_only_what_can_be_corrected_is_left_of_a_residual():
         kept = residual.copy()
         leave_nearly_dependent(m, w, kept)
         part, asked = left_of @ (kept / size), left_of @ (residual / size)
-        np.testing.assert_allclose(part[:m.rows - lost], asked[:m.rows - lost], atol=1e-12)
-        np.testing.assert_allclose(part[m.rows - lost:], 0.0, atol=1e-12)
+        np.testing.assert_allclose(part[: m.rows - lost], asked[: m.rows - lost], atol=1e-12)
+        np.testing.assert_allclose(part[m.rows - lost :], 0.0, atol=1e-12)
 
 
 def test_a_run_leaves_the_threads_of_linear_algebra_as_they_were(monkeypatch):

@@ -19,64 +19,168 @@ from stiction.reports.paper.folder import laid_out
 from stiction.reports.run_folder.stored_run import StoredRun
 from stiction.reports.run_folder.trace import key_of, resolve
 
-FRAME = pd.DataFrame({"name": ["a", "b|c", ""], "error [m]": [1.2345e-3, -2e-6, np.nan], "unsure": [1e-5, 5e-6, np.nan], "time [s]": [0.25, 1.0, 2.0],
-                      "fine": [True, False, True], "nothing": [None, None, None], "group": ["first", "first", "second"]})
-COLUMNS = (Column("name"), Column("error [m]", "error", "mm", "unsure", scale=1e3), Column("error [m]", "signed error", "m", "unsure", interval=True, brief=False),
-           Column("time [s]", "time", "ms", form=".0f", scale=1e3), Column("fine"), Column("nothing"), Column("not there"))
-SHOWN = view("made", "Made up.", FRAME, COLUMNS, source="torque", rows=[(1, 2, 3), (5,), (7, 9)], group="group")
+FRAME = pd.DataFrame(
+    {
+        "name": ["a", "b|c", ""],
+        "error [m]": [1.2345e-3, -2e-6, np.nan],
+        "unsure": [1e-5, 5e-6, np.nan],
+        "time [s]": [0.25, 1.0, 2.0],
+        "fine": [True, False, True],
+        "nothing": [None, None, None],
+        "group": ["first", "first", "second"],
+    }
+)
+COLUMNS = (
+    Column("name"),
+    Column("error [m]", "error", "mm", "unsure", scale=1e3),
+    Column("error [m]", "signed error", "m", "unsure", interval=True, brief=False),
+    Column("time [s]", "time", "ms", form=".0f", scale=1e3),
+    Column("fine"),
+    Column("nothing"),
+    Column("not there"),
+)
+SHOWN = view(
+    "made",
+    "Made up.",
+    FRAME,
+    COLUMNS,
+    source="torque",
+    rows=[(1, 2, 3), (5,), (7, 9)],
+    group="group",
+)
 
 
 def test_columns_have_units_scales_uncertainties_and_intervals():
-    assert SHOWN.heads() == ["group", "name", "error [mm]", "signed error [m]", "time [ms]", "fine"]  # what is empty or not there is left out
-    assert SHOWN.cells() == [["first", "a", "1.2", "0.00123 ± 1e-05", "250", "yes"], ["first", "b|c", "< 0.007", "-2e-06 ± 5e-06", "1000", "no"],
-                             ["second", "–", "–", "–", "2000", "yes"]]
+    assert SHOWN.heads() == [
+        "group",
+        "name",
+        "error [mm]",
+        "signed error [m]",
+        "time [ms]",
+        "fine",
+    ]  # what is empty or not there is left out
+    assert SHOWN.cells() == [
+        ["first", "a", "1.2", "0.00123 ± 1e-05", "250", "yes"],
+        ["first", "b|c", "< 0.007", "-2e-06 ± 5e-06", "1000", "no"],
+        ["second", "–", "–", "–", "2000", "yes"],
+    ]
     assert SHOWN.right() == [False, False, True, True, True, False]
-    assert SHOWN.heads(brief=True) == ["name", "error [mm]", "time [ms]", "fine"] and SHOWN.cells(brief=True)[0] == ["a", "1.2", "250", "yes"]
+    assert SHOWN.heads(brief=True) == ["name", "error [mm]", "time [ms]", "fine"] and SHOWN.cells(
+        brief=True
+    )[0] == ["a", "1.2", "250", "yes"]
 
 
 def test_markdown_lines_up_under_headings_of_groups():
     lines = table(SHOWN).splitlines()
     assert len(set(map(len, lines[2:]))) == 1
-    assert [line.strip("| ").split(" ")[0] for line in lines] == ["name", ":-------", "*first*", "a", "b\\|c", "*second*", "–"]
-    assert re.fullmatch(r"\| :-+ \| -+: \| -+: \| :-+ \|", lines[1]) and lines[3].split("|")[2].endswith(" 1.2 ")
+    assert [line.strip("| ").split(" ")[0] for line in lines] == [
+        "name",
+        ":-------",
+        "*first*",
+        "a",
+        "b\\|c",
+        "*second*",
+        "–",
+    ]
+    assert re.fullmatch(r"\| :-+ \| -+: \| -+: \| :-+ \|", lines[1]) and lines[3].split("|")[
+        2
+    ].endswith(" 1.2 ")
     many = view("many", "Many.", pd.DataFrame({"n": range(50)}), (Column("n"),))
-    assert table(many).count("\n") == BRIEF_ROWS + 1 and f"The first {BRIEF_ROWS} of 50 rows" in more(many) and more(SHOWN) == ""
+    assert (
+        table(many).count("\n") == BRIEF_ROWS + 1
+        and f"The first {BRIEF_ROWS} of 50 rows" in more(many)
+        and more(SHOWN) == ""
+    )
     assert "w" * 500 in aligned(["words"], [["w" * 500]], [False])  # nothing is cut
 
 
 def test_latex_has_every_cell_and_key():
     text = latex.table(laid_out(SHOWN))
-    assert text.count(r"\\") == 1 + len(FRAME) and r"\label{tab:made}" in text and r"b\textbar{}c" in text and r"0.00123 \textpm{} $1{\times}10^{-5}$" in text
+    assert (
+        text.count(r"\\") == 1 + len(FRAME)
+        and r"\label{tab:made}" in text
+        and r"b\textbar{}c" in text
+        and r"0.00123 \textpm{} $1{\times}10^{-5}$" in text
+    )
     assert re.findall(r"& (J[\d,-]+) \\\\", text) == ["J1-3", "J5", "J7,9"]
     long = view("long", "Long.", pd.DataFrame({"n": range(latex.LONGEST + 1)}), (Column("n"),))
-    assert r"\begin{xltabular}" in latex.table(laid_out(long)) and r"\endhead" in latex.table(laid_out(long))
-    wide = view("wide", "Wide.", pd.DataFrame({f"column {number}": ["some words of a cell"] for number in range(9)}), tuple(Column(f"column {number}", brief=number < 4) for number in range(9)))
+    assert r"\begin{xltabular}" in latex.table(laid_out(long)) and r"\endhead" in latex.table(
+        laid_out(long)
+    )
+    wide = view(
+        "wide",
+        "Wide.",
+        pd.DataFrame({f"column {number}": ["some words of a cell"] for number in range(9)}),
+        tuple(Column(f"column {number}", brief=number < 4) for number in range(9)),
+    )
     grouped = laid_out(replace(wide, frame=wide.frame.assign(part="first"), group="part"))
-    assert grouped["head"][:2] == ["part", "column 0"] and grouped["rows"][0][0] == "first" and len(grouped["right"]) == len(grouped["head"]) == 6
-    assert len(laid_out(wide)["head"]) == 5 and len(laid_out(SHOWN)["head"]) == 7 and "column 4" not in latex.table(laid_out(wide))
+    assert (
+        grouped["head"][:2] == ["part", "column 0"]
+        and grouped["rows"][0][0] == "first"
+        and len(grouped["right"]) == len(grouped["head"]) == 6
+    )
+    assert (
+        len(laid_out(wide)["head"]) == 5
+        and len(laid_out(SHOWN)["head"]) == 7
+        and "column 4" not in latex.table(laid_out(wide))
+    )
 
 
-@given(st.text(st.one_of(st.characters(min_codepoint=32, max_codepoint=126), st.sampled_from("“”–≤±²"))))  # others: test_latex.py
+@given(
+    st.text(
+        st.one_of(st.characters(min_codepoint=32, max_codepoint=126), st.sampled_from("“”–≤±²"))
+    )
+)  # others: test_latex.py
 def test_latex_of_any_text_has_no_command_of_its_own(text):
-    plain = re.sub(r"(?<=-)\{\}(?=-)|\\[&%$#_{}]|\\text\w+\{\}|\$(\^2|\\leq|-?[\d.]+\{\\times\}10\^\{-?\d+\})\$", "", latex.escape(text))
-    assert not set(plain) & set("\\&%$#_{}~^<>|\"")
+    plain = re.sub(
+        r"(?<=-)\{\}(?=-)|\\[&%$#_{}]|\\text\w+\{\}|\$(\^2|\\leq|-?[\d.]+\{\\times\}10\^\{-?\d+\})\$",
+        "",
+        latex.escape(text),
+    )
+    assert not set(plain) & set('\\&%$#_{}~^<>|"')
 
 
-@pytest.mark.parametrize("text, expected", [
-    ("5 % of m/s^2 & a_b", r"5 \% of m/s$^2$ \& a\_b"), ("rtol = 1e-09", r"rtol = $1{\times}10^{-9}$"), ("–", "--"), ("≤ 3", r"$\leq$ 3"),
-    ('a "tier" ("own")', "a ``tier'' (``own'')"), ("1 ± 2", r"1 \textpm{} 2")])
+@pytest.mark.parametrize(
+    "text, expected",
+    [
+        ("5 % of m/s^2 & a_b", r"5 \% of m/s$^2$ \& a\_b"),
+        ("rtol = 1e-09", r"rtol = $1{\times}10^{-9}$"),
+        ("–", "--"),
+        ("≤ 3", r"$\leq$ 3"),
+        ('a "tier" ("own")', "a ``tier'' (``own'')"),
+        ("1 ± 2", r"1 \textpm{} 2"),
+    ],
+)
 def test_latex_of(text, expected):
     assert latex.escape(text) == expected
 
 
-@pytest.mark.parametrize("table, rows, key", [
-    ("accuracy", [7], "A7"), ("accuracy", [7, 105], "A7,105"), ("torque", [*range(16, 31)], "J16-30"), ("torque", [4, 3, 5], "J3-5"),
-    ("hard", [*range(3, 888, 17)], "H3-887/17" if 887 in range(3, 888, 17) else f"H3-{max(range(3, 888, 17))}/17"), ("toy", [3], "toy:3"),
-    ("torque", [1, 2, 3, 9], "J1-3,9")])
+@pytest.mark.parametrize(
+    "table, rows, key",
+    [
+        ("accuracy", [7], "A7"),
+        ("accuracy", [7, 105], "A7,105"),
+        ("torque", [*range(16, 31)], "J16-30"),
+        ("torque", [4, 3, 5], "J3-5"),
+        (
+            "hard",
+            [*range(3, 888, 17)],
+            "H3-887/17" if 887 in range(3, 888, 17) else f"H3-{max(range(3, 888, 17))}/17",
+        ),
+        ("toy", [3], "toy:3"),
+        ("torque", [1, 2, 3, 9], "J1-3,9"),
+    ],
+)
 def test_keys_lead_to_the_rows_they_were_made_of(table, rows, key, tmp_path):
-    data = {name: pd.DataFrame({"n": range(1, 1001)}) for name in ("accuracy", "torque", "hard", "toy")}
+    data = {
+        name: pd.DataFrame({"n": range(1, 1001)}) for name in ("accuracy", "torque", "hard", "toy")
+    }
     source = resolve(StoredRun(tmp_path, {}, data), key_of(table, rows))
-    assert key_of(table, rows) == key and (source.table, sorted(source.rows["n"])) == (table, sorted(rows)) and list(source.rows.index) == sorted(rows)
+    assert (
+        key_of(table, rows) == key
+        and (source.table, sorted(source.rows["n"])) == (table, sorted(rows))
+        and list(source.rows.index) == sorted(rows)
+    )
     assert source.place == f"data/{table}.csv, row {key.lstrip('AJH').removeprefix('toy:')}"
 
 
@@ -86,17 +190,43 @@ def test_a_key_of_any_rows_leads_to_them(rows):
     assert set(resolve(run, key_of("toy", rows)).rows["n"]) == rows
 
 
-@pytest.mark.parametrize("key, message", [
-    ("A0", "rows 1 to 5"), ("A6", "rows 1 to 5"), ("A3-1", "rows 1 to"), ("A1,6", "rows 1 to 5"), ("Z1", r"found 'Z1'.*A \(accuracy\)"), ("12", "a letter and rows"),
-    ("", "a letter and rows"), ("A1-3/0", "a letter and rows"), ("nothing:1", "found 'nothing:1'"), ("J1", "found 'J1'"), ("A1;2", "a letter and rows")])
+@pytest.mark.parametrize(
+    "key, message",
+    [
+        ("A0", "rows 1 to 5"),
+        ("A6", "rows 1 to 5"),
+        ("A3-1", "rows 1 to"),
+        ("A1,6", "rows 1 to 5"),
+        ("Z1", r"found 'Z1'.*A \(accuracy\)"),
+        ("12", "a letter and rows"),
+        ("", "a letter and rows"),
+        ("A1-3/0", "a letter and rows"),
+        ("nothing:1", "found 'nothing:1'"),
+        ("J1", "found 'J1'"),
+        ("A1;2", "a letter and rows"),
+    ],
+)
 def test_keys_that_lead_nowhere_are_refused_in_words(key, message, tmp_path):
     with pytest.raises(ValueError, match=message):
         resolve(StoredRun(tmp_path, {}, {"accuracy": pd.DataFrame({"n": range(5)})}), key)
 
 
-@pytest.mark.parametrize("column, value, shown", [
-    ("position_error", 1.2345e-7, "1.2e-07"), ("F0_with_stick", 4.21195632175, "4.211956322"), ("window", 8.0, "8"), ("kind", "stick", "stick"),
-    ("reason", "a | b\nc", "a | b c"), ("bounded", np.True_, "yes"), ("threshold_error", float("nan"), "–"), ("paper_threshold", None, NULL), ("paper's scheme", None, "–"),
-    ("events_missed", 3.0, "3"), ("stop_error", float("inf"), "inf"), ("jump", -0.123456789, "-0.123457")])
+@pytest.mark.parametrize(
+    "column, value, shown",
+    [
+        ("position_error", 1.2345e-7, "1.2e-07"),
+        ("F0_with_stick", 4.21195632175, "4.211956322"),
+        ("window", 8.0, "8"),
+        ("kind", "stick", "stick"),
+        ("reason", "a | b\nc", "a | b c"),
+        ("bounded", np.True_, "yes"),
+        ("threshold_error", float("nan"), "–"),
+        ("paper_threshold", None, NULL),
+        ("paper's scheme", None, "–"),
+        ("events_missed", 3.0, "3"),
+        ("stop_error", float("inf"), "inf"),
+        ("jump", -0.123456789, "-0.123457"),
+    ],
+)
 def test_values_as_displayed(column, value, shown):
     assert cell(quantity_of(column), value) == shown

@@ -23,7 +23,9 @@ def test_it_obeys_the_standard_and_so_do_the_tables(report_folder, package):
     whole = frictionless.Package.from_descriptor(package, basepath=str(report_folder))
     assert whole.resource_names == [resource["name"] for resource in package["resources"]]
     assert not list(frictionless.Package.metadata_validate(package))
-    report = frictionless.Package.from_descriptor(package | {"resources": tables}, basepath=str(report_folder)).validate()
+    report = frictionless.Package.from_descriptor(
+        package | {"resources": tables}, basepath=str(report_folder)
+    ).validate()
     assert report.valid, report.flatten(["type", "message"])[:5]
     assert len(report.tasks) == len(tables) > 5
 
@@ -34,12 +36,18 @@ def test_a_wrong_cell_is_found(report_folder, package, tmp_path):
     table.loc[0, "position_error"] = "small"
     table.to_csv(tmp_path / "accuracy.csv", index=False)
     [resource] = [one for one in package["resources"] if one["path"] == "data/accuracy.csv"]
-    broken = frictionless.Package.from_descriptor(package | {"resources": [resource | {"path": "accuracy.csv"}]}, basepath=str(tmp_path))
+    broken = frictionless.Package.from_descriptor(
+        package | {"resources": [resource | {"path": "accuracy.csv"}]}, basepath=str(tmp_path)
+    )
     assert not broken.validate().valid
 
 
 def test_every_file_of_data_and_every_column_is_described(report_folder, package):
-    files = {path.relative_to(report_folder).as_posix() for path in (report_folder / "data").rglob("*") if path.is_file()}
+    files = {
+        path.relative_to(report_folder).as_posix()
+        for path in (report_folder / "data").rglob("*")
+        if path.is_file()
+    }
     listed = {resource["path"]: resource for resource in package["resources"]}
     assert set(listed) == files
     for path in files:
@@ -47,14 +55,22 @@ def test_every_file_of_data_and_every_column_is_described(report_folder, package
             columns = list(pd.read_csv(report_folder / path, nrows=0))
             assert [field["name"] for field in listed[path]["schema"]["fields"]] == columns
             name = path.removeprefix("data/").removesuffix(".csv")
-            unknown = [column for column in columns if name != PARAMETERS and quantity_of(column) == type(quantity_of(column))(column, column)
-                       and column not in QUANTITIES]
+            unknown = [
+                column
+                for column in columns
+                if name != PARAMETERS
+                and quantity_of(column) == type(quantity_of(column))(column, column)
+                and column not in QUANTITIES
+            ]
             assert not unknown, (path, unknown)
 
 
 def test_units_are_in_the_metadata_of_parquet(report_folder):
     fields = pq.read_schema(report_folder / "data" / "accuracy.parquet")
-    assert fields.field("position_error").metadata[b"unit"] == b"m" and fields.field("cpu_time").metadata[b"unit"] == b"s"
+    assert (
+        fields.field("position_error").metadata[b"unit"] == b"m"
+        and fields.field("cpu_time").metadata[b"unit"] == b"s"
+    )
     motion = next((report_folder / "data" / "trajectories").glob("*.parquet"))
     for field in pq.read_schema(motion):
         assert (field.metadata or {}).get(b"unit", b"").decode() == unit_of(field.name)
@@ -64,5 +80,8 @@ def test_uncertainties_are_quantities_of_the_same_unit():
     for quantity in QUANTITIES.values():
         if quantity.uncertainty:
             assert QUANTITIES[quantity.uncertainty].unit == quantity.unit
-        assert quantity.key.replace("F0", "f0").replace("_N", "_n").islower() and " " not in quantity.key
+        assert (
+            quantity.key.replace("F0", "f0").replace("_N", "_n").islower()
+            and " " not in quantity.key
+        )
     assert [one.label for one in columns_of_table(PARAMETERS, ["scene", "F0"])] == ["scene", "F0"]

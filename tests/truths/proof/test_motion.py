@@ -17,12 +17,29 @@ from stiction.cli import prove as command
 from stiction.cli.exit_codes import BAD_INPUT, FAILED
 from stiction.engines import load_engine
 from stiction.scenes import catalogue, load_scene, scene_from_dict, vary
-from stiction.truths import (NotThisMechanism, moving_guide_truth, oscillator_truth, pendulum_truth, slider_bar_truth,
-                             trammel_truth)
-from stiction.truths.proof.certificate import (NotACertificate, exact_text, read_ball, read_ball_within,
-                                               read_certificate, read_number)
+from stiction.truths import (
+    NotThisMechanism,
+    moving_guide_truth,
+    oscillator_truth,
+    pendulum_truth,
+    slider_bar_truth,
+    trammel_truth,
+)
+from stiction.truths.proof.certificate import (
+    NotACertificate,
+    exact_text,
+    read_ball,
+    read_ball_within,
+    read_certificate,
+    read_number,
+)
 from stiction.truths.proof.enclosures import arc
-from stiction.truths.proof.enclosures.exact import NotComparable, exact, exact_parameters, exact_scene
+from stiction.truths.proof.enclosures.exact import (
+    NotComparable,
+    exact,
+    exact_parameters,
+    exact_scene,
+)
 from stiction.truths.proof.enclosures.series import working
 from stiction.truths.proof.enclosures.zeros import Undecided
 from stiction.truths.proof.mechanisms.one_slider import Contact, OneSlider
@@ -56,12 +73,17 @@ def assert_agreement(truth, motion, times, estimated=ESTIMATED):
     """Compare events in order, and the columns of the motion at some times, up to the truth's own error."""
     mechanism = motion.mechanism
     with motion.precision.working():
-        assert [(e.kind, e.joint) for e in motion.events] == [(e.kind, e.joint) for e in truth.events]
+        assert [(e.kind, e.joint) for e in motion.events] == [
+            (e.kind, e.joint) for e in truth.events
+        ]
         for proven, event in zip(motion.events, truth.events):
             assert close(proven.time, event.time, estimated * truth.uncertainty["event time"])
         for t in times:
             for name, ball in mechanism.columns(arb(float(t)), *motion.at(arb(float(t)))).items():
-                assert close(ball, truth(t)[name][0], estimated * truth.uncertainty[name]), (name, t)
+                assert close(ball, truth(t)[name][0], estimated * truth.uncertainty[name]), (
+                    name,
+                    t,
+                )
 
 
 @pytest.fixture(scope="module")
@@ -107,7 +129,9 @@ def test_numbers_of_the_catalogue_are_those_that_floats_round(name):
         pairs = [(parameters[key], value) for key, value in scene.parameters.items()]
         for key, body in scene.bodies.items():
             found = numbers.bodies[key]
-            pairs += [(found[field], getattr(body, field)) for field in ("mass", "inertia", "angle")]
+            pairs += [
+                (found[field], getattr(body, field)) for field in ("mass", "inertia", "angle")
+            ]
             pairs += zip(found.position, body.position)
         for number, value in pairs:
             assert close(number.ball, value, 4e-16 * (1 + abs(value)))
@@ -117,13 +141,25 @@ def test_numbers_of_the_catalogue_are_those_that_floats_round(name):
 
 
 def pulled_block(direction, force=3):
-    pull = {"type": "force", "body": "slider", "direction": direction, "law": {"type": "constant", "value": force}}
-    return scene_from_dict({**load_scene("block-on-incline")._raw, "forces": {"pull": pull}}, "pulled")
+    pull = {
+        "type": "force",
+        "body": "slider",
+        "direction": direction,
+        "law": {"type": "constant", "value": force},
+    }
+    return scene_from_dict(
+        {**load_scene("block-on-incline")._raw, "forces": {"pull": pull}}, "pulled"
+    )
 
 
-@pytest.mark.parametrize("direction, force", [(["cos(incline)", "-sin(incline)"], 0),
-                                              (["cos(incline)", "-sin(incline)"], 3),  # as the guide's is written
-                                              (["2*cos(deg(20))", "-sin(pi/9)*2"], 3)])  # of the same value
+@pytest.mark.parametrize(
+    "direction, force",
+    [
+        (["cos(incline)", "-sin(incline)"], 0),
+        (["cos(incline)", "-sin(incline)"], 3),  # as the guide's is written
+        (["2*cos(deg(20))", "-sin(pi/9)*2"], 3),
+    ],
+)  # of the same value
 def test_block_on_incline_is_the_parabola(direction, force):
     motion = prove_scene(pulled_block(direction, force), 30)
     with bits(30):
@@ -135,8 +171,15 @@ def test_block_on_incline_is_the_parabola(direction, force):
     assert not motion.events
 
 
-@pytest.mark.parametrize("direction", [["cos(incline)", "sin(incline)"], ["-cos(incline)", "sin(incline)"],
-                                       ["cos(incline)", "-sin(0.349)"], [1, 0]])
+@pytest.mark.parametrize(
+    "direction",
+    [
+        ["cos(incline)", "sin(incline)"],
+        ["-cos(incline)", "sin(incline)"],
+        ["cos(incline)", "-sin(0.349)"],
+        [1, 0],
+    ],
+)
 def test_a_load_that_is_not_along_the_guide_is_refused(direction):
     with pytest.raises(NotThisMechanism, match="along the guide"):
         prove_scene(pulled_block(direction), 30)
@@ -172,26 +215,57 @@ def test_belt_sticks_and_slips_as_long_as_its_closed_forms_say():
 # truths and the reference
 
 
-DRIVE = {"drives.motor": {"type": "angle", "bodies": ["arm", "ground"],
-                          "law": {"type": "linear", "offset": "phi", "rate": "w"}}}
-UNLIKE = {"joints.pin-x.points": [[0.3, 0], [0, 0]], "joints.pin-y.points": [[-0.7, 0], [0, 0]],
-          "bodies.bar.position": ["0.7*cos(phi)", "0.3*sin(phi)"], "joints.guide-y.mu": 0.02,
-          "bodies.bar.velocity": ["0.7*w*sin(phi)", "-0.3*w*cos(phi)"], "bodies.slider-y.mass": 2.5,
-          "gravity": [1.5, "-g"],
-          "forces.torque.law": {"type": "sine", "amplitude": 4, "frequency": 9, "offset": 2, "phase": 0.5}}
+DRIVE = {
+    "drives.motor": {
+        "type": "angle",
+        "bodies": ["arm", "ground"],
+        "law": {"type": "linear", "offset": "phi", "rate": "w"},
+    }
+}
+UNLIKE = {
+    "joints.pin-x.points": [[0.3, 0], [0, 0]],
+    "joints.pin-y.points": [[-0.7, 0], [0, 0]],
+    "bodies.bar.position": ["0.7*cos(phi)", "0.3*sin(phi)"],
+    "joints.guide-y.mu": 0.02,
+    "bodies.bar.velocity": ["0.7*w*sin(phi)", "-0.3*w*cos(phi)"],
+    "bodies.slider-y.mass": 2.5,
+    "gravity": [1.5, "-g"],
+    "forces.torque.law": {
+        "type": "sine",
+        "amplitude": 4,
+        "frequency": 9,
+        "offset": 2,
+        "phase": 0.5,
+    },
+}
 """A trammel whose parameters all differ."""
 
 
-@pytest.mark.parametrize("name, truth, t_end, overrides, events", [
-    *((name, slider_bar_truth, 24 if name in CASES else 8, {}, events)
-      for name, events in zip(SLIDER_BARS, (4, 9, 25, 4, 8, 23, 32, 38, 110), strict=True)),
-    ("mass-on-belt", oscillator_truth, 20, {}, 12), ("coulomb-oscillator", oscillator_truth, 20, {}, 6),
-    ("slider-on-moving-guide", moving_guide_truth, 0.5, {}, 2),
-    ("slider-on-moving-guide", moving_guide_truth, 0.5, DRIVE, 1),  # the arm's angle is given
-    ("elliptic-trammel", trammel_truth, 0.45, {}, 5),  # half a turn: a dead point of each slider, and corners
-    ("elliptic-trammel", trammel_truth, 0.2, UNLIKE, 2),
-    pytest.param("elliptic-trammel", trammel_truth, 10, {}, 88, marks=pytest.mark.long),
-    pytest.param("slider-on-moving-guide", moving_guide_truth, 10, {}, 17, marks=pytest.mark.long)])
+@pytest.mark.parametrize(
+    "name, truth, t_end, overrides, events",
+    [
+        *(
+            (name, slider_bar_truth, 24 if name in CASES else 8, {}, events)
+            for name, events in zip(SLIDER_BARS, (4, 9, 25, 4, 8, 23, 32, 38, 110), strict=True)
+        ),
+        ("mass-on-belt", oscillator_truth, 20, {}, 12),
+        ("coulomb-oscillator", oscillator_truth, 20, {}, 6),
+        ("slider-on-moving-guide", moving_guide_truth, 0.5, {}, 2),
+        ("slider-on-moving-guide", moving_guide_truth, 0.5, DRIVE, 1),  # the arm's angle is given
+        (
+            "elliptic-trammel",
+            trammel_truth,
+            0.45,
+            {},
+            5,
+        ),  # half a turn: a dead point of each slider, and corners
+        ("elliptic-trammel", trammel_truth, 0.2, UNLIKE, 2),
+        pytest.param("elliptic-trammel", trammel_truth, 10, {}, 88, marks=pytest.mark.long),
+        pytest.param(
+            "slider-on-moving-guide", moving_guide_truth, 10, {}, 17, marks=pytest.mark.long
+        ),
+    ],
+)
 def test_truths_are_inside(name, truth, t_end, overrides, events):
     """Truths and proofs are derived from different balances. With friction the reference finds as many events."""
     scene = vary(load_scene(name), {"t_end": t_end, **overrides})
@@ -208,9 +282,14 @@ def test_reference_of_the_pendulum_errs_in_proportion_to_its_tolerance(compiled)
     with motion.precision.working():
         proven = float(motion.mechanism.columns(arb(10), *motion.at(arb(10)))["mass.x"].mid())
     assert abs(pendulum_truth(scene)(10.0)["mass.x"][0] - proven) < 1e-14
-    runs = (load_engine("reference").simulate(scene, rtol=rtol, output_step=10) for rtol in (1e-10, 1e-11, 1e-12))
+    runs = (
+        load_engine("reference").simulate(scene, rtol=rtol, output_step=10)
+        for rtol in (1e-10, 1e-11, 1e-12)
+    )
     errors = [abs(run["mass.x"][-1] - proven) for run in runs]
-    assert all(finer < coarser / 5 for coarser, finer in zip(errors, errors[1:])) and errors[-1] < 1e-9
+    assert (
+        all(finer < coarser / 5 for coarser, finer in zip(errors, errors[1:])) and errors[-1] < 1e-9
+    )
 
 
 # mutations: of the equation, of rounding, of the remainder
@@ -269,19 +348,24 @@ def in_file(claims, old, new):
     claims["file"] = claims["file"].replace(old, new)
 
 
-@pytest.mark.parametrize("damage", [
-    lambda claims: in_file(claims, "mu = 0.03", "mu = 0.03000000000000001"),  # another equation
-    lambda claims: in_file(claims, "g = 9.81", "g = 9.810000000000002"),
-    lambda claims: in_file(claims, "F0 = 3\n", "F0 = -3\n"),
-    lambda claims: claims["steps"][5]["start"]["size"].__setitem__(0, ["0*2^0", "1*2^-400"]),
-    lambda claims: with_events(claims)["events"].pop(),
-    lambda claims: with_events(claims)["events"][0].update(time=["1*2^0", "1*2^-90"]),
-    lambda claims: claims["steps"].remove(with_events(claims)),
-    lambda claims: claims["steps"].pop(0),
-    lambda claims: claims["steps"][9].update(mode=[-1, 1, 1]),
-    lambda claims: claims["steps"][9].update(t0=claims["steps"][3]["t0"]),
-    lambda claims: claims["events"][0].update({"time [s]": "0.5 +/- 1e-15"}), lambda claims: claims["events"].pop(),
-    lambda claims: claims["state at t_end"].update({"slider.x": "0.1 +/- 1e-9"})])
+@pytest.mark.parametrize(
+    "damage",
+    [
+        lambda claims: in_file(claims, "mu = 0.03", "mu = 0.03000000000000001"),  # another equation
+        lambda claims: in_file(claims, "g = 9.81", "g = 9.810000000000002"),
+        lambda claims: in_file(claims, "F0 = 3\n", "F0 = -3\n"),
+        lambda claims: claims["steps"][5]["start"]["size"].__setitem__(0, ["0*2^0", "1*2^-400"]),
+        lambda claims: with_events(claims)["events"].pop(),
+        lambda claims: with_events(claims)["events"][0].update(time=["1*2^0", "1*2^-90"]),
+        lambda claims: claims["steps"].remove(with_events(claims)),
+        lambda claims: claims["steps"].pop(0),
+        lambda claims: claims["steps"][9].update(mode=[-1, 1, 1]),
+        lambda claims: claims["steps"][9].update(t0=claims["steps"][3]["t0"]),
+        lambda claims: claims["events"][0].update({"time [s]": "0.5 +/- 1e-15"}),
+        lambda claims: claims["events"].pop(),
+        lambda claims: claims["state at t_end"].update({"slider.x": "0.1 +/- 1e-9"}),
+    ],
+)
 def test_a_damaged_certificate_is_noticed(short_claims, damage):
     damage(short_claims)
     assert FORMAT.check(short_claims)
@@ -295,18 +379,32 @@ def test_a_moved_set_is_noticed(short, short_claims):
     assert FORMAT.check(short_claims)
 
 
-@pytest.mark.parametrize("damage", [
-    lambda step: step.pop("start"), lambda step: step["start"]["size"].__setitem__(0, ["0*2^0", "-1*2^-90"]),
-    lambda step: step.update(t0="soon")])
+@pytest.mark.parametrize(
+    "damage",
+    [
+        lambda step: step.pop("start"),
+        lambda step: step["start"]["size"].__setitem__(0, ["0*2^0", "-1*2^-90"]),
+        lambda step: step.update(t0="soon"),
+    ],
+)
 def test_a_file_that_is_no_certificate(short_claims, damage):
     damage(short_claims["steps"][3])
     with pytest.raises(NotACertificate):
         FORMAT.check(short_claims)
 
 
-@pytest.mark.parametrize("name, t_end, digits", [
-    ("elliptic-trammel", 0.15, 12),  # past a dead point, where a coordinate's ball contains zero
-    ("coulomb-oscillator", 4, 14), ("mass-on-belt", 5, 12)])  # a step has no enclosure as a whole
+@pytest.mark.parametrize(
+    "name, t_end, digits",
+    [
+        (
+            "elliptic-trammel",
+            0.15,
+            12,
+        ),  # past a dead point, where a coordinate's ball contains zero
+        ("coulomb-oscillator", 4, 14),
+        ("mass-on-belt", 5, 12),
+    ],
+)  # a step has no enclosure as a whole
 def test_certificates_of_other_mechanisms_are_proven_again(name, t_end, digits):
     scene = load_scene(name, {"t_end": t_end})
     claims = motion_certificate(prove_scene(scene, digits), scene, digits)
@@ -326,13 +424,31 @@ def proves(scene, truth):
 
 
 @settings(max_examples=6, deadline=None)
-@given(mu=st.floats(0.001, 0.2), extra=st.sampled_from([0.0, 0.01, 0.1]), F0=st.floats(0.5, 8),
-       Omega=st.floats(0.5, 3), w0=st.floats(-1.5, 1.5), m1=st.floats(0.5, 3), width=st.floats(0.01, 0.6))
+@given(
+    mu=st.floats(0.001, 0.2),
+    extra=st.sampled_from([0.0, 0.01, 0.1]),
+    F0=st.floats(0.5, 8),
+    Omega=st.floats(0.5, 3),
+    w0=st.floats(-1.5, 1.5),
+    m1=st.floats(0.5, 3),
+    width=st.floats(0.01, 0.6),
+)
 def test_any_slider_bar(mu, extra, F0, Omega, w0, m1, width):
     """Two derivations and two arithmetics of one motion; what the proof cannot decide would be an error here."""
     assume(abs(w0) > 0.1)
-    scene = vary(load_scene(CASES[0]), {"mu": mu, "mus": mu + extra, "F0": F0, "Omega": Omega, "w0": w0, "m1": m1,
-                                    "guide.width": width, "t_end": 3})
+    scene = vary(
+        load_scene(CASES[0]),
+        {
+            "mu": mu,
+            "mus": mu + extra,
+            "F0": F0,
+            "Omega": Omega,
+            "w0": w0,
+            "m1": m1,
+            "guide.width": width,
+            "t_end": 3,
+        },
+    )
     assert proves(scene, slider_bar_truth(scene))
 
 
@@ -387,13 +503,24 @@ def test_the_bar_is_proven(bar):
     assert proves(*bar)
 
 
-@pytest.mark.parametrize("owner, name, wrong", [
-    (Contact, "friction", lambda self, slip: -slip * self.mu),  # drives the slip
-    (Contact, "friction", lambda self, slip: slip * self.mus),
-    (Contact, "difference",  # surfaces exchanged
-     lambda self, R, M, friction: (M - R * (friction * self.width / 2)) * (2 / self.length)),
-    (OneSlider, "_margins", lambda self, R, M, P, s: [R * self.contact.mus - P * s]),  # no corners at rest
-    (SlidingMass, "_moment", lambda self, t, a: self._theta(t).cos() * self.c * self.g)])  # a bar without inertia
+@pytest.mark.parametrize(
+    "owner, name, wrong",
+    [
+        (Contact, "friction", lambda self, slip: -slip * self.mu),  # drives the slip
+        (Contact, "friction", lambda self, slip: slip * self.mus),
+        (
+            Contact,
+            "difference",  # surfaces exchanged
+            lambda self, R, M, friction: (M - R * (friction * self.width / 2)) * (2 / self.length),
+        ),
+        (
+            OneSlider,
+            "_margins",
+            lambda self, R, M, P, s: [R * self.contact.mus - P * s],
+        ),  # no corners at rest
+        (SlidingMass, "_moment", lambda self, t, a: self._theta(t).cos() * self.c * self.g),
+    ],
+)  # a bar without inertia
 def test_wrong_laws_of_contact_are_noticed(bar, monkeypatch, owner, name, wrong):
     monkeypatch.setattr(owner, name, wrong)
     assert not proves(*bar)
@@ -408,8 +535,11 @@ def trammel():
 @pytest.mark.parametrize("sign", [(1, 1), (-1, 1), (1, -1)])
 def test_a_wrong_sign_of_either_friction_of_the_trammel_is_noticed(trammel, monkeypatch, sign):
     right = Trammel._coefficients
-    monkeypatch.setattr(Trammel, "_coefficients",
-                        lambda self, mode: tuple(s * c for s, c in zip(sign, right(self, mode))))
+    monkeypatch.setattr(
+        Trammel,
+        "_coefficients",
+        lambda self, mode: tuple(s * c for s, c in zip(sign, right(self, mode))),
+    )
     assert proves(*trammel) == (sign == (1, 1))
 
 
@@ -428,25 +558,40 @@ def test_a_ball_that_is_read_contains_what_is_written_and_a_target_lies_within()
 # what cannot be decided
 
 
-@pytest.mark.parametrize("name, overrides, when, reason", [
-    ("hard/painleve-sweep", {}, 1.0847, "friction gain"),
-    ("existence-lost", {}, 0.0, "friction gain"),
-    ("hard/can-jam", {}, 1.2278, "jam"),
-    ("hard/trammel-at-rest", {}, 0.0, "direction"),
-    ("elliptic-trammel", {"T": -60, "w": 2, "t_end": 1}, 0.07, "bar stops"),
-    ("elliptic-trammel", {"mu": 0.9, "mus": 0.9, "bodies.slider-y.mass": 40, "bodies.bar.inertia": 0.01}, 0.0,
-     "friction gain"),
-    # P sin(r t) reaches mus N at its peak and no more: t = pi/2/0.7
-    ("coulomb-oscillator", {"b": 1, "load.phase": 0}, np.pi / 1.4, "grazing"),
-])
+@pytest.mark.parametrize(
+    "name, overrides, when, reason",
+    [
+        ("hard/painleve-sweep", {}, 1.0847, "friction gain"),
+        ("existence-lost", {}, 0.0, "friction gain"),
+        ("hard/can-jam", {}, 1.2278, "jam"),
+        ("hard/trammel-at-rest", {}, 0.0, "direction"),
+        ("elliptic-trammel", {"T": -60, "w": 2, "t_end": 1}, 0.07, "bar stops"),
+        (
+            "elliptic-trammel",
+            {"mu": 0.9, "mus": 0.9, "bodies.slider-y.mass": 40, "bodies.bar.inertia": 0.01},
+            0.0,
+            "friction gain",
+        ),
+        # P sin(r t) reaches mus N at its peak and no more: t = pi/2/0.7
+        ("coulomb-oscillator", {"b": 1, "load.phase": 0}, np.pi / 1.4, "grazing"),
+    ],
+)
 def test_undecided_says_when_and_why(name, overrides, when, reason):
     with pytest.raises(Undecided, match=reason) as caught:
         prove_scene(load_scene(name, overrides), 12)
     assert abs(float(caught.value.time.mid()) - when) < 0.1
 
 
-@pytest.mark.parametrize("name", ["four-bar", "slider-crank", "painleve-rod", "hard/inconsistent-position",
-                                  "hard/inconsistent-velocity"])
+@pytest.mark.parametrize(
+    "name",
+    [
+        "four-bar",
+        "slider-crank",
+        "painleve-rod",
+        "hard/inconsistent-position",
+        "hard/inconsistent-velocity",
+    ],
+)
 def test_other_mechanisms_are_refused(name):
     with pytest.raises(NotThisMechanism), bits():
         provable(load_scene(name))
@@ -455,7 +600,9 @@ def test_other_mechanisms_are_refused(name):
 def test_at_the_edge_of_static_friction():
     """P = mus N (1 -+ 1e-20): rests for ever, or breaks away at the peak; floats cannot tell."""
     for b, moves in (("1 + 1/10^20", False), ("1 - 1/10^20", True)):
-        motion = prove_scene(load_scene("coulomb-oscillator", {"b": b, "load.phase": 0, "t_end": 4}), 60)
+        motion = prove_scene(
+            load_scene("coulomb-oscillator", {"b": b, "load.phase": 0, "t_end": 4}), 60
+        )
         assert [event.kind for event in motion.events] == (["slip", "stick"] if moves else [])
 
 
@@ -475,10 +622,17 @@ def test_command_writes_what_it_checks(tmp_path):
     assert "step 1" in invoke("prove", file, "--check", exit_code=FAILED).output
 
 
-@pytest.mark.parametrize("arguments, code, culprit", [
-    ("four-bar", BAD_INPUT, "four-bar"), ("nothing", BAD_INPUT, "nothing"),
-    ("pendulum --digits 0", BAD_INPUT, "--digits"), ("pendulum --out x.csv", BAD_INPUT, "--out"),
-    ("pendulum --check", BAD_INPUT, "certificate"), ("existence-lost", FAILED, "friction gain")])
+@pytest.mark.parametrize(
+    "arguments, code, culprit",
+    [
+        ("four-bar", BAD_INPUT, "four-bar"),
+        ("nothing", BAD_INPUT, "nothing"),
+        ("pendulum --digits 0", BAD_INPUT, "--digits"),
+        ("pendulum --out x.csv", BAD_INPUT, "--out"),
+        ("pendulum --check", BAD_INPUT, "certificate"),
+        ("existence-lost", FAILED, "friction gain"),
+    ],
+)
 def test_command_refuses(arguments, code, culprit):
     assert culprit in invoke(f"prove {arguments}", exit_code=code).output
 

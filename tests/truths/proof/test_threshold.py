@@ -18,7 +18,12 @@ from stiction.truths.proof import threshold_certificate
 from stiction.truths.proof.certificate import NotACertificate, read_certificate, write_certificate
 from stiction.truths.proof.enclosures import NotProven
 from stiction.truths.proof.motion import ProvenMotion
-from stiction.truths.proof.threshold import ProvenThreshold, decimal, proven_steady_state, proven_threshold
+from stiction.truths.proof.threshold import (
+    ProvenThreshold,
+    decimal,
+    proven_steady_state,
+    proven_threshold,
+)
 from stiction.truths.proof.threshold_certificate import FORMAT
 from stiction.truths.proof.truth import DATA, threshold_of_theorem
 from stiction.truths.reduced.slider_bar import SliderBar
@@ -43,7 +48,9 @@ def sliding(fewer_digits):
 def test_steady_state_is_the_one_that_is_found_in_floats(sliding):
     near = steady_state(SliderBar.from_scene(load_scene(CASE, {"F0": 4.5})))
     for proven, value in zip(sliding.state, near.state):
-        assert abs(float(proven.mid()) - value) < 1e-10 and float(proven.rad()) < 1e-14  # the digits asked for
+        assert (
+            abs(float(proven.mid()) - value) < 1e-10 and float(proven.rad()) < 1e-14
+        )  # the digits asked for
     assert not sliding.sticks and not near.sticks
     assert abs(float(sliding.period.mid()) - 8) < 1e-15
     # the multipliers are bounded by any norm of the map's derivative
@@ -72,7 +79,9 @@ def test_a_map_that_does_not_contract_proves_nothing(monkeypatch):
 
 
 def test_ends_that_do_not_differ_are_no_threshold(monkeypatch, sliding):
-    monkeypatch.setattr(module, "stick_threshold", lambda scene: StickThreshold(4.5, 1e-9, (4.4, 4.6)))
+    monkeypatch.setattr(
+        module, "stick_threshold", lambda scene: StickThreshold(4.5, 1e-9, (4.4, 4.6))
+    )
     monkeypatch.setattr(module, "proven_steady_state", lambda scene, F0: replace(sliding, F0=F0))
     with pytest.raises(NotProven, match="stick phase at"):
         proven_threshold(load_scene(CASE), 3)
@@ -100,8 +109,11 @@ def claims(certificate):
 @pytest.fixture
 def proven_before(monkeypatch, sticking, sliding):
     """Proofs of both ends without doing them again."""
-    monkeypatch.setattr(threshold_certificate, "proven_on",
-                        lambda scene, F0, *rest: sticking if F0 == sticking.F0 else sliding)
+    monkeypatch.setattr(
+        threshold_certificate,
+        "proven_on",
+        lambda scene, F0, *rest: sticking if F0 == sticking.F0 else sliding,
+    )
 
 
 @pytest.mark.long  # in every run: an end of a theorem of the suite
@@ -114,18 +126,32 @@ def changed(decimals):
     """A ball in decimals with another eighth digit."""
     centre, _, radius = decimals.partition(" +/- ")
     place = centre.index(".") + 8
-    return f"{centre[:place]}{(int(centre[place]) + 5) % 10}{centre[place + 1:]} +/- {radius}"
+    return f"{centre[:place]}{(int(centre[place]) + 5) % 10}{centre[place + 1 :]} +/- {radius}"
 
 
-@pytest.mark.parametrize("damage, reason", [
-    (lambda low: low.update({"stick phase": False}), "changes of mode"),
-    (lambda low: low["events"].pop(), "changes of mode"),
-    (lambda low: low.update(contraction=low["contraction"] / 2), "factor"),
-    (lambda low: low.update(periods=1), "from the start"),
-    (lambda low: low["state"].reverse(), "state at t = 0"),
-    (lambda low: low.update({"F0, decimal": "4.2118"}), "decimals"),
-    (lambda low: low["state, decimal [m, m/s]"].__setitem__(0, changed(low["state, decimal [m, m/s]"][0])), "decimals"),
-    (lambda low: low["events"][-1].update({"time [s]": changed(low["events"][-1]["time [s]"])}), "decimals")])
+@pytest.mark.parametrize(
+    "damage, reason",
+    [
+        (lambda low: low.update({"stick phase": False}), "changes of mode"),
+        (lambda low: low["events"].pop(), "changes of mode"),
+        (lambda low: low.update(contraction=low["contraction"] / 2), "factor"),
+        (lambda low: low.update(periods=1), "from the start"),
+        (lambda low: low["state"].reverse(), "state at t = 0"),
+        (lambda low: low.update({"F0, decimal": "4.2118"}), "decimals"),
+        (
+            lambda low: low["state, decimal [m, m/s]"].__setitem__(
+                0, changed(low["state, decimal [m, m/s]"][0])
+            ),
+            "decimals",
+        ),
+        (
+            lambda low: low["events"][-1].update(
+                {"time [s]": changed(low["events"][-1]["time [s]"])}
+            ),
+            "decimals",
+        ),
+    ],
+)
 def test_claims_that_differ_from_what_is_proven(claims, sticking, proven_before, damage, reason):
     assert threshold_certificate._proven_again(claims["low"], load_scene(CASE), sticking.F0).sticks
     damage(claims["low"])
@@ -144,9 +170,14 @@ def test_ends_that_do_not_bracket(claims, proven_before):
     assert "the ends are none" in FORMAT.check(claims)[0].reason
 
 
-@pytest.mark.parametrize("damage", [lambda low: low.update(radius="1*2^-2"),  # of motions with other changes of mode
-                                    lambda low: low.update(radius="1*2^-300"),  # within the error of the centre
-                                    lambda low: low["centre"].__setitem__(0, "-3*2^-3")])
+@pytest.mark.parametrize(
+    "damage",
+    [
+        lambda low: low.update(radius="1*2^-2"),  # of motions with other changes of mode
+        lambda low: low.update(radius="1*2^-300"),  # within the error of the centre
+        lambda low: low["centre"].__setitem__(0, "-3*2^-3"),
+    ],
+)
 def test_another_set_proves_nothing(claims, damage):
     damage(claims["low"])
     with pytest.raises(NotProven):
@@ -160,10 +191,16 @@ def test_another_friction_is_noticed(claims):
     assert [failure.part for failure in FORMAT.check(claims)] == [0, 1]
 
 
-@pytest.mark.parametrize("damage", [
-    lambda claims: claims.pop("high"), lambda claims: claims["low"].pop("frame"),
-    lambda claims: claims["low"].update(radius="small"), lambda claims: claims["low"].update(count=0),
-    lambda claims: claims["low"].update({"F0 [N]": "1/0"})])
+@pytest.mark.parametrize(
+    "damage",
+    [
+        lambda claims: claims.pop("high"),
+        lambda claims: claims["low"].pop("frame"),
+        lambda claims: claims["low"].update(radius="small"),
+        lambda claims: claims["low"].update(count=0),
+        lambda claims: claims["low"].update({"F0 [N]": "1/0"}),
+    ],
+)
 def test_a_file_that_is_no_theorem(claims, damage):
     damage(claims)
     with pytest.raises(NotACertificate):
@@ -181,16 +218,20 @@ def test_a_refuted_file_ends_the_command(certificate, sliding, tmp_path, monkeyp
     assert "end 0: why" in ended.output and "1 of 2 ends" in ended.output
     other = tmp_path / "other.json"
     other.write_text(json.dumps({"format": "stiction proof 0"}))
-    assert "expected 'stiction proof 1' or" in invoke("prove", other, "--check", exit_code=None).output
+    assert (
+        "expected 'stiction proof 1' or" in invoke("prove", other, "--check", exit_code=None).output
+    )
 
 
 @pytest.mark.long
-@pytest.mark.parametrize("name, low", [(CASE, "4.211956266"), ("slider-bar-case-1-mus-equals-mu", "3.894203464")])
+@pytest.mark.parametrize(
+    "name, low", [(CASE, "4.211956266"), ("slider-bar-case-1-mus-equals-mu", "3.894203464")]
+)
 def test_threshold_to_a_nano_newton(name, low):
     """About 4.2119563 and 3.894203 by bisection; the figure 3.8942063 that was handed down is too high."""
     found = proven_threshold(load_scene(name), 9)
     assert decimal(found.low.F0) == low
-    assert found.high.F0 - found.low.F0 == Fraction(1, 10 ** 9)
+    assert found.high.F0 - found.low.F0 == Fraction(1, 10**9)
     assert found.low.sticks and not found.high.sticks
 
 
@@ -200,7 +241,11 @@ def test_threshold_to_a_nano_newton(name, low):
 @pytest.mark.parametrize("has_mus, F0", [(True, 4.2119562663), (False, 3.8942034641)])
 def test_a_threshold_of_the_suite_is_proven(has_mus, F0):
     found = threshold_of_theorem(physics_of(load_scene(CASE, {"F0": 1}), has_mus))
-    assert abs(found.F0 - F0) < 1e-9 and 0 < found.uncertainty <= 5.1e-11 and "Hypotheses" in found.theorem
+    assert (
+        abs(found.F0 - F0) < 1e-9
+        and 0 < found.uncertainty <= 5.1e-11
+        and "Hypotheses" in found.theorem
+    )
 
 
 @pytest.mark.parametrize("overrides", [{"mu": 0.031}, {"m1": 2.5}, {"L0": 0.3}])

@@ -51,7 +51,9 @@ def truth(scene):
 
 
 def python(code):
-    return subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, timeout=600, check=True).stdout
+    return subprocess.run(
+        [sys.executable, "-c", code], capture_output=True, text=True, timeout=600, check=True
+    ).stdout
 
 
 def test_rows_are_the_same_with_and_without_ball_arithmetic(compiled):
@@ -68,14 +70,31 @@ def digest_of(scene):
 
 def test_every_certificate_is_of_a_scene_as_it_is():
     """A changed scene of the catalogue needs a new one: `python -m stiction.truths.proof.truth_certificate`."""
-    current = {digest_of(physics_of(load_scene(name), static)) for name in catalogue() for static in (True, False)}
+    current = {
+        digest_of(physics_of(load_scene(name), static))
+        for name in catalogue()
+        for static in (True, False)
+    }
     stale = [file.name for file in certificates() if file.name.split(".")[1] not in current]
     assert stale == [] and sum(file.stat().st_size for file in certificates()) < 2e6
 
 
-@pytest.mark.parametrize("name", [
-    "block-on-incline", "coulomb-oscillator", "elliptic-trammel", "mass-on-belt", "pendulum", "slider-on-moving-guide",
-    *(f"slider-bar-case-{case}{kind}" for case in (1, 2, 3) for kind in ("", "-frictionless", "-mus-equals-mu"))])
+@pytest.mark.parametrize(
+    "name",
+    [
+        "block-on-incline",
+        "coulomb-oscillator",
+        "elliptic-trammel",
+        "mass-on-belt",
+        "pendulum",
+        "slider-on-moving-guide",
+        *(
+            f"slider-bar-case-{case}{kind}"
+            for case in (1, 2, 3)
+            for kind in ("", "-frictionless", "-mus-equals-mu")
+        ),
+    ],
+)
 def test_every_scene_that_is_proven_has_a_certificate(name):
     digests = {file.name.split(".")[1] for file in certificates()}
     assert digest_of(load_scene(name)) in digests
@@ -89,7 +108,12 @@ def test_a_digest_is_of_the_motion_alone(scene):
     assert digest_of(vary(scene, {"t_end": 3, "stabilization.alpha": 5})) == digest
     assert motion_digest(text.replace("Omega", "om")) == digest  # a parameter's name
     assert digest_of(vary(scene, {"g": 9.8100000000000005})) == digest  # the same double as 9.81
-    for changed in ({"mus": 0.041}, {"g": 9.81000000000001}, {"slider.position": [0.26, 0]}, {"guide.width": 0.4}):
+    for changed in (
+        {"mus": 0.041},
+        {"g": 9.81000000000001},
+        {"slider.position": [0.26, 0]},
+        {"guide.width": 0.4},
+    ):
         assert digest_of(vary(scene, changed)) != digest, changed
 
 
@@ -105,8 +129,12 @@ def test_a_part_of_a_proven_motion_is_proven(scene, truth):
     whole, t = ground_truth(load_scene("slider-bar-case-1")), np.linspace(0, 6, 100)
     assert truth.tier == whole.tier == PROVEN
     assert truth.effort_tier == HIGH_PRECISION  # no proof encloses the motor's torque
-    assert [event.time for event in truth.events] == [event.time for event in whole.events if event.time < 6]
-    assert all(np.array_equal(truth(t)[name], whole(t)[name]) for name in ("bar.x", "bar.vy", "slider.vx"))
+    assert [event.time for event in truth.events] == [
+        event.time for event in whole.events if event.time < 6
+    ]
+    assert all(
+        np.array_equal(truth(t)[name], whole(t)[name]) for name in ("bar.x", "bar.vy", "slider.vx")
+    )
     assert truth.uncertainty["motor.effort"] == slider_bar_truth(scene).uncertainty["motor.effort"]
 
 
@@ -114,7 +142,11 @@ def test_each_number_of_a_run_says_its_own_tier(truth):
     """Errors and jumps of the torque are measured against the tier below: a proof does not enclose it."""
     run = ReferenceEngine().simulate(load_scene("slider-bar-case-1"), t_end=6.0, rtol=1e-9)
     tiers = {metric.name: metric.tier for metric in _errors(errors(run, truth, 1.0), truth)}
-    assert tiers.pop(TORQUE_ERROR) == HIGH_PRECISION and len(tiers) > 3 and set(tiers.values()) == {PROVEN}
+    assert (
+        tiers.pop(TORQUE_ERROR) == HIGH_PRECISION
+        and len(tiers) > 3
+        and set(tiers.values()) == {PROVEN}
+    )
     variant = Variant("reference", "reference", "rtol", (1e-9,))
     record = Record("key", "slider-bar-case-1", variant, 1e-9, Outcome("key", "ok", run))
     jumps = torque_table([record], {"key": truth})
@@ -145,11 +177,16 @@ def test_what_differs_from_the_proof_is_a_contradiction(scene):
         found = before.columns(t, side)
         return found | {"bar.y": found["bar.y"] * (1 + 1e-9)}
 
-    for changes, what in (({"events": before.events[1:]}, "proven are"), ({"columns": columns}, "bar.y")):
+    for changes, what in (
+        ({"events": before.events[1:]}, "proven are"),
+        ({"columns": columns}, "bar.y"),
+    ):
         with pytest.raises(Contradiction, match=what):
             with_proof(scene, replace(before, **changes))
 
 
 def test_certificates_come_with_an_installation():
     text = (Path(__file__).parents[3] / "pyproject.toml").read_text()
-    assert '"data/*.json.gz"' in text and all(file.name.endswith(".json.gz") for file in certificates())
+    assert '"data/*.json.gz"' in text and all(
+        file.name.endswith(".json.gz") for file in certificates()
+    )

@@ -22,9 +22,18 @@ def claims():
     return truth_certificate(load_scene("slider-bar-case-1", {"t_end": 3}))
 
 
-@pytest.mark.parametrize("name, t_end", [
-    ("block-on-incline", 2), ("mass-on-belt", 3), ("coulomb-oscillator", 4), ("pendulum", 1), ("slider-bar-case-3", 1),
-    ("elliptic-trammel", 0.125), ("slider-on-moving-guide", 0.5)])
+@pytest.mark.parametrize(
+    "name, t_end",
+    [
+        ("block-on-incline", 2),
+        ("mass-on-belt", 3),
+        ("coulomb-oscillator", 4),
+        ("pendulum", 1),
+        ("slider-bar-case-3", 1),
+        ("elliptic-trammel", 0.125),
+        ("slider-on-moving-guide", 0.5),
+    ],
+)
 def test_all_positions_and_velocities_are_within_their_bounds(name, t_end):
     """Columns in floats against balls of 25 digits at instants between those of steps, for every mechanism."""
     scene = load_scene(name, {"t_end": t_end})
@@ -46,14 +55,23 @@ def test_a_certificate_is_proven_again(claims, tmp_path):
     assert "all 9 columns proven anew" in ended.output
 
 
-@pytest.mark.parametrize("damage", [
-    lambda claims: claims["coefficients"]["slider.x"].__setitem__(
-        3, [c * (1 + 1e-12 * (k == 1)) for k, c in enumerate(claims["coefficients"]["slider.x"][3])]),
-    lambda claims: claims["errors"].update({"bar.y": claims["errors"]["bar.y"] / 10}),
-    lambda claims: claims["events"].pop(),
-    lambda claims: claims["events"][0].__setitem__(2, claims["events"][0][2] + 1e-13),
-    lambda claims: claims.update(file=claims["file"].replace("mus = 0.04", "mus = 0.05"))],
-    ids=["coefficient", "error", "event", "time", "digest"])
+@pytest.mark.parametrize(
+    "damage",
+    [
+        lambda claims: claims["coefficients"]["slider.x"].__setitem__(
+            3,
+            [
+                c * (1 + 1e-12 * (k == 1))
+                for k, c in enumerate(claims["coefficients"]["slider.x"][3])
+            ],
+        ),
+        lambda claims: claims["errors"].update({"bar.y": claims["errors"]["bar.y"] / 10}),
+        lambda claims: claims["events"].pop(),
+        lambda claims: claims["events"][0].__setitem__(2, claims["events"][0][2] + 1e-13),
+        lambda claims: claims.update(file=claims["file"].replace("mus = 0.04", "mus = 0.05")),
+    ],
+    ids=["coefficient", "error", "event", "time", "digest"],
+)
 def test_a_false_claim_is_found(claims, damage):
     false = copy.deepcopy(claims)
     damage(false)

@@ -16,17 +16,31 @@ from typing import Any
 
 from flint import arb, arb_mat, arb_poly, arb_series
 
-from stiction.truths.proof.enclosures.series import (Expansion, Timed, TooLong, Value, constants, halves, identity,
-                                                     partials, time_series)
+from stiction.truths.proof.enclosures.series import (
+    Expansion,
+    Timed,
+    TooLong,
+    Value,
+    constants,
+    halves,
+    identity,
+    partials,
+    time_series,
+)
 
 _PICARD = 30
 _WIDEN = arb(1) / 8
 
-Along = Callable[[arb_series, Sequence[Value], Sequence[Value], Sequence[Value]], Mapping[Hashable, Sequence[Value]]]
+Along = Callable[
+    [arb_series, Sequence[Value], Sequence[Value], Sequence[Value]],
+    Mapping[Hashable, Sequence[Value]],
+]
 """Groups of functions of t, q, v and q'', by name."""
 
 
-def partials_at(function: Callable[..., Sequence[Value]], state: Sequence[arb]) -> tuple[list[arb], list[list[arb]]]:
+def partials_at(
+    function: Callable[..., Sequence[Value]], state: Sequence[arb]
+) -> tuple[list[arb], list[list[arb]]]:
     """Values of functions of (q, v) in a state and their derivatives by its 2n components."""
     values, gradients = partials(function, constants(state))
     return [f[0] for f in values], [[g[0] for g in gradient] for gradient in gradients]
@@ -66,11 +80,16 @@ def _variation(slopes: list[list[arb]], step: arb) -> arb_mat:
     n, indices = len(slopes), range(2 * len(slopes))
     E = identity(2 * n).tolist()
     for _ in range(_PICARD):
-        rates = E[n:] + [[sum((row[k] * E[k][j] for k in indices), arb(0)) for j in indices] for row in slopes]
+        rates = E[n:] + [
+            [sum((row[k] * E[k][j] for k in indices), arb(0)) for j in indices] for row in slopes
+        ]
         new = [[int(i == j) + step * rates[i][j] for j in indices] for i in indices]
         if all(old.contains(fresh) for olds, news in zip(E, new) for old, fresh in zip(olds, news)):
             return arb_mat(new)
-        E = [[_widened(old.union(fresh), arb(0)) for old, fresh in zip(olds, news)] for olds, news in zip(E, new)]
+        E = [
+            [_widened(old.union(fresh), arb(0)) for old, fresh in zip(olds, news)]
+            for olds, news in zip(E, new)
+        ]
     raise TooLong("no enclosure of the variational equation")
 
 
@@ -88,7 +107,9 @@ class Arc:
     def __init__(self, timed: Timed, t: arb, h: arb, start: Sequence[arb], order: int):
         self.timed, self.t, self.h, self.order = timed, t, h, order
         self.enclosure = a_priori(timed, t, h, start)
-        self.wide = Expansion(timed, t + arb(0).union(h), self.enclosure.state, order, self.enclosure.variation)
+        self.wide = Expansion(
+            timed, t + arb(0).union(h), self.enclosure.state, order, self.enclosure.variation
+        )
         self.fine = Expansion(timed, t, start, order, identity(len(start)))
 
     def one(self, t: arb, start: Sequence[arb]) -> Expansion:
@@ -97,7 +118,7 @@ class Arc:
 
     def remainder(self, groups: Mapping[Hashable, Sequence[arb_poly]]) -> arb:
         """The largest remainder of q, v and functions at the end of the stretch (upper bound)."""
-        scale, functions = self.h ** self.order, chain.from_iterable(groups.values())
+        scale, functions = self.h**self.order, chain.from_iterable(groups.values())
         last = [f[self.order] for f in chain(self.wide.state, functions)]
         return max((abs(term) * scale for term in last), key=lambda ball: float(ball.upper()))
 
@@ -107,8 +128,13 @@ class Arc:
 
     def jacobian(self, tau: arb) -> arb_mat:
         """Derivatives of (q, v) at t + tau by the start."""
-        powers, indices = _closed(self.fine.variation, self.wide.variation), range(len(self.fine.state))
-        return arb_mat([[arb_poly([E[i, j] for E in powers])(tau) for j in indices] for i in indices])
+        powers, indices = (
+            _closed(self.fine.variation, self.wide.variation),
+            range(len(self.fine.state)),
+        )
+        return arb_mat(
+            [[arb_poly([E[i, j] for E in powers])(tau) for j in indices] for i in indices]
+        )
 
     def functions(self, along: Along, about: Expansion) -> dict[Hashable, list[arb_poly]]:
         """Groups of functions over the stretch as `polynomials`."""
@@ -116,6 +142,11 @@ class Arc:
         for expansion in (about, self.wide):
             q, v = halves(expansion.series(len(powers)))
             found = along(expansion.t, q, v, expansion.equation(q, v))
-            groups.append({name: [[f[k] for k in powers] for f in group] for name, group in found.items()})
+            groups.append(
+                {name: [[f[k] for k in powers] for f in group] for name, group in found.items()}
+            )
         fine, wide = groups
-        return {name: [arb_poly(_closed(*pair)) for pair in zip(fine[name], wide[name])] for name in fine}
+        return {
+            name: [arb_poly(_closed(*pair)) for pair in zip(fine[name], wide[name])]
+            for name in fine
+        }

@@ -40,7 +40,13 @@ class Exact:
     product: tuple[fmpq, int, tuple[str, ...]] | None = None
 
     @classmethod
-    def of(cls, q: fmpq | Fraction | int, k: int = 0, waves: tuple[str, ...] = (), ball: arb | None = None) -> Exact:
+    def of(
+        cls,
+        q: fmpq | Fraction | int,
+        k: int = 0,
+        waves: tuple[str, ...] = (),
+        ball: arb | None = None,
+    ) -> Exact:
         """q pi^k; times sines and cosines in a `ball`, if there are some."""
         q = fmpq(q.numerator, q.denominator)
         if waves and q != 0:
@@ -90,7 +96,7 @@ class Exact:
             n = int(other.factors[0].p)
             if abs(n) <= _MOST_FACTORS:
                 return Exact.of(self.factors[0] ** n, self.factors[1] * n)
-        return Exact(self.ball ** other.ball)
+        return Exact(self.ball**other.ball)
 
     def sqrt(self) -> Exact:
         """The square root; exact where q and pi^k are squares."""
@@ -110,8 +116,10 @@ class Exact:
             return True
         if not self.ball.overlaps(other.ball):
             return False
-        raise NotComparable(f"found {self.ball.str(20)} and {other.ball.str(20)}; "
-                            "expected numbers q pi^k, or such that differ")
+        raise NotComparable(
+            f"found {self.ball.str(20)} and {other.ball.str(20)}; "
+            "expected numbers q pi^k, or such that differ"
+        )
 
     @property
     def is_zero(self) -> bool:
@@ -124,12 +132,21 @@ def _wave(name: str, ball: arb, x: Exact) -> Exact:
     return Exact(ball, x.product and (fmpq(1), 0, (f"{name} {x.product}",)))
 
 
-_FUNCTIONS = {"sqrt": Exact.sqrt, "deg": lambda x: x * Exact.of(Fraction(1, 180), 1),
-              "sin": lambda x: ZERO if x._zero else _wave("sin", x.ball.sin(), x),
-              "cos": lambda x: ONE if x._zero else _wave("cos", x.ball.cos(), x),
-              "tan": lambda x: Exact(x.ball.tan()), "atan": lambda x: Exact(x.ball.atan())}
-_BINARY = {ast.Add: Exact.__add__, ast.Sub: Exact.__sub__, ast.Mult: Exact.__mul__, ast.Div: Exact.__truediv__,
-           ast.Pow: Exact.power}
+_FUNCTIONS = {
+    "sqrt": Exact.sqrt,
+    "deg": lambda x: x * Exact.of(Fraction(1, 180), 1),
+    "sin": lambda x: ZERO if x._zero else _wave("sin", x.ball.sin(), x),
+    "cos": lambda x: ONE if x._zero else _wave("cos", x.ball.cos(), x),
+    "tan": lambda x: Exact(x.ball.tan()),
+    "atan": lambda x: Exact(x.ball.atan()),
+}
+_BINARY = {
+    ast.Add: Exact.__add__,
+    ast.Sub: Exact.__sub__,
+    ast.Mult: Exact.__mul__,
+    ast.Div: Exact.__truediv__,
+    ast.Pow: Exact.power,
+}
 ZERO: Exact = Exact.of(0)
 ONE: Exact = Exact.of(1)
 
@@ -139,7 +156,9 @@ def exact(value: float | int | str, names: Mapping[str, Exact]) -> Exact:
     if not isinstance(value, str):
         return Exact.of(Fraction(repr(value)))
     text = value.strip().replace("^", "**")
-    evaluate(value, {name: float(number.ball.mid()) for name, number in names.items()})  # it knows the language
+    evaluate(
+        value, {name: float(number.ball.mid()) for name, number in names.items()}
+    )  # it knows the language
     return _exact(ast.parse(text, mode="eval").body, text, names)
 
 
@@ -150,13 +169,17 @@ def _exact(node: ast.expr, text: str, names: Mapping[str, Exact]) -> Exact:
     if isinstance(node, ast.Name):
         return names.get(node.id, Exact.of(1, 1))
     if isinstance(node, ast.BinOp):
-        return _BINARY[type(node.op)](_exact(node.left, text, names), _exact(node.right, text, names))
+        return _BINARY[type(node.op)](
+            _exact(node.left, text, names), _exact(node.right, text, names)
+        )
     if isinstance(node, ast.UnaryOp):
         inner = _exact(node.operand, text, names)
         return -inner if isinstance(node.op, ast.USub) else inner
     if isinstance(node, ast.Call) and isinstance(node.func, ast.Name):
         return _FUNCTIONS[node.func.id](_exact(node.args[0], text, names))
-    raise ValueError(f"found {ast.unparse(node)!r}; expected numbers, names, arithmetic and functions")
+    raise ValueError(
+        f"found {ast.unparse(node)!r}; expected numbers, names, arithmetic and functions"
+    )
 
 
 class ExactPart:
@@ -167,7 +190,9 @@ class ExactPart:
 
     def __getitem__(self, key: str | int) -> Any:
         """Return a field or an item: a part, an exact number, or None where the scene has none."""
-        value = getattr(self._model, str(key)) if isinstance(self._model, Model) else self._model[key]
+        value = (
+            getattr(self._model, str(key)) if isinstance(self._model, Model) else self._model[key]
+        )
         try:
             written = self._written[key]
         except (KeyError, IndexError, TypeError):

@@ -54,7 +54,9 @@ class Jet:
 
     def __add__(self, other: Value) -> Jet:
         if isinstance(other, Jet):
-            return Jet(self.value + other.value, [a + b for a, b in zip(self.gradient, other.gradient)])
+            return Jet(
+                self.value + other.value, [a + b for a, b in zip(self.gradient, other.gradient)]
+            )
         return Jet(self.value + other, self.gradient)
 
     def __neg__(self) -> Jet:
@@ -69,7 +71,9 @@ class Jet:
     def __mul__(self, other: Value) -> Jet:
         if isinstance(other, Jet):
             pairs = zip(self.gradient, other.gradient)
-            return Jet(self.value * other.value, [self.value * b + other.value * a for a, b in pairs])
+            return Jet(
+                self.value * other.value, [self.value * b + other.value * a for a, b in pairs]
+            )
         return self._map(self.value * other, other)
 
     __radd__, __rmul__ = __add__, __mul__
@@ -77,7 +81,10 @@ class Jet:
     def __truediv__(self, other: Value) -> Jet:
         if isinstance(other, Jet):
             ratio = self.value / other.value
-            return Jet(ratio, [(a - ratio * b) / other.value for a, b in zip(self.gradient, other.gradient)])
+            return Jet(
+                ratio,
+                [(a - ratio * b) / other.value for a, b in zip(self.gradient, other.gradient)],
+            )
         return Jet(self.value / other, [g / other for g in self.gradient])
 
     def sin(self) -> Jet:
@@ -89,7 +96,7 @@ class Jet:
 
 def halves(state: list[Any]) -> tuple[list[Any], list[Any]]:
     """Split a state into its q and v."""
-    return state[:len(state) // 2], state[len(state) // 2:]
+    return state[: len(state) // 2], state[len(state) // 2 :]
 
 
 def identity(size: int) -> arb_mat:
@@ -107,15 +114,21 @@ def time_series(t: arb, order: int) -> arb_series:
     return arb_series([t, 1], order)
 
 
-def partials(function: Callable[..., Sequence[Value]],
-             state: Sequence[arb_series]) -> tuple[list[arb_series], list[tuple[arb_series, ...]]]:
+def partials(
+    function: Callable[..., Sequence[Value]], state: Sequence[arb_series]
+) -> tuple[list[arb_series], list[tuple[arb_series, ...]]]:
     """Values of functions of (q, v) along power series, and their derivatives by the 2n components of the state."""
     order, indices = state[0].prec, range(len(state))
-    jets = [Jet(series, [arb_series([int(i == j)], order) for j in indices]) for i, series in zip(indices, state)]
+    jets = [
+        Jet(series, [arb_series([int(i == j)], order) for j in indices])
+        for i, series in zip(indices, state)
+    ]
     found = function(*halves(jets))
     zero = (arb_series([0]),) * len(state)
-    return ([f.value if isinstance(f, Jet) else f for f in found],
-            [f.gradient if isinstance(f, Jet) else zero for f in found])
+    return (
+        [f.value if isinstance(f, Jet) else f for f in found],
+        [f.gradient if isinstance(f, Jet) else zero for f in found],
+    )
 
 
 class Expansion:
@@ -130,7 +143,14 @@ class Expansion:
     (k + 1) E[k + 1] = B[0] E[k] + ... + B[k] E[0].
     """
 
-    def __init__(self, timed: Timed, t: arb, start: Sequence[arb], order: int, variation: arb_mat | None = None):
+    def __init__(
+        self,
+        timed: Timed,
+        t: arb,
+        start: Sequence[arb],
+        order: int,
+        variation: arb_mat | None = None,
+    ):
         self.t = time_series(t, order + 1)
         self.equation = timed(self.t)
         self.state = [[value] for value in start]
@@ -144,8 +164,13 @@ class Expansion:
             E, size, n = self.variation, len(start), len(start) // 2
             _, gradients = partials(self.equation, self.series(order))
             speeds, nothing = identity(size).tolist()[n:], [[0] * size] * n
-            B = [arb_mat((nothing if k else speeds) + [[g[k] for g in gradient] for gradient in gradients])
-                 for k in range(order)]
+            B = [
+                arb_mat(
+                    (nothing if k else speeds)
+                    + [[g[k] for g in gradient] for gradient in gradients]
+                )
+                for k in range(order)
+            ]
             E.append(variation)
             for k in range(order):
                 products = (B[i] * E[k - i] for i in range(k + 1))

@@ -31,8 +31,9 @@ class Zero:
     function: int
 
 
-def first_zero(groups: Mapping[Hashable, Sequence[arb_poly]], t: arb, h: arb,
-               zeros: Mapping[Hashable, int]) -> Zero | None:
+def first_zero(
+    groups: Mapping[Hashable, Sequence[arb_poly]], t: arb, h: arb, zeros: Mapping[Hashable, int]
+) -> Zero | None:
     """The first instant in (0, h] at which the largest function of some group becomes negative; None if none does.
 
     The functions are enclosures by polynomials: each coefficient a ball, the last one Lagrange's remainder. Their
@@ -48,7 +49,9 @@ def first_zero(groups: Mapping[Hashable, Sequence[arb_poly]], t: arb, h: arb,
             tau, function = found
             zero = Zero(tau, name, function)
             if first is not None and zero.tau.overlaps(first.tau):
-                raise Undecided("two changes of mode whose order is open", t + zero.tau.union(first.tau))
+                raise Undecided(
+                    "two changes of mode whose order is open", t + zero.tau.union(first.tau)
+                )
             first = zero
     return first
 
@@ -74,8 +77,11 @@ def _scan(group: Sequence[arb_poly], t: arb, h: arb, known: int) -> tuple[arb, i
                     return root, j
         count += 1
         if count > _MOST_PIECES or not (low < middle < high):
-            raise Undecided("a function that decides the contact mode is neither proven to keep its sign nor to cross "
-                            "zero with a slope (grazing)", t + piece)
+            raise Undecided(
+                "a function that decides the contact mode is neither proven to keep its sign nor to cross "
+                "zero with a slope (grazing)",
+                t + piece,
+            )
         pieces += [(middle, high), (low, middle)]
     return None
 

@@ -54,11 +54,14 @@ class ProvableMechanism(ABC):
         """The equation of a mode, with time as a power series."""
 
     @abstractmethod
-    def guards(self, mode: Any, t: arb_series, q: Sequence[Value], v: Sequence[Value],
-               a: Sequence[Value]) -> dict[Any, list[Value]]:
+    def guards(
+        self, mode: Any, t: arb_series, q: Sequence[Value], v: Sequence[Value], a: Sequence[Value]
+    ) -> dict[Any, list[Value]]:
         """Groups of functions by name: the mode lasts while the largest of each group is positive."""
 
-    def guards_at(self, mode: Any, t: arb, q: Sequence[arb], v: Sequence[arb]) -> dict[Any, list[arb]]:
+    def guards_at(
+        self, mode: Any, t: arb, q: Sequence[arb], v: Sequence[arb]
+    ) -> dict[Any, list[arb]]:
         """Values of the guards in a state."""
         q, v, now = constants(q), constants(v), time_series(t, 1)
         guards = self.guards(mode, now, q, v, self.equation(mode, now)(q, v))

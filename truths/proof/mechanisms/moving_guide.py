@@ -70,7 +70,10 @@ class MovingGuide(OneSlider):
             if mode[0] == 0:
                 return [turn * 0, turn]
             R, M, P = self._loads(q, v, turn)
-            return [(P - self.contact.load(R, M, mode) * self.contact.friction(mode[0])) / self.m, turn]
+            return [
+                (P - self.contact.load(R, M, mode) * self.contact.friction(mode[0])) / self.m,
+                turn,
+            ]
 
         return acceleration
 
@@ -78,38 +81,63 @@ class MovingGuide(OneSlider):
         """Accelerations do not enter what friction depends on: one solution, by the a-priori enclosure."""
 
     def columns(self, t, q, v):
-        return {f"{self.joint}.displacement": q[0], f"{self.joint}.slip_velocity": v[0],
-                "arm.angle": q[1], "arm.omega": v[1]}
+        return {
+            f"{self.joint}.displacement": q[0],
+            f"{self.joint}.slip_velocity": v[0],
+            "arm.angle": q[1],
+            "arm.omega": v[1],
+        }
 
     def bodies(self, t, q, v):
         (r, th), (speed, turn) = q, v
         sine, cosine, across = th.sin(), th.cos(), r * turn
         return self.columns(t, q, v) | {
-            "slider.x": r * cosine + self.pivot[0], "slider.y": r * sine + self.pivot[1],
-            "slider.vx": speed * cosine - across * sine, "slider.vy": speed * sine + across * cosine,
-            "slider.angle": th, "slider.omega": turn}
+            "slider.x": r * cosine + self.pivot[0],
+            "slider.y": r * sine + self.pivot[1],
+            "slider.vx": speed * cosine - across * sine,
+            "slider.vy": speed * sine + across * cosine,
+            "slider.angle": th,
+            "slider.omega": turn,
+        }
 
     @classmethod
     def from_scene(cls, scene: Scene) -> MovingGuide:
         reader = SceneReader(scene, TURNING_ARM)
         arm, slider, motor = reader.body("arm"), reader.body("slider"), reader["motor"]
         spring, twist, origin = reader["spring"], reader["twist"], reader["pivot"].points[1]
-        reader.require(motor is None or motor.law.offset.equals(arm.angle)
-                       and motor.law.rate.equals(arm.angular_velocity),
-                       "drives: expected one that meets the start of the arm")
+        reader.require(
+            motor is None
+            or motor.law.offset.equals(arm.angle)
+            and motor.law.rate.equals(arm.angular_velocity),
+            "drives: expected one that meets the start of the arm",
+        )
         angle, turn = arm.angle, arm.angular_velocity
         x, y = (place.ball - at.ball for place, at in zip(slider.position, origin))
         vx, vy = balls(slider.velocity)
         cosine, sine = angle.ball.cos(), angle.ball.sin()
         at_rest = all(value.is_zero for value in (*slider.velocity, turn))
         found = cls(
-            m=slider.mass.ball, slider=slider.inertia.ball, arm=arm.inertia.ball, gravity=balls(reader.gravity),
-            spring=balls((spring.stiffness, spring.damping, spring.points[1][0] + spring.rest_length) if spring
-                         else (ZERO,) * 3),
-            twist=balls((twist.stiffness, twist.damping, twist.rest_angle) if twist else (ZERO,) * 3),
-            driven=motor is not None, pivot=balls(origin), contact=Contact.of(reader["guide"]), surface=ZERO.ball,
-            at_rest=at_rest, q=[x * cosine + y * sine, angle.ball],
-            v=[ZERO.ball if at_rest else vx * cosine + vy * sine, turn.ball], t_end=reader.t_end,
-            joint=reader.found.name("guide"))
+            m=slider.mass.ball,
+            slider=slider.inertia.ball,
+            arm=arm.inertia.ball,
+            gravity=balls(reader.gravity),
+            spring=balls(
+                (spring.stiffness, spring.damping, spring.points[1][0] + spring.rest_length)
+                if spring
+                else (ZERO,) * 3
+            ),
+            twist=balls(
+                (twist.stiffness, twist.damping, twist.rest_angle) if twist else (ZERO,) * 3
+            ),
+            driven=motor is not None,
+            pivot=balls(origin),
+            contact=Contact.of(reader["guide"]),
+            surface=ZERO.ball,
+            at_rest=at_rest,
+            q=[x * cosine + y * sine, angle.ball],
+            v=[ZERO.ball if at_rest else vx * cosine + vy * sine, turn.ball],
+            t_end=reader.t_end,
+            joint=reader.found.name("guide"),
+        )
         reader.require_start(found, arm.velocity)
         return found

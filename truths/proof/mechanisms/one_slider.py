@@ -51,8 +51,14 @@ class Contact:
         """The contact of a scene's guide."""
         mu = guide.mu or ZERO
         mus = guide.mus or mu
-        return cls(guide.length and guide.length.ball, (guide.width or ZERO).ball, mu.ball, mus.ball, mu.equals(mus),
-                   mus.is_zero)
+        return cls(
+            guide.length and guide.length.ball,
+            (guide.width or ZERO).ball,
+            mu.ball,
+            mus.ball,
+            mu.equals(mus),
+            mus.is_zero,
+        )
 
     def friction(self, slip: int) -> arb:
         """s mu."""
@@ -79,8 +85,9 @@ class OneSlider(ProvableMechanism):
     at_rest: bool
 
     @abstractmethod
-    def contact_loads(self, t: arb_series, q: Sequence[Value], v: Sequence[Value],
-                      a: Sequence[Value]) -> tuple[Value, Value, Value]:
+    def contact_loads(
+        self, t: arb_series, q: Sequence[Value], v: Sequence[Value], a: Sequence[Value]
+    ) -> tuple[Value, Value, Value]:
         """R, M and P."""
 
     def guards(self, mode: Mode, t: arb_series, q, v, a):
@@ -124,7 +131,11 @@ class OneSlider(ProvableMechanism):
             return self._slipping(guard, t, q, v, "slip", self.contact.one_coefficient)
         if guard == SLIP:
             return self._from_rest(t, q, v, True)
-        return Next((slip, e1 if guard == FRONT else -e1, e2 if guard == REAR else -e2), {guard: 1}, "corner")
+        return Next(
+            (slip, e1 if guard == FRONT else -e1, e2 if guard == REAR else -e2),
+            {guard: 1},
+            "corner",
+        )
 
     def _from_rest(self, t: arb, q: Sequence[arb], v: Sequence[arb], moved: bool) -> Next:
         """The mode at velocity zero relative to the surface."""
@@ -138,11 +149,21 @@ class OneSlider(ProvableMechanism):
                 return self._slipping(s, t, q, v, "reversal" if moved else "slip", False)
         raise Undecided("whether static friction holds the slider where its velocity is zero", t)
 
-    def _slipping(self, slip: int, t: arb, q: Sequence[arb], v: Sequence[arb], kind: str, smooth: bool) -> Next:
+    def _slipping(
+        self, slip: int, t: arb, q: Sequence[arb], v: Sequence[arb], kind: str, smooth: bool
+    ) -> Next:
         """Slip that begins from rest; `smooth` where its acceleration is zero too (one coefficient, margin zero)."""
-        if self.contact.length is not None and not self.contact.mus * self.contact.width <= self.contact.length:
+        if (
+            self.contact.length is not None
+            and not self.contact.mus * self.contact.width <= self.contact.length
+        ):
             raise Undecided("a guide that breaks away could jam instead: mus * width > length", t)
-        return Next(self._configured(slip, t, q, [self.surface, *v[1:]]), {SLIP: 2 if smooth else 1}, kind, smooth)
+        return Next(
+            self._configured(slip, t, q, [self.surface, *v[1:]]),
+            {SLIP: 2 if smooth else 1},
+            kind,
+            smooth,
+        )
 
     def _configured(self, slip: int, t: arb, q: Sequence[arb], v: Sequence[arb]) -> Mode:
         """The contact configuration whose corner forces have its signs."""
@@ -153,4 +174,6 @@ class OneSlider(ProvableMechanism):
             guards = self.guards_at(mode, t, q, v)
             if all(value > 0 for name in guards for value in guards[name] if name != SLIP):
                 return mode
-        raise Undecided("a corner force that is zero, or no contact configuration, where slip begins", t)
+        raise Undecided(
+            "a corner force that is zero, or no contact configuration, where slip begins", t
+        )

@@ -44,8 +44,12 @@ class Pendulum(ProvableMechanism):
 
     def columns(self, t, q, v):
         sine, cosine, l, name = q[0].sin(), q[0].cos(), self.length, self.body
-        return {f"{name}.x": self.pivot[0] + l * sine, f"{name}.y": self.pivot[1] - l * cosine,
-                f"{name}.vx": l * v[0] * cosine, f"{name}.vy": l * v[0] * sine}
+        return {
+            f"{name}.x": self.pivot[0] + l * sine,
+            f"{name}.y": self.pivot[1] - l * cosine,
+            f"{name}.vx": l * v[0] * cosine,
+            f"{name}.vy": l * v[0] * sine,
+        }
 
     @classmethod
     def from_scene(cls, scene: Scene) -> Pendulum:
@@ -56,5 +60,12 @@ class Pendulum(ProvableMechanism):
         arm = [place - origin for place, origin in zip(mass.position, pivot)]
         moment = arm[0] * mass.velocity[1] - arm[1] * mass.velocity[0]
         rate = ZERO if moment.is_zero else moment / (length * length)
-        return cls(length=length.ball, g=-reader.gravity[1].ball, pivot=balls(pivot), body=reader.found.bodies["mass"],
-                   q=[arb.atan2(arm[0].ball, -arm[1].ball)], v=[rate.ball], t_end=reader.t_end)
+        return cls(
+            length=length.ball,
+            g=-reader.gravity[1].ball,
+            pivot=balls(pivot),
+            body=reader.found.bodies["mass"],
+            q=[arb.atan2(arm[0].ball, -arm[1].ball)],
+            v=[rate.ball],
+            t_end=reader.t_end,
+        )

@@ -13,9 +13,14 @@ from stiction.truths.proof.enclosures.exact import ZERO, Exact, ExactPart, exact
 from stiction.truths.proof.mechanisms.mechanism import Load, ProvableMechanism
 from stiction.truths.structure import Structure
 
-_PLACES = {"x": lambda body: body.position[0], "y": lambda body: body.position[1],
-           "vx": lambda body: body.velocity[0], "vy": lambda body: body.velocity[1],
-           "angle": lambda body: body.angle, "omega": lambda body: body.angular_velocity}
+_PLACES = {
+    "x": lambda body: body.position[0],
+    "y": lambda body: body.position[1],
+    "vx": lambda body: body.velocity[0],
+    "vy": lambda body: body.velocity[1],
+    "angle": lambda body: body.angle,
+    "omega": lambda body: body.angular_velocity,
+}
 """The start of a body's columns."""
 
 
@@ -44,9 +49,16 @@ class SceneReader:
 
     def elements(self, label: str) -> dict[str, ExactPart]:
         """The elements of a part of the structure, by name."""
-        names, sections = self.found.elements.get(label, ()), ("joints", "drives", "springs", "forces")
-        return {name: self.numbers[section][name] for name in names for section in sections
-                if name in getattr(self.scene, section)}
+        names, sections = (
+            self.found.elements.get(label, ()),
+            ("joints", "drives", "springs", "forces"),
+        )
+        return {
+            name: self.numbers[section][name]
+            for name in names
+            for section in sections
+            if name in getattr(self.scene, section)
+        }
 
     def __getitem__(self, label: str) -> Any:
         """Return the element of a part; None where the scene has none."""
@@ -60,7 +72,9 @@ class SceneReader:
                 total = total + load.law.value
             else:
                 total = total + load.law.offset
-                sines.append(_sine(*balls((load.law.amplitude, load.law.frequency, load.law.phase))))
+                sines.append(
+                    _sine(*balls((load.law.amplitude, load.law.frequency, load.law.phase)))
+                )
         return total, tuple(sines)
 
     def require_start(self, mechanism: ProvableMechanism, zero: Iterable[Exact]) -> None:
@@ -70,7 +84,10 @@ class SceneReader:
             name, _, part = column.rpartition(".")
             if name in self.scene.bodies:
                 differences.append(ball - _PLACES[part](self.numbers.bodies[name]).ball)
-        self.require(all(ball.contains(0) for ball in differences), "bodies: the start violates the constraints")
+        self.require(
+            all(ball.contains(0) for ball in differences),
+            "bodies: the start violates the constraints",
+        )
 
 
 def _sine(amplitude: arb, frequency: arb, phase: arb) -> Load:

@@ -41,19 +41,39 @@ from stiction.truths.structure import ANY, CENTRE, FORWARD, NEGATIVE, SEVERAL, P
 
 Vector = Any
 """Two exact numbers, by their index."""
-_OTHERS = {"springs": Part(LinearSpring, "slider", GROUND, count=SEVERAL, points=(CENTRE, ANY)),
-           "loads": Part(Force, "slider", count=SEVERAL, point=CENTRE, law=Constant | Sine)}
+_OTHERS = {
+    "springs": Part(LinearSpring, "slider", GROUND, count=SEVERAL, points=(CENTRE, ANY)),
+    "loads": Part(Force, "slider", count=SEVERAL, point=CENTRE, law=Constant | Sine),
+}
 _MASS = "one mass on a straight guide"
-ALONE = Structure(_MASS, ("slider",), {
-    "guide": Part(Translational, "slider", GROUND, slider_point=CENTRE), **_OTHERS}, any_names=True)
-WITH_BAR = Structure(f"{_MASS}, with a bar", ("slider", "bar"), {
-    "guide": Part(Translational, "slider", GROUND, slider_point=CENTRE, angle=0), **_OTHERS,
-    "pin": Part(Revolute, "bar", "slider", points=((NEGATIVE, 0), CENTRE)),
-    "motor": Part(Drive, "bar", "slider", type="angle", law=Linear)}, any_names=True)
-ON_BELT = Structure(f"{_MASS} that a drive moves", ("slider", "belt"), {
-    "guide": Part(Translational, "slider", "belt", slider_point=CENTRE), **_OTHERS,
-    "track": Part(Translational, "belt", GROUND, direction=FORWARD, frictional=False),
-    "drive": Part(Drive, "belt", GROUND, type="distance", axis=FORWARD, law=Linear)}, any_names=True)
+ALONE = Structure(
+    _MASS,
+    ("slider",),
+    {"guide": Part(Translational, "slider", GROUND, slider_point=CENTRE), **_OTHERS},
+    any_names=True,
+)
+WITH_BAR = Structure(
+    f"{_MASS}, with a bar",
+    ("slider", "bar"),
+    {
+        "guide": Part(Translational, "slider", GROUND, slider_point=CENTRE, angle=0),
+        **_OTHERS,
+        "pin": Part(Revolute, "bar", "slider", points=((NEGATIVE, 0), CENTRE)),
+        "motor": Part(Drive, "bar", "slider", type="angle", law=Linear),
+    },
+    any_names=True,
+)
+ON_BELT = Structure(
+    f"{_MASS} that a drive moves",
+    ("slider", "belt"),
+    {
+        "guide": Part(Translational, "slider", "belt", slider_point=CENTRE),
+        **_OTHERS,
+        "track": Part(Translational, "belt", GROUND, direction=FORWARD, frictional=False),
+        "drive": Part(Drive, "belt", GROUND, type="distance", axis=FORWARD, law=Linear),
+    },
+    any_names=True,
+)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -87,11 +107,11 @@ class SlidingMass(OneSlider):
 
     def _normal(self, t: arb_series) -> arb_series:
         """R."""
-        return self.weight - self.c * self.rate ** 2 * self._theta(t).sin()
+        return self.weight - self.c * self.rate**2 * self._theta(t).sin()
 
     def _load(self, t: arb_series) -> arb_series:
         """P without spring and damper."""
-        force = self.force + self.c * self.rate ** 2 * self._theta(t).cos()
+        force = self.force + self.c * self.rate**2 * self._theta(t).cos()
         return sum((load(t) for load in self.loads), force)
 
     def _moment(self, t: arb_series, a: Value) -> Value:
@@ -100,7 +120,11 @@ class SlidingMass(OneSlider):
         return self.c * self.g * theta.cos() - a * (self.c * theta.sin())
 
     def contact_loads(self, t, q, v, a):
-        return self._normal(t), self._moment(t, a[0]), self._load(t) - q[0] * self.stiffness - v[0] * self.damping
+        return (
+            self._normal(t),
+            self._moment(t, a[0]),
+            self._load(t) - q[0] * self.stiffness - v[0] * self.damping,
+        )
 
     def equation(self, mode: Mode, t: arb_series):
         (slip, e1, e2), contact, zero = mode, self.contact, arb_series([0], t.prec)
@@ -136,9 +160,13 @@ class SlidingMass(OneSlider):
         if self.bar is not None:
             (name, l), theta = self.bar, self._theta(t)
             x, y = theta.cos() * l, theta.sin() * l
-            found |= {f"{name}.x": found[f"{body}.x"] + x, f"{name}.y": found[f"{body}.y"] + y,
-                      f"{name}.vx": found[f"{body}.vx"] - y * self.rate,
-                      f"{name}.vy": found[f"{body}.vy"] + x * self.rate, f"{name}.angle": theta}
+            found |= {
+                f"{name}.x": found[f"{body}.x"] + x,
+                f"{name}.y": found[f"{body}.y"] + y,
+                f"{name}.vx": found[f"{body}.vx"] - y * self.rate,
+                f"{name}.vy": found[f"{body}.vy"] + x * self.rate,
+                f"{name}.angle": theta,
+            }
         if self.belt is not None:
             name, x = self.belt
             found |= {f"{name}.x": x + t * self.surface, f"{name}.vx": t * 0 + self.surface}
@@ -150,50 +178,93 @@ class SlidingMass(OneSlider):
         structure = WITH_BAR if Revolute in joints else ON_BELT if len(scene.bodies) == 2 else ALONE
         reader = SceneReader(scene, structure)
         guide, slider, (gx, gy) = reader["guide"], reader.body("slider"), reader.gravity
-        name, body, belt = reader.found.name("guide"), reader.found.bodies["slider"], reader.found.bodies.get("belt")
+        name, body, belt = (
+            reader.found.name("guide"),
+            reader.found.bodies["slider"],
+            reader.found.bodies.get("belt"),
+        )
         size = _dot(guide.direction, guide.direction).sqrt()
         along = guide.direction[0] / size, guide.direction[1] / size
         horizontal = along[0].factors is not None and along[0].equals(ONE) and along[1].is_zero
-        reader.require(horizontal or structure is ALONE, f"joints.{name}: expected the direction (1, 0)")
+        reader.require(
+            horizontal or structure is ALONE, f"joints.{name}: expected the direction (1, 0)"
+        )
         mass, c, rate, angle, bar = slider.mass, ZERO, ZERO, ZERO, None
         zero = _off_the_guide(reader, along)
         if structure is WITH_BAR:
-            reader.require(gx.is_zero, f"gravity: found {scene.gravity}; expected (0, -g) with a bar")
+            reader.require(
+                gx.is_zero, f"gravity: found {scene.gravity}; expected (0, -g) with a bar"
+            )
             turning, law, l = reader.body("bar"), reader["motor"].law, -reader["pin"].points[0][0]
             mass, c, rate, angle = mass + turning.mass, turning.mass * l, law.rate, law.offset
             bar = reader.found.bodies["bar"], l.ball
             zero.append(turning.angular_velocity - rate)
         surface = reader["drive"].law.rate if belt else ZERO
         for key, load in reader.elements("loads").items():
-            reader.require(_parallel(load.direction, guide.direction),
-                           f"forces.{key}: expected a force along the guide")
+            reader.require(
+                _parallel(load.direction, guide.direction),
+                f"forces.{key}: expected a force along the guide",
+            )
         constant, loads = reader.loads("loads")
         stiffness, damping, pull = _springs(reader, along, horizontal)
-        x, speed, names = _dot(slider.position, along), _dot(slider.velocity, along), (f"{body}.x", f"{body}.vx")
+        x, speed, names = (
+            _dot(slider.position, along),
+            _dot(slider.velocity, along),
+            (f"{body}.x", f"{body}.vx"),
+        )
         force = mass * _dot(reader.gravity, along) + constant + pull
-        if not horizontal:  # the displacement counts from the guide's point; the spring's anchor moves with it
-            origin, names = _dot(guide.point, along), (f"{name}.displacement", f"{name}.slip_velocity")
+        if (
+            not horizontal
+        ):  # the displacement counts from the guide's point; the spring's anchor moves with it
+            origin, names = (
+                _dot(guide.point, along),
+                (f"{name}.displacement", f"{name}.slip_velocity"),
+            )
             x, force = x - origin, force - stiffness * origin
         found = cls(
-            mass=mass.ball, weight=-(mass * (along[0] * gy - along[1] * gx)).ball, force=force.ball, loads=loads,
-            stiffness=stiffness.ball, damping=damping.ball, c=c.ball, g=-gy.ball, rate=rate.ball, angle=angle.ball,
-            contact=Contact.of(guide), at_rest=speed.equals(surface), surface=surface.ball, q=[x.ball], v=[speed.ball],
-            t_end=reader.t_end, joint=name, names=names, body=body, along=balls(along),
-            offset=balls(p - x * d for p, d in zip(slider.position, along)), bar=bar,
-            belt=(belt, reader.body("belt").position[0].ball) if belt else None)
+            mass=mass.ball,
+            weight=-(mass * (along[0] * gy - along[1] * gx)).ball,
+            force=force.ball,
+            loads=loads,
+            stiffness=stiffness.ball,
+            damping=damping.ball,
+            c=c.ball,
+            g=-gy.ball,
+            rate=rate.ball,
+            angle=angle.ball,
+            contact=Contact.of(guide),
+            at_rest=speed.equals(surface),
+            surface=surface.ball,
+            q=[x.ball],
+            v=[speed.ball],
+            t_end=reader.t_end,
+            joint=name,
+            names=names,
+            body=body,
+            along=balls(along),
+            offset=balls(p - x * d for p, d in zip(slider.position, along)),
+            bar=bar,
+            belt=(belt, reader.body("belt").position[0].ball) if belt else None,
+        )
         reader.require_start(found, zero)
         return found
 
 
 def _springs(reader: SceneReader, along: Vector, horizontal: bool) -> Vector:
     """Stiffness and damping of all springs, and their constant force at x = 0."""
-    height, direction = reader.scene.bodies[reader.found.bodies["slider"]].position[1], reader["guide"].direction
+    height, direction = (
+        reader.scene.bodies[reader.found.bodies["slider"]].position[1],
+        reader["guide"].direction,
+    )
     stiffness = damping = force = ZERO
     for key, spring in reader.elements("springs").items():
         level = reader.found.elements["springs"][key].points[1][1] == height
-        reader.require(_parallel(spring.axis, direction) if spring.axis is not None else
-                       spring.rest_length.is_zero and horizontal and level,
-                       f"springs.{key}: expected one along the guide")
+        reader.require(
+            _parallel(spring.axis, direction)
+            if spring.axis is not None
+            else spring.rest_length.is_zero and horizontal and level,
+            f"springs.{key}: expected one along the guide",
+        )
         stiffness, damping = stiffness + spring.stiffness, damping + spring.damping
         force = force + spring.stiffness * (_dot(spring.points[1], along) + spring.rest_length)
     return stiffness, damping, force
@@ -202,7 +273,10 @@ def _springs(reader: SceneReader, along: Vector, horizontal: bool) -> Vector:
 def _off_the_guide(reader: SceneReader, along: Vector) -> list[Exact]:
     """Numbers that are zero where the slider starts on its guide."""
     guide, slider, across = reader["guide"], reader.body("slider"), (-along[1], along[0])
-    offset, moving = _dot(slider.position, across) - _dot(guide.point, across), _dot(slider.velocity, across)
+    offset, moving = (
+        _dot(slider.position, across) - _dot(guide.point, across),
+        _dot(slider.velocity, across),
+    )
     if "belt" in reader.found.bodies:
         return [offset - _dot(reader.body("belt").position, across), moving]
     return [offset, moving, slider.angle - guide.angle, slider.angular_velocity]

@@ -48,8 +48,11 @@ Mode = tuple[int, int, int, int, int]
 _TURN, _NORMALS = 0, 3
 _SIGNS = tuple(product((1, -1), (1, -1)))
 GUIDES, SLIDERS = ("guide-x", "guide-y"), ("slider-x", "slider-y")
-PROVABLE = replace(TRAMMEL, parts={label: TRAMMEL.parts[label] for label in ("pin-x", "pin-y", *GUIDES)} | {
-    "torques": Part(Torque, "bar", count=SEVERAL, law=Constant | Sine)})
+PROVABLE = replace(
+    TRAMMEL,
+    parts={label: TRAMMEL.parts[label] for label in ("pin-x", "pin-y", *GUIDES)}
+    | {"torques": Part(Torque, "bar", count=SEVERAL, law=Constant | Sine)},
+)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -78,18 +81,32 @@ class Trammel(ProvableMechanism):
         _, sx, sy, ex, ey = mode
         return self.friction[0] * (-sx * ex), self.friction[1] * (-sy * ey)
 
-    def _reactions(self, sine: Value, cosine: Value, rate: Value,
-                   mode: Mode) -> tuple[tuple[Value, Value], tuple[Value, Value]]:
+    def _reactions(
+        self, sine: Value, cosine: Value, rate: Value, mode: Mode
+    ) -> tuple[tuple[Value, Value], tuple[Value, Value]]:
         """Rx and Ry from p's sine and cosine, each as the part without p'' and the factor of p''."""
         cx, cy = self._coefficients(mode)
-        (Hx, Hy), (gx, gy), square, common = self.moments, self.gravity, rate * rate, 1 / (1 + cx * cy)
+        (Hx, Hy), (gx, gy), square, common = (
+            self.moments,
+            self.gravity,
+            rate * rate,
+            1 / (1 + cx * cy),
+        )
         A0, A1 = sine * square * -Hy - self.mass * gy, cosine * Hy
         B0, B1 = cosine * square * Hx + self.mass * gx, sine * Hx
-        return ((A0 - B0 * cy) * common, (A1 - B1 * cy) * common), ((B0 + A0 * cx) * common, (B1 + A1 * cx) * common)
+        return ((A0 - B0 * cy) * common, (A1 - B1 * cy) * common), (
+            (B0 + A0 * cx) * common,
+            (B1 + A1 * cx) * common,
+        )
 
     def _balance(self, p: Value, rate: Value, mode: Mode) -> tuple[Value, Value]:
         """Lagrange's equation without T, as push and inertia: inertia p'' = push."""
-        (J, K), (Hx, Hy), (gx, gy), (cx, cy) = self.inertia, self.moments, self.gravity, self._coefficients(mode)
+        (J, K), (Hx, Hy), (gx, gy), (cx, cy) = (
+            self.inertia,
+            self.moments,
+            self.gravity,
+            self._coefficients(mode),
+        )
         sine, cosine = p.sin(), p.cos()
         Rx, Ry = self._reactions(sine, cosine, rate, mode)
         lever_x, lever_y = sine * (-self.length * cx), cosine * (self.length * cy)
@@ -110,21 +127,36 @@ class Trammel(ProvableMechanism):
         turn, sx, sy, ex, ey = mode
         sine, cosine = q[0].sin(), q[0].cos()
         (Rx, Rx_a), (Ry, Ry_a) = self._reactions(sine, cosine, v[0], mode)
-        return dict(enumerate([[v[0] * turn], [sine * (-turn * sx)], [cosine * (turn * sy)],  # as the numbers of a mode
-                               [(Rx_a * a[0] + Rx) * ex], [(Ry_a * a[0] + Ry) * ey]]))
+        return dict(
+            enumerate(
+                [
+                    [v[0] * turn],
+                    [sine * (-turn * sx)],
+                    [cosine * (turn * sy)],  # as the numbers of a mode
+                    [(Rx_a * a[0] + Rx) * ex],
+                    [(Ry_a * a[0] + Ry) * ey],
+                ]
+            )
+        )
 
     def start(self) -> Next:
         (p,), (rate,), zero = self.q, self.v, arb(0)
         if any(x.contains(0) for x in (rate, p.sin(), p.cos())):
-            raise Undecided("in which direction the bar turns and its sliders slip at the start", zero)
+            raise Undecided(
+                "in which direction the bar turns and its sliders slip at the start", zero
+            )
         turn = 1 if rate > 0 else -1
         slips = -turn if p.sin() > 0 else turn, turn if p.cos() > 0 else -turn
         return Next(self._pressed(turn, *slips, zero, self.q, self.v))
 
     def after(self, mode: Mode, guard: int, t, q, v) -> Next:
         if guard == _TURN:
-            raise Undecided("the bar stops: both guides rest at once, and what each of them holds is open", t)
-        turn, sx, sy, ex, ey = (-sign if place == guard else sign for place, sign in enumerate(mode))
+            raise Undecided(
+                "the bar stops: both guides rest at once, and what each of them holds is open", t
+            )
+        turn, sx, sy, ex, ey = (
+            -sign if place == guard else sign for place, sign in enumerate(mode)
+        )
         if guard >= _NORMALS:
             return Next((turn, sx, sy, ex, ey), {guard: 1}, "corner")
         return Next(self._pressed(turn, sx, sy, t, q, v), {guard: 1}, "reversal", False)
@@ -152,14 +184,24 @@ class Trammel(ProvableMechanism):
     def columns(self, t, q, v):
         (p,), (rate,), L = q, v, self.length
         sine, cosine = p.sin(), p.cos()
-        return {"bar.angle": -p, "bar.omega": -rate, "slider-x.x": cosine * L, "slider-x.vx": -(sine * rate * L),
-                "slider-y.y": sine * L, "slider-y.vy": cosine * rate * L}
+        return {
+            "bar.angle": -p,
+            "bar.omega": -rate,
+            "slider-x.x": cosine * L,
+            "slider-x.vx": -(sine * rate * L),
+            "slider-y.y": sine * L,
+            "slider-y.vy": cosine * rate * L,
+        }
 
     def bodies(self, t, q, v):
         (lx, ly), (p,), (rate,) = self.arms, q, v
         sine, cosine = p.sin(), p.cos()
-        return self.columns(t, q, v) | {"bar.x": cosine * ly, "bar.y": sine * lx,
-                                        "bar.vx": -(sine * rate * ly), "bar.vy": cosine * rate * lx}
+        return self.columns(t, q, v) | {
+            "bar.x": cosine * ly,
+            "bar.y": sine * lx,
+            "bar.vx": -(sine * rate * ly),
+            "bar.vy": cosine * rate * lx,
+        }
 
     @classmethod
     def from_scene(cls, scene: Scene) -> Trammel:
@@ -168,21 +210,44 @@ class Trammel(ProvableMechanism):
         lx, ly = reader["pin-x"].points[0][0], -reader["pin-y"].points[0][0]
         m, L, (torque, loads) = bar.mass, lx + ly, reader.loads("torques")
         found = cls(
-            arms=balls((lx, ly)), mass=(m + x.mass + y.mass).ball, gravity=balls(reader.gravity),
-            inertia=balls((bar.inertia + m * lx * lx + y.mass * L * L,
-                           m * (ly * ly - lx * lx) + (x.mass - y.mass) * L * L)),
+            arms=balls((lx, ly)),
+            mass=(m + x.mass + y.mass).ball,
+            gravity=balls(reader.gravity),
+            inertia=balls(
+                (
+                    bar.inertia + m * lx * lx + y.mass * L * L,
+                    m * (ly * ly - lx * lx) + (x.mass - y.mass) * L * L,
+                )
+            ),
             moments=balls((m * ly + x.mass * L, m * lx + y.mass * L)),
-            friction=tuple(_friction(reader, name) for name in GUIDES), torque=torque.ball, loads=loads,
-            q=[-bar.angle.ball], v=[-bar.angular_velocity.ball], t_end=reader.t_end)
+            friction=tuple(_friction(reader, name) for name in GUIDES),
+            torque=torque.ball,
+            loads=loads,
+            q=[-bar.angle.ball],
+            v=[-bar.angular_velocity.ball],
+            t_end=reader.t_end,
+        )
         across = [x.position[1], x.velocity[1], y.position[0], y.velocity[0]]
-        reader.require_start(found, [*across, x.angle, x.angular_velocity, y.angle, y.angular_velocity])
+        reader.require_start(
+            found, [*across, x.angle, x.angular_velocity, y.angle, y.angular_velocity]
+        )
         return found
 
 
 def _friction(reader: SceneReader, name: str) -> arb:
     """mu of a guide; requires it to be as in the module's text."""
     guide, declared = reader[name], reader.found[name]
-    reader.require(declared.frictional and declared.angle == 0 and bool(guide.mu.ball < 1 and (
-        guide.length is None or guide.width is None or guide.mu.ball * guide.width.ball < guide.length.ball)),
-        f"joints.{name}: expected no angle, friction with mu < 1, and mu * width < length")
+    reader.require(
+        declared.frictional
+        and declared.angle == 0
+        and bool(
+            guide.mu.ball < 1
+            and (
+                guide.length is None
+                or guide.width is None
+                or guide.mu.ball * guide.width.ball < guide.length.ball
+            )
+        ),
+        f"joints.{name}: expected no angle, friction with mu < 1, and mu * width < length",
+    )
     return guide.mu.ball

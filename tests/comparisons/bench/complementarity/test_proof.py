@@ -18,7 +18,15 @@ from stiction.comparisons.bench.complementarity.audited_run import write_problem
 from stiction.comparisons.bench.complementarity.exchange import read_folder, write_folder
 from stiction.comparisons.bench.complementarity.problems import SOLVED as STORED_SOLUTION
 from stiction.comparisons.bench.complementarity.problems import UNSOLVABLE, Problem, read_problems
-from stiction.comparisons.bench.complementarity.proof import NONE, OPEN, SOLVED, Decision, Refutation, decide, holds
+from stiction.comparisons.bench.complementarity.proof import (
+    NONE,
+    OPEN,
+    SOLVED,
+    Decision,
+    Refutation,
+    decide,
+    holds,
+)
 from stiction.comparisons.bench.complementarity.replay import Answer, answer
 from stiction.comparisons.bench.complementarity.verification import judge, verified
 from stiction.engines import load_engine
@@ -31,8 +39,18 @@ from stiction.scenes import load_scene
 def lcp(M, q, y=(), x=()):
     """w = M z + q as a problem with y = w and x = z."""
     M, q = np.array(M, dtype=float), np.array(q, dtype=float)
-    return Problem("test", "test", 0.0, np.eye(len(q)), M, q, np.array(y, dtype=float), np.array(x, dtype=float),
-                   STORED_SOLUTION if len(y) else UNSOLVABLE, True)
+    return Problem(
+        "test",
+        "test",
+        0.0,
+        np.eye(len(q)),
+        M,
+        q,
+        np.array(y, dtype=float),
+        np.array(x, dtype=float),
+        STORED_SOLUTION if len(y) else UNSOLVABLE,
+        True,
+    )
 
 
 @pytest.fixture(scope="module")
@@ -40,13 +58,17 @@ def stored():
     return list(read_problems())
 
 
-@pytest.mark.parametrize("M, q, expected", [
-    ([[2, 1], [1, 2]], [-1, -1], SOLVED),  # a P-matrix
-    ([[0, 0], [0, 0]], [1, 0], SOLVED),
-    ([[-1]], [-1], NONE),  # w = -z - 1
-    ([[0, 1], [-1, 0]], [-1, 1], SOLVED),
-    ([[0, 1], [-1, 0]], [1, -1], NONE),  # w1 = z2 + 1 > 0, so z1 = 0, and w2 = -1
-    ([[1, -2], [-2, 1]], [-1, -1], NONE)])
+@pytest.mark.parametrize(
+    "M, q, expected",
+    [
+        ([[2, 1], [1, 2]], [-1, -1], SOLVED),  # a P-matrix
+        ([[0, 0], [0, 0]], [1, 0], SOLVED),
+        ([[-1]], [-1], NONE),  # w = -z - 1
+        ([[0, 1], [-1, 0]], [-1, 1], SOLVED),
+        ([[0, 1], [-1, 0]], [1, -1], NONE),  # w1 = z2 + 1 > 0, so z1 = 0, and w2 = -1
+        ([[1, -2], [-2, 1]], [-1, -1], NONE),
+    ],
+)
 def test_small_problems(M, q, expected):
     problem = lcp(M, q)
     verdict = decide(problem)
@@ -57,7 +79,9 @@ def test_solutions_are_exact():
     verdict = decide(lcp([[3]], [-1]))
     assert verdict.x == (fmpq(1, 3),) and verdict.y == (fmpq(0),) and verdict.isolated
     [x] = decide(lcp([[1]], [-0.1])).x
-    assert x == fmpq(*0.1.as_integer_ratio()) != fmpq(1, 10)  # the stored float, not what was meant
+    assert (
+        x == fmpq(*(0.1).as_integer_ratio()) != fmpq(1, 10)
+    )  # the stored float, not what was meant
     assert not decide(lcp([[0]], [0])).isolated  # w = 0, any z
 
 
@@ -94,20 +118,29 @@ def test_false_verdicts_do_not_hold(stored):
     verdict = decide(problem)
     assert holds(problem, verdict)
     i = next(i for i, value in enumerate(verdict.x) if value > 0)
-    for change in (fmpq(1, 10 ** 30), -2 * verdict.x[i]):
+    for change in (fmpq(1, 10**30), -2 * verdict.x[i]):
         x = tuple(v + change if j == i else v for j, v in enumerate(verdict.x))
         assert not holds(problem, replace(verdict, x=x))
     assert not holds(problem, Decision(NONE))
-    assert not holds(problem, Decision(NONE, refutations=(Refutation((), (fmpq(1),) * len(problem.b)),)))
+    assert not holds(
+        problem, Decision(NONE, refutations=(Refutation((), (fmpq(1),) * len(problem.b)),))
+    )
 
 
 def test_a_branch_left_out_is_noticed(stored):
     for problem in stored:
-        if problem.outcome == UNSOLVABLE and len(problem.b) < 17 and len((verdict := decide(problem)).refutations) > 2:
+        if (
+            problem.outcome == UNSOLVABLE
+            and len(problem.b) < 17
+            and len((verdict := decide(problem)).refutations) > 2
+        ):
             break
     assert verdict.decided == NONE and holds(problem, verdict)
     for i in range(len(verdict.refutations)):
-        assert not holds(problem, replace(verdict, refutations=verdict.refutations[:i] + verdict.refutations[i + 1:]))
+        assert not holds(
+            problem,
+            replace(verdict, refutations=verdict.refutations[:i] + verdict.refutations[i + 1 :]),
+        )
 
 
 def test_stored_problems_are_decided(stored):
@@ -115,8 +148,11 @@ def test_stored_problems_are_decided(stored):
     tried = [problem for problem in stored[::5] if len(problem.b) < 20]
     decided = [decide(problem).decided for problem in tried]
     assert decided.count(OPEN) <= 0.05 * len(decided)
-    assert all((verdict == NONE) == (problem.outcome == UNSOLVABLE)
-               for problem, verdict in zip(tried, decided) if verdict != OPEN)
+    assert all(
+        (verdict == NONE) == (problem.outcome == UNSOLVABLE)
+        for problem, verdict in zip(tried, decided)
+        if verdict != OPEN
+    )
 
 
 def test_no_solution_is_stored_of_a_problem_that_has_one(stored):
@@ -136,15 +172,28 @@ def test_no_solution_is_stored_of_a_problem_that_has_one(stored):
 def test_at_least_95_percent_of_the_set_are_decided():
     table = verified("stiction.comparisons.bench.complementarity.replay:lemke").set_index("class")
     assert table.loc["all", "not decided"] <= 0.05 * table.loc["all", "problems"]
-    assert table.loc["all", "misses a solution"] > 0  # Lemke with a covering vector of ones ends on rays
-    assert table.loc["all", "solves what has none"] == table.loc["all", "stored outcome refuted"] == 0
+    assert (
+        table.loc["all", "misses a solution"] > 0
+    )  # Lemke with a covering vector of ones ends on rays
+    assert (
+        table.loc["all", "solves what has none"] == table.loc["all", "stored outcome refuted"] == 0
+    )
 
 
-@pytest.mark.parametrize("outcome, decided, expected", [
-    ("solved", SOLVED, "right"), ("none found", SOLVED, "misses a solution"),
-    ("rightly none", SOLVED, "misses a solution"), ("none found", NONE, "rightly none"),
-    ("solved", NONE, "solves what has none"), ("wrong", SOLVED, "wrong"), ("solved", OPEN, "not judged"),
-    ("raised", SOLVED, "not judged"), ("not an LCP", NONE, "not judged")])
+@pytest.mark.parametrize(
+    "outcome, decided, expected",
+    [
+        ("solved", SOLVED, "right"),
+        ("none found", SOLVED, "misses a solution"),
+        ("rightly none", SOLVED, "misses a solution"),
+        ("none found", NONE, "rightly none"),
+        ("solved", NONE, "solves what has none"),
+        ("wrong", SOLVED, "wrong"),
+        ("solved", OPEN, "not judged"),
+        ("raised", SOLVED, "not judged"),
+        ("not an LCP", NONE, "not judged"),
+    ],
+)
 def test_judgements(outcome, decided, expected):
     assert judge(Answer("", outcome, 0.0, 0.0), Decision(decided)) == expected
 
@@ -170,7 +219,7 @@ def test_the_set_comes_back_to_the_bit_with_the_same_verdicts(every, largest, st
     again = list(read_folder(tmp_path / "set"))
     for before, after in zip(chosen, again, strict=True):
         np.testing.assert_equal(asdict(before), asdict(after))
-    for before, after in zip(chosen[::40 // every], again[::40 // every]):
+    for before, after in zip(chosen[:: 40 // every], again[:: 40 // every]):
         if len(before.b) > largest:
             continue
         verdict = decide(after)
@@ -179,10 +228,17 @@ def test_the_set_comes_back_to_the_bit_with_the_same_verdicts(every, largest, st
 
 def test_command_exports_reads_back_and_verifies(stored, tmp_path):
     write_folder(some(stored), tmp_path / "some")
-    assert "3 problems" in invoke("replay --problems", tmp_path / "some", "--export", tmp_path / "again").output
-    ended = invoke("replay --problems", tmp_path / "again", "--verify", "--out", tmp_path / "table.csv")
+    assert (
+        "3 problems"
+        in invoke("replay --problems", tmp_path / "some", "--export", tmp_path / "again").output
+    )
+    ended = invoke(
+        "replay --problems", tmp_path / "again", "--verify", "--out", tmp_path / "table.csv"
+    )
     assert "not decided" in ended.output and (tmp_path / "table.csv").exists()
-    invoke("replay --problems", tmp_path / "again", "--export", tmp_path / "again", exit_code=BAD_INPUT)
+    invoke(
+        "replay --problems", tmp_path / "again", "--export", tmp_path / "again", exit_code=BAD_INPUT
+    )
     invoke("replay --verify --problems", tmp_path, exit_code=BAD_INPUT)
 
 
@@ -200,8 +256,11 @@ def test_problems_of_a_run_are_those_of_its_steps_audits_and_events(tmp_path):
     scene = load_scene("slider-bar-case-1", {"t_end": 2})
     run = load_engine("reference").simulate(scene)
     mechanism = Mechanism(scene)
+
     def stepped(**options):
-        return simulate_event_driven(mechanism, *consistent_start(mechanism), np.zeros(0), scene.t_end, 1e-9, **options)
+        return simulate_event_driven(
+            mechanism, *consistent_start(mechanism), np.zeros(0), scene.t_end, 1e-9, **options
+        )
 
     ends = [0.0]
     stepped(ends=ends)
@@ -217,8 +276,14 @@ def test_problems_of_a_run_are_those_of_its_steps_audits_and_events(tmp_path):
     assert len(inside) == np.count_nonzero(np.diff(ends)) and len(set(steps)) == len(steps)
 
 
-@pytest.mark.parametrize("arguments, culprit", [
-    ("--run slider-bar-case-1 --problems set.parquet", "both"), ("--set F0=4", "--run"),
-    ("--run pendulum", "friction"), ("--run nothing", "nothing")])
+@pytest.mark.parametrize(
+    "arguments, culprit",
+    [
+        ("--run slider-bar-case-1 --problems set.parquet", "both"),
+        ("--set F0=4", "--run"),
+        ("--run pendulum", "friction"),
+        ("--run nothing", "nothing"),
+    ],
+)
 def test_command_refuses_what_is_no_run(arguments, culprit, in_this_process):
     assert culprit in invoke(f"replay {arguments}", exit_code=BAD_INPUT).output

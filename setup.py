@@ -21,7 +21,7 @@ def git(*words: str) -> str:
 
 
 class BuildWithCommit(build_py):
-    """Copies the packages, and writes ``built_from.json`` as `stiction.comparisons.bench.environment.commit` reads it."""
+    """Copies the packages, and writes ``built_from.json`` for `comparisons.bench.environment`."""
 
     def run(self) -> None:
         super().run()

@@ -150,11 +150,11 @@ class ChildrenEnded(StictionError):
     """`IdleChildren.end_all` was called while, or before, tasks were to be made in them."""
 
 
-def isolate(
+def isolate(  # noqa: C901 - one loop of messages
     tasks: Sequence[Task],
     *,
     workers: int | None = None,
-    timeout_s: float,  # noqa: C901 - one loop of messages
+    timeout_s: float,
     on_result: Callable[[Outcome], None] | None = None,
     on_note: Callable[[str], None] | None = None,
     kept: IdleChildren | None = None,

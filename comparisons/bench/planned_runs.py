@@ -1,4 +1,4 @@
-"""Runs as they are planned and compared: what is run, its row with every number that is kept of it, and ways to disturb it.
+"""Planned runs, the rows of what came of them with every number that is kept, and ways to disturb a run.
 
 How they are measured is in `stiction.comparisons.regression.measurement`.
 """

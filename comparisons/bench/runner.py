@@ -2,7 +2,7 @@
 
 A comparison only plans. `make` makes the runs of any number of comparisons, so that all that may share the machine
 shares it. A run that several of them request is made once. Timed runs are made again afterwards, one at a time with
-nothing else, in rounds over the runs of all comparisons (`stiction.comparisons.bench.timing.visits`). A computation that
+nothing else, in rounds over the runs of all comparisons (`bench.timing.visits`). A computation that
 several comparisons have is timed once, and has one time in all tables.
 """
 
@@ -44,7 +44,7 @@ class Comparison(Generic[T]):
     """Runs, and what becomes of them: `tabulate` makes the yield from the outcomes of the tasks, in their order.
 
     The engines of the variants are prepared first. Where there are `rounds`, the tasks are simulations, which are timed
-    in so many at least; the values of their outcomes are `stiction.comparisons.bench.timing.visits.Timing`. `ladders` names
+    in so many at least; the values of their outcomes are `bench.timing.visits.Timing`. `ladders` names
     the refinement series of each, with steps from coarse to fine. The rounds of one series may take `budget_s` CPU
     seconds. Finer steps are timed once.
     """

@@ -54,8 +54,8 @@ class Variant:
     With a baseline it is compared in the place of the engine that it `stands_for`, its own if empty. `cost` and
     `threshold` are series of the same parameter for comparisons that take other steps (`campaigns/validation.toml`).
     `effects` are settings by name that `stiction.comparisons.studies.effects` toggles. `subject` and `setting` are of a
-    variant that tries a setting: the method whose setting it is, and what is set; `changed` is the name of that setting,
-    empty for the default.
+    variant that tries a setting: the method whose setting it is, and what is set; `changed` is the name of that
+    setting, empty for the default.
     """
 
     label: str

@@ -79,8 +79,8 @@ BALANCED = (
         "energy_exchanged",
     ),
     (
-        "Energy of the motion, with forces that follow from it and friction by Coulomb's law: {} J of the {} J of kinetic "
-        "energy exchanged are not accounted for.",
+        "Energy of the motion, with forces that follow from it and friction by Coulomb's law: {} J of "
+        "the {} J of kinetic energy exchanged are not accounted for.",
         "completed_energy_error",
         "completed_energy_exchanged",
     ),
@@ -299,8 +299,10 @@ def _not_judged(judged: Judgement) -> Iterator[TracedText]:
     )
     efforts = any(f"{drive}.effort" in run for drive in scene.drives)
     wanting = {
-        "stick phases (displacement, slip velocity or mode of guides, or positions of all bodies)": scene.frictional_guides
-        and not slips,
+        (
+            "stick phases (displacement, slip velocity or mode of guides, "
+            "or positions of all bodies)"
+        ): scene.frictional_guides and not slips,
         "jumps (efforts of drives)": scene.frictional_guides and scene.drives and not efforts,
         "constraint drift (positions of all bodies)": "drift.position" not in run,
         f"energy ({names([name for name in needed_columns(scene) if name not in given])})": not {

@@ -1,6 +1,6 @@
 """Cost of a step of each engine, the table of their pages (``make bench-engines``).
 
-Times are CPU times of the process that did the work, measured by the protocol of `stiction.comparisons.bench.timing.visits`:
+Times are CPU times of the process that did the work, measured by the protocol of `bench.timing.visits`:
 medians over rounds that visit all that is compared. They depend on the machine: read the ratios.
 """
 

@@ -3,7 +3,7 @@
 Engines are compared at equal error, not at equal step. Between neighbouring runs of a refinement series, coarse to
 fine, log(time) is linear in log(error); nothing is extrapolated. A run meets an error only if neither its own error nor
 the truth's uncertainty is above it. The interval of an interpolated time comes from the same interpolation in every
-round of timing (`stiction.comparisons.bench.timing.visits`): it has the spread of the times, not that of the errors, which
+round of timing (`bench.timing.visits`): it has the spread of the times, not that of the errors, which
 are the same in every run.
 
 A series ends at its smallest error. `limit_of` finds its limit from the order with which the errors fall at the finest

@@ -12,7 +12,7 @@ Where that was not measured, errors, drift and counters are judged under the sam
 verdict depends on the make of the processor. A number that only one of two truths has, such as a kind of events, is
 compared within a tier only.
 
-Times lead to a verdict only against the code before, timed in turns with it (`stiction.comparisons.regression.older_code`).
+Times lead to a verdict only against the code before, timed in turns with it (`regression.older_code`).
 The median over the runs of an engine decides, see `BOUND_TURNS`. Against a baseline or the history they are reported
 without a verdict: a neighbour that keeps both cores busy makes 1.5 times of them, another processor 1.9 times.
 """

@@ -29,7 +29,7 @@ def environment_changes(
 ) -> list[str]:
     """Return what changed from one night to another, as ``"numba 0.61.0 -> 0.62.1"``.
 
-    `before` and `now` are what `stiction.comparisons.bench.environment.origin` returned. An engine that has runs in one of
+    `before` and `now` are what `bench.environment.origin` returned. An engine that has runs in one of
     the nights only is no change of its version.
     """
     both = {

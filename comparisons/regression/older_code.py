@@ -70,7 +70,7 @@ def times_in_turns(
 ) -> dict[str, dict[str, float] | str]:
     """Return CPU times now over those before, by key of the run: `TOTAL`, and `STEPPING` where both codes state it.
 
-    They are timed in rounds as of `stiction.comparisons.bench.timing.visits`. Where there are none the value is the reason.
+    They are timed in rounds as of `bench.timing.visits`. Where there are none the value is the reason.
     An engine that stands for another is timed against that one. In either code a run may take `limit_s`, the first one
     `COMPILING` longer. Raises `ControlRefused` if `before` is no checkout of the suite, or the process died.
     """

@@ -157,7 +157,8 @@ class ExudynEngine(Engine):
         if fidelity == "contact":
             return contact_refusal(scene) or next(
                 (
-                    f"joints.{name}: Exudyn's contacts have one coefficient of friction; mus = {guide.mus:g} is not mu = "
+                    f"joints.{name}: Exudyn's contacts have one coefficient of friction; "
+                    f"mus = {guide.mus:g} is not mu = "
                     f"{guide.mu:g}"
                     for name, guide in scene.guides.items()
                     if guide.frictional and guide.static_coefficient != guide.mu

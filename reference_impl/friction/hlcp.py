@@ -154,10 +154,10 @@ ACCURATE = 1e-9
 
 
 @kernel(allocates=True)
-def solve(
+def solve(  # noqa: C901 - each way a solve ends
     m: Arrays,
     w: Workspace,
-    slip: Integers,  # noqa: C901 - each way a solve ends
+    slip: Integers,
     limit: int = LIMIT,
 ) -> tuple[Reals, Reals, Reals, int, float]:
     """Solve the HLCP by Lemke's method, else by trying all contact modes, if they are not above `limit`.

@@ -126,12 +126,12 @@ def take_least_forces(m: Arrays, w: Workspace, slip: Integers, corner: IntegerTa
 
 
 @kernel(allocates=True)
-def _alternatives(
+def _alternatives(  # noqa: PLR0913 - a kernel's arrays
     m: Arrays,
     w: Workspace,
     t: Reals,
     q: Table,
-    v: Table,  # noqa: PLR0913 - a kernel's arrays
+    v: Table,
     slip: IntegerTable,
     force: Table,
     found: Cube,

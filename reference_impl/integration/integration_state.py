@@ -214,13 +214,13 @@ def take_audit_step(m, w, s, t, h):
 
 
 @kernel
-def _stages(
+def _stages(  # noqa: PLR0913 - a kernel's arrays
     m: Arrays,
     w: Workspace,
     s: State,
     t: float,
     h: float,
-    y: Reals,  # noqa: PLR0913 - a kernel's arrays
+    y: Reals,
     K: Table,
     y_new: Reals,
     stage: Reals,

@@ -58,7 +58,9 @@ def methods(run: StoredRun, results: Results) -> list[str]:
             (
                 _campaign(results, origin),
                 _machine(origin),
-                f"What the paper leaves open: {'; '.join(f'{name}: {text}' for name, text in origin['choices'].items())}.",
+                "What the paper leaves open: "
+                + "; ".join(f"{name}: {text}" for name, text in origin["choices"].items())
+                + ".",
             ),
         )
     ]

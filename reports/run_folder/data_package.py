@@ -1,8 +1,8 @@
 """What the data of a run folder are, by the Data Package standard: ``datapackage.json``.
 
-The standard (Frictionless Data, https://specs.frictionlessdata.io) describes every file of ``data/`` and every column of
-its tables: name, title, type, and, as properties of our own, the unit and the key of its uncertainty. The Parquet files
-have the same in the metadata of their columns.
+The standard (Frictionless Data, https://specs.frictionlessdata.io) describes every file of ``data/`` and every
+column of its tables: name, title, type, and, as properties of our own, the unit and the key of its uncertainty. The
+Parquet files have the same in the metadata of their columns.
 """
 
 from __future__ import annotations
@@ -122,7 +122,7 @@ def write_data_package(folder: Path, title: str, created: str) -> None:
 
 
 def _resource(folder: Path, file: Path) -> dict[str, Any]:
-    """Describe a file. The types of a CSV file are those of the Parquet file of the same table, which lies beside it."""
+    """Describe a file; the types of a CSV file are those of the Parquet file of the same table beside it."""
     path = file.relative_to(folder)
     name = re.sub(r"[^a-z0-9._-]+", "-", "-".join((*path.parts[1:-1], path.name)).lower())
     is_table = path.parent == Path("data")

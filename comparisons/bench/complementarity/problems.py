@@ -4,7 +4,7 @@ A set is one Parquet file, a row a problem of the form of eqs. (34)-(38)
 
     A0 y = A1 x + b,   y >= 0,  x >= 0,  y^T x = 0 .
 
-Its columns are those of `stiction.comparisons.bench.complementarity.exchange.FIELDS`, matrices row by row, and ``n``.
+Its columns are those of `bench.complementarity.exchange.FIELDS`, matrices row by row, and ``n``.
 """
 
 from __future__ import annotations
@@ -162,7 +162,7 @@ def write_problems(problems: Iterable[Problem], path: str | Path) -> int:
 
 
 def read_problems(path: str | Path | None = None) -> Iterator[Problem]:
-    """Read a set: a file, a folder of `stiction.comparisons.bench.complementarity.exchange`, or where None that of the suite.
+    """Read a set: a file, a folder of `bench.complementarity.exchange`, or where None that of the suite.
 
     Raises InputError if it is no such set.
     """

@@ -121,8 +121,8 @@ def fit_labels(figure: Figure) -> None:
                 (ax.yaxis.label, box.height),
                 (ax.xaxis.label, below),
                 (ax.title, above),
-                (ax._left_title, above),
-            ):  # type: ignore[attr-defined]
+                (ax._left_title, above),  # type: ignore[attr-defined]
+            ):
                 extent = text.get_window_extent()
                 taken = extent.height if text is ax.yaxis.label else extent.width
                 if taken > room > 0:

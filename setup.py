@@ -11,6 +11,8 @@ from setuptools import setup
 from setuptools.command.build_py import build_py
 
 ROOT = Path(__file__).resolve().parent
+CODE = ("scenes", "truths", "reference_impl", "engines", "comparisons", "reports", "stiction")
+"""Folders in which a file that git does not know is a change of the code; elsewhere it may be a note."""
 
 
 def git(*words: str) -> str:
@@ -18,6 +20,12 @@ def git(*words: str) -> str:
     return subprocess.run(
         ["git", "-C", str(ROOT), *words], capture_output=True, text=True, check=True, timeout=20
     ).stdout.strip()
+
+
+def is_dirty() -> bool:
+    """Test if the code differs from the commit: files changed, or new ones among the code."""
+    changed = git("status", "--porcelain", "--untracked-files=no")
+    return bool(changed or git("ls-files", "--others", "--exclude-standard", "--", *CODE))
 
 
 class BuildWithCommit(build_py):
@@ -36,7 +44,7 @@ class BuildWithCommit(build_py):
         ).exists():  # an archive, perhaps within the checkout of something else
             return
         try:
-            found = {"hash": git("rev-parse", "HEAD"), "dirty": bool(git("status", "--porcelain"))}
+            found = {"hash": git("rev-parse", "HEAD"), "dirty": is_dirty()}
         except (OSError, subprocess.SubprocessError) as error:
             print(f"stiction: the commit is not known to this installation: {error}")
             return

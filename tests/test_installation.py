@@ -144,6 +144,8 @@ def test_an_installation_from_a_checkout_knows_its_commit(tmp_path):
         built("clean") == {"hash": git("rev-parse", "HEAD"), "dirty": False}
         and git("status", "--porcelain") == ""
     )
+    (source / "note.txt").write_text("a note beside the code\n")
+    assert built("beside a note") == {"hash": git("rev-parse", "HEAD"), "dirty": False}
     (source / "README.md").write_text("changed\n")
     assert built("changed") == {"hash": git("rev-parse", "HEAD"), "dirty": True}
     shutil.rmtree(source / ".git")

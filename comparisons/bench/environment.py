@@ -22,6 +22,8 @@ CACHES = Path("/sys/devices/system/cpu/cpu0/cache")
 """Caches of the first processor on Linux."""
 ROOT = Path(__file__).resolve().parents[2]
 """The folder in which the packages lie."""
+CODE = ("scenes", "truths", "reference_impl", "engines", "comparisons", "reports", "stiction")
+"""Folders in which a file that git does not know is a change of the code; elsewhere it may be a note."""
 BUILT_FROM = ROOT / "comparisons" / "built_from.json"
 """Commit of the checkout that an installation was built from: ``setup.py`` writes it into the package."""
 
@@ -115,7 +117,7 @@ def commit() -> dict[str, Any] | None:
         except FileNotFoundError:
             return None
     try:
-        head, changes = (
+        head, *changes = (
             subprocess.run(
                 ["git", "-C", str(ROOT), *words],
                 capture_output=True,
@@ -123,14 +125,18 @@ def commit() -> dict[str, Any] | None:
                 check=True,
                 timeout=20,
             ).stdout.strip()
-            for words in (["rev-parse", "HEAD"], ["status", "--porcelain"])
+            for words in (
+                ["rev-parse", "HEAD"],
+                ["status", "--porcelain", "--untracked-files=no"],
+                ["ls-files", "--others", "--exclude-standard", "--", *CODE],
+            )
         )
     except (
         OSError,
         subprocess.SubprocessError,
     ):  # no git, or a checkout that it will not read: nothing known
         return None
-    return {"hash": head, "dirty": bool(changes)}
+    return {"hash": head, "dirty": any(changes)}
 
 
 def source_digest() -> str:

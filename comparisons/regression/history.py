@@ -187,11 +187,21 @@ class History:
         )
 
     def engines(self, night: str) -> dict[str, str]:
-        """Return the versions of the engines of a night, by name."""
+        """Return the versions of engines by name: of each in its last night up to this one in which it ran.
+
+        A run that fails states no version. So an engine that crashes for some nights is compared with what it was
+        before.
+        """
+        last: dict[str, str] = {}
+        stated = self._connection.execute(
+            "SELECT DISTINCT night, engine, version FROM runs "
+            "WHERE version IS NOT NULL AND night <= ? ORDER BY night, rowid",
+            (night,),
+        ).fetchall()
+        for when, engine, _ in stated:
+            last[engine] = when
         return engine_versions(
-            self._connection.execute(
-                "SELECT DISTINCT engine, version FROM runs WHERE night = ? ORDER BY rowid", (night,)
-            )
+            (engine, version) for when, engine, version in stated if when == last[engine]
         )
 
     def finished_before(self, night: str = "~") -> str | None:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import os
 import time
 from collections import defaultdict
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from types import MappingProxyType
@@ -43,6 +43,8 @@ from stiction.comparisons.regression.night_changes import engine_versions, envir
 from stiction.comparisons.regression.older_code import times_in_turns
 from stiction.comparisons.regression.tolerances import with_rounding
 from stiction.engines.isolation import Isolate, Outcome, isolate
+from stiction.engines.registry import load_engine
+from stiction.scenes import StictionError
 from stiction.scenes.atomic_files import make_folder
 from stiction.scenes.digest import digest
 
@@ -192,10 +194,24 @@ def _since_night_before(
     before = history.finished_before(night)
     if before is None:
         return "", ()
-    engines = engine_versions((row.engine, row.version) for row in rows)
+    stated = engine_versions((row.engine, row.version) for row in rows)
+    engines = {**_versions(row.engine for row in rows if row.engine not in stated), **stated}
     return before, tuple(
         environment_changes(history.origin(before), here, history.engines(before), engines)
     )
+
+
+def _versions(engines: Iterable[str]) -> dict[str, str]:
+    """Return the versions of engines of which no run came out, as they state them; without those that do not."""
+    found = {}
+    for name in dict.fromkeys(engines):
+        if name == TRUTH:
+            continue
+        try:
+            found[name] = load_engine(name).version
+        except StictionError:
+            continue  # its runs are rows with the reason
+    return found
 
 
 def _judged(

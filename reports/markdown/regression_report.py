@@ -206,7 +206,10 @@ def changes(findings: Sequence[Finding]) -> str:
             f"{runs(absent)} of engines that are not installed {'were' if absent != 1 else 'was'} not made."
         )
     if new := sum(finding.severity == NEW for finding in findings):
-        lines.append(f"{new} runs or numbers are not in the baseline; {_UPDATE} adds them.")
+        lines.append(
+            f"{new} runs or numbers are not in the baseline: nights hold them to the first night that has "
+            "them, and `stiction baseline update` adds them to a baseline."
+        )
     if any(finding.severity == BETTER for finding in findings):
         lines.append(
             f"What has become better is no failure; {_UPDATE} makes it what is expected from now on."

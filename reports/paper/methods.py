@@ -32,7 +32,7 @@ METHOD = (
     "corner forces and accelerations satisfy a horizontal linear complementarity problem that Lemke's method "
     "[@lemke1965; @cottle1992] solves."
 )
-TIMES = "CPU times are medians of runs made one at a time, without set-up, compiling or output."
+TIMES = "CPU times are {} of runs made one at a time, without set-up, compiling or output."
 
 
 def methods(run: StoredRun, results: Results) -> list[str]:
@@ -53,7 +53,7 @@ def methods(run: StoredRun, results: Results) -> list[str]:
             (
                 *([compared] if others else []),
                 *_truth(tables),
-                *([TIMES] if len(tables.get("cost", ())) else []),
+                *_times(tables.get("cost", pd.DataFrame())),
             ),
             (
                 _campaign(results, origin),
@@ -64,6 +64,16 @@ def methods(run: StoredRun, results: Results) -> list[str]:
             ),
         )
     ]
+
+
+def _times(cost: pd.DataFrame) -> Iterator[str]:
+    """Say what the times are of: one sample of a run is no median."""
+    if "repeats" in cost and (samples := cost["repeats"].dropna().astype(int)).any():
+        least, most = samples.min(), samples.max()
+        of = "single samples" if most == 1 else f"medians of up to {most} samples"
+        if 1 == least < most:
+            of += f", single samples for {(samples == 1).sum()} of {len(samples)} runs,"
+        yield TIMES.format(of)
 
 
 def _integration(own: pd.DataFrame) -> Iterator[str]:

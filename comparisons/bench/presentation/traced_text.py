@@ -156,6 +156,11 @@ def count(table: str, rows: pd.DataFrame, **where: object) -> Number:
 
 
 def within(table: str, rows: pd.DataFrame, label: int, column: str, low: str, high: str) -> Number:
-    """Return the cell of a row, and in brackets the ends of its interval, which other columns have."""
+    """Return the cell of a row, and in brackets the ends of its interval, which other columns have.
+
+    A single sample has no interval: ``~19.6``.
+    """
     first, *ends = (short(rows.at[label, name], ".3g") for name in (column, low, high))
+    if rows.at[label, low] == rows.at[label, high]:
+        return Number(f"~{first}", table, column, (label + 1,))
     return Number(f"{first} ({' to '.join(ends)})", table, column, (label + 1,))

@@ -84,7 +84,7 @@ if (_checkout := Path(__file__).parent.parent).joinpath("pyproject.toml").is_fil
     __path__.append(str(_checkout))  # a checkout has the packages next to this one
 
 _HOMES = {
-    "comparisons.judgement": {"Judgement", "judge"},
+    "comparisons.judge.judgement": {"Judgement", "judge"},
     "reference_impl.energies": {"energies"},
     "reference_impl.equations_of_motion": {"EquationsOfMotion", "Terms"},
     "reference_impl.multibody.reactions": {"recover_columns"},

@@ -130,7 +130,7 @@ def test_bug_in_a_truth_is_no_refusal(monkeypatch):
     ("place", "arguments"),
     [
         ("stiction.scenes.load_scene", ["explain", "pendulum"]),
-        ("stiction.comparisons.bench.study.studies", ["compare", "drift", "pendulum"]),
+        ("stiction.comparisons.studies.studies", ["compare", "drift", "pendulum"]),
         ("stiction.comparisons.bench.campaign.load_campaign", ["check"]),
         ("stiction.comparisons.bench.complementarity.replay.replay", ["replay"]),
     ],

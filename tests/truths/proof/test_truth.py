@@ -30,6 +30,7 @@ sys.modules["flint"] = None
 ROWS = """
 from stiction.comparisons.bench.campaign import load_campaign
 from stiction.comparisons.bench.variants import Variant
+from stiction.comparisons.regression.measurement import task_of
 
 variant = Variant("reference", "reference", "rtol", (1e-6,), settings={"stabilization": "projection"})
 campaign = load_campaign().model_copy(update={"variants": (variant,)})

@@ -10,9 +10,7 @@ import tomli_w
 
 SOLVERS = Path(__file__).parents[1] / "docs" / "examples" / "solvers"
 _PRINT = '                print(k * h, *mechanism.q, *mechanism.v, *mean, sep=",", file=file)'
-_MOVE = (
-    "mechanism.q = [x + h / 2 * (old + new) for x, old, new in zip(mechanism.q, mechanism.v, w)]"
-)
+_MOVE = "x + h / 2 * (old + new) for x, old, new in zip(mechanism.q, mechanism.v, w)"
 _STATE = "row = [k * h, *mechanism.q, *mechanism.v, *mean]"
 
 
@@ -77,12 +75,8 @@ BUGS = tuple(
         ("mus taken for mu", ('most = guide["mu"] *', 'most = guide["mus"] *')),
         (
             "mus ignored",
-            (
-                'hold = guide["mus"] * load(guide, R + more * unit[n + normal], N + more * unit[n + normal + 1],\n'
-                '                                           math.copysign(guide["mus"], held))',
-                'hold = guide["mu"] * load(guide, R + more * unit[n + normal], N + more * unit[n + normal + 1],\n'
-                '                                           math.copysign(guide["mu"], held))',
-            ),
+            ('hold = guide["mus"] * load(', 'hold = guide["mu"] * load('),
+            ('math.copysign(guide["mus"], held),', 'math.copysign(guide["mu"], held),'),
         ),
         ("mu 3 % too large", ('most = guide["mu"] *', 'most = 1.03 * guide["mu"] *')),
         (
@@ -95,7 +89,7 @@ BUGS = tuple(
         (
             "friction by the load of the step before",
             (
-                "R, N = now[n + normal:n + normal + 2]",
+                "R, N = now[n + normal : n + normal + 2]",
                 "R, N = getattr(self, 'old', now[n + normal:n + normal + 2])",
             ),
             (
@@ -105,11 +99,11 @@ BUGS = tuple(
         ),
         (
             "explicit Euler",
-            (_MOVE, "mechanism.q = [x + h * old for x, old in zip(mechanism.q, mechanism.v)]"),
+            (_MOVE, "x + h * old for x, old in zip(mechanism.q, mechanism.v)"),
         ),
         (
             "semi-implicit Euler",
-            (_MOVE, "mechanism.q = [x + h * new for x, new in zip(mechanism.q, w)]"),
+            (_MOVE, "x + h * new for x, new in zip(mechanism.q, w)"),
         ),
         (
             "g = 9.8",

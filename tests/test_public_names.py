@@ -35,8 +35,9 @@ def test_names_that_pages_use_are_public():
         text = page.read_text(encoding="utf-8")
         used = {
             name.strip()
-            for names in re.findall(r"^from stiction import (.*)$", text, re.MULTILINE)
-            for name in names.split(",")
+            for names in re.findall(r"^from stiction import (\([^)]*\)|.*)$", text, re.MULTILINE)
+            for name in names.strip("()").split(",")
+            if name.strip()
         }
         used |= set(re.findall(r"\bstiction\.([A-Z]\w+)", text))
         for raised in re.findall(r"\*\*Raises\*\*\n\n((?:[- ] .*\n)+)", text):

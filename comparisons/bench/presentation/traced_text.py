@@ -161,6 +161,6 @@ def within(table: str, rows: pd.DataFrame, label: int, column: str, low: str, hi
     A single sample has no interval: ``~19.6``.
     """
     first, *ends = (short(rows.at[label, name], ".3g") for name in (column, low, high))
-    if rows.at[label, low] == rows.at[label, high]:
+    if set(ends) == {first}:
         return Number(f"~{first}", table, column, (label + 1,))
     return Number(f"{first} ({' to '.join(ends)})", table, column, (label + 1,))

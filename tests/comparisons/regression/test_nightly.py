@@ -576,9 +576,10 @@ def test_a_baseline_without_end_positions_is_accepted_with_a_note(folder, small_
         "\n".join(line for line in text if not line.startswith("motion.")) + "\n"
     )
     ended = invoke("check", "small.toml", "--baseline", "old.toml", exit_code=FINE)
-    assert "1 runs or numbers are not in the baseline; `stiction baseline update" in ended.output, (
-        ended.output
-    )
+    assert (
+        "1 runs or numbers are not in the baseline: nights hold them to the first night"
+        in ended.output
+    ), ended.output
 
 
 def test_a_campaign_of_ones_own_is_not_held_to_the_baseline_of_the_suite(folder):

@@ -183,6 +183,7 @@ RUN = (
     _text("friction_law"),
     _text("stabilization"),
     _text("iterations"),
+    _category("solver", description="of the contact problem, where an engine has several"),
     _text("other_settings"),
 )
 """Which run a row is of, and how it went."""

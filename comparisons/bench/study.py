@@ -74,8 +74,6 @@ class Study:
         A word or three that stand above its answer on page one and on the terminal.
     question : str
         The heading of its section.
-    place : float
-        Sections of the report ascend by it.
     present : callable
         Says what the tables say; the results may be of a stored run, and may lack some studies or engines.
     plan : callable or None
@@ -99,7 +97,6 @@ class Study:
     name: str
     title: str
     question: str
-    place: float
     present: Callable[[Results], Presentation]
     plan: Callable[[Scope], Comparison[Tables] | None] | None = None
     requires: Mapping[str, Callable[[Scope], Comparison[Any]]] = field(default_factory=dict)

@@ -1,7 +1,6 @@
-"""The questions of the report: a module with a `STUDY` is one.
+"""The questions of the report: one file is one question, and has a `STUDY`.
 
-The others are what several of them, or sweeps, are made of: `study`, `work_precision`, `equal_error`,
-`steady_state_measures`, `sweep`; `hold_data` has the runs of `hold`.
+File, command of `stiction compare`, table and section have the same name; `hold_data` has the runs of `hold`.
 """
 
 from __future__ import annotations
@@ -14,6 +13,24 @@ from typing import TYPE_CHECKING
 if TYPE_CHECKING:
     from stiction.comparisons.bench.study import Study
 
+ORDER = (
+    "accuracy",
+    "cost",
+    "torque",
+    "threshold",
+    "hold",
+    "drift",
+    "long-drift",
+    "hard",
+    "effects",
+    "suppression",
+    "claims",
+    "orders",
+    "settings",
+    "paper",
+)
+"""Names of studies in the order of the report; others follow behind them, in that of their names."""
+
 
 @cache
 def studies() -> tuple[Study, ...]:
@@ -21,5 +38,6 @@ def studies() -> tuple[Study, ...]:
     modules = [
         import_module(f"{__name__}.{module.name}") for module in pkgutil.iter_modules(__path__)
     ]
-    found = [module.STUDY for module in modules if hasattr(module, "STUDY")]
-    return tuple(sorted(found, key=lambda study: study.place))
+    found = {module.STUDY.name: module.STUDY for module in modules if hasattr(module, "STUDY")}
+    others = sorted(set(found) - set(ORDER))
+    return tuple(found[name] for name in (*ORDER, *others) if name in found)

@@ -541,7 +541,6 @@ STUDY = Study(
     "accuracy",
     "Accuracy",
     "How far are the methods from the truth?",
-    1,
     present,
     plan,
     seconds=0.26,

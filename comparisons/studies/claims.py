@@ -664,7 +664,6 @@ STUDY = Study(
     "claims",
     "The paper",
     "Does what the paper says hold?",
-    9,
     present,
     plan,
     THRESHOLD_STUDY.requires,

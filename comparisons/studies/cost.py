@@ -594,7 +594,6 @@ STUDY = Study(
     "cost",
     "Cost",
     "What does accuracy cost?",
-    2,
     present,
     plan,
     seconds=0.13,

@@ -358,7 +358,6 @@ STUDY = Study(
     "drift",
     "Drift",
     "How far do methods drift from the constraints?",
-    5,
     present,
     plan,
     seconds=0.26,

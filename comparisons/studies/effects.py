@@ -457,7 +457,6 @@ STUDY = Study(
     "effects",
     "Effects",
     "What does a scene cost without each of its effects?",
-    7,
     present,
     plan,
     seconds=0.1,

@@ -252,7 +252,6 @@ STUDY = Study(
     "hard",
     "Hard cases",
     "Where do methods break down?",
-    6,
     present,
     plan,
     seconds=0.15,

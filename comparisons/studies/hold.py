@@ -1185,7 +1185,6 @@ STUDY = Study(
     "hold",
     "Hold",
     "Does it hold, below the limit of static friction?",
-    4.5,
     present,
     plan,
     seconds=0.1,

@@ -634,7 +634,6 @@ STUDY = Study(
     "long-drift",
     "Long runs",
     "What does stabilization do against drift over long runs?",
-    5.5,
     present,
     plan,
     seconds=0.8,

@@ -73,10 +73,36 @@ COLUMNS = (
     "status",
     "reason",
 )
-METHODS = {"reference": 8, "paper's scheme": 4, "paper's scheme, across a break-away": 1}
-"""Refinement series, without events where no other is said, each with the order of its method."""
-LOOKS = dict(zip(METHODS, ("reference", "paper's scheme", "trial and error")))
-"""Variants whose looks the series have."""
+
+
+@dataclass(frozen=True)
+class Refined:
+    """A refinement series.
+
+    Attributes
+    ----------
+    order : int
+        The order that its method promises.
+    look : str
+        Variant whose look the series has.
+    event_driven : bool
+        True for the reference by tolerance, False for the paper's scheme by step.
+    across_a_break_away : bool
+        True where the runs go over a break-away, False on a stretch without events.
+    """
+
+    order: int
+    look: str
+    event_driven: bool = False
+    across_a_break_away: bool = False
+
+
+METHODS = {
+    "reference": Refined(8, "reference", event_driven=True),
+    "paper's scheme": Refined(4, "paper's scheme"),
+    "paper's scheme, across a break-away": Refined(1, "trial and error", across_a_break_away=True),
+}
+"""Refinement series by their labels."""
 
 
 @dataclass(frozen=True)
@@ -142,8 +168,8 @@ def order_rows(scene: Scene, method: str) -> list[dict[str, object]]:
     """One row per run of a method on a scene: error over step; the fitted order in every row."""
     truth, runs = (
         _across_a_break_away(scene)
-        if method.endswith("break-away")
-        else _without_events(scene, method == "reference")
+        if METHODS[method].across_a_break_away
+        else _without_events(scene, METHODS[method].event_driven)
     )
     found = [(step, errors(run, truth)) for step, run in runs]
     fit = observed_order(
@@ -155,7 +181,7 @@ def order_rows(scene: Scene, method: str) -> list[dict[str, object]]:
             STEP: step,
             ERROR: row[ERROR],
             UNSURE: row[UNSURE],
-            ORDER: METHODS[method],
+            ORDER: METHODS[method].order,
             OBSERVED: fit.order,
             HALF: fit.uncertainty,
             "runs": fit.runs,
@@ -221,9 +247,18 @@ def plan(scope: Scope) -> Comparison[Tables]:
                             "status": outcome.status,
                             "reason": outcome.reason,
                         }
-                        for (method, order), outcome in zip(METHODS.items(), outcomes, strict=True)
+                        for (method, refined), outcome in zip(
+                            METHODS.items(), outcomes, strict=True
+                        )
                         for row in outcome.value
-                        or [{"method": method, ORDER: order, "runs": 0, "why_none": outcome.status}]
+                        or [
+                            {
+                                "method": method,
+                                ORDER: refined.order,
+                                "runs": 0,
+                                "why_none": outcome.status,
+                            }
+                        ]
                     ],
                     columns=COLUMNS,
                 )
@@ -275,7 +310,14 @@ def present(results: Results) -> Presentation:
         step, error = runs[STEP].to_numpy(), runs[ERROR].to_numpy()
         promised = error[-1] * (step / step[-1]) ** float(runs[ORDER].iloc[0])
         series += [
-            Series(method, step, error, look=LOOKS.get(method, ""), line=False, points=True),
+            Series(
+                method,
+                step,
+                error,
+                look=METHODS[method].look if method in METHODS else "",
+                line=False,
+                points=True,
+            ),
             Series("", step, promised, look=LIMIT),
         ]
     chart = Chart(
@@ -295,7 +337,6 @@ STUDY = Study(
     "orders",
     "Convergence",
     "Does the reference converge as its methods promise?",
-    10,
     present,
     plan,
     seconds=0.7,

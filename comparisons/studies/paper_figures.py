@@ -122,4 +122,4 @@ def stick_phases(truth: Truth | None) -> list[tuple[float, float]]:
     return stick_intervals(truth.events, 0.0, truth.t_end, starts_at_rest)
 
 
-STUDY = Study("paper", "", "The paper's figures, redrawn", 12, present, compared=False)
+STUDY = Study("paper", "", "The paper's figures, redrawn", present, compared=False)

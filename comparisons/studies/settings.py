@@ -483,7 +483,6 @@ STUDY = Study(
     "settings",
     "Settings",
     "Are the engines at their best?",
-    11,
     present,
     plan,
     seconds=0.5,

@@ -189,7 +189,6 @@ STUDY = Study(
     "suppression",
     "Stabilization",
     "What does each stabilization cost and yield?",
-    8,
     present,
     plan,
     seconds=0.1,

@@ -694,7 +694,6 @@ STUDY = Study(
     "threshold",
     "Stick limit",
     "Where does the band of loads end, next to the scene's own, in which the slider sticks?",
-    4,
     present,
     plan,
     {TRUTH: lambda scope: true_thresholds(scope.scenes[0])},

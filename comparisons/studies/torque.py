@@ -520,7 +520,6 @@ STUDY = Study(
     "torque",
     "Torque jumps",
     "How well are the jumps of the driving torque found?",
-    3,
     present,
     plan,
     seconds=0.26,

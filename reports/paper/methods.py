@@ -79,7 +79,7 @@ def _times(cost: pd.DataFrame) -> Iterator[str]:
 def _integration(own: pd.DataFrame) -> Iterator[str]:
     if own.empty:
         return
-    trial = own["other_settings"].str.contains("solver = trial")
+    trial = own["solver"] == "trial"
     texts = (
         (
             own[(own["method"] == "event") & ~trial],

@@ -63,7 +63,7 @@ def tables_of(results: Results) -> dict[str, pd.DataFrame]:
 
 def _variants(results: Results) -> pd.DataFrame:
     """A row per variant, as its runs state: friction law and who supplies it, stabilization, iterations, all else."""
-    named, rows = ("friction_law", "stabilization", "iterations"), []
+    named, rows = ("friction_law", "stabilization", "iterations", "solver"), []
     runs = {record.variant.label: record for record in results.records}
     runs |= {
         record.variant.label: record for record in results.records if record.trajectory is not None

@@ -56,7 +56,7 @@ def present(results):
                         (Chart("toy-paths", "Paths grow with the square of the speed.", [panel]),), ("Friction is dry.",))
 
 
-STUDY = Study("toy", "Toy", "How far does a block slide?", 0.5, present, plan, takes_scene=False, takes=frozenset())
+STUDY = Study("toy", "Toy", "How far does a block slide?", present, plan, takes_scene=False, takes=frozenset())
 '''
 ANSWER, CELL, QUESTION = (
     "The block slides 1.83486 m at most.",

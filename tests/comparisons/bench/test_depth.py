@@ -119,7 +119,7 @@ def plan():
         "cost": comparison("cost", "timed/run 1", rounds=1),
     }
     return {
-        Study(name, name, name, 1, lambda results: Presentation()): each
+        Study(name, name, name, lambda results: Presentation()): each
         for name, each in made.items()
     }
 

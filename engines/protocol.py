@@ -30,9 +30,10 @@ class Supplier(StrEnum):
 
     ENGINE = "engine"
     ADAPTER = "adapter"
-    """Our adapter of the engine."""
+    """Our adapter of the engine. Of the friction law: the engine has no Coulomb law, and holds or drives with the
+    forces that the adapter's law allows."""
     BOTH = "engine + adapter"
-    """The engine, with numbers that the adapter sets anew on the way."""
+    """The engine's own, with numbers that the adapter sets anew on the way, such as a coefficient of friction."""
     NOBODY = "nobody"
 
 
@@ -137,8 +138,8 @@ class Capabilities:
     event_location : Supplier
         Who locates events in runs that have them located: the engine or the adapter.
     friction_by : Mapping[str, Supplier]
-        By fidelity: who supplies the friction law; the engine where nothing is given. Runs are ranked only with those
-        in which the same supplies it.
+        By fidelity: who supplies the friction law; the engine where nothing is given. Only runs with the
+        same supplier are ranked together.
 
     Raises
     ------
@@ -165,7 +166,7 @@ class Capabilities:
                 f"fidelities: found {self.fidelities!r}; expected a tuple of "
                 f"{' or '.join(map(repr, FIDELITIES))}"
             )
-        for name in ("static_coefficient", "friction_law"):
+        for name in ("static_coefficient", "friction_law", "friction_by"):
             if not isinstance(found := getattr(self, name), Mapping):
                 raise TypeError(f"{name}: found {found!r}; expected a mapping by fidelity")
         if self.event_location not in (Supplier.ENGINE, Supplier.ADAPTER):

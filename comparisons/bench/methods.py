@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import dataclass, replace
 from functools import cache, cached_property
 
@@ -20,6 +20,7 @@ from stiction.comparisons.bench.variants import (
     UNMADE,
     Record,
 )
+from stiction.engines.protocol import Supplier
 from stiction.scenes import catalogue, load_scene
 
 CONTACT = ", contact"
@@ -91,7 +92,9 @@ def title_of(scene: str) -> str:
 
 @dataclass(frozen=True)
 class Group:
-    """Methods that may be compared: of one fidelity and one physics. Ranked are those that do the same work as well.
+    """Methods that may be compared: of one fidelity and one physics.
+
+    They may be ranked only if the engine does the same part of the work in each.
 
     `friction_by` and `events_by` are empty where the group is not for a ranking.
     """
@@ -116,7 +119,7 @@ def groups(table: pd.DataFrame) -> Iterator[tuple[Group, pd.DataFrame]]:
 def same_work(table: pd.DataFrame) -> Iterator[tuple[Group, pd.DataFrame]]:
     """The rows of `groups` that may be ranked with each other: engines do the same part of the work.
 
-    Who supplies the friction law and who locates events is the same for all runs of a variant; of failed ones unknown.
+    Who supplies the friction law and who locates events is that of the variant's other runs where one failed.
     """
     for group, rows in groups(table):
         parts = [rows["variant"].map(known_of(rows, column)) for column in (FRICTION_BY, EVENTS_BY)]
@@ -125,8 +128,17 @@ def same_work(table: pd.DataFrame) -> Iterator[tuple[Group, pd.DataFrame]]:
 
 
 def known_of(rows: pd.DataFrame, column: str) -> dict[str, str]:
-    """Value of a column by variant, in the first of its runs that has one, else ``not known``."""
-    known = rows[rows[column].notna()].groupby("variant")[column].first() if column in rows else {}
+    """Value of a column by variant, in the first of its runs that has one, else ``not known``.
+
+    In a scene without friction nobody supplies its law, whoever does in others: such a run counts where no other is.
+    """
+    known: Mapping[str, str] = {}
+    if column in rows:
+        stated = rows[rows[column].notna()]
+        last = stated.sort_values(
+            column, key=lambda values: values == Supplier.NOBODY, kind="stable"
+        )
+        known = last.groupby("variant")[column].first().to_dict()
     return {variant: known.get(variant, "not known") for variant in rows["variant"]}
 
 

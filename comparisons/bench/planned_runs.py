@@ -38,7 +38,7 @@ WAYS = (*(f"{MOVED} {seed}" for seed in (1, 2, 3)), ORDER, GRID)
 
 @dataclass(frozen=True)
 class Metric:
-    """A number: `name` with its unit, `kind` one of `KINDS`, `TRUTH` or `RANDOM`; None is what is not known.
+    """A number: `name` is its quantity's key, `kind` one of `KINDS`, `TRUTH` or `RANDOM`; None is unknown.
 
     The uncertainty of an error is that of the truth, of a time the distance of the second shortest repeat. `tier` is
     that of the truth behind an error, ``our own run`` for counters and times. `rounding` is the largest change by

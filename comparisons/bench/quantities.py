@@ -32,6 +32,7 @@ class Kind(StrEnum):
     EXACT = "exact"
     """A number that is known to ten digits, such as the amplitude at a stick threshold."""
     COUNT = "count"
+    """A whole number."""
     CATEGORY = "category"
     """One of few words: an engine, a status, a tier of truth."""
     FLAG = "flag"
@@ -68,7 +69,8 @@ class Quantity:
     label : str
         Heading, without unit.
     unit : str
-        SI unit of the stored numbers; empty for numbers without dimension, and for words.
+        Unit of the stored numbers, SI but for times and creep in millionths; empty for numbers without
+        dimension, and for words.
     kind : Kind
     uncertainty : str
         Key of the quantity that is the uncertainty of this one; empty if there is none.

@@ -22,7 +22,7 @@ PARAMETERS: tuple[Parameter, ...] = get_args(Parameter)
 """Parameters that are refined: a step (s), a relative tolerance, the iterations by which an engine solves a step."""
 
 OWN_CPU = "engine_time"
-"""Column of tables: CPU seconds inside the engine's own calls (`stiction.scenes.Cost.own_s`), part of ``cpu [s]``."""
+"""Column of tables: CPU seconds inside the engine's own calls (`stiction.scenes.Cost.own_s`), part of ``cpu_time``."""
 
 UNMADE = ("missing", "not run")
 """Statuses of runs that were not made, which do not count: engine not installed, or campaign interrupted."""

@@ -35,9 +35,9 @@ def published_creep() -> pd.DataFrame:
     Returns
     -------
     DataFrame
-        A row a case: `case`, `published [um/s]`, `creep [um/s]` downwards with its `uncertainty [um/s]` (between ends
-        and least squares of the same 2 s, which differ by what rocks), `load [N]` of both pads and `published load
-        [N]`, `margin` (Coulomb's limit over weight), `matched` (True where the case had part in the choice of what the
+        A row a case: `case`, `published_creep`, `creep_um` downwards with its `creep_um_uncertainty` (between
+        ends and least squares of the same 2 s, which differ by what rocks), `load_N` of both pads and
+        `published_load`, `margin` (Coulomb's limit over weight), `matched` (True where the case had part in the choice of what the
         source does not say), `source`, `version`.
 
     Raises

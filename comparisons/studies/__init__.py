@@ -1,6 +1,7 @@
 """The questions of the report: one file is one question, and has a `STUDY`.
 
-File, command of `stiction compare`, table and section have the same name; `hold_data` has the runs of `hold`.
+File, command of `stiction compare` and main table have the same name. `hold_data` has the runs of `hold`;
+`paper_figures` redraws the figures of the paper and is no command.
 """
 
 from __future__ import annotations

@@ -496,13 +496,15 @@ def _changes(found: Sensitivity, ours: Sensitivity | None) -> dict[str, Any]:
             or "none"
         )
         changed = {
-            quantity_of(name).label: (old, new)
+            name: (old, new)
             for name, old in ours.numbers.items()
             if abs((new := found.numbers.get(name, old)) - old) > SAMPLING * abs(old)
         }
         of_numbers = (
             "; ".join(
-                f"{name} {100 * (new / old - 1):+.2g} %" if old else f"{name} {new:.3g} (was: 0)"
+                f"{quantity_of(name).label} {100 * (new / old - 1):+.2g} %"
+                if old
+                else f"{quantity_of(name).label} {new:.3g} (was: 0)"
                 for name, (old, new) in changed.items()
             )
             or "none"

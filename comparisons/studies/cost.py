@@ -485,7 +485,7 @@ def _table(cost: pd.DataFrame, here: pd.DataFrame, scene: str, first: str) -> Ta
     ]
     caption = (
         f"CPU time to a position error in {case_of(scene)}: total, in brackets the engine's part. "
-        "Only methods of one group can be ranked."
+        "Methods of one group may be compared; ranked are those that do the same part of the work."
     )
     name = "cost" if scene == first else f"cost-{scene.replace('/', '-')}"
     return view(

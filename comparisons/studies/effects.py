@@ -47,6 +47,7 @@ from stiction.comparisons.measures.work_precision import (
     cost_of,
     timed_comparison,
 )
+from stiction.engines.protocol import EVENTS_LOCATED_BY, Supplier
 from stiction.reference_impl.multibody.equation_summary import blocks, hlcp_size
 from stiction.scenes import Scene, Trajectory, vary
 from stiction.scenes.model import Baumgarte
@@ -63,7 +64,7 @@ EFFECT_KIND, WITHOUT = "effect_kind", "effect_left_out"
 RATIO, LOW, HIGH = (f"engine_time_ratio{end}" for end in ("", "_low", "_high"))
 """Ratio of times inside the engine's own calls, which are all of the reference's, and the ends of its interval."""
 LARGEST_ERROR = 1e-3
-"""Metres, from which on times to equal errors are compared."""
+"""m; the largest error at which times to equal errors are compared."""
 MOTION = "position_change"
 KINDS = ("slip", "stick", "reversal", "corner")
 
@@ -235,7 +236,7 @@ def effects_comparison(
 
 def _events(trajectory: Trajectory | None) -> dict[str, Any]:
     """Number of events by kind and the first one; empty for an engine that locates none."""
-    if trajectory is None or (not trajectory.events and trajectory.engine != "reference"):
+    if trajectory is None or trajectory.settings.get(EVENTS_LOCATED_BY) == Supplier.NOBODY:
         return {}
     count = Counter(event.kind for event in trajectory.events)
     return {

@@ -1,8 +1,8 @@
 """The stick threshold: upper end of the band of F0, next to the scene's own, with a stick phase in the steady state.
 
 The steady state is the one that is reached from the scene's start. The threshold is searched here for each engine
-(`measure_threshold`), for the truth in `truth.reduced.steady_state`, and proven in `proof.threshold`. Above it the
-slider may stick again: `bands_above` scans for that.
+(`measure_threshold`), for the truth in `truths.reduced.steady_state`, and proven in `truths.proof.threshold`. Above
+it the slider may stick again: `bands_above` scans for that.
 """
 
 from __future__ import annotations

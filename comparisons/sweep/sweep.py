@@ -357,8 +357,8 @@ def threshold_numbers(
 class Sweep:
     """Tables with one row per point, in the order of the grid; None where no measure requires one.
 
-    `map`: axes, ``status``, ``reason``, ``window from [s]``, a column per measure. `threshold`: axes that are not F0,
-    ``status``, ``reason``, ``sticks again`` (where above the threshold, in words), the bracket of the threshold and its
+    `map`: axes, ``status``, ``reason``, ``window_begin``, a column per measure. `threshold`: axes that are not F0,
+    ``status``, ``reason``, ``sticks_again`` (where above the threshold, in words), the bracket of the threshold and its
     middle, and up to where the slider was seen not to stick again.
     """
 

@@ -142,9 +142,9 @@ def with_time(task: Task, outcome: Outcome, times: Mapping[str, Timing], is_time
 def samples_table(timings: Mapping[str, Timing | None]) -> pd.DataFrame:
     """Table of every sample, one row per run and round.
 
-    Columns: ``key`` of the run; ``round``, from 1; ``runs`` of which the sample is the median; ``set-up [s]``, ``cpu
-    [s]`` and `OWN_CPU` as in the tables of runs; ``calibration kernel [s]``; ``others [cores]``: kept busy by other
-    work.
+    Columns: ``key`` of the run; ``round``, from 1; ``runs`` of which the sample is the median; ``setup_time``,
+    ``cpu_time`` and `OWN_CPU` as in the tables of runs; ``kernel_time``: of the calibration kernel; ``other_load``: cores that are
+    kept busy by other work.
     """
     columns = {
         "runs": "runs",

@@ -119,8 +119,7 @@ def plan():
         "cost": comparison("cost", "timed/run 1", rounds=1),
     }
     return {
-        Study(name, name, name, lambda results: Presentation()): each
-        for name, each in made.items()
+        Study(name, name, name, lambda results: Presentation()): each for name, each in made.items()
     }
 
 

@@ -37,8 +37,8 @@ def published_creep() -> pd.DataFrame:
     DataFrame
         A row a case: `case`, `published_creep`, `creep_um` downwards with its `creep_um_uncertainty` (between
         ends and least squares of the same 2 s, which differ by what rocks), `load_N` of both pads and
-        `published_load`, `margin` (Coulomb's limit over weight), `matched` (True where the case had part in the choice of what the
-        source does not say), `source`, `version`.
+        `published_load`, `margin` (Coulomb's limit over weight), `matched` (True where the case had part in
+        the choice of what the source does not say), `source`, `version`.
 
     Raises
     ------

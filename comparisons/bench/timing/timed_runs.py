@@ -143,8 +143,8 @@ def samples_table(timings: Mapping[str, Timing | None]) -> pd.DataFrame:
     """Table of every sample, one row per run and round.
 
     Columns: ``key`` of the run; ``round``, from 1; ``runs`` of which the sample is the median; ``setup_time``,
-    ``cpu_time`` and `OWN_CPU` as in the tables of runs; ``kernel_time``: of the calibration kernel; ``other_load``: cores that are
-    kept busy by other work.
+    ``cpu_time`` and `OWN_CPU` as in the tables of runs; ``kernel_time``: of the calibration kernel;
+    ``other_load``: cores that are kept busy by other work.
     """
     columns = {
         "runs": "runs",

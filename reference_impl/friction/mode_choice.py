@@ -122,7 +122,8 @@ def _may_rest_as_well(m: Arrays, w: Workspace, slip: Integers, corner: IntegerTa
     shares = not solve_mode(m, w, slip, corner)
     least = np.inf
     if shares:
-        margins, shares = margins_of_safest(m, w, slip, corner), False
+        margins, shares = np.zeros((len(slip), 2)), False
+        margins_of_safest(m, w, slip, corner, margins)
         for f in range(len(slip)):
             if not sticks(m, slip, f):
                 continue

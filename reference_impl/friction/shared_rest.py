@@ -72,13 +72,17 @@ def share_rest(m: Arrays, w: Workspace, slip: Integers, corner: IntegerTable) ->
         for i in range(len(guides)):
             for k in range(corner.shape[1]):
                 own_corner[i, k] = corner[guides[i], k]
-        for r in range(len(own_m.origin)):
-            own_w.force[r] = w.force[own_m.origin[r]]
+        if (
+            len(m.cell) > 1
+        ):  # a cell by itself is handed in as a whole, and its `origin` is of another
+            for r in range(len(own_m.origin)):
+                own_w.force[r] = w.force[own_m.origin[r]]
         margins = np.full((len(guides), 2), np.nan)
         if not _share(own_m, own_w, own_slip, own_corner, margins):
             return False
-        for r in range(len(own_m.origin)):
-            w.force[own_m.origin[r]] = own_w.force[r]
+        if len(m.cell) > 1:
+            for r in range(len(own_m.origin)):
+                w.force[own_m.origin[r]] = own_w.force[r]
         least = np.inf
         for i in range(len(guides)):
             for side in range(2):
@@ -92,12 +96,16 @@ def share_rest(m: Arrays, w: Workspace, slip: Integers, corner: IntegerTable) ->
 
 
 @kernel(allocates=True)
-def margins_of_safest(m: Arrays, w: Workspace, slip: Integers, corner: IntegerTable) -> Table:
-    """Margins (guides, 2) against slip along + and -, of the safest share of guides that share a load; else nan.
+def margins_of_safest(
+    m: Arrays, w: Workspace, slip: Integers, corner: IntegerTable, found: Table
+) -> None:
+    """Fill `found` (guides, 2) with the margins against slip along + and -, of the safest share of guides.
 
-    `w.force` has one solution of the mode. The smallest tells which guide leaves, and where to, when rest ends.
+    They are nan for guides that share no load. `w.force` has one solution of the mode. The smallest tells which guide leaves, and where to, when rest ends.
     """
-    found, kept = np.full((len(m.friction), 2), np.nan), w.force.copy()
+    kept = w.force.copy()
+    for f in range(len(found)):
+        found[f, 0] = found[f, 1] = np.nan
     for c in range(count_cells(m)):
         own_m, own_w, guides = cell_of(m, w, c)
         own_slip, own_corner = (
@@ -107,8 +115,11 @@ def margins_of_safest(m: Arrays, w: Workspace, slip: Integers, corner: IntegerTa
         for i in range(len(guides)):
             for k in range(corner.shape[1]):
                 own_corner[i, k] = corner[guides[i], k]
-        for r in range(len(own_m.origin)):
-            own_w.force[r] = w.force[own_m.origin[r]]
+        if (
+            len(m.cell) > 1
+        ):  # a cell by itself is handed in as a whole, and its `origin` is of another
+            for r in range(len(own_m.origin)):
+                own_w.force[r] = w.force[own_m.origin[r]]
         margins = np.full((len(guides), 2), np.nan)
         if _share(own_m, own_w, own_slip, own_corner, margins):
             for i in range(len(guides)):
@@ -116,7 +127,6 @@ def margins_of_safest(m: Arrays, w: Workspace, slip: Integers, corner: IntegerTa
                     found[guides[i], side] = margins[i, side]
     for r in range(len(kept)):
         w.force[r] = kept[r]
-    return found
 
 
 @kernel(allocates=True)

@@ -146,7 +146,8 @@ def _first_to_leave(m: Arrays, w: Workspace, s: State, event: int) -> int:
     copy(force, w.force)
     if regular:
         return event  # no load is shared: see `right_hand_side`
-    margins = margins_of_safest(m, w, s.slip, s.corner)
+    margins = np.zeros((len(m.friction), 2))
+    margins_of_safest(m, w, s.slip, s.corner, margins)
     guide, side = event // 3, min(event % 3, 1)
     if np.isnan(margins[guide, side]):
         return event

@@ -101,7 +101,8 @@ def margins_of_safest(
 ) -> None:
     """Fill `found` (guides, 2) with the margins against slip along + and -, of the safest share of guides.
 
-    They are nan for guides that share no load. `w.force` has one solution of the mode. The smallest tells which guide leaves, and where to, when rest ends.
+    They are nan for guides that share no load. `w.force` has one solution of the mode. The smallest tells which
+    guide leaves, and where to, when rest ends.
     """
     kept = w.force.copy()
     for f in range(len(found)):

@@ -33,15 +33,13 @@ class BuildWithCommit(build_py):
 
     def run(self) -> None:
         super().run()
-        if (
-            self.editable_mode
-        ):  # what is imported then is the checkout itself, which knows its commit
+        if self.editable_mode:
+            # what is imported then is the checkout itself, which knows its commit
             return
         file = Path(self.build_lib) / "stiction" / "comparisons" / "built_from.json"
         file.unlink(missing_ok=True)  # of an earlier build in the same folder
-        if not (
-            ROOT / ".git"
-        ).exists():  # an archive, perhaps within the checkout of something else
+        if not (ROOT / ".git").exists():
+            # an archive, perhaps within the checkout of something else
             return
         try:
             found = {"hash": git("rev-parse", "HEAD"), "dirty": is_dirty()}

@@ -240,14 +240,14 @@ def isolate(  # noqa: C901 - one loop of messages
                             continue
                         failed_starts, log = 0, child.log()  # which the next task empties
                         if (index := child.take()) is not None:
-                            if (
-                                workers > 1
-                            ):  # no core waits for what is made of the outcome; one child alone has none
+                            if workers > 1:
+                                # no core waits for what is made of the outcome; one child alone has none
                                 feed(child)
                             settle(index, **_read(message, unpickle), log=log)
                     elif child.connection in arrived or (
                         time.monotonic() >= child.deadline and not child.connection.poll()
-                    ):  # it may have come since
+                    ):
+                        # it may have come since
                         children.remove(child)
                         result = child.end(timed_out=child.connection not in arrived)
                         if child.task is not None:

@@ -93,9 +93,8 @@ def _rates(scene: Scene, t: np.ndarray, columns: Mapping[str, np.ndarray]) -> _R
     )
     powers, losses = {}, {}
     for name, spring in scene.springs.items():
-        with np.errstate(
-            divide="ignore", invalid="ignore"
-        ):  # ends that meet have no direction, nor a rate: nan
+        with np.errstate(divide="ignore", invalid="ignore"):
+            # ends that meet have no direction, nor a rate: nan
             length = motion.coordinate(spring)
         rest = spring.rest_angle if isinstance(spring, TorsionalSpring) else spring.rest_length
         potential = potential + spring.stiffness / 2 * (length.value - rest) ** 2

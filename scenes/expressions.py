@@ -67,9 +67,8 @@ def _parsed(text: str) -> ast.expr:
     if len(text) > MAX_LENGTH:
         raise InputError(f"expected at most {MAX_LENGTH} characters of arithmetic, not {len(text)}")
     try:
-        with warnings.catch_warnings(
-            action="ignore", category=Warning
-        ):  # Python's own, about odd literals
+        with warnings.catch_warnings(action="ignore", category=Warning):
+            # Python's own, about odd literals
             return ast.parse(text.strip().replace("^", "**"), mode="eval").body
     except (SyntaxError, ValueError, RecursionError, MemoryError):
         raise InputError("expected a number or arithmetic such as 'pi/4'") from None

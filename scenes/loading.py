@@ -175,9 +175,8 @@ def read_toml(path: Path, origin: str) -> dict[str, Any]:
                 origin, [Problem("file", f"{size} bytes", f"expected at most {MAX_FILE_SIZE}")]
             )
         text = path.read_text(encoding="utf-8-sig")
-        if _DEEP_KEY.search(
-            _QUOTED.sub("s", text)
-        ):  # tomllib would take hours over a key of 100 000 parts
+        if _DEEP_KEY.search(_QUOTED.sub("s", text)):
+            # tomllib would take hours over a key of 100 000 parts
             raise RecursionError
         return _plain(tomllib.loads(text), origin)
     except SceneError:
@@ -190,9 +189,8 @@ def read_toml(path: Path, origin: str) -> dict[str, Any]:
         found, expected = _TOO_DEEP
     except tomllib.TOMLDecodeError as error:
         found, expected = shortened(str(error), 160), "expected TOML (toml.io)"
-        if not _QUOTED.sub(
-            "", text
-        ).isascii():  # outside of texts and comments there are keys and numbers only
+        if not _QUOTED.sub("", text).isascii():
+            # outside of texts and comments there are keys and numbers only
             expected += ", in which names have no letters but a-z and A-Z"
     except ValueError:  # Python's, of tomllib's call of int()
         found, expected = "an integer of thousands of digits", "expected numbers below 1.8e308"

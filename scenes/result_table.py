@@ -386,9 +386,8 @@ def _csv_blocks(path: Path, size: int) -> Iterator[_Block]:
                 found = csv.read_csv(
                     io.BytesIO(text), options, csv.ParseOptions(delimiter=delimiter)
                 )
-            except (
-                ValueError
-            ) as error:  # ArrowInvalid: its row is counted from the block's first line
+            except ValueError as error:
+                # ArrowInvalid: its row is counted from the block's first line
                 raise type(error)(
                     _ROW.sub(
                         lambda row: f"Row #{int(row[1]) + begin + bool(column_names)}", str(error)

@@ -5,7 +5,6 @@
 
 import signal
 
-if (
-    signal.getsignal(signal.SIGINT) is signal.default_int_handler
-):  # not where a shell has had them ignored: nohup, &
+if signal.getsignal(signal.SIGINT) is signal.default_int_handler:
+    # not where a shell has had them ignored: nohup, &
     signal.signal(signal.SIGINT, signal.SIG_DFL)

@@ -385,9 +385,8 @@ def simulate(
             if events[-1].rate < 0.1:
                 raise NoClearMotion("a slip grazes zero")
             d = np.where(np.arange(len(d)) == margin, -d, d)
-        if isinstance(
-            margin, tuple
-        ):  # continuous where it passes zero; both of a guide may pass with R
+        if isinstance(margin, tuple):
+            # continuous where it passes zero; both of a guide may pass with R
             n = m.friction(terms, d, s, m.mu)[1]
             passing = (np.abs(n) <= NOISE * tolerance * np.max(np.abs(n)))[margin[0]] | ~m.long[
                 margin[0]

@@ -134,7 +134,8 @@ def commit() -> dict[str, Any] | None:
     except (
         OSError,
         subprocess.SubprocessError,
-    ):  # no git, or a checkout that it will not read: nothing known
+    ):
+        # no git, or a checkout that it will not read: nothing known
         return None
     return {"hash": head, "dirty": any(changes)}
 

@@ -153,7 +153,8 @@ def _dask_client(name: str, workers: int | None) -> Iterator[Any]:
         except (
             OSError,
             ValueError,
-        ) as error:  # Dask's, of an address that is none, or where nobody answers
+        ) as error:
+            # Dask's, of an address that is none, or where nobody answers
             raise InputError(f"executor: {name}: no scheduler answers ({error})") from None
         with client:
             yield client

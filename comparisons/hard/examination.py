@@ -280,9 +280,8 @@ def _judge_stop(case: HardCase, variant: Variant, found: Examination) -> Verdict
     late = found.stop_time - time
     if math.isnan(late):
         return Verdict(DECLINED, found.stopped)
-    if (
-        late < -limit and found.stop_kind == UNSETTLED
-    ):  # where there still is a motion, its own limit
+    if late < -limit and found.stop_kind == UNSETTLED:
+        # where there still is a motion, its own limit
         return Verdict(DECLINED, found.stopped, -late, limit)
     if late > limit and follows and found.stop_kind in (kind, UNSETTLED):
         reason = f"stops {late:.2g} s late, until then on one of several motions: {found.stopped}"

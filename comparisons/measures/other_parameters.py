@@ -438,9 +438,8 @@ def _gauss_newton(errors: Callable[[float], np.ndarray | None], start: float) ->
             break
         there, at_there = here, at_here
         here, at_here = wanted, errors(wanted)
-        if (
-            at_here is None or at_here @ at_here > at_there @ at_there
-        ):  # no better: half the way, once a round
+        if at_here is None or at_here @ at_here > at_there @ at_there:
+            # no better: half the way, once a round
             here = (wanted + there) / 2
             at_here = errors(here)
     candidates = [

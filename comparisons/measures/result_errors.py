@@ -168,9 +168,8 @@ def _mean_left(cause: _Cause, found: np.ndarray, true: np.ndarray) -> float:
     rows = len(found) - later - earlier
     total = 0.0
     for part in in_parts(rows, AT_ONCE):
-        with np.errstate(
-            over="ignore"
-        ):  # huge values in another unit: infinite, and no explanation
+        with np.errstate(over="ignore"):
+            # huge values in another unit: infinite, and no explanation
             read = cause.factor * found[later:][part] - cause.origin
             total += float(np.sum(np.abs(read - true[earlier:][part])))
     return total / rows if rows > 0 else np.nan

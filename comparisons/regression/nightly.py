@@ -260,7 +260,8 @@ def measured_rounding(
             NOT_RUN,
             "timed out",
             "crashed",
-        ):  # these are of a busy machine, and no rounding
+        ):
+            # these are of a busy machine, and no rounding
             found[replace(run, way="").key].append(row)
     return [with_rounding(row, found[row.key]) for row in rows]
 

@@ -41,9 +41,8 @@ def bound(error: float, parameter: str, margin: float) -> float:
 
 def tolerance(old: Metric, uncertainty: float) -> float:
     """Return the largest change of a number other than an error, whose truths are as uncertain as this together."""
-    if (
-        old.kind == MOTION
-    ):  # an end position has what is no change as its uncertainty, a path has none
+    if old.kind == MOTION:
+        # an end position has what is no change as its uncertainty, a path has none
         return PATH_MOVED * old.value if old.uncertainty is None else old.uncertainty
     return {
         "event": 0.0,
@@ -90,7 +89,8 @@ def with_rounding(row: Row, again: Sequence[Row]) -> Row:
         if metric.kind in (
             "counter",
             MOTION,
-        ):  # samples are work too, and with half as many a path has other corners
+        ):
+            # samples are work too, and with half as many a path has other corners
             return max(rounded)
         return max(*rounded, by_grid / FURTHER.get(metric.kind, 1.0))
 

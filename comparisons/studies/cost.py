@@ -462,9 +462,8 @@ def _table(cost: pd.DataFrame, here: pd.DataFrame, scene: str, first: str) -> Ta
             for time in reached:
                 row |= _cells(time, time["error"], "≤ " if time["is_bound"] else "")
             runs = part[(part["variant"] == variant) & (part["scene"] == scene)]
-            if (
-                reached and times[SMALLEST].iloc[0] <= runs[UNCERTAINTY].max()
-            ):  # smaller errors cannot be measured
+            if reached and times[SMALLEST].iloc[0] <= runs[UNCERTAINTY].max():
+                # smaller errors cannot be measured
                 for error in ERRORS:
                     row |= _cells(reached[-1], error, "≥ ") if error < reached[-1]["error"] else {}
             rows.append((row, times))

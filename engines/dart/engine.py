@@ -179,9 +179,8 @@ def _skeletons(
         if link.parent < 0:
             first = i
             skeleton = skeletons[i] = Skeleton(f"skeleton-{i}")
-        if (
-            link.body is None
-        ):  # half of a free body's joint: DART has one for all of it, and no links without mass
+        if link.body is None:
+            # half of a free body's joint: DART has one for all of it, and no links without mass
             continue
         if link.joint is None:
             properties, create = PlanarJointProperties(), skeleton.createPlanarJointAndBodyNodePair
@@ -394,9 +393,8 @@ class _ContactStepper(ContactStepper, _Stepper):
     def advance(self, caps: Sequence[float]) -> None:
         super().advance(caps)
         for name, x, point in self._ends:
-            if (
-                distance := math.dist(self.position[x : x + 2], point)
-            ) > REACH:  # much farther, and ODE ends the process
+            if (distance := math.dist(self.position[x : x + 2], point)) > REACH:
+                # much farther, and ODE ends the process
                 raise BadTrajectory(
                     f"dart: {name} is {distance:g} m from its guide's point; guides end at {REACH:g} m"
                 )

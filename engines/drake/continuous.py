@@ -107,7 +107,8 @@ def run_continuous(
     except (
         RuntimeError,
         SystemExit,
-    ) as error:  # the second is what Drake's assertions are in Python
+    ) as error:
+        # the second is what Drake's assertions are in Python
         raise EngineFailure(
             f"{engine.name}: {str(error).partition('. ')[0]}, after t = {instant:g} s with rtol = "
             f"{rtol:g}"

@@ -272,9 +272,8 @@ class _ContactStepper(ContactStepper, _DrakeStepper):
     def compile(self) -> None:
         super().compile()
         self._boxes.begin(self._links.root)
-        if (
-            not self.tree.loops
-        ):  # which would pull them about; with loops they sink in during the first steps
+        if not self.tree.loops:
+            # which would pull them about; with loops they sink in during the first steps
             self._land()
 
     def _land(self) -> None:

@@ -103,9 +103,8 @@ class Model:
             element = self.scene.joints.get(name)
             if isinstance(element, Revolute):  # C = p1 - p0
                 columns[f"{name}.fx"], columns[f"{name}.fy"] = values
-            elif isinstance(
-                element, Translational
-            ):  # C = [n . (p_guide - p_slider), n . direction in the slider]
+            elif isinstance(element, Translational):
+                # C = [n . (p_guide - p_slider), n . direction in the slider]
                 columns[f"{name}.normal_force"], columns[f"{name}.moment"] = values[0], -values[1]
             else:
                 columns[f"{name}.effort"] = -values[0]

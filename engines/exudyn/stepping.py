@@ -151,9 +151,8 @@ class Stepper:
                     f"more than {MOST_SWITCHES} switches of dry friction in the step at "
                     f"t = {k * self.dt:g} s: they accumulate, or no contact mode is consistent"
                 )
-            if (
-                position < grid[target] - 1e-9
-            ):  # stopped before: at a switch, or behind one that was none
+            if position < grid[target] - 1e-9:
+                # stopped before: at a switch, or behind one that was none
                 k = max(k, int(position + 1e-9))
                 on_grid = abs(position - k) < 1e-9
                 continue

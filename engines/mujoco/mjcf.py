@@ -105,9 +105,8 @@ def mjcf(
     }
     elements: dict[int, xml.Element] = {-1: xml.SubElement(root, "worldbody")}
     for i, link in enumerate(tree.links):
-        if (
-            link.body is None
-        ):  # half of a free body's joint: MuJoCo puts all joints of a body into it
+        if link.body is None:
+            # half of a free body's joint: MuJoCo puts all joints of a body into it
             continue
         free = link.joint is None
         parent = -1 if free else link.parent

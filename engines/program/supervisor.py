@@ -45,7 +45,8 @@ def main(log: str, largest: str, *command: str) -> None:
             except (
                 ProcessLookupError,
                 PermissionError,
-            ):  # macOS refuses for a group of processes that have ended
+            ):
+                # macOS refuses for a group of processes that have ended
                 pass
 
     _thread.start_new_thread(kill_group, (True,))

@@ -218,9 +218,8 @@ def _rows_that_are_motion(run: Run, size: float) -> int:
 
     A fixed step that is unstable overflows within a step or two, and writes them on its way out.
     """
-    if (
-        run.breakdown is None or len(run.t) < 2
-    ):  # one that broke down at once has its start, without forces
+    if run.breakdown is None or len(run.t) < 2:
+        # one that broke down at once has its start, without forces
         return len(run.t)
     motion = np.all(
         [

@@ -61,9 +61,8 @@ def link_along(
     for name, guide in scene.guides.items():
         (ax, ay), (dx, dy) = axis, guide.direction
         sine = (ax * dy - ay * dx) / math.hypot(ax, ay) / math.hypot(dx, dy)
-        if (
-            guide.bodies == bodies and name in tree.link_of_joint and abs(sine) < 1e-12
-        ):  # parallel to rounding
+        if guide.bodies == bodies and name in tree.link_of_joint and abs(sine) < 1e-12:
+            # parallel to rounding
             link, sense = tree.link_of_joint[name], 1 if np.dot(axis, guide.direction) > 0 else -1
             return link, sense * tree.links[link].sign
     return None

@@ -378,9 +378,8 @@ def _judge(cap, a):
         guide.friction = balance.force[m.rows + i]
     attempts.left -= 1
     repeat = attempts.left > 0
-    if (
-        attempts.left == 0
-    ):  # what did not stick with the static coefficient slips with the kinetic one
+    if attempts.left == 0:
+        # what did not stick with the static coefficient slips with the kinetic one
         for i in range(len(guides)):
             guide = guides[i]
             if not guide.stuck and guide.coefficient != guide.mu:

@@ -48,9 +48,8 @@ class Law:
         if self.kind == "table":
             x, y = np.array(data["times"]), np.array(data["values"])
             bend, h = np.zeros(len(x)), np.diff(x)
-            if (
-                data["interpolation"] == "cubic" and len(x) > 2
-            ):  # natural spline: slopes without jumps
+            if data["interpolation"] == "cubic" and len(x) > 2:
+                # natural spline: slopes without jumps
                 matrix = np.diag(2 * (h[:-1] + h[1:])) + np.diag(h[1:-1], 1) + np.diag(h[1:-1], -1)
                 bend[1:-1] = np.linalg.solve(matrix, 6 * np.diff(np.diff(y) / h))
             self.x, self.y, self.bend = x.tolist(), y.tolist(), bend.tolist()

@@ -123,9 +123,8 @@ def equal_mobilization(R, T, friction, length, width):
     normal force (N), total moment (N m) and friction (N); length and width (m) are a and b, a 0 of a guide without.
     """
     R, T, friction = (np.asarray(x, dtype=float) for x in (R, T, friction))
-    with np.errstate(
-        divide="ignore", invalid="ignore", over="ignore"
-    ):  # no candidate that is not finite is taken
+    with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
+        # no candidate that is not finite is taken
         candidates = [friction / np.abs(R)]
         if length > 0.0:
             # kappa sigma (T - (b/2) kappa R) = friction a/2, sigma = +-1

@@ -201,9 +201,8 @@ def fill(
         A[nr + f, row] = -c_R
         A[nr + f, nr + f] = 1.0
         force[nr + f] = 0.0
-    for r in range(
-        len(force)
-    ):  # rows of unit size, so that a system near a singular one is told from that
+    for r in range(len(force)):
+        # rows of unit size, so that a system near a singular one is told from that
         size = 0.0
         for c in range(len(force)):
             size = max(size, abs(A[r, c]))

@@ -72,9 +72,8 @@ def share_rest(m: Arrays, w: Workspace, slip: Integers, corner: IntegerTable) ->
         for i in range(len(guides)):
             for k in range(corner.shape[1]):
                 own_corner[i, k] = corner[guides[i], k]
-        if (
-            len(m.cell) > 1
-        ):  # a cell by itself is handed in as a whole, and its `origin` is of another
+        if len(m.cell) > 1:
+            # a cell by itself is handed in as a whole, and its `origin` is of another
             for r in range(len(own_m.origin)):
                 own_w.force[r] = w.force[own_m.origin[r]]
         margins = np.full((len(guides), 2), np.nan)
@@ -116,9 +115,8 @@ def margins_of_safest(
         for i in range(len(guides)):
             for k in range(corner.shape[1]):
                 own_corner[i, k] = corner[guides[i], k]
-        if (
-            len(m.cell) > 1
-        ):  # a cell by itself is handed in as a whole, and its `origin` is of another
+        if len(m.cell) > 1:
+            # a cell by itself is handed in as a whole, and its `origin` is of another
             for r in range(len(own_m.origin)):
                 own_w.force[r] = w.force[own_m.origin[r]]
         margins = np.full((len(guides), 2), np.nan)

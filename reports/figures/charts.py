@@ -301,7 +301,8 @@ def _(heat: HeatMap, looks: Mapping[str, Look]) -> Drawing:
     for (
         color,
         paths,
-    ) in squares.items():  # one shape for all squares of a colour: a twentieth of the bytes
+    ) in squares.items():
+        # one shape for all squares of a colour: a twentieth of the bytes
         ax.add_patch(PathPatch(Path.make_compound_path(*paths), color=color, linewidth=0))
     ax.set(xlim=(-0.5, len(heat.columns) - 0.5), ylim=(len(lines) - 0.5, -0.5))
     rows = {y: text for y, (text, row) in enumerate(lines) if row is not None}

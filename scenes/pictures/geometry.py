@@ -122,9 +122,8 @@ def attachments(scene: Scene) -> dict[str, list[np.ndarray]]:
     for name, own in scene.bodies.items():
         rod = math.sqrt(3 * own.inertia / own.mass)
         for held in points[name][:]:
-            if (
-                abs(np.hypot(*held) - rod) < UNIFORM * rod
-            ):  # a uniform rod held at an end: the other end is drawn too
+            if abs(np.hypot(*held) - rod) < UNIFORM * rod:
+                # a uniform rod held at an end: the other end is drawn too
                 points[name].append(-held)
     return points
 

@@ -101,9 +101,8 @@ def fit_labels(figure: Figure) -> None:
     """
     words: dict[Text, str] = {}
     widths: dict[Text, int] = {}
-    for _ in range(
-        MOST_TRIES
-    ):  # lines take room from the axes, which may then be too short for other labels
+    for _ in range(MOST_TRIES):
+        # lines take room from the axes, which may then be too short for other labels
         figure.draw_without_rendering()
         axes = [ax for ax in figure.axes if ax.axison]
         boxes = {ax: ax.get_window_extent() for ax in axes}

@@ -289,9 +289,8 @@ def _refusals(scene: Scene) -> Iterator[tuple[str, str, str]]:
         for fidelity in engine.capabilities.fidelities:
             try:
                 reason = engine.refusal(scene, fidelity)
-            except (
-                Exception
-            ) as error:  # an adapter of others: its row says so, and the other engines have theirs
+            except Exception as error:
+                # an adapter of others: its row says so, and the other engines have theirs
                 reason = f"its adapter fails: {type(error).__name__}: {error}"
             yield name, fidelity, "yes" if reason is None else f"no: {reason}"
 

@@ -137,7 +137,8 @@ def test_the_mjcf_makes_the_motion_of_the_adapter(name, fidelity, t_end, off, tm
         for (
             actuator,
             drive,
-        ) in followed.items():  # of "following": its joint turns against the law, from 0
+        ) in followed.items():
+            # of "following": its joint turns against the law, from 0
             rate = (-evaluate_law(drive.law, (k + 1) * STEP)[0] - data.qpos[1]) / STEP
             data.ctrl[model.actuator(actuator).id] = (rate - data.qvel[1]) / STEP
         mujoco.mj_step(model, data)
@@ -221,9 +222,8 @@ def test_the_urdf_makes_the_motion_of_the_adapter(name, t_end, tmp_path, capfd):
             move(link, sign * evaluate_law(drive.law, 0.0)[1], 1e9)
         for k in range(steps):
             states = np.array([pybullet.getJointState(model, joint, **here)[:2] for joint in order])
-            for joint, state in zip(
-                order, states
-            ):  # else forces act where the links were a step before
+            for joint, state in zip(order, states):
+                # else forces act where the links were a step before
                 pybullet.resetJointState(model, joint, *state, **here)
             for link, cap in bounds[k]:
                 move(link, 0.0, cap)

@@ -740,9 +740,8 @@ def test_broken_adapters_of_others_end_no_command(announced, in_this_process):
             set(found.loc[[name.lower()], "status"]) == {"missing"}
             and found.loc[[name.lower()], "reason"].str.contains(reason, regex=False).all()
         )
-    with kept_runs(
-        Path("report"), ["reference", *map(str.lower, BROKEN)]
-    ) as kept:  # as `validate` begins
+    with kept_runs(Path("report"), ["reference", *map(str.lower, BROKEN)]) as kept:
+        # as `validate` begins
         assert kept.kept == 0
     Path("night.toml").write_text(
         'scenes = ["pendulum"]\nmeasure = ["accuracy"]\n'

@@ -135,9 +135,8 @@ def draw(seed: int, index: int) -> tuple[str, Scene]:
             name += " and dyad"
         size = dice.number(2, 30)
         for body in raw["bodies"]:
-            if (
-                dice.chance(0.5) or "gravity" not in raw
-            ):  # a guide without any load hides the others
+            if dice.chance(0.5) or "gravity" not in raw:
+                # a guide without any load hides the others
                 raw["forces"][f"load-{body}"] = {
                     "type": "force",
                     "body": body,

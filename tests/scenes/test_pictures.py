@@ -308,9 +308,8 @@ class TestChosenColumns:
         assert [
             ax.get_ylabel().replace("\n", " ").partition(" [")[0] for ax in picture.axes
         ] == names
-        for (
-            ax
-        ) in picture.axes:  # equal runs lie on each other: the upper one lets the lower one through
+        for ax in picture.axes:
+            # equal runs lie on each other: the upper one lets the lower one through
             below, above = ax.lines
             assert (
                 below.get_linestyle() == "-"

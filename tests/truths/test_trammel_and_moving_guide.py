@@ -42,9 +42,8 @@ def test_trammel_events(trammel):
     else:
         assert {("reversal", "guide-x"), ("reversal", "guide-y")} <= found
         for event in truth.events:
-            if (
-                event.kind == "reversal"
-            ):  # each slider reverses at its dead point while the bar goes on
+            if event.kind == "reversal":
+                # each slider reverses at its dead point while the bar goes on
                 assert abs(event.before[f"{event.joint}.slip_velocity"]) < 1e-12
                 assert abs(event.before["bar.omega"]) > 1
     assert max(truth.uncertainty.values()) < 1e-10

@@ -147,9 +147,8 @@ def with_proof(scene: Scene, truth: Truth) -> Truth:
 
     def columns(t: np.ndarray, side: str) -> dict[str, np.ndarray]:
         at = t.copy()
-        for time, event in zip(
-            times, truth.events
-        ):  # the truth has two sides of an event at its own time for it
+        for time, event in zip(times, truth.events):
+            # the truth has two sides of an event at its own time for it
             at[t == time] = event.time
         found = truth.columns(at, side)
         return {

@@ -147,9 +147,8 @@ class Trammel(PiecewiseMechanism):
             for rho in (-1.0, 0.0, 1.0)
         )
         square, linear = (plus + minus) / 2 - middle, (plus - minus) / 2
-        with np.errstate(
-            invalid="ignore", divide="ignore"
-        ):  # beyond break-away there may be no root: not finite
+        with np.errstate(invalid="ignore", divide="ignore"):
+            # beyond break-away there may be no root: not finite
             return (
                 -2
                 * middle

@@ -148,7 +148,8 @@ def test_stops_and_refusals():
         (METHOD, RIGHT),
         (READER, UNREAD),
         (ADAPTER, DECLINED_BY_ADAPTER),
-    ):  # only an answer of the method is right
+    ):
+        # only an answer of the method is right
         assert judged(Examination(refused="mass: found 0", by=by), REFUSAL, words="mass") == word
         assert judged(Examination(refused="something else", by=by), REFUSAL, words="mass") == (
             word if by == ADAPTER else FAILED
@@ -157,7 +158,8 @@ def test_stops_and_refusals():
     for expected in (
         MOTION,
         REFUSAL,
-    ):  # a start off the constraints that was accepted silently, say
+    ):
+        # a start off the constraints that was accepted silently, say
         assert judged(Examination(verdict=Verdict(WRONG, "50 m off")), expected) == WRONG
     for status, word in (
         ("refused", INEXPRESSIBLE),

@@ -61,7 +61,8 @@ def test_every_toggle_removes_exactly_a_block_that_the_scene_declares(name):
         changed = {block.name for block in blocks(vary(scene, effect.overrides)) if block.elements}
         if effect.name in BLOCK and (
             effect.name != "no stabilization" or "stabilization" in declared
-        ):  # projection is no block
+        ):
+            # projection is no block
             assert BLOCK[effect.name] in declared - changed
             removed.add(BLOCK[effect.name])
         if effect.name == "no friction":

@@ -80,7 +80,8 @@ def test_output_at_event_times_and_end_at_an_event():
         0,
         len(times) // 2,
         len(times) - 1,
-    ):  # the run ends at the very instant of an event: with it or before
+    ):
+        # the run ends at the very instant of an event: with it or before
         ended = run_at(scene, [0.0, times[k]], times[k])
         assert ended.termination == "end" and len(ended.t) == 2
         assert len(ended.events) in (k, k + 1)

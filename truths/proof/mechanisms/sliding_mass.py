@@ -213,9 +213,8 @@ class SlidingMass(OneSlider):
             (f"{body}.x", f"{body}.vx"),
         )
         force = mass * _dot(reader.gravity, along) + constant + pull
-        if (
-            not horizontal
-        ):  # the displacement counts from the guide's point; the spring's anchor moves with it
+        if not horizontal:
+            # the displacement counts from the guide's point; the spring's anchor moves with it
             origin, names = (
                 _dot(guide.point, along),
                 (f"{name}.displacement", f"{name}.slip_velocity"),

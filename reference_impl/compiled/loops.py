@@ -55,3 +55,12 @@ def taken(values, places):
     for i in range(len(places)):
         found[i] = values[places[i]]
     return found
+
+
+@kernel(allocates=True)
+def taken_rows(values, places):
+    """Rows of an array of two dimensions at some places."""
+    found = np.empty((len(places), values.shape[1]), values.dtype)
+    for i in range(len(places)):
+        copy(values[places[i]], found[i])
+    return found

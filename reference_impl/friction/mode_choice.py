@@ -12,7 +12,7 @@ import numpy as np
 
 from stiction.reference_impl.compiled.bundle import Flags, Integers, IntegerTable, Reals
 from stiction.reference_impl.compiled.kernel import kernel
-from stiction.reference_impl.compiled.loops import copy, taken
+from stiction.reference_impl.compiled.loops import copy, taken, taken_rows
 from stiction.reference_impl.friction.contact_solvers import solve_contact
 from stiction.reference_impl.friction.coulomb import can_jam, sticks
 from stiction.reference_impl.friction.driven_guides import follow_drives
@@ -21,7 +21,7 @@ from stiction.reference_impl.friction.guides_at_rest import leave_together
 from stiction.reference_impl.friction.outcomes import JAM, SEVERAL, SOLVED
 from stiction.reference_impl.friction.shared_rest import margins_of_safest
 from stiction.reference_impl.friction.uniqueness import has_several
-from stiction.reference_impl.multibody.banded_systems import cell_of, count_cells
+from stiction.reference_impl.multibody.banded_systems import cell_of, count_cells, forces_of_cell
 from stiction.reference_impl.multibody.dynamics import largest_force, row_acceleration, row_form
 from stiction.reference_impl.multibody.mechanism import Arrays, Workspace
 
@@ -63,18 +63,12 @@ def choose_mode(
         own_m, own_w, guides = cell_of(m, w, c)
         if not len(guides):
             continue
-        own_slip, own_corner = (
-            taken(slip, guides),
-            np.zeros((len(guides), corner.shape[1]), dtype=np.int64),
-        )
-        for i in range(len(guides)):
-            copy(corner[guides[i]], own_corner[i])
+        own_slip, own_corner = taken(slip, guides), taken_rows(corner, guides)
         outcome = _settle(own_m, own_w, own_slip, own_corner)
         for i in range(len(guides)):
             slip[guides[i]] = own_slip[i]
             copy(own_corner[i], corner[guides[i]])
-        for r in range(len(own_m.origin)):
-            w.force[own_m.origin[r]] = own_w.force[r]
+        forces_of_cell(m, w, own_m, own_w)
         if outcome != SOLVED:
             return outcome
     return SOLVED

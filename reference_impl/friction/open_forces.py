@@ -31,7 +31,7 @@ from stiction.reference_impl.compiled.loops import copy, taken
 from stiction.reference_impl.friction.coulomb import coefficient, corner_forces
 from stiction.reference_impl.friction.enumeration import SAME, is_same_motion, solutions
 from stiction.reference_impl.friction.uniqueness import COUNTED, gain_of_mode
-from stiction.reference_impl.multibody.banded_systems import cell_of, count_cells
+from stiction.reference_impl.multibody.banded_systems import cell_of, count_cells, forces_into_cell
 from stiction.reference_impl.multibody.dynamics import largest_force, row_form
 from stiction.reference_impl.multibody.guide_freedom import DRIVEN
 from stiction.reference_impl.multibody.kinematics import workspace
@@ -153,8 +153,7 @@ def _alternatives(  # noqa: PLR0913 - a kernel's arrays
         for c in range(count_cells(m)):
             own_m, own_w, guides = cell_of(m, w, c)
             own_slip = taken(slip[i], guides)
-            for r in range(len(own_m.origin)):
-                own_w.force[r] = w.force[own_m.origin[r]]
+            forces_into_cell(m, w, own_m, own_w)
             forces = np.zeros((found.shape[1], len(own_w.force)))
             directions = np.zeros((found.shape[1], len(guides)), dtype=np.int64)
             own_count = forces_of_one_motion(own_m, own_w, own_slip, forces, directions)

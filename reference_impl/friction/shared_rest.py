@@ -34,10 +34,15 @@ from stiction.reference_impl.compiled.linear_algebra import (
     decompose,
     solve_in_place,
 )
-from stiction.reference_impl.compiled.loops import product, taken
+from stiction.reference_impl.compiled.loops import copy, product, taken, taken_rows
 from stiction.reference_impl.friction.coulomb import sticks
 from stiction.reference_impl.friction.frozen_mode import fill_mode, friction_of
-from stiction.reference_impl.multibody.banded_systems import cell_of, count_cells
+from stiction.reference_impl.multibody.banded_systems import (
+    cell_of,
+    count_cells,
+    forces_into_cell,
+    forces_of_cell,
+)
 from stiction.reference_impl.multibody.mechanism import Arrays, Workspace
 
 SHARES = 1e-6
@@ -64,24 +69,9 @@ def share_rest(m: Arrays, w: Workspace, slip: Integers, corner: IntegerTable) ->
     smallest of them jump from instant to instant. `margins_of_safest` has them where rest ends.
     """
     for c in range(count_cells(m)):
-        own_m, own_w, guides = cell_of(m, w, c)
-        own_slip, own_corner = (
-            taken(slip, guides),
-            np.zeros((len(guides), corner.shape[1]), dtype=np.int64),
-        )
-        for i in range(len(guides)):
-            for k in range(corner.shape[1]):
-                own_corner[i, k] = corner[guides[i], k]
-        if len(m.cell) > 1:
-            # a cell by itself is handed in as a whole, and its `origin` is of another
-            for r in range(len(own_m.origin)):
-                own_w.force[r] = w.force[own_m.origin[r]]
-        margins = np.full((len(guides), 2), np.nan)
-        if not _share(own_m, own_w, own_slip, own_corner, margins):
+        shared, guides, margins = _share_of_cell(m, w, c, slip, corner)
+        if not shared:
             return False
-        if len(m.cell) > 1:
-            for r in range(len(own_m.origin)):
-                w.force[own_m.origin[r]] = own_w.force[r]
         least = np.inf
         for i in range(len(guides)):
             for side in range(2):
@@ -107,25 +97,26 @@ def margins_of_safest(
     for f in range(len(found)):
         found[f, 0] = found[f, 1] = np.nan
     for c in range(count_cells(m)):
-        own_m, own_w, guides = cell_of(m, w, c)
-        own_slip, own_corner = (
-            taken(slip, guides),
-            np.zeros((len(guides), corner.shape[1]), dtype=np.int64),
-        )
+        _, guides, margins = _share_of_cell(m, w, c, slip, corner)
         for i in range(len(guides)):
-            for k in range(corner.shape[1]):
-                own_corner[i, k] = corner[guides[i], k]
-        if len(m.cell) > 1:
-            # a cell by itself is handed in as a whole, and its `origin` is of another
-            for r in range(len(own_m.origin)):
-                own_w.force[r] = w.force[own_m.origin[r]]
-        margins = np.full((len(guides), 2), np.nan)
-        if _share(own_m, own_w, own_slip, own_corner, margins):
-            for i in range(len(guides)):
-                for side in range(2):
-                    found[guides[i], side] = margins[i, side]
-    for r in range(len(kept)):
-        w.force[r] = kept[r]
+            copy(margins[i], found[guides[i]])
+    copy(kept, w.force)
+
+
+@kernel(allocates=True)
+def _share_of_cell(
+    m: Arrays, w: Workspace, c: int, slip: Integers, corner: IntegerTable
+) -> tuple[bool, Integers, Table]:
+    """Share the load in a cell: whether there were few enough points to try, its guides, and their margins.
+
+    The forces of the cell are those of the share then. The margins, (guides, 2), are nan for guides that share no load.
+    """
+    own_m, own_w, guides = cell_of(m, w, c)
+    forces_into_cell(m, w, own_m, own_w)
+    margins = np.full((len(guides), 2), np.nan)
+    shared = _share(own_m, own_w, taken(slip, guides), taken_rows(corner, guides), margins)
+    forces_of_cell(m, w, own_m, own_w)
+    return shared, guides, margins
 
 
 @kernel(allocates=True)

@@ -80,6 +80,26 @@ def cell_of(m, w, c):
     return at(m.separate[c], m), at(w.separate[c], w), guides
 
 
+@kernel
+def forces_into_cell(m, w, own_m, own_w):
+    """Hand the row forces of the whole to the workspace of a cell.
+
+    Where the cell is the whole (`cell_of`) they are there. It may then be the cell of a larger mechanism, whose rows
+    its `origin` names.
+    """
+    if len(m.cell) > 1:
+        for r in range(len(own_m.origin)):
+            own_w.force[r] = w.force[own_m.origin[r]]
+
+
+@kernel
+def forces_of_cell(m, w, own_m, own_w):
+    """Take the row forces of a cell into those of the whole, as `forces_into_cell` hands them over."""
+    if len(m.cell) > 1:
+        for r in range(len(own_m.origin)):
+            w.force[own_m.origin[r]] = own_w.force[r]
+
+
 @kernel(allocates=True)
 def open_cell(m: Arrays, w: Workspace, c: int) -> Integers:
     """Fill the workspace of a cell where there are several; returns its frictional guides."""

@@ -41,7 +41,7 @@ class HeadlineTable:
     """The table of all methods: headings, the method's first, and by group each method's cells, None where unknown."""
 
     heads: tuple[str, ...]
-    groups: dict[str, dict[str, list[TracedText | None]]]
+    groups: dict[str, dict[str, list[str | None]]]
 
     @property
     def rows(self) -> Iterator[list[str]]:
@@ -49,14 +49,12 @@ class HeadlineTable:
         for name, methods in self.groups.items():
             yield [f"*{name}*", *[""] * (len(self.heads) - 1)]
             for method, cells in methods.items():
-                yield [method, *(part.text if part else MISSING for part in cells)]
+                yield [method, *(text or MISSING for text in cells)]
 
 
 def headline_table(report: Report) -> HeadlineTable:
     """Put the headlines of all studies side by side, for every method."""
-    headlines = [
-        headline for presentation in report.said.values() for headline in presentation.headlines
-    ]
+    headlines = [headline for section in report.said.values() for headline in section.headlines]
     groups = {
         group.label: {
             method: [headline.cells.get(method) for headline in headlines] for method in methods
@@ -68,10 +66,10 @@ def headline_table(report: Report) -> HeadlineTable:
     )
 
 
-def bullets(report: Report) -> list[tuple[str, TracedText]]:
+def bullets(report: Report) -> list[tuple[str, str]]:
     """Title and answer of the studies that have one for page one, with what is said beside it."""
     return [
-        (study.title, listed([*filter(None, (said.answer, said.beside))], " ", " "))
+        (study.title, " ".join(filter(None, (said.answer, said.beside))))
         for study, said in report.said.items()
         if study.title and study.on_page_one and said.answer
     ]
@@ -83,7 +81,7 @@ def page_one(report: Report, picture: str, origin: str) -> str:
     `picture`: Markdown of the mechanism's picture; none if empty. `origin`: when and with what it was run, in a line.
     """
     results, table = report.results, headline_table(report)
-    answer = [part.text for part in report.answer]
+    answer = report.answer
     parts = [
         f"# {TITLE}",
         INTERRUPTED if results.settings.get("interrupted") else "",
@@ -97,7 +95,7 @@ def page_one(report: Report, picture: str, origin: str) -> str:
         right = [False] + [True] * (len(table.heads) - 1)
         parts += [aligned(table.heads, list(table.rows), right, WIDTH), _filled(HOW_TO_READ)]
     parts += [
-        "\n".join(_item(f"**{title}.** {part.text}") for title, part in bullets(report)),
+        "\n".join(_item(f"**{title}.** {text}") for title, text in bullets(report)),
         _filled(
             " ".join(filter(None, (runs_in_words(results).text, origin, not_installed(results))))
         ),
@@ -109,9 +107,9 @@ def answer_lines(report: Report) -> Iterator[str]:
     """The answers for a terminal, a line each."""
     if report.results.settings.get("interrupted"):
         yield INTERRUPTED.strip("*")
-    yield from (part.text for part in report.answer)
+    yield from report.answer
     yield from (
-        f"{study.title}: {said.answer.text}"
+        f"{study.title}: {said.answer}"
         for study, said in report.said.items()
         if study.title and said.answer
     )

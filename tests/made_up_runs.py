@@ -20,6 +20,8 @@ from stiction.comparisons.bench.variants import (
     Variant,
 )
 from stiction.engines import Outcome
+from stiction.reports.text import Number as WrittenNumber
+from stiction.reports.text import Section
 from stiction.scenes import Trajectory
 
 NUMBER = r"-?\d+(?:\.\d+)?(?:e[+-]?\d+)?"
@@ -100,6 +102,32 @@ def is_in(number: Number, data: dict[str, pd.DataFrame]) -> bool:
     if "bound" in number.column:  # rounded up
         return all(true * (1 - 1e-12) <= float(first) <= 1.11 * true for true in cells)
     return all(shows(first, number.factor * true) for true in cells)
+
+
+def is_cell(number: WrittenNumber, data: dict[str, pd.DataFrame]) -> bool:
+    """Whether the data have what a template wrote; nothing here is shared with the code that writes it."""
+    cell = number.cell
+    true = number.factor * data[cell.table][cell.quantity.key].iloc[cell.row - 1]
+    text = number.text
+    [first, *_] = re.findall(NUMBER, text)
+    if text.startswith("< "):
+        unsure = data[cell.table][cell.quantity.uncertainty].iloc[cell.row - 1]
+        return abs(true) <= number.factor * unsure <= float(first)
+    if text[0] in "≤>≥":  # a bound stays one
+        low, high = (1.0, 1.11) if text[0] == "≤" else (0.9, 1.0)
+        return low - 1e-9 <= float(first) / true <= high + 1e-9
+    return shows(first, true)
+
+
+def wrongly_written(section: Section, results: Results) -> list[WrittenNumber]:
+    """Numbers of a section's text that their cells do not have."""
+    assert section.numbers
+    return [number for number in section.numbers if not is_cell(number, results.tables)]
+
+
+def words(section: Section) -> str:
+    """Answer and findings of a section."""
+    return " ".join((section.answer, *section.findings))
 
 
 def wrong_numbers(said: Presentation, results: Results) -> list[Number]:

@@ -79,6 +79,12 @@ def run_label(record: Record) -> str:
 
 
 @cache
+def scene_title(scene: str) -> str:
+    """Return the title of a scene of the catalogue, the name of another: ``Slider-bar, case 1``."""
+    return load_scene(scene).title if scene in catalogue() else scene
+
+
+@cache
 def case_of(scene: str) -> str:
     """``case 1`` for ``slider-bar-case-1``: the part of its title after the mechanism, else all of it."""
     title = load_scene(scene).title if scene in catalogue() else scene

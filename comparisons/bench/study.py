@@ -1,7 +1,8 @@
 """A study is one question of the report: the runs it needs, the tables they make, and what the tables say.
 
-A new question is a new file in this folder whose module has a `STUDY`, and its test. It then appears in
-`stiction compare` and in `stiction validate` (terminal, report, page, paper), without another line.
+A new question is a new file in ``comparisons/studies`` whose module has a `STUDY`, a template of its text in
+``reports/templates/studies``, and a test. It then appears in `stiction compare` and in `stiction validate` (terminal,
+report, page, paper), without another line.
 """
 
 from __future__ import annotations
@@ -75,7 +76,8 @@ class Study:
     question : str
         The heading of its section.
     present : callable
-        Says what the tables say; the results may be of a stored run, and may lack some studies or engines.
+        Returns the rows that the text mentions, tables and figures; the results may be those of a stored run, and
+        may lack some studies or engines.
     plan : callable or None
         Returns the runs within a `Scope`, or None at a depth that leaves the study out; None for a study of others'
         tables.
@@ -89,6 +91,8 @@ class Study:
         True if it is a command of `stiction compare`, which one about the paper's own cases is not.
     takes_scene, needs_scene : bool
         True if that command takes a scene, and if it must be given one.
+    text : str
+        The template of its section, for a study that has none in ``reports/templates/studies``.
     takes : frozenset of str
         Fields and options of a `Scope` that `plan` uses; the command refuses others, and several scenes without
         ``scenes``.
@@ -106,9 +110,10 @@ class Study:
     takes_scene: bool = True
     needs_scene: bool = True
     takes: frozenset[str] = frozenset({"engines", "t_end"})
+    text: str = ""
 
     def presented(self, results: Results) -> Presentation:
-        """Return what the tables say, without empty findings and without charts that have no point."""
+        """Return what the study presents, without charts that have no point."""
         said = self.present(results)
         figures = [
             figure

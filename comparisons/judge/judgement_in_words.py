@@ -349,16 +349,20 @@ def _tables(judged: Judgement) -> Iterator[TableView]:
     views = (
         view(
             "worst",
-            "Of each kind of column that with the largest error.",
             errors.loc[kinds],
             columns,
             source="errors",
             in_report=False,
+            caption="Of each kind of column that with the largest error.",
         ),
-        view("errors", "Errors of all columns.", errors, columns),
+        view(
+            "errors",
+            errors,
+            columns,
+            caption="Errors of all columns.",
+        ),
         view(
             "stick-phases",
-            "Stick phases.",
             judged.tables["stick-phases"],
             (
                 Column("guide"),
@@ -369,10 +373,10 @@ def _tables(judged: Judgement) -> Iterator[TableView]:
                 Column("verdict"),
                 Column("fastest_slip", form=".2g"),
             ),
+            caption="Stick phases.",
         ),
         view(
             "jumps",
-            "Jumps of efforts at the events of the truth.",
             judged.tables["jumps"],
             (
                 Column("effort"),
@@ -385,6 +389,7 @@ def _tables(judged: Judgement) -> Iterator[TableView]:
                 Column("resolved", "read"),
                 Column("readable"),
             ),
+            caption="Jumps of efforts at the events of the truth.",
         ),
     )
     yield from (one for one in views if len(one.frame))
@@ -443,9 +448,9 @@ def _figures(judged: Judgement) -> Iterator[Chart]:
     if panels:
         yield Chart(
             "judgement",
-            "Difference of positions from the truth, and columns of the table with the truth; "
-            "grey: true stick phases.",
             panels,
             1,
             share_x=True,
+            caption="Difference of positions from the truth, and columns of the table with the truth; "
+            "grey: true stick phases.",
         )

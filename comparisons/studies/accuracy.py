@@ -249,8 +249,6 @@ def _closest(
     if rows:
         yield view(
             "accuracy-closest",
-            "The closest of the engines that may be ranked, as they do the same part of the "
-            "work, each by its worst case; with it those that its error cannot be distinguished from.",
             rows,
             (
                 Column("closest"),
@@ -262,6 +260,8 @@ def _closest(
             ),
             source="accuracy",
             group="group",
+            caption="The closest of the engines that may be ranked, as they do the same part of the "
+            "work, each by its worst case; with it those that its error cannot be distinguished from.",
         )
 
 
@@ -328,13 +328,13 @@ def _by_method(results: Results, table: pd.DataFrame, found: Mapping[str, Method
     )
     return view(
         "accuracy",
-        "Largest position error of each method at the step nearest to 1 ms or the tightest "
-        "tolerance. Friction / events by: who supplies the friction law, and who locates events. "
-        "Events: found/missed/spurious, of all cases, of the kinds that a method reports.",
         rows,
         columns,
         source="accuracy",
         group="group",
+        caption="Largest position error of each method at the step nearest to 1 ms or the tightest "
+        "tolerance. Friction / events by: who supplies the friction law, and who locates events. "
+        "Events: found/missed/spurious, of all cases, of the kinds that a method reports.",
     )
 
 
@@ -392,7 +392,14 @@ def _by_scene(table: pd.DataFrame) -> Iterator[TableView]:
     )
     for scene, rows in shown[~shown["status"].isin(UNMADE)].groupby("scene", sort=False):
         caption = f"{title_of(scene)}: largest errors of every run, and events found, missed and spurious."
-        yield view(f"accuracy-{scene}", caption, rows, columns, source="accuracy", in_report=False)
+        yield view(
+            f"accuracy-{scene}",
+            rows,
+            columns,
+            source="accuracy",
+            in_report=False,
+            caption=caption,
+        )
 
 
 def chart_by_case(
@@ -421,7 +428,14 @@ def chart_by_case(
             )
             for scene, found in row.items()
         ]
-    return Chart(name, caption, panels, max(1, len(scenes)), ROW_HEIGHT, share_x=True)
+    return Chart(
+        name,
+        panels,
+        max(1, len(scenes)),
+        ROW_HEIGHT,
+        share_x=True,
+        caption=caption,
+    )
 
 
 def step_chart(

@@ -620,19 +620,19 @@ def present(results: Results) -> Presentation:
     tables = [
         view(
             "claims-open",
-            "The paper's statements that do not simply hold: about its example (Sect. 5), and "
-            "about forces.",
             rarest[rarest["verdict"] != HOLDS],
             short,
             source="claims",
+            caption="The paper's statements that do not simply hold: about its example (Sect. 5), and "
+            "about forces.",
         ),
         view(
             "claims",
-            "All statements of the paper about its example and about forces, the rarest verdicts "
-            "first.",
             rarest,
             columns,
             in_report=False,
+            caption="All statements of the paper about its example and about forces, the rarest verdicts "
+            "first.",
         ),
     ]
     open_choices, choices = TracedText(), results.table("sensitivity")
@@ -647,11 +647,11 @@ def present(results: Results) -> Presentation:
         tables.append(
             view(
                 "sensitivity",
-                "What the paper leaves open, decided otherwise: the truth's numbers, and "
-                "statements whose verdict changes.",
                 choices,
                 every,
                 in_report=False,
+                caption="What the paper leaves open, decided otherwise: the truth's numbers, and "
+                "statements whose verdict changes.",
             )
         )
     return Presentation(

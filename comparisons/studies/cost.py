@@ -208,11 +208,11 @@ def present(results: Results) -> Presentation:
     )
     runs = view(
         "cost-all",
-        "Every run of the refinement series.",
         cost,
         every,
         source="cost",
         in_report=False,
+        caption="Every run of the refinement series.",
     )
     return Presentation(
         _answer(reached, first),
@@ -489,12 +489,12 @@ def _table(cost: pd.DataFrame, here: pd.DataFrame, scene: str, first: str) -> Ta
     name = "cost" if scene == first else f"cost-{scene.replace('/', '-')}"
     return view(
         name,
-        caption,
         rows,
         columns,
         source="equal-error",
         group="group",
         in_report=scene == first or scene not in SCENES,
+        caption=caption,
     )
 
 
@@ -542,7 +542,14 @@ def _limits(cost: pd.DataFrame, equal: pd.DataFrame) -> TableView:
         "The smallest error of each refinement series (of several cases the worst), the order at its finest "
         "runs, and what limits it. Set-up: median; compilation: once a process, at most."
     )
-    return view("cost-limits", caption, rows, columns, source="cost", in_report=False)
+    return view(
+        "cost-limits",
+        rows,
+        columns,
+        source="cost",
+        in_report=False,
+        caption=caption,
+    )
 
 
 def _figure(cost: pd.DataFrame) -> Chart:

@@ -5,18 +5,16 @@ Stabilization against drift over long runs is the question of `stiction.comparis
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 
 import numpy as np
 import pandas as pd
 
 from stiction.comparisons.bench.methods import (
     at_equal_step,
-    called,
-    case_of,
     methods,
     one_per_variant,
-    title_of,
+    scene_title,
 )
 from stiction.comparisons.bench.presentation import (
     LIMIT,
@@ -24,17 +22,11 @@ from stiction.comparisons.bench.presentation import (
     Chart,
     Column,
     Headline,
-    Number,
     Panel,
     Presentation,
     Series,
     TableView,
-    TracedText,
-    count,
-    listed,
-    sentence,
-    traced,
-    value,
+    row_of,
     view,
 )
 from stiction.comparisons.bench.results import Results
@@ -57,6 +49,8 @@ PIECES = 60
 """Parts of the time: the largest drift in each is drawn."""
 FLOOR = 1e-17
 """m and m/s; smaller drift, zero included, is drawn here."""
+CONSTANTS = {"rounding": f"{ROUNDING:g}", "pieces": PIECES}
+"""What the text of the study mentions besides results."""
 
 
 def plan(scope: Scope) -> Comparison[Tables]:
@@ -86,6 +80,7 @@ def present(results: Results) -> Presentation:
     table = results.table("drift")
     if POSITION not in table:
         return Presentation()
+    table = above_rounding(table)
     chosen = methods(results)
     parts = [
         at_equal_step(rows, variant)
@@ -95,23 +90,18 @@ def present(results: Results) -> Presentation:
     runs = pd.concat(parts) if parts else table.iloc[:0]
     measured = runs[runs[POSITION].notna()]
     failed = [
-        traced(
-            "{} in {} of {}",
-            called(variant),
-            count("drift", table, key=frozenset(keys)),
-            count("drift", table, key=frozenset(runs.loc[runs["variant"] == variant, "key"])),
-        )
-        for variant, keys in runs[runs[POSITION].isna()].groupby("variant", sort=False)["key"]
+        {"variant": variant, "failed": int(rows[POSITION].isna().sum()), "runs": len(rows)}
+        for variant, rows in runs.groupby("variant", sort=False)
+        if rows[POSITION].isna().any()
     ]
-    without = sentence("Runs that failed and have no drift: {}.", listed(failed))
     if measured.empty:
-        return Presentation(findings=[without])
+        return Presentation(rows={"largest": [], "failed": failed, **CONSTANTS, "trees": []})
     worst = measured.groupby("variant", sort=False)[[POSITION, VELOCITY]].idxmax()
     headlines = [
         Headline(
             label,
             {
-                variant: traced("{}", drift_size("drift", table, int(row), column))
+                variant: str(row_of("drift", table, row)[column])
                 for variant, row in worst[column].items()
             },
         )
@@ -131,37 +121,25 @@ def present(results: Results) -> Presentation:
         Column("status"),
         Column("reason"),
     )
-    all_runs = view(
-        "drift-all", "Drift of every run.", table, every, source="drift", in_report=False
-    )
-    notes = [
-        "Drift is the norm of the residuals of the constraints, gaps in m and angles in rad together, or of "
-        f"their rates. Values below {ROUNDING:g} are rounding and print as 0. With contacts, drift includes "
-        "penetration.",
-        "Bounded: an offset that does not grow with time.",
-    ]
+    all_runs = view("drift-all", results.table("drift"), every, source="drift", in_report=False)
     trees = runs[(runs["fidelity"] == "joint") & runs.get(JOINT_COORDINATES, False)]
-    if len(trees):
-        names = ", ".join(called(variant) for variant in trees["variant"].unique())
-        notes.append(
-            f"Joint coordinates ({names}) hold pins and guides by construction: what drifts is the drive and "
-            "closed loops alone, so that little drift is no merit."
-        )
+    scheme = None
+    if "paper's scheme" in worst.index:
+        scheme = row_of("drift", table, worst.at["paper's scheme", POSITION])[POSITION]
+    rows = {
+        "largest": list(_largest(table, measured, worst)),
+        "scheme": scheme,
+        **_growth(table, measured),
+        "failed": failed,
+        "trees": list(trees["variant"].unique()),
+        **CONSTANTS,
+    }
     return Presentation(
-        _answer(table, measured, worst),
-        [_growth(table, measured), without],
-        headlines,
-        [_by_method(table, runs, worst), all_runs],
-        _figures(results, chosen),
-        notes,
+        rows=rows,
+        headlines=headlines,
+        tables=[_by_method(table, runs, worst), all_runs],
+        figures=_figures(results, chosen),
     )
-
-
-def drift_size(name: str, table: pd.DataFrame, label: int, column: str) -> Number:
-    """The drift in a row of a table of the data; 0 where rounding makes as much."""
-    if table.at[label, column] < ROUNDING:
-        return Number("0", name, column, rows=(label + 1,))
-    return value(name, table, label, column)
 
 
 def above_rounding(
@@ -173,79 +151,53 @@ def above_rounding(
     )
 
 
-def _answer(table: pd.DataFrame, measured: pd.DataFrame, worst: pd.DataFrame) -> TracedText:
-    """The largest drift of each fidelity, and that of the paper's scheme."""
-    parts = []
-    for fidelity, place in (("joint", "at joints"), ("contact", "at contacts")):
+def _largest(
+    table: pd.DataFrame, measured: pd.DataFrame, worst: pd.DataFrame
+) -> Iterator[dict[str, object]]:
+    """The largest drift with joints and with contacts, and the methods that it prints alike for."""
+    for fidelity in FIDELITIES:
         there = worst[worst.index.isin(measured.loc[measured["fidelity"] == fidelity, "variant"])]
         if there.empty:
             continue
-        position, velocity = (
-            {
-                variant: drift_size("drift", table, int(row), column)
-                for variant, row in there[column]
-                .sort_values(
-                    key=lambda rows, column=column: -table.loc[rows, column].array, kind="stable"
-                )
-                .items()
+        found: dict[str, object] = {"fidelity": fidelity}
+        for name, methods_of, column in (
+            ("position", "positions_of", POSITION),
+            ("velocity", "velocities_of", VELOCITY),
+        ):
+            cells = {
+                variant: row_of("drift", table, row)[column]
+                for variant, row in there[column].items()
             }
-            for column in (POSITION, VELOCITY)
-        )
-        first, second = (
-            ", ".join(
-                called(variant, False)
-                for variant, number in sizes.items()
-                if number.text == next(iter(sizes.values())).text
-            )
-            for sizes in (position, velocity)
-        )
-        bounded = (
-            "; bounded"
-            if table.at[there.at[next(iter(position)), POSITION], "growth"] == BOUNDED
-            else ""
-        )
-        sizes = (next(iter(position.values())), next(iter(velocity.values())))
-        parts.append(
-            traced("{} m and {} m/s {} ({}{})", *sizes, place, first, bounded)
-            if first == second
-            else traced(
-                "{} m ({}{}) and {} m/s ({}) {}", sizes[0], first, bounded, sizes[1], second, place
-            )
-        )
-    if "paper's scheme" in worst.index:
-        scheme = drift_size("drift", table, int(worst.at["paper's scheme", POSITION]), POSITION)
-        parts.append(traced("paper's scheme {} m", scheme))
-    return traced("At most {}.", listed(parts, "; ", "; "))
+            largest = max(table.loc[there[column], column])
+            first = next(cell for cell in cells.values() if float(cell) == largest)
+            alike = [variant for variant, cell in cells.items() if str(cell) == str(first)]
+            found[name] = first
+            found[methods_of] = alike
+        row = there[POSITION].iloc[int(np.argmax(table.loc[there[POSITION], POSITION]))]
+        found["bounded"] = bool(table.at[row, "growth"] == BOUNDED)
+        yield found
 
 
-def _growth(table: pd.DataFrame, measured: pd.DataFrame) -> TracedText:
-    """The number of runs whose drift grows, and its size."""
-    keys = frozenset(measured["key"])
-    grows, bounded, rounded, inconclusive = (
-        count("drift", table, growth=law, key=keys)
-        for law in (GROWS, BOUNDED, ROUNDED, INCONCLUSIVE)
-    )
-    growing, largest = measured[measured["growth"] == GROWS], TracedText("")
+def _growth(table: pd.DataFrame, measured: pd.DataFrame) -> dict[str, object]:
+    """The numbers of runs by the growth of their drift, and the largest drift that grows."""
+    counts = measured["growth"].value_counts()
+    growing = measured[measured["growth"] == GROWS]
+    largest = None
     if len(growing):
-        largest = traced(
-            " ({}; up to {} m)",
-            listed([called(variant) for variant in growing["variant"].unique()]),
-            drift_size("drift", table, int(growing[POSITION].idxmax()), POSITION),
-        )
-    return traced(
-        "Drift clearly grows in {} of {} runs{}. It is bounded in {} and rounding in {}; in {} the run is "
-        "too short to say.",
-        grows,
-        count("drift", table, key=keys),
-        largest,
-        bounded,
-        rounded,
-        inconclusive,
-    )
+        largest = row_of("drift", table, growing[POSITION].idxmax())[POSITION]
+    return {
+        "runs": len(measured),
+        "grows": len(growing),
+        "bounded": int(counts.get(BOUNDED, 0)),
+        "rounded": int(counts.get(ROUNDED, 0)),
+        "inconclusive": int(counts.get(INCONCLUSIVE, 0)),
+        "growing": list(growing["variant"].unique()),
+        "largest_growing": largest,
+    }
 
 
 def _by_method(table: pd.DataFrame, runs: pd.DataFrame, worst: pd.DataFrame) -> TableView:
-    table, rows = above_rounding(table), []
+    rows = []
     for variant, there in runs[runs["variant"].isin(worst.index)].groupby("variant", sort=False):
         position, velocity = (
             table.loc[worst.at[variant, column]] for column in (POSITION, VELOCITY)
@@ -257,9 +209,9 @@ def _by_method(table: pd.DataFrame, runs: pd.DataFrame, worst: pd.DataFrame) -> 
                     "fidelity": position["fidelity"],
                     "cases": f"{there[POSITION].notna().sum()} of {len(there)}",
                     POSITION: position[POSITION],
-                    "position in": case_of(position["scene"]) if position[POSITION] else "",
+                    "position in": scene_title(position["scene"]) if position[POSITION] else "",
                     VELOCITY: velocity[VELOCITY],
-                    "velocity in": case_of(velocity["scene"]) if velocity[VELOCITY] else "",
+                    "velocity in": scene_title(velocity["scene"]) if velocity[VELOCITY] else "",
                     "growth": _law(position),
                 },
                 there,
@@ -277,8 +229,6 @@ def _by_method(table: pd.DataFrame, runs: pd.DataFrame, worst: pd.DataFrame) -> 
     )
     return view(
         "drift",
-        "Largest drift of each method, of all cases: steps nearest to 1 ms, the reference at its "
-        "tightest tolerance. t^p: the power of time fitted to it.",
         rows,
         columns,
     )
@@ -309,7 +259,7 @@ def _figures(results: Results, chosen: Sequence[str]) -> list[Chart]:
                 if record.scene == scene and record.variant.fidelity == fidelity
             ),
             name,
-            title_of(scene),
+            scene_title(scene),
             f"{fidelity}s: {label}",
         )
         for name, label in (
@@ -320,14 +270,7 @@ def _figures(results: Results, chosen: Sequence[str]) -> list[Chart]:
         if any(record.variant.fidelity == fidelity for record in made)
         for scene in scenes
     ]
-    caption = (
-        f"Drift of every method over time, the largest in each of {PIECES} pieces: of position above, of "
-        "velocity below, joints and contacts apart. A method may be low in one and high in the other. "
-        f"Dotted: {ROUNDING:g}, below which it is rounding."
-    )
-    return [
-        Chart("drift-engines", caption, panels, columns=len(scenes), share_x=True, share_y=True)
-    ]
+    return [Chart("drift-engines", panels, columns=len(scenes), share_x=True, share_y=True)]
 
 
 def _panel(records: Sequence[Record], name: str, title: str, label: str) -> Panel:

@@ -359,21 +359,21 @@ def present(results: Results) -> Presentation:
     )
     shown = view(
         "effects",
-        "The scene without each of its effects, and with other stabilizations than projection. "
-        "Time inside the engine's own calls over the baseline's, which comes first; position: largest change "
-        "of any body.",
         table.assign(ratio=ratios),
         columns,
         group="variant" if table["variant"].nunique() > 1 else "",
+        caption="The scene without each of its effects, and with other stabilizations than projection. "
+        "Time inside the engine's own calls over the baseline's, which comes first; position: largest change "
+        "of any body.",
     )
     every = [Column(name) for name in table if name not in ("settings", "version", "key")]
     runs = view(
         "effects-all",
-        "Every run behind the effects.",
         table,
         every,
         source="effects",
         in_report=False,
+        caption="Every run behind the effects.",
     )
     return Presentation(answer, findings, tables=[shown, runs], notes=notes)
 

@@ -110,13 +110,13 @@ def present(results: Results) -> Presentation:
     order = [case for names in cases.values() for case in names]
     verdicts = HeatMap(
         "hard-cases",
-        "Verdicts on the mechanical hard cases, by topic: a row a case, a column an "
-        "installed method.",
         order,
         list(counts),
         wide.loc[order, list(counts)].to_numpy().tolist(),
         SIGNS,
         {topic: len(names) for topic, names in cases.items()},
+        caption="Verdicts on the mechanical hard cases, by topic: a row a case, a column an "
+        "installed method.",
     )
     return Presentation(
         answer,
@@ -195,22 +195,21 @@ def _tables(
     return [
         view(
             "hard-counts",
-            "Mechanical hard cases by method.",
             by_method,
             (Column("variant", "method"), *map(Column, COUNTED)),
             source="hard",
+            caption="Mechanical hard cases by method.",
         ),
         view(
             "hard-topics",
-            "Right answers by topic.",
             topics,
             map(Column, ("topic", "cases", *counts)),
             source="hard",
             in_report=False,
+            caption="Right answers by topic.",
         ),
         view(
             "hard-reasons",
-            "Degraded and wrong answers, and their reasons.",
             reasons,
             (
                 Column("variant", "method"),
@@ -220,14 +219,15 @@ def _tables(
             ),
             source="hard",
             in_report=False,
+            caption="Degraded and wrong answers, and their reasons.",
         ),
         view(
             "hard-cases",
-            "What must be true of each case, as derived in its scene's file.",
             table.drop_duplicates("case"),
             (Column("case"), Column("topic"), Column("must", "must be true")),
             source="hard",
             in_report=False,
+            caption="What must be true of each case, as derived in its scene's file.",
         ),
     ]
 

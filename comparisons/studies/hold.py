@@ -903,8 +903,6 @@ def _published(published: pd.DataFrame) -> tuple[TracedText, list[TableView]]:
     return said, [
         view(
             "hold-published",
-            "Creep of a capsule between two pads in MuJoCo, as published in its issue "
-            "3328 and ours. Matched: what the model's listing leaves open was chosen to meet this number.",
             published,
             (
                 Column("case"),
@@ -914,6 +912,8 @@ def _published(published: pd.DataFrame) -> tuple[TracedText, list[TableView]]:
                 Column(MATCHED),
                 Column("source", brief=False),
             ),
+            caption="Creep of a capsule between two pads in MuJoCo, as published in its issue "
+            "3328 and ours. Matched: what the model's listing leaves open was chosen to meet this number.",
         )
     ]
 
@@ -956,8 +956,6 @@ def _tables(
     ]
     yield view(
         "hold",
-        "Creep of each method, the fastest on any scene, at loads in parts of the limit; the step "
-        "nearest to 1 ms or the tightest tolerance.",
         by_load,
         (
             Column("variant", "method"),
@@ -967,6 +965,8 @@ def _tables(
             Column("scene", "fastest on", brief=False),
             Column(HOLDS),
         ),
+        caption="Creep of each method, the fastest on any scene, at loads in parts of the limit; the step "
+        "nearest to 1 ms or the tightest tolerance.",
     )
     usual = with_columns(table, CREEP, UNSURE, LETS_GO)
     usual = usual[
@@ -974,8 +974,6 @@ def _tables(
     ]
     yield view(
         "hold-steps",
-        f"Creep at {100 * USUAL:g} % of the limit along each refinement series, fastest on any "
-        "scene.",
         _at_rest(
             usual.loc[[fastest(runs) for _, runs in usual.groupby(["variant", "step"], sort=False)]]
         ),
@@ -990,14 +988,13 @@ def _tables(
         ),
         source="hold",
         in_report=False,
+        caption=f"Creep at {100 * USUAL:g} % of the limit along each refinement series, fastest on any "
+        "scene.",
     )
     moved = _beyond(table, methods)
     if moved:
         yield view(
             "hold-limit",
-            "What a method does besides: displacement in the first 0.1 s; load at break-away "
-            "under a slow ramp and acceleration after it, both less the truth's; where it comes to rest less "
-            "where the truth does. Each the worst of all scenes.",
             moved,
             (
                 Column("variant", "method"),
@@ -1016,12 +1013,13 @@ def _tables(
                 Column(STOPPED, "stop", "m", STOP_UNSURE),
             ),
             source="hold",
+            caption="What a method does besides: displacement in the first 0.1 s; load at break-away "
+            "under a slow ramp and acceleration after it, both less the truth's; where it comes to rest less "
+            "where the truth does. Each the worst of all scenes.",
         )
     if len(settings):
         yield view(
             "hold-settings",
-            "Creep with each setting, one changed at a time; the fastest of all scenes and "
-            "loads, and engine time over the default's.",
             _at_rest(settings),
             (
                 Column(SUBJECT, "engine"),
@@ -1031,12 +1029,12 @@ def _tables(
                 Column(TIME, "time, of the default's", form=".2g"),
                 Column("failed"),
             ),
+            caption="Creep with each setting, one changed at a time; the fastest of all scenes and "
+            "loads, and engine time over the default's.",
         )
     if len(laws[laws["over"] != REST] if len(laws) else laws):
         yield view(
             "hold-laws",
-            "Laws of creep over a setting: the exponent with which it grows, or the farthest ratio "
-            "of creep to what the law predicts.",
             laws,
             (
                 Column(SUBJECT, "engine"),
@@ -1048,9 +1046,18 @@ def _tables(
                 Column("verdict"),
                 Column("source", brief=False),
             ),
+            caption="Laws of creep over a setting: the exponent with which it grows, or the farthest ratio "
+            "of creep to what the law predicts.",
         )
     every = [Column(name) for name in table if name not in ("settings", "version", AGAIN)]
-    yield view("hold-all", "Every run.", table, every, source="hold", in_report=False)
+    yield view(
+        "hold-all",
+        table,
+        every,
+        source="hold",
+        in_report=False,
+        caption="Every run.",
+    )
 
 
 def _by_load(table: pd.DataFrame, methods: pd.DataFrame, loads: Sequence[float]) -> Rows:
@@ -1131,12 +1138,12 @@ def _over_load(by_load: Rows, loads: Sequence[float]) -> Chart:
             )
     return Chart(
         "hold",
-        "Creep over load, the fastest on any scene, at the step nearest to 1 ms or the tightest "
-        f"tolerance. Methods at rest under every load are not drawn. {EDGES}",
         panels,
         columns=2,
         height=2.8,
         share_y=True,
+        caption="Creep over load, the fastest on any scene, at the step nearest to 1 ms or the tightest "
+        f"tolerance. Methods at rest under every load are not drawn. {EDGES}",
     )
 
 
@@ -1171,13 +1178,13 @@ def _over_cost(settings: pd.DataFrame) -> Chart:
         )
     return Chart(
         "hold-settings",
-        "Creep against engine time with each setting, one changed at a time: the fastest "
-        f"creep of all scenes and loads. {EDGES} A time of {SLOWEST:g} and more stands at {SLOWEST:g}.",
         panels,
         columns=2,
         height=1.5,
         share_x=True,
         share_y=True,
+        caption="Creep against engine time with each setting, one changed at a time: the fastest "
+        f"creep of all scenes and loads. {EDGES} A time of {SLOWEST:g} and more stands at {SLOWEST:g}.",
     )
 
 

@@ -51,9 +51,9 @@ from stiction.comparisons.bench.runner import Comparison
 from stiction.comparisons.bench.study import Scope, Study, Tables
 from stiction.comparisons.bench.variants import run_command
 from stiction.comparisons.measures.accuracy import errors, size_of
-from stiction.comparisons.measures.drift import rounding_of
+from stiction.comparisons.measures.drift import ROUNDING, rounding_of
 from stiction.comparisons.measures.drift_growth import BOUNDED, GROWS, INCONCLUSIVE, ROUNDED, growth
-from stiction.comparisons.studies.drift import POSITION, VELOCITY, above_rounding, drift_size
+from stiction.comparisons.studies.drift import POSITION, VELOCITY, above_rounding
 from stiction.engines.isolation import Outcome, Task
 from stiction.engines.reference.engine import ReferenceEngine
 from stiction.scenes import Scene, Trajectory, vary
@@ -403,12 +403,12 @@ def present(results: Results) -> Presentation:
     )
     runs = view(
         "study-all",
-        "Every run of the paper's scheme; drift and position error in 24 s, and their ratio to "
-        "those without stabilization.",
         study,
         columns,
         source="study",
         in_report=False,
+        caption="Every run of the paper's scheme; drift and position error in 24 s, and their ratio to "
+        "those without stabilization.",
     )
     return Presentation(
         sizes,
@@ -567,12 +567,12 @@ def _by_choice(study: pd.DataFrame) -> TableView:
     )
     return view(
         "study",
-        f"Largest drift of the paper's scheme in 24 s, {case_of(scene)}, and the laws of its growth "
-        "at all steps that were tried. In brackets alpha and beta, 1/s.",
         frame,
         columns,
         source="study",
         rows=behind,
+        caption=f"Largest drift of the paper's scheme in 24 s, {case_of(scene)}, and the laws of its growth "
+        "at all steps that were tried. In brackets alpha and beta, 1/s.",
     )
 
 
@@ -627,7 +627,20 @@ def _figure(study: pd.DataFrame, octaves: pd.DataFrame, name: str) -> Chart:
         f"{case_of(study['scene'].iloc[0])}: (a) over time, (b) over the step. In brackets alpha and beta, 1/s. "
         f"Dotted: the step of {1e3 * unstable:.3g} ms beyond which residuals grow with the paper's choice."
     )
-    return Chart(name, caption, panels, columns=2, height=2.5)
+    return Chart(
+        name,
+        panels,
+        columns=2,
+        height=2.5,
+        caption=caption,
+    )
+
+
+def drift_size(name: str, table: pd.DataFrame, label: int, column: str) -> Number:
+    """The drift in a row of a table of the data; 0 where rounding makes as much."""
+    if table.at[label, column] < ROUNDING:
+        return Number("0", name, column, rows=(label + 1,))
+    return value(name, table, label, column)
 
 
 STUDY = Study(

@@ -300,10 +300,10 @@ def present(results: Results) -> Presentation:
     )
     shown = view(
         "orders",
-        "Observed orders, fitted where neighbouring slopes agree; of runs without events, but "
-        "across a break-away where that is said.",
         parts,
         columns,
+        caption="Observed orders, fitted where neighbouring slopes agree; of runs without events, but "
+        "across a break-away where that is said.",
     )
     series = []
     for method, runs in known.groupby("method", sort=False):
@@ -322,11 +322,11 @@ def present(results: Results) -> Presentation:
         ]
     chart = Chart(
         "orders",
-        "Position error over the step. Dotted, through the finest run: the order "
-        "that each method promises.",
         [Panel("", Axis(STEP, log=True), Axis(ERROR, log=True), series)],
         columns=1,
         height=3.0,
+        caption="Position error over the step. Dotted, through the finest run: the order "
+        "that each method promises.",
     )
     return Presentation(
         traced("Observed orders (promised): {}.", listed(orders)), tables=[shown], figures=[chart]

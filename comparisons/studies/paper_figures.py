@@ -59,9 +59,9 @@ def present(results: Results) -> Presentation:
             mechanisms.append(
                 MechanismPicture(
                     f"mechanism-{name}",
-                    f"The mechanism of {case_of(name)} at t = 0, the corners of its slider numbered "
-                    f"as in the paper.{given}",
                     name,
+                    caption=f"The mechanism of {case_of(name)} at t = 0, the corners of its slider numbered "
+                    f"as in the paper.{given}",
                 )
             )
     return Presentation(
@@ -92,7 +92,11 @@ def _time_series(results: Results, scene: str) -> Iterator[Chart]:
         ]
         shaded = "Grey: stick phases of the truth." if shades else "There are no stick phases."
         yield Chart(
-            name, f"{caption}. {shaded}", panels, columns=2 if len(panels) > 2 else 1, height=1.35
+            name,
+            panels,
+            columns=2 if len(panels) > 2 else 1,
+            height=1.35,
+            caption=f"{caption}. {shaded}",
         )
 
 

@@ -427,15 +427,20 @@ def present(results: Results) -> Presentation:
         for row in choices.to_dict("records")
     ]
     tables = [
-        view("settings", caption, by_method, columns),
+        view(
+            "settings",
+            by_method,
+            columns,
+            caption=caption,
+        ),
         view(
             "settings-all",
-            "Every choice in units of its default: geometric mean of times over all scenes and "
-            "steps, largest error.",
             by_choice,
             every,
             source="settings",
             in_report=False,
+            caption="Every choice in units of its default: geometric mean of times over all scenes and "
+            "steps, largest error.",
         ),
     ]
     return Presentation(answer, [finding], (), tables, [_figure(choices, where)], NOTES)
@@ -476,7 +481,12 @@ def _figure(choices: pd.DataFrame, where: str) -> Chart:
         f"largest error over all steps. Errors beyond {ENDS[0]:g} and {ENDS[1]:g} stand at the edge. Left of "
         "the default and above it, a choice is faster and somewhere less accurate."
     )
-    return Chart("engine-settings", caption, panels, height=1.9)
+    return Chart(
+        "engine-settings",
+        panels,
+        height=1.9,
+        caption=caption,
+    )
 
 
 STUDY = Study(

@@ -5,28 +5,19 @@ The two ways of the reference take each choice at equal rtol or step; nothing el
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from typing import Any
+
+import pandas as pd
 
 from stiction.comparisons.bench.methods import with_columns
 from stiction.comparisons.bench.participants import extent
-from stiction.comparisons.bench.presentation import (
-    Column,
-    Number,
-    Presentation,
-    TracedText,
-    listed,
-    sentence,
-    short,
-    traced,
-    value,
-    view,
-)
+from stiction.comparisons.bench.presentation import Column, Presentation, row_of, view
 from stiction.comparisons.bench.presentation.cells import setting_of
 from stiction.comparisons.bench.results import Results
 from stiction.comparisons.bench.runner import Comparison
 from stiction.comparisons.bench.study import Scope, Study, Tables
-from stiction.comparisons.bench.timing.intervals import ratio_interval
+from stiction.comparisons.bench.timing.intervals import Interval, ratio_interval
 from stiction.comparisons.bench.timing.visits import Timing
 from stiction.comparisons.bench.variants import OWN_CPU, Record, Variant, scaled
 from stiction.comparisons.measures.accuracy import errors, size_of
@@ -39,7 +30,7 @@ from stiction.comparisons.measures.work_precision import (
     cost_of,
     timed_comparison,
 )
-from stiction.comparisons.studies.drift import POSITION, VELOCITY, above_rounding, drift_size
+from stiction.comparisons.studies.drift import POSITION, VELOCITY, above_rounding
 
 ERROR = "position_error"
 CHOICES = ("none", "baumgarte", "projection")
@@ -98,54 +89,17 @@ def present(results: Results) -> Presentation:
     """The engine time that each stabilization takes, and the drift and the error that it leaves."""
     table = results.table("suppression")
     failed = dict.fromkeys(table.loc[table["status"] != "ok", "variant"] if len(table) else ())
-    without = sentence("Runs that failed: {}.", listed(list(failed)))
     if POSITION not in table or LOW not in table:
-        return Presentation(findings=[without])
+        return Presentation(rows={"compared": [], "failed": list(failed)} if failed else {})
+    table = above_rounding(table)
     samples = with_columns(results.table("times"), "key", OWN_CPU)
     times = {key: part[OWN_CPU].tolist() for key, part in samples.groupby("key")}
     measured = table[table[POSITION].notna() & table["key"].isin(times)]
-    rows = {
-        run: dict(zip(there["suppression"], map(int, there.index)))
-        for run, there in measured.groupby(["parameter", "step"], sort=False)
-    }
-
-    def drift_with(run: tuple[str, float], choice: str) -> Number:
-        return drift_size("suppression", table, rows[run][choice], POSITION)
-
-    def time_ratio(run: tuple[str, float], over: str, under: str) -> Number:
-        """By the rounds, of which each has both, as of the effects."""
-        labels = [rows[run][choice] for choice in (over, under)]
-        found = ratio_interval(*(times[table.at[label, "key"]] for label in labels))
-        text = "{} ({} to {})".format(
-            *(short(each, ".3g") for each in (found.value, found.low, found.high))
-        )
-        return Number(text, "suppression", OWN_CPU, tuple(label + 1 for label in labels))
-
-    def error_with(run: tuple[str, float], choice: str) -> Number:
-        return value("suppression", table, rows[run][choice], ERROR)
-
-    answer, findings = TracedText(), list[TracedText]()
-    for run in measured.groupby("parameter", sort=False)["step"].min().items():
-        if run[0] == "rtol" and {"baumgarte", "projection"} <= rows[run].keys():
-            answer = traced(
-                "At {} Baumgarte's terms take {} times projection's time; drift {}, not {} m; error {}, "
-                "not {} m.",
-                setting_of(*run),
-                time_ratio(run, "baumgarte", "projection"),
-                *(
-                    cell(run, choice)
-                    for cell in (drift_with, error_with)
-                    for choice in ("baumgarte", "projection")
-                ),
-            )
-        if {"none", "projection"} <= rows[run].keys():
-            findings.append(
-                traced(
-                    "At {} projection takes {} times the engine time without stabilization.",
-                    setting_of(*run),
-                    time_ratio(run, "projection", "none"),
-                )
-            )
+    finest = measured.groupby("parameter", sort=False)["step"].transform("min")
+    compared = [
+        _compared(table, rows, times)
+        for _, rows in measured[measured["step"] == finest].groupby("parameter", sort=False)
+    ]
     half = (table[HIGH] - table[OWN_CPU]).combine(table[OWN_CPU] - table[LOW], max)
     settings = [setting_of(*run) for run in zip(table["parameter"], table["step"])]
     columns = (
@@ -158,31 +112,41 @@ def present(results: Results) -> Presentation:
         Column(ERROR, "position error", "m", "position_uncertainty"),
         Column("reason", brief=False),
     )
-    shown = view(
-        "suppression",
-        "Cost, drift and error of the reference and of the paper's scheme, by stabilization; "
-        "tolerance or step, and all else, are equal.",
-        above_rounding(table.assign(half=half, setting=settings)),
-        columns,
-    )
+    shown = view("suppression", table.assign(half=half, setting=settings), columns)
     every = [Column(name) for name in table if name not in ("settings", "version", "key")]
     runs = view(
         "suppression-all",
-        "Every run behind the stabilizations.",
-        table,
+        results.table("suppression"),
         every,
         source="suppression",
         in_report=False,
     )
-    return Presentation(
-        answer,
-        [*findings, without],
-        tables=[shown, runs],
-        notes=[
-            "Drift is read at the output instants, as in the comparison of methods. The reference projects after each "
-            "step; between steps it interpolates."
-        ],
-    )
+    return Presentation(rows={"compared": compared, "failed": list(failed)}, tables=[shown, runs])
+
+
+def _compared(
+    table: pd.DataFrame, rows: pd.DataFrame, times: Mapping[str, Sequence[float]]
+) -> dict[str, object]:
+    """The runs of one method at one tolerance or step by their stabilization, and ratios of their times.
+
+    Ratios are those of the rounds, each of which has both runs; None where one of them is missing.
+    """
+    labels = {choice: None for choice in CHOICES} | dict(zip(rows["suppression"], rows.index))
+
+    def time_ratio(over: str, under: str) -> Interval | None:
+        if labels[over] is None or labels[under] is None:
+            return None
+        return ratio_interval(*(times[table.at[labels[choice], "key"]] for choice in (over, under)))
+
+    return {
+        "parameter": rows["parameter"].iloc[0],
+        **{
+            choice: None if label is None else row_of("suppression", table, label)
+            for choice, label in labels.items()
+        },
+        "baumgarte_over_projection": time_ratio("baumgarte", "projection"),
+        "projection_over_none": time_ratio("projection", "none"),
+    }
 
 
 STUDY = Study(

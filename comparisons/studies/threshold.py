@@ -593,18 +593,18 @@ def present(results: Results) -> Presentation:
     )
     shown = view(
         "threshold",
-        "Upper end of the band of load amplitudes F0, next to the scene's own, with a stick "
-        "phase in the steady state, less that of the truth; the finest step of each method.",
         finest,
         columns,
+        caption="Upper end of the band of load amplitudes F0, next to the scene's own, with a stick "
+        "phase in the steady state, less that of the truth; the finest step of each method.",
     )
     whole = view(
         "threshold-all",
-        "The threshold at every step.",
         table,
         columns,
         source="threshold",
         in_report=False,
+        caption="The threshold at every step.",
     )
     notes = (
         "The uncertainty is the width of the bracket that the search ends with, and the change from the next "
@@ -675,13 +675,13 @@ def _figure(measured: pd.DataFrame) -> Chart:
     )
     return Chart(
         "threshold",
-        "Stick threshold of each method (upper end of the band of F0 with a stick phase next to "
-        "the scene's own F0) less that of the truth, at each step from coarse (above) to fine. "
-        "Bars: the bracket that the search ended with and the change from the coarser step. The "
-        "coarsest step has none.",
         (panel,),
         columns=1,
         height=1.0 + 0.24 * len(names),
+        caption="Stick threshold of each method (upper end of the band of F0 with a stick phase next to "
+        "the scene's own F0) less that of the truth, at each step from coarse (above) to fine. "
+        "Bars: the bracket that the search ended with and the change from the coarser step. The "
+        "coarsest step has none.",
     )
 
 

@@ -413,11 +413,11 @@ def _by_method(table: pd.DataFrame, equal: pd.DataFrame, found: pd.DataFrame) ->
     )
     return view(
         "torque",
-        "Jumps of the driving torque that each method reads at the step nearest to 1 ms or the "
-        "tightest tolerance. Bound: for the error of the worst of these; by case: read/all, bound.",
         rows,
         columns,
         group="group",
+        caption="Jumps of the driving torque that each method reads at the step nearest to 1 ms or the "
+        "tightest tolerance. Bound: for the error of the worst of these; by case: read/all, bound.",
     )
 
 
@@ -439,13 +439,13 @@ def _by_scene(table: pd.DataFrame) -> Iterator[TableView]:
             behind = [jumps.index[jumps["key"] == key] + 1 for key in rows["key"]]
             yield view(
                 f"torque-{scene}",
-                f"{title_of(scene)}: jumps read in every run, a bound for the error of their "
-                "sizes, and the largest error of their times.",
                 rows,
                 columns,
                 source="torque",
                 rows=behind,
                 in_report=False,
+                caption=f"{title_of(scene)}: jumps read in every run, a bound for the error of their "
+                "sizes, and the largest error of their times.",
             )
 
 
@@ -466,13 +466,13 @@ def _events_figure(windows: pd.DataFrame, table: pd.DataFrame, chosen: Sequence[
         panels += found if any(len(panel.series) > 1 for panel in found) else []
     return Chart(
         "torque-events",
-        "Driving torque around a reversal and a stick event of the truth (black), as each "
-        "method has it at the step nearest to 1 ms or the tightest tolerance. Points are samples; methods "
-        "that agree cover each other. Time counts from the true event; what lies beyond the axis is cut off.",
         panels,
         max(1, len(events)),
         ROW_HEIGHT,
         share_x=True,
+        caption="Driving torque around a reversal and a stick event of the truth (black), as each "
+        "method has it at the step nearest to 1 ms or the tightest tolerance. Points are samples; methods "
+        "that agree cover each other. Time counts from the true event; what lies beyond the axis is cut off.",
     )
 
 

@@ -4,21 +4,24 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 
-from stiction.comparisons.bench.presentation.presentation import Presentation
 from stiction.comparisons.bench.presentation.table_view import BRIEF_ROWS, TableView
 from stiction.comparisons.bench.study import Study
 from stiction.reports.figures.style import Drawing
 from stiction.reports.markdown.tables import aligned
+from stiction.reports.text import Section
 
 
-def study_section(study: Study, said: Presentation, drawings: Mapping[str, Drawing]) -> str:
+def study_section(study: Study, said: Section, drawings: Mapping[str, Drawing]) -> str:
     """Write the section; tables have their first rows and their brief columns."""
-    words = " ".join(part.text for part in (said.answer, *said.findings) if part)
     figures = [figure(drawings[each.name]) for each in said.figures if each.name in drawings]
     shown = [view for view in said.tables if view.in_report and len(view.frame)]
     tables = [f"*{view.caption}*\n\n{table(view)}{more(view)}" for view in shown]
     notes = "\n".join(f"- {note}" for note in said.notes)
-    return "\n\n".join(filter(None, (f"## {study.question}", words, *figures, *tables, notes)))
+    return "\n\n".join(
+        filter(
+            None, (f"## {study.question}", said.answer, *said.findings, *figures, *tables, notes)
+        )
+    )
 
 
 def figure(drawing: Drawing) -> str:

@@ -35,12 +35,12 @@ def write_run_page(run: StoredRun, file: Path) -> None:
         sections["Time series"] = [chart("time-series", ("Scene",), views, HINT)]
     for study, said in report.said.items():
         blocks = [
-            *(paragraph(part.text) for part in said.findings),
+            *map(paragraph, said.findings),
             *([items(said.notes)] if said.notes else []),
             *(_figure(run, figure.name, figure.caption) for figure in said.figures),
             *map(_table, said.tables),
         ]
-        sections[study.question] = [details(said.answer.text or study.question, "\n".join(blocks))]
+        sections[study.question] = [details(said.answer or study.question, "\n".join(blocks))]
     used = dict.fromkeys(key for view in report.tables for key in keys(view))
     sections["Where numbers come from"] = [
         details("Every key of the tables", "".join(_origin_of(run, key) for key in used))
@@ -63,14 +63,14 @@ def write_run_page(run: StoredRun, file: Path) -> None:
 
 def _page_one(report: Report) -> Iterator[str]:
     yield paragraph(mechanism_in_words(report.results))
-    yield from (paragraph(part.text) for part in report.answer)
+    yield from map(paragraph, report.answer)
     headlines = headline_table(report)
     if headlines.groups:
         rows = [[text.strip("*") for text in row] for row in headlines.rows]
         yield table(
             HOW_TO_READ, headlines.heads, rows, [False] + [True] * (len(headlines.heads) - 1)
         )
-    yield items(f"**{title}.** {answer.text}" for title, answer in bullets(report))
+    yield items(f"**{title}.** {answer}" for title, answer in bullets(report))
     if missing := not_installed(report.results):
         yield paragraph(missing)
 

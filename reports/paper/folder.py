@@ -13,7 +13,7 @@ from typing import Any
 
 import pandas as pd
 
-from stiction.comparisons.bench.presentation import Presentation, TableView, TracedText
+from stiction.comparisons.bench.presentation import TableView
 from stiction.reports.figures.charts import drawn, in_one_column
 from stiction.reports.figures.style import rc, save_all
 from stiction.reports.page_one import TITLE, bullets
@@ -23,7 +23,8 @@ from stiction.reports.report import Report, report_of
 from stiction.reports.run_folder.overwriting import run_folder, write_provenance
 from stiction.reports.run_folder.reproduce import FOLDER as REPRODUCE
 from stiction.reports.run_folder.stored_run import StoredRun
-from stiction.reports.run_folder.trace import key_of, keys, resolve
+from stiction.reports.run_folder.trace import keys, resolve
+from stiction.reports.text import Section
 
 MAIN = "paper.pdf"
 SHORT, PAGE_SIGNS = 24, 118
@@ -137,9 +138,8 @@ def paper_content(
 
 
 def summary(report: Report) -> list[str]:
-    """Return what page one says, each sentence with the keys of the rows that its numbers are from."""
-    lines = [_with_keys("", part) for part in report.answer]
-    return [*lines, *(_with_keys(f"**{title}.** ", answer) for title, answer in bullets(report))]
+    """Return what page one says, an item each."""
+    return [*report.answer, *(f"**{title}.** {answer}" for title, answer in bullets(report))]
 
 
 def laid_out(view: TableView) -> dict[str, Any]:
@@ -199,16 +199,7 @@ def trace_table(run: StoredRun, views: Sequence[TableView]) -> pd.DataFrame:
     return pd.DataFrame(rows)
 
 
-def _with_keys(title: str, part: TracedText) -> str:
-    rows: dict[str, set[int]] = {}
-    for number in part.numbers:
-        if number.rows:
-            rows.setdefault(number.table, set()).update(number.rows)
-    found = ", ".join(key_of(table, places) for table, places in rows.items())
-    return f"{title}{part.text}" + (f" ({found})" if found else "")
-
-
-def _words(said: Presentation) -> str:
+def _words(said: Section) -> str:
     """Answer and findings of a study, and references to its figures and tables."""
     marks = {
         "Fig": [f"[#fig:{figure.name}]" for figure in said.figures],
@@ -220,11 +211,7 @@ def _words(said: Presentation) -> str:
         if names
     ]
     references = f"See {' and '.join(places)}." if places else ""
-    return " ".join(
-        filter(
-            None, (*(part.text for part in (said.answer, *said.findings)), references, *said.notes)
-        )
-    )
+    return " ".join(filter(None, (said.answer, *said.findings, references, *said.notes)))
 
 
 def _quoted(content: Any) -> Any:

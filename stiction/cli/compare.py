@@ -32,9 +32,9 @@ from stiction.cli.render import or_shown, progress, show, show_truths, write_tab
 if TYPE_CHECKING:
     import pandas as pd
 
-    from stiction.comparisons.bench.presentation import Presentation
     from stiction.comparisons.bench.results import Results
     from stiction.comparisons.bench.study import Scope, Study
+    from stiction.reports.text import Section
     from stiction.scenes import Scene
 
 Repeats = Annotated[
@@ -205,8 +205,9 @@ def _show(
     """Print answer, findings and tables, write what was asked for, and fail where no run succeeded."""
     from stiction.comparisons.bench.complementarity.problems import write_problems
     from stiction.reports.run_folder.data import storable
+    from stiction.reports.text import section_of
 
-    table, said = results.table(study.name), study.presented(results)
+    table, said = results.table(study.name), section_of(study, results)
     if out is not None:  # an empty table, too: its file says which columns it would have
         with or_shown(lambda: _print(said, results, table)):
             write_table(storable(table), out)
@@ -236,12 +237,12 @@ def _show(
     _check(_runs(results, table) if table.empty else table)
 
 
-def _print(said: Presentation, results: Results, table: pd.DataFrame) -> None:
+def _print(said: Section, results: Results, table: pd.DataFrame) -> None:
     from stiction.comparisons.bench.methods import MISSING_ENGINE, succeeded
 
     for part in (said.answer, *said.findings):
         if part:
-            print(part.text)
+            print(part)
     for view in said.tables:
         if view.in_report:
             print(f"\n{view.caption}")

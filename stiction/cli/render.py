@@ -96,9 +96,11 @@ class Progress:
 
     def study(self, study: Study, results: Results) -> None:
         """Print the answer of a study that is done, on one line; without a terminal the time left stands at its end."""
-        if answer := study.present(results).answer:
+        from stiction.reports.text import answer_of
+
+        if answer := answer_of(study, results):
             remaining = f" ({self._left})" if self.bar.disable and self._left else ""
-            line = f"{study.title}: {answer.text}{remaining}"
+            line = f"{study.title}: {answer}{remaining}"
             self._console.print(line, markup=False, highlight=False, soft_wrap=True)
 
 

@@ -1,4 +1,4 @@
-"""Presentation of a study: sentences whose numbers are cells, tables with labels and units, charts as data."""
+"""Presentation of a study: rows that a text mentions, tables with labels and units, charts as data."""
 
 from stiction.comparisons.bench.presentation.charts import (
     BETTER,
@@ -19,6 +19,7 @@ from stiction.comparisons.bench.presentation.presentation import (
     Headline,
     Presentation,
 )
+from stiction.comparisons.bench.presentation.rows import Cell, Row, row_of
 from stiction.comparisons.bench.presentation.table_view import Column, TableView, view
 from stiction.comparisons.bench.presentation.traced_text import (
     Number,
@@ -45,6 +46,7 @@ __all__ = [
     "OTHER",
     "TRUTH",
     "Axis",
+    "Cell",
     "Chart",
     "Column",
     "Figure",
@@ -55,6 +57,7 @@ __all__ = [
     "Panel",
     "Part",
     "Presentation",
+    "Row",
     "Series",
     "TableView",
     "TracedText",
@@ -63,6 +66,7 @@ __all__ = [
     "joined",
     "length",
     "listed",
+    "row_of",
     "scaled_value",
     "sentence",
     "short",

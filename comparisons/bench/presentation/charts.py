@@ -1,4 +1,7 @@
-"""Figures as data: panels of series over axes, heat maps, mechanisms; renderers know these kinds alone."""
+"""Figures as data: panels of series over axes, heat maps, mechanisms; renderers know these kinds alone.
+
+The caption of a figure comes from the study's template when the section is written.
+"""
 
 from __future__ import annotations
 
@@ -83,12 +86,12 @@ class Chart:
     """Panels in rows of `columns`, each row `height` inches high; all with one legend, on common axes where shared."""
 
     name: str
-    caption: str
     panels: Sequence[Panel]
     columns: int = 3
     height: float = 2.2
     share_x: bool = False
     share_y: bool = False
+    caption: str = ""
 
 
 @dataclass(frozen=True, eq=False)
@@ -106,12 +109,12 @@ class HeatMap:
     """
 
     name: str
-    caption: str
     rows: Sequence[str]
     columns: Sequence[str]
     cells: Sequence[Sequence[str]]
     categories: Mapping[str, tuple[str, str]]
     groups: Mapping[str, int] = field(default_factory=dict)
+    caption: str = ""
 
 
 @dataclass(frozen=True, eq=False)
@@ -119,8 +122,8 @@ class MechanismPicture:
     """The mechanism of a scene at its start, with dimensions and the numbers of corners."""
 
     name: str
-    caption: str
     scene: str
+    caption: str = ""
 
 
 Figure = Chart | HeatMap | MechanismPicture

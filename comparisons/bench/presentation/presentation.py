@@ -1,9 +1,12 @@
-"""Presentation of a study: its answer, findings, tables and figures, for renderers that know no study by name."""
+"""What a study presents: rows that its text mentions, tables and figures.
+
+The words are in a template, ``reports/templates/studies/NAME.md``.
+"""
 
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 from stiction.comparisons.bench.presentation.charts import Figure
 from stiction.comparisons.bench.presentation.table_view import TableView
@@ -15,27 +18,23 @@ ANSWER_LENGTH = 160
 
 @dataclass(frozen=True)
 class Headline:
-    """A column of the table on page one: its heading with unit, and cells by label of a method."""
+    """A column of the table on page one: its heading with unit, and the text of its cells by label of a method."""
 
     label: str
-    cells: Mapping[str, TracedText]
+    cells: Mapping[str, str]
 
 
 @dataclass(frozen=True)
 class Presentation:
-    """Answer, findings, tables and figures of a study.
+    """Rows, tables and figures of a study.
 
     Attributes
     ----------
-    answer : TracedText
-        One sentence or two, of at most `ANSWER_LENGTH` characters where numbers allow; empty if there is none.
-    findings : sequence of TracedText
-        Further sentences, in the study's section alone.
+    rows : Mapping
+        What the study's template mentions, by name: `Row`, `Cell`, numbers, words, flags, lists of
+        these. Nothing in it is a sentence.
     headlines, tables, figures : sequences
-    notes : sequence of str
-        How to read tables and figures: definitions, signs, what may be compared.
-    beside : TracedText
-        A sentence that stands behind the answer on page one, which is not a line of a terminal.
+        Captions of tables and figures are in the template.
     """
 
     answer: TracedText = TracedText()
@@ -45,8 +44,9 @@ class Presentation:
     figures: Sequence[Figure] = ()
     notes: Sequence[str] = ()
     beside: TracedText = TracedText()
+    rows: Mapping[str, object] = field(default_factory=dict)
 
     @property
     def is_empty(self) -> bool:
         """Nothing to show: then the study has no section."""
-        return not (self.answer or self.findings or self.tables or self.figures)
+        return not (self.rows or self.tables or self.figures or self.answer or self.findings)

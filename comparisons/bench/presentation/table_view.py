@@ -114,16 +114,18 @@ class TableView:
         empty.
     in_report : bool
         True if it stands in the report and in print; the page and the folder of tables have all.
+    caption : str
+        Comes from the study's template when the section is written.
     """
 
     name: str
-    caption: str
     frame: pd.DataFrame
     columns: tuple[Column, ...]
     source: str
     rows: tuple[tuple[int, ...], ...]
     group: str = ""
     in_report: bool = True
+    caption: str = ""
 
     def shown(self, brief: bool = False) -> list[Column]:
         """The columns that hold anything; `brief`: those of the report alone, which has groups as headings of rows."""
@@ -155,7 +157,6 @@ class TableView:
 
 def view(
     name: str,
-    caption: str,
     frame: pd.DataFrame | Iterable[tuple[Mapping[str, Any], pd.DataFrame]],
     columns: Iterable[Column],
     *,
@@ -163,6 +164,7 @@ def view(
     rows: Sequence[Sequence[int]] | None = None,
     group: str = "",
     in_report: bool = True,
+    caption: str = "",
 ) -> TableView:
     """Return a `TableView` of a table of the data, or of a part of it, whose index counts from 0.
 
@@ -182,11 +184,11 @@ def view(
     behind = [(number + 1,) for number in frame.index] if rows is None else rows
     return TableView(
         name,
-        caption,
         frame.reset_index(drop=True),
         tuple(columns),
         source or name,
         tuple(tuple(int(number) for number in each) for each in behind),
         group,
         in_report,
+        caption,
     )

@@ -3,7 +3,7 @@
 import numpy as np
 import pandas as pd
 import pytest
-from made_up_runs import sentences, wrong_numbers
+from made_up_runs import words, wrongly_written
 
 from stiction.comparisons.bench.depth import Depth
 from stiction.comparisons.bench.participants import validation_campaign
@@ -14,8 +14,10 @@ from stiction.comparisons.measures.drift import ROUNDING
 from stiction.comparisons.measures.drift_growth import BOUNDED, GROWS, INCONCLUSIVE
 from stiction.comparisons.studies.drift import JOINT_COORDINATES, POSITION, STUDY, VELOCITY
 from stiction.engines.isolation import Outcome
+from stiction.reports.text import section_of
 from stiction.scenes import Trajectory
 
+SHORT_NAMES = ("still", "slow", "touching")
 SCENES = ("slider-bar-case-1", "slider-bar-case-3")
 SIZES = {
     ("still", "joint"): ((3e-16, 2e-15), (1e-5, 4e-5)),
@@ -76,22 +78,22 @@ def made_up(status="ok"):
 
 def test_drift_is_the_largest_of_all_cases_at_equal_step():
     results = made_up()
-    said = STUDY.presented(results)
-    assert [number.text for number in said.answer.numbers] == ["7e-11", "4e-05", "0.003", "0.02"]
-    position, velocity = (
-        {method: text.text for method, text in headline.cells.items()}
-        for headline in said.headlines
-    )
+    said = section_of(STUDY, results)
+    joint, contact = STUDY.presented(results).rows["largest"]
+    assert (joint["fidelity"], contact["fidelity"]) == ("joint", "contact")
+    assert float(joint["position"]) == 7e-11 and float(joint["velocity"]) == 4e-5
+    assert float(contact["position"]) == 3e-3 and float(contact["velocity"]) == 2e-2
+    position, velocity = (headline.cells for headline in said.headlines)
     assert position == {"still": "0", "slow": "7e-11", "touching": "0.003"}  # 2e-15 m is rounding
     assert velocity == {"still": "4e-05", "slow": "0", "touching": "0.02"}
     assert all(
         number.text == "0"
-        and results.tables["drift"][number.column].iloc[number.rows[0] - 1] < ROUNDING
-        for number in wrong_numbers(said, results)
+        and results.tables["drift"][number.cell.quantity.key].iloc[number.cell.row - 1] < ROUNDING
+        for number in wrongly_written(said, results)
     )
-    assert (
-        "2 of 6 runs (slow; up to 7e-11 m)" in sentences(said) and "bounded" not in said.answer.text
-    )
+    rows = STUDY.presented(results).rows
+    assert (rows["grows"], rows["runs"], rows["growing"]) == (2, 6, ["slow"])
+    assert float(rows["largest_growing"]) == 7e-11 and not joint["bounded"]
     assert list(said.tables[0].frame["growth"])[-1] == "inconclusive, t^(0.8 ± 0.5)"
 
 
@@ -103,17 +105,18 @@ def test_methods_that_are_as_far_off_are_all_named_and_an_offset_is_no_growth():
     alike = (table["variant"] == "slow") & (table["scene"] == SCENES[1])
     table.loc[alike, VELOCITY] = 4.01e-5
     said = STUDY.presented(results)
-    assert (
-        "7e-11 m (slow; bounded) and 4e-05 m/s (slow, still) at joints; 0.003 m and 0.02 m/s at contacts (touching)"
-        in said.answer.text
-    )
+    joint, contact = said.rows["largest"]
+    assert joint["positions_of"] == ["slow"] and joint["bounded"]
+    assert sorted(joint["velocities_of"]) == ["slow", "still"]
+    assert contact["positions_of"] == contact["velocities_of"] == ["touching"]
+    assert all(name in section_of(STUDY, results).answer for name in SHORT_NAMES)
     cells = {row[0]: row for row in said.tables[0].cells(brief=True)}
-    assert cells["still"][2:6] == ["0", "–", "4e-05", "case 3"]
+    assert cells["still"][2:6] == ["0", "–", "4e-05", "Slider-bar, case 3"]
 
 
 def test_a_failed_run_is_counted_and_an_engine_that_is_not_installed_is_absent():
     said = STUDY.presented(made_up("failed"))
-    assert "slow in 1 of 2" in sentences(said)
+    assert said.rows["failed"] == [{"variant": "slow", "failed": 1, "runs": 2}]
     assert "1 of 2" in [cell for row in said.tables[0].cells(brief=True) for cell in row]
     results = made_up()
     missing = Record(
@@ -138,8 +141,8 @@ def test_a_failed_run_is_counted_and_an_engine_that_is_not_installed_is_absent()
         ]
     )
     both = pd.concat([results.tables["drift"], lost], ignore_index=True)
-    with_missing = STUDY.presented(Results((*results.records, missing), {}, {"drift": both}))
-    assert sentences(with_missing) == sentences(STUDY.presented(results))
+    with_missing = section_of(STUDY, Results((*results.records, missing), {}, {"drift": both}))
+    assert words(with_missing) == words(section_of(STUDY, results))
 
 
 def test_the_figure_has_a_column_a_case():
@@ -167,5 +170,5 @@ def test_runs_that_failed_are_rows_and_nothing_is_said_of_their_drift():
     table = made.tables["drift"]
     assert len(made.records) == len(table) == len(comparison.tasks)
     assert (table[JOINT_COORDINATES] == (table["engine"] == "drake")).all()
-    said = STUDY.presented(Results(made.records, {}, made.tables))
+    said = section_of(STUDY, Results(made.records, {}, made.tables))
     assert not said.answer and not said.headlines

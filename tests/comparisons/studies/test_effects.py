@@ -6,7 +6,7 @@ import numpy as np
 import pandas as pd
 import pytest
 from conftest import here
-from made_up_runs import wrong_numbers
+from made_up_runs import wrong_numbers, wrongly_written
 
 from stiction.comparisons.bench.presentation import ANSWER_LENGTH
 from stiction.comparisons.bench.results import Results
@@ -29,6 +29,7 @@ from stiction.comparisons.studies.effects import (
     toggles,
 )
 from stiction.reference_impl.multibody.equation_summary import blocks, hlcp_size
+from stiction.reports.text import section_of
 from stiction.scenes import catalogue, load_scene, vary
 from stiction.truths import slider_bar_truth
 
@@ -366,28 +367,20 @@ def suppression_results(table):
 def test_stabilizations_are_compared_at_the_tightest_tolerance():
     table = suppression_table()
     results = suppression_results(table)
-    said = stabilization_choices.STUDY.presented(results)
-    assert [number.text for number in said.answer.numbers] == [
-        "18.2 (18.2 to 18.2)",
-        "3e-12",
-        "0",
-        "5e-11",
-        "9.1e-10",
+    study = stabilization_choices.STUDY
+    said = section_of(study, results)
+    assert [number for number in wrongly_written(said, results) if number.text != "0"] == []
+    assert {number.cell.row for number in said.numbers} == set(
+        1 + table.index[(table["step"] == 1e-9) & (table["suppression"] != "none")]
+    )
+    [tight] = [
+        one for one in study.presented(results).rows["compared"] if one["parameter"] == "rtol"
     ]
-    assert [number for number in wrong_numbers(said, results) if number.text != "0"] == []
-    time, *drifts = said.answer.numbers
-    assert [table.loc[row - 1, "suppression"] for row in time.rows] == [
-        "baumgarte",
-        "projection",
-    ] and {table.loc[row - 1, "step"] for row in time.rows} == {1e-9}
-    assert [table.loc[number.rows[0] - 1, "suppression"] for number in drifts] == [
-        "baumgarte",
-        "projection",
-    ] * 2
+    times = table[table["step"] == 1e-9].set_index("suppression")[OWN_CPU]
+    ratio = tight["baumgarte_over_projection"]
+    assert ratio.value == ratio.low == ratio.high == times["baumgarte"] / times["projection"]
+    assert "18.2 (18.2 to 18.2)" in said.answer
     without = table[(table["suppression"] != "baumgarte")]
-    assert not stabilization_choices.STUDY.presented(
-        suppression_results(without.reset_index(drop=True))
-    ).answer
-    assert not said_of(
-        stabilization_choices.STUDY, "suppression", table
-    ).answer  # without samples there is no ratio
+    assert not section_of(study, suppression_results(without.reset_index(drop=True))).answer
+    # without samples there is no ratio
+    assert not section_of(study, Results((), {}, {"suppression": table})).answer

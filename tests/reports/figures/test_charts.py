@@ -86,8 +86,8 @@ def errors() -> Chart:
     )
     return Chart(
         "errors",
-        "Errors fall with the step. More is in the text.",
         [logarithmic, intervals, logarithmic, logarithmic],
+        caption="Errors fall with the step. More is in the text.",
     )
 
 
@@ -99,16 +99,24 @@ def hard() -> HeatMap:
     ]
     return HeatMap(
         "hard",
-        "Where methods break down.",
         rows,
         columns,
         cells,
         SIGNS,
         {"First topic": 5, "Second topic": 7},
+        caption="Where methods break down.",
     )
 
 
-FIGURES = (errors(), hard(), MechanismPicture("mechanism", "The mechanism.", "slider-bar-case-1"))
+FIGURES = (
+    errors(),
+    hard(),
+    MechanismPicture(
+        "mechanism",
+        "slider-bar-case-1",
+        caption="The mechanism.",
+    ),
+)
 
 
 def saved(drawing: Drawing) -> Figure:
@@ -196,7 +204,14 @@ def test_no_two_labels_of_an_axis_touch(column):
         [Series("", np.array([15.0, 240.0]), np.array([1e-12, 2e-12]))],
     )
     with rc(column):
-        for figure in (errors(), Chart("narrow", "Drift.", [narrow] * 3)):
+        for figure in (
+            errors(),
+            Chart(
+                "narrow",
+                [narrow] * 3,
+                caption="Drift.",
+            ),
+        ):
             for ax in saved(draw(figure, LOOKS)).axes:
                 for axis in (ax.xaxis, ax.yaxis):
                     boxes = [
@@ -293,8 +308,8 @@ def test_a_variant_looks_the_same_in_all_figures_of_a_run(validation):
     def of(*labels: str) -> Chart:
         return Chart(
             "-".join(labels),
-            "C.",
             [Panel("", Axis(), Axis(), [Series(label, X, X, look=label) for label in labels])],
+            caption="C.",
         )
 
     with rc():
@@ -312,7 +327,17 @@ def test_a_variant_looks_the_same_in_all_figures_of_a_run(validation):
 def test_figures_of_nothing(panels: Sequence[Panel]):
     with rc():
         assert (
-            saved(draw(Chart("nothing", "Nothing.", panels), {})).axes is not None
+            saved(
+                draw(
+                    Chart(
+                        "nothing",
+                        panels,
+                        caption="Nothing.",
+                    ),
+                    {},
+                )
+            ).axes
+            is not None
             if panels
             else list(drawn([], Results((), {}, {}))) == []
         )
@@ -339,7 +364,11 @@ def tall(count: int, columns: int, series: int = 2) -> Chart:
         for number in range(count)
     ]
     return Chart(
-        "tall", "Drift of all methods. More of it is in the text.", panels, columns, share_x=True
+        "tall",
+        panels,
+        columns,
+        share_x=True,
+        caption="Drift of all methods. More of it is in the text.",
     )
 
 
@@ -434,7 +463,15 @@ def test_long_labels_are_broken_and_touch_no_other(column):
     )
     for panels in ([long], [long, named], [long, named, long, named]):
         with rc(column):
-            drawing = draw(Chart("long", "L.", panels, columns=2), {})
+            drawing = draw(
+                Chart(
+                    "long",
+                    panels,
+                    columns=2,
+                    caption="L.",
+                ),
+                {},
+            )
             fit_labels(drawing.figure)
             made = saved(drawing)
         boxes = [

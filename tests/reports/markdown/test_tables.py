@@ -41,12 +41,12 @@ COLUMNS = (
 )
 SHOWN = view(
     "made",
-    "Made up.",
     FRAME,
     COLUMNS,
     source="torque",
     rows=[(1, 2, 3), (5,), (7, 9)],
     group="group",
+    caption="Made up.",
 )
 
 
@@ -85,7 +85,12 @@ def test_markdown_lines_up_under_headings_of_groups():
     assert re.fullmatch(r"\| :-+ \| -+: \| -+: \| :-+ \|", lines[1]) and lines[3].split("|")[
         2
     ].endswith(" 1.2 ")
-    many = view("many", "Many.", pd.DataFrame({"n": range(50)}), (Column("n"),))
+    many = view(
+        "many",
+        pd.DataFrame({"n": range(50)}),
+        (Column("n"),),
+        caption="Many.",
+    )
     assert (
         table(many).count("\n") == BRIEF_ROWS + 1
         and f"The first {BRIEF_ROWS} of 50 rows" in more(many)
@@ -103,15 +108,20 @@ def test_latex_has_every_cell_and_key():
         and r"0.00123 \textpm{} $1{\times}10^{-5}$" in text
     )
     assert re.findall(r"& (J[\d,-]+) \\\\", text) == ["J1-3", "J5", "J7,9"]
-    long = view("long", "Long.", pd.DataFrame({"n": range(latex.LONGEST + 1)}), (Column("n"),))
+    long = view(
+        "long",
+        pd.DataFrame({"n": range(latex.LONGEST + 1)}),
+        (Column("n"),),
+        caption="Long.",
+    )
     assert r"\begin{xltabular}" in latex.table(laid_out(long)) and r"\endhead" in latex.table(
         laid_out(long)
     )
     wide = view(
         "wide",
-        "Wide.",
         pd.DataFrame({f"column {number}": ["some words of a cell"] for number in range(9)}),
         tuple(Column(f"column {number}", brief=number < 4) for number in range(9)),
+        caption="Wide.",
     )
     grouped = laid_out(replace(wide, frame=wide.frame.assign(part="first"), group="part"))
     assert (

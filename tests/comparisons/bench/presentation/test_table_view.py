@@ -33,13 +33,24 @@ RUNS = pd.DataFrame(
     ],
 )  # both are the same
 def test_a_column_takes_label_unit_and_uncertainty_from_its_quantity(column, head, cells):
-    shown = view("runs", "Runs.", RUNS, [column])
+    shown = view(
+        "runs",
+        RUNS,
+        [column],
+        caption="Runs.",
+    )
     assert (shown.heads(), [row[0] for row in shown.cells()]) == ([head], cells)
 
 
 def test_a_row_that_sums_up_others_knows_them():
     halves = [({"largest": part["count"].max()}, part) for part in (RUNS.iloc[:1], RUNS)]
-    shown = view("sums", "Sums.", halves, [Column("largest")], source="runs")
+    shown = view(
+        "sums",
+        halves,
+        [Column("largest")],
+        source="runs",
+        caption="Sums.",
+    )
     assert shown.rows == ((1,), (1, 2)) and shown.cells() == [["1"], ["2"]]
 
 

@@ -1,0 +1,277 @@
+"""Text of reports: Jinja2 templates in Markdown, filled with rows of the data.
+
+Each study has a template ``templates/studies/NAME.md`` of these blocks, of which it may leave out any:
+
+``answer``
+    One sentence or two that answer the study's question, on one line of a terminal and on page one.
+``beside``
+    What page one says behind the answer.
+``findings``
+    Paragraphs of the study's section, between empty lines.
+``figures``, ``tables``
+    The caption of each figure and table: ``{% call caption("drift") %}Largest drift of ..{% endcall %}``.
+``notes``
+    A list of how to read figures and tables: definitions, signs, what may be compared.
+
+A template reads ``Presentation.rows`` by name. What it names must be there: a misspelt name is an error.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from dataclasses import dataclass, replace
+from functools import cache
+from typing import Any
+
+from jinja2 import (
+    Environment,
+    PackageLoader,
+    StrictUndefined,
+    Template,
+    TemplateNotFound,
+    pass_context,
+)
+from jinja2.runtime import Context
+
+from stiction.comparisons.bench.methods import scene_title
+from stiction.comparisons.bench.presentation import Figure, Headline, Presentation, TableView
+from stiction.comparisons.bench.presentation.cells import cell, setting_of
+from stiction.comparisons.bench.presentation.rows import Cell, Row
+from stiction.comparisons.bench.results import Results
+from stiction.comparisons.bench.study import Study
+from stiction.comparisons.bench.timing.intervals import Interval
+from stiction.uncertain import Uncertain, bounded
+
+MILLI = 1e3
+"""Thousandths in a unit: milliseconds in a second, millimetres in a metre."""
+MILLIMETRES = 1e-6
+"""Metres; lengths from here on are written in mm."""
+_SHOWN = "shown_numbers"
+"""Name in a template's variables of the list of numbers that its filters have written."""
+
+
+@dataclass(frozen=True)
+class Number:
+    """A number that a template has written, and the cell that it is from.
+
+    `factor` multiplies the cell: 1000 for a time in ms.
+    """
+
+    text: str
+    cell: Cell
+    factor: float = 1.0
+
+
+@dataclass(frozen=True)
+class Section:
+    """A study in words, tables and figures, for renderers that know no study by name.
+
+    Attributes
+    ----------
+    answer, beside : str
+        One line each, in Markdown; empty if there is none.
+    findings, notes : sequences of str
+        Paragraphs, and items of a list.
+    headlines, tables, figures : sequences
+        Those of the presentation, with their captions.
+    numbers : sequence of Number
+        The numbers in the words.
+    """
+
+    answer: str = ""
+    beside: str = ""
+    findings: Sequence[str] = ()
+    headlines: Sequence[Headline] = ()
+    tables: Sequence[TableView] = ()
+    figures: Sequence[Figure] = ()
+    notes: Sequence[str] = ()
+    numbers: Sequence[Number] = ()
+
+    @property
+    def is_empty(self) -> bool:
+        """Nothing to show: then the report has no section of the study."""
+        return not (self.answer or self.findings or self.tables or self.figures)
+
+
+def section_of(study: Study, results: Results) -> Section:
+    """Return what a study says of the results, which may be those of a stored run."""
+    said = study.presented(results)
+    if not said.rows:  # sentences of its own
+        return Section(
+            said.answer.text,
+            said.beside.text,
+            [part.text for part in said.findings if part],
+            [
+                replace(
+                    one,
+                    cells={name: getattr(text, "text", text) for name, text in one.cells.items()},
+                )
+                for one in said.headlines
+            ],
+            said.tables,
+            said.figures,
+            said.notes,
+        )
+    return written(_template_of(study), said)
+
+
+def answer_of(study: Study, results: Results) -> str:
+    """Return the answer of a study, for one line of a terminal; empty if it has none."""
+    return section_of(study, results).answer
+
+
+def written(template: Template, said: Presentation) -> Section:
+    """Fill a template with the rows of a presentation."""
+    if said.is_empty:
+        return Section()
+    captions: dict[str, str] = {}
+    numbers: list[Number] = []
+
+    def caption(name: str, caller: Callable[[], str]) -> str:
+        captions[name] = one_line(caller())
+        return ""
+
+    variables = {**said.rows, _SHOWN: numbers, "caption": caption}
+    blocks = filled(template, variables)
+    return Section(
+        one_line(blocks.get("answer", "")),
+        one_line(blocks.get("beside", "")),
+        paragraphs(blocks.get("findings", "")),
+        said.headlines,
+        [replace(view, caption=captions.get(view.name, view.caption)) for view in said.tables],
+        [replace(each, caption=captions.get(each.name, each.caption)) for each in said.figures],
+        items(blocks.get("notes", "")),
+        numbers,
+    )
+
+
+def filled(template: Template, variables: Mapping[str, object]) -> dict[str, str]:
+    """Return the text of each block of a template."""
+    context = template.new_context(dict(variables))
+    return {name: "".join(block(context)) for name, block in template.blocks.items()}
+
+
+def one_line(text: str) -> str:
+    """Return the text with single spaces in place of breaks and of what a condition has left empty."""
+    return " ".join(text.split())
+
+
+def paragraphs(text: str) -> list[str]:
+    """Return the paragraphs of a text, which empty lines part, on one line each."""
+    return [one_line(part) for part in re.split(r"\n\s*\n", text) if part.strip()]
+
+
+def items(text: str) -> list[str]:
+    """Return the items of a Markdown list, on one line each."""
+    return [one_line(part) for part in re.split(r"(?m)^\s*- ", text) if part.strip()]
+
+
+def template(name: str) -> Template:
+    """Return a template by its path in ``templates``."""
+    return _environment().get_template(name)
+
+
+def _template_of(study: Study) -> Template:
+    """The text of a study: that of its file, else its own, which may be empty."""
+    try:
+        return template(f"studies/{study.name}.md")
+    except TemplateNotFound:
+        return _environment().from_string(study.text)
+
+
+@cache
+def _environment() -> Environment:
+    found = Environment(
+        loader=PackageLoader("stiction.reports"),
+        undefined=StrictUndefined,
+        autoescape=False,  # the text is Markdown; pages escape it when they convert it
+        trim_blocks=True,
+        lstrip_blocks=True,
+    )
+    found.filters.update(
+        quantity=quantity,
+        number=number,
+        milli=milli,
+        interval=interval,
+        ratio=ratio,
+        listed=listed,
+        setting=setting,
+        scene_title=scene_title,
+        first_upper=first_upper,
+    )
+    return found
+
+
+def _noted(context: Context, text: str, written: Cell, factor: float = 1.0) -> str:
+    """Keep which cell a text is from."""
+    context[_SHOWN].append(Number(text, written, factor))
+    return text
+
+
+@pass_context
+def quantity(context: Context, given: Cell) -> str:
+    """Write a number with its unit; a length in mm from a thousandth of one on: ``0.24 mm``, ``1.3e-11 m``."""
+    if given.quantity.unit == "m" and abs(given.value) >= MILLIMETRES:
+        return f"{milli(context, given)} mm"
+    unit = f" {given.quantity.unit}" if given.quantity.unit else ""
+    return f"{number(context, given)}{unit}"
+
+
+@pass_context
+def number(context: Context, given: Cell | float, form: str = "") -> str:
+    """Write a number without its unit, with the digits of its kind or by a format such as ``".3g"``."""
+    if not isinstance(given, Cell):
+        return _formatted(float(given), form or ".6g")
+    text = _formatted(given.value, form) if form else str(given)
+    return _noted(context, text, given)
+
+
+@pass_context
+def milli(context: Context, given: Cell, sign: str = "") -> str:
+    """Write a number in a thousandth of its unit, to two digits, behind its sign: a time in ms, a length in mm.
+
+    A number behind a sign of a bound, ``≤ 1.1``, is rounded so that it stays one.
+    """
+    return _noted(context, bounded(MILLI * given.value, sign), given, MILLI)
+
+
+@pass_context
+def interval(context: Context, given: Cell) -> str:
+    """Write a number with its sign and its uncertainty: ``-0.035 ± 0.063``."""
+    text = Uncertain(given.value, given.uncertainty or 0.0).both()
+    return _noted(context, text, given)
+
+
+def ratio(given: Interval, form: str = ".3g") -> str:
+    """Write a ratio with its interval: ``19.6 (19.3 to 20.1)``; one sample has none: ``~19.6``."""
+    value, low, high = (_formatted(each, form) for each in (given.value, given.low, given.high))
+    return f"~{value}" if given.samples == 1 else f"{value} ({low} to {high})"
+
+
+def listed(parts: Iterable[object], separator: str = ", ", last: str = " and ") -> str:
+    """Write ``a, b and c``."""
+    *first, end = map(str, parts)
+    return f"{separator.join(first)}{last}{end}" if first else end
+
+
+def setting(row: Row) -> str:
+    """Write the step or tolerance of a run: ``dt = 0.001 s``."""
+    step = row["step"]
+    return setting_of(str(row["parameter"]), float(step)) if isinstance(step, Cell) else ""
+
+
+def first_upper(text: str) -> str:
+    """Write the first letter as a capital, and leave the others as they are."""
+    return text[:1].upper() + text[1:]
+
+
+def _formatted(value: float, form: str) -> str:
+    """``980`` where the format alone would write ``9.8e+02``."""
+    text = format(value, form)
+    return f"{float(text):g}" if form.endswith("g") and abs(value) < 1e6 else text
+
+
+def plain_cell(given: Any) -> str:
+    """Write a value as a table does."""
+    return cell(given.quantity, given.value) if isinstance(given, Cell) else str(given)

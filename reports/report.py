@@ -9,17 +9,15 @@ from stiction.comparisons.bench.presentation import Figure, TableView
 from stiction.comparisons.bench.results import Results
 from stiction.comparisons.bench.study import Study
 from stiction.comparisons.studies import studies
-from stiction.reports.recommendation import recommendation
 from stiction.reports.text import Section, section_of
 
 
 @dataclass(frozen=True)
 class Report:
-    """The results of a run, the section of each study that has anything to show, and the answer of page one."""
+    """The results of a run, the section of each study that has anything to show."""
 
     results: Results
     said: Mapping[Study, Section]
-    answer: tuple[str, ...]
 
     @property
     def figures(self) -> list[Figure]:
@@ -33,10 +31,9 @@ class Report:
 
 
 def report_of(results: Results) -> Report:
-    """Let every study and the recommendation speak of the results."""
+    """Let every study speak of the results."""
     found = {study: section_of(study, results) for study in studies()}
     return Report(
         results,
         {study: said for study, said in found.items() if not said.is_empty},
-        tuple(part.text for part in recommendation(results)),
     )

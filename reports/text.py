@@ -22,7 +22,6 @@ import re
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cache
-from typing import Any
 
 from jinja2 import (
     Environment,
@@ -36,7 +35,7 @@ from jinja2.runtime import Context
 
 from stiction.comparisons.bench.methods import scene_title
 from stiction.comparisons.bench.presentation import Figure, Headline, Presentation, TableView
-from stiction.comparisons.bench.presentation.cells import cell, setting_of
+from stiction.comparisons.bench.presentation.cells import setting_of
 from stiction.comparisons.bench.presentation.rows import Cell, Row
 from stiction.comparisons.bench.results import Results
 from stiction.comparisons.bench.study import Study
@@ -47,7 +46,7 @@ MILLI = 1e3
 """Thousandths in a unit: milliseconds in a second, millimetres in a metre."""
 MILLIMETRES = 1e-6
 """Metres; lengths from here on are written in mm."""
-_SHOWN = "shown_numbers"
+SHOWN = "shown_numbers"
 """Name in a template's variables of the list of numbers that its filters have written."""
 
 
@@ -132,7 +131,7 @@ def written(template: Template, said: Presentation) -> Section:
         captions[name] = one_line(caller())
         return ""
 
-    variables = {**said.rows, _SHOWN: numbers, "caption": caption}
+    variables = {**said.rows, SHOWN: numbers, "caption": caption}
     blocks = filled(template, variables)
     return Section(
         one_line(blocks.get("answer", "")),
@@ -199,13 +198,14 @@ def _environment() -> Environment:
         setting=setting,
         scene_title=scene_title,
         first_upper=first_upper,
+        cardinal=cardinal,
     )
     return found
 
 
 def _noted(context: Context, text: str, written: Cell, factor: float = 1.0) -> str:
     """Keep which cell a text is from."""
-    context[_SHOWN].append(Number(text, written, factor))
+    context[SHOWN].append(Number(text, written, factor))
     return text
 
 
@@ -266,12 +266,12 @@ def first_upper(text: str) -> str:
     return text[:1].upper() + text[1:]
 
 
+def cardinal(count: int) -> str:
+    """Write a small number in words."""
+    return {1: "one", 2: "two", 3: "three"}.get(count, str(count))
+
+
 def _formatted(value: float, form: str) -> str:
     """``980`` where the format alone would write ``9.8e+02``."""
     text = format(value, form)
     return f"{float(text):g}" if form.endswith("g") and abs(value) < 1e6 else text
-
-
-def plain_cell(given: Any) -> str:
-    """Write a value as a table does."""
-    return cell(given.quantity, given.value) if isinstance(given, Cell) else str(given)

@@ -16,7 +16,7 @@ from stiction.reports.figures.style import Drawing, rc, save_all
 from stiction.reports.markdown.failures import failed_runs, grouped
 from stiction.reports.markdown.study_section import figure, study_section
 from stiction.reports.markdown.tables import fitted, markdown
-from stiction.reports.page_one import TITLE, page_one
+from stiction.reports.page_one import TITLE, page_one_markdown
 from stiction.reports.report import Report
 from stiction.reports.run_folder.data import tables_of, words, write_data
 from stiction.reports.run_folder.data_package import write_data_package
@@ -84,7 +84,7 @@ def compose(
         f"{engines}."
     )
     parts = [
-        page_one(report, picture, when),
+        page_one_markdown(report, picture, when),
         "## Terms",
         TERMS,
         *(study_section(study, said, by_name) for study, said in report.said.items()),

@@ -10,9 +10,12 @@ import json
 import re
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
+from functools import cache
 from html import escape
 from importlib.resources import files
 from typing import Any
+
+from markdown_it import MarkdownIt
 
 from stiction.scenes.pictures import web
 
@@ -94,23 +97,19 @@ def chart(name: str, selects: Sequence[str], views: Sequence[View], hint: str) -
     )
 
 
-def paragraph(text: str) -> str:
-    """Write a paragraph in which ``**a**`` is bold."""
-    return f"<p>{_bold(text)}</p>"
+@cache
+def _converter() -> MarkdownIt:
+    return MarkdownIt("commonmark", {"html": False})
 
 
-def items(texts: Iterable[str]) -> str:
-    """Write a list in which ``**a**`` is bold."""
-    return f"<ul>{''.join(f'<li>{_bold(text)}</li>' for text in texts)}</ul>"
+def markdown(text: str) -> str:
+    """Convert Markdown of a template to HTML; signs that HTML would take for its own are escaped."""
+    return str(_converter().render(text))
 
 
 def link(text: str, target: str) -> str:
     """Write a paragraph that leads to a file beside the page."""
     return f'<p><a href="{escape(target)}">{escape(text)}</a></p>'
-
-
-def _bold(text: str) -> str:
-    return re.sub(r"\*\*(.+?)\*\*", r"<strong>\1</strong>", escape(text))
 
 
 def details(summary: str, content: str) -> str:

@@ -21,7 +21,7 @@ from stiction.comparisons.regression.check import BETTER, COULD_NOT_RUN, REGRESS
 from stiction.comparisons.regression.history import History, open_history
 from stiction.comparisons.regression.night_changes import environment_changes
 from stiction.reports.markdown.regression_report import REPORT, SUMMARY
-from stiction.reports.page.document import View, chart, document, items, link, paragraph, table
+from stiction.reports.page.document import View, chart, document, link, markdown, table
 from stiction.scenes.atomic_files import write_text
 from stiction.scenes.pictures.picture import CYCLE
 from stiction.scenes.pictures.web import LONG, Columns
@@ -129,7 +129,7 @@ def _newest(night: str, verdict: str | None, told: _Night, changed: str, file: P
         f"**{verdict or 'not finished'}**",
         f"Environment: since the night before: {changed or 'there is none'}",
     )
-    blocks = [paragraph(night), items(lines)]
+    blocks = [markdown(night), markdown("\n".join(f"- {line}" for line in lines))]
     if told.report is not None:
         blocks.append(link("Report of this night", _path(told.report, file)))
     return blocks
@@ -162,7 +162,7 @@ def _course(rows: pd.DataFrame, nights: pd.DataFrame, told: Mapping[str, _Night]
 
         views.sort(key=distance)
     return [
-        paragraph(
+        markdown(
             "One line per variant and step size or tolerance; a red ring is a regression. Errors, drift and "
             "times are drawn in logarithms where all are > 0; a gap is a night in which the run failed. "
             "Times of different machines are different lines."
@@ -208,7 +208,7 @@ def _failures(rows: pd.DataFrame) -> list[str]:
             f"{engine} ({part['key'].nunique()} run{'s' * (part['key'].nunique() != 1)} a night)"
             for engine, part in absent.groupby("engine", sort=False)
         ]
-        blocks.append(paragraph(f"Not installed in some of the nights: {', '.join(words)}."))
+        blocks.append(markdown(f"Not installed in some of the nights: {', '.join(words)}."))
     failed = runs[runs["failed"] & (runs["status"] != MISSING_ENGINE)]
     if len(failed):
         lines = [

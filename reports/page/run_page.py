@@ -8,10 +8,9 @@ from html import escape
 from pathlib import Path
 
 from stiction.comparisons.bench.presentation import TableView
-from stiction.reports.page.document import chart, details, document, items, paragraph, table
+from stiction.reports.page.document import chart, details, document, markdown, table
 from stiction.reports.page.time_series import time_series
-from stiction.reports.page_one import HOW_TO_READ, TITLE, bullets, headline_table, not_installed
-from stiction.reports.recommendation import mechanism_in_words
+from stiction.reports.page_one import TITLE, answers, headline_table, page_one
 from stiction.reports.report import Report, report_of
 from stiction.reports.run_folder.provenance import commit_in_words
 from stiction.reports.run_folder.stored_run import StoredRun
@@ -35,8 +34,8 @@ def write_run_page(run: StoredRun, file: Path) -> None:
         sections["Time series"] = [chart("time-series", ("Scene",), views, HINT)]
     for study, said in report.said.items():
         blocks = [
-            *map(paragraph, said.findings),
-            *([items(said.notes)] if said.notes else []),
+            *map(markdown, said.findings),
+            markdown("\n".join(f"- {note}" for note in said.notes)),
             *(_figure(run, figure.name, figure.caption) for figure in said.figures),
             *map(_table, said.tables),
         ]
@@ -62,17 +61,15 @@ def write_run_page(run: StoredRun, file: Path) -> None:
 
 
 def _page_one(report: Report) -> Iterator[str]:
-    yield paragraph(mechanism_in_words(report.results))
-    yield from map(paragraph, report.answer)
+    page = page_one(report)
+    yield markdown(page.mechanism)
+    yield from map(markdown, page.recommendation)
     headlines = headline_table(report)
     if headlines.groups:
         rows = [[text.strip("*") for text in row] for row in headlines.rows]
-        yield table(
-            HOW_TO_READ, headlines.heads, rows, [False] + [True] * (len(headlines.heads) - 1)
-        )
-    yield items(f"**{title}.** {answer}" for title, answer in bullets(report))
-    if missing := not_installed(report.results):
-        yield paragraph(missing)
+        yield table(page.how_to_read, headlines.heads, rows, headlines.right)
+    yield markdown("\n".join(f"- **{title}.** {answer}" for title, answer in answers(report)))
+    yield markdown(page.not_installed)
 
 
 def _figure(run: StoredRun, name: str, caption: str) -> str:

@@ -16,7 +16,7 @@ import pandas as pd
 from stiction.comparisons.bench.presentation import TableView
 from stiction.reports.figures.charts import drawn, in_one_column
 from stiction.reports.figures.style import rc, save_all
-from stiction.reports.page_one import TITLE, bullets
+from stiction.reports.page_one import TITLE, answers, page_one
 from stiction.reports.paper import latex
 from stiction.reports.paper.methods import methods
 from stiction.reports.report import Report, report_of
@@ -139,7 +139,10 @@ def paper_content(
 
 def summary(report: Report) -> list[str]:
     """Return what page one says, an item each."""
-    return [*report.answer, *(f"**{title}.** {answer}" for title, answer in bullets(report))]
+    return [
+        *page_one(report).recommendation,
+        *(f"**{title}.** {answer}" for title, answer in answers(report)),
+    ]
 
 
 def laid_out(view: TableView) -> dict[str, Any]:

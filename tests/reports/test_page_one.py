@@ -8,29 +8,26 @@ import pandas as pd
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from made_up_runs import CASES, VARIANTS, about, is_in
+from made_up_runs import CASES, VARIANTS, about, is_cell
 from made_up_runs import record as made_up
 from report_material import hard_table, record, unsaved_figures
 
 from stiction.comparisons.bench.methods import methods
-from stiction.comparisons.bench.presentation import Number, traced, value
 from stiction.comparisons.bench.results import Results
 from stiction.comparisons.bench.variants import Variant
 from stiction.reports import report_of, write_report
 from stiction.reports.markdown.tables import WIDTH as TABLE_WIDTH
 from stiction.reports.markdown.tables import fitted
 from stiction.reports.page_one import (
-    HOW_TO_READ,
     TITLE,
     answer_lines,
-    bullets,
     headline_table,
-    not_installed,
     page_one,
-    runs_in_words,
+    page_one_markdown,
 )
-from stiction.reports.recommendation import mechanism_in_words, recommendation
+from stiction.reports.recommendation import recommendation
 from stiction.reports.report import Report
+from stiction.reports.text import Number
 from stiction.uncertain import Uncertain
 
 FIXED = ("Zhuang & Wang 2014", "1 mm takes", "nearest to 1 ms")
@@ -85,63 +82,53 @@ def read(folder) -> dict[str, pd.DataFrame]:
 
 
 def numbers(report: Report) -> list[Number]:
-    """Every traced number of the page."""
-    cells = [
-        part
-        for rows in headline_table(report).groups.values()
-        for row in rows.values()
-        for part in row
-        if part
+    """Every number of the page's sentences that is a cell of the data."""
+    answers = [
+        number
+        for study, said in report.said.items()
+        if study.on_page_one and said.answer
+        for number in said.numbers
     ]
-    parts = [
-        *cells,
-        *report.answer,
-        *(answer for _, answer in bullets(report)),
-        runs_in_words(report.results),
-    ]
-    return [number for part in parts for number in part.numbers]
+    return [*page_one(report).numbers, *answers]
 
 
 def test_every_number_is_in_the_data(report, folder):
     told, data = numbers(report), read(folder)
-    assert (
-        len(told) > 15
-        and {bool(number.column) for number in told} == {True, False}
-        and {number.table for number in told} >= {"accuracy", "equal-error", "hard"}
-    )
-    assert [number for number in told if not is_in(number, data)] == []
+    assert len(told) > 8
+    assert {number.cell.table for number in told} >= {"accuracy", "equal-error"}
+    assert [number for number in told if number.text != "0" and not is_cell(number, data)] == []
 
 
 def test_data_that_say_something_else_are_noticed(report, folder):
-    """Every number, with its own cells changed; of a count every row is there twice."""
+    """Every number, with its own cell changed."""
     data = read(folder)
     for number in numbers(report):
-        table = data[number.table]
-        if not number.column:
-            changed = pd.concat([table, table])
-        else:
-            changed = table.assign(
-                **{
-                    number.column: "nothing"
-                    if table[number.column].dtype == object
-                    else 3.0 * table[number.column] + 1.0
-                }
-            )
-        assert number.text == "0" or not is_in(number, {**data, number.table: changed}), number
+        table, column = data[number.cell.table], number.cell.quantity.key
+        changed = table.assign(**{column: 3.0 * table[column] + 1.0})
+        changed_data = {**data, number.cell.table: changed}
+        assert number.text == "0" or not is_cell(number, changed_data), number
 
 
 def test_no_other_digits(full, report):
-    page = text = " ".join(page_one(report, "", "Run.").split())
+    """What has digits is a cell of the data, a count, a cell of the table of methods, or fixed text."""
+    page = text = " ".join(page_one_markdown(report, "", "Run.").split())
+    words = page_one(report)
     assert len(text) > 500
+    for study, said in report.said.items():
+        assert said.answer in page or not study.on_page_one
+        text = text.replace(said.answer, "").replace(said.beside, "")
     for fixed in (
         TITLE,
-        HOW_TO_READ,
-        mechanism_in_words(full),
+        words.how_to_read,
+        words.mechanism,
+        words.runs,
+        words.not_installed,
         *FIXED,
         *(run.variant.label for run in full.records),
     ):
         text = text.replace(fixed, "")
-    for number in sorted(numbers(report), key=lambda number: -len(number.text)):
+    text = re.sub(r"\|.*\|", "", text)
+    for number in sorted(words.numbers, key=lambda number: -len(number.text)):
         assert " ".join(number.text.split()) in page
         text = text.replace(number.text, "")
     text = re.sub(r"\bcase \d\b|\bF0\b", "", text)  # names
@@ -157,32 +144,33 @@ def test_it_comes_out_whatever_is_missing(full, missing):
         tables={name: table for name, table in full.tables.items() if missing not in (name, "all")},
     )
     report = report_of(few)
-    assert page_one(report, "", "Run.").startswith(f"# {TITLE}") and "nan" not in " ".join(
+    assert page_one_markdown(report, "", "Run.").startswith(f"# {TITLE}") and "nan" not in " ".join(
         answer_lines(report)
     )
-    empty = page_one(report_of(Results((), {}, {})), "", "Run.")
+    empty = page_one_markdown(report_of(Results((), {}, {})), "", "Run.")
     assert empty.splitlines() == [f"# {TITLE}", "", "There were no runs. Run."]
 
 
 def test_what_stands_beside_an_answer_is_no_line_of_the_terminal(full, report):
     study = next(study for study in report.said if study.on_page_one)
-    beside = traced(
-        "It holds with {}.", value("accuracy", full.table("accuracy"), 0, "position_error")
+    said = replace(
+        report, said={**report.said, study: replace(report.said[study], beside="It holds.")}
     )
-    said = replace(report, said={**report.said, study: replace(report.said[study], beside=beside)})
-    page = " ".join(page_one(said, "", "Run.").split())
-    assert f"{said.said[study].answer.text} {beside.text}" in page and beside.numbers[0] in numbers(
-        said
-    )
+    page = " ".join(page_one_markdown(said, "", "Run.").split())
+    assert f"{said.said[study].answer} It holds." in page
     assert list(answer_lines(said)) == list(answer_lines(report))
 
 
 def test_times_are_those_of_all_cases_with_their_signs(report):
-    reference, scheme = (part.text for part in report.answer[:2])
-    assert (
-        "1 mm takes ≤ 1.3 to ≤ 3.2 ms of CPU." in reference
-        and "1 mm takes ~57 ms of CPU in case 1" in scheme
-    )
+    rows = recommendation(report.results)
+    reference, scheme = rows["reference"]["times"], rows["scheme"]["times"]
+    assert (reference["from_sign"], float(reference["from"])) == ("≤ ", 1.234e-3)
+    assert (reference["to_sign"], float(reference["to"])) == ("≤ ", 3.12e-3)
+    assert reference["only_in"] == []
+    assert (scheme["from_sign"], float(scheme["from"]), scheme["to"]) == ("~", 0.0567, None)
+    assert scheme["only_in"] == ["slider-bar-case-1"]
+    texts = [number.text for number in page_one(report).numbers]
+    assert {"≤ 1.3", "≤ 3.2", "~57"} <= set(texts)
 
 
 def test_our_own_solver_of_contacts_is_no_existing_engine(full):
@@ -195,16 +183,15 @@ def test_our_own_solver_of_contacts_is_no_existing_engine(full):
         [{**about(one), "position_error": 1e-3, "position_uncertainty": 0.0} for one in made]
     )
 
-    def said(engine):
+    def engines(engine):
         table.loc[table["fidelity"] == "contact", "engine"] = engine
-        return " ".join(
-            part.text for part in recommendation(Results(tuple(made), {}, {"accuracy": table}))
-        )
+        found = recommendation(Results(tuple(made), {}, {"accuracy": table}))
+        assert found["cases"] == 3 and float(found["reference"]["error"]) == 1e-3
+        return {one["fidelity"]: one["groups"] for one in found["engines"]}
 
-    assert "Existing engines, real contacts: pymunk 1 mm." in said(
-        "pymunk"
-    ) and "real contacts" not in said("moreau")
-    assert "right to 1 mm in all three cases" in said("pymunk")
+    [group] = engines("pymunk")["contact"]
+    assert [part["closest"]["variant"] for part in group["parts"]] == ["pymunk, contact"]
+    assert "contact" not in engines("moreau")
 
 
 def test_runs_that_failed_in_other_studies_are_not_kept_from_the_page(full, report):
@@ -219,11 +206,10 @@ def test_runs_that_failed_in_other_studies_are_not_kept_from_the_page(full, repo
             }
         ]
     )
-    assert "other studies" not in page_one(report, "", "Run.")
-    assert (
-        "ended early, of no stabilization: `failures.md`"
-        in runs_in_words(replace(full, tables={**full.tables, "study": ended})).text
-    )
+    assert "failures.md" not in page_one(report).runs
+    with_ended = report_of(replace(full, tables={**full.tables, "study": ended}))
+    assert "no stabilization" in page_one(with_ended).runs
+    assert "failures.md" in page_one(with_ended).runs
 
 
 def test_methods_stand_in_groups_that_may_be_compared(full, report):
@@ -242,12 +228,9 @@ def test_engines_that_are_not_installed_are_told_once_and_stand_in_no_table(full
         for name in ("Alpha", "Beta", "Beta, contact")
     ]
     few = replace(full, records=(*full.records[:3], *lost))
-    assert (
-        not_installed(few)
-        == "Not installed: Alpha, Beta; `stiction engines` says how to install them."
-        and not_installed(replace(full, records=full.records[:3])) == ""
-    )
-    page = page_one(report_of(few), "", "Run.")
+    assert "Alpha, Beta;" in page_one(report_of(few)).not_installed
+    assert page_one(report_of(replace(full, records=full.records[:3]))).not_installed == ""
+    page = page_one_markdown(report_of(few), "", "Run.")
     assert page.count("Alpha") == page.count("Beta") == 1
 
 

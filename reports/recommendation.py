@@ -23,7 +23,7 @@ from stiction.comparisons.bench.presentation.traced_text import (
     traced,
 )
 from stiction.comparisons.bench.results import Results
-from stiction.engines.registry import OWN_METHODS
+from stiction.engines.registry import own_methods
 from stiction.scenes import catalogue, load_scene
 from stiction.uncertain import rounded_up
 
@@ -113,7 +113,7 @@ def recommendation(results: Results) -> list[TracedText]:
             if group.fidelity != fidelity:
                 continue
             rows = [ranked[variant] for variant in variants if variant in ranked]
-            own = [row for row in rows if table.at[row, "engine"] in OWN_METHODS]
+            own = [row for row in rows if table.at[row, "engine"] in own_methods()]
             theirs = [row for row in rows if row not in own]
             engines = engines or bool(theirs)
             said = [_span(table, theirs)] if theirs else []

@@ -381,7 +381,7 @@ class Mechanism:
             else:
                 t, y = np.array(law.times), np.array(law.values)
                 cubic = law.interpolation == "cubic"
-                second = spline_slopes(t, y) if cubic else np.zeros(len(t))
+                second = spline_slopes(law.times, law.values) if cubic else np.zeros(len(t))
                 laws.append(
                     (LAW_SPLINE if cubic else LAW_TABLE, len(knots), len(knots) + len(t), 0, 0)
                 )

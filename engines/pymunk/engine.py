@@ -36,6 +36,7 @@ from typing import TYPE_CHECKING, Any, ClassVar, NamedTuple
 
 import numpy as np
 
+from stiction.engines.assembly import Assembly
 from stiction.engines.protocol import FIDELITIES, accepted, installed_version
 from stiction.engines.pymunk.correction import (
     Iteration,
@@ -134,10 +135,10 @@ class PymunkEngine(SteppedEngine):
         return None
 
     def stepper(
-        self, scene: Scene, h: float, options: Mapping[str, Any], fidelity: str
+        self, assembly: Assembly, h: float, options: Mapping[str, Any], fidelity: str
     ) -> AbstractContextManager[Stepper]:
         return nullcontext(
-            (_JointStepper if fidelity == "joint" else _ContactStepper)(scene, h, options)
+            (_JointStepper if fidelity == "joint" else _ContactStepper)(assembly, h, options)
         )
 
 
@@ -175,11 +176,12 @@ class _PymunkStepper(Stepper):
     capped: ClassVar[bool]
     friction: FrictionBound | CoefficientSwitch
 
-    def __init__(self, scene: Scene, h: float, options: Mapping[str, Any], fixed: set[str]):
+    def __init__(self, assembly: Assembly, h: float, options: Mapping[str, Any], fixed: set[str]):
         import pymunk
 
         super().__init__()
-        self._h, self._k, self._scene, self._fixed = h, 0, scene, fixed
+        scene = assembly.scene
+        self._h, self._k, self._assembly, self._fixed = h, 0, assembly, fixed
         self._space = space = pymunk.Space()
         space.iterations = options["iterations"]
         if scene.gravity is not None:
@@ -192,7 +194,7 @@ class _PymunkStepper(Stepper):
             space.add(body)
             named[name] = body
         # boxes find their friction themselves, and land in the first two steps
-        self.bound = FrictionBound(scene, options.get("passes", 1), self.capped)
+        self.bound = FrictionBound(assembly.whole, options.get("passes", 1), self.capped)
         self.balanced, self.settling = bool(len(self.bound.held)), 1 if self.capped else 2
         self._rod = _ROD * self.bound.balance.m.length_scale
         self._iterations, self._bias = options["iterations"], options["error_bias"]
@@ -338,21 +340,22 @@ class _PymunkStepper(Stepper):
 
     def compile(self) -> None:
         start, data, balance = self.bound.initial, self.data, self.bound.balance
+        scene = self._assembly.scene
         assemble(balance, 0.0, *start, 0.0)
-        iteration = Iteration(self._scene, balance, self._fixed)
+        iteration = Iteration(scene, balance, self._fixed)
         # boxes are held by contacts, which have a bias of their own; that of pins decides nothing
         # there
         share = iteration.share(self._iterations) if self.capped else 1.0
         bias = self._bias or bias_of_share(share, self._h)
         *between, guides = between_steps(
-            self._scene, self._h, bias, iteration.needed(_TRIAL_ITERATIONS)
+            self._assembly, self._h, bias, iteration.needed(_TRIAL_ITERATIONS)
         )
         self.bound.data.guides[:] = guides[: len(self.bound.data.guides)]
         self.correct(bias)
         if self.capped:  # the first step, which has no impulses of a step before to begin with
             self._space.iterations = iteration.needed(self._iterations)
         # smooth boxes, which have not landed yet, gain nothing by it
-        is_ahead = self.capped or bool(self._scene.frictional_guides)
+        is_ahead = self.capped or bool(scene.frictional_guides)
         self.begin(*(between if is_ahead else start))
         data.q[:], data.v[:] = start  # of the first sample
 
@@ -403,11 +406,12 @@ class _JointStepper(_PymunkStepper):
 
     capped = True
 
-    def __init__(self, scene: Scene, h: float, options: Mapping[str, Any]):
+    def __init__(self, assembly: Assembly, h: float, options: Mapping[str, Any]):
         import pymunk
 
-        fixed = non_turning(scene)
-        super().__init__(scene, h, options, fixed)
+        fixed = non_turning(assembly.scene)
+        super().__init__(assembly, h, options, fixed)
+        scene = assembly.scene
         self._rubbing: list[Constraint] = []
         for guide in scene.guides.values():
             slider, base = self._named[guide.slider], self._named[guide.guide]
@@ -438,11 +442,12 @@ class _ContactStepper(_PymunkStepper):
     capped = False
     friction: CoefficientSwitch
 
-    def __init__(self, scene: Scene, h: float, options: Mapping[str, Any]):
+    def __init__(self, assembly: Assembly, h: float, options: Mapping[str, Any]):
         import pymunk
         from pymunk import batch
 
-        super().__init__(scene, h, options, {GROUND})
+        super().__init__(assembly, h, options, {GROUND})
+        scene = assembly.scene
         fields = batch.ArbiterFields
         self._get_arbiters = batch.get_space_arbiters
         self._arbiter_fields = (
@@ -525,7 +530,7 @@ def _buffer(reals: int, names: int = 0) -> tuple[Buffer, np.ndarray, np.ndarray]
 
 
 def between_steps(
-    scene: Scene, h: float, error_bias: float, iterations: int
+    assembly: Assembly, h: float, error_bias: float, iterations: int
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Return a start from which the first step has the reactions of the motion, and the state of its guides.
 
@@ -541,10 +546,12 @@ def between_steps(
     `iterations`; the guides are those of that step.
     """
     # ideal guides at both fidelities: boxes have not landed in a first step
-    trial = _JointStepper(scene, h, {**_TRIAL, "iterations": iterations})
+    trial = _JointStepper(assembly, h, {**_TRIAL, "iterations": iterations})
     share = share_of_bias(error_bias, h)
     q, v = trial.bound.initial
-    of_velocity, of_position = (h / 2 * each for each in _least_accelerations(scene, trial.bound))
+    of_velocity, of_position = (
+        h / 2 * each for each in _least_accelerations(assembly.scene, trial.bound)
+    )
     trial.correct(0.0)
     trial.begin(q - h * of_position, v + of_velocity)
     trial.step()

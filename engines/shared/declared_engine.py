@@ -11,6 +11,7 @@ from typing import Any, ClassVar, Literal, TypeVar
 import numpy as np
 from pydantic import StrictBool, StrictStr, ValidationError
 
+from stiction.engines.assembly import Assembly, assembly_of
 from stiction.engines.examined import ACCELERATIONS, POSITIONS, VELOCITIES
 from stiction.engines.protocol import (
     FRICTION_SUPPLIED_BY,
@@ -124,6 +125,7 @@ class DeclaredEngine(Engine):
         settings: Mapping[str, Any],
         cost: Cost,
         termination: str,
+        assembly: Assembly | None = None,
     ) -> Trajectory:
         """Return the trajectory of a table, `events` taken from all its columns.
 
@@ -168,6 +170,7 @@ class DeclaredEngine(Engine):
                     for name, values in found.items()
                     if name.rpartition(".")[0] not in scene.bodies
                 },
+                assembly_of(scene, assembly).whole,
             )
             | found
         )

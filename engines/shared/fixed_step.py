@@ -13,6 +13,7 @@ from typing import Any, ClassVar, NamedTuple
 
 import numpy as np
 
+from stiction.engines.assembly import Assembly, assembly_of
 from stiction.engines.protocol import (
     FIDELITIES,
     BadTrajectory,
@@ -199,7 +200,7 @@ class SteppedEngine(Engine):
 
     @abstractmethod
     def stepper(
-        self, scene: Scene, h: float, options: Mapping[str, Any], fidelity: str
+        self, assembly: Assembly, h: float, options: Mapping[str, Any], fidelity: str
     ) -> AbstractContextManager[Stepper]:
         """Its steps of h seconds, for as long as they are taken; InputError for a setting out of its range."""
 
@@ -213,13 +214,15 @@ class SteppedEngine(Engine):
         fidelity: str,
         output_step: float,
         settings: Mapping[str, Any],
+        assembly: Assembly | None = None,
     ) -> Trajectory:
         started = process_time()
         grid, samples = Grid.of(t_end, step_of(dt, t_end), output_step), []
         h, last, every = grid.dt, grid.last, grid.every
         options = settings_of(settings, self.defaults[fidelity], self.name, fidelity)
-        refuse_off(scene)
-        with self.stepper(scene, h, options, fidelity) as stepper:
+        assembly = assembly_of(scene, assembly)
+        refuse_off(assembly)
+        with self.stepper(assembly, h, options, fidelity) as stepper:
             set_up = start = process_time()
             try:
                 stepper.compile()
@@ -244,11 +247,11 @@ class SteppedEngine(Engine):
             )
         t = np.arange(0, last + 1, every) * h
         q, v, a, modes, friction = (np.array(part) for part in zip(*samples))
-        rests = _held_too(scene, q, v, friction, h)
+        rests = _held_too(assembly.whole, q, v, friction, h)
         columns = columns_of_motion(
-            scene, t, q, v, a, np.where(rests, 0, modes), np.where(rests, np.nan, friction)
+            assembly.whole, t, q, v, a, np.where(rests, 0, modes), np.where(rests, np.nan, friction)
         )
-        size = Mechanism(scene, stabilization="none").arrays.length_scale
+        size = assembly.whole.arrays.length_scale
         off = columns["drift.position"]
         for name in scene.guides:
             if (farthest := np.abs(columns[f"{name}.displacement"]).max()) > self.reach[fidelity]:
@@ -275,7 +278,7 @@ class SteppedEngine(Engine):
 
 
 def columns_of_motion(
-    scene: Scene,
+    mechanism: Mechanism,
     t: np.ndarray,
     q: np.ndarray,
     v: np.ndarray,
@@ -288,13 +291,13 @@ def columns_of_motion(
     A friction that is NaN is recovered from the balance of momentum.
     """
     known: dict[str, np.ndarray] = {}
-    for i, name in enumerate(scene.frictional_guides):
+    for i, name in enumerate(mechanism.guide_names):
         known |= {f"{name}.mode": modes[:, i], f"{name}.friction": frictions[:, i]}
-    return recover_columns(scene, t, q, v, a, known)
+    return recover_columns(mechanism.scene, t, q, v, a, known, mechanism)
 
 
 def _held_too(
-    scene: Scene, q: np.ndarray, v: np.ndarray, friction: np.ndarray, dt: float
+    mechanism: Mechanism, q: np.ndarray, v: np.ndarray, friction: np.ndarray, dt: float
 ) -> np.ndarray:
     """Guides at rest to rounding, shape (n, frictional), where another is held (its friction is nan).
 
@@ -302,7 +305,7 @@ def _held_too(
     """
     if friction.shape[1] < 2:
         return np.zeros(friction.shape, dtype=bool)
-    m = Mechanism(scene, stabilization="none").arrays
+    m, scene = mechanism.arrays, mechanism.scene
     slip = np.stack(
         [
             guide_motion(m, list(scene.joints).index(name), q, v)[1]

@@ -27,6 +27,7 @@ from stiction.engines.shared.step_kernels import (
     finish_contacts,
 )
 from stiction.reference_impl.compiled.kernel import link_kernels
+from stiction.reference_impl.multibody.mechanism import Mechanism
 from stiction.scenes import Scene
 from stiction.scenes.model import Translational
 
@@ -75,7 +76,7 @@ class FrictionBound(GuideFriction):
 
     Parameters
     ----------
-    scene : Scene
+    mechanism : Mechanism
     passes : int
         Attempts at an undecided step.
     capped : bool
@@ -84,7 +85,7 @@ class FrictionBound(GuideFriction):
     Attributes
     ----------
     balance : Balance
-        The balance of the scene.
+        The balance of the mechanism.
     initial : tuple of ndarray, each of shape (3 * bodies,)
         Coordinates and velocities at t = 0.
     data : Cap
@@ -93,10 +94,11 @@ class FrictionBound(GuideFriction):
         To be set after each pass: magnitudes of the frictions in it (N).
     """
 
-    def __init__(self, scene: Scene, passes: int, capped: bool):
+    def __init__(self, mechanism: Mechanism, passes: int, capped: bool):
+        scene = mechanism.scene
         super().__init__(scene.frictional_guides.values() if capped else ())
         self.balance, self.held, self._caps = (
-            Balance.of(scene),
+            Balance.of(mechanism),
             self.guides["held"],
             self.guides["cap"].tolist,
         )

@@ -14,6 +14,7 @@ from typing import Any, ClassVar
 
 import numpy as np
 
+from stiction.engines.assembly import Assembly
 from stiction.engines.protocol import Refused
 from stiction.engines.shared.contact_geometry import direction_of
 from stiction.engines.shared.fixed_step import Sample, Stepper
@@ -110,13 +111,14 @@ class TreeStepper(Stepper):
     fidelity: ClassVar[str] = "joint"
     friction: GuideFriction
 
-    def __init__(self, scene: Scene, h: float, options: Mapping[str, Any]):
+    def __init__(self, assembly: Assembly, h: float, options: Mapping[str, Any]):
         super().__init__()
+        scene = assembly.scene
         tree, capped = LinkTree(scene, self.fidelity), self.fidelity == "joint"
         self.h, self.tree, self._k = h, tree, 0
         self.loaded = bool(scene.springs or scene.forces)
         # of every scene: one that is too large for it is refused before the engine has it
-        self._bound = FrictionBound(scene, options.get("passes", 1), capped)
+        self._bound = FrictionBound(assembly.whole, options.get("passes", 1), capped)
         self.friction = self._bound
         self.held, self.balanced = self._bound.held, bool(len(self._bound.held))
         self.friction_links = (
@@ -212,8 +214,9 @@ class ContactStepper(TreeStepper):
     fidelity = "contact"
     friction: CoefficientSwitch
 
-    def __init__(self, scene: Scene, h: float, options: Mapping[str, Any], *engine: Any):
-        super().__init__(scene, h, options, *engine)
+    def __init__(self, assembly: Assembly, h: float, options: Mapping[str, Any], *engine: Any):
+        super().__init__(assembly, h, options, *engine)
+        scene = assembly.scene
         self.friction = CoefficientSwitch(scene)
         places = {name: 3 * i for i, name in enumerate(scene.bodies)}
         self._axes = [

@@ -296,7 +296,7 @@ class _ContactStepper(ContactStepper, _DrakeStepper):
 
     def _begin_again(self, position: np.ndarray, velocity: np.ndarray) -> None:
         """Begin the first step here, with the stick of all guides that do not slip left open."""
-        self._k = 0
+        self.k = 0
         self.position[:], self.velocity[:] = position, velocity
         self.put(position, velocity)
         guides = self.friction.guides

@@ -4,10 +4,9 @@ from __future__ import annotations
 
 import math
 from abc import ABC, abstractmethod
-from collections.abc import Iterator, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from contextlib import AbstractContextManager
 from dataclasses import dataclass
-from itertools import islice
 from time import process_time
 from typing import Any, ClassVar, NamedTuple
 
@@ -25,7 +24,7 @@ from stiction.engines.protocol import (
     check_steps,
 )
 from stiction.engines.shared.engine_clock import EngineClock
-from stiction.engines.shared.friction_bound import CAPPED, CONTACT
+from stiction.engines.shared.friction_bound import CAPPED, CONTACT, FrictionBound
 from stiction.engines.shared.inconsistent_start import refuse_off
 from stiction.reference_impl.multibody.mechanism import Mechanism
 from stiction.reference_impl.multibody.reactions import recover_columns
@@ -51,53 +50,96 @@ class Sample(NamedTuple):
 
 
 class Stepper(ABC):
-    """A scene inside an engine, advanced by one fixed step at a time.
+    """A scene inside an engine, advanced by one fixed step at a time; `step` is a step from top to bottom.
 
     Attributes
     ----------
+    h : float
+        The step, s.
+    k : int
+        Steps taken.
+    bound : FrictionBound
+        The bounds of friction for the coming pass.
+    finish : callable
+        Takes in a pass, given the time (s) that the next step is for: False where the step is accepted, and the next
+        one has begun; True where it is to be repeated with other bounds. Compiled, from `begin` on.
     clock : EngineClock
         Its calls are passes: steps of the engine, repeated ones included.
     balanced : bool
         True where each pass has a solution of the balance of momentum, for the friction bound.
+    ahead : int
+        Steps that are taken before the sample at t = 0.
     settling : int
         Samples at the start whose acceleration and friction are those of the one behind them. Engines that hold
         constraints by velocities turn the consistent start into ones that lead the next position back onto the
         constraints; the accelerations of these steps, off by O(1), are not the motion's.
     """
 
+    ahead: ClassVar[int] = 0
     settling = 0
     balanced = False
+    bound: FrictionBound
+    finish: Callable[[float], bool]
 
-    def __init__(self) -> None:
-        self.clock = EngineClock()
+    def __init__(self, h: float) -> None:
+        self.clock, self.h, self.k = EngineClock(), h, 0
 
     @abstractmethod
     def compile(self) -> None:
         """Compile, or load, what the steps will call, and begin the first one."""
 
     @abstractmethod
-    def step(self) -> None:
-        """Take the next step."""
+    def aim(self) -> None:
+        """Have the motors of drives end the coming step on the drives' laws."""
+
+    @abstractmethod
+    def advance(self, caps: Sequence[float]) -> None:
+        """Make a pass: the engine steps with these bounds of friction (N) under the loads, and its state is read."""
+
+    @abstractmethod
+    def retreat(self) -> None:
+        """Return the engine to the beginning of the step."""
 
     @abstractmethod
     def sample(self) -> Sample:
         """The present sample, with arrays of its own."""
 
-    def samples(self, every: int) -> Iterator[Sample]:
-        """The samples at t = 0, every h, 2 every h, .. without end, stepping as they are taken."""
-        early = []
-        for k in range(self.settling):
-            if k % every == 0:
-                early.append(self.sample())
-            self.step()
-        follower = self.sample()
-        yield from (sample._replace(a=follower.a, friction=follower.friction) for sample in early)
-        for _ in range(-self.settling % every):
-            self.step()
-        while True:
-            yield self.sample()
-            for _ in range(every):
-                self.step()
+    def step(self) -> None:
+        """Take the next step.
+
+        Passes are repeated until the bounds of friction and the reactions agree; see `FrictionBound`.
+        """
+        self.aim()
+        self.k += 1
+        caps, t = self.bound.caps, (self.k + 1 - self.ahead) * self.h
+        self.advance(caps())
+        while self.finish(t):
+            self.retreat()
+            self.advance(caps())
+
+
+def march(stepper: Stepper, grid: Grid, samples: list[Sample]) -> None:
+    """Take the steps of a run, and record the samples at t = 0, every h, 2 every h, .. into a list.
+
+    FloatingPointError for a state that is not finite; the list has the samples before it.
+    """
+    settling, last, every = stepper.settling, grid.last, grid.every
+    for _ in range(stepper.ahead):
+        stepper.step()
+    for k in range(max(last, settling) + 1):
+        if k:
+            stepper.step()
+        if k == settling and samples:
+            # the first steps' accelerations were those of settling, not of the motion
+            settled = stepper.sample()
+            samples[:] = [
+                early._replace(a=settled.a, friction=settled.friction) for early in samples
+            ]
+        if k % every == 0 and k <= last:
+            sample = stepper.sample()
+            if not math.isfinite(sample.q.sum() + sample.v.sum() + sample.a.sum()):
+                raise FloatingPointError("a state is not finite")
+            samples.append(sample)
 
 
 def step_of(dt: float | None, t_end: float) -> float:
@@ -217,7 +259,7 @@ class SteppedEngine(Engine):
         assembly: Assembly | None = None,
     ) -> Trajectory:
         started = process_time()
-        grid, samples = Grid.of(t_end, step_of(dt, t_end), output_step), []
+        grid, samples = Grid.of(t_end, step_of(dt, t_end), output_step), list[Sample]()
         h, last, every = grid.dt, grid.last, grid.every
         options = settings_of(settings, self.defaults[fidelity], self.name, fidelity)
         assembly = assembly_of(scene, assembly)
@@ -228,10 +270,7 @@ class SteppedEngine(Engine):
                 stepper.compile()
                 start = process_time()
                 stepper.clock.start()
-                for sample in islice(stepper.samples(every), last // every + 1):
-                    if not math.isfinite(sample.q.sum() + sample.v.sum() + sample.a.sum()):
-                        raise FloatingPointError("a state is not finite")
-                    samples.append(sample)
+                march(stepper, grid, samples)
             except FloatingPointError as error:
                 reached = max(len(samples) - 1, 0) * every * h
                 raise EngineFailure(

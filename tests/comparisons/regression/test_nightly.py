@@ -29,6 +29,7 @@ from stiction.comparisons.regression.older_code import (
 from stiction.engines.isolation import isolate
 from stiction.engines.registry import ENGINES
 from stiction.engines.shared.friction_bound import FrictionBound
+from stiction.reference_impl.multibody.mechanism import Mechanism
 from stiction.scenes import vary
 from stiction.truths import PROVEN
 
@@ -501,11 +502,13 @@ def test_an_engine_whose_friction_is_one_percent_off_is_found(folder, monkeypatc
     invoke("check", "pymunk.toml", "--baseline", "b.toml")
     kept = FrictionBound.__init__
 
-    def damaged(self, scene, *others, **options):
-        guide = scene.guides["guide"]
+    def damaged(self, mechanism, *others, **options):
+        scene, guide = mechanism.scene, mechanism.scene.guides["guide"]
         kept(
             self,
-            vary(scene, {"guide.mu": 1.01 * guide.mu, "guide.mus": 1.01 * guide.mus}),
+            Mechanism(
+                vary(scene, {"guide.mu": 1.01 * guide.mu, "guide.mus": 1.01 * guide.mus}), "none"
+            ),
             *others,
             **options,
         )

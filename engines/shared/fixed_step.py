@@ -110,8 +110,8 @@ class Stepper(ABC):
         Passes are repeated until the bounds of friction and the reactions agree; see `FrictionBound`.
         """
         self.aim()
-        self.k += 1
-        caps, t = self.bound.caps, (self.k + 1 - self.ahead) * self.h
+        caps, self.k = self.bound.caps, (k := self.k + 1)
+        t = (k + 1 - self.ahead) * self.h
         self.advance(caps())
         while self.finish(t):
             self.retreat()
@@ -123,19 +123,19 @@ def march(stepper: Stepper, grid: Grid, samples: list[Sample]) -> None:
 
     FloatingPointError for a state that is not finite; the list has the samples before it.
     """
-    settling, last, every = stepper.settling, grid.last, grid.every
+    step, settling, last, every = stepper.step, stepper.settling, grid.last, grid.every
     for _ in range(stepper.ahead):
-        stepper.step()
+        step()
     for k in range(max(last, settling) + 1):
         if k:
-            stepper.step()
+            step()
         if k == settling and samples:
             # the first steps' accelerations were those of settling, not of the motion
             settled = stepper.sample()
             samples[:] = [
                 early._replace(a=settled.a, friction=settled.friction) for early in samples
             ]
-        if k % every == 0 and k <= last:
+        if not k % every and k <= last:
             sample = stepper.sample()
             if not math.isfinite(sample.q.sum() + sample.v.sum() + sample.a.sum()):
                 raise FloatingPointError("a state is not finite")

@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from stiction.engines.assembly import Assembly, assembly_of
 from stiction.scenes import Scene, Trajectory
 from stiction.scenes.columns import BODY_COLUMNS
 from stiction.scenes.trajectory import stacked
@@ -54,6 +55,8 @@ class Examined:
         As requested, s; `dt` may be None.
     locates, keeps : callable
         `Engine.locates_events` and `Engine.keeps_cone` at this fidelity, by the settings of the trajectory.
+    assembly : Assembly
+        Of the run; a new one where None.
     """
 
     found: Trajectory
@@ -64,6 +67,7 @@ class Examined:
     fidelity: str
     locates: Callable[[Mapping[str, Any]], bool]
     keeps: Callable[[Mapping[str, Any]], bool]
+    assembly: Assembly | None = None
 
     @property
     def step(self) -> float:
@@ -84,20 +88,20 @@ class Examined:
         stop, t = self.found.breakdown, self.found.t
         return stop is not None and len(t) == 1 and stop.time == t[0]
 
-    @cached_property
+    @property
     def parts(self) -> list[Mechanism]:
         """Mechanisms that the scene consists of; one of many parts may be too large as a whole."""
-        from stiction.reference_impl.multibody.mechanism import (
-            Mechanism,  # compiles: not for what only lists engines
-        )
-        from stiction.reference_impl.multibody.subsystems import independent_parts
+        return self.assembled.parts
 
-        return [Mechanism(part, stabilization="none") for part in independent_parts(self.scene)]
-
-    @cached_property
+    @property
     def size(self) -> float:
         """Length of the largest mechanism, m."""
-        return max(part.arrays.length_scale for part in self.parts)
+        return self.assembled.size
+
+    @cached_property
+    def assembled(self) -> Assembly:
+        """The mechanisms of the run."""
+        return assembly_of(self.scene, self.assembly)
 
     @cached_property
     def start(self) -> tuple[np.ndarray, np.ndarray]:

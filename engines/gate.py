@@ -190,7 +190,7 @@ def _left_open(
         ):
             continue
         q, v, a = motion
-        recovered = recover_columns(part.scene, t, q, v, a, frictions)
+        recovered = recover_columns(part.scene, t, q, v, a, frictions, part)
         # an event may lack columns that belong to no part, such as the drift of all
         left_open |= {
             name: np.isnan(values) & np.isnan(columns[name])

@@ -15,6 +15,7 @@ from importlib.metadata import requires, version
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from stiction.engines.assembly import Assembly
 from stiction.engines.examined import Examined
 from stiction.engines.gate import problems
 from stiction.scenes import Cost, InputError, Scene, StictionError, Trajectory
@@ -193,6 +194,12 @@ def check_settings(given: Iterable[str], known: Iterable[str], engine: str, fide
             )
 
 
+@cache
+def _takes_assembly(engine: type[Engine]) -> bool:
+    """Return True where `run` of a class names a parameter `assembly`."""
+    return "assembly" in inspect.signature(engine.run).parameters
+
+
 OBLIGATORY = ("name", "capabilities", "version", "refusal", "run")
 """Attributes and methods that a class derived from `Engine` must define."""
 
@@ -303,7 +310,9 @@ class Engine(ABC):
         """Simulate a scene that was not refused.
 
         The settings are all of `settings_of_run`, defaults among them. The columns that the
-        trajectory must have: `gate.required_columns`.
+        trajectory must have: `gate.required_columns`. An engine whose `run` has a parameter `assembly` besides gets the
+        `stiction.engines.assembly.Assembly` of this run, with the scene's mechanism; None where `run` is called by
+        itself.
         """
 
     def simulate(
@@ -379,6 +388,7 @@ class Engine(ABC):
         output_step = min(output_step, t_end)  # the end is an output instant whatever was asked for
         started = time.process_time()
         complete = self.settings_of_run(settings, fidelity=fidelity, dt=dt, rtol=rtol)
+        assembly = Assembly(scene)
         found = self.run(
             scene,
             t_end=t_end,
@@ -387,6 +397,7 @@ class Engine(ABC):
             fidelity=fidelity,
             output_step=output_step,
             settings=complete,
+            **({"assembly": assembly} if _takes_assembly(type(self)) else {}),
         )
         spent = time.process_time() - started
         examined = Examined(
@@ -398,6 +409,7 @@ class Engine(ABC):
             fidelity,
             partial(self.locates_events, fidelity),
             partial(self.keeps_cone, fidelity),
+            assembly,
         )
         for problem in problems(examined):
             raise BadTrajectory(f"{self.name} returned {problem}")

@@ -1,8 +1,8 @@
 """Engines by name: those of the suite, those that other packages announce, any class by its address, and files.
 
 A program is named by the path of its declaration, which ends in ``.toml``, an FMU by its own, which ends in ``.fmu``.
-Nothing but such a name runs a program or what an FMU contains. An engine that comes with the suite has a row in
-`BUILT_IN` and in `_PACKAGES`.
+Nothing but such a name runs a program or what an FMU contains. Of an engine that comes with the suite, its entry in
+`ENGINES` is what the rest of the code knows of it by name.
 """
 
 from __future__ import annotations
@@ -11,6 +11,7 @@ import difflib
 import sys
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
+from dataclasses import dataclass
 from functools import lru_cache
 from importlib import import_module
 from importlib.metadata import entry_points
@@ -22,38 +23,75 @@ from stiction.scenes import InputError, StictionError
 from stiction.scenes.wording import did_you_mean, names
 
 ENTRY_POINT_GROUP = "stiction.engines"
-OWN_METHODS = ("reference", "moreau")
-"""Engines of which the suite is the author: what they refuse, the method refuses, and no adapter."""
-BUILT_IN = {
-    "reference": "stiction.engines.reference.engine:ReferenceEngine",
-    "moreau": "stiction.engines.reference.moreau:MoreauEngine",
-    "exudyn": "stiction.engines.exudyn.engine:ExudynEngine",
-    "pymunk": "stiction.engines.pymunk.engine:PymunkEngine",
-    "pybullet": "stiction.engines.pybullet.engine:PybulletEngine",
-    "mujoco": "stiction.engines.mujoco.engine:MujocoEngine",
-    "drake": "stiction.engines.drake.engine:DrakeEngine",
-    "dart": "stiction.engines.dart.engine:DartEngine",
-}
-PROGRAMS = {"siconos": "stiction.engines.siconos.engine:SiconosEngine"}
-"""Engines whose declarations the suite ships and the system runs. Comparisons have them where they are named."""
-EXTRAS = ("pybullet", "mujoco", "drake", "dart")
-"""Engines that an installation may lack; extras of the same names bring them."""
-_PACKAGES = {
-    "exudyn": "exudyn",
-    "pymunk": "pymunk",
-    "pybullet": "pybullet",
-    "mujoco": "mujoco-core",
-    "drake": "drake",
-    "dart": "dartpy",
-    ".fmu": "fmpy",
-}
-"""Packages, as pip knows them, of the engines that the suite has adapters for, and of files."""
-_OWN, _OWN_PACKAGE = {**BUILT_IN, **PROGRAMS}, "stiction"
-FILES = {
-    ".toml": "stiction.engines.program.engine:ProgramEngine",
-    ".fmu": "stiction.engines.fmu.engine:FmuEngine",
-}
-"""Addresses of the engines that are files by the ending of their names; the classes take the absolute path."""
+
+
+@dataclass(frozen=True)
+class EngineEntry:
+    """An engine of the suite.
+
+    Attributes
+    ----------
+    name : str
+        What commands, tables and the extra of an optional engine call it.
+    address : str
+        ``"module:Class"`` of its adapter, a class that takes no arguments.
+    package : str
+        The package that it needs, as pip knows it; empty for none.
+    optional : bool
+        An installation may lack the package; the extra of the engine's name brings it.
+    own_method : bool
+        The suite is its author: what it refuses, the method refuses, and no adapter.
+    run_by_system : bool
+        The suite ships its declaration, and the system has its program. It takes part in
+        comparisons where it is named.
+    """
+
+    name: str
+    address: str
+    package: str = ""
+    optional: bool = False
+    own_method: bool = False
+    run_by_system: bool = False
+
+
+@dataclass(frozen=True)
+class FileEntry:
+    """A kind of engine that is a file, named by its path.
+
+    Attributes
+    ----------
+    ending : str
+        Of the file's name, with the dot.
+    address : str
+        ``"module:Class"`` of its adapter, a class that takes the absolute path.
+    package : str
+        The package that it needs, as pip knows it; empty for none.
+    """
+
+    ending: str
+    address: str
+    package: str = ""
+
+
+_HERE = "stiction.engines"
+ENGINES: tuple[EngineEntry, ...] = (
+    EngineEntry("reference", f"{_HERE}.reference.engine:ReferenceEngine", own_method=True),
+    EngineEntry("moreau", f"{_HERE}.reference.moreau:MoreauEngine", own_method=True),
+    EngineEntry("exudyn", f"{_HERE}.exudyn.engine:ExudynEngine", "exudyn"),
+    EngineEntry("pymunk", f"{_HERE}.pymunk.engine:PymunkEngine", "pymunk"),
+    EngineEntry("pybullet", f"{_HERE}.pybullet.engine:PybulletEngine", "pybullet", optional=True),
+    EngineEntry("mujoco", f"{_HERE}.mujoco.engine:MujocoEngine", "mujoco-core", optional=True),
+    EngineEntry("drake", f"{_HERE}.drake.engine:DrakeEngine", "drake", optional=True),
+    EngineEntry("dart", f"{_HERE}.dart.engine:DartEngine", "dartpy", optional=True),
+    EngineEntry("siconos", f"{_HERE}.siconos.engine:SiconosEngine", run_by_system=True),
+)
+"""The engines that come with the suite, in the order of tables: one entry is all that makes an engine known."""
+FILES: tuple[FileEntry, ...] = (
+    FileEntry(".toml", f"{_HERE}.program.engine:ProgramEngine"),
+    FileEntry(".fmu", f"{_HERE}.fmu.engine:FmuEngine", "fmpy"),
+)
+"""Engines that are files, by the endings of their names."""
+_OWN_PACKAGE = "stiction"
 
 
 class UnknownEngine(InputError):
@@ -81,14 +119,25 @@ class EngineBroken(EngineMissing):
     state = "broken"
 
 
+def entry_of(name: str) -> EngineEntry | None:
+    """Return the entry of an engine that comes with the suite; None for any other."""
+    return next((entry for entry in ENGINES if entry.name == name), None)
+
+
+def own_methods() -> list[str]:
+    """Return the names of the engines of which the suite is the author."""
+    return [entry.name for entry in ENGINES if entry.own_method]
+
+
 def engine_names() -> list[str]:
     """Names that `load_engine` knows: the suite's engines, then those of entry points."""
-    return [*_OWN, *sorted(_announced(tuple(sys.path)).keys() - _OWN.keys())]
+    own = [entry.name for entry in ENGINES]
+    return [*own, *sorted(_announced(tuple(sys.path)).keys() - set(own))]
 
 
 def is_file(name: str) -> bool:
     """Return True for the name of an engine that is a file: a program or an FMU."""
-    return name.endswith(tuple(FILES))
+    return name.endswith(tuple(entry.ending for entry in FILES))
 
 
 def absolute_name(name: str) -> str:
@@ -138,10 +187,11 @@ def load_engine(name: str) -> Engine:
                 f"engine: found no file {name!r}; expected the declaration of a program, or an FMU"
             )
         return _of_file(Path(name).resolve())
-    if name not in _OWN and name not in _announced(tuple(sys.path)):
+    entry = entry_of(name)
+    if entry is None and name not in _announced(tuple(sys.path)):
         _announced.cache_clear()  # its package may have been installed since
     others = _announced(tuple(sys.path))
-    addresses = {**others, **_OWN}
+    addresses = {**others, **{entry.name: entry.address for entry in ENGINES}}
     address = addresses.get(name, name)
     module, _, attribute = address.partition(":")
     if not module or not attribute:
@@ -152,10 +202,11 @@ def load_engine(name: str) -> Engine:
             + (f" (did you mean {close[0]!r}?)" if close else "")
         )
     try:
-        with _packaged(name, name):
-            return _made(name, module, attribute)
+        package = entry.package if entry else ""
+        with _packaged(name, package):
+            return _made(name, module, attribute, package)
     except Exception as error:
-        if name in BUILT_IN or name not in others:
+        if entry is not None or name not in others:
             raise  # what was asked for by its address is being written: its author wants the traceback
         raise EngineBroken(
             f"{name}: its adapter {address}, which another package announces, is broken: "
@@ -164,10 +215,11 @@ def load_engine(name: str) -> Engine:
 
 
 def _of_file(path: Path) -> Engine:
-    module, _, attribute = FILES[path.suffix].partition(":")
-    with _packaged(path.name, path.suffix):
+    entry = next(entry for entry in FILES if entry.ending == path.suffix)
+    module, _, attribute = entry.address.partition(":")
+    with _packaged(path.name, entry.package):
         engine = getattr(import_module(module), attribute)(path)
-    if engine.name in BUILT_IN:
+    if (taken := entry_of(engine.name)) and not taken.run_by_system:
         raise InputError(
             f"{path}: found the name {engine.name!r}; expected another name: an engine of the suite has "
             "it"
@@ -176,28 +228,28 @@ def _of_file(path: Path) -> Engine:
 
 
 @contextmanager
-def _packaged(shown: str, name: str) -> Iterator[None]:
+def _packaged(shown: str, package: str) -> Iterator[None]:
     """Say of an engine's package that cannot be imported what brings it."""
     try:
         yield
     except ImportError as error:
         if (error.name or "").partition(".")[0] == _OWN_PACKAGE:
             raise
-        raise EngineMissing(f"{shown}: {error}{_remedy(name)}") from error
+        raise EngineMissing(f"{shown}: {error}{_remedy(package)}") from error
 
 
-def _made(name: str, module: str, attribute: str) -> Engine:
+def _made(name: str, module: str, attribute: str, package: str) -> Engine:
     """The engine, which has said what its version and its capabilities are."""
     engine = _class(name, import_module(module), attribute)()
     try:
         str(engine.version)  # asks the engine's own package, which adapters import late
     except Exception as error:
         # whatever a broken package raises, or another one of its name: the other engines go on
-        if isinstance(error, ImportError) or name not in _PACKAGES:
+        if isinstance(error, ImportError) or not package:
             raise  # not installed, or a mistake in an adapter of others
         raise EngineBroken(
             f"{name}: its package is broken: {type(error).__name__}: "
-            f"{error}{_remedy(name, ' --force-reinstall --no-deps')}"
+            f"{error}{_remedy(package, ' --force-reinstall --no-deps')}"
         ) from error
     if not isinstance(engine.capabilities, Capabilities):
         raise TypeError(
@@ -238,10 +290,6 @@ def _class(name: str, module: ModuleType, attribute: str) -> type[Engine]:
     return found
 
 
-def _remedy(name: str, option: str = "") -> str:
+def _remedy(package: str, option: str = "") -> str:
     """Say what to install, after the reason; nothing for engines of others."""
-    return (
-        f"; pip install{option} '{package}{required(package)}' brings it"
-        if (package := _PACKAGES.get(name))
-        else ""
-    )
+    return f"; pip install{option} '{package}{required(package)}' brings it" if package else ""

@@ -12,7 +12,7 @@ from stiction.comparisons.bench.methods import grouped_methods, made_methods, me
 from stiction.comparisons.bench.presentation import row_of
 from stiction.comparisons.bench.results import Results
 from stiction.engines.protocol import FIDELITIES
-from stiction.engines.registry import OWN_METHODS
+from stiction.engines.registry import own_methods
 from stiction.scenes import catalogue, load_scene
 from stiction.uncertain import rounded_up
 
@@ -100,7 +100,7 @@ def _engines(
             if group.fidelity != fidelity:
                 continue
             rows = [worst[variant] for variant in variants if variant in worst]
-            own = [row for row in rows if table.at[row, "engine"] in OWN_METHODS]
+            own = [row for row in rows if table.at[row, "engine"] in own_methods()]
             theirs = [row for row in rows if row not in own]
             if theirs:
                 has_engines = True

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
+from functools import lru_cache
 from typing import Annotated, Any, Literal, overload
 
 import numpy as np
@@ -83,21 +84,19 @@ def law_kinks(law: Law, t_end: float) -> tuple[float, ...]:
     return tuple(time for time in law.times if 0 < time < t_end) if isinstance(law, Table) else ()
 
 
-def spline_slopes(times: np.ndarray, values: np.ndarray) -> np.ndarray:
-    """Second derivatives of the natural cubic spline at its knots, shape (n,).
+@lru_cache(maxsize=64)
+def spline_slopes(times: tuple[float, ...], values: tuple[float, ...]) -> np.ndarray:
+    """Second derivatives of the natural cubic spline at its knots, shape (n,), read-only.
 
     Its first derivative is continuous, its second zero at both ends (de Boor, A Practical Guide to Splines, ch. IV).
+    Kept for the last splines: an adapter evaluates the law of a drive in each step.
     """
-    from scipy.linalg import (
-        solve_banded,  # here: a scene without splines is read in half the time without it
-    )
+    # imported here: nothing else needs it, and it takes longer to import than most scenes to read
+    from scipy.interpolate import CubicSpline
 
-    h = np.diff(times)
-    second = np.zeros(len(times))
-    if len(times) > 2:
-        bands = np.zeros((3, len(times) - 2))
-        bands[0, 1:], bands[1], bands[2, :-1] = h[1:-1], 2 * (h[:-1] + h[1:]), h[1:-1]
-        second[1:-1] = solve_banded((1, 1), bands, 6 * np.diff(np.diff(values) / h))
+    second = CubicSpline(times, values, bc_type="natural")(times, 2)
+    second[[0, -1]] = 0.0  # which the spline meets to rounding
+    second.flags.writeable = False
     return second
 
 
@@ -129,7 +128,8 @@ def evaluate_law(law: Law, t: Any) -> Any:
             -law.amplitude * law.frequency**2 * sine,
         )
     times, values = np.array(law.times), np.array(law.values)
-    second = spline_slopes(times, values) if law.interpolation == "cubic" else np.zeros(len(times))
+    cubic = law.interpolation == "cubic"
+    second = spline_slopes(law.times, law.values) if cubic else np.zeros(len(times))
     i = int(np.clip(np.searchsorted(times, t, side="right") - 1, 0, len(times) - 2))
     h = times[i + 1] - times[i]
     slope = (values[i + 1] - values[i]) / h

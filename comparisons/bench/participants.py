@@ -13,7 +13,7 @@ from functools import cache
 from stiction.comparisons.bench.campaign import CAMPAIGNS, Campaign, load_campaign
 from stiction.comparisons.bench.depth import Depth, Extent, down_to
 from stiction.comparisons.bench.variants import Variant
-from stiction.engines.registry import PROGRAMS, absolute_name, engine_names
+from stiction.engines.registry import absolute_name, engine_names, entry_of
 
 REFERENCE = "reference"
 
@@ -27,10 +27,12 @@ def validation_campaign() -> Campaign:
 def participants(engines: Iterable[str] | None = None) -> tuple[Variant, ...]:
     """Return all variants of the reference and of these engines; those of the file first.
 
-    Where None, of all known ones but `PROGRAMS`, which take part where they are named.
+    Where None, of all known ones but those that the system runs, which take part where they are named.
     """
     campaign = validation_campaign()
-    known_here = [name for name in engine_names() if name not in PROGRAMS]
+    known_here = [
+        name for name in engine_names() if not ((entry := entry_of(name)) and entry.run_by_system)
+    ]
     chosen = dict.fromkeys(
         [REFERENCE, *(known_here if engines is None else map(absolute_name, engines))]
     )

@@ -25,7 +25,7 @@ from stiction.comparisons.hard.case import (
 )
 from stiction.engines.isolation import Outcome
 from stiction.engines.protocol import UNSETTLED, BadTrajectory, Declined, EngineFailure, Refused
-from stiction.engines.registry import OWN_METHODS, load_engine
+from stiction.engines.registry import load_engine, own_methods
 from stiction.scenes import Scene, SceneError, Trajectory
 
 RIGHT, DEGRADED, WRONG, FAILED = "right", "degraded", "wrong", "failed"
@@ -115,7 +115,7 @@ def examine(name: str, variant: Variant) -> Examination:
     by = READER
     try:
         scenes = case.scenes(has_static_coefficient(variant))
-        by = METHOD if variant.engine in OWN_METHODS else ADAPTER
+        by = METHOD if variant.engine in own_methods() else ADAPTER
         steps = scenes[0].t_end / case.dt
         if variant.parameter == "dt" and steps > case.most_steps * 1.001:
             return Examination(

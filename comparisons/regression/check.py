@@ -37,7 +37,7 @@ from stiction.comparisons.regression.tolerances import (
     not_judged,
     tolerance,
 )
-from stiction.engines.registry import EXTRAS
+from stiction.engines.registry import entry_of
 from stiction.truths.truth import OWN_RUN
 
 REGRESSION, COULD_NOT_RUN, BETTER, NOT_JUDGED, NEW = (
@@ -191,7 +191,8 @@ def compared(rows: Iterable[Row], baseline: Baseline) -> int:
 
 def _of_status(row: Row, expected: Expected | None, baseline: Baseline) -> Finding | None:
     now, before = row.outcome, None if expected is None else expected.outcome
-    if now == "missing" and row.engine in EXTRAS:  # an extra need not be installed
+    entry = entry_of(row.engine)
+    if now == "missing" and entry and entry.optional:  # it need not be installed
         severity, words = NOT_JUDGED, row.reason
     elif expected is None:
         severity = NEW if now in ("ok", "refused") else COULD_NOT_RUN

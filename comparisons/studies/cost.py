@@ -57,7 +57,7 @@ from stiction.comparisons.measures.equal_error import (
 from stiction.comparisons.measures.work_precision import ORDER, TIMING, TOTAL, Timed, work_precision
 from stiction.comparisons.studies.accuracy import chart_by_case
 from stiction.engines.protocol import Supplier
-from stiction.engines.registry import OWN_METHODS
+from stiction.engines.registry import own_methods
 from stiction.scenes import Scene, load_scene
 from stiction.uncertain import bounded
 
@@ -247,7 +247,7 @@ def _times_to_position(results: Results, cost: pd.DataFrame) -> pd.DataFrame:
         & equal["scene"].isin(cost["scene"])
         & equal["because"].ne(FAILED)
     )
-    steps = cost.loc[(cost["parameter"] == "dt") & ~cost["engine"].isin(OWN_METHODS), "variant"]
+    steps = cost.loc[(cost["parameter"] == "dt") & ~cost["engine"].isin(own_methods()), "variant"]
     return equal[there].assign(
         **{"is_bound": equal["is_bound"].eq(True), "steps": equal["variant"].isin(steps)}
     )
@@ -294,7 +294,7 @@ def _answer(reached: pd.DataFrame, first: str) -> TracedText:
 def _without(cost: pd.DataFrame, reached: pd.DataFrame, first: str) -> list[str]:
     """Names of the engines without a run that is accurate to `TARGET`; a finer one might be."""
     made = cost[_measured(cost) & (cost["scene"] == first) & (cost["parameter"] == "dt")]
-    made = made[~made["engine"].isin(OWN_METHODS) & ~made["variant"].isin(reached["variant"])]
+    made = made[~made["engine"].isin(own_methods()) & ~made["variant"].isin(reached["variant"])]
     return [called(variant) for variant in dict.fromkeys(made["variant"])]
 
 

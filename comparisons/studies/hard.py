@@ -36,7 +36,7 @@ from stiction.comparisons.hard.examination import (
     UNREAD,
     WRONG,
 )
-from stiction.engines.registry import OWN_METHODS
+from stiction.engines.registry import own_methods
 
 HOSTILE = "hostile scenes"
 """Topic of the cases that are about the reader of scene files, not about a method."""
@@ -145,7 +145,7 @@ def _others(table: pd.DataFrame, mechanical: pd.DataFrame) -> list[TracedText]:
     """The engines with the smallest and the largest part of wrong answers among those that are judged, by fidelity."""
     parts, judged = (
         [],
-        mechanical[mechanical["verdict"].isin(JUDGED) & ~mechanical["engine"].isin(OWN_METHODS)],
+        mechanical[mechanical["verdict"].isin(JUDGED) & ~mechanical["engine"].isin(own_methods())],
     )
     for fidelity, rows in judged.groupby("fidelity", sort=False):
         share = rows["verdict"].isin(COUNTED["wrong"]).groupby(rows["variant"], sort=False).mean()

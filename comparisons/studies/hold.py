@@ -74,7 +74,7 @@ from stiction.comparisons.studies.hold_data import FORMS, load_data
 from stiction.comparisons.studies.settings import DEFAULT, SETTING, SUBJECT
 from stiction.engines.isolation import Outcome, Task
 from stiction.engines.protocol import FIDELITIES, EngineFailure
-from stiction.engines.registry import OWN_METHODS, load_engine
+from stiction.engines.registry import load_engine, own_methods
 from stiction.scenes import InputError, Scene, Trajectory, load_scene, vary
 from stiction.scenes.wording import as_given
 from stiction.truths import NO_TRUTH
@@ -667,8 +667,8 @@ def present(results: Results) -> Presentation:
                     name,
                 )
                 for name, rows in (
-                    ("engines", ranked[~ranked["engine"].isin(OWN_METHODS)]),
-                    ("of our own", ranked[ranked["engine"].isin(OWN_METHODS)]),
+                    ("engines", ranked[~ranked["engine"].isin(own_methods())]),
+                    ("of our own", ranked[ranked["engine"].isin(own_methods())]),
                 )
                 if len(rows)
             ]

@@ -21,6 +21,7 @@ from typing import Any
 
 import numpy as np
 
+from stiction.engines.assembly import Assembly
 from stiction.engines.protocol import BadTrajectory, accepted, installed_version
 from stiction.engines.shared.acceleration_integrator import Dynamics
 from stiction.engines.shared.contact_geometry import (
@@ -112,10 +113,10 @@ class DartEngine(TreeEngine):
 
     @contextmanager
     def stepper(
-        self, scene: Scene, h: float, options: Mapping[str, Any], fidelity: str
+        self, assembly: Assembly, h: float, options: Mapping[str, Any], fidelity: str
     ) -> Iterator[TreeStepper]:
         with _loops_closed_by(options["erp"]):
-            yield (_Stepper if fidelity == "joint" else _ContactStepper)(scene, h, options)
+            yield (_Stepper if fidelity == "joint" else _ContactStepper)(assembly, h, options)
 
     @contextmanager
     def dynamics(self, scene: Scene, tree: LinkTree, clock: EngineClock) -> Iterator[Dynamics]:
@@ -228,11 +229,12 @@ def _placed(point: Sequence[float] | np.ndarray, angle: float) -> Any:
 class _Stepper(TreeStepper):
     """A scene as DART's world of a skeleton for each branch from the ground, friction as that of its joints."""
 
-    def __init__(self, scene: Scene, h: float, options: Mapping[str, Any]):
+    def __init__(self, assembly: Assembly, h: float, options: Mapping[str, Any]):
         from dartpy.dynamics import ActuatorType
         from dartpy.simulation import World
 
-        super().__init__(scene, h, options)
+        super().__init__(assembly, h, options)
+        scene = assembly.scene
         tree, mass = self.tree, sum(body.mass for body in scene.bodies.values())
         self._unit = 2.0 ** round(math.log2(_MASS / mass)) if self.fidelity == "contact" else 1.0
         self._world = world = World()
@@ -320,11 +322,12 @@ class _Stepper(TreeStepper):
 class _ContactStepper(ContactStepper, _Stepper):
     """Sliders between two fixed surfaces each."""
 
-    def __init__(self, scene: Scene, h: float, options: Mapping[str, Any]):
+    def __init__(self, assembly: Assembly, h: float, options: Mapping[str, Any]):
         from dartpy.dynamics import Skeleton
         from dartpy.simulation import CollisionDetectorType
 
-        super().__init__(scene, h, options)
+        super().__init__(assembly, h, options)
+        scene = assembly.scene
         self._world.setCollisionDetector(
             getattr(CollisionDetectorType, options["detector"].upper())
         )

@@ -20,6 +20,7 @@ from typing import Any
 
 import numpy as np
 
+from stiction.engines.assembly import Assembly
 from stiction.engines.drake.contact import Boxes, Material
 from stiction.engines.drake.plant import Plant, start_mass
 from stiction.engines.protocol import BadTrajectory, Engine, EngineFailure, Refused
@@ -67,7 +68,7 @@ _LEAST_MASS = 1e-9
 
 def run_continuous(
     engine: Engine,
-    scene: Scene,
+    assembly: Assembly,
     *,
     t_end: float,
     dt: float | None,
@@ -93,11 +94,11 @@ def run_continuous(
     for name in ("stiffness", "stiction_tolerance", "longest_step"):
         if not options[name] > 0:
             raise InputError(f"{name}: found {options[name]!r}; expected a number > 0")
-    rtol = DEFAULT_TOLERANCE if rtol is None else rtol
+    scene, rtol = assembly.scene, DEFAULT_TOLERANCE if rtol is None else rtol
     started, t, instant, samples = time.process_time(), output_times(t_end, output_step), 0.0, []
     over = min(options["longest_step"], np.diff(t).min() / 2)
     try:
-        simulation = _Simulation(scene, LinkTree(scene, fidelity), options, rtol)
+        simulation = _Simulation(assembly, LinkTree(scene, fidelity), options, rtol)
         setup_s, started = time.process_time() - started, time.process_time()
         simulation.clock.start()
         for instant in t:
@@ -144,7 +145,7 @@ def run_continuous(
         version=engine.version,
         fidelity=fidelity,
         t=t,
-        columns=columns_of_motion(scene, t, q, v, a, modes, frictions),
+        columns=columns_of_motion(assembly.whole, t, q, v, a, modes, frictions),
         settings={"rtol": rtol, "method": METHOD, **options, "friction_law": FRICTION_LAW},
         cost=Cost(setup_s, 0.0, ended - started, {"steps": steps}, engine_s),
     )
@@ -173,17 +174,20 @@ def _coefficients(mu: float, mus: float) -> tuple[float, float]:
 class _Simulation:
     """A scene in Drake's simulator."""
 
-    def __init__(self, scene: Scene, tree: LinkTree, options: Mapping[str, Any], accuracy: float):
+    def __init__(
+        self, assembly: Assembly, tree: LinkTree, options: Mapping[str, Any], accuracy: float
+    ):
         from pydrake.multibody.plant import AddMultibodyPlantSceneGraph, ContactModel
         from pydrake.systems.analysis import ResetIntegratorFromFlags, Simulator
         from pydrake.systems.framework import DiagramBuilder
 
+        scene = assembly.scene
         if tree.loops:
             raise Refused(
                 f"joints.{tree.loops[0]}: closes a loop, of which Drake's continuous plant has none"
             )
         start = tree.coordinates(scene)
-        refuse_off(scene)
+        refuse_off(assembly)
         self.clock = EngineClock()
         self._tree, self._still = tree, np.zeros(len(tree.links))
         self._links = links = Plant(
@@ -206,7 +210,7 @@ class _Simulation:
         self._boxes = boxes = Boxes(scene, tree, links.bodies, plant, graph, materials)
         plant.Finalize()
         if scene.springs or scene.forces or scene.drives:
-            self._add_loads(scene, builder)
+            self._add_loads(assembly, builder)
         links.finalize(builder)
         self.simulator = simulator = Simulator(links.system, links.root)
         boxes.begin(links.root)
@@ -263,7 +267,7 @@ class _Simulation:
             self._links.plant.get_contact_results_output_port().Eval(self._links.context)
         )[0]
 
-    def _add_loads(self, scene: Scene, builder: Any) -> None:
+    def _add_loads(self, assembly: Assembly, builder: Any) -> None:
         """Connect loads and motors."""
         from pydrake.common.value import Value
         from pydrake.systems.framework import LeafSystem
@@ -271,8 +275,8 @@ class _Simulation:
         links, tree, motors, balance = (
             self._links,
             self._tree,
-            self._motors(scene),
-            Balance.of(scene),
+            self._motors(assembly.scene),
+            Balance.of(assembly.whole),
         )
         link_kernels(applied_loads)
 

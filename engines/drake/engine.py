@@ -23,6 +23,7 @@ from typing import Any
 
 import numpy as np
 
+from stiction.engines.assembly import Assembly, assembly_of
 from stiction.engines.drake.contact import Boxes, Material, corner_inertias
 from stiction.engines.drake.continuous import METHOD, run_continuous
 from stiction.engines.drake.plant import Plant, start_mass
@@ -105,16 +106,16 @@ class DrakeEngine(TreeEngine):
                 )
         return None
 
-    def run(self, scene: Scene, **asked: Any) -> Trajectory:
+    def run(self, scene: Scene, *, assembly: Assembly | None = None, **asked: Any) -> Trajectory:
         if asked["settings"].get("method") == METHOD:
-            return run_continuous(self, scene, **asked)
-        return super().run(scene, **asked)
+            return run_continuous(self, assembly_of(scene, assembly), **asked)
+        return super().run(scene, assembly=assembly, **asked)
 
     def stepper(
-        self, scene: Scene, h: float, options: Mapping[str, Any], fidelity: str
+        self, assembly: Assembly, h: float, options: Mapping[str, Any], fidelity: str
     ) -> AbstractContextManager[TreeStepper]:
         return nullcontext(
-            (_JointStepper if fidelity == "joint" else _ContactStepper)(scene, h, options)
+            (_JointStepper if fidelity == "joint" else _ContactStepper)(assembly, h, options)
         )
 
     @contextmanager
@@ -137,10 +138,11 @@ class _DrakeStepper(TreeStepper):
 
     _output: Any
 
-    def __init__(self, scene: Scene, h: float, options: Mapping[str, Any]):
+    def __init__(self, assembly: Assembly, h: float, options: Mapping[str, Any]):
         from pydrake.multibody.tree import PdControllerGains, default_model_instance
 
-        super().__init__(scene, h, options)
+        super().__init__(assembly, h, options)
+        scene = assembly.scene
         tree, self._options = self.tree, options
         self._links = Plant(scene, tree, h)
         self._plant = plant = self._links.plant
@@ -217,8 +219,8 @@ class _DrakeStepper(TreeStepper):
 class _JointStepper(_DrakeStepper):
     """Guides as prismatic joints, friction as their limited servos."""
 
-    def __init__(self, scene: Scene, h: float, options: Mapping[str, Any]):
-        super().__init__(scene, h, options)
+    def __init__(self, assembly: Assembly, h: float, options: Mapping[str, Any]):
+        super().__init__(assembly, h, options)
         self._output = self._plant.get_net_actuation_output_port()
 
     def _surround(self, scene: Scene) -> None:
@@ -236,11 +238,12 @@ class _JointStepper(_DrakeStepper):
 class _ContactStepper(ContactStepper, _DrakeStepper):
     """Sliders as boxes whose corners touch the guide's surfaces."""
 
-    def __init__(self, scene: Scene, h: float, options: Mapping[str, Any]):
+    def __init__(self, assembly: Assembly, h: float, options: Mapping[str, Any]):
         for name in ("near_rigid", "stiction_tolerance"):
             if not options[name] > 0:
                 raise InputError(f"{name}: found {options[name]!r}; expected a number > 0")
-        super().__init__(scene, h, options)
+        super().__init__(assembly, h, options)
+        scene = assembly.scene
         self._output = self._plant.get_contact_results_output_port()
         self._normals = [0.0] * len(scene.frictional_guides)
 
@@ -293,7 +296,7 @@ class _ContactStepper(ContactStepper, _DrakeStepper):
 
     def _begin_again(self, position: np.ndarray, velocity: np.ndarray) -> None:
         """Begin the first step here, with the stick of all guides that do not slip left open."""
-        self._k = 0
+        self.k = 0
         self.position[:], self.velocity[:] = position, velocity
         self.put(position, velocity)
         guides = self.friction.guides

@@ -24,7 +24,6 @@ from stiction.engines.exudyn.model import Model
 from stiction.reference_impl.multibody.dynamics import row_form
 from stiction.reference_impl.multibody.kinematics import workspace
 from stiction.reference_impl.multibody.mechanism import Mechanism
-from stiction.scenes import Scene
 from stiction.scenes.model import Translational
 
 FRICTION_LAW = (
@@ -56,9 +55,10 @@ class BristleGuide(SlidingGuide):
         joint: Translational,
         options: Mapping[str, float],
         step: float,
+        mechanism: Mechanism,
     ):
         super().__init__(model, name, joint)
-        self.decay = options["static_decay"] * step / moved_mass(model.scene, name)
+        self.decay = options["static_decay"] * step / moved_mass(mechanism, name)
         items = model.items
         q, v = model.initial_state()
         speed = self.slip_speed(q, v)
@@ -107,18 +107,19 @@ class BristleGuide(SlidingGuide):
         return int(copysign(1, sliding)) if sliding else 0, -force, self.surface_moment
 
 
-def bristle_guides(model: Model, options: Mapping[str, float], step: float) -> list[BristleGuide]:
+def bristle_guides(
+    model: Model, options: Mapping[str, float], step: float, mechanism: Mechanism
+) -> list[BristleGuide]:
     """Give a model bristles in each guide with friction."""
     return [
-        BristleGuide(model, name, guide, options, step)
+        BristleGuide(model, name, guide, options, step, mechanism)
         for name, guide in model.scene.frictional_guides.items()
         if guide.static_coefficient
     ]
 
 
-def moved_mass(scene: Scene, name: str) -> float:
+def moved_mass(mechanism: Mechanism, name: str) -> float:
     """Return the mass (kg) that slip moves at the start, constraints included; where they hold it, the slider's."""
-    mechanism = Mechanism(scene, stabilization="none")
     m, w = mechanism.arrays, workspace(mechanism.arrays)
     row_form(m, w, 0.0, *mechanism.initial_state())
     row, held = m.rows + mechanism.guide_names.index(name), slice(m.rows)

@@ -15,6 +15,7 @@ from typing import Any
 
 import numpy as np
 
+from stiction.engines.assembly import Assembly, assembly_of
 from stiction.engines.exudyn.bristles import FRICTION_LAW, BristleGuide, bristle_guides
 from stiction.engines.exudyn.contact import ContactGuide
 from stiction.engines.exudyn.friction import FrictionalGuide
@@ -177,6 +178,7 @@ class ExudynEngine(Engine):
         fidelity: str,
         output_step: float,
         settings: Mapping[str, Any],
+        assembly: Assembly | None = None,
     ) -> Trajectory:
         h = step_of(_step(t_end) if dt is None else dt, t_end)
         options = self.settings_of_run(settings, fidelity=fidelity)
@@ -186,9 +188,10 @@ class ExudynEngine(Engine):
                 f"spectral_radius: found {options['spectral_radius']!r}; expected 0 .. 1"
             )
         start = time.process_time()
-        refuse_off(scene)
+        assembly = assembly_of(scene, assembly)
+        refuse_off(assembly)
         with _own_words():
-            simulation = _Simulation(scene, h, options, options.get("method"))
+            simulation = _Simulation(assembly, h, options, options.get("method"))
             stepper = simulation.stepper
             started = time.process_time()
             stop = None
@@ -262,7 +265,10 @@ class _Simulation:
     `method` is `LOCATED`, `BRISTLES`, or None at contact fidelity.
     """
 
-    def __init__(self, scene: Scene, h: float, options: Mapping[str, Any], method: str | None):
+    def __init__(
+        self, assembly: Assembly, h: float, options: Mapping[str, Any], method: str | None
+    ):
+        scene, self._mechanism = assembly.scene, assembly.whole
         self.scene, self.model = scene, Model(scene, joints=method is not None)
         self._zone = options.get("friction_zone", 0.0)
         located, bristles, boxes = (
@@ -276,7 +282,7 @@ class _Simulation:
                 for name, guide in scene.guides.items()
             ]
         elif method == BRISTLES:
-            bristles = bristle_guides(self.model, options, h)
+            bristles = bristle_guides(self.model, options, h, self._mechanism)
         else:
             located = [
                 FrictionalGuide(self.model, name, guide)
@@ -299,6 +305,7 @@ class _Simulation:
             h,
             settings,
             bristles,
+            self._mechanism,
             lambda: [guide.record() for guide in self._guides],
         )
 
@@ -316,7 +323,10 @@ class _Simulation:
             reactions |= guide.columns(
                 np.array([sample.guides[i] for sample in samples]), q, reactions
             )
-        columns = {**recover_columns(self.scene, t, q, v, a, reactions), **reactions}
+        columns = {
+            **recover_columns(self.scene, t, q, v, a, reactions, self._mechanism),
+            **reactions,
+        }
         for name in self.scene.frictional_guides if self._zone else ():
             speed = columns[f"{name}.slip_velocity"]
             columns[f"{name}.mode"] = np.where(

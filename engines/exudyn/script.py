@@ -16,6 +16,7 @@ from typing import Any
 
 import numpy as np
 
+from stiction.engines.assembly import Assembly
 from stiction.engines.exudyn.bristles import LEAST, bristle_guides
 from stiction.engines.exudyn.model import Model
 from stiction.engines.exudyn.solver import INTEGRATORS
@@ -112,7 +113,7 @@ def exudyn_script(
         If the scene has a law by table, or a drive or a spring that Exudyn has no item for.
     """
     model = _Written(scene)
-    guides = bristle_guides(model, options, dt)
+    guides = bristle_guides(model, options, dt, Assembly(scene).whole)
     model.assemble()
     redundant = rank(scene) < constraint_rows(scene)
     rows = [

@@ -84,6 +84,7 @@ class Stepper:
         dt: float,
         settings: Any,
         bristles: list[BristleGuide],
+        mechanism: Mechanism,
         record: Callable[[], list[Any]],
     ):
         self.model, self.guides, self.dt, self._record = model, guides, dt, record
@@ -93,7 +94,7 @@ class Stepper:
         self._watching = self._violated = False
         self._repetitions = 0
         # index 3 gets forces from positions, whose rounding it divides by the square of the step
-        size = Mechanism(model.scene, stabilization="none").arrays.length_scale
+        size = mechanism.arrays.length_scale
         mass = sum(body.mass for body in model.scene.bodies.values())
         self._rounding = float(np.finfo(float).eps) * mass * size / dt**2
         for each in (*guides, *bristles):

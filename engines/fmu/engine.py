@@ -15,6 +15,7 @@ from zipfile import ZipFile
 
 import numpy as np
 
+from stiction.engines.assembly import Assembly
 from stiction.engines.examined import changed_modes
 from stiction.engines.fmu.variables import CO_SIMULATION, MODEL_EXCHANGE, Map, Variables
 from stiction.engines.protocol import EngineFailure, accepted
@@ -112,6 +113,7 @@ class FmuEngine(DeclaredEngine):
         fidelity: str,
         output_step: float,
         settings: Mapping[str, Any],
+        assembly: Assembly | None = None,
     ) -> Trajectory:
         by_steps = self.solver != "CVode"
         if not by_steps or self.declared.adaptive and dt is None:
@@ -155,6 +157,7 @@ class FmuEngine(DeclaredEngine):
             "end"
             if until > (grid.last - 0.5) * grid.dt
             else f"the FMU ended the run at t = {until:.9g} s",
+            assembly,
         )
 
     def _simulate(

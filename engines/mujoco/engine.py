@@ -22,6 +22,7 @@ from typing import Any
 
 import numpy as np
 
+from stiction.engines.assembly import Assembly
 from stiction.engines.mujoco.contact import SIDES, slip_damping, slip_reference, surface
 from stiction.engines.mujoco.loads import ROTOR
 from stiction.engines.mujoco.mjcf import HARDEST, START, joint_name, mjcf
@@ -118,7 +119,7 @@ class MujocoEngine(TreeEngine):
 
     @contextlib.contextmanager
     def stepper(
-        self, scene: Scene, h: float, options: Mapping[str, Any], fidelity: str
+        self, assembly: Assembly, h: float, options: Mapping[str, Any], fidelity: str
     ) -> Iterator[TreeStepper]:
         for name, fits, expected in (
             (
@@ -143,7 +144,7 @@ class MujocoEngine(TreeEngine):
             )
         with _warnings() as said:
             yield (_JointStepper if fidelity == "joint" else _ContactStepper)(
-                scene, h, options, said
+                assembly, h, options, said
             )
 
     @contextlib.contextmanager
@@ -220,10 +221,13 @@ def _model(
 class _Stepper(TreeStepper):
     """A scene as MuJoCo model with drives and loads; subclasses add friction."""
 
-    def __init__(self, scene: Scene, h: float, options: Mapping[str, Any], warnings: Sequence[str]):
+    def __init__(
+        self, assembly: Assembly, h: float, options: Mapping[str, Any], warnings: Sequence[str]
+    ):
         import mujoco
 
-        super().__init__(scene, h, options)
+        super().__init__(assembly, h, options)
+        scene = assembly.scene
         self._advance_engine, self._warnings = mujoco.mj_step, warnings
         self.model, self.data = model, data = _model(scene, self.tree, h, self.fidelity, options)
         self._drive_force = data.qfrc_applied
@@ -250,8 +254,10 @@ class _Stepper(TreeStepper):
 class _JointStepper(_Stepper):
     """Guides as slides, friction as their loss."""
 
-    def __init__(self, scene: Scene, h: float, options: Mapping[str, Any], warnings: Sequence[str]):
-        super().__init__(scene, h, options, warnings)
+    def __init__(
+        self, assembly: Assembly, h: float, options: Mapping[str, Any], warnings: Sequence[str]
+    ):
+        super().__init__(assembly, h, options, warnings)
         self._loss = self.model.dof_frictionloss
         self._by_link = sorted(range(len(self.friction_links)), key=self.friction_links.__getitem__)
 
@@ -269,8 +275,11 @@ class _JointStepper(_Stepper):
 class _ContactStepper(ContactStepper, _Stepper):
     """Sliders as boxes between two planes each."""
 
-    def __init__(self, scene: Scene, h: float, options: Mapping[str, Any], warnings: Sequence[str]):
-        super().__init__(scene, h, options, warnings)
+    def __init__(
+        self, assembly: Assembly, h: float, options: Mapping[str, Any], warnings: Sequence[str]
+    ):
+        super().__init__(assembly, h, options, warnings)
+        scene = assembly.scene
         model, self._impedance = self.model, options["impedance"]
         self._adapted = options["friction_damping"] == "adapted"
         self._damped = not options["time_constant"]  # else MuJoCo's own

@@ -11,6 +11,7 @@ from typing import Annotated, Any, Literal
 
 from pydantic import Field, StrictBool, StrictFloat, StrictInt, StrictStr
 
+from stiction.engines.protocol import EVENTS_LOCATED_BY, FRICTION_SUPPLIED_BY
 from stiction.engines.shared.declared_engine import Declared
 from stiction.scenes.fields import Model, Name
 from stiction.scenes.wording import did_you_mean, names, shown
@@ -26,7 +27,15 @@ PLACEHOLDERS = {
     "settings": "KEY=VALUE, an argument each; must stand alone",
 }
 """Words that may stand in braces in an argument, and what replaces them."""
-RESERVED = {"dt", "rtol", "output_step", "accelerations", "friction_law"}
+RESERVED = {
+    "dt",
+    "rtol",
+    "output_step",
+    "accelerations",
+    "friction_law",
+    FRICTION_SUPPLIED_BY,
+    EVENTS_LOCATED_BY,
+}
 """Settings of every trajectory, which no declaration may have."""
 _BRACES = re.compile(r"\{(\w+)\}")
 _Words = Annotated[tuple[StrictStr, ...], Field(min_length=1)]

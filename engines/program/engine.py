@@ -13,6 +13,7 @@ from typing import Annotated, Any
 import numpy as np
 from pydantic import Field, ValidationError
 
+from stiction.engines.assembly import Assembly
 from stiction.engines.program.declaration import Declaration
 from stiction.engines.program.process import Ended, run_program
 from stiction.engines.protocol import BadTrajectory, EngineFailure, Refused
@@ -129,6 +130,7 @@ class ProgramEngine(DeclaredEngine):
         fidelity: str,
         output_step: float,
         settings: Mapping[str, Any],
+        assembly: Assembly | None = None,
     ) -> Trajectory:
         declared = self.declaration
         chosen = {**declared.settings, **settings}
@@ -168,6 +170,7 @@ class ProgramEngine(DeclaredEngine):
             method | chosen,
             Cost(setup, 0.0, stepping, report.counters, engine_s),
             report.termination,
+            assembly,
         )
 
     def _ended(self, command: list[str], place: Path) -> Ended:

@@ -25,6 +25,7 @@ from typing import Any
 
 import numpy as np
 
+from stiction.engines.assembly import Assembly
 from stiction.engines.protocol import accepted, installed_version
 from stiction.engines.shared.acceleration_integrator import Dynamics
 from stiction.engines.shared.contact_geometry import (
@@ -102,10 +103,12 @@ class PybulletEngine(TreeEngine):
 
     @contextlib.contextmanager
     def stepper(
-        self, scene: Scene, h: float, options: Mapping[str, Any], fidelity: str
+        self, assembly: Assembly, h: float, options: Mapping[str, Any], fidelity: str
     ) -> Iterator[TreeStepper]:
         with _client() as client:
-            yield (_Stepper if fidelity == "joint" else _ContactStepper)(scene, h, options, client)
+            yield (_Stepper if fidelity == "joint" else _ContactStepper)(
+                assembly, h, options, client
+            )
 
     @contextlib.contextmanager
     def dynamics(self, scene: Scene, tree: LinkTree, clock: EngineClock) -> Iterator[Dynamics]:
@@ -206,8 +209,9 @@ def _multibody(scene: Scene, tree: LinkTree, shapes: Mapping[int, int], client: 
 class _Stepper(TreeStepper):
     """A scene as a PyBullet multibody; friction as capped motors of the guides' joints."""
 
-    def __init__(self, scene: Scene, h: float, options: Mapping[str, Any], client: int):
-        super().__init__(scene, h, options)
+    def __init__(self, assembly: Assembly, h: float, options: Mapping[str, Any], client: int):
+        super().__init__(assembly, h, options)
+        scene = assembly.scene
         self._bullet, self._client, tree = (bullet := _pybullet()), client, self.tree
         bullet.setTimeStep(h, physicsClientId=client)
         bullet.setPhysicsEngineParameter(
@@ -336,8 +340,9 @@ class _Stepper(TreeStepper):
 class _ContactStepper(ContactStepper, _Stepper):
     """Sliders as boxes between two fixed boxes each."""
 
-    def __init__(self, scene: Scene, h: float, options: Mapping[str, Any], client: int):
-        super().__init__(scene, h, options, client)
+    def __init__(self, assembly: Assembly, h: float, options: Mapping[str, Any], client: int):
+        super().__init__(assembly, h, options, client)
+        scene = assembly.scene
         bullet = self._bullet
         bullet.setPhysicsEngineParameter(
             contactERP=options["contact_erp"],

@@ -36,6 +36,7 @@ from typing import TYPE_CHECKING, Any, ClassVar, NamedTuple
 
 import numpy as np
 
+from stiction.engines.assembly import Assembly
 from stiction.engines.protocol import FIDELITIES, accepted, installed_version
 from stiction.engines.pymunk.correction import (
     Iteration,
@@ -134,10 +135,10 @@ class PymunkEngine(SteppedEngine):
         return None
 
     def stepper(
-        self, scene: Scene, h: float, options: Mapping[str, Any], fidelity: str
+        self, assembly: Assembly, h: float, options: Mapping[str, Any], fidelity: str
     ) -> AbstractContextManager[Stepper]:
         return nullcontext(
-            (_JointStepper if fidelity == "joint" else _ContactStepper)(scene, h, options)
+            (_JointStepper if fidelity == "joint" else _ContactStepper)(assembly, h, options)
         )
 
 
@@ -175,11 +176,12 @@ class _PymunkStepper(Stepper):
     capped: ClassVar[bool]
     friction: FrictionBound | CoefficientSwitch
 
-    def __init__(self, scene: Scene, h: float, options: Mapping[str, Any], fixed: set[str]):
+    def __init__(self, assembly: Assembly, h: float, options: Mapping[str, Any], fixed: set[str]):
         import pymunk
 
-        super().__init__()
-        self._h, self._k, self._scene, self._fixed = h, 0, scene, fixed
+        super().__init__(h)
+        scene = assembly.scene
+        self._assembly, self._fixed = assembly, fixed
         self._space = space = pymunk.Space()
         space.iterations = options["iterations"]
         if scene.gravity is not None:
@@ -192,7 +194,7 @@ class _PymunkStepper(Stepper):
             space.add(body)
             named[name] = body
         # boxes find their friction themselves, and land in the first two steps
-        self.bound = FrictionBound(scene, options.get("passes", 1), self.capped)
+        self.bound = FrictionBound(assembly.whole, options.get("passes", 1), self.capped)
         self.balanced, self.settling = bool(len(self.bound.held)), 1 if self.capped else 2
         self._rod = _ROD * self.bound.balance.m.length_scale
         self._iterations, self._bias = options["iterations"], options["error_bias"]
@@ -232,7 +234,7 @@ class _PymunkStepper(Stepper):
         q, v, a = np.zeros((3, 3 * count))
         self.data = SpaceStep(
             cap=self.bound.data,
-            h=self._h,
+            h=self.h,
             loaded=int(self._loaded),
             pushed=pushed[: 3 * count],
             q=q,
@@ -247,7 +249,7 @@ class _PymunkStepper(Stepper):
         self._present.clear()
         self._get(self._space, self._motion, self._present)
 
-    def _retreat(self) -> None:
+    def retreat(self) -> None:
         """Write what was before to the space; what is present stays as it is until it is fetched."""
         self._set(self._space, self._motion, self._before)
 
@@ -268,10 +270,10 @@ class _PymunkStepper(Stepper):
 
         def go_along(t: float) -> None:
             # the engine solves for the impulses of this step where its velocities will have led
-            angle = slider.angle + slider.angular_velocity * self._h
-            point = slider.position + slider.velocity * self._h + pymunk.Vec2d(*own).rotated(angle)
-            origin = base.position + base.velocity * self._h
-            place = (point - origin).rotated(-base.angle - base.angular_velocity * self._h)
+            angle = slider.angle + slider.angular_velocity * self.h
+            point = slider.position + slider.velocity * self.h + pymunk.Vec2d(*own).rotated(angle)
+            origin = base.position + base.velocity * self.h
+            place = (point - origin).rotated(-base.angle - base.angular_velocity * self.h)
             for rod, line in zip(rods, lines):
                 # the rod lies across the line, and is longer by as much as the point is off it
                 rod.anchor_a = place - (self._rod + line.distance(place, t)) * line.normal
@@ -301,7 +303,7 @@ class _PymunkStepper(Stepper):
         import pymunk
         from pymunk import Vec2d
 
-        law, follow, h = drive.law, self._targets.append, self._h
+        law, follow, h = drive.law, self._targets.append, self.h
 
         def aim(t: float) -> float:
             # what a step must aim at that goes the law's way to t, and on top corrects a share of
@@ -317,9 +319,9 @@ class _PymunkStepper(Stepper):
                 angle = (
                     first.angle
                     - second.angle
-                    + self._h * (first.angular_velocity - second.angular_velocity)
+                    + self.h * (first.angular_velocity - second.angular_velocity)
                 )
-                motor.rate = self._share * (aim(t) - angle) / self._h
+                motor.rate = self._share * (aim(t) - angle) / self.h
 
             if not isinstance(law, (Constant, Linear)):
                 follow(turn)
@@ -338,45 +340,44 @@ class _PymunkStepper(Stepper):
 
     def compile(self) -> None:
         start, data, balance = self.bound.initial, self.data, self.bound.balance
+        scene = self._assembly.scene
         assemble(balance, 0.0, *start, 0.0)
-        iteration = Iteration(self._scene, balance, self._fixed)
+        iteration = Iteration(scene, balance, self._fixed)
         # boxes are held by contacts, which have a bias of their own; that of pins decides nothing
         # there
         share = iteration.share(self._iterations) if self.capped else 1.0
-        bias = self._bias or bias_of_share(share, self._h)
+        bias = self._bias or bias_of_share(share, self.h)
         *between, guides = between_steps(
-            self._scene, self._h, bias, iteration.needed(_TRIAL_ITERATIONS)
+            self._assembly, self.h, bias, iteration.needed(_TRIAL_ITERATIONS)
         )
         self.bound.data.guides[:] = guides[: len(self.bound.data.guides)]
         self.correct(bias)
         if self.capped:  # the first step, which has no impulses of a step before to begin with
             self._space.iterations = iteration.needed(self._iterations)
         # smooth boxes, which have not landed yet, gain nothing by it
-        is_ahead = self.capped or bool(self._scene.frictional_guides)
+        is_ahead = self.capped or bool(scene.frictional_guides)
         self.begin(*(between if is_ahead else start))
         data.q[:], data.v[:] = start  # of the first sample
 
     def correct(self, error_bias: float) -> None:
         """Have joints leave this part of their position error after a second."""
-        self._share = share_of_bias(error_bias, self._h)
+        self._share = share_of_bias(error_bias, self.h)
         for constraint in self._space.constraints:
             constraint.error_bias = error_bias
 
     def begin(self, q: np.ndarray, v: np.ndarray) -> None:
         """Begin the first step, at these coordinates and velocities."""
         self.data.before[:] = np.hstack((q.reshape(-1, 3), v.reshape(-1, 3)))
-        self._retreat()
+        self.retreat()
         self._fetch()
-        begin_space(self.data, self._h)
-        self._finish = bound(finish_space, self.data)
+        begin_space(self.data, self.h)
+        self.finish = bound(finish_space, self.data)
 
-    def step(self) -> None:
-        self._k += 1
-        for target in self._targets:  # the position that follows the step
-            target(self._k * self._h + self._h)
-        self.bound.step(self.advance, self._finish, (self._k + 1) * self._h, self._retreat)
-        if self._k == 1:
+    def aim(self) -> None:
+        if self.k == 1:  # the first step had iterations of its own
             self._space.iterations = self._iterations
+        for target in self._targets:  # the position that follows the step
+            target((self.k + 1) * self.h + self.h)
 
     def sample(self) -> Sample:
         data = self.data
@@ -394,7 +395,7 @@ class _PymunkStepper(Stepper):
             self._set(
                 self._space, self._force, self._pushed
             )  # which the space forgets with its next step
-        self.clock.call(self._space.step, self._h)
+        self.clock.call(self._space.step, self.h)
         self._fetch()
 
 
@@ -403,11 +404,12 @@ class _JointStepper(_PymunkStepper):
 
     capped = True
 
-    def __init__(self, scene: Scene, h: float, options: Mapping[str, Any]):
+    def __init__(self, assembly: Assembly, h: float, options: Mapping[str, Any]):
         import pymunk
 
-        fixed = non_turning(scene)
-        super().__init__(scene, h, options, fixed)
+        fixed = non_turning(assembly.scene)
+        super().__init__(assembly, h, options, fixed)
+        scene = assembly.scene
         self._rubbing: list[Constraint] = []
         for guide in scene.guides.values():
             slider, base = self._named[guide.slider], self._named[guide.guide]
@@ -429,7 +431,7 @@ class _JointStepper(_PymunkStepper):
             row.max_force = cap
         super().advance(caps)
         for i, row in enumerate(self._rubbing):
-            self.bound.held[i] = row.impulse / self._h
+            self.bound.held[i] = row.impulse / self.h
 
 
 class _ContactStepper(_PymunkStepper):
@@ -438,11 +440,12 @@ class _ContactStepper(_PymunkStepper):
     capped = False
     friction: CoefficientSwitch
 
-    def __init__(self, scene: Scene, h: float, options: Mapping[str, Any]):
+    def __init__(self, assembly: Assembly, h: float, options: Mapping[str, Any]):
         import pymunk
         from pymunk import batch
 
-        super().__init__(scene, h, options, {GROUND})
+        super().__init__(assembly, h, options, {GROUND})
+        scene = assembly.scene
         fields = batch.ArbiterFields
         self._get_arbiters = batch.get_space_arbiters
         self._arbiter_fields = (
@@ -499,14 +502,24 @@ class _ContactStepper(_PymunkStepper):
         self._finish_contacts = bound(finish_space_contacts, self._contacts)
         self.friction.begin()
 
-    def step(self) -> None:
+    def begin(self, q: np.ndarray, v: np.ndarray) -> None:
+        super().begin(q, v)
+        self._finish_pass = self.finish
+        if self._boxes:
+            self.finish = self._finish_with_contacts
+
+    def _finish_with_contacts(self, t: float) -> bool:
+        """See `Stepper.finish`; the contacts find the friction, so that no step is repeated."""
+        self._finish_pass(t)
+        self._arbiters.clear()
+        self._get_arbiters(self._space, self._arbiter_fields, self._arbiters)
+        self._finish_contacts()
+        return False
+
+    def advance(self, caps: Sequence[float]) -> None:
         for box, coefficient in zip(self._boxes, self.friction.coefficients()):
             box.friction = coefficient
-        super().step()
-        if self._boxes:
-            self._arbiters.clear()
-            self._get_arbiters(self._space, self._arbiter_fields, self._arbiters)
-            self._finish_contacts()
+        super().advance(caps)
 
 
 def _buffer(reals: int, names: int = 0) -> tuple[Buffer, np.ndarray, np.ndarray]:
@@ -525,7 +538,7 @@ def _buffer(reals: int, names: int = 0) -> tuple[Buffer, np.ndarray, np.ndarray]
 
 
 def between_steps(
-    scene: Scene, h: float, error_bias: float, iterations: int
+    assembly: Assembly, h: float, error_bias: float, iterations: int
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Return a start from which the first step has the reactions of the motion, and the state of its guides.
 
@@ -541,10 +554,12 @@ def between_steps(
     `iterations`; the guides are those of that step.
     """
     # ideal guides at both fidelities: boxes have not landed in a first step
-    trial = _JointStepper(scene, h, {**_TRIAL, "iterations": iterations})
+    trial = _JointStepper(assembly, h, {**_TRIAL, "iterations": iterations})
     share = share_of_bias(error_bias, h)
     q, v = trial.bound.initial
-    of_velocity, of_position = (h / 2 * each for each in _least_accelerations(scene, trial.bound))
+    of_velocity, of_position = (
+        h / 2 * each for each in _least_accelerations(assembly.scene, trial.bound)
+    )
     trial.correct(0.0)
     trial.begin(q - h * of_position, v + of_velocity)
     trial.step()

@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from threadpoolctl import ThreadpoolController
 
+from stiction.engines.assembly import Assembly, assembly_of
 from stiction.engines.protocol import Capabilities, Engine, check_settings, installed_version
 from stiction.scenes import Cost, Event, InputError, Scene, Trajectory
 
@@ -125,6 +126,7 @@ class ReferenceEngine(Engine):
         fidelity: str,
         output_step: float,
         settings: Mapping[str, Any],
+        assembly: Assembly | None = None,
     ) -> Trajectory:
         from stiction.engines.shared.fixed_step import step_of, steps_between_outputs
         from stiction.reference_impl.compiled.kernel import clock, compiling_seconds
@@ -132,15 +134,15 @@ class ReferenceEngine(Engine):
         from stiction.reference_impl.integration.event_driven import simulate_event_driven
         from stiction.reference_impl.integration.paper_scheme import simulate_as_paper
         from stiction.reference_impl.multibody.initial_state import consistent_starts
-        from stiction.reference_impl.multibody.mechanism import Mechanism
-        from stiction.reference_impl.multibody.subsystems import independent_parts, simulate_parts
+        from stiction.reference_impl.multibody.subsystems import simulate_parts
 
         chosen = self.settings_of_run(settings, fidelity=fidelity, dt=dt, rtol=rtol)
         _check(chosen, dt, rtol)
         compiled = compiling_seconds()
         self.prepare_run(scene, method=chosen["method"], stabilization=chosen["stabilization"])
         started = clock()
-        parts = [Mechanism(part, chosen["stabilization"]) for part in independent_parts(scene)]
+        mechanisms = assembly_of(scene, assembly).parts
+        parts = [part.stabilized(chosen["stabilization"]) for part in mechanisms]
         starts = consistent_starts(parts, chosen["assemble"])
         assembled = clock() - started
         solver = SOLVERS[chosen["solver"]]

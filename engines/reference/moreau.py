@@ -6,6 +6,7 @@ from collections.abc import Mapping
 from dataclasses import replace
 from typing import Any
 
+from stiction.engines.assembly import Assembly, assembly_of
 from stiction.engines.protocol import Capabilities, Engine, installed_version
 from stiction.engines.reference.engine import compile_kernels
 from stiction.engines.shared.fixed_step import settings_of, step_of, steps_between_outputs
@@ -74,11 +75,11 @@ class MoreauEngine(Engine):
         fidelity: str,
         output_step: float,
         settings: Mapping[str, Any],
+        assembly: Assembly | None = None,
     ) -> Trajectory:
         from stiction.reference_impl.compiled.kernel import clock, compiling_seconds
         from stiction.reference_impl.integration.moreau import simulate_moreau
         from stiction.reference_impl.multibody.initial_state import consistent_start
-        from stiction.reference_impl.multibody.mechanism import Mechanism
 
         dt = step_of(dt, t_end)
         options = settings_of(settings, SETTINGS, self.name, fidelity)
@@ -90,7 +91,7 @@ class MoreauEngine(Engine):
         if options["restitution"] > 1:
             raise InputError(f"restitution: found {options['restitution']!r}; expected 0 .. 1")
         compiled, started = compiling_seconds(), clock()
-        mechanism = Mechanism(scene, stabilization="none")
+        mechanism = assembly_of(scene, assembly).whole
         q, v = consistent_start(mechanism)
         steps = max(1, round(t_end / dt))
         dt = t_end / steps

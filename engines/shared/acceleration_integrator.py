@@ -29,7 +29,7 @@ from stiction.reference_impl.compiled.kernel import link_kernels
 from stiction.reference_impl.friction.coulomb import friction_coefficients
 from stiction.reference_impl.friction.frozen_mode import ALL, choose_branches, event_functions
 from stiction.reference_impl.multibody.mechanism import Mechanism
-from stiction.scenes import Cost, Event, Scene, Trajectory
+from stiction.scenes import Cost, Event, Trajectory
 from stiction.scenes.laws import evaluate_law
 from stiction.scenes.trajectory import rows_of
 
@@ -75,7 +75,8 @@ class TreeAccelerations:
 
     dynamics: Dynamics
 
-    def __init__(self, scene: Scene):
+    def __init__(self, mechanism: Mechanism):
+        scene = mechanism.scene
         self.tree = tree = LinkTree(scene)
         if tree.loops:
             raise Refused(
@@ -90,7 +91,7 @@ class TreeAccelerations:
         # of each frictional guide's displacement the index in x, and 1, or -1 where x grows against it
         self._guides = np.searchsorted(self._free, links)
         self._signs = np.array([tree.links[link].sign for link in links], dtype=float)
-        self._balance, self._loaded = Balance.of(scene), bool(scene.springs or scene.forces)
+        self._balance, self._loaded = Balance.of(mechanism), bool(scene.springs or scene.forces)
         self.slip = np.sign(self._slip_speed(self.start)).astype(np.int64)
         self.corner = np.ones((len(links), 4), dtype=np.int64)
 
@@ -248,7 +249,7 @@ class TreeAccelerations:
 
 def integrate(
     accelerations: TreeAccelerations,
-    scene: Scene,
+    mechanism: Mechanism,
     engine: Engine,
     *,
     t_end: float,
@@ -261,7 +262,7 @@ def integrate(
     EngineFailure if the step becomes too small, or contact modes follow each other without time passing. `setup_s` is
     what the accelerations took to make, seconds of CPU.
     """
-    started = time.process_time()
+    scene, started = mechanism.scene, time.process_time()
     accelerations.compile()
     compiled = time.process_time()
     accelerations.clock.start()
@@ -271,7 +272,7 @@ def integrate(
     names, t, y, steps, idle = list(scene.frictional_guides), 0.0, accelerations.start, 0, 0
     accelerations.begin(y)
     output = output_times(t_end, output_step)
-    for stop in (*Mechanism(scene, stabilization="none").kinks(t_end), t_end):
+    for stop in (*mechanism.kinks(t_end), t_end):
         while t < stop:
             solver = DOP853(
                 lambda t, y: np.concatenate([y[len(y) // 2 :], accelerations.at(t, y).second]),
@@ -311,7 +312,7 @@ def integrate(
     ended, engine_s = time.process_time(), accelerations.clock.engine_s
     events = []
     if switches:
-        rows = rows_of(_columns(scene, sides))
+        rows = rows_of(_columns(mechanism, sides))
         events = [
             Event(sides[2 * i][0], kind, guide, rows[2 * i], rows[2 * i + 1])
             for i, (kind, guide) in enumerate(switches)
@@ -322,7 +323,7 @@ def integrate(
         version=engine.version,
         fidelity="joint",
         t=np.array([t for t, *_ in samples]),
-        columns=_columns(scene, samples),
+        columns=_columns(mechanism, samples),
         events=tuple(events),
         settings={"rtol": rtol, "method": METHOD, "friction_law": FRICTION_LAW},
         cost=Cost(
@@ -335,8 +336,8 @@ def integrate(
     )
 
 
-def _columns(scene: Scene, samples: list[tuple[Any, ...]]) -> dict[str, np.ndarray]:
-    return columns_of_motion(scene, *(np.array(part) for part in zip(*samples)))
+def _columns(mechanism: Mechanism, samples: list[tuple[Any, ...]]) -> dict[str, np.ndarray]:
+    return columns_of_motion(mechanism, *(np.array(part) for part in zip(*samples)))
 
 
 def _kind(before: int, after: int) -> str:

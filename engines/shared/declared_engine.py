@@ -11,8 +11,15 @@ from typing import Any, ClassVar, Literal, TypeVar
 import numpy as np
 from pydantic import StrictBool, StrictStr, ValidationError
 
+from stiction.engines.assembly import Assembly, assembly_of
 from stiction.engines.examined import ACCELERATIONS, POSITIONS, VELOCITIES
-from stiction.engines.protocol import BadTrajectory, Capabilities, Engine
+from stiction.engines.protocol import (
+    FRICTION_SUPPLIED_BY,
+    BadTrajectory,
+    Capabilities,
+    Engine,
+    Supplier,
+)
 from stiction.scenes import Cost, Event, FileError, Scene, Trajectory
 from stiction.scenes.errors import problems_of
 from stiction.scenes.fields import Model
@@ -28,16 +35,31 @@ DIFFERENCES = "differences of velocities (adapter)"
 
 
 class Declared(Model):
-    """Capabilities, as docs/how-to/program.md shows them."""
+    """Capabilities, as docs/how-to/program.md shows them.
+
+    `friction_supplied_by` is the engine behind the file, unless the file says otherwise: a program that drives an
+    engine without Coulomb's law, and computes the friction for it, is its adapter.
+    """
 
     fidelity: Literal["joint", "contact"] = "joint"
     friction_law: StrictStr = ""
+    friction_supplied_by: Supplier = Supplier.ENGINE
     static_coefficient: StrictBool = False
     regularized: StrictBool = False
     impulses: StrictBool = False
     adaptive: StrictBool = False
     locates_events: StrictBool = False
     order: StrictStr = "unknown"
+
+    def inconsistencies(self) -> Iterator[tuple[str, Any, str]]:
+        by = self.friction_supplied_by
+        if self.friction_law and by == Supplier.NOBODY:
+            others = ", ".join(repr(str(one)) for one in Supplier if one != Supplier.NOBODY)
+            yield (
+                FRICTION_SUPPLIED_BY,
+                str(by),
+                f"expected one of {others}: friction_law is {self.friction_law!r}",
+            )
 
 
 class DeclaredEngine(Engine):
@@ -57,6 +79,7 @@ class DeclaredEngine(Engine):
             reactions=self.reactions,
             order=declared.order,
             adaptive=declared.adaptive,
+            friction_by={fidelity: declared.friction_supplied_by},
         )
 
     def locates_events(self, fidelity: str, settings: Mapping[str, Any]) -> bool:
@@ -102,6 +125,7 @@ class DeclaredEngine(Engine):
         settings: Mapping[str, Any],
         cost: Cost,
         termination: str,
+        assembly: Assembly | None = None,
     ) -> Trajectory:
         """Return the trajectory of a table, `events` taken from all its columns.
 
@@ -146,6 +170,7 @@ class DeclaredEngine(Engine):
                     for name, values in found.items()
                     if name.rpartition(".")[0] not in scene.bodies
                 },
+                assembly_of(scene, assembly).whole,
             )
             | found
         )

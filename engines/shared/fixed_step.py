@@ -4,15 +4,15 @@ from __future__ import annotations
 
 import math
 from abc import ABC, abstractmethod
-from collections.abc import Iterator, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from contextlib import AbstractContextManager
 from dataclasses import dataclass
-from itertools import islice
 from time import process_time
 from typing import Any, ClassVar, NamedTuple
 
 import numpy as np
 
+from stiction.engines.assembly import Assembly, assembly_of
 from stiction.engines.protocol import (
     FIDELITIES,
     BadTrajectory,
@@ -24,7 +24,7 @@ from stiction.engines.protocol import (
     check_steps,
 )
 from stiction.engines.shared.engine_clock import EngineClock
-from stiction.engines.shared.friction_bound import CAPPED, CONTACT
+from stiction.engines.shared.friction_bound import CAPPED, CONTACT, FrictionBound
 from stiction.engines.shared.inconsistent_start import refuse_off
 from stiction.reference_impl.multibody.mechanism import Mechanism
 from stiction.reference_impl.multibody.reactions import recover_columns
@@ -50,53 +50,96 @@ class Sample(NamedTuple):
 
 
 class Stepper(ABC):
-    """A scene inside an engine, advanced by one fixed step at a time.
+    """A scene inside an engine, advanced by one fixed step at a time; `step` is a step from top to bottom.
 
     Attributes
     ----------
+    h : float
+        The step, s.
+    k : int
+        Steps taken.
+    bound : FrictionBound
+        The bounds of friction for the coming pass.
+    finish : callable
+        Takes in a pass, given the time (s) that the next step is for: False where the step is accepted, and the next
+        one has begun; True where it is to be repeated with other bounds. Compiled, from `begin` on.
     clock : EngineClock
         Its calls are passes: steps of the engine, repeated ones included.
     balanced : bool
         True where each pass has a solution of the balance of momentum, for the friction bound.
+    ahead : int
+        Steps that are taken before the sample at t = 0.
     settling : int
         Samples at the start whose acceleration and friction are those of the one behind them. Engines that hold
         constraints by velocities turn the consistent start into ones that lead the next position back onto the
         constraints; the accelerations of these steps, off by O(1), are not the motion's.
     """
 
+    ahead: ClassVar[int] = 0
     settling = 0
     balanced = False
+    bound: FrictionBound
+    finish: Callable[[float], bool]
 
-    def __init__(self) -> None:
-        self.clock = EngineClock()
+    def __init__(self, h: float) -> None:
+        self.clock, self.h, self.k = EngineClock(), h, 0
 
     @abstractmethod
     def compile(self) -> None:
         """Compile, or load, what the steps will call, and begin the first one."""
 
     @abstractmethod
-    def step(self) -> None:
-        """Take the next step."""
+    def aim(self) -> None:
+        """Have the motors of drives end the coming step on the drives' laws."""
+
+    @abstractmethod
+    def advance(self, caps: Sequence[float]) -> None:
+        """Make a pass: the engine steps with these bounds of friction (N) under the loads, and its state is read."""
+
+    @abstractmethod
+    def retreat(self) -> None:
+        """Return the engine to the beginning of the step."""
 
     @abstractmethod
     def sample(self) -> Sample:
         """The present sample, with arrays of its own."""
 
-    def samples(self, every: int) -> Iterator[Sample]:
-        """The samples at t = 0, every h, 2 every h, .. without end, stepping as they are taken."""
-        early = []
-        for k in range(self.settling):
-            if k % every == 0:
-                early.append(self.sample())
-            self.step()
-        follower = self.sample()
-        yield from (sample._replace(a=follower.a, friction=follower.friction) for sample in early)
-        for _ in range(-self.settling % every):
-            self.step()
-        while True:
-            yield self.sample()
-            for _ in range(every):
-                self.step()
+    def step(self) -> None:
+        """Take the next step.
+
+        Passes are repeated until the bounds of friction and the reactions agree; see `FrictionBound`.
+        """
+        self.aim()
+        caps, self.k = self.bound.caps, (k := self.k + 1)
+        t = (k + 1 - self.ahead) * self.h
+        self.advance(caps())
+        while self.finish(t):
+            self.retreat()
+            self.advance(caps())
+
+
+def march(stepper: Stepper, grid: Grid, samples: list[Sample]) -> None:
+    """Take the steps of a run, and record the samples at t = 0, every h, 2 every h, .. into a list.
+
+    FloatingPointError for a state that is not finite; the list has the samples before it.
+    """
+    step, settling, last, every = stepper.step, stepper.settling, grid.last, grid.every
+    for _ in range(stepper.ahead):
+        step()
+    for k in range(max(last, settling) + 1):
+        if k:
+            step()
+        if k == settling and samples:
+            # the first steps' accelerations were those of settling, not of the motion
+            settled = stepper.sample()
+            samples[:] = [
+                early._replace(a=settled.a, friction=settled.friction) for early in samples
+            ]
+        if not k % every and k <= last:
+            sample = stepper.sample()
+            if not math.isfinite(sample.q.sum() + sample.v.sum() + sample.a.sum()):
+                raise FloatingPointError("a state is not finite")
+            samples.append(sample)
 
 
 def step_of(dt: float | None, t_end: float) -> float:
@@ -199,7 +242,7 @@ class SteppedEngine(Engine):
 
     @abstractmethod
     def stepper(
-        self, scene: Scene, h: float, options: Mapping[str, Any], fidelity: str
+        self, assembly: Assembly, h: float, options: Mapping[str, Any], fidelity: str
     ) -> AbstractContextManager[Stepper]:
         """Its steps of h seconds, for as long as they are taken; InputError for a setting out of its range."""
 
@@ -213,22 +256,21 @@ class SteppedEngine(Engine):
         fidelity: str,
         output_step: float,
         settings: Mapping[str, Any],
+        assembly: Assembly | None = None,
     ) -> Trajectory:
         started = process_time()
-        grid, samples = Grid.of(t_end, step_of(dt, t_end), output_step), []
+        grid, samples = Grid.of(t_end, step_of(dt, t_end), output_step), list[Sample]()
         h, last, every = grid.dt, grid.last, grid.every
         options = settings_of(settings, self.defaults[fidelity], self.name, fidelity)
-        refuse_off(scene)
-        with self.stepper(scene, h, options, fidelity) as stepper:
+        assembly = assembly_of(scene, assembly)
+        refuse_off(assembly)
+        with self.stepper(assembly, h, options, fidelity) as stepper:
             set_up = start = process_time()
             try:
                 stepper.compile()
                 start = process_time()
                 stepper.clock.start()
-                for sample in islice(stepper.samples(every), last // every + 1):
-                    if not math.isfinite(sample.q.sum() + sample.v.sum() + sample.a.sum()):
-                        raise FloatingPointError("a state is not finite")
-                    samples.append(sample)
+                march(stepper, grid, samples)
             except FloatingPointError as error:
                 reached = max(len(samples) - 1, 0) * every * h
                 raise EngineFailure(
@@ -244,11 +286,11 @@ class SteppedEngine(Engine):
             )
         t = np.arange(0, last + 1, every) * h
         q, v, a, modes, friction = (np.array(part) for part in zip(*samples))
-        rests = _held_too(scene, q, v, friction, h)
+        rests = _held_too(assembly.whole, q, v, friction, h)
         columns = columns_of_motion(
-            scene, t, q, v, a, np.where(rests, 0, modes), np.where(rests, np.nan, friction)
+            assembly.whole, t, q, v, a, np.where(rests, 0, modes), np.where(rests, np.nan, friction)
         )
-        size = Mechanism(scene, stabilization="none").arrays.length_scale
+        size = assembly.whole.arrays.length_scale
         off = columns["drift.position"]
         for name in scene.guides:
             if (farthest := np.abs(columns[f"{name}.displacement"]).max()) > self.reach[fidelity]:
@@ -275,7 +317,7 @@ class SteppedEngine(Engine):
 
 
 def columns_of_motion(
-    scene: Scene,
+    mechanism: Mechanism,
     t: np.ndarray,
     q: np.ndarray,
     v: np.ndarray,
@@ -288,13 +330,13 @@ def columns_of_motion(
     A friction that is NaN is recovered from the balance of momentum.
     """
     known: dict[str, np.ndarray] = {}
-    for i, name in enumerate(scene.frictional_guides):
+    for i, name in enumerate(mechanism.guide_names):
         known |= {f"{name}.mode": modes[:, i], f"{name}.friction": frictions[:, i]}
-    return recover_columns(scene, t, q, v, a, known)
+    return recover_columns(mechanism.scene, t, q, v, a, known, mechanism)
 
 
 def _held_too(
-    scene: Scene, q: np.ndarray, v: np.ndarray, friction: np.ndarray, dt: float
+    mechanism: Mechanism, q: np.ndarray, v: np.ndarray, friction: np.ndarray, dt: float
 ) -> np.ndarray:
     """Guides at rest to rounding, shape (n, frictional), where another is held (its friction is nan).
 
@@ -302,7 +344,7 @@ def _held_too(
     """
     if friction.shape[1] < 2:
         return np.zeros(friction.shape, dtype=bool)
-    m = Mechanism(scene, stabilization="none").arrays
+    m, scene = mechanism.arrays, mechanism.scene
     slip = np.stack(
         [
             guide_motion(m, list(scene.joints).index(name), q, v)[1]

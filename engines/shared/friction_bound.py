@@ -13,7 +13,7 @@ repeated with the reactions it gave. The arithmetic is compiled: `_set_caps` and
 
 from __future__ import annotations
 
-from collections.abc import Callable, Collection
+from collections.abc import Collection
 from math import nan
 
 import numpy as np
@@ -27,6 +27,7 @@ from stiction.engines.shared.step_kernels import (
     finish_contacts,
 )
 from stiction.reference_impl.compiled.kernel import link_kernels
+from stiction.reference_impl.multibody.mechanism import Mechanism
 from stiction.scenes import Scene
 from stiction.scenes.model import Translational
 
@@ -71,11 +72,12 @@ class FrictionBound(GuideFriction):
     Stick is tried with the static coefficient, `passes` times from the same state so that cap and reactions agree;
     where it does not hold, the step is taken with the kinetic one. A guide that slips and keeps its direction takes one
     pass, with the reactions of the step before. The bound itself is computed by `step_kernels._set_caps`, and put into
-    the engine by the adapter's `advance`; `step_kernels._judge` decides whether the step is repeated.
+    the engine by the adapter's `advance`; `step_kernels._judge` decides whether the step is repeated
+    (`stiction.engines.shared.fixed_step.Stepper.step`).
 
     Parameters
     ----------
-    scene : Scene
+    mechanism : Mechanism
     passes : int
         Attempts at an undecided step.
     capped : bool
@@ -84,19 +86,22 @@ class FrictionBound(GuideFriction):
     Attributes
     ----------
     balance : Balance
-        The balance of the scene.
+        The balance of the mechanism.
     initial : tuple of ndarray, each of shape (3 * bodies,)
         Coordinates and velocities at t = 0.
     data : Cap
         For the kernels of `stiction.engines.shared.step_kernels`.
+    caps : callable
+        Returns the bounds of the coming pass by guide (N), a list.
     held : ndarray, shape (frictional,)
         To be set after each pass: magnitudes of the frictions in it (N).
     """
 
-    def __init__(self, scene: Scene, passes: int, capped: bool):
+    def __init__(self, mechanism: Mechanism, passes: int, capped: bool):
+        scene = mechanism.scene
         super().__init__(scene.frictional_guides.values() if capped else ())
-        self.balance, self.held, self._caps = (
-            Balance.of(scene),
+        self.balance, self.held, self.caps = (
+            Balance.of(mechanism),
             self.guides["held"],
             self.guides["cap"].tolist,
         )
@@ -107,24 +112,6 @@ class FrictionBound(GuideFriction):
             passes=passes,
             attempts=np.array((0, _FIRST_STEPS), dtype=Attempts.structure()),
         )
-
-    def step(
-        self,
-        advance: Callable[[list[float]], None],
-        finish: Callable[[float], bool],
-        t: float,
-        retreat: Callable[[], None],
-    ) -> None:
-        """Have the engine make a step, whose passes are repeated until bound and reactions agree.
-
-        `advance` makes a pass with these caps (N), `retreat` returns to the beginning. `finish` judges a pass: False
-        where it is accepted, and the next step has begun, of the time t (s).
-        """
-        while True:
-            advance(self._caps())
-            if not finish(t):
-                return
-            retreat()
 
 
 class CoefficientSwitch(GuideFriction):

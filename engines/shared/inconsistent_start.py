@@ -4,12 +4,10 @@ from __future__ import annotations
 
 import numpy as np
 
+from stiction.engines.assembly import Assembly
 from stiction.engines.protocol import Declined
 from stiction.reference_impl.multibody.dynamics import row_form
 from stiction.reference_impl.multibody.kinematics import workspace
-from stiction.reference_impl.multibody.mechanism import Mechanism
-from stiction.reference_impl.multibody.subsystems import independent_parts
-from stiction.scenes import Scene
 
 OFF = 1e-6
 """Residual from which on a start is refused, relative to the mechanism's size; that of a rate, to size per second or
@@ -17,10 +15,9 @@ the largest speed, that of turning at the distance of its size included. The ref
 (`stiction.reference_impl.multibody.initial_state.CONSISTENT`), which engines in single precision cannot see."""
 
 
-def refuse_off(scene: Scene) -> None:
+def refuse_off(assembly: Assembly) -> None:
     """Raise Declined for a start off the constraints of its joints and drives, with the largest residual."""
-    mechanisms = [Mechanism(part, stabilization="none") for part in independent_parts(scene)]
-    size = max(mechanism.arrays.length_scale for mechanism in mechanisms)
+    scene, mechanisms, size = assembly.scene, assembly.parts, assembly.size
     rates = [
         abs(rate)
         for body in scene.bodies.values()

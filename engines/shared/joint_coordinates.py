@@ -9,11 +9,12 @@ from __future__ import annotations
 
 import math
 from abc import abstractmethod
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from typing import Any, ClassVar
 
 import numpy as np
 
+from stiction.engines.assembly import Assembly
 from stiction.engines.protocol import Refused
 from stiction.engines.shared.contact_geometry import direction_of
 from stiction.engines.shared.fixed_step import Sample, Stepper
@@ -108,17 +109,19 @@ class TreeStepper(Stepper):
     """
 
     fidelity: ClassVar[str] = "joint"
+    ahead = 1
     friction: GuideFriction
 
-    def __init__(self, scene: Scene, h: float, options: Mapping[str, Any]):
-        super().__init__()
+    def __init__(self, assembly: Assembly, h: float, options: Mapping[str, Any]):
+        super().__init__(h)
+        scene = assembly.scene
         tree, capped = LinkTree(scene, self.fidelity), self.fidelity == "joint"
-        self.h, self.tree, self._k = h, tree, 0
+        self.tree = tree
         self.loaded = bool(scene.springs or scene.forces)
         # of every scene: one that is too large for it is refused before the engine has it
-        self._bound = FrictionBound(scene, options.get("passes", 1), capped)
-        self.friction = self._bound
-        self.held, self.balanced = self._bound.held, bool(len(self._bound.held))
+        self.bound = FrictionBound(assembly.whole, options.get("passes", 1), capped)
+        self.friction = self.bound
+        self.held, self.balanced = self.bound.held, bool(len(self.bound.held))
         self.friction_links = (
             [tree.link_of_joint[name] for name in scene.frictional_guides] if capped else []
         )
@@ -132,7 +135,7 @@ class TreeStepper(Stepper):
 
     def joints_are(self, position: np.ndarray, velocity: np.ndarray) -> None:
         """Have the joints' coordinates and velocities in these arrays from now on, of one's own or the engine's."""
-        balance = self._bound.balance
+        balance = self.bound.balance
         links = len(self.tree.links)
         self.position, self.velocity, self.loads = position, velocity, balance.loads
         self.coordinates, v, a = np.zeros((3, len(balance.q)))
@@ -140,7 +143,7 @@ class TreeStepper(Stepper):
         self._last = last_position, last_velocity, acceleration
         signs = [self.tree.links[link].sign for link in self.friction_links]
         self._data = JointStep(
-            cap=self._bound.data,
+            cap=self.bound.data,
             h=self.h,
             loaded=int(self.loaded),
             tree=self.tree.data_of_its_own(),
@@ -173,7 +176,7 @@ class TreeStepper(Stepper):
     def put(self, position: np.ndarray, velocity: np.ndarray) -> None:
         """Set the engine's joint coordinates and rates, each of shape (links,)."""
 
-    def _retreat(self) -> None:
+    def retreat(self) -> None:
         self.put(*self._start)
 
     def compile(self) -> None:
@@ -186,24 +189,18 @@ class TreeStepper(Stepper):
     def begin(self) -> None:
         """Begin the first step, from `position` and `velocity`."""
         begin_joints(self._data, 0.0)
-        self._finish = bound(finish_joints, self._data)
+        self.finish = bound(finish_joints, self._data)
 
-    def step(self) -> None:
-        for link, sign, law, offset in self._followed:  # so that the step ends on the law
-            end = sign * evaluate_law(law, self._k * self.h + self.h)[0] + offset
+    def aim(self) -> None:
+        for link, sign, law, offset in self._followed:
+            end = sign * evaluate_law(law, self.k * self.h + self.h)[0] + offset
             self.drive_rate(link, (end - self.position[link]) / self.h)
-        self._k += 1
-        self._bound.step(self.advance, self._finish, self._k * self.h, self._retreat)
 
     def sample(self) -> Sample:
         """Return the sample at the beginning of the last step."""
         return Sample(
             *self.tree.motion(*self._last), self.friction.modes_before(), self.friction.frictions()
         )
-
-    def samples(self, every: int) -> Iterator[Sample]:
-        self.step()
-        return super().samples(every)
 
 
 class ContactStepper(TreeStepper):
@@ -212,8 +209,9 @@ class ContactStepper(TreeStepper):
     fidelity = "contact"
     friction: CoefficientSwitch
 
-    def __init__(self, scene: Scene, h: float, options: Mapping[str, Any], *engine: Any):
-        super().__init__(scene, h, options, *engine)
+    def __init__(self, assembly: Assembly, h: float, options: Mapping[str, Any], *engine: Any):
+        super().__init__(assembly, h, options, *engine)
+        scene = assembly.scene
         self.friction = CoefficientSwitch(scene)
         places = {name: 3 * i for i, name in enumerate(scene.bodies)}
         self._axes = [

@@ -27,7 +27,6 @@ from stiction.reference_impl.friction.coulomb import normal_load
 from stiction.reference_impl.multibody.dynamics import applied_forces, row_form
 from stiction.reference_impl.multibody.kinematics import rotate, workspace
 from stiction.reference_impl.multibody.mechanism import Arrays, Mechanism, Workspace
-from stiction.scenes import Scene
 
 SATURATED = 1.0 - 1e-6
 """Part of the cap above which a guide slips: beyond the residuals of the engines' solvers (1e-9), below any load that
@@ -103,9 +102,8 @@ class Balance(Bundle):
     work: Table
 
     @classmethod
-    def of(cls, scene: Scene) -> Balance:
-        """Return the balance of a scene, with coordinates and rates at t = 0."""
-        mechanism = Mechanism(scene, stabilization="none")
+    def of(cls, mechanism: Mechanism) -> Balance:
+        """Return the balance of a mechanism, with coordinates and rates at t = 0."""
         m = mechanism.arrays
         frictional, coordinates = len(m.friction), len(m.inverse_mass)
         rows = m.rows + frictional

@@ -9,6 +9,7 @@ from contextlib import AbstractContextManager
 from dataclasses import replace
 from typing import Any, ClassVar
 
+from stiction.engines.assembly import Assembly, assembly_of
 from stiction.engines.protocol import Refused, Supplier
 from stiction.engines.shared.acceleration_integrator import (
     DEFAULT_TOLERANCE,
@@ -91,6 +92,7 @@ class TreeEngine(SteppedEngine):
         fidelity: str,
         output_step: float,
         settings: Mapping[str, Any],
+        assembly: Assembly | None = None,
     ) -> Trajectory:
         if settings.get("method") != METHOD:
             return super().run(
@@ -101,20 +103,22 @@ class TreeEngine(SteppedEngine):
                 fidelity=fidelity,
                 output_step=output_step,
                 settings=settings,
+                assembly=assembly,
             )
         if dt is not None or fidelity != "joint" or len(settings) > 1:
             raise InputError(
                 f"method={METHOD}: found dt, contact fidelity or other settings; expected rtol alone"
             )
         start, tolerance = time.process_time(), DEFAULT_TOLERANCE if rtol is None else rtol
-        refuse_off(scene)
-        accelerations = TreeAccelerations(scene)
+        assembly = assembly_of(scene, assembly)
+        refuse_off(assembly)
+        accelerations = TreeAccelerations(assembly.whole)
         with self.dynamics(
             scene, accelerations.tree, accelerations.clock
         ) as accelerations.dynamics:
             return integrate(
                 accelerations,
-                scene,
+                assembly.whole,
                 self,
                 t_end=t_end,
                 rtol=tolerance,

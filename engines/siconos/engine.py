@@ -7,6 +7,7 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
+from stiction.engines.assembly import Assembly, assembly_of
 from stiction.engines.program.engine import ProgramEngine
 from stiction.engines.registry import EngineBroken, EngineMissing
 from stiction.engines.shared.fixed_step import settings_of
@@ -69,6 +70,7 @@ class SiconosEngine(ProgramEngine):
         fidelity: str,
         output_step: float,
         settings: Mapping[str, Any],
+        assembly: Assembly | None = None,
     ) -> Trajectory:
         settings_of(
             settings,
@@ -81,7 +83,8 @@ class SiconosEngine(ProgramEngine):
                 raise InputError(
                     f"{name}: found {value!r}; expected {BOUNDS[name][0]:g} .. {BOUNDS[name][1]:g}"
                 )
-        refuse_off(scene)
+        assembly = assembly_of(scene, assembly)
+        refuse_off(assembly)
         return super().run(
             scene,
             t_end=t_end,
@@ -90,6 +93,7 @@ class SiconosEngine(ProgramEngine):
             fidelity=fidelity,
             output_step=output_step,
             settings=settings,
+            assembly=assembly,
         )
 
 

@@ -11,6 +11,7 @@ row of W_T for a surface at lever -+b/2 is the tangential row +- b/2 times that 
 
 from __future__ import annotations
 
+from copy import copy
 from functools import lru_cache
 from math import dist, hypot
 from typing import Annotated, Any
@@ -191,11 +192,7 @@ class Mechanism:
         self.row_names = _row_names(scene)
         self._index = {GROUND: -1, **{name: i for i, name in enumerate(self.body_names)}}
         self._laws = [element.law for element in [*scene.drives.values(), *scene.forces.values()]]
-        alpha, beta, self.projection = _stabilization(scene, stabilization)
-        self.stabilization = {
-            "method": "projection" if self.projection else "baumgarte" if alpha or beta else "none",
-            **({"alpha": alpha, "beta": beta} if alpha or beta else {}),
-        }
+        alpha, beta = self._stabilize(stabilization)
         if len(self.row_names) > MOST_ROWS:
             raise SceneError(
                 scene._origin,
@@ -211,6 +208,23 @@ class Mechanism:
         whole = Arrays(separate=(), **coefficients(alpha, beta), **parts, **_what_turns(parts))
         separate = _separate(whole)
         self.arrays = whole.replaced(separate=separate) if separate else whole
+
+    def stabilized(self, stabilization: str) -> Mechanism:
+        """Return the same mechanism with another stabilization; the two share their arrays."""
+        other = copy(self)
+        terms = coefficients(*other._stabilize(stabilization))
+        separate = tuple(part.replaced(**terms) for part in self.arrays.separate)
+        other.arrays = self.arrays.replaced(separate=separate, **terms)
+        return other
+
+    def _stabilize(self, stabilization: str) -> tuple[float, float]:
+        """Set what is done against drift; returns Baumgarte's alpha and beta (1/s), 0 without."""
+        alpha, beta, self.projection = _stabilization(self.scene, stabilization)
+        self.stabilization = {
+            "method": "projection" if self.projection else "baumgarte" if alpha or beta else "none",
+            **({"alpha": alpha, "beta": beta} if alpha or beta else {}),
+        }
+        return alpha, beta
 
     def initial_state(self) -> tuple[np.ndarray, np.ndarray]:
         """Coordinates and velocities at t = 0 as the scene gives them, each of shape (3 * bodies,)."""
@@ -381,7 +395,7 @@ class Mechanism:
             else:
                 t, y = np.array(law.times), np.array(law.values)
                 cubic = law.interpolation == "cubic"
-                second = spline_slopes(t, y) if cubic else np.zeros(len(t))
+                second = spline_slopes(law.times, law.values) if cubic else np.zeros(len(t))
                 laws.append(
                     (LAW_SPLINE if cubic else LAW_TABLE, len(knots), len(knots) + len(t), 0, 0)
                 )

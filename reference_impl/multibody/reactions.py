@@ -36,6 +36,7 @@ def recover_columns(
     v: ArrayLike,
     a: ArrayLike,
     reactions: Mapping[str, ArrayLike] | None = None,
+    mechanism: Mechanism | None = None,
 ) -> dict[str, np.ndarray]:
     """Return all columns of a trajectory from states and accelerations.
 
@@ -49,6 +50,8 @@ def recover_columns(
         Columns that the engine itself reports, e.g. ``"motor.effort"``, ``"guide.normal_force"``; they replace the
         recovered ones, and corner forces follow from them. A guide's ``friction`` is taken as known where it is not
         NaN and the others follow from it.
+    mechanism : Mechanism, optional
+        That of the scene, where there is one already.
 
     Returns
     -------
@@ -62,7 +65,8 @@ def recover_columns(
     InputError
         For an argument of another shape, with other things than numbers or with numbers that are not finite.
     """
-    mechanism = Mechanism(scene, stabilization="none")
+    if mechanism is None:
+        mechanism = Mechanism(scene, stabilization="none")
     m = mechanism.arrays
     t = _numbers("t", t, ("n",))
     q, v, a = (

@@ -11,6 +11,7 @@ from typer.testing import CliRunner
 
 from stiction.cli.app import app
 from stiction.engines import load_engine
+from stiction.engines.assembly import Assembly
 from stiction.engines.exudyn.engine import scene_as_script
 from stiction.engines.mujoco.engine import scene_as_mjcf
 from stiction.engines.pybullet.urdf import urdf
@@ -62,7 +63,9 @@ def _scene(name, folder):
 def _recorded(engine, scene, fidelity, steps, bounds):
     """The tree of a scene, the motion of an engine's adapter, and the bounds of each step's last pass."""
     tree, settings, motion = LinkTree(scene, fidelity), [], []
-    with engine.stepper(scene, STEP, engine.default_settings(fidelity), fidelity) as stepper:
+    with engine.stepper(
+        Assembly(scene), STEP, engine.default_settings(fidelity), fidelity
+    ) as stepper:
         stepper.compile()
         advance = stepper.advance
 
@@ -173,7 +176,7 @@ def test_the_urdf_makes_the_motion_of_the_adapter(name, t_end, tmp_path, capfd):
     named = (*scene.drives, *scene.forces, *scene.springs, *scene.frictional_guides)
     assert all(f'"{name}"' in header for name in named)
     client = pybullet.connect(pybullet.DIRECT)
-    here, balance = {"physicsClientId": client}, Balance.of(scene)
+    here, balance = {"physicsClientId": client}, Balance.of(Assembly(scene).whole)
     try:
         capfd.readouterr()
         model = pybullet.loadURDF(

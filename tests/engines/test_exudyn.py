@@ -7,6 +7,7 @@ import pytest
 
 from stiction.comparisons.hard.scaled_scenes import Units, scaled
 from stiction.engines import Refused, load_engine
+from stiction.engines.assembly import Assembly
 from stiction.engines.exudyn.bristles import moved_mass
 from stiction.engines.exudyn.model import PointDistance
 from stiction.engines.exudyn.stepping import SHORTEST_STEP
@@ -163,7 +164,7 @@ class TestBristles:
     def test_mass_that_slip_moves(self):
         """The bar goes with the slider, as its motor turns it at a given rate; a slider that a pin holds counts alone."""
         one = load_scene("slider-bar-case-1")
-        assert moved_mass(one, "guide") == pytest.approx(
+        assert moved_mass(Assembly(one).whole, "guide") == pytest.approx(
             one.bodies["slider"].mass + one.bodies["bar"].mass, rel=1e-12
         )
         pinned = scene(
@@ -177,7 +178,7 @@ class TestBristles:
                 },
             },
         )
-        assert moved_mass(pinned, "guide") == pytest.approx(2.0)
+        assert moved_mass(Assembly(pinned).whole, "guide") == pytest.approx(2.0)
 
     @pytest.mark.parametrize(
         ("name", "column", "expected", "error"),

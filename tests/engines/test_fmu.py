@@ -225,6 +225,18 @@ def test_scenes_that_are_refused(exchange, chosen, options, scene, words):
     )
 
 
+@pytest.mark.parametrize(
+    ("chosen", "expected"),
+    [
+        ("", "engine"),
+        ('[capabilities]\nfriction_supplied_by = "engine + adapter"', "engine + adapter"),
+    ],
+)
+def test_the_map_says_who_supplies_the_friction(exchange, chosen, expected):
+    run = exchange(chosen).simulate(load_scene(CASES[0]), t_end=0.1, rtol=1e-6)
+    assert run.settings["friction_supplied_by"] == expected
+
+
 def test_accelerations_that_are_not_there_are_differences(exchange):
     scene = load_scene(CASES[0])
     run = exchange(
@@ -243,6 +255,7 @@ def test_accelerations_that_are_not_there_are_differences(exchange):
         ('[columns]\nslider.x = ""', "slider.x"),
         ('[parameters]\nmu = "stiction.scene"', "parameters.mu"),
         ("[capabilities]\nfidelity = 1", "fidelity"),
+        ('[capabilities]\nfriction_supplied_by = "nobody"', "friction_supplied_by.*'adapter'"),
         ("[columns", "TOML"),
     ],
 )

@@ -5,7 +5,7 @@ import pytest
 from stiction.comparisons.bench.timing.visits import bare_run
 from stiction.engines import Engine, load_engine
 from stiction.engines.protocol import Capabilities
-from stiction.engines.registry import BUILT_IN, EngineMissing
+from stiction.engines.registry import ENGINES, EngineMissing
 from stiction.scenes import InputError, load_scene
 
 
@@ -55,7 +55,7 @@ def test_an_unknown_setting_is_still_refused():
         Asked().simulate(load_scene("pendulum"), t_end=0.1, sigma1=3.0)
 
 
-@pytest.mark.parametrize("name", BUILT_IN)
+@pytest.mark.parametrize("name", [entry.name for entry in ENGINES if not entry.run_by_system])
 def test_defaults_can_be_given(name):
     """A run with all of an engine's defaults written out is the run without any."""
     try:

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from stiction.engines import BadTrajectory, load_engine
+from stiction.engines.assembly import Assembly
 from stiction.engines.pymunk.correction import Iteration, bias_of_share, share_of_bias
 from stiction.engines.pymunk.engine import non_turning
 from stiction.engines.shared.step_kernels import Balance, assemble
@@ -176,7 +177,7 @@ def test_a_light_body_between_heavy_ones_does_not_fly_apart(engine, block, dt):
 def test_the_share_that_iterations_bear():
     """As the eigenvalues of a step say: with it the Scotch yoke stays together, with three times what is stable it does not."""
     scene = scotch_yoke(2e-2)
-    balance = Balance.of(scene)
+    balance = Balance.of(Assembly(scene).whole)
     assemble(balance, 0.0, balance.q.copy(), balance.v.copy(), 0.0)
     iteration = Iteration(scene, balance, non_turning(scene))
     left = iteration.left(50)

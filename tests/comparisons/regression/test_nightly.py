@@ -27,8 +27,9 @@ from stiction.comparisons.regression.older_code import (
     times_in_turns,
 )
 from stiction.engines.isolation import isolate
-from stiction.engines.registry import BUILT_IN
+from stiction.engines.registry import ENGINES
 from stiction.engines.shared.friction_bound import FrictionBound
+from stiction.reference_impl.multibody.mechanism import Mechanism
 from stiction.scenes import vary
 from stiction.truths import PROVEN
 
@@ -475,7 +476,11 @@ def test_a_check_has_a_run_of_every_engine_that_is_followed():
     runs = campaign.check_runs
     assert {run.key for run in runs} < {run.key for run in campaign.runs}
     engines = {run.variant.engine for run in runs if run.variant}
-    assert engines == {variant.engine for variant in campaign.variants} == set(BUILT_IN)
+    assert (
+        engines
+        == {variant.engine for variant in campaign.variants}
+        == {entry.name for entry in ENGINES if not entry.run_by_system}
+    )
     [scene] = campaign.every
     assert all(
         run.followed == (run.scene.name == scene) for run in [*runs, *campaign.runs] if run.variant
@@ -497,11 +502,13 @@ def test_an_engine_whose_friction_is_one_percent_off_is_found(folder, monkeypatc
     invoke("check", "pymunk.toml", "--baseline", "b.toml")
     kept = FrictionBound.__init__
 
-    def damaged(self, scene, *others, **options):
-        guide = scene.guides["guide"]
+    def damaged(self, mechanism, *others, **options):
+        scene, guide = mechanism.scene, mechanism.scene.guides["guide"]
         kept(
             self,
-            vary(scene, {"guide.mu": 1.01 * guide.mu, "guide.mus": 1.01 * guide.mus}),
+            Mechanism(
+                vary(scene, {"guide.mu": 1.01 * guide.mu, "guide.mus": 1.01 * guide.mus}), "none"
+            ),
             *others,
             **options,
         )

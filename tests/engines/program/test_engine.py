@@ -27,6 +27,9 @@ from stiction.engines import (
     load_engine,
     run_isolated,
 )
+from stiction.engines.fmu.variables import Map
+from stiction.engines.program.declaration import Declaration
+from stiction.engines.protocol import EVENTS_LOCATED_BY, FRICTION_SUPPLIED_BY, Supplier
 from stiction.engines.shared.declared_engine import DIFFERENCES
 from stiction.scenes import FileError, InputError, load_scene, scene_from_dict, vary
 from stiction.scenes.digest import digest
@@ -39,6 +42,7 @@ BALL = scene_from_dict(
     },
     name="ball",
 )
+BALL_AT_REST = vary(BALL, {"gravity": [0, 0], "ball.velocity": [0, 0], "ball.angular_velocity": 0})
 # free flight, exactly; what a test adds comes before or behind it
 FLIGHT = """
 import json, math, os, sys, time
@@ -231,6 +235,56 @@ class TestEvents:
     def test_one_without_rows_is_a_failure(self, stopping, when):
         with pytest.raises(BadTrajectory, match="events|two rows"):
             simulate(stopping(when), BLOCK)
+
+
+FRICTION = {"friction_law": "Coulomb", "static_coefficient": True}
+
+
+class TestWhoSuppliesTheFriction:
+    """The declaration says it, the engine itself where it does not."""
+
+    @pytest.mark.parametrize(
+        ("said", "expected"),
+        [
+            ({}, "engine"),
+            *(({FRICTION_SUPPLIED_BY: by}, by) for by in ("engine", "adapter", "engine + adapter")),
+        ],
+    )
+    def test_the_run_has_what_is_declared(self, program, said, expected):
+        """A block at rest on a guide without load: its table is that of no motion."""
+        rest = "write([[t, *[0.0] * 9] for t, *_ in rows])"
+        scene = vary(
+            BALL,
+            {
+                "gravity": [0, 0],
+                "ball.velocity": [0, 0],
+                "ball.angular_velocity": 0,
+                "joints": {"guide": {"type": "translational", "slider": "ball", "mu": 0.5}},
+            },
+        )
+        path = program(rest, capabilities={**FRICTION, **said})
+        assert simulate(path, scene).settings[FRICTION_SUPPLIED_BY] == expected
+        assert simulate(path, BALL_AT_REST).settings[FRICTION_SUPPLIED_BY] == "nobody"
+        engine = load_engine(path)
+        assert engine.friction_supplier("joint", {}) == expected
+        assert engine.capabilities.friction_by == {"joint": expected}
+
+    @pytest.mark.parametrize("said", ["suite", "nobody", "", 1])
+    def test_anything_else_is_an_error_of_the_file(self, program, said):
+        path = program(capabilities={**FRICTION, FRICTION_SUPPLIED_BY: said})
+        with pytest.raises(FileError, match=rf"capabilities.{FRICTION_SUPPLIED_BY}") as error:
+            load_engine(path)
+        assert repr(said).strip("'") in str(error.value) and "adapter" in str(error.value)
+
+    @pytest.mark.parametrize("name", [FRICTION_SUPPLIED_BY, EVENTS_LOCATED_BY])
+    def test_it_is_no_setting_of_a_program(self, program, name):
+        with pytest.raises(FileError, match="another name"):
+            load_engine(program(command=[*FLOWN, "{settings}"], settings={name: "adapter"}))
+
+    @pytest.mark.parametrize("model", [Declaration, Map])
+    def test_the_schema_of_the_file_has_the_suppliers(self, model):
+        schema = model.model_json_schema()
+        assert schema["$defs"]["Supplier"]["enum"] == [str(one) for one in Supplier]
 
 
 def test_refusals_by_exit_code_and_by_what_is_declared(program):

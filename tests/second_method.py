@@ -35,11 +35,10 @@ from functools import partial
 from itertools import product
 
 import numpy as np
-from random_mechanisms import moderate_scene
+from random_mechanisms import SeededDice, moderate_scene
 from scipy.integrate import DOP853, DenseOutput
 from scipy.optimize import brentq, minimize_scalar
 
-from stiction.comparisons.random_scenes.resting_mechanisms import SeededDice
 from stiction.reference_impl.equations_of_motion import EquationsOfMotion, Terms
 from stiction.scenes import Breakdown, Scene, Trajectory, scene_from_dict
 from stiction.scenes.laws import law_kinks

@@ -3,23 +3,18 @@
 Two or three frictional guides: a rod between two sliders; a plate on two sliders, with a rod to a third; a crank that
 drives two sliders by rods; a guide on a rocking link, or on another slider. When one guide is held, all are. Every
 mechanism is run with each stabilization and compared with `one_freedom.simulate`.
-
-    python -m stiction.comparisons.random_scenes mechanisms 0 0 1000
 """
 
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from itertools import count, product
-from typing import Any, TypeVar
+from typing import Any
 
 import numpy as np
+from random_mechanisms import SeededDice
 
-from stiction.comparisons.random_scenes.random_study import (
-    RandomScenes,
-    SceneOutcome,
-    event_differences,
-)
+from fuzz.scene_outcomes import SceneOutcome, event_differences
 from stiction.engines.reference.engine import ReferenceEngine
 from stiction.scenes import Scene, Trajectory, scene_from_dict
 from stiction.scenes.columns import BODY_COLUMNS
@@ -35,8 +30,6 @@ from stiction.truths.one_freedom import (
     simulate,
 )
 
-T = TypeVar("T")
-
 STABILIZATIONS = ("none", "baumgarte", "projection")
 RTOLS = (1e-6, 1e-8, 1e-10, 1e-12)
 CLOSEST = 1e-6
@@ -50,25 +43,6 @@ OWN_ERROR = 1e-9
 AT_REST = 1e-11
 """m/s: rounding of the motion at rest. Forces in balance leave accelerations of 1e-15 of 10 m/s^2, a hundred times that
 with unlike masses and levers; ten seconds at rest add them up. A guide that slips has another mode."""
-
-
-class SeededDice:
-    """Independent uniform draws of a seed; numbers have six decimals, so that a scene prints as it is."""
-
-    def __init__(self, seed: int | Sequence[int] | np.random.Generator):
-        self._random = np.random.default_rng(seed)
-
-    def number(self, low: float, high: float) -> float:
-        return round(float(self._random.uniform(low, high)), 6)
-
-    def integer(self, low: int, high: int) -> int:
-        return int(self._random.integers(low, high + 1))
-
-    def chance(self) -> bool:
-        return bool(self._random.random() < 0.5)
-
-    def one_of(self, options: Sequence[T]) -> T:
-        return options[self.integer(0, len(options) - 1)]
 
 
 class Draft:
@@ -251,22 +225,18 @@ def drawn(seed: int, i: int) -> tuple[Scene, Motion]:
     raise AssertionError("endless")
 
 
-AGREES, SLIPS, OTHER_EVENTS, OTHER_MOTION, NO_BALANCE, STOPS = (
-    "agrees",
-    "slips at rest",
-    "other events",
-    "other motion",
-    "no balance at rest",
-    "stops",
-)
-OUTCOMES = {
-    AGREES: "events, positions and forces within the bound; all guides at rest at the end, balanced, in their cones",
-    SLIPS: "a guide is not at rest at the end, though the mechanism is",
-    OTHER_EVENTS: "stick, slip or reversals are others, or at other times",
-    OTHER_MOTION: "a position, a normal force or a friction of the motion is another, or the place of rest",
-    NO_BALANCE: "forces at rest are not in balance, or not in the static cones of their surfaces",
-    STOPS: "a typed breakdown, though there is one motion",
-}
+AGREES = "agrees"
+"""Events, positions and forces within the bound; all guides at rest at the end, balanced, in their cones."""
+SLIPS = "slips at rest"
+"""A guide is not at rest at the end, though the mechanism is."""
+OTHER_EVENTS = "other events"
+"""Stick, slip or reversals are others, or at other times."""
+OTHER_MOTION = "other motion"
+"""A position, a normal force or a friction of the motion is another, or the place of rest."""
+NO_BALANCE = "no balance at rest"
+"""Forces at rest are not in balance, or not in the static cones of their surfaces."""
+STOPS = "stops"
+"""A typed breakdown, though there is one motion."""
 
 
 def judge(scene: Scene, motion: Motion, run: Trajectory, rtol: float) -> SceneOutcome:
@@ -415,12 +385,3 @@ def judge_drawn(seed: int, i: int, rtols: Sequence[float]) -> list[SceneOutcome]
             verdict = judge(scene, again, run, rtol)
         found.append(verdict)
     return found
-
-
-STUDY = RandomScenes(
-    judge_drawn,
-    OUTCOMES,
-    tuple(outcome for outcome in OUTCOMES if outcome != AGREES),
-    RTOLS,
-    LONGEST,
-)

@@ -5,9 +5,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from stiction.comparisons.random_scenes import __main__ as random_scenes
-from stiction.comparisons.random_scenes import resting_mechanisms
-from stiction.comparisons.random_scenes.resting_mechanisms import (
+from fuzz import resting_mechanisms
+from fuzz.resting_mechanisms import (
     AGREES,
     FAMILIES,
     NO_BALANCE,
@@ -18,10 +17,12 @@ from stiction.comparisons.random_scenes.resting_mechanisms import (
     STOPS,
     drawn,
     judge,
+    judge_drawn,
     runs,
 )
+from fuzz.seeds import seed_or_fresh
 from stiction.scenes import Breakdown, load_scene, scene_from_dict
-from stiction.truths.one_freedom import NoClearMotion, OneFreedom, simulate
+from stiction.truths.one_freedom import LONGEST_STEP, TOLERANCE, NoClearMotion, OneFreedom, simulate
 
 SEED = 8
 SLIDER = {
@@ -163,15 +164,14 @@ def test_scenes_of_the_catalogue_come_to_rest(name):
 @pytest.mark.long
 @pytest.mark.parametrize("block", range(20))
 def test_reference_brings_a_thousand_mechanisms_to_rest(block):
-    wrong = []
-    for i in range(block, 1000, 20):
-        scene, motion = drawn(SEED + 1, i)
-        verdicts = [
-            judge(scene, motion, run, rtol)
-            for rtol, run in runs(scene, [10.0**-k for k in range(6, 13)])
-        ]
-        wrong += [found for found in verdicts if found.outcome != AGREES]
-    assert wrong == []
+    seed = seed_or_fresh(None)
+    wrong = [
+        f"resting_mechanisms.drawn({seed}, {i}): {verdict}"
+        for i in range(block, 1000, 20)
+        for verdict in judge_drawn(seed, i, [10.0**-k for k in range(6, 13)])
+        if verdict.outcome != AGREES
+    ]
+    assert not wrong, "\n".join(wrong)
 
 
 def test_a_motion_shorter_than_what_events_may_be_shifted_by_is_judged_by_its_place_of_rest():
@@ -232,20 +232,20 @@ def test_friction_beyond_the_static_cone_is_found(mechanism):
     assert judge(scene, replace(motion, equations=slippery), run, 1e-12).outcome == NO_BALANCE
 
 
-def test_a_fault_repeats_by_its_command(capsys, monkeypatch, compiled):
-    """All that a failing night says of a mechanism is its seed and number."""
-    # the motion that decides where a run disagrees takes ten seconds
-    monkeypatch.setattr(
-        resting_mechanisms, "simulate", lambda scene, t_end, *_: simulate(scene, t_end)
-    )
+def test_a_fault_is_judged_again_by_a_tighter_motion(monkeypatch):
+    """What disagrees with the motion is held to one with far shorter steps, which decides."""
+    asked = []
+
+    def motion(scene, t_end, *tighter):
+        asked.append(tighter)
+        return simulate(scene, t_end)  # the tighter one takes ten seconds
+
+    monkeypatch.setattr(resting_mechanisms, "simulate", motion)
     true = resting_mechanisms.judge
 
     def wrong(scene, motion, run, rtol):
         return replace(true(scene, motion, run, rtol), outcome=SLIPS)
 
     monkeypatch.setattr(resting_mechanisms, "judge", wrong)
-    monkeypatch.setattr(
-        random_scenes, "STUDIES", {"mechanisms": replace(resting_mechanisms.STUDY, rtols=(1e-12,))}
-    )
-    assert random_scenes.main(["mechanisms", str(SEED), "0"]) == 1
-    assert capsys.readouterr().out.count(f"trammel 0 of seed {SEED}, ") == 3
+    assert [found.outcome for found in judge_drawn(SEED, 0, [1e-12])] == 3 * [SLIPS]
+    assert asked[-1] == (TOLERANCE / 10, LONGEST_STEP / 64) and asked.count(asked[-1]) == 1

@@ -105,7 +105,7 @@ class Times:
 
 
 def findings(
-    rows: Iterable[Row],
+    rows: Sequence[Row],
     baseline: Baseline,
     kinds: Collection[str],
     times: Mapping[str, Times],

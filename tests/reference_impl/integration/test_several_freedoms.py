@@ -5,12 +5,13 @@ from functools import cache
 
 import numpy as np
 import pytest
-from second_method import RESERVE, STEPS, TOLERANCE, differences, random_scene, simulate
+from fuzz.several_freedoms import RESERVE, differences, random_scene
 
 from stiction.comparisons.measures.scene_truth import ground_truth
 from stiction.engines.reference.engine import ReferenceEngine
 from stiction.scenes import load_scene, scene_from_dict, vary
 from stiction.truths import slider_bar_truth
+from stiction.truths.enumerated_motion import STEPS, TOLERANCE, simulate
 from stiction.truths.truth import OWN_RUN
 
 RTOLS = (1e-9, 1e-12)

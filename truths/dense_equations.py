@@ -192,7 +192,7 @@ class Coordinates:
         straight = [e for e in elements if e.type in ("distance", "linear")]
         along = [e for e in straight if e.axis is not None]
         free = [e for e in straight if e.axis is None]
-        groups = [
+        groups: list[Angles | Distances] = [
             Angles([pair(e) for e in turning], len(number) - 1),
             Distances(
                 [pair(e) for e in along],
@@ -211,13 +211,12 @@ class Coordinates:
         found = [group.at(posture) for group in self.groups]
         if len(found) == 1:
             return found[0]
-        return Values(
-            *(
-                np.concatenate([getattr(values, name) for values in found], -1)[..., self.order]
-                for name in ("value", "rate", "gamma")
-            ),
-            np.concatenate([values.jacobian for values in found], -2)[..., self.order, :],
+        value, rate, gamma = (
+            np.concatenate([getattr(values, name) for values in found], -1)[..., self.order]
+            for name in ("value", "rate", "gamma")
         )
+        jacobian = np.concatenate([values.jacobian for values in found], -2)[..., self.order, :]
+        return Values(value, rate, gamma, jacobian)
 
 
 def law_values(laws: Sequence[Law], t: np.ndarray) -> np.ndarray:
@@ -256,20 +255,23 @@ class DenseEquations:
         self.normal_row = [2 * len(pins) + 2 * list(guides).index(name) for name in self.guides]
 
         # one group of distances, as each costs time: pins, across the guides, along those with friction
-        bodies, points, lines, carriers = [], [], [], []
+        pairs: list[tuple[int, int]] = []
+        points: list[tuple[complex, complex]] = []
+        lines: list[complex] = []
+        carriers: list[int] = []
         for pin in pins.values():
             for way in (1, 1j):
-                bodies.append((number[pin.bodies[0]], number[pin.bodies[1]]))
+                pairs.append((number[pin.bodies[0]], number[pin.bodies[1]]))
                 points.append((complex(*pin.points[0]), complex(*pin.points[1])))
                 lines.append(complex(way))
                 carriers.append(number[GROUND])
         for way, some in ((1j, guides), (1, self.guides)):
             for guide in some.values():
-                bodies.append((number[guide.slider], number[guide.guide]))
+                pairs.append((number[guide.slider], number[guide.guide]))
                 points.append((complex(*guide.slider_point), complex(*guide.point)))
                 lines.append(way * complex(*guide.direction))
                 carriers.append(number[guide.guide])
-        self._ways = Distances(bodies, points, lines, carriers)
+        self._ways = Distances(pairs, points, lines, carriers)
         self._parts = np.cumsum([2 * len(pins), len(guides)])
         self._turned = Angles(
             [(number[g.slider], number[g.guide]) for g in guides.values()], len(scene.bodies)

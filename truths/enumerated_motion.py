@@ -169,7 +169,7 @@ class Contact:
         self.loads_are_constant = not scene.drives and all(
             isinstance(load.law, Constant) for load in loads
         )
-        self.length = [guide.length for guide in guides]
+        self.length = [guide.length or 0.0 for guide in guides]  # 0: a guide without
         self.width = [guide.width or 0.0 for guide in guides]
         self.mu = np.array([guide.kinetic_coefficient for guide in guides])
         self.mus = np.array([guide.static_coefficient for guide in guides])
@@ -192,14 +192,14 @@ class Contact:
         rows = np.concatenate([terms.J, terms.W[..., stuck, :]], -2)
         shape = np.broadcast_shapes(rows.shape[:-2], mode.corner.shape[:-2])
         acts = np.broadcast_to(rows, (*shape, *rows.shape[-2:])).copy()
-        for g in np.flatnonzero(mode.slip):
+        for g in np.flatnonzero(mode.slip).tolist():
             r, friction, s = self.row[g], -mu[g] * mode.slip[g], mode.corner[..., g, :, None]
             normal, angle, along = (
                 terms.J[..., self.row[g], :],
                 terms.J[..., self.row[g] + 1, :],
                 terms.W[..., g, :],
             )
-            if self.length[g] is None:
+            if not self.length[g]:
                 acts[..., r, :] = normal + friction * s[..., 0, :] * along
             else:
                 for j, lever in enumerate((-self.length[g] / 2, self.length[g] / 2)):
@@ -222,7 +222,7 @@ class Contact:
                     second,
                     x[..., terms.J.shape[-2] + np.searchsorted(stuck, g)],
                 )
-            elif self.length[g] is None:
+            elif not self.length[g]:
                 R[..., g], T[..., g], f[..., g] = first, second, friction * s[..., 0] * first
                 n[..., g, :] = first[..., None]
             else:
@@ -284,17 +284,18 @@ class Contact:
         acts[:rows] = terms.J
         for g, (r, a, b) in enumerate(zip(self.row, self.length, self.width)):
             normal, angle, along = terms.J[r], terms.J[r + 1], terms.W[g]
-            if a is not None:
+            if a:
                 acts[r], acts[r + 1] = normal - a / 2 * angle, normal + a / 2 * angle
             acts[rows + 2 * g] = along + b / 2 * angle
             acts[rows + 2 * g + 1] = along - b / 2 * angle
         needed = self.equations.mass * acceleration - terms.Q
-        signs = [((1, 1), (-1, -1)) if a is None else CORNERS for a in self.length]
+        signs = [((1, 1), (-1, -1)) if not a else CORNERS for a in self.length]
         unknown, best = len(acts) + 1, -np.inf
         for choice in product(*signs):
-            bounds, conditions = [(None, None)] * unknown, []
+            bounds: list[tuple[float | None, float | None]] = [(None, None)] * unknown
+            conditions = []
             for g, s in enumerate(choice):
-                corners = range(self.row[g], self.row[g] + (1 if self.length[g] is None else 2))
+                corners = range(self.row[g], self.row[g] + (1 if not self.length[g] else 2))
                 for column, sign in zip(corners, s):
                     bounds[column] = (0, None) if sign > 0 else (None, 0)
                 for surface, sign in enumerate((1, -1)):
@@ -323,7 +324,7 @@ class Contact:
 
     def load(self, g: int, R: np.ndarray, T: np.ndarray, mu: float, d: int) -> np.ndarray:
         """|n1| + |n2| with both surfaces fully mobilized against slip in the direction d."""
-        if self.length[g] is None:
+        if not self.length[g]:
             return np.abs(R)
         return np.maximum(
             np.abs(R), 2 / self.length[g] * np.abs(T + self.width[g] / 2 * mu * d * R)
@@ -339,7 +340,7 @@ class Contact:
                     )
                     yield Margin(g, "hold", away), held + away * forces.f[..., g]
             else:
-                for j in range(1 if self.length[g] is None else 2):
+                for j in range(1 if not self.length[g] else 2):
                     yield Margin(g, "corner", j), mode.corner[..., g, j] * forces.n[..., g, j]
 
     def margins(self, t: np.ndarray, y: np.ndarray, mode: Mode) -> tuple[list[Margin], np.ndarray]:
@@ -375,7 +376,8 @@ class Contact:
         left : set of int
             Guides that have left rest in this instant, in the direction `slip`, with the kinetic coefficient.
         """
-        mu, found = np.where([g in rest for g in range(len(slip))], self.mus, self.mu), []
+        mu = np.where([g in rest for g in range(len(slip))], self.mus, self.mu)
+        found: list[tuple[Mode, np.ndarray]] = []
         for slips in product(*((0, 1, -1) if g in rest else (d,) for g, d in enumerate(slip))):
             stuck = [g for g, d in enumerate(slips) if d == 0]
             if self.held_with(terms, stuck) & (set(range(len(slip))) - set(stuck)):
@@ -384,7 +386,7 @@ class Contact:
                 found += self._shared_rest(terms, np.array(slips, dtype=int), found)
                 continue
             signs = [
-                ((1, 1),) if d == 0 else ((1, 1), (-1, -1)) if self.length[g] is None else CORNERS
+                ((1, 1),) if d == 0 else ((1, 1), (-1, -1)) if not self.length[g] else CORNERS
                 for g, d in enumerate(slips)
             ]
             modes = Mode(
@@ -395,7 +397,7 @@ class Contact:
             kept = np.all(np.isfinite(forces.acceleration), -1)
             for _, value in self.conditions(forces, modes):
                 kept &= value >= -ADMISSIBLE
-            for g in (rest | left) & set(np.flatnonzero(modes.slip)):
+            for g in (rest | left) & set(np.flatnonzero(modes.slip).tolist()):
                 kept &= (
                     modes.slip[g] * (forces.acceleration @ terms.W[g] + terms.w[g]) >= -ADMISSIBLE
                 )
@@ -455,7 +457,7 @@ class Contact:
         """
         terms, slip, left = self.equations.at(t, *np.split(y, 2)), slip.copy(), set(left)
         while True:
-            rest = set(np.flatnonzero(slip == 0))
+            rest = set(np.flatnonzero(slip == 0).tolist())
             found = self.possible(terms, slip, rest, left)
             if len(found) != 1:
                 kind = "several solutions" if found else "no solution"
@@ -516,8 +518,9 @@ def simulate(scene: Scene, t_end: float, tolerance: float = TOLERANCE) -> Motion
                 ]
     except _Stopped as stopped:
         breakdown = stopped.breakdown
-    except np.linalg.LinAlgError:
-        breakdown = Breakdown("singular", t, "the constraints of a contact mode are redundant")
+    except np.linalg.LinAlgError as error:
+        reason = f"the constraints of a contact mode are redundant: {error}"
+        breakdown = Breakdown("singular", t, reason)
     q, v = np.split(np.array(states), 2, -1)
     return Motion(
         contact,
@@ -624,7 +627,7 @@ def _after(contact: Contact, mode: Mode, t: float, y: np.ndarray, passed: Iterab
     for margin in passed:
         if margin.what == "corner":
             corner[margin.guide, margin.which] *= -1
-            if contact.length[margin.guide] is None:
+            if not contact.length[margin.guide]:
                 corner[margin.guide, 1] = corner[margin.guide, 0]
         elif margin.what == "hold":
             slip[margin.guide], decided = margin.which, True
@@ -676,7 +679,7 @@ def _audit(contact: Contact, mode: Mode, piece: DenseOutput, end: float) -> tupl
             )
             worst.append(np.max(np.where(np.abs(speed) > NOISE, np.abs(f - friction), 0.0)))
     middle = Terms(*(getattr(terms, name)[4] for name in Terms.__dataclass_fields__))
-    found = contact.possible(middle, mode.slip, set(np.flatnonzero(mode.slip == 0)), set())
+    found = contact.possible(middle, mode.slip, set(np.flatnonzero(mode.slip == 0).tolist()), set())
     if len(found) != 1 or np.max(np.abs(found[0][1] - forces.acceleration[4])) > SAME:
         kind = (
             "several solutions"

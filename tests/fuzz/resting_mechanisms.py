@@ -225,13 +225,13 @@ def least_determinant(m: Contact, terms: Terms, slip: np.ndarray) -> float:
     """
     rows, mass = terms.J, m.equations.mass
     plain = np.linalg.det(rows / mass @ rows.T)
-    signs = [((1, 1), (-1, -1)) if a is None else CORNERS for a in m.length]
+    signs = [((1, 1), (-1, -1)) if not a else CORNERS for a in m.length]
     least = np.inf
     for choice in product(*signs):
         acts = rows.copy()
         for g, (r, a, b, s) in enumerate(zip(m.row, m.length, m.width, choice)):
             push = -m.mu[g] * slip[g]  # n1 + n2 = R, n2 - n1 = (2/a) (T - (b/2) push R)
-            if a is None:
+            if not a:
                 acts[r] += push * s[0] * terms.W[g]
                 continue
             on_R, on_T = (s[0] + s[1]) / 2, (s[1] - s[0]) / a
@@ -415,7 +415,7 @@ def _balance(motion: Motion, run: Trajectory, bound: float) -> Iterator[tuple[fl
     yield left / (bound * size), f"{left:.2g} of {size:.3g} N is not in balance"
     for i, name in enumerate(m.names):
         held, pressed, split = [friction[i]], [abs(normal[i])], 0.0
-        if m.length[i] is not None:
+        if m.length[i]:
             held = [run[f"{name}.friction_{side}"][-1] for side in ("lower", "upper")]
             F = [run[f"{name}.F{corner}"][-1] for corner in (1, 2, 3, 4)]
             pressed = [F[0] + F[1], F[2] + F[3]]

@@ -132,6 +132,23 @@ def test_redundant_constraints_are_a_typed_breakdown():
     assert simulate(scene, 0.1).breakdown.kind == "singular"
 
 
+def test_guides_that_share_a_load_which_changes_are_a_typed_breakdown():
+    """A trammel at rest: its two guides have one freedom, and the second method does not follow how they share."""
+    scene = load_scene("hard/trammel-comes-to-rest")
+    rest = simulate(scene, scene.t_end)
+    assert rest.breakdown is None and rest.rest is not None and rest.t[-1] == rest.rest
+    body = next(iter(scene.bodies))
+    load = {
+        "type": "torque",
+        "body": body,
+        "law": {"type": "sine", "amplitude": 1e-6, "frequency": 1.0},
+    }
+    changing = scene_from_dict({**scene._raw, "forces": {"small": load}})
+    motion = simulate(changing, scene.t_end)
+    assert motion.breakdown.kind == "singular" and "changes" in motion.breakdown.reason
+    assert motion.rest is None and motion.t[-1] == pytest.approx(rest.rest, abs=1e-3)
+
+
 def test_own_truth_states_its_tier_and_is_the_motion():
     """Two frictional guides and a chain: no independent truth has them. The second method does, to its own tolerance."""
     (scene, other), bound = drawn(0), RESERVE * TOLERANCE

@@ -11,9 +11,11 @@ from importlib import import_module
 from io import StringIO
 from itertools import islice
 from pathlib import Path
+from secrets import randbits
 
 import pytest
 from filelock import FileLock
+from fuzz.seeds import BITS, VARIABLE
 from hypothesis import settings
 from report_material import CASE, LOST, T_END, leave_dots, record, timed, validation_of
 from typer.testing import CliRunner
@@ -32,6 +34,15 @@ from stiction.engines.reference.engine import ReferenceEngine, compile_kernels
 from stiction.reports import report_of, write_report
 from stiction.scenes import load_scene
 from stiction.truths import slider_bar_truth
+
+
+def pytest_configure():
+    """One fresh seed for all draws of a run; workers that are started later inherit it."""
+    os.environ.setdefault(VARIABLE, str(randbits(BITS)))
+
+
+def pytest_report_header():
+    return f"fresh seed of random scenes: {VARIABLE}={os.environ[VARIABLE]}"
 
 
 def pytest_sessionstart(session):

@@ -199,11 +199,7 @@ def _runs(
     campaign["scenes"] = list(scenes) or check["scenes" if check["variants"] else "every"]
     for key in ("scenes", "every"):
         check[key] = [scene for scene in check[key] if scene in campaign["scenes"]]
-    campaign |= {
-        "measure": ["accuracy", "motion", "event", "drift", "counter"],
-        "random": 0,
-        "random_mechanisms": 0,
-    }
+    campaign["measure"] = ["accuracy", "motion", "event", "drift", "counter"]
     (part := folder / CAMPAIGN.with_name("part.toml")).write_text(tomli_w.dumps(campaign))
     options = [] if command == "check" else ["--out", str(folder / "night")]
     options += ["--baseline", baseline] if baseline else []

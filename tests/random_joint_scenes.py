@@ -18,9 +18,8 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from random_mechanisms import Assembly, turn
+from random_mechanisms import Assembly, SeededDice, turn
 
-from stiction.comparisons.random_scenes.resting_mechanisms import SeededDice
 from stiction.engines import EngineFailure, Refused, load_engine
 from stiction.reference_impl.equations_of_motion import EquationsOfMotion
 from stiction.scenes import Scene, Trajectory, scene_from_dict

@@ -14,11 +14,31 @@ ones.
 
 from __future__ import annotations
 
-from typing import Any
+from collections.abc import Sequence
+from typing import Any, TypeVar
 
 import numpy as np
 
-from stiction.comparisons.random_scenes.resting_mechanisms import SeededDice
+T = TypeVar("T")
+
+
+class SeededDice:
+    """Independent uniform draws of a seed; numbers have six decimals, so that a scene prints as it is."""
+
+    def __init__(self, seed: int | Sequence[int] | np.random.Generator):
+        self._random = np.random.default_rng(seed)
+
+    def number(self, low: float, high: float) -> float:
+        return round(float(self._random.uniform(low, high)), 6)
+
+    def integer(self, low: int, high: int) -> int:
+        return int(self._random.integers(low, high + 1))
+
+    def chance(self) -> bool:
+        return bool(self._random.random() < 0.5)
+
+    def one_of(self, options: Sequence[T]) -> T:
+        return options[self.integer(0, len(options) - 1)]
 
 
 def turn(angle, vector):

@@ -378,9 +378,6 @@ def test_engine_is_held_to_its_baseline(tmp_path, in_this_process, monkeypatch):
         "stiction.comparisons.regression.measurement.relative_time",
         lambda call, repeats: (1.0, None),
     )  # no test hangs on a time
-    monkeypatch.setattr(
-        "stiction.comparisons.regression.nightly.draws_of_night", lambda night, count: []
-    )  # 400 slider-bars, others each time
     page = "docs/how-to/engine.md"
     for name in ("free_flight.py", "ball.toml"):
         file_in(page, name)

@@ -232,10 +232,6 @@ class Campaign(Model):
     variants: _Variants
     others: _Others | None = None
     measure: tuple[Kind, ...] = KINDS
-    random: Annotated[int, Field(ge=0)] = 0
-    """Random slider-bars that a night draws afresh and holds to the truth (`random_slider_bars`)."""
-    random_mechanisms: Annotated[int, Field(ge=0)] = 0
-    """Random mechanisms of one degree of freedom that come to rest (`resting_mechanisms`)."""
     repeats: Annotated[int, Field(ge=1)] = 7
     workers: Annotated[int, Field(ge=1)] = 1
     budget: _Budget = _Budget()

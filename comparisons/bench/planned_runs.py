@@ -8,7 +8,7 @@ from __future__ import annotations
 import json
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
-from typing import Any, Literal, Protocol, get_args
+from typing import Any, Literal, get_args
 
 from stiction.comparisons.bench.variants import Variant, run_key
 from stiction.engines import Outcome
@@ -23,9 +23,6 @@ MOTION = "motion"
 Kind = Literal["accuracy", "motion", "event", "drift", "counter", "time"]
 KINDS: tuple[Kind, ...] = get_args(Kind)
 """Kinds of numbers that can be measured of a run."""
-RANDOM = "random"
-"""Kind and variant of scenes drawn afresh every night (`stiction.comparisons.random_scenes.night_draws`), which have no
-baseline."""
 NOT_RUN = "not run"
 """Status of a run that the campaign had no time left for."""
 
@@ -38,7 +35,7 @@ WAYS = (*(f"{MOVED} {seed}" for seed in (1, 2, 3)), ORDER, GRID)
 
 @dataclass(frozen=True)
 class Metric:
-    """A number: `name` is its quantity's key, `kind` one of `KINDS`, `TRUTH` or `RANDOM`; None is unknown.
+    """A number: `name` is its quantity's key, `kind` one of `KINDS` or `TRUTH`; None is unknown.
 
     The uncertainty of an error is that of the truth, of a time the distance of the second shortest repeat. `tier` is
     that of the truth behind an error, ``our own run`` for counters and times. `rounding` is the largest change by
@@ -150,14 +147,7 @@ class PlannedRun:
         )
 
 
-class HasRow(Protocol):
-    """What is planned, and has a row before it is made."""
-
-    @property
-    def row(self) -> Row: ...
-
-
-def row_of(run: HasRow, outcome: Outcome) -> Row:
+def row_of(run: PlannedRun, outcome: Outcome) -> Row:
     """Return the row of a run whose task had an outcome."""
     if outcome.status == "ok":
         return outcome.value

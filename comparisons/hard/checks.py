@@ -26,7 +26,7 @@ from stiction.comparisons.hard.closed_forms import rod_normal_force, value
 from stiction.comparisons.measures.distances import match_events
 from stiction.scenes import Event, Scene, Trajectory
 from stiction.truths import Truth
-from stiction.truths.one_freedom import Instant, Motion, simulate
+from stiction.truths.enumerated_motion import Instant, Motion, simulate
 from stiction.truths.reduced.slider_bar import SliderBar
 from stiction.truths.reduced.steady_state import steady_state
 
@@ -223,18 +223,28 @@ def comes_to_rest(_: HardCase, scenes: Scenes, runs: Runs) -> dict[str, float]:
     """
     scene, run = scenes[0], runs[0]
     motion: Motion = _known(simulate, pickle.dumps(scene), float(run.t[-1]))
-    m, slips = motion.equations, [run[f"{name}.slip_velocity"] for name in motion.equations.guides]
-    terms = m.terms(motion.q, 0.0, np.ones(len(m.guides)))
-    power = shared(np.array([terms.p @ [run[f"{name}.friction"][-1] for name in m.guides]]))
+    if motion.rest is None:
+        raise truths.Undecided(
+            f"{scene.name}: found {motion.breakdown or 'a motion'} up to {motion.t[-1]:g} s; "
+            "expected a mechanism of one freedom that comes to rest"
+        )
+    equations, names, q = motion.contact.equations, motion.contact.names, motion.q[-1]
+    slips = [run[f"{name}.slip_velocity"] for name in names]
+    terms = equations.at(motion.rest, q, np.zeros_like(q))
+    # the direction that the constraints leave, J N = 0 with N^T M N = 1, in which reactions have no power
+    root = np.sqrt(equations.mass)
+    way = np.linalg.svd(terms.J / root)[2][-1] / root
+    power = shared(np.array([way @ terms.W.T @ [run[f"{name}.friction"][-1] for name in names]]))
     place = [run[f"{name}.{key}"][-1] for name in scene.bodies for key in STATE[:3]]
     found = {
-        "place of rest": gap(np.array(place), motion.q),
-        "virtual power of friction": gap(power, -terms.p0) if power.size else 0.0,
+        "place of rest": gap(np.array(place), q),
+        "virtual power of friction": gap(power, -way @ terms.Q) if power.size else 0.0,
         "slip at rest": max(gap(slip[-1], 0.0, float(np.max(np.abs(slip)))) for slip in slips),
     }
     if run.events:
         located = [event for event in run.events if event.kind != "corner"]
-        found |= _other_events(motion.events, located, run.t[-1])
+        expected = [event for event in motion.events if event.kind != "corner"]
+        found |= _other_events(expected, located, run.t[-1])
     return found
 
 

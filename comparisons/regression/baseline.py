@@ -45,7 +45,6 @@ from pydantic import Field, ValidationError
 from stiction.comparisons.bench.planned_runs import (
     KINDS,
     NOT_RUN,
-    RANDOM,
     TRUTH,
     Metric,
     Row,
@@ -257,7 +256,7 @@ def updated(
     }
     moved: list[str] = []
     for row in rows:
-        if row.status in ("missing", NOT_RUN) or row.variant == RANDOM:
+        if row.status in ("missing", NOT_RUN):
             continue  # says nothing about a run that comes again
         named = baseline.runs.get(row.key)
         if named is not None and named.identity != row.identity and named.fixed:

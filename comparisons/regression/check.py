@@ -25,7 +25,7 @@ from dataclasses import dataclass, replace
 from statistics import median
 from types import MappingProxyType
 
-from stiction.comparisons.bench.planned_runs import MOTION, RANDOM, TRUTH, Metric, Row
+from stiction.comparisons.bench.planned_runs import MOTION, TRUTH, Metric, Row
 from stiction.comparisons.measures.accuracy import WRONG
 from stiction.comparisons.regression.baseline import Baseline, Expected, moved_truths
 from stiction.comparisons.regression.older_code import TOTAL
@@ -70,7 +70,7 @@ BOUND_BASELINE = 1.5
 IN_TURNS = "over_older:{}"
 """Name of the quantity."""
 
-_RANKS = ("status", TRUTH, RANDOM, "event", "accuracy", MOTION, "drift", "counter", "time")
+_RANKS = ("status", TRUTH, "event", "accuracy", MOTION, "drift", "counter", "time")
 """Kinds of findings in the order in which they are shown."""
 _STATUSES = ("ok", "incomplete", "refused", "failed", "timed out", "crashed", WRONG)
 """From good to bad, silently wrong the worst; ``missing`` and ``not run`` are no property of a solver."""
@@ -105,7 +105,7 @@ class Times:
 
 
 def findings(
-    rows: Iterable[Row],
+    rows: Sequence[Row],
     baseline: Baseline,
     kinds: Collection[str],
     times: Mapping[str, Times],
@@ -117,24 +117,8 @@ def findings(
     The rows have numbers of these `kinds`, made under these `environment.conditions`. `times` are those that are
     reported, by key of the run; `turns` the yield of `older_code.times_in_turns`.
     """
-    drawn, compared = (
-        [row for row in rows if (row.variant == RANDOM) == random] for random in (True, False)
-    )
-    found = [
-        Finding(
-            REGRESSION if row.status == WRONG else COULD_NOT_RUN,
-            RANDOM,
-            row.key,
-            "",
-            None,
-            row.status,
-            math.inf,
-            f"{row.identity}: {row.reason}",
-        )
-        for row in drawn
-        if row.status != "ok"
-    ]
-    for row in compared:
+    found: list[Finding] = []
+    for row in rows:
         expected = baseline.expected(row)
         if finding := _of_status(row, expected, baseline):
             found.append(finding)
@@ -156,8 +140,8 @@ def findings(
             found += _compared(
                 row, expected, kinds, times.get(row.key), expected.conditions == conditions
             )
-    found += _of_turns(compared, turns)
-    found += _without_ends(compared, baseline)
+    found += _of_turns(rows, turns)
+    found += _without_ends(rows, baseline)
     return sorted(
         found,
         key=lambda f: (
@@ -180,11 +164,9 @@ def verdict(found: Iterable[Finding], compared: int) -> str:
 
 
 def compared(rows: Iterable[Row], baseline: Baseline) -> int:
-    """Count the runs that were made and have an entry in the baseline; truths are no runs, and draws have none."""
+    """Count the runs that were made and have an entry in the baseline; truths are no runs."""
     return sum(
-        row.variant not in (RANDOM, TRUTH)
-        and row.outcome in _STATUSES
-        and baseline.expected(row) is not None
+        row.variant != TRUTH and row.outcome in _STATUSES and baseline.expected(row) is not None
         for row in rows
     )
 

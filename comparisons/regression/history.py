@@ -20,7 +20,7 @@ One row per number (a failed run has one row without a number), with the columns
     settings     JSON
     metric       the key of what was measured: ``position_error``
     kind         ``accuracy``, ``motion``, ``event``, ``drift``, ``counter``, ``time``; ``truth`` in the rows of truths
-                 (variant ``truth``); ``random`` in those of random scenes (variant ``random``): how many are of a class
+                 (variant ``truth``)
     value        NULL where there is none
     uncertainty  of the value, in its unit; NULL where none is known
     tier         of the truth behind the value: what an error was measured against; ``our own run`` for counters, times
@@ -71,6 +71,9 @@ CREATE VIEW history AS
     ORDER BY night, runs.rowid, metrics.rowid;
 PRAGMA user_version = {FORMAT};
 """
+NO_DRAW = "identity NOT LIKE 'random; %'"
+"""Condition on runs: older histories also hold scenes that a night drew at random, which nothing
+reads any more."""
 _RUN = "key, identity, scene, variant, engine, version, fidelity, parameter, step, status, reason"
 """Columns of a run that are fields of a `Row` of the same names, before its settings."""
 
@@ -171,7 +174,7 @@ class History:
         for key, *metric in numbers:
             metrics.setdefault(key, []).append(Metric(*metric))
         runs = self._connection.execute(
-            f"SELECT {_RUN}, settings FROM runs WHERE {where} ORDER BY rowid", values
+            f"SELECT {_RUN}, settings FROM runs WHERE {where} AND {NO_DRAW} ORDER BY rowid", values
         )
         return [
             Row(*(*run, settings and json.loads(settings), tuple(metrics.get(run[0], ()))))

@@ -18,7 +18,6 @@ from stiction.comparisons.bench.environment import origin
 from stiction.comparisons.bench.identity import circumstances
 from stiction.comparisons.bench.planned_runs import (
     NOT_RUN,
-    RANDOM,
     TRUTH,
     WAYS,
     PlannedRun,
@@ -27,7 +26,6 @@ from stiction.comparisons.bench.planned_runs import (
 )
 from stiction.comparisons.bench.runner import prepare
 from stiction.comparisons.bench.timing.calibration_kernel import calibration_kernel
-from stiction.comparisons.random_scenes.night_draws import Draw, draws_of_night, sentences_on_draws
 from stiction.comparisons.regression.baseline import Baseline, expected_of
 from stiction.comparisons.regression.check import (
     SESSIONS,
@@ -60,10 +58,9 @@ OnRow = Callable[[Row], None] | None
 class Result:
     """Rows and findings of a night, or of a ``check``; worst findings first.
 
-    `compared` runs were compared with something; an interrupted run of the same night had made `resumed` rows. `random`
-    has sentences on the random scenes, `first_nights` the nights with which runs without a baseline are compared.
-    `night_before` is the finished night before, empty if there is none, `changed` what is different since then
-    (`night_changes.environment_changes`).
+    `compared` runs were compared with something; an interrupted run of the same night had made `resumed` rows.
+    `first_nights` has the nights with which runs without a baseline are compared. `night_before` is the finished night
+    before, empty if there is none, `changed` what is different since then (`night_changes.environment_changes`).
     """
 
     name: str
@@ -75,7 +72,6 @@ class Result:
     compared: int
     wall_s: float
     resumed: int = 0
-    random: str = ""
     first_nights: Mapping[str, str] = field(default_factory=dict)
     night_before: str = ""
     changed: tuple[str, ...] = ()
@@ -118,13 +114,8 @@ def run_night(
             if on_result is not None:
                 on_result(row)
 
-        draws = draws_of_night(
-            night, {"slider-bars": campaign.random, "mechanisms": campaign.random_mechanisms}
-        )
-        planned: list[PlannedRun | Draw] = [*campaign.runs, *draws]
-        _measure(
-            [run for run in planned if run.key not in done], campaign, isolated, on_start, keep
-        )
+        left = [run for run in campaign.runs if run.key not in done]
+        _measure(left, campaign, isolated, on_start, keep)
         rows, past = history.rows(night), history.times(here["conditions"], night)
         times = {}
         for row in rows:
@@ -136,7 +127,6 @@ def run_night(
         result = replace(
             _judged(night, campaign, rows, known, times, here, started),
             resumed=len(done),
-            random=sentences_on_draws(rows),
             first_nights=first_nights,
             night_before=night_before,
             changed=changed,
@@ -272,7 +262,7 @@ def _with_first_nights(
     """Return the baseline with the first nights of runs that it does not have, and by key these nights."""
     runs, nights = dict(baseline.runs), dict[str, str]()
     for row in rows:
-        if row.variant == RANDOM or baseline.expected(row) is not None:
+        if baseline.expected(row) is not None:
             continue
         first = history.first(row.identity, night)
         if first is not None:
@@ -283,7 +273,7 @@ def _with_first_nights(
 
 
 def _measure(
-    runs: Sequence[PlannedRun | Draw],
+    runs: Sequence[PlannedRun],
     campaign: Campaign,
     isolated: Isolate,
     on_start: OnStart,
@@ -306,12 +296,7 @@ def _measure(
             raise _Spent
 
     try:
-        tasks = [
-            task_of(run, campaign.measure, campaign.repeats)
-            if isinstance(run, PlannedRun)
-            else run.task(campaign.measure, campaign.repeats)
-            for run in runs
-        ]
+        tasks = [task_of(run, campaign.measure, campaign.repeats) for run in runs]
         isolated(tasks, workers=campaign.workers, timeout_s=budget.run, on_result=keep)
     except _Spent:
         for key in [key for key in by_key if key not in rows]:
@@ -331,8 +316,6 @@ def _digest(campaign: Campaign) -> str:
             campaign.scenes,
             campaign.variants,
             campaign.measure,
-            campaign.random,
-            campaign.random_mechanisms,
             campaign.repeats,
             campaign.workers,
             campaign.budget.run,

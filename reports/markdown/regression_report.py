@@ -12,7 +12,7 @@ from typing import Any
 import pandas as pd
 
 from stiction.comparisons.bench.methods import MISSING_ENGINE
-from stiction.comparisons.bench.planned_runs import NOT_RUN, RANDOM, Row
+from stiction.comparisons.bench.planned_runs import NOT_RUN, Row
 from stiction.comparisons.bench.presentation.cells import cell
 from stiction.comparisons.bench.quantities import quantity_of
 from stiction.comparisons.regression.check import (
@@ -133,7 +133,7 @@ def night_report(result: Result) -> str:
                 **{metric.name: metric.value for metric in row.metrics if metric.kind != "counter"},
             }
             for row in measured
-            if row.parameter and row.variant != RANDOM
+            if row.parameter
         ]
     )
     origin = result.origin
@@ -152,7 +152,6 @@ def night_report(result: Result) -> str:
                 _list(summary_lines(result)),
                 "## What changed",
                 changes(result.findings),
-                *(["## Random scenes", result.random] if result.random else []),
                 "## What failed",
                 markdown(grouped(failed))
                 if len(failed)
@@ -236,7 +235,6 @@ def summary(result: Result, exit_code: int) -> dict[str, Any]:
         "night before": result.night_before,
         "changed": list(result.changed),
         "wall_time": round(result.wall_s, 1),
-        "random": result.random,
         "findings": findings,
         "lost": [
             {"key": row.key, "status": row.status, "reason": row.reason} for row in _failed(result)

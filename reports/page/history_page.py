@@ -18,7 +18,7 @@ from stiction.comparisons.bench.methods import MISSING_ENGINE
 from stiction.comparisons.bench.presentation.cells import setting_of
 from stiction.comparisons.bench.quantities import quantity_of
 from stiction.comparisons.regression.check import BETTER, COULD_NOT_RUN, REGRESSION
-from stiction.comparisons.regression.history import History, open_history
+from stiction.comparisons.regression.history import NO_DRAW, History, open_history
 from stiction.comparisons.regression.night_changes import environment_changes
 from stiction.reports.markdown.regression_report import REPORT, SUMMARY
 from stiction.reports.page.document import View, chart, document, link, markdown, table
@@ -63,7 +63,7 @@ def write_history_page(history: Path, file: Path) -> None:
             "ORDER BY night",
             opened.connection,
         )
-        rows = pd.read_sql("SELECT * FROM history", opened.connection)
+        rows = pd.read_sql(f"SELECT * FROM history WHERE {NO_DRAW}", opened.connection)
         names = list(nights["night"])
         changed = _changes(opened, names)
     told = {night: _read(history.parent / night.replace(":", "")) for night in names}

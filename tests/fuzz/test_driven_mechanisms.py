@@ -1,12 +1,12 @@
 """Driven mechanisms with frictional guides beside all forces that obey Coulomb's law in their motion."""
 
 from collections import Counter
-from secrets import randbits
 
 import numpy as np
 import pytest
 
 from fuzz.driven_mechanisms import ROWS, T_END, check, draw, dwells
+from fuzz.seeds import seed_or_fresh
 from stiction.engines.protocol import BadTrajectory
 from stiction.engines.reference.engine import ReferenceEngine
 
@@ -49,7 +49,7 @@ def checked(seed, count, names):
     ],
 )
 def test_forces_are_all_that_obey_the_law(seed, count, names):
-    seed = randbits(32) if seed is None else seed
+    seed = seed_or_fresh(seed)
     wrong, met = checked(seed, count, names)
     assert not wrong, "\n".join(wrong)
     assert met["1 solutions"] > 5 * count
@@ -78,7 +78,7 @@ def test_what_failed_before(seed, index):
     ("seed", "count"), [(3, 10), pytest.param(None, 300, marks=pytest.mark.long)]
 )
 def test_motors_that_dwell_leave_open_what_they_share(seed, count):
-    seed = randbits(32) if seed is None else seed
+    seed = seed_or_fresh(seed)
     for index in range(count):
         family, scene = draw(seed, index)
         scene = dwells(scene)

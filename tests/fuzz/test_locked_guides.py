@@ -1,10 +1,9 @@
 """Guides that geometry locks have no friction and no events, and guides that only seem locked are free."""
 
-from secrets import randbits
-
 import pytest
 
 from fuzz.locked_guides import ROWS, T_END, check, draw, near_miss, without_friction
+from fuzz.seeds import seed_or_fresh
 from stiction.engines.protocol import BadTrajectory
 from stiction.engines.reference.engine import ReferenceEngine
 from stiction.reference_impl.multibody.guide_freedom import guide_freedoms
@@ -14,7 +13,7 @@ from stiction.reference_impl.multibody.guide_freedom import guide_freedoms
     ("seed", "count"), [(1, 30), pytest.param(None, 2000, marks=pytest.mark.long)]
 )
 def test_locked_guides_are_as_without_friction(seed, count):
-    seed, wrong, ended = randbits(32) if seed is None else seed, [], 0
+    seed, wrong, ended = seed_or_fresh(seed), [], 0
     for index in range(count):
         drawn = draw(seed, index)
         try:
@@ -35,7 +34,7 @@ def test_locked_guides_are_as_without_friction(seed, count):
     ("seed", "count"), [(1, 60), pytest.param(None, 2000, marks=pytest.mark.long)]
 )
 def test_guides_that_only_seem_locked(seed, count):
-    seed = randbits(32) if seed is None else seed
+    seed = seed_or_fresh(seed)
     for index in range(count):
         family, scene, wanted = near_miss(seed, index)
         assert guide_freedoms(scene, 1.0).freedom["guide-block"] == wanted, (

@@ -1,11 +1,10 @@
 """Guides that rest together do so exactly while a share of their load lies inside all cones."""
 
-from secrets import randbits
-
 import numpy as np
 import pytest
 
 from fuzz.dense_mechanics import Dense, Dice, Rest
+from fuzz.seeds import seed_or_fresh
 from fuzz.shared_loads import ROWS, T_END, check, draw, with_other_rods
 from stiction.engines.protocol import BadTrajectory
 from stiction.engines.reference.engine import ReferenceEngine
@@ -18,7 +17,7 @@ MOST_PROGRAMS = 70
     ("seed", "count"), [(1, 12), pytest.param(None, 1000, marks=pytest.mark.long)]
 )
 def test_rest_ends_with_the_last_share(seed, count):
-    seed, wrong = randbits(32) if seed is None else seed, []
+    seed, wrong = seed_or_fresh(seed), []
     for index in range(count):
         family, scene = draw(seed, index)
         try:
@@ -39,7 +38,7 @@ def test_rest_ends_with_the_last_share(seed, count):
 )
 def test_corners_are_the_linear_programs(seed, count):
     """The second method itself: its two ways to the largest least margin agree."""
-    seed, compared = randbits(32) if seed is None else seed, 0
+    seed, compared = seed_or_fresh(seed), 0
     for index in range(4 * count):
         dense = Dense(draw(seed, index)[1])
         rest = Rest(dense, dense.equations.start()[0])
@@ -62,7 +61,7 @@ def test_corners_are_the_linear_programs(seed, count):
     ("seed", "count"), [(2, 8), pytest.param(None, 300, marks=pytest.mark.long)]
 )
 def test_masses_of_rods_have_no_influence_on_the_share(seed, count):
-    seed, compared = randbits(32) if seed is None else seed, 0
+    seed, compared = seed_or_fresh(seed), 0
     for index in range(count):
         _, scene = draw(seed, index)
         one, other = (with_other_rods(scene, Dice(seed, index, k)) for k in range(2))

@@ -9,9 +9,8 @@ import numpy as np
 import pytest
 from hypothesis import HealthCheck, assume, given, settings
 from hypothesis import strategies as st
-from random_mechanisms import moderate_scene
+from random_mechanisms import SeededDice, moderate_scene
 
-from stiction.comparisons.random_scenes.resting_mechanisms import SeededDice
 from stiction.engines.reference.engine import ReferenceEngine
 from stiction.reference_impl import paper as paper_module
 from stiction.reference_impl.equations_of_motion import EquationsOfMotion

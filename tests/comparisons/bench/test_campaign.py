@@ -72,6 +72,9 @@ def steps(text: str) -> str:
         ("workers = 0\n" + SMALL.replace("case-1", "case-9"), ["workers", "scenes.0"]),
         (SMALL + DEPTH.replace("quick", "deep"), ["deep"]),
         (SMALL + DEPTH + "longest = 1\n", ["unknown key"]),
+        # keys of older versions
+        ("random = 400\n" + SMALL, ["random: found 400; unknown key"]),
+        ("random_mechanisms = 40\n" + SMALL, ["random_mechanisms: found 40; unknown key"]),
         (SMALL + DEPTH.replace("limit = 1", "limit = 0"), ["limit: found 0"]),
         (SMALL + DEPTH + "runs = { dt = -1 }\n", ["runs.dt: found -1"]),
         (SMALL + DEPTH.replace("all", "some"), ["trajectories: found 'some'"]),

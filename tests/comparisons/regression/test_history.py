@@ -97,6 +97,26 @@ def test_rows_come_back_as_they_went_in_each_once_and_whole(file):
         assert history.rows(night) == [FALL, LOST]
 
 
+def test_scenes_that_nights_once_drew_at_random_are_read_over(file):
+    """As histories of older versions hold them: with a number for each class of outcomes, or with none."""
+    drawn = replace(
+        FALL,
+        key="random/slider-bars/first=0",
+        identity="random; 20 slider-bars of seed 7 from 0 on",
+        scene="random slider-bars",
+        variant="random",
+        parameter="first",
+        metrics=(Metric("agrees", "random", 40.0, tier="high precision"),),
+    )
+    lost = replace(drawn, key="random/slider-bars/first=20", status="not run", metrics=())
+    with open_history(file) as history:
+        night = history.begin("c", "digest", origin())
+        for row in (drawn, FALL, lost):
+            history.append(night, row)
+        history.finish(night, "fine")
+        assert history.rows(night) == [FALL]
+
+
 def test_a_night_that_was_cut_off_is_resumed_unless_something_changed(file):
     with open_history(file) as history:
         first = history.begin("c", "digest", origin())

@@ -5,9 +5,8 @@ from itertools import product
 import numpy as np
 import pytest
 from contact_mode_enumeration import consistent_forces
-from random_mechanisms import extreme_scene, moderate_scene
+from random_mechanisms import SeededDice, extreme_scene, moderate_scene
 
-from stiction.comparisons.random_scenes.resting_mechanisms import SeededDice
 from stiction.reference_impl.friction import hlcp
 from stiction.reference_impl.friction.enumeration import solutions as consistent
 from stiction.reference_impl.friction.lemke import RAY, SOLVED, lemke

@@ -2,14 +2,13 @@
 
 import numpy as np
 import pytest
+from fuzz.slider_bars import difference
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from mechanism_families import barred_chain, closed_loop
-from random_mechanisms import moderate_scene
+from random_mechanisms import SeededDice, moderate_scene
 from reference_checks import simulate
 
-from stiction.comparisons.random_scenes.random_slider_bars import difference
-from stiction.comparisons.random_scenes.resting_mechanisms import SeededDice
 from stiction.engines import load_engine
 from stiction.reference_impl.friction.frozen_mode import solve_mode
 from stiction.reference_impl.friction.unlike_masses import solve_with_motion

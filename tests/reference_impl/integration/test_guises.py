@@ -20,10 +20,9 @@ from typing import Any
 
 import numpy as np
 import pytest
-from random_mechanisms import moderate_scene, turn
+from random_mechanisms import SeededDice, moderate_scene, turn
 
 from stiction.comparisons.hard.scaled_scenes import Units, scaled
-from stiction.comparisons.random_scenes.resting_mechanisms import SeededDice
 from stiction.engines.reference.engine import ReferenceEngine
 from stiction.scenes import Scene, Trajectory, scene_from_dict
 

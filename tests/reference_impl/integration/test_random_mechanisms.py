@@ -7,11 +7,10 @@ leave out. That guises of a mechanism agree is checked in test_guises.py.
 import numpy as np
 from hypothesis import HealthCheck, assume, given, settings
 from hypothesis import strategies as st
-from random_mechanisms import moderate_scene
+from random_mechanisms import SeededDice, moderate_scene
 from reference_checks import balance_residual, energy_defect
 
 from stiction.comparisons.hard.checks import friction_excess
-from stiction.comparisons.random_scenes.resting_mechanisms import SeededDice
 from stiction.engines.reference.engine import ReferenceEngine
 from stiction.reference_impl.integration.coulomb_audit import audit
 from stiction.reference_impl.multibody.mechanism import Mechanism

@@ -10,7 +10,7 @@ from functools import cache
 
 import numpy as np
 import pytest
-import second_method
+from fuzz.several_freedoms import random_scene
 
 from stiction.comparisons.measures import scene_truth
 from stiction.comparisons.measures.accuracy import errors
@@ -218,5 +218,5 @@ def test_own_truth_whose_events_depend_on_the_tolerance_knows_no_times(monkeypat
         return run if rtol == scene_truth.OWN_RTOL else replace(run, events=run.events[1:])
 
     monkeypatch.setattr(scene_truth, "simulate_event_driven", less)
-    truth = ground_truth(second_method.random_scene(0, 0), 0.5)
+    truth = ground_truth(random_scene(0, 0), 0.5)
     assert truth.tier == OWN_RUN and truth.uncertainty["event time"] == 0.5

@@ -5,12 +5,13 @@ from functools import cache
 
 import numpy as np
 import pytest
-from second_method import RESERVE, STEPS, TOLERANCE, differences, random_scene, simulate
+from fuzz.several_freedoms import RESERVE, differences, random_scene
 
 from stiction.comparisons.measures.scene_truth import ground_truth
 from stiction.engines.reference.engine import ReferenceEngine
 from stiction.scenes import load_scene, scene_from_dict, vary
 from stiction.truths import slider_bar_truth
+from stiction.truths.enumerated_motion import STEPS, TOLERANCE, simulate
 from stiction.truths.truth import OWN_RUN
 
 RTOLS = (1e-9, 1e-12)
@@ -129,6 +130,23 @@ def test_redundant_constraints_are_a_typed_breakdown():
         }
     )
     assert simulate(scene, 0.1).breakdown.kind == "singular"
+
+
+def test_guides_that_share_a_load_which_changes_are_a_typed_breakdown():
+    """A trammel at rest: its two guides have one freedom, and the second method does not follow how they share."""
+    scene = load_scene("hard/trammel-comes-to-rest")
+    rest = simulate(scene, scene.t_end)
+    assert rest.breakdown is None and rest.rest is not None and rest.t[-1] == rest.rest
+    body = next(iter(scene.bodies))
+    load = {
+        "type": "torque",
+        "body": body,
+        "law": {"type": "sine", "amplitude": 1e-6, "frequency": 1.0},
+    }
+    changing = scene_from_dict({**scene._raw, "forces": {"small": load}})
+    motion = simulate(changing, scene.t_end)
+    assert motion.breakdown.kind == "singular" and "changes" in motion.breakdown.reason
+    assert motion.rest is None and motion.t[-1] == pytest.approx(rest.rest, abs=1e-3)
 
 
 def test_own_truth_states_its_tier_and_is_the_motion():

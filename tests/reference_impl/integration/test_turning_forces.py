@@ -4,10 +4,9 @@ A balanced rotor that a motor turns evenly, a slider that a motor moves evenly p
 turns: each moves as a polynomial of time of low degree, which no error control of the motion shortens a step for.
 """
 
-import secrets
-
 import numpy as np
 import pytest
+from fuzz.seeds import seed_or_fresh
 from scipy.optimize import brentq
 from turning_scenes import KINDS, draw, judged
 
@@ -451,5 +450,5 @@ def test_random_sliders_that_turning_forces_pull():
 
 @pytest.mark.long
 def test_many_random_sliders_that_turning_forces_pull():
-    seed = secrets.randbits(32)
+    seed = seed_or_fresh(None)
     print(f"seed {seed}: {count_wrong(seed, 2000)}")

@@ -1,9 +1,4 @@
-"""Random slider-bars: event-driven runs of the reference against the truth, scene by scene.
-
-Every night draws some afresh (`night_draws`). Scenes 0 to 999 of seed 1 are judged by
-
-    python -m stiction.comparisons.random_scenes slider-bars 1 0 1000
-"""
+"""Random slider-bars: event-driven runs of the reference against the truth, scene by scene."""
 
 from __future__ import annotations
 
@@ -12,11 +7,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from stiction.comparisons.random_scenes.random_study import (
-    RandomScenes,
-    SceneOutcome,
-    event_differences,
-)
+from fuzz.scene_outcomes import SceneOutcome, event_differences
 from stiction.engines.registry import load_engine
 from stiction.scenes import Scene, Trajectory, load_scene, vary
 from stiction.truths import NoMotion, Truth, TruthRefused, Undecided, slider_bar_truth
@@ -31,24 +22,22 @@ LOOSE = 2e4
 REFUSAL_WINDOW = 1e-6
 """Seconds between two breakdowns that are one."""
 
-AGREES, GRAZES, SAME_BREAKDOWN = "agrees", "grazes", "same breakdown"
-REFERENCE_REFUSES, TRUTH_REFUSES, SILENTLY_WRONG = (
-    "reference refuses",
-    "truth refuses",
-    "silently wrong",
-)
+AGREES = "agrees"
+"""Events of the same kinds in the same order; their times, and x at the end, within the bound."""
+GRAZES = "grazes"
+"""Not at this tolerance, but at 1e-12 and there within 1e-8: the motion magnifies small differences."""
+SAME_BREAKDOWN = "same breakdown"
+"""Run and truth both stop, for the same kind of reason and at the same time."""
 UNDECIDED = "undecided"
-OUTCOMES = {
-    AGREES: "events of the same kinds in the same order; their times, and x at the end, within the bound",
-    GRAZES: "not at this tolerance, but at 1e-12 and there within 1e-8: the motion magnifies small differences",
-    SAME_BREAKDOWN: "run and truth both stop, for the same kind of reason and at the same time",
-    UNDECIDED: "the truth cannot decide",
-    REFERENCE_REFUSES: "the run stops where the truth goes on",
-    TRUTH_REFUSES: "the truth stops where the run goes on",
-    SILENTLY_WRONG: "the run comes to its end, and neither it nor the one at 1e-12 is the truth",
-}
-FAILING = (SILENTLY_WRONG, REFERENCE_REFUSES, TRUTH_REFUSES)
-"""Outcomes that no scene is known to have."""
+"""The truth cannot decide."""
+REFERENCE_REFUSES = "reference refuses"
+"""The run stops where the truth goes on."""
+TRUTH_REFUSES = "truth refuses"
+"""The truth stops where the run goes on."""
+SILENTLY_WRONG = "silently wrong"
+"""The run comes to its end, and neither it nor the one at 1e-12 is the truth."""
+RIGHT = (AGREES, GRAZES, SAME_BREAKDOWN)
+"""Outcomes that a scene may have."""
 
 
 def drawn(seed: int, i: int) -> dict[str, float]:
@@ -94,11 +83,6 @@ def judge(parameters: dict[str, float], rtols: Sequence[float]) -> list[SceneOut
             SceneOutcome(*_refused(refusal, _simulate(scene, rtol, T_END)), about) for rtol in rtols
         ]
     return [SceneOutcome(*_compared(scene, truth, rtol), about) for rtol in rtols]
-
-
-STUDY = RandomScenes(
-    lambda seed, i, rtols: judge(drawn(seed, i), rtols), OUTCOMES, FAILING, (1e-9, 1e-12), T_END
-)
 
 
 def _compared(scene: Scene, truth: Truth, rtol: float) -> tuple[str, str]:

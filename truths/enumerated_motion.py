@@ -1,15 +1,20 @@
-"""A second method for mechanisms with several freedoms and frictional guides, slow, without the reference's kernels.
+"""The motion of any mechanism with frictional guides, by trying every contact mode; slow, without the reference.
 
-The motion follows from three decisions, each made here in another way than in `reference_impl`:
+The equations of motion are those of `dense_equations`. What is frozen between events is a mode: which guides stick, to
+which side the others slip, and the signs of all corner forces. The motion follows from five decisions:
 
-- The forces of a contact mode: one dense linear solve with the corner forces themselves as unknowns. A guide that slips
-  in the direction d has n_j = F+_j - F-_j, of the sign s_j, at the lever -+ a/2; its surfaces turn the slider by b/2:
+- The forces of a mode: one dense linear solve with the corner forces themselves as unknowns. A guide that slips in the
+  direction d has n_j = F+_j - F-_j, of the sign s_j, at the lever -+ a/2; its surfaces turn the slider by b/2:
 
       force of n_j on the slider = normal row + (-+ a/2) angle row - mu d (s_j tangential row + (b/2) angle row)
 
 - The mode: every combination of stick, slip to either side and corner signs is tried, and kept if no corner pulls, no
   friction at rest exceeds what its surfaces hold, and every guide that leaves rest leaves it against its friction. More
   than one acceleration is reported, not chosen from.
+- Guides at rest that share a load: where their rows are redundant, as those of two guides of one freedom, only a sum of
+  their frictions is determined. They stay at rest if some share of the load lies in the static cones of all surfaces: a
+  linear programme for each choice of corner signs (`Contact.largest_margin`). Loads that change are refused there.
+- Rest: the motion ends where guides at rest hold the whole mechanism and no load changes, as it stays there.
 - Events: scipy's DOP853, with every margin of the mode sampled in every step, near its start down to 1e-9 of it. A
   margin that dips between samples is minimised; a first zero is found by Brent's method.
 
@@ -22,28 +27,22 @@ negative: unless the guide locks itself (mus b > a). Then l+ - l- = -mus d R, an
 
 A self-locking guide can jam under stress of its own and has several motions; it is refused. All tolerances are
 absolute, in m, s, kg, rad: for mechanisms of about a metre, a second and a kilogram.
-
-`stiction.truths.one_freedom` is another: it goes on to the rest of all guides at once, which is
-redundant here, and has neither several freedoms nor drives nor loads that depend on time.
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from functools import partial
 from itertools import product
 
 import numpy as np
-from random_mechanisms import moderate_scene
 from scipy.integrate import DOP853, DenseOutput
-from scipy.optimize import brentq, minimize_scalar
+from scipy.optimize import brentq, linprog, minimize_scalar
 
-from stiction.comparisons.random_scenes.resting_mechanisms import SeededDice
-from stiction.reference_impl.equations_of_motion import EquationsOfMotion, Terms
-from stiction.scenes import Breakdown, Scene, Trajectory, scene_from_dict
-from stiction.scenes.laws import law_kinks
-from stiction.truths.one_freedom import Instant
+from stiction.scenes import Breakdown, Scene
+from stiction.scenes.laws import Constant, law_kinks
+from stiction.truths.dense_equations import DenseEquations, Terms
 
 TOLERANCE = 1e-11
 """Of a step."""
@@ -63,8 +62,21 @@ AT_ONCE = 1e-11
 """Seconds within which events are one: what rounding leaves of a time."""
 MOST_AT_ONCE = 20
 """Events without time passing after which a run is given up."""
-RESERVE = 1e3
-"""How much larger than the tolerance of a step the error of a motion may be: a hundred steps, amplified by ten."""
+DEPENDENT = 1e-9
+"""Singular value, of rows of length 1, below which one depends on the others: what rounding leaves of it."""
+
+
+@dataclass(frozen=True)
+class Instant:
+    """An event of a guide; `rate` (N/s or m/s^2) is that of the margin that passes zero.
+
+    An error e of the margin shifts the time by e / rate.
+    """
+
+    time: float
+    kind: str
+    joint: str
+    rate: float
 
 
 @dataclass(frozen=True)
@@ -96,20 +108,44 @@ class Margin:
 
 
 @dataclass(frozen=True)
-class Motion:
-    """What the second method found."""
+class Step:
+    """A step of the integrator up to `end`: its mode, and (q, v) over time."""
 
+    mode: Mode
+    state: DenseOutput
+    end: float
+
+
+@dataclass(frozen=True)
+class Motion:
+    """The motion that was found; all of it up to the breakdown, where there is one."""
+
+    contact: Contact
     t: np.ndarray  # (n,), the ends of all steps
     q: np.ndarray  # (n, k)
     v: np.ndarray
+    steps: tuple[Step, ...]
     events: tuple[Instant, ...]
-    """The rate (N/s or m/s^2) is that of the margin that passes zero: an error e of the margin shifts the time by e /
-    rate."""
     violation: float
     """The largest of Coulomb's law (N, m/s) and of the constraints (m, m/s) at instants inside the steps."""
     force: float
     """The largest reaction there, N."""
     breakdown: Breakdown | None
+    rest: float | None
+    """The instant from which on guides hold the whole mechanism under constant loads, s; None if they do not."""
+
+    def at(self, t: float) -> tuple[np.ndarray, Forces]:
+        """Position and forces at an instant before the rest."""
+        step = next(step for step in self.steps if t <= step.end)
+        q, v = np.split(step.state(t), 2)
+        terms = self.contact.equations.at(t, q, v)
+        return q, self.contact.forces(terms, step.mode, self.contact.mu)
+
+
+def _row_space(rows: np.ndarray) -> np.ndarray:
+    """Orthonormal rows that span the same space."""
+    _, size, basis = np.linalg.svd(rows, full_matrices=False)
+    return basis[size > DEPENDENT]
 
 
 class _Stopped(Exception):
@@ -125,13 +161,17 @@ class Contact:
     """Contact modes of a mechanism: their forces, their margins, and which are possible."""
 
     def __init__(self, scene: Scene):
-        self.equations = EquationsOfMotion(scene)
+        self.equations = DenseEquations(scene)
         self.names = list(self.equations.guides)
         guides = self.equations.guides.values()
-        self.row = [self.equations.rows.index(f"{name}.normal_force") for name in self.names]
-        self.length = [guide.length for guide in guides]
+        self.row = self.equations.normal_row
+        loads = [*scene.drives.values(), *scene.forces.values()]
+        self.loads_are_constant = not scene.drives and all(
+            isinstance(load.law, Constant) for load in loads
+        )
+        self.length = [guide.length or 0.0 for guide in guides]  # 0: a guide without
         self.width = [guide.width or 0.0 for guide in guides]
-        self.mu = np.array([guide.mu for guide in guides])
+        self.mu = np.array([guide.kinetic_coefficient for guide in guides])
         self.mus = np.array([guide.static_coefficient for guide in guides])
         for name, a, b, mus in zip(self.names, self.length, self.width, self.mus):
             if a and mus * b >= a:
@@ -152,14 +192,14 @@ class Contact:
         rows = np.concatenate([terms.J, terms.W[..., stuck, :]], -2)
         shape = np.broadcast_shapes(rows.shape[:-2], mode.corner.shape[:-2])
         acts = np.broadcast_to(rows, (*shape, *rows.shape[-2:])).copy()
-        for g in np.flatnonzero(mode.slip):
+        for g in np.flatnonzero(mode.slip).tolist():
             r, friction, s = self.row[g], -mu[g] * mode.slip[g], mode.corner[..., g, :, None]
             normal, angle, along = (
                 terms.J[..., self.row[g], :],
                 terms.J[..., self.row[g] + 1, :],
                 terms.W[..., g, :],
             )
-            if self.length[g] is None:
+            if not self.length[g]:
                 acts[..., r, :] = normal + friction * s[..., 0, :] * along
             else:
                 for j, lever in enumerate((-self.length[g] / 2, self.length[g] / 2)):
@@ -167,10 +207,10 @@ class Contact:
                     acts[..., r + j, :] = normal + lever * angle + friction * surface
         mass = self.equations.mass
         right = -np.concatenate([terms.gamma, terms.w[..., stuck]], -1)
-        right = right - np.sum(rows * (terms.QE / mass)[..., None, :], -1)
+        right = right - np.sum(rows * (terms.Q / mass)[..., None, :], -1)
         right = np.broadcast_to(right, (*shape, right.shape[-1]))
         x = np.linalg.solve(rows / mass @ np.swapaxes(acts, -1, -2), right[..., None])[..., 0]
-        acceleration = (terms.QE + np.sum(acts * x[..., None], -2)) / mass
+        acceleration = (terms.Q + np.sum(acts * x[..., None], -2)) / mass
         R, T, f = np.zeros((3, *shape, len(self.row)))
         n = np.zeros((*shape, len(self.row), 2))
         for g, r in enumerate(self.row):
@@ -182,7 +222,7 @@ class Contact:
                     second,
                     x[..., terms.J.shape[-2] + np.searchsorted(stuck, g)],
                 )
-            elif self.length[g] is None:
+            elif not self.length[g]:
                 R[..., g], T[..., g], f[..., g] = first, second, friction * s[..., 0] * first
                 n[..., g, :] = first[..., None]
             else:
@@ -194,9 +234,97 @@ class Contact:
                 n[..., g, 0], n[..., g, 1] = first, second
         return Forces(acceleration, R, T, f, n)
 
+    def held_with(self, terms: Terms, stuck: Iterable[int]) -> set[int]:
+        """Guides that cannot slip while the `stuck` ones do not: their directions depend on the rows of those.
+
+        In a dead point a direction depends on the constraints as well, but the motion carries the guide on through it:
+        its slip has an acceleration.
+
+        Raises
+        ------
+        numpy.linalg.LinAlgError
+            If the constraints are redundant by themselves.
+        """
+        stuck = sorted(stuck)
+        if len(_row_space(self._scaled(terms.J))) < len(terms.J):
+            raise np.linalg.LinAlgError("redundant constraints")
+        rows = np.concatenate([terms.J, terms.W[stuck]])
+        basis = _row_space(self._scaled(rows))
+        slips = self._scaled(terms.W)
+        distance = np.linalg.norm(slips - slips @ basis.T @ basis, axis=1)
+        dependent = np.flatnonzero(distance < DEPENDENT)
+        if not len(dependent):
+            return set()
+        right = -np.concatenate([terms.gamma, terms.w[stuck]])
+        acceleration = np.linalg.lstsq(rows, right, rcond=DEPENDENT)[0]
+        carried = np.abs(terms.W[dependent] @ acceleration + terms.w[dependent]) > ADMISSIBLE
+        return set(dependent[~carried].tolist())
+
+    def _scaled(self, rows: np.ndarray) -> np.ndarray:
+        """Rows in the metric of the mass matrix, of length 1."""
+        rows = rows / np.sqrt(self.equations.mass)
+        return rows / np.linalg.norm(rows, axis=1)[:, None]
+
+    def shares(self, terms: Terms, stuck: Sequence[int]) -> bool:
+        """Return whether guides at rest, with all that they hold, are redundant: their frictions are not determined."""
+        rows = np.concatenate([terms.J, terms.W[list(stuck)]])
+        return len(_row_space(self._scaled(rows))) < len(rows)
+
+    def largest_margin(self, terms: Terms, acceleration: np.ndarray) -> float:
+        """By how much (N) the static cones of all guides, which are at rest, can hold the mechanism.
+
+        It is the largest m for which there are reactions and surface frictions with M a = Q + J^T lambda + W^T f and
+        |l+-| <= mus FN+- - m on both surfaces of each guide, which no corner pulls on: one linear programme (HiGHS) for
+        each choice of corner signs. Negative where the frictions do not suffice, -inf where nothing balances the loads.
+
+        Unknown are the reactions lambda; of each guide n1 and n2 in place of R and T, then l+ and l-; and m.
+        """
+        guides, rows = len(self.row), len(terms.J)
+        acts = np.zeros((rows + 2 * guides, len(self.equations.mass)))
+        acts[:rows] = terms.J
+        for g, (r, a, b) in enumerate(zip(self.row, self.length, self.width)):
+            normal, angle, along = terms.J[r], terms.J[r + 1], terms.W[g]
+            if a:
+                acts[r], acts[r + 1] = normal - a / 2 * angle, normal + a / 2 * angle
+            acts[rows + 2 * g] = along + b / 2 * angle
+            acts[rows + 2 * g + 1] = along - b / 2 * angle
+        needed = self.equations.mass * acceleration - terms.Q
+        signs = [((1, 1), (-1, -1)) if not a else CORNERS for a in self.length]
+        unknown, best = len(acts) + 1, -np.inf
+        for choice in product(*signs):
+            bounds: list[tuple[float | None, float | None]] = [(None, None)] * unknown
+            conditions = []
+            for g, s in enumerate(choice):
+                corners = range(self.row[g], self.row[g] + (1 if not self.length[g] else 2))
+                for column, sign in zip(corners, s):
+                    bounds[column] = (0, None) if sign > 0 else (None, 0)
+                for surface, sign in enumerate((1, -1)):
+                    for way in (1, -1):
+                        condition = np.zeros(unknown)
+                        condition[rows + 2 * g + surface] = way
+                        for column, its in zip(corners, s):
+                            condition[column] = -self.mus[g] * its if its == sign else 0.0
+                        # a surface that nothing presses on has no friction, and no margin
+                        condition[-1] = 1.0 if sign in s[: len(corners)] else 0.0
+                        conditions.append(condition)
+            found = linprog(
+                np.append(np.zeros(unknown - 1), -1.0),
+                A_ub=np.array(conditions),
+                b_ub=np.zeros(len(conditions)),
+                A_eq=np.column_stack([acts.T, np.zeros(len(needed))]),
+                b_eq=needed,
+                bounds=bounds,
+                method="highs",
+            )
+            if found.status == 0:
+                best = max(best, -found.fun)
+            elif found.status == 3:  # stress of their own presses them without bound
+                best = np.inf
+        return float(best)
+
     def load(self, g: int, R: np.ndarray, T: np.ndarray, mu: float, d: int) -> np.ndarray:
         """|n1| + |n2| with both surfaces fully mobilized against slip in the direction d."""
-        if self.length[g] is None:
+        if not self.length[g]:
             return np.abs(R)
         return np.maximum(
             np.abs(R), 2 / self.length[g] * np.abs(T + self.width[g] / 2 * mu * d * R)
@@ -212,7 +340,7 @@ class Contact:
                     )
                     yield Margin(g, "hold", away), held + away * forces.f[..., g]
             else:
-                for j in range(1 if self.length[g] is None else 2):
+                for j in range(1 if not self.length[g] else 2):
                     yield Margin(g, "corner", j), mode.corner[..., g, j] * forces.n[..., g, j]
 
     def margins(self, t: np.ndarray, y: np.ndarray, mode: Mode) -> tuple[list[Margin], np.ndarray]:
@@ -248,10 +376,17 @@ class Contact:
         left : set of int
             Guides that have left rest in this instant, in the direction `slip`, with the kinetic coefficient.
         """
-        mu, found = np.where([g in rest for g in range(len(slip))], self.mus, self.mu), []
+        mu = np.where([g in rest for g in range(len(slip))], self.mus, self.mu)
+        found: list[tuple[Mode, np.ndarray]] = []
         for slips in product(*((0, 1, -1) if g in rest else (d,) for g, d in enumerate(slip))):
+            stuck = [g for g, d in enumerate(slips) if d == 0]
+            if self.held_with(terms, stuck) & (set(range(len(slip))) - set(stuck)):
+                continue  # of the motion in which those are at rest as well
+            if stuck and self.shares(terms, stuck):
+                found += self._shared_rest(terms, np.array(slips, dtype=int), found)
+                continue
             signs = [
-                ((1, 1),) if d == 0 else ((1, 1), (-1, -1)) if self.length[g] is None else CORNERS
+                ((1, 1),) if d == 0 else ((1, 1), (-1, -1)) if not self.length[g] else CORNERS
                 for g, d in enumerate(slips)
             ]
             modes = Mode(
@@ -262,7 +397,7 @@ class Contact:
             kept = np.all(np.isfinite(forces.acceleration), -1)
             for _, value in self.conditions(forces, modes):
                 kept &= value >= -ADMISSIBLE
-            for g in (rest | left) & set(np.flatnonzero(modes.slip)):
+            for g in (rest | left) & set(np.flatnonzero(modes.slip).tolist()):
                 kept &= (
                     modes.slip[g] * (forces.acceleration @ terms.W[g] + terms.w[g]) >= -ADMISSIBLE
                 )
@@ -272,6 +407,48 @@ class Contact:
                     found.append((Mode(modes.slip, modes.corner[i]), a))
         return found
 
+    def _shared_rest(
+        self, terms: Terms, slip: np.ndarray, others: Sequence[tuple[Mode, np.ndarray]]
+    ) -> list[tuple[Mode, np.ndarray]]:
+        """The mode in which guides at rest share the load, if they can; as `possible`.
+
+        Raises
+        ------
+        numpy.linalg.LinAlgError
+            If something can still move, whose acceleration would depend on the share.
+        """
+        stuck = np.flatnonzero(slip == 0)
+        rows = np.concatenate([terms.J, terms.W[stuck]])
+        right = -np.concatenate([terms.gamma, terms.w[stuck]])
+        acceleration, _, rank, _ = np.linalg.lstsq(rows, right, rcond=DEPENDENT)
+        if np.max(np.abs(rows @ acceleration - right)) > ADMISSIBLE:
+            return []
+        if rank < rows.shape[1] or np.any(slip):
+            raise np.linalg.LinAlgError("guides share a load while something moves")
+        if self.largest_margin(terms, acceleration) < -ADMISSIBLE:
+            return []
+        if any(np.max(np.abs(acceleration - other)) <= SAME for _, other in others):
+            return []
+        return [(Mode(slip, np.ones((len(slip), 2), dtype=int)), acceleration)]
+
+    def rests_for_good(self, t: float, y: np.ndarray, mode: Mode) -> bool:
+        """Return whether guides at rest hold the whole mechanism under loads that stay as they are.
+
+        Raises
+        ------
+        numpy.linalg.LinAlgError
+            If the guides share loads that change: whether they go on holding is not followed.
+        """
+        stuck = np.flatnonzero(mode.slip == 0)
+        if not len(stuck):
+            return False
+        terms = self.equations.at(t, *np.split(y, 2))
+        rows = self._scaled(np.concatenate([terms.J, terms.W[stuck]]))
+        rank = len(_row_space(rows))
+        if rank < len(rows) and not self.loads_are_constant:
+            raise np.linalg.LinAlgError("guides share a load that changes")
+        return rank == rows.shape[1] and self.loads_are_constant
+
     def settle(self, t: float, y: np.ndarray, slip: np.ndarray, left: set[int]) -> Mode:
         """The mode that follows at an instant; as `possible`, with all guides of no direction at rest.
 
@@ -280,7 +457,7 @@ class Contact:
         """
         terms, slip, left = self.equations.at(t, *np.split(y, 2)), slip.copy(), set(left)
         while True:
-            rest = set(np.flatnonzero(slip == 0))
+            rest = set(np.flatnonzero(slip == 0).tolist())
             found = self.possible(terms, slip, rest, left)
             if len(found) != 1:
                 kind = "several solutions" if found else "no solution"
@@ -292,8 +469,8 @@ class Contact:
             slip, left = mode.slip, left | leaving
 
 
-def simulate(scene: Scene, t_end: float) -> Motion:
-    """The motion of a scene from its consistent start.
+def simulate(scene: Scene, t_end: float, tolerance: float = TOLERANCE) -> Motion:
+    """The motion of a scene from its consistent start; `tolerance` is of a step, relative and absolute.
 
     Raises
     ------
@@ -305,6 +482,8 @@ def simulate(scene: Scene, t_end: float) -> Motion:
     t, y = 0.0, np.concatenate([q, v])
     times, states, events = [t], [y], []
     violation, force, at_once, breakdown = 0.0, 0.0, 0, None
+    steps: list[Step] = []
+    rest = None
     loads = [*scene.drives.values(), *scene.forces.values()]
     stops = sorted({time for element in loads for time in law_kinks(element.law, t_end)} | {t_end})
     try:
@@ -313,10 +492,15 @@ def simulate(scene: Scene, t_end: float) -> Motion:
             t, y, np.where(np.abs(speed) <= NOISE, 0, np.sign(speed)).astype(int), set()
         )
         while t < t_end:
+            if contact.rests_for_good(t, y, mode):
+                rest = t
+                break
             stop = next(time for time in stops if time > t)
             began = t
-            for piece, t, passed in _steps(contact, mode, t, y, stop, t_end / STEPS):  # noqa: B007, B020 - from t on, used behind
+            taken = _steps(contact, mode, t, y, stop, t_end / STEPS, tolerance)
+            for piece, t, passed in taken:  # noqa: B007, B020 - from t on, used behind
                 y = piece(t)
+                steps.append(Step(mode, piece, t))
                 times.append(t)
                 states.append(y)
                 found = _audit(contact, mode, piece, t)
@@ -334,24 +518,44 @@ def simulate(scene: Scene, t_end: float) -> Motion:
                 ]
     except _Stopped as stopped:
         breakdown = stopped.breakdown
-    except np.linalg.LinAlgError:
-        breakdown = Breakdown("singular", t, "the constraints of a contact mode are redundant")
+    except np.linalg.LinAlgError as error:
+        reason = f"the constraints of a contact mode are redundant: {error}"
+        breakdown = Breakdown("singular", t, reason)
     q, v = np.split(np.array(states), 2, -1)
-    return Motion(np.array(times), q, v, tuple(events), violation, force, breakdown)
+    return Motion(
+        contact,
+        np.array(times),
+        q,
+        v,
+        tuple(steps),
+        tuple(events),
+        violation,
+        force,
+        breakdown,
+        rest,
+    )
 
 
 def _steps(
-    contact: Contact, mode: Mode, t: float, y: np.ndarray, stop: float, longest: float
+    contact: Contact,
+    mode: Mode,
+    t: float,
+    y: np.ndarray,
+    stop: float,
+    longest: float,
+    tolerance: float,
 ) -> Iterator[tuple[DenseOutput, float, list[tuple[Margin, float]]]]:
-    """Steps of a frozen mode up to its end or `stop`: the dense output, its last instant, and the margins that pass
-    zero there."""
+    """Steps of a frozen mode up to its end or `stop`.
+
+    Each is a dense output, its last instant, and the margins that pass zero there.
+    """
     solver = DOP853(
         partial(contact.derivative, mode),
         t,
         y,
         stop,
-        rtol=TOLERANCE,
-        atol=TOLERANCE,
+        rtol=tolerance,
+        atol=tolerance,
         max_step=longest,
     )
     passed: list[tuple[Margin, float]] = []
@@ -367,8 +571,10 @@ def _steps(
 def _first_zero(
     contact: Contact, mode: Mode, piece: DenseOutput
 ) -> tuple[float, list[tuple[Margin, float]]]:
-    """Where the first margin passes zero in a step, all that pass there, and how fast; the end of the step and none if
-    none does."""
+    """Where the first margin passes zero in a step, all that pass there, and how fast.
+
+    The end of the step and none if none does.
+    """
     t = piece.t_old + FRACTIONS * (piece.t - piece.t_old)
     margins, values = contact.margins(t, piece(t).T, mode)
     inside = FRACTIONS <= 1.0
@@ -421,13 +627,17 @@ def _after(contact: Contact, mode: Mode, t: float, y: np.ndarray, passed: Iterab
     for margin in passed:
         if margin.what == "corner":
             corner[margin.guide, margin.which] *= -1
-            if contact.length[margin.guide] is None:
+            if not contact.length[margin.guide]:
                 corner[margin.guide, 1] = corner[margin.guide, 0]
         elif margin.what == "hold":
             slip[margin.guide], decided = margin.which, True
             left.add(margin.guide)
         else:
             slip[margin.guide], decided = 0, True
+    if decided and np.any(slip == 0):
+        # what cannot slip without those that came to rest is at rest as well, whatever rounding leaves of its speed
+        terms = contact.equations.at(t, *np.split(y, 2))
+        slip[sorted(contact.held_with(terms, np.flatnonzero(slip == 0)))] = 0
     return contact.settle(t, y, slip, left) if decided else Mode(slip, corner)
 
 
@@ -469,7 +679,7 @@ def _audit(contact: Contact, mode: Mode, piece: DenseOutput, end: float) -> tupl
             )
             worst.append(np.max(np.where(np.abs(speed) > NOISE, np.abs(f - friction), 0.0)))
     middle = Terms(*(getattr(terms, name)[4] for name in Terms.__dataclass_fields__))
-    found = contact.possible(middle, mode.slip, set(np.flatnonzero(mode.slip == 0)), set())
+    found = contact.possible(middle, mode.slip, set(np.flatnonzero(mode.slip == 0).tolist()), set())
     if len(found) != 1 or np.max(np.abs(found[0][1] - forces.acceleration[4])) > SAME:
         kind = (
             "several solutions"
@@ -482,53 +692,3 @@ def _audit(contact: Contact, mode: Mode, piece: DenseOutput, end: float) -> tupl
             kind, t[4], f"{kind} among all contact modes, inside a step", solutions=len(found)
         )
     return float(max(worst)), float(max(np.max(np.abs(forces.R)), np.max(np.abs(forces.f))))
-
-
-def random_scene(seed: int, i: int, guides: tuple[int, int] = (2, 3)) -> Scene:
-    """Scene i of a seed: moderate, with two or three frictional guides."""
-    return scene_from_dict(
-        moderate_scene(SeededDice((seed, i)), guides), f"random scene {i} of seed {seed}"
-    )
-
-
-def differences(scene: Scene, motion: Motion, run: Trajectory, rtol: float) -> list[str]:
-    """Events and end state in which a run of the reference, of tolerance `rtol`, is another than the second method's
-    motion.
-
-    Margins and states may differ by RESERVE times the larger tolerance, relative to the largest force or coordinate; an
-    event may be shifted by what such a difference of its margin shifts it. Where one of both stops, they are compared
-    until then.
-    """
-    tolerance = RESERVE * max(rtol, TOLERANCE)
-    stopped = [found.time for found in (run.breakdown, motion.breakdown) if found is not None]
-    until = min(stopped) - 1e3 * tolerance if stopped else np.inf
-    found = list(_event_differences(scene, motion, run, tolerance, until))
-    if stopped:
-        return found
-    size = max(1.0, np.max(np.abs(motion.q)), np.max(np.abs(motion.v)))
-    for body, q, v in zip(scene.bodies, motion.q[-1].reshape(-1, 3), motion.v[-1].reshape(-1, 3)):
-        for label, value in zip(("x", "y", "angle", "vx", "vy", "omega"), (*q, *v)):
-            error = abs(run[f"{body}.{label}"][-1] - value)
-            if not error <= tolerance * size:
-                found.append(f"{body}.{label} at the end differs by {error:.2g}")
-    return found
-
-
-def _event_differences(
-    scene: Scene, motion: Motion, run: Trajectory, tolerance: float, until: float
-) -> Iterator[str]:
-    """What differs in the events of each guide before `until`, in order."""
-    for name in scene.frictional_guides:
-        expected = [event for event in motion.events if event.joint == name and event.time < until]
-        found = [event for event in run.events if event.joint == name and event.time < until]
-        for mine, its in zip(expected, found):
-            window = tolerance * max(1.0, motion.force) / mine.rate
-            if mine.kind != its.kind or not abs(mine.time - its.time) <= window:
-                expectation = f"{mine.kind} at {mine.time:.9g} s within {window:.1g} s"
-                yield f"{name}: {its.kind} at {its.time:.9g} s, expected {expectation}"
-                break
-        else:
-            for event in expected[len(found) :]:
-                yield f"{name}: no {event.kind} at {event.time:.9g} s"
-            for event in found[len(expected) :]:
-                yield f"{name}: {event.kind} at {event.time:.9g} s that is none"

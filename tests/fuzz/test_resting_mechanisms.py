@@ -5,9 +5,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from stiction.comparisons.random_scenes import __main__ as random_scenes
-from stiction.comparisons.random_scenes import resting_mechanisms
-from stiction.comparisons.random_scenes.resting_mechanisms import (
+from fuzz import resting_mechanisms
+from fuzz.resting_mechanisms import (
     AGREES,
     FAMILIES,
     NO_BALANCE,
@@ -16,12 +15,15 @@ from stiction.comparisons.random_scenes.resting_mechanisms import (
     OWN_ERROR,
     SLIPS,
     STOPS,
+    TOLERANCE,
     drawn,
     judge,
+    judge_drawn,
     runs,
 )
+from fuzz.seeds import seed_or_fresh
 from stiction.scenes import Breakdown, load_scene, scene_from_dict
-from stiction.truths.one_freedom import NoClearMotion, OneFreedom, simulate
+from stiction.truths.enumerated_motion import Contact, simulate
 
 SEED = 8
 SLIDER = {
@@ -60,17 +62,15 @@ def test_a_block_stops_and_stays_in_closed_form():
     assert [event.kind for event in motion.events] == ["stick"] and motion.rest == pytest.approx(
         stop, abs=1e-12
     )
-    assert motion.q[:2] == pytest.approx(
+    assert motion.q[-1, :2] == pytest.approx(
         stop / 2 * np.array([np.cos(slope), np.sin(slope)]), abs=1e-12
     )
-    normal, friction = motion.at(stop / 2)[1]
-    assert (normal[0], friction[0]) == pytest.approx(
+    forces = motion.at(stop / 2)[1]
+    assert (forces.R[0], forces.f[0]) == pytest.approx(
         (2 * 9.81 * np.cos(slope), -0.6 * 9.81 * np.cos(slope)), rel=1e-12
     )
-    with pytest.raises(NoClearMotion, match="does not come to rest"):
-        simulate(incline(25, 1.0), 1.0)
-    with pytest.raises(NoClearMotion, match="begins at rest"):
-        simulate(incline(20, 0.0), 1.0)
+    assert simulate(incline(25, 1.0), 1.0).rest is None
+    assert simulate(incline(20, 0.0), 1.0).rest == 0.0
 
 
 def ladder(angle, mus):
@@ -102,9 +102,10 @@ def test_a_ladder_is_held_from_its_classic_angle_on(mus):
     tan(angle) = (1 - mus^2)/(2 mus)."""
     limit = np.arctan((1 - mus**2) / (2 * mus))
     for step, expected in ((1e-6, True), (-1e-6, False)):
-        m = OneFreedom(ladder(limit + step, mus))
-        held, margin = m.held(m.terms(m.start, 0.0, np.ones(2)))
-        assert held == expected and 0 < margin < 1e-4
+        m = Contact(ladder(limit + step, mus))
+        q, v = m.equations.start()
+        margin = m.largest_margin(m.equations.at(0.0, q, v), np.zeros_like(q))
+        assert (margin > 0) == expected and 0 < abs(margin) < 1e-4
 
 
 @pytest.fixture(
@@ -116,26 +117,21 @@ def mechanism(request):
 
 def test_forces_are_those_of_newton_and_euler(mechanism):
     """M q'' by difference quotients: constraints hold, and what reactions leave is a force of pins alone."""
-    scene, motion = mechanism
-    m, piece = motion.equations, max(motion.pieces, key=lambda piece: piece.end - piece.begin)
-    t, h = (piece.begin + piece.end) / 2, (piece.end - piece.begin) / 100
-    q = [piece.y(t + k * h)[:-1] for k in (-2, -1, 0, 1, 2)]
+    _, motion = mechanism
+    m, step = motion.contact, max(motion.steps, key=lambda step: step.end - step.state.t_old)
+    t, h = (step.state.t_old + step.end) / 2, (step.end - step.state.t_old) / 20
+    q = [np.split(step.state(t + k * h), 2)[0] for k in (-2, -1, 0, 1, 2)]
     acceleration = (-q[0] + 16 * q[1] - 30 * q[2] + 16 * q[3] - q[4]) / (12 * h**2)
     velocity = (q[0] - 8 * q[1] + 8 * q[3] - q[4]) / (12 * h)
-    phi, rows, gamma = m.rows(q[2])
-    k = len(m.guides)
-    assert np.max(np.abs(phi[:-k])) < OWN_ERROR
-    size = np.max(np.abs(acceleration)) + np.max(np.abs(gamma(velocity)))
-    assert np.max(np.abs(rows[:-k] @ acceleration + gamma(velocity))) < 1e-4 * size
-    terms = m.terms(q[2], piece.y(t)[-1], piece.d)
-    R, f = motion.at(t)[1]
-    T = terms.load0[1] + terms.load[1] @ f
-    left = (
-        m.mass * acceleration
-        - m.applied(q[2], velocity)
-        - np.concatenate([R, T, f]) @ rows[m.pins :]
-    )
-    of_pins = rows[: m.pins].T
+    terms = m.equations.at(t, q[2], velocity)
+    assert np.max(np.abs(terms.phi)) < OWN_ERROR
+    size = np.max(np.abs(acceleration)) + np.max(np.abs(terms.gamma))
+    assert np.max(np.abs(terms.J @ acceleration + terms.gamma)) < 1e-4 * size
+    forces = motion.at(t)[1]
+    of_guides = np.concatenate([m.row, np.array(m.row) + 1])
+    left = m.equations.mass * acceleration - terms.Q - forces.f @ terms.W
+    left = left - np.concatenate([forces.R, forces.T]) @ terms.J[of_guides]
+    of_pins = np.delete(terms.J, of_guides, 0).T
     assert np.max(
         np.abs(left - of_pins @ np.linalg.lstsq(of_pins, left, rcond=None)[0])
     ) < 1e-4 * np.max(np.abs(left))
@@ -163,15 +159,14 @@ def test_scenes_of_the_catalogue_come_to_rest(name):
 @pytest.mark.long
 @pytest.mark.parametrize("block", range(20))
 def test_reference_brings_a_thousand_mechanisms_to_rest(block):
-    wrong = []
-    for i in range(block, 1000, 20):
-        scene, motion = drawn(SEED + 1, i)
-        verdicts = [
-            judge(scene, motion, run, rtol)
-            for rtol, run in runs(scene, [10.0**-k for k in range(6, 13)])
-        ]
-        wrong += [found for found in verdicts if found.outcome != AGREES]
-    assert wrong == []
+    seed = seed_or_fresh(None)
+    wrong = [
+        f"resting_mechanisms.drawn({seed}, {i}): {verdict}"
+        for i in range(block, 1000, 20)
+        for verdict in judge_drawn(seed, i, [10.0**-k for k in range(6, 13)])
+        if verdict.outcome != AGREES
+    ]
+    assert not wrong, "\n".join(wrong)
 
 
 def test_a_motion_shorter_than_what_events_may_be_shifted_by_is_judged_by_its_place_of_rest():
@@ -202,7 +197,7 @@ def test_each_fault_is_found(mechanism):
         k for k, event in enumerate(run.events) if event.kind == "stick" and event.joint == guide
     )
     before, event, after = run.events[:stick], run.events[stick], run.events[stick + 1 :]
-    shift = 1e-7 * (1 + 1 / motion.events[-1].rate)
+    shift = 1e-7 * (1 + np.max(np.abs(run[f"{guide}.slip_velocity"])) / motion.events[-1].rate)
     normal = 1e-5 * np.max(np.abs(run[f"{guide}.normal_force"]))
     for expected, wrong in (
         (STOPS, replace(run, breakdown=Breakdown("several solutions", 1.0, "two"))),
@@ -227,25 +222,25 @@ def test_friction_beyond_the_static_cone_is_found(mechanism):
     """Forces at rest that are in balance, judged by coefficients of a thousandth: the same mechanism could not rest."""
     scene, motion = mechanism
     [*_, (_, run)] = runs(scene, [1e-12])
-    slippery = OneFreedom(scene)
+    slippery = Contact(scene)
     slippery.mus = slippery.mus / 1000
-    assert judge(scene, replace(motion, equations=slippery), run, 1e-12).outcome == NO_BALANCE
+    assert judge(scene, replace(motion, contact=slippery), run, 1e-12).outcome == NO_BALANCE
 
 
-def test_a_fault_repeats_by_its_command(capsys, monkeypatch, compiled):
-    """All that a failing night says of a mechanism is its seed and number."""
-    # the motion that decides where a run disagrees takes ten seconds
-    monkeypatch.setattr(
-        resting_mechanisms, "simulate", lambda scene, t_end, *_: simulate(scene, t_end)
-    )
+def test_a_fault_is_judged_again_by_a_tighter_motion(monkeypatch):
+    """What disagrees with the motion is held to one with far shorter steps, which decides."""
+    asked = []
+
+    def motion(scene, t_end, *tolerance):
+        asked.append(tolerance)
+        return simulate(scene, t_end, *tolerance)
+
+    monkeypatch.setattr(resting_mechanisms, "simulate", motion)
     true = resting_mechanisms.judge
 
     def wrong(scene, motion, run, rtol):
         return replace(true(scene, motion, run, rtol), outcome=SLIPS)
 
     monkeypatch.setattr(resting_mechanisms, "judge", wrong)
-    monkeypatch.setattr(
-        random_scenes, "STUDIES", {"mechanisms": replace(resting_mechanisms.STUDY, rtols=(1e-12,))}
-    )
-    assert random_scenes.main(["mechanisms", str(SEED), "0"]) == 1
-    assert capsys.readouterr().out.count(f"trammel 0 of seed {SEED}, ") == 3
+    assert [found.outcome for found in judge_drawn(SEED, 0, [1e-12])] == 3 * [SLIPS]
+    assert asked[-1] == (TOLERANCE / 10,) and asked.count(asked[-1]) == 1

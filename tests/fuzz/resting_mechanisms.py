@@ -2,45 +2,43 @@
 
 Two or three frictional guides: a rod between two sliders; a plate on two sliders, with a rod to a third; a crank that
 drives two sliders by rods; a guide on a rocking link, or on another slider. When one guide is held, all are. Every
-mechanism is run with each stabilization and compared with `one_freedom.simulate`.
-
-    python -m stiction.comparisons.random_scenes mechanisms 0 0 1000
+mechanism is run with each stabilization and compared with `enumerated_motion.simulate`.
 """
 
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from itertools import count, product
-from typing import Any, TypeVar
+from typing import Any
 
 import numpy as np
+from random_mechanisms import SeededDice
 
-from stiction.comparisons.random_scenes.random_study import (
-    RandomScenes,
-    SceneOutcome,
-    event_differences,
-)
+from fuzz.scene_outcomes import SceneOutcome, event_differences
 from stiction.engines.reference.engine import ReferenceEngine
 from stiction.scenes import Scene, Trajectory, scene_from_dict
 from stiction.scenes.columns import BODY_COLUMNS
 from stiction.scenes.fields import GROUND
-from stiction.scenes.model import Revolute
 from stiction.scenes.trajectory import stacked
-from stiction.truths.one_freedom import (
-    LONGEST_STEP,
-    TOLERANCE,
-    Motion,
-    NoClearMotion,
-    OneFreedom,
-    simulate,
-)
-
-T = TypeVar("T")
+from stiction.truths.dense_equations import Terms
+from stiction.truths.enumerated_motion import CORNERS, Contact, Instant, Motion, simulate
 
 STABILIZATIONS = ("none", "baumgarte", "projection")
 RTOLS = (1e-6, 1e-8, 1e-10, 1e-12)
+TOLERANCE = 1e-12
+"""Tolerance of a step of the independent motion."""
 CLOSEST = 1e-6
-"""Seconds between two switches below which a mechanism is not drawn: the motion takes corners that close for one."""
+"""Seconds between two switches below which a mechanism is not drawn: errors may exchange them."""
+CLEAR_OF_JAMMING = 0.2
+"""Determinant of the equations for friction; 1 without friction, 0 where a motion is not unique (Painleve)."""
+CLEAR_OF_SINGULAR = 0.05
+"""Smallest singular value of the constraints' Jacobian with rows of length 1: forces magnified twentyfold at most."""
+CLEAR_OF_LIMIT = 1e-3
+"""Distance from the limit of static friction, relative to the largest load: a million times the error."""
+AT_REST_BEFORE = 1e-9
+"""Speed, relative to the largest, below which a mechanism is at rest at an event: what errors leave of one."""
+CLEAR_OF_GRAZING = 0.1
+"""Rate (1/s) at which a slip, relative to the largest, passes zero: slower ones magnify errors tenfold and more."""
 LONGEST = 5.0
 """Seconds within which a drawn mechanism is at rest."""
 RESERVE = 1e3
@@ -50,25 +48,6 @@ OWN_ERROR = 1e-9
 AT_REST = 1e-11
 """m/s: rounding of the motion at rest. Forces in balance leave accelerations of 1e-15 of 10 m/s^2, a hundred times that
 with unlike masses and levers; ten seconds at rest add them up. A guide that slips has another mode."""
-
-
-class SeededDice:
-    """Independent uniform draws of a seed; numbers have six decimals, so that a scene prints as it is."""
-
-    def __init__(self, seed: int | Sequence[int] | np.random.Generator):
-        self._random = np.random.default_rng(seed)
-
-    def number(self, low: float, high: float) -> float:
-        return round(float(self._random.uniform(low, high)), 6)
-
-    def integer(self, low: int, high: int) -> int:
-        return int(self._random.integers(low, high + 1))
-
-    def chance(self) -> bool:
-        return bool(self._random.random() < 0.5)
-
-    def one_of(self, options: Sequence[T]) -> T:
-        return options[self.integer(0, len(options) - 1)]
 
 
 class Draft:
@@ -201,6 +180,67 @@ def yoke(a: Draft) -> None:
 FAMILIES = (trammel, cranks, plate, rocker, yoke)
 
 
+def freedom(contact: Contact, terms: Terms) -> np.ndarray:
+    """The direction N that the constraints of a mechanism of one freedom leave: J N = 0, N^T M N = 1."""
+    root = np.sqrt(contact.equations.mass)
+    basis = np.linalg.svd(terms.J / root)[2]  # the last right vector is M^1/2 N
+    return basis[-1] / root
+
+
+def is_clear(motion: Motion) -> bool:
+    """Return whether a motion comes to rest, and small errors, of the motion or of a run, do not make it another one."""
+    if motion.breakdown is not None or not motion.rest:
+        return False
+    m, mass = motion.contact, motion.contact.equations.mass
+    times = np.array(sorted({event.time for event in motion.events}))
+    speeds = m.equations.at(motion.t, motion.q, motion.v).slip_speed
+    if np.any(np.diff(times) < CLOSEST) or any(
+        event.kind == "reversal" and event.rate < CLEAR_OF_GRAZING * np.max(np.abs(speeds))
+        for event in motion.events
+    ):
+        return False
+    for step in motion.steps:
+        q, v = np.split(step.state(step.end), 2)
+        terms = m.equations.at(step.end, q, v)
+        rows = terms.J / np.sqrt(mass)
+        rows = rows / np.linalg.norm(rows, axis=1)[:, None]
+        if np.linalg.svd(rows, compute_uv=False)[-1] < CLEAR_OF_SINGULAR:
+            return False
+        if least_determinant(m, terms, step.mode.slip) < CLEAR_OF_JAMMING:
+            return False
+    # wherever all guides are at rest, they stay or leave clearly
+    for t, q, v, speed in zip(motion.t, motion.q, motion.v, speeds):
+        if np.max(np.abs(speed)) < AT_REST_BEFORE * np.max(np.abs(speeds)):
+            terms = m.equations.at(t, q, np.zeros_like(v))
+            margin = m.largest_margin(terms, np.zeros_like(v))
+            if abs(margin) < CLEAR_OF_LIMIT * np.max(np.abs(terms.Q)):
+                return False
+    return True
+
+
+def least_determinant(m: Contact, terms: Terms, slip: np.ndarray) -> float:
+    """Smallest determinant of J M^-1 B over that of J M^-1 J^T, for any signs of the corner forces.
+
+    B^T are the forces of the rows' multipliers with the frictions that they cause: 1 - mu W.. for one guide.
+    """
+    rows, mass = terms.J, m.equations.mass
+    plain = np.linalg.det(rows / mass @ rows.T)
+    signs = [((1, 1), (-1, -1)) if not a else CORNERS for a in m.length]
+    least = np.inf
+    for choice in product(*signs):
+        acts = rows.copy()
+        for g, (r, a, b, s) in enumerate(zip(m.row, m.length, m.width, choice)):
+            push = -m.mu[g] * slip[g]  # n1 + n2 = R, n2 - n1 = (2/a) (T - (b/2) push R)
+            if not a:
+                acts[r] += push * s[0] * terms.W[g]
+                continue
+            on_R, on_T = (s[0] + s[1]) / 2, (s[1] - s[0]) / a
+            acts[r] += push * (on_R - on_T * b / 2 * push) * terms.W[g]
+            acts[r + 1] += push * on_T * terms.W[g]
+        least = min(least, np.linalg.det(rows / mass @ acts.T) / plain)
+    return float(least)
+
+
 def drawn(seed: int, i: int) -> tuple[Scene, Motion]:
     """Mechanism i of a seed: the first of its draws whose motion is clear and ends at rest within `LONGEST`."""
     family = FAMILIES[i % len(FAMILIES)]
@@ -234,39 +274,33 @@ def drawn(seed: int, i: int) -> tuple[Scene, Motion]:
                 "point": [dice.number(-0.1, 0.1), 0],
                 "law": {"type": "constant", "value": dice.number(-10, 10)},
             }
-        try:
-            m = OneFreedom(scene_from_dict(a.raw, name))
-            speed = dice.one_of([0.0, dice.number(-2, 2)]) * np.sqrt(m.mass.sum())
-            rates = speed * m.terms(m.start, 0.0, np.ones(len(m.guides))).N
-            for body, rate in zip(bodies, rates.reshape(-1, 3).tolist()):
-                a.raw["bodies"][body] |= {"velocity": rate[:2], "angular_velocity": rate[2]}
-            scene = scene_from_dict(a.raw, name)
-            simulate(scene, LONGEST, 1e-5)  # finds in a fifth of the time what is not drawn
-            motion = simulate(scene, LONGEST)
-        except NoClearMotion:
-            continue
-        if any(0.0 < piece.end - piece.begin < CLOSEST for piece in motion.pieces):
-            continue
-        return scene_from_dict(a.raw | {"t_end": round(1.1 * motion.rest + 0.2, 3)}, name), motion
+        scene = scene_from_dict(a.raw, name)
+        m = Contact(scene)
+        q, v = m.equations.start()
+        speed = dice.one_of([0.0, dice.number(-2, 2)]) * np.sqrt(m.equations.mass.sum())
+        rates = speed * freedom(m, m.equations.at(0.0, q, v))
+        for body, rate in zip(bodies, rates.reshape(-1, 3).tolist()):
+            a.raw["bodies"][body] |= {"velocity": rate[:2], "angular_velocity": rate[2]}
+        scene = scene_from_dict(a.raw, name)
+        motion = simulate(scene, LONGEST, TOLERANCE)
+        if is_clear(motion):
+            scene = scene_from_dict(a.raw | {"t_end": round(1.1 * motion.rest + 0.2, 3)}, name)
+            return scene, motion
     raise AssertionError("endless")
 
 
-AGREES, SLIPS, OTHER_EVENTS, OTHER_MOTION, NO_BALANCE, STOPS = (
-    "agrees",
-    "slips at rest",
-    "other events",
-    "other motion",
-    "no balance at rest",
-    "stops",
-)
-OUTCOMES = {
-    AGREES: "events, positions and forces within the bound; all guides at rest at the end, balanced, in their cones",
-    SLIPS: "a guide is not at rest at the end, though the mechanism is",
-    OTHER_EVENTS: "stick, slip or reversals are others, or at other times",
-    OTHER_MOTION: "a position, a normal force or a friction of the motion is another, or the place of rest",
-    NO_BALANCE: "forces at rest are not in balance, or not in the static cones of their surfaces",
-    STOPS: "a typed breakdown, though there is one motion",
-}
+AGREES = "agrees"
+"""Events, positions and forces within the bound; all guides at rest at the end, balanced, in their cones."""
+SLIPS = "slips at rest"
+"""A guide is not at rest at the end, though the mechanism is."""
+OTHER_EVENTS = "other events"
+"""Stick, slip or reversals are others, or at other times."""
+OTHER_MOTION = "other motion"
+"""A position, a normal force or a friction of the motion is another, or the place of rest."""
+NO_BALANCE = "no balance at rest"
+"""Forces at rest are not in balance, or not in the static cones of their surfaces."""
+STOPS = "stops"
+"""A typed breakdown, though there is one motion."""
 
 
 def judge(scene: Scene, motion: Motion, run: Trajectory, rtol: float) -> SceneOutcome:
@@ -288,7 +322,7 @@ def judge(scene: Scene, motion: Motion, run: Trajectory, rtol: float) -> SceneOu
 
 
 def _slips(motion: Motion, run: Trajectory) -> Iterator[tuple[float, str]]:
-    for name in motion.equations.guides:
+    for name in motion.contact.names:
         mode, speed = run[f"{name}.mode"][-1], run[f"{name}.slip_velocity"][-1]
         yield (
             np.inf if mode else abs(speed) / AT_REST,
@@ -297,17 +331,26 @@ def _slips(motion: Motion, run: Trajectory) -> Iterator[tuple[float, str]]:
 
 
 def _events(motion: Motion, run: Trajectory, bound: float) -> Iterator[tuple[float, str]]:
-    for name in motion.equations.guides:
-        expected = [event for event in motion.events if event.joint == name]
+    for name in motion.contact.names:
+        expected = [
+            event for event in motion.events if event.joint == name and event.kind != "corner"
+        ]
         found = [event for event in run.events if event.joint == name and event.kind != "corner"]
+        shifts = _shifts(motion, expected, bound)
         for i, (one, other, error) in enumerate(event_differences(expected, found)):
-            shift = bound * (1 + 1 / expected[i].rate) if error < np.inf else 1.0
+            shift = shifts[i] if error < np.inf else 1.0
             yield error / shift, f"{name}, event {i + 1}: expected {one}, found {other}"
+
+
+def _shifts(motion: Motion, events: Sequence[Instant], bound: float) -> list[float]:
+    """What an error of a slip's speed, relative to the largest speed, shifts events by, s."""
+    speeds = motion.contact.equations.at(motion.t, motion.q, motion.v).slip_speed
+    return [bound * (1 + float(np.max(np.abs(speeds))) / event.rate) for event in events]
 
 
 def _columns(motion: Motion, run: Trajectory, *names: str) -> np.ndarray:
     """Columns of the guides, of shape (instants, names, guides)."""
-    guides = motion.equations.guides
+    guides = motion.contact.names
     return stacked(run.columns, guides, names).reshape(-1, len(guides), len(names)).swapaxes(1, 2)
 
 
@@ -317,17 +360,20 @@ def _motion(motion: Motion, run: Trajectory, bound: float) -> Iterator[tuple[flo
     Of a motion that is shorter the place of rest alone is compared.
     With Baumgarte's stabilization the forces answer the drift, too: they may differ by `_answer`.
     """
-    q = stacked(run.columns, motion.equations.scene.bodies, BODY_COLUMNS[0])
+    q = stacked(run.columns, motion.contact.equations.scene.bodies, BODY_COLUMNS[0])
     forces = _columns(motion, run, "normal_force", "friction")
+    switches = [event for event in motion.events if event.kind != "corner"]
+    shifts = _shifts(motion, switches, bound)
     rows = [
         k
         for k, t in enumerate(run.t)
         if t < motion.rest
-        and all(abs(t - event.time) > 10 * bound * (1 + 1 / event.rate) for event in motion.events)
+        and all(abs(t - event.time) > 10 * shift for event, shift in zip(switches, shifts))
     ]
-    true = [motion.at(run.t[k]) for k in rows]
+    known = [motion.at(run.t[k]) for k in rows]
+    true = [(q, np.array([forces.R, forces.f])) for q, forces in known]
     size, load = (
-        max(1.0, np.max(np.abs(motion.q))),
+        max(1.0, np.max(np.abs(motion.q[-1]))),
         max((np.max(np.abs(force)) for _, force in true), default=0.0),
     )
     for k, (position, force) in zip(rows, true):
@@ -335,7 +381,7 @@ def _motion(motion: Motion, run: Trajectory, bound: float) -> Iterator[tuple[flo
         yield away / (bound * size), f"position at {run.t[k]:.6g} s by {away:.2g}"
         words = f"normal force or friction at {run.t[k]:.6g} s by {other:.2g} N of {load:.3g} N"
         yield other / (bound * load + _answer(motion, run, k)), words
-    away = np.max(np.abs(q[-1] - motion.q))
+    away = np.max(np.abs(q[-1] - motion.q[-1]))
     yield away / (bound * size), f"place of rest by {away:.2g}"
 
 
@@ -345,33 +391,31 @@ def _answer(motion: Motion, run: Trajectory, k: int) -> float:
     J M^-1 J^T dlambda = 2 alpha Phi' + beta^2 Phi, eq. (25) of the paper less that without drift, with the rows of pins
     and across guides.
     """
-    law, m = run.settings["stabilization"], motion.equations
+    law, m = run.settings["stabilization"], motion.contact.equations
     if law["method"] != "baumgarte":
         return 0.0
     q, v = (stacked(run.columns, m.scene.bodies, labels)[k] for labels in BODY_COLUMNS[:2])
-    residual, J = (values[: -len(m.guides)] for values in m.rows(q)[:2])
-    accelerated = 2 * law["alpha"] * J @ v + law["beta"] ** 2 * residual
-    return float(np.max(np.abs(np.linalg.solve(J / m.mass @ J.T, accelerated))))
+    terms = m.at(run.t[k], q, v)
+    accelerated = 2 * law["alpha"] * terms.phi_dot + law["beta"] ** 2 * terms.phi
+    return float(np.max(np.abs(np.linalg.solve(terms.J / m.mass @ terms.J.T, accelerated))))
 
 
 def _balance(motion: Motion, run: Trajectory, bound: float) -> Iterator[tuple[float, str]]:
     """Guides share a load in ways not determined: forces are in balance, and in the static cone of each surface."""
-    m = motion.equations
-    q = stacked(run.columns, m.scene.bodies, BODY_COLUMNS[0])[-1]
-    pins = [
-        run[f"{name}.{key}"][-1]
-        for name, joint in m.scene.joints.items()
-        if isinstance(joint, Revolute)
-        for key in ("fx", "fy")
-    ]
+    m = motion.contact
+    q = stacked(run.columns, m.equations.scene.bodies, BODY_COLUMNS[0])[-1]
+    terms = m.equations.at(run.t[-1], q, np.zeros_like(q))
+    reactions = np.zeros(len(terms.J))
+    for name, row in m.equations.pins.items():
+        reactions[row : row + 2] = [run[f"{name}.{key}"][-1] for key in ("fx", "fy")]
     [normal, moment, friction] = _columns(motion, run, "normal_force", "moment", "friction")[-1]
-    applied = m.applied(q, np.zeros(len(q)))
-    size = np.max(np.abs(applied)) + np.max(np.abs([normal, moment, friction]))
-    left = np.max(np.abs(applied + np.concatenate([pins, normal, moment, friction]) @ m.rows(q)[1]))
+    reactions[m.row], reactions[np.array(m.row) + 1] = normal, moment
+    size = np.max(np.abs(terms.Q)) + np.max(np.abs([normal, moment, friction]))
+    left = np.max(np.abs(terms.Q + reactions @ terms.J + friction @ terms.W))
     yield left / (bound * size), f"{left:.2g} of {size:.3g} N is not in balance"
-    for i, name in enumerate(m.guides):
+    for i, name in enumerate(m.names):
         held, pressed, split = [friction[i]], [abs(normal[i])], 0.0
-        if m.long[i]:
+        if m.length[i]:
             held = [run[f"{name}.friction_{side}"][-1] for side in ("lower", "upper")]
             F = [run[f"{name}.F{corner}"][-1] for corner in (1, 2, 3, 4)]
             pressed = [F[0] + F[1], F[2] + F[3]]
@@ -403,24 +447,15 @@ def runs(scene: Scene, rtols: Sequence[float]) -> Iterator[tuple[float, Trajecto
 def judge_drawn(seed: int, i: int, rtols: Sequence[float]) -> list[SceneOutcome]:
     """Judge mechanism i of a seed.
 
-    The motion looks for switches at the ends of its steps: two of them in one step go unseen. Some mechanisms magnify
-    its error a thousandfold. Where a run disagrees, a motion with a tighter tolerance and far shorter steps decides.
+    Some mechanisms magnify the error of the motion a thousandfold. Where a run disagrees, a motion with a tighter
+    tolerance decides.
     """
     scene, motion = drawn(seed, i)
     found, again = [], None
     for rtol, run in runs(scene, rtols):
         verdict = judge(scene, motion, run, rtol)
         if verdict.outcome != AGREES:
-            again = again or simulate(scene, LONGEST, TOLERANCE / 10, LONGEST_STEP / 64)
+            again = again or simulate(scene, LONGEST, TOLERANCE / 10)
             verdict = judge(scene, again, run, rtol)
         found.append(verdict)
     return found
-
-
-STUDY = RandomScenes(
-    judge_drawn,
-    OUTCOMES,
-    tuple(outcome for outcome in OUTCOMES if outcome != AGREES),
-    RTOLS,
-    LONGEST,
-)

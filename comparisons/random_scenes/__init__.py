@@ -1,1 +1,0 @@
-"""Random scenes, and what the reference is held to on them."""

@@ -1,0 +1,64 @@
+"""Random mechanisms with several freedoms, and runs of the reference beside their motion by `enumerated_motion`."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+import numpy as np
+from random_mechanisms import SeededDice, moderate_scene
+
+from stiction.scenes import Scene, Trajectory, scene_from_dict
+from stiction.truths.enumerated_motion import TOLERANCE, Motion
+
+RESERVE = 1e3
+"""How much larger than the tolerance of a step the error of a motion may be: a hundred steps, amplified by ten."""
+
+
+def random_scene(seed: int, i: int, guides: tuple[int, int] = (2, 3)) -> Scene:
+    """Scene i of a seed: moderate, with two or three frictional guides."""
+    return scene_from_dict(
+        moderate_scene(SeededDice((seed, i)), guides), f"random scene {i} of seed {seed}"
+    )
+
+
+def differences(scene: Scene, motion: Motion, run: Trajectory, rtol: float) -> list[str]:
+    """Events and end state in which a run of the reference, of tolerance `rtol`, is another than the second method's
+    motion.
+
+    Margins and states may differ by RESERVE times the larger tolerance, relative to the largest force or coordinate; an
+    event may be shifted by what such a difference of its margin shifts it. Where one of both stops, they are compared
+    until then.
+    """
+    tolerance = RESERVE * max(rtol, TOLERANCE)
+    stopped = [found.time for found in (run.breakdown, motion.breakdown) if found is not None]
+    until = min(stopped) - 1e3 * tolerance if stopped else np.inf
+    found = list(_event_differences(scene, motion, run, tolerance, until))
+    if stopped:
+        return found
+    size = max(1.0, np.max(np.abs(motion.q)), np.max(np.abs(motion.v)))
+    for body, q, v in zip(scene.bodies, motion.q[-1].reshape(-1, 3), motion.v[-1].reshape(-1, 3)):
+        for label, value in zip(("x", "y", "angle", "vx", "vy", "omega"), (*q, *v)):
+            error = abs(run[f"{body}.{label}"][-1] - value)
+            if not error <= tolerance * size:
+                found.append(f"{body}.{label} at the end differs by {error:.2g}")
+    return found
+
+
+def _event_differences(
+    scene: Scene, motion: Motion, run: Trajectory, tolerance: float, until: float
+) -> Iterator[str]:
+    """What differs in the events of each guide before `until`, in order."""
+    for name in scene.frictional_guides:
+        expected = [event for event in motion.events if event.joint == name and event.time < until]
+        found = [event for event in run.events if event.joint == name and event.time < until]
+        for mine, its in zip(expected, found):
+            window = tolerance * max(1.0, motion.force) / mine.rate
+            if mine.kind != its.kind or not abs(mine.time - its.time) <= window:
+                expectation = f"{mine.kind} at {mine.time:.9g} s within {window:.1g} s"
+                yield f"{name}: {its.kind} at {its.time:.9g} s, expected {expectation}"
+                break
+        else:
+            for event in expected[len(found) :]:
+                yield f"{name}: no {event.kind} at {event.time:.9g} s"
+            for event in found[len(expected) :]:
+                yield f"{name}: {event.kind} at {event.time:.9g} s that is none"

@@ -1,0 +1,349 @@
+"""The equations of motion of a scene in dense matrices, at many instants at once; without the reference.
+
+    M q'' = Q + J^T lambda + W^T f,   Phi'' = J q'' + gamma,   slip' = W q'' + w
+
+Points and directions of the plane are complex numbers: a vector a that is fixed in a body turns as a exp(i angle), its
+derivative is i omega times itself, and Re(conj(a) b) is the scalar product. Every constraint, drive and spring has one
+of three kinds of coordinates (`Values`):
+
+- the distance of a point of one body from a point of another in a direction that turns with a third, the carrier:
+  s = Re(conj(e) r) with s'' = Re(conj(e) r'' + 2 conj(i W e) r' - W^2 conj(e) r), W the carrier's angular velocity;
+- the distance of two points: s = |r| with s' = Re(conj(l) r') along the line l = r / |r|, and
+  s'' = Re(conj(l) r'') + (|r'|^2 - s'^2) / s;
+- the difference of two angles.
+
+A tension F in a coordinate s has the generalized force -F ds/dq (virtual work).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from stiction.scenes import Scene
+from stiction.scenes.fields import GROUND
+from stiction.scenes.laws import Law, evaluate_law
+from stiction.scenes.model import Force, Revolute
+
+
+@dataclass(frozen=True)
+class Values:
+    """Coordinates s(q) along a motion; leading axes run over instants.
+
+    Attributes
+    ----------
+    value, rate, gamma : ndarray, shape (..., rows)
+        s, s', and s'' less what the accelerations contribute.
+    jacobian : ndarray, shape (..., rows, k)
+        ds/dq.
+    """
+
+    value: np.ndarray
+    rate: np.ndarray
+    gamma: np.ndarray
+    jacobian: np.ndarray
+
+
+@dataclass(frozen=True)
+class Terms:
+    """The terms at instants; leading axes run over these, k is the number of coordinates.
+
+    Attributes
+    ----------
+    Q : ndarray, shape (..., k)
+        Generalized applied forces.
+    phi, phi_dot, gamma : ndarray, shape (..., rows)
+        Residuals of the constraints and of their rates; Phi'' = J q'' + gamma.
+    J : ndarray, shape (..., rows, k)
+    W : ndarray, shape (..., guides, k)
+        Directions of slip of the frictional guides.
+    w, slip_speed : ndarray, shape (..., guides)
+        slip' = W q'' + w, and the slip's rate itself.
+    """
+
+    Q: np.ndarray
+    phi: np.ndarray
+    phi_dot: np.ndarray
+    gamma: np.ndarray
+    J: np.ndarray
+    W: np.ndarray
+    w: np.ndarray
+    slip_speed: np.ndarray
+
+
+def scalar_product(a: Any, b: Any) -> Any:
+    """Scalar product of planar vectors, which are complex numbers."""
+    return (np.conj(a) * b).real
+
+
+class Posture:
+    """Places and velocities of all bodies, the ground the last, at instants."""
+
+    def __init__(self, q: np.ndarray, v: np.ndarray):
+        ground = np.zeros((*q.shape[:-1], 3))
+        q, v = np.concatenate([q, ground], -1), np.concatenate([v, ground], -1)
+        self.place, self.velocity = (x[..., 0::3] + 1j * x[..., 1::3] for x in (q, v))
+        self.angle, self.spin = q[..., 2::3], v[..., 2::3]
+        self.turn = np.exp(1j * self.angle)
+
+
+class Distances:
+    """Vectors between points of two bodies, first less second, and what is read off them.
+
+    Parameters
+    ----------
+    bodies : sequence of pairs of int
+        Numbers of the bodies; the ground's is the last.
+    points : sequence of pairs of complex
+        In the axes of the bodies.
+    directions : sequence of complex, optional
+        In which the distances are measured, of any length; along the vectors themselves if not given.
+    carriers : sequence of int, optional
+        Bodies with which the directions turn.
+    """
+
+    def __init__(
+        self,
+        bodies: Sequence[tuple[int, int]],
+        points: Sequence[tuple[complex, complex]],
+        directions: Sequence[complex] | None = None,
+        carriers: Sequence[int] = (),
+    ):
+        self.body = np.array(bodies, dtype=int).reshape(-1, 2).T
+        self.point = np.array(points, dtype=complex).reshape(-1, 2).T
+        self.direction = None
+        if directions is not None:
+            line = np.array(directions, dtype=complex)
+            self.direction, self.carrier = line / np.abs(line), np.array(carriers, dtype=int)
+
+    def at(self, posture: Posture) -> Values:
+        # of both ends: arm from the body's centre, place, velocity, and acceleration by the rotation
+        ends = []
+        for body, point in zip(self.body, self.point):
+            arm, spin = point * posture.turn[..., body], posture.spin[..., body]
+            place, velocity = posture.place[..., body] + arm, posture.velocity[..., body]
+            ends.append((arm, place, velocity + 1j * spin * arm, -(spin**2) * arm))
+        (arm, *first), (other_arm, *second) = ends
+        r, rate, bend = (one - other for one, other in zip(first, second))
+        if self.direction is None:
+            value = np.abs(r)
+            # two ends that meet have no direction, and no force of a spring along it
+            e = np.where(value > 0.0, r / np.where(value > 0.0, value, 1.0), 0.0)
+            slope = scalar_product(e, rate)
+            with np.errstate(divide="ignore", invalid="ignore"):
+                gamma = scalar_product(e, bend) + (np.abs(rate) ** 2 - slope**2) / value
+        else:
+            e, turning = (
+                self.direction * posture.turn[..., self.carrier],
+                posture.spin[..., self.carrier],
+            )
+            value = scalar_product(e, r)
+            slope = scalar_product(e, rate) + scalar_product(1j * turning * e, r)
+            gamma = (
+                scalar_product(e, bend)
+                + 2 * scalar_product(1j * turning * e, rate)
+                - turning**2 * value
+            )
+        m = np.arange(len(self.body[0]))
+        jacobian = np.zeros((*value.shape, 3 * posture.angle.shape[-1]))
+        for body, lever, sign in zip(self.body, (arm, other_arm), (1, -1)):
+            for column, part in enumerate((e.real, e.imag, scalar_product(e, 1j * lever))):
+                jacobian[..., m, 3 * body + column] += sign * part
+        if self.direction is not None:
+            jacobian[..., m, 3 * self.carrier + 2] += scalar_product(1j * e, r)
+        return Values(value, slope, gamma, jacobian[..., :-3])
+
+
+class Angles:
+    """Differences of the angles of two bodies, first less second."""
+
+    def __init__(self, bodies: Sequence[tuple[int, int]], count: int):
+        self.rows = np.zeros((len(bodies), 3 * count + 3))
+        for row, (first, second) in zip(self.rows, bodies):
+            row[3 * first + 2] += 1
+            row[3 * second + 2] -= 1
+
+    def at(self, posture: Posture) -> Values:
+        of_angles = self.rows[:, 2::3].T
+        value = posture.angle @ of_angles
+        shape = (*value.shape[:-1], *self.rows[:, :-3].shape)
+        return Values(
+            value,
+            posture.spin @ of_angles,
+            np.zeros_like(value),
+            np.broadcast_to(self.rows[:, :-3], shape),
+        )
+
+
+class Coordinates:
+    """The coordinates of drives or of springs, in their order."""
+
+    def __init__(self, elements: Sequence[Any], number: dict[str, int]):
+        def pair(element: Any) -> tuple[int, int]:
+            return number[element.bodies[0]], number[element.bodies[1]]
+
+        def places(element: Any) -> tuple[complex, complex]:
+            return complex(*element.points[0]), complex(*element.points[1])
+
+        turning = [e for e in elements if e.type in ("angle", "torsional")]
+        straight = [e for e in elements if e.type in ("distance", "linear")]
+        along = [e for e in straight if e.axis is not None]
+        free = [e for e in straight if e.axis is None]
+        groups: list[Angles | Distances] = [
+            Angles([pair(e) for e in turning], len(number) - 1),
+            Distances(
+                [pair(e) for e in along],
+                [places(e) for e in along],
+                [complex(*e.axis) for e in along],
+                [number[e.bodies[1]] for e in along],
+            ),
+            Distances([pair(e) for e in free], [places(e) for e in free]),
+        ]
+        kept = [bool(turning) or not straight, bool(along), bool(free)]
+        self.groups = [group for group, keep in zip(groups, kept) if keep]
+        grouped = [id(e) for e in (*turning, *along, *free)]
+        self.order = [grouped.index(id(e)) for e in elements]
+
+    def at(self, posture: Posture) -> Values:
+        found = [group.at(posture) for group in self.groups]
+        if len(found) == 1:
+            return found[0]
+        value, rate, gamma = (
+            np.concatenate([getattr(values, name) for values in found], -1)[..., self.order]
+            for name in ("value", "rate", "gamma")
+        )
+        jacobian = np.concatenate([values.jacobian for values in found], -2)[..., self.order, :]
+        return Values(value, rate, gamma, jacobian)
+
+
+def law_values(laws: Sequence[Law], t: np.ndarray) -> np.ndarray:
+    """Values and first and second derivatives of laws, shape (3, ..., laws)."""
+    found = np.zeros((3, *t.shape, len(laws)))
+    for i, law in enumerate(laws):
+        values = np.array([evaluate_law(law, time) for time in t.flat])
+        found[..., i] = np.moveaxis(values, -1, 0).reshape(3, *t.shape)
+    return found
+
+
+class DenseEquations:
+    """The equations of a scene. Rows of J: pins (x and y of each), guides (across and angle of each), drives.
+
+    Attributes
+    ----------
+    guides : dict of str to Translational
+        The frictional guides, in the order of the scene.
+    mass : ndarray, shape (k,)
+        Diagonal of M.
+    normal_row : list of int
+        The place of each frictional guide's row across; that of its angle is the next.
+    pins : dict of str to int
+        The place of each pin's row of x; that of y is the next.
+    """
+
+    def __init__(self, scene: Scene):
+        self.scene, self.guides = scene, dict(scene.frictional_guides)
+        number = {name: i for i, name in enumerate([*scene.bodies, GROUND])}
+        bodies = scene.bodies.values()
+        self.mass = np.array([m for body in bodies for m in (body.mass, body.mass, body.inertia)])
+        self.gravity = np.resize([*(scene.gravity or (0.0, 0.0)), 0.0], len(self.mass))
+        pins = {name: j for name, j in scene.joints.items() if isinstance(j, Revolute)}
+        guides = scene.guides
+        self.pins = {name: 2 * i for i, name in enumerate(pins)}
+        self.normal_row = [2 * len(pins) + 2 * list(guides).index(name) for name in self.guides]
+
+        # one group of distances, as each costs time: pins, across the guides, along those with friction
+        pairs: list[tuple[int, int]] = []
+        points: list[tuple[complex, complex]] = []
+        lines: list[complex] = []
+        carriers: list[int] = []
+        for pin in pins.values():
+            for way in (1, 1j):
+                pairs.append((number[pin.bodies[0]], number[pin.bodies[1]]))
+                points.append((complex(*pin.points[0]), complex(*pin.points[1])))
+                lines.append(complex(way))
+                carriers.append(number[GROUND])
+        for way, some in ((1j, guides), (1, self.guides)):
+            for guide in some.values():
+                pairs.append((number[guide.slider], number[guide.guide]))
+                points.append((complex(*guide.slider_point), complex(*guide.point)))
+                lines.append(way * complex(*guide.direction))
+                carriers.append(number[guide.guide])
+        self._ways = Distances(pairs, points, lines, carriers)
+        self._parts = np.cumsum([2 * len(pins), len(guides)])
+        self._turned = Angles(
+            [(number[g.slider], number[g.guide]) for g in guides.values()], len(scene.bodies)
+        )
+        self._angles = np.array([g.angle for g in guides.values()])
+        self._driven = Coordinates(list(scene.drives.values()), number)
+        self._laws = [drive.law for drive in scene.drives.values()]
+
+        springs = list(scene.springs.values())
+        self._springs = Coordinates(springs, number)
+        self._stiffness = np.array([spring.stiffness for spring in springs])
+        self._damping = np.array([spring.damping for spring in springs])
+        self._rest = np.array(
+            [s.rest_length if s.type == "linear" else s.rest_angle for s in springs]
+        )
+        loads = list(scene.forces.values())
+        self._load_laws = [load.law for load in loads]
+        self._loaded = np.array([number[load.body] for load in loads], dtype=int)
+        forces = [load if isinstance(load, Force) else None for load in loads]
+        self._arm = np.array([complex(*f.point) if f else 0j for f in forces])
+        self._push = np.array(
+            [complex(*f.direction) / np.hypot(*f.direction) if f else 0j for f in forces]
+        )
+        self._torque = np.array([0.0 if f else 1.0 for f in forces])
+
+    def start(self) -> tuple[np.ndarray, np.ndarray]:
+        """q and v at t = 0 as the scene gives them."""
+        bodies = self.scene.bodies.values()
+        q = [x for body in bodies for x in (*body.position, body.angle)]
+        v = [x for body in bodies for x in (*body.velocity, body.angular_velocity)]
+        return np.array(q, dtype=float), np.array(v, dtype=float)
+
+    def at(self, t: float | np.ndarray, q: np.ndarray, v: np.ndarray) -> Terms:
+        """The terms at an instant or, with leading axes, at many.
+
+        Parameters
+        ----------
+        t : float or ndarray, shape (...,)
+        q, v : ndarray, shape (..., k)
+        """
+        t, posture = np.asarray(t, dtype=float), Posture(q, v)
+        ways, turned, driven = (
+            rows.at(posture) for rows in (self._ways, self._turned, self._driven)
+        )
+        law = law_values(self._laws, t)
+
+        def constraints(of_ways: np.ndarray, of_angles: np.ndarray, of_drives: np.ndarray) -> Any:
+            """All rows in their order, and those along the guides; guides' rows are across and of the angle in turn."""
+            axis = t.ndim
+            pins, across, along = np.split(of_ways, self._parts, axis)
+            pair = np.stack([across, of_angles], axis + 1)
+            of_guides = pair.reshape(*pair.shape[:axis], -1, *pair.shape[axis + 2 :])
+            return np.concatenate([pins, of_guides, of_drives], axis), along
+
+        phi, _ = constraints(ways.value, turned.value - self._angles, driven.value - law[0])
+        phi_dot, slip_speed = constraints(ways.rate, turned.rate, driven.rate - law[1])
+        gamma, w = constraints(ways.gamma, turned.gamma, driven.gamma - law[2])
+        J, W = constraints(ways.jacobian, turned.jacobian, driven.jacobian)
+        return Terms(self._applied(t, posture), phi, phi_dot, gamma, J, W, w, slip_speed)
+
+    def _applied(self, t: np.ndarray, posture: Posture) -> np.ndarray:
+        """Weight, springs with dampers, and loads."""
+        Q = np.zeros((*t.shape, len(self.mass))) + self.mass * self.gravity
+        if len(self._stiffness):
+            springs = self._springs.at(posture)
+            stretch = springs.value - self._rest
+            tension = self._stiffness * stretch + self._damping * springs.rate
+            Q -= np.sum(tension[..., None] * springs.jacobian, -2)
+        size = law_values(self._load_laws, t)[0]
+        for i, body in enumerate(self._loaded):
+            arm, push = self._arm[i] * posture.turn[..., body], self._push[i]
+            moment = scalar_product(1j * arm, push) + self._torque[i]
+            for column, part in enumerate((push.real, push.imag, moment)):
+                Q[..., 3 * body + column] += size[..., i] * part
+        return Q

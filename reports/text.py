@@ -145,10 +145,14 @@ def written(template: Template, said: Presentation) -> Section:
     )
 
 
-def filled(template: Template, variables: Mapping[str, object]) -> dict[str, str]:
-    """Return the text of each block of a template."""
+def filled(template: Template, variables: Mapping[str, object], *names: str) -> dict[str, str]:
+    """Return the text of the blocks of a template; of all where no name is given."""
     context = template.new_context(dict(variables))
-    return {name: "".join(block(context)) for name, block in template.blocks.items()}
+    return {
+        name: "".join(block(context))
+        for name, block in template.blocks.items()
+        if name in names or not names
+    }
 
 
 def one_line(text: str) -> str:

@@ -14,7 +14,7 @@ from stiction.reports.page_one import TITLE, answers, headline_table, page_one
 from stiction.reports.report import Report, report_of
 from stiction.reports.run_folder.provenance import commit_in_words
 from stiction.reports.run_folder.stored_run import StoredRun
-from stiction.reports.run_folder.trace import keys, resolve
+from stiction.reports.run_folder.trace import Source, keys, source_of
 from stiction.scenes import InputError
 from stiction.scenes.atomic_files import write_text
 from stiction.scenes.pictures.web import compressed
@@ -40,9 +40,16 @@ def write_run_page(run: StoredRun, file: Path) -> None:
             *map(_table, said.tables),
         ]
         sections[study.question] = [details(said.answer or study.question, "\n".join(blocks))]
-    used = dict.fromkeys(key for view in report.tables for key in keys(view))
+    sources = {
+        key: source_of(run, view, number)
+        for view in report.tables
+        for number, key in enumerate(keys(view), start=1)
+    }
     sections["Where numbers come from"] = [
-        details("Every key of the tables", "".join(_origin_of(run, key) for key in used))
+        details(
+            "Every key of the tables",
+            "".join(_origin_of(key, source) for key, source in sources.items()),
+        )
     ]
     origin = [
         ("date", run.origin["date"]),
@@ -98,9 +105,8 @@ def _anchor(key: str) -> str:
     return f"key-{re.sub(r'[^A-Za-z0-9]+', '-', key)}"
 
 
-def _origin_of(run: StoredRun, key: str) -> str:
+def _origin_of(key: str, source: Source) -> str:
     """The rows of the data and the files behind a key, in brief, or the runs where no trajectory is stored."""
-    source = resolve(run, key)
     runs = source.rows["key"].dropna() if "key" in source.rows and not source.files else ()
     about = "; ".join([source.place, *source.files, *dict.fromkeys(runs)])
     return f'<p id="{_anchor(key)}"><strong>{escape(key)}</strong>: {escape(about)}</p>\n'

@@ -18,12 +18,12 @@ from stiction.reports.figures.charts import drawn, in_one_column
 from stiction.reports.figures.style import rc, save_all
 from stiction.reports.page_one import TITLE, answers, page_one
 from stiction.reports.paper import latex
-from stiction.reports.paper.methods import methods
+from stiction.reports.paper.methods import methods, tracing
 from stiction.reports.report import Report, report_of
 from stiction.reports.run_folder.overwriting import run_folder, write_provenance
 from stiction.reports.run_folder.reproduce import FOLDER as REPRODUCE
 from stiction.reports.run_folder.stored_run import StoredRun
-from stiction.reports.run_folder.trace import keys, resolve
+from stiction.reports.run_folder.trace import keys, source_of
 from stiction.reports.text import Section
 
 MAIN = "paper.pdf"
@@ -31,13 +31,6 @@ SHORT, PAGE_SIGNS = 24, 118
 """Signs of a cell that is not broken, and of a line of 174 mm in type of 7 points."""
 AUTHORS = ("the stiction authors",)
 """Authors as in ``CITATION.cff``, unless others are named."""
-TRACING = (
-    "The last column of a table is a key. Its letter names a table of the run's data, its numbers are rows of that "
-    "table, counted from 1: A12 is row 12 of data/accuracy.csv, and J16-30 are rows 16 to 30 of data/torque.csv, "
-    'which the numbers of a line sum up. The command "stiction trace RUN KEY" prints these rows in full precision, '
-    "with the files of the trajectories and of the truth, the settings of the engine, its version and the machine; "
-    "trace.csv lists the same for all keys. The folder tables holds the tables with every row of the data."
-)
 
 
 def write_paper(
@@ -131,7 +124,7 @@ def paper_content(
             "columns": 1 if column == "double" else 2,
             "summary": summary(report),
             "methods": methods(run, report.results),
-            "tracing": [TRACING],
+            "tracing": [tracing()],
             "sections": sections,
         }
     )
@@ -181,8 +174,8 @@ def trace_table(run: StoredRun, views: Sequence[TableView]) -> pd.DataFrame:
     """Return a row per key of the tables: its table, the rows of the data, runs, engine, version, settings, files."""
     rows = []
     for view in views:
-        for key in keys(view):
-            source = resolve(run, key)
+        for number, key in enumerate(keys(view), start=1):
+            source = source_of(run, view, number)
             known = {
                 name: "; ".join(map(str, source.rows[name].dropna().unique()))
                 if name in source.rows

@@ -1,15 +1,19 @@
-"""The methods paragraphs: what was done, with which versions and settings, from a run's provenance and tables."""
+"""What the methods paragraphs of a paper mention, from a run's provenance and tables; the text is ``paper.md``."""
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+import json
+from collections.abc import Mapping
 from typing import Any
 
 import pandas as pd
 
 from stiction.comparisons.bench.results import Results
+from stiction.engines.registry import own_methods
 from stiction.reports.markdown.failures import failed_runs
+from stiction.reports.run_folder.data import words
 from stiction.reports.run_folder.stored_run import StoredRun
+from stiction.reports.text import filled, one_line, paragraphs, template
 from stiction.truths import PROVEN
 
 CITED = {
@@ -26,144 +30,118 @@ CITED = {
     "matplotlib": "@matplotlib",
 }
 """Engines, with their methods, and libraries that ``references.bib`` has entries for."""
-METHOD = (
-    "The reference implementation follows Zhuang and Wang [@zhuang2014]: rigid bodies in Cartesian coordinates, "
-    "bilateral constraints with multipliers, and set-valued Coulomb friction in the translational joints, whose "
-    "corner forces and accelerations satisfy a horizontal linear complementarity problem that Lemke's method "
-    "[@lemke1965; @cottle1992] solves."
-)
-TIMES = "CPU times are {} of runs made one at a time, without set-up, compiling or output."
+TEMPLATE = "paper.md"
+EVENT_DRIVEN, TRIAL, PAPERS_SCHEME = "event", "trial", "paper"
+"""Ways in which the reference integrates, in the order of the text; `TRIAL` is event-driven with another solver."""
 
 
 def methods(run: StoredRun, results: Results) -> list[str]:
     """Return paragraphs; ``[@key]`` cites an entry of ``references.bib``."""
-    tables, origin, variants = run.tables, run.origin, run.tables["variants"]
-    own = variants[variants["engine"] == "reference"] if len(variants) else variants
-    others = [
-        _cited(name, version) for name, version in origin["engines"].items() if name != "reference"
-    ]
-    compared = (
-        f"It was compared with {', '.join(others)}. Who supplies the friction law, engine or adapter, is part "
-        "of the settings of each variant."
-    )
-    return [
-        " ".join(sentences)
-        for sentences in (
-            (METHOD, *_integration(own)),
-            (
-                *([compared] if others else []),
-                *_truth(tables),
-                *_times(tables.get("cost", pd.DataFrame())),
-            ),
-            (
-                _campaign(results, origin),
-                _machine(origin),
-                "What the paper leaves open: "
-                + "; ".join(f"{name}: {text}" for name, text in origin["choices"].items())
-                + ".",
-            ),
+    return paragraphs(filled(template(TEMPLATE), _mentioned(run, results))["methods"])
+
+
+def tracing() -> str:
+    """Return the paragraph on keys of rows."""
+    return one_line(filled(template(TEMPLATE), {}, "tracing")["tracing"])
+
+
+def _mentioned(run: StoredRun, results: Results) -> dict[str, object]:
+    origin, tables = run.origin, run.tables
+    campaign, machine, versions = origin["campaign"], origin["machine"], origin["versions"]
+    tiers = _tiers(tables)
+    timed = sum(len(results.tables.get(name, ())) for name in ("cost", "effects", "suppression"))
+    commit = origin["commit"]
+    return {
+        **_own_runs(tables["runs"]),
+        "engines": [
+            _cited(name, version)
+            for name, version in origin["engines"].items()
+            if name not in own_methods()
+        ],
+        "tiers": tiers,
+        "proven": PROVEN in tiers,
+        "samples": _samples(tables.get("cost", pd.DataFrame())),
+        "depth": campaign.get("depth", ""),
+        "interrupted": bool(campaign.get("interrupted")),
+        "date": origin["date"][:10],
+        "runs": len(results.records),
+        "scenes": list(dict.fromkeys(record.scene for record in results.records)),
+        "timed": timed,
+        "failed": len(failed_runs(results)),
+        "commit": commit and {"hash": commit["hash"][:12], "dirty": commit["dirty"]},
+        "software": {
+            "stiction": _cited("stiction", versions["stiction"]),
+            "python": versions["python"],
+            "others": [
+                _cited(name, version)
+                for name, version in versions.items()
+                if name not in ("stiction", "python")
+            ],
+        },
+        "machine": {
+            "cpu": machine["cpu"],
+            "cores": machine["logical cores"],
+            "os": machine["os"],
+        },
+        "choices": origin["choices"],
+    }
+
+
+def _own_runs(runs: pd.DataFrame) -> dict[str, object]:
+    """How the reference integrates and stabilizes, from the settings that its runs state."""
+    steps: dict[str, set[float]] = {EVENT_DRIVEN: set(), TRIAL: set(), PAPERS_SCHEME: set()}
+    stabilizations: dict[str, dict[str, str]] = {}
+    own = runs[(runs["engine"] == "reference") & runs["settings"].notna()] if len(runs) else runs
+    for row in own.to_dict("records"):
+        settings = json.loads(row["settings"])
+        method = settings.get("method")
+        if method == EVENT_DRIVEN and settings.get("solver") == TRIAL:
+            method = TRIAL
+        if method in steps:
+            steps[method].add(float(row["step"]))
+        if (given := settings.get("stabilization")) is not None:
+            stabilization = given if isinstance(given, Mapping) else {"method": given}
+            stabilizations[words(given)] = {
+                "kind": str(stabilization["method"]),
+                "parameters": ", ".join(
+                    f"{name} = {words(value)}"
+                    for name, value in stabilization.items()
+                    if name != "method"
+                ),
+            }
+    return {
+        "integration": [
+            {"kind": kind, "steps": [f"{step:g}" for step in sorted(found, reverse=True)]}
+            for kind, found in steps.items()
+            if found
+        ],
+        "stabilizations": list(stabilizations.values()),
+    }
+
+
+def _samples(cost: pd.DataFrame) -> dict[str, int] | None:
+    """How many samples the times are medians of; None where nothing was timed."""
+    samples = cost["repeats"].dropna().astype(int) if "repeats" in cost else pd.Series(dtype=int)
+    if not samples.any():
+        return None
+    return {
+        "most": int(samples.max()),
+        "single": int((samples == 1).sum()),
+        "runs": len(samples),
+    }
+
+
+def _tiers(tables: Mapping[str, pd.DataFrame]) -> list[Any]:
+    """Tiers of the truths that errors and thresholds are measured against."""
+    return list(
+        dict.fromkeys(
+            tier
+            for name in ("accuracy", "threshold")
+            if "truth_tier" in tables.get(name, ())
+            for tier in tables[name]["truth_tier"].dropna()
         )
-    ]
-
-
-def _times(cost: pd.DataFrame) -> Iterator[str]:
-    """Say what the times are of: one sample of a run is no median."""
-    if "repeats" in cost and (samples := cost["repeats"].dropna().astype(int)).any():
-        least, most = samples.min(), samples.max()
-        of = "single samples" if most == 1 else f"medians of up to {most} samples"
-        if 1 == least < most:
-            of += f", single samples for {(samples == 1).sum()} of {len(samples)} runs,"
-        yield TIMES.format(of)
-
-
-def _integration(own: pd.DataFrame) -> Iterator[str]:
-    if own.empty:
-        return
-    trial = own["solver"] == "trial"
-    texts = (
-        (
-            own[(own["method"] == "event") & ~trial],
-            "event-driven, with contact modes frozen between located events, by the explicit Runge-Kutta method "
-            "DOP853 of order 8(5,3) of Hairer, Nørsett and Wanner [@hairer1993] with relative tolerances",
-        ),
-        (
-            own[trial],
-            "the same with the contact forces found by trial and error [@klepp1996] with relative tolerances",
-        ),
-        (
-            own[own["method"] == "paper"],
-            "as in that paper, by the classical Runge-Kutta method of fixed step with steps (s)",
-        ),
     )
-    parts = []
-    for rows, text in texts:
-        steps = {
-            value for ladder in rows["ladder"] for value in ladder.partition(" = ")[2].split(", ")
-        }
-        parts += [f"{text} {', '.join(sorted(steps, key=float, reverse=True))}"] if steps else []
-    if parts:
-        yield f"It integrates {'; '.join(parts)}."
-    words = {"none": "none", "projection": "projection onto the constraints after each step"}
-    baumgarte = "that of Baumgarte [@baumgarte1972; @flores2011], "
-    if used := [
-        words.get(value, baumgarte + value.partition(" ")[2].strip("()"))
-        for value in own["stabilization"].unique()
-        if value
-    ]:
-        yield f"Constraint stabilization: {'; '.join(used)}."
 
 
 def _cited(name: str, version: str) -> str:
     return f"{name} {version}" + (f" [{CITED[name]}]" if name in CITED else "")
-
-
-def _truth(tables: Mapping[str, pd.DataFrame]) -> Iterator[str]:
-    tiers = dict.fromkeys(
-        tier
-        for name in ("accuracy", "threshold")
-        if "truth_tier" in tables.get(name, ())
-        for tier in tables[name]["truth_tier"].dropna()
-    )
-    if not tiers:
-        return
-    yield (
-        f'Errors are measured against truths of the tier "{", ".join(tiers)}": the mechanism in its own minimal '
-        "coordinates, without constraint Jacobian or complementarity problem, its uncertainty the difference of two "
-        "discretizations."
-    )
-    if PROVEN in tiers:
-        yield (
-            "Where it is proven, its positions, velocities and times of events are enclosed in ball arithmetic, and "
-            "every inequality that decides on contact is verified."
-        )
-    yield (
-        "An engine without a static coefficient of friction is compared with the truth for equal coefficients."
-    )
-
-
-def _campaign(results: Results, origin: Mapping[str, Any]) -> str:
-    campaign, scenes = origin["campaign"], dict.fromkeys(record.scene for record in results.records)
-    depth = f" (depth: {campaign['depth']})" if "depth" in campaign else ""
-    timed = sum(len(results.tables.get(name, ())) for name in ("cost", "effects", "suppression"))
-    cut = " It was interrupted: all numbers are of the runs that were made until then."
-    return (
-        f"The campaign{depth} of {origin['date'][:10]} made {len(results.records)} runs of "
-        f"{', '.join(scenes) or 'no scene'}, and {timed} more for the comparisons of cost. "
-        f"Of these and of all other studies {len(failed_runs(results)) or 'none'} failed or ended early."
-        f"{cut if campaign.get('interrupted') else ''}"
-    )
-
-
-def _machine(origin: Mapping[str, Any]) -> str:
-    commit, machine, versions = origin["commit"], origin["machine"], origin["versions"]
-    changes = ", with uncommitted changes" if commit and commit["dirty"] else ""
-    revision = f" (commit {commit['hash'][:12]}{changes})" if commit else ""
-    others = ", ".join(
-        _cited(name, version)
-        for name, version in versions.items()
-        if name not in ("stiction", "python")
-    )
-    return (
-        f"Software: {_cited('stiction', versions['stiction'])}{revision}, Python {versions['python']}, {others}. "
-        f"Machine: {machine['cpu']}, {machine['logical cores']} logical cores, {machine['os']}."
-    )

@@ -1,19 +1,16 @@
-"""From a number in a table to where it comes from: key, row of the data, trajectory, settings, versions.
+"""From a row of a table of the report to where it comes from: rows of the data, trajectories, settings, versions.
 
-A key is a letter for the table of the data, and the numbers of the rows: ``A12`` is row 12 (from 1, the heading not
-counted) of ``data/accuracy.csv``; ``J16-30,45`` are the rows of ``data/torque.csv`` that one number summarizes. A table
-without a letter stands with its name: ``toy:3``.
+Each row of a table has a key, the name of the table and the number of the row, from 1: ``torque:3`` is the third row
+of the table ``torque`` of the report. A row may sum up several rows of the data.
 """
 
 from __future__ import annotations
 
 import json
-import re
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 from itertools import count, groupby
 
-import numpy as np
 import pandas as pd
 
 from stiction.comparisons.bench.presentation import TableView
@@ -22,29 +19,7 @@ from stiction.reports.run_folder.data import truth_file
 from stiction.reports.run_folder.provenance import commit_in_words
 from stiction.reports.run_folder.stored_run import StoredRun
 from stiction.scenes import InputError
-
-LETTERS = {
-    "accuracy": "A",
-    "claims": "P",
-    "cost": "C",
-    "drift": "D",
-    "effects": "E",
-    "equal-error": "Q",
-    "hard": "H",
-    "hold": "F",
-    "octaves": "B",
-    "orders": "N",
-    "parameters": "M",
-    "runs": "R",
-    "sensitivity": "O",
-    "settings": "G",
-    "study": "L",
-    "suppression": "S",
-    "threshold": "T",
-    "torque": "J",
-    "variants": "V",
-}
-_KEY = re.compile(r"(?:([A-Z])|([\w-]+):)(\d+(?:-\d+(?:/[1-9]\d*)?)?(?:,\d+(?:-\d+)?)*)")
+from stiction.scenes.wording import did_you_mean
 
 
 @dataclass(frozen=True)
@@ -53,8 +28,6 @@ class Source:
 
     table: str
     """Its name in the data, without folder and ending"""
-    numbers: str
-    """Its rows as in the key: ``16-30,45``"""
     rows: pd.DataFrame
     """In full precision, by their numbers"""
     files: tuple[str, ...]
@@ -62,48 +35,64 @@ class Source:
 
     @property
     def place(self) -> str:
-        """``data/torque.csv, row 16-30,45``."""
-        return f"data/{self.table}.csv, row {self.numbers}"
+        """``data/torque.csv, rows 16-30, 45``."""
+        return f"data/{self.table}.csv, row{'s' if len(self.rows) > 1 else ''} {ranges(self.rows.index)}"
+
+
+def ranges(numbers: Iterable[int]) -> str:
+    """Write whole numbers in ascending order, neighbours as a range: ``16-30, 45``."""
+    place = count()
+    runs = [
+        list(group)
+        for _, group in groupby(sorted(numbers), key=lambda number: number - next(place))
+    ]
+    return ", ".join(f"{run[0]}-{run[-1]}" if len(run) > 1 else f"{run[0]}" for run in runs)
 
 
 def keys(view: TableView) -> list[str]:
     """Return the key of each row of a table."""
-    return [key_of(view.source, rows) for rows in view.rows]
+    return [f"{view.name}:{number}" for number in range(1, len(view.rows) + 1)]
 
 
-def key_of(table: str, rows: Iterable[int]) -> str:
-    """Return the key of rows from 1 of a table: ``A7``, ``A7,105``, ``J16-30``; every 17th row as ``H3-887/17``."""
-    numbers = sorted(set(rows))
-    letter = LETTERS.get(table) or f"{table}:"
-    steps = set(np.diff(numbers))
-    if len(steps) == 1 and len(numbers) > 2 and steps != {1}:
-        return f"{letter}{numbers[0]}-{numbers[-1]}/{steps.pop()}"
-    place = count()
-    runs = [list(group) for _, group in groupby(numbers, key=lambda number: number - next(place))]
-    return letter + ",".join(f"{run[0]}-{run[-1]}" if len(run) > 1 else str(run[0]) for run in runs)
+def source_of(run: StoredRun, view: TableView, number: int) -> Source:
+    """Return what is behind a row of a table of the report, by its number from 1."""
+    return _rows_of(run, view.source, sorted(view.rows[number - 1]))
 
 
-def resolve(run: StoredRun, key: str) -> Source:
-    """Find what `key` leads to in `run`; InputError for a key that leads nowhere says what would."""
-    match = _KEY.fullmatch(key.strip())
-    names = {letter: name for name, letter in LETTERS.items() if name in run.tables}
-    name = (names.get(match[1]) if match[1] else match[2]) if match else None
-    if match is None or name is None or name not in run.tables:
-        letters = ", ".join(f"{letter} ({name})" for letter, name in names.items())
-        raise InputError(
-            f"key: found {key!r}; expected a letter and rows, such as A12 or J16-30,45, or the name of a "
-            f"table, such as accuracy:12; letters of this run: {letters}"
-        )
-    table, numbers = run.tables[name], list[int]()
-    for first, last, step in re.findall(r"(\d+)(?:-(\d+))?(?:/(\d+))?", match[3]):
-        numbers += range(int(first), int(last or first) + 1, int(step or 1))
-    if not numbers or min(numbers) < 1 or max(numbers) > len(table):
-        raise InputError(f"key: found {key!r}; data/{name}.csv has rows 1 to {len(table)}")
+def _rows_of(run: StoredRun, name: str, numbers: list[int]) -> Source:
+    """Rows of a table of the data, by their numbers from 1."""
+    table = run.tables[name]
     rows = table.iloc[[number - 1 for number in numbers]].set_axis(numbers)
     files = list(rows[TRAJECTORY].dropna()) if TRAJECTORY in rows else []
     truths = rows["truth"].dropna().map(truth_file) if "truth" in rows else []
     files += [file for file in truths if (run.folder / file).is_file()]
-    return Source(name, match[3], rows, tuple(dict.fromkeys(files)))
+    return Source(name, rows, tuple(dict.fromkeys(files)))
+
+
+def resolve(run: StoredRun, views: Iterable[TableView], key: str) -> Source:
+    """Find what `key` leads to, with the tables of the report of `run`.
+
+    A key of a table of the data that the report does not show leads to the row of the data.
+
+    Raises
+    ------
+    InputError
+        For a key that leads nowhere; the message says what would.
+    """
+    by_name = {view.name: view for view in views}
+    sizes = {name: len(table) for name, table in run.tables.items()}
+    sizes |= {name: len(view.rows) for name, view in by_name.items()}
+    name, _, number = key.strip().rpartition(":")
+    if name not in sizes or not number.isascii() or not number.isdigit():
+        raise InputError(
+            f"key: found {key!r}; expected the name of a table and the number of a row, such as "
+            f"accuracy:12{did_you_mean(name, sizes)}; tables of this run: {', '.join(sizes)}"
+        )
+    if not 1 <= int(number) <= sizes[name]:
+        raise InputError(f"key: found {key!r}; the table {name} has rows 1 to {sizes[name]}")
+    if name in by_name:
+        return source_of(run, by_name[name], int(number))
+    return _rows_of(run, name, [int(number)])
 
 
 def described(run: StoredRun, source: Source) -> Iterator[tuple[str, str]]:

@@ -89,12 +89,14 @@ def page(
 def trace(
     run: RunFolder,
     key: Annotated[
-        str, typer.Argument(metavar="KEY", help="In the last column of a table: A12, J16-30.")
+        str, typer.Argument(metavar="KEY", help="In the last column of a table: accuracy:12.")
     ],
 ) -> None:
     """Show where a number in a table of `paper` or `page` comes from: row, trajectory, truth, settings, versions."""
+    from stiction.reports.report import report_of
     from stiction.reports.run_folder.stored_run import read_run
     from stiction.reports.run_folder.trace import described, resolve
 
     stored = read_run(run)
-    show(("what", "value"), described(stored, resolve(stored, key)))
+    tables = report_of(stored.validation()).tables
+    show(("what", "value"), described(stored, resolve(stored, tables, key)))

@@ -313,7 +313,7 @@ def test_sections_are_closed_and_keys_open_the_one_with_their_rows(
     assert sections.count() == len(said) + 1 and all(
         sections.nth(number).get_attribute("open") is None for number in range(sections.count())
     )
-    link = page.locator('a[href^="#key-T"]').first
+    link = page.locator('a[href^="#key-threshold-"]').first
     link.evaluate("link => link.closest('details').open = true")
     link.click()
     until(lambda: sections.last.get_attribute("open") is not None, True)

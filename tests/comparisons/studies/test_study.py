@@ -5,9 +5,8 @@ import pytest
 
 from stiction.comparisons.bench.results import Results
 from stiction.comparisons.studies import studies
-from stiction.reports.run_folder.trace import LETTERS
 
-NOTHING = {name: pd.DataFrame() for name in LETTERS}
+NOTHING = {study.name: pd.DataFrame() for study in studies()}
 NO_RUN = {
     name: pd.DataFrame(
         {"scene": ["a"], "variant": ["a"], "status": ["missing"], "reason": ["none"]}

@@ -19,7 +19,7 @@ from stiction.comparisons.measures.equal_error import equal_error
 from stiction.reports import report_of, write_report
 from stiction.reports.paper import folder, write_paper
 from stiction.reports.run_folder.stored_run import StoredRun, read_run
-from stiction.reports.run_folder.trace import keys, resolve
+from stiction.reports.run_folder.trace import resolve, source_of
 
 
 @pytest.fixture(scope="module")
@@ -92,8 +92,9 @@ def test_what_is_read_is_what_was_written(run, whole):
         truth.tier,
         truth.t_end,
     )
+    tables = report_of(read).tables
     effect = resolve(
-        run, "E1"
+        run, tables, "effects:1"
     )  # made to be timed alone: its trajectory is not stored, and its row says how to make it again
     assert effect.files == () and effect.rows.iloc[0][AGAIN].startswith("stiction ")
 
@@ -130,13 +131,14 @@ def test_the_folder_lists_its_files_and_is_the_run_s(run, paper):
 
 
 def test_every_key_leads_to_its_row_and_trajectory(run, paper):
+    tables = report_of(run.validation()).tables
     index = pd.read_csv(paper / "trace.csv").set_index(["table", "key"])
     for file in sorted((paper / "tables").glob("*.tex")):
         body = file.read_text().partition(r"\midrule")[2].partition(r"\bottomrule")[0]
         found = re.findall(r"& ([^&]*?) \\\\$", body, re.M)
         assert found == list(pd.read_csv(file.with_suffix(".csv"))["key"]) and found
         for key in found:
-            source = resolve(run, key)
+            source = resolve(run, tables, key)
             assert index.loc[(f"tables/{file.name}", key), "data"] == source.place
             from_csv = pd.read_csv(run.folder / "data" / f"{source.table}.csv").iloc[
                 source.rows.index - 1
@@ -213,8 +215,8 @@ def test_numbers_of_a_table_are_those_of_the_rows(run):
     compared = 0
     for said in report_of(run.validation()).said.values():
         for view in said.tables:
-            for key, (_, row) in zip(keys(view), view.frame.iterrows(), strict=True):
-                source = resolve(run, key)
+            for number, (_, row) in enumerate(view.frame.iterrows(), start=1):
+                source = source_of(run, view, number)
                 for column in view.columns:
                     if (
                         column.name in source.rows
@@ -267,7 +269,7 @@ def test_latex_compiles_without_overfull_lines_and_with_all_references(paper, tm
 
 
 def test_commands(run, tmp_path, monkeypatch):
-    ended = invoke("trace", run.folder, "A1")
+    ended = invoke("trace", run.folder, "accuracy-slider-bar-case-1:1")
     assert (
         "data/accuracy.csv, row 1" in ended.output
         and "setting rtol" in ended.output
@@ -275,7 +277,7 @@ def test_commands(run, tmp_path, monkeypatch):
     )
     for arguments, message in (
         (["trace", str(run.folder), "Z1"], "found 'Z1'"),
-        (["trace", str(tmp_path), "A1"], "expected a run folder"),
+        (["trace", str(tmp_path), "accuracy:1"], "expected a run folder"),
         (
             ["paper", str(run.folder), "--out", str(tmp_path), "--width", "triple"],
             "--width: found 'triple'",

@@ -41,6 +41,16 @@ class Results:
     timed: tuple[Record, ...] = ()
     problems: tuple[Problem, ...] = ()
 
+    def truth_of_runs(self) -> dict[str, str]:
+        """Return the name of the truth that a run was compared with, by the run's key."""
+        return {
+            key: truth
+            for table in self.tables.values()
+            if {"key", "truth"} <= set(table.columns)
+            for key, truth in zip(table["key"], table["truth"])
+            if isinstance(truth, str)
+        }
+
     def table(self, name: str) -> pd.DataFrame:
         """Return a table, rows numbered from 0 as in the data; an empty one where the study was not made."""
         return self.tables.get(name, pd.DataFrame()).reset_index(drop=True)

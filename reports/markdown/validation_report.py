@@ -10,7 +10,8 @@ import pandas as pd
 
 from stiction.comparisons.bench.methods import stored_keys
 from stiction.comparisons.bench.presentation import MechanismPicture
-from stiction.comparisons.bench.presentation.cells import MISSING, NULL
+from stiction.comparisons.bench.presentation.cells import MISSING
+from stiction.comparisons.bench.results import Results
 from stiction.reports.figures.charts import drawn
 from stiction.reports.figures.style import Drawing, rc, save_all
 from stiction.reports.markdown.failures import failed_runs, grouped
@@ -23,26 +24,21 @@ from stiction.reports.run_folder.data_package import write_data_package
 from stiction.reports.run_folder.overwriting import run_folder, write_provenance
 from stiction.reports.run_folder.provenance import commit_in_words, provenance
 from stiction.reports.run_folder.reproduce import FOLDER, write_reproduce
+from stiction.reports.text import template
 from stiction.truths import CLOSED_FORM, HIGH_PRECISION, NO_TRUTH, PROVEN, PUBLISHED
 from stiction.truths.truth import OWN_RUN
 from stiction.uncertain import rounded_up
 
 REPORT, FAILURES = "report.md", "failures.md"
 
+TEMPLATE = "report.md"
+UNCERTAINTIES = {
+    "position_uncertainty": "position [m]",
+    "velocity_uncertainty": "velocity [m/s]",
+    "event_time_uncertainty": "events [s]",
+}
+"""Headings of the uncertainties of truths, by the columns of tables that compare runs with them."""
 BEST_FIRST = (PROVEN, CLOSED_FORM, HIGH_PRECISION, PUBLISHED, OWN_RUN)
-TERMS = f"""\
-- **Method**: an engine with its settings; "+ .. (adapter)" names what our adapter adds. **Refinement series**: its runs
-  at several steps or tolerances.
-- **Truth**: a separate solution of the reduced equations, with its uncertainty. Tiers, best first:
-  {", ".join(BEST_FIRST)}.
-- **mu, mus**: kinetic and static coefficient of friction. An engine with one coefficient is compared with the truth for
-  mus = mu.
-- **Joint / contact**: an ideal guide with a friction law on it / a slider that touches two surfaces with clearance.
-  Compare within one.
-- `< u`: the number is not larger than its uncertainty u. {MISSING}: not applicable. {NULL.partition(" ")[0]}: not in
-  the text of the source that we have.
-- Numbers are rounded here; `data/*.csv` and `data/*.parquet` have all digits, and `stiction trace RUN KEY` the origin
-  of each."""
 
 
 def write_report(report: Report, folder: str | Path) -> Path:
@@ -83,56 +79,57 @@ def compose(
         f"Run of {origin['date'][:16].replace('T', ' ')} UTC with stiction {origin['versions']['stiction']}"
         f"{engines}."
     )
-    parts = [
-        page_one_markdown(report, picture, when),
-        "## Terms",
-        TERMS,
-        *(study_section(study, said, by_name) for study, said in report.said.items()),
-    ]
-    if len(failed):
-        rows = grouped(failed)[["variant", "status", "runs", "reason"]].rename(
-            columns={"variant": "method"}
-        )
-        parts += [
-            "## What failed?",
-            f"Failed or ended early, in all studies: {len(failed)}; "
-            f"all are in [{FAILURES}]({FAILURES}).",
-            fitted(rows),
-        ]
-    parts += [
-        "## Parameters of the scenes",
-        fitted(tables_of(results)["parameters"]),
-        "Choices that the paper leaves open:",
-        "\n".join(f"- {name}: {text}" for name, text in origin["choices"].items()),
-        "## Truths",
-        *_truths(results.table("accuracy")),
-        "## Provenance",
-        _provenance(origin),
-    ]
-    return "\n\n".join(parts) + "\n"
+    return template(TEMPLATE).render(
+        page_one=page_one_markdown(report, picture, when),
+        tiers=BEST_FIRST,
+        missing=MISSING,
+        sections=[study_section(study, said, by_name) for study, said in report.said.items()],
+        failed=_failed(failed),
+        parameters=fitted(tables_of(results)["parameters"]),
+        choices=origin["choices"],
+        truths=_truths(results),
+        provenance=_provenance(origin),
+    )
 
 
-def _truths(accuracy: pd.DataFrame) -> list[str]:
-    """The truths that runs were compared with, the best tier first, and how well they are known."""
-    columns = {
-        "position_uncertainty": "position [m]",
-        "velocity_uncertainty": "velocity [m/s]",
-        "event_time_uncertainty": "events [s]",
+def _failed(failed: pd.DataFrame) -> dict[str, object] | None:
+    """How many runs failed, and a table of the reasons; None where none did."""
+    if failed.empty:
+        return None
+    rows = grouped(failed)[["variant", "status", "runs", "reason"]]
+    return {
+        "count": len(failed),
+        "file": FAILURES,
+        "table": fitted(rows.rename(columns={"variant": "method"})),
     }
-    if not (there := [name for name in columns if name in accuracy]):
-        return []
-    compared = accuracy[accuracy["truth_tier"] != NO_TRUTH]
-    found = compared.groupby(["truth", "truth_tier"], sort=False)[there].max().reset_index()
-    found = found.sort_values(
+
+
+def _truths(results: Results) -> str:
+    """The truths that runs were compared with, the best tier first, and how well they are known."""
+    compared = pd.concat(
+        [
+            table.reindex(columns=["truth", "truth_tier", *UNCERTAINTIES])
+            for table in results.tables.values()
+            if {"truth", "truth_tier"} <= set(table.columns)
+        ]
+        or [pd.DataFrame(columns=["truth", "truth_tier", *UNCERTAINTIES])]
+    )
+    compared = compared[compared["truth"].notna() & (compared["truth_tier"] != NO_TRUTH)]
+    if compared.empty:
+        return ""
+    largest = compared.groupby(["truth", "truth_tier"], sort=False)[list(UNCERTAINTIES)].max()
+    largest = largest.dropna(how="all").reset_index()
+    largest = largest.sort_values(
         "truth_tier", key=lambda tiers: tiers.map(BEST_FIRST.index), kind="stable"
     )
-    found[there] = found[there].map(
-        lambda value: MISSING if pd.isna(value) else f"± {rounded_up(value)}"
-    )
-    return [fitted(found.rename(columns={**columns, "truth_tier": "tier"}))]
+    for name in UNCERTAINTIES:
+        largest[name] = [
+            MISSING if pd.isna(value) else f"± {rounded_up(value)}" for value in largest[name]
+        ]
+    return fitted(largest.rename(columns={**UNCERTAINTIES, "truth_tier": "tier"}))
 
 
-def _provenance(origin: Mapping[str, Any]) -> str:
+def _provenance(origin: Mapping[str, Any]) -> dict[str, str]:
     """What the provenance of the folder has, a line each, without the state of the machine during the campaign."""
     parts = {
         "date": origin["date"],
@@ -146,4 +143,4 @@ def _provenance(origin: Mapping[str, Any]) -> str:
             for key, entry in origin[name].items()
             if entry is not None and not isinstance(entry, Mapping)
         )
-    return "\n".join(f"- {name}: {text}" for name, text in parts.items())
+    return parts

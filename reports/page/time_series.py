@@ -83,12 +83,7 @@ def _curves(results: Results, scene: str) -> Iterator[Curve]:
     looks = looks_of(
         {label: about for label, about in variants_of(results).items() if label in labels}
     )
-    accuracy = results.table("accuracy")
-    compared = (
-        dict(zip(accuracy["key"], accuracy["truth"].map(results.truths.get)))
-        if "truth" in accuracy
-        else {}
-    )
+    compared = {key: results.truths.get(name) for key, name in results.truth_of_runs().items()}
     records = one_per_variant(record for record in results.records if record.scene == scene)
     for record in sorted(records, key=lambda record: record.variant.engine != "reference"):
         shown = record.variant.engine != "reference" or record.run.settings.get("method") == "event"

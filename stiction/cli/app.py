@@ -5,15 +5,30 @@ from __future__ import annotations
 import os
 import signal
 import sys
-from typing import Annotated
+from typing import Annotated, Any
 
 import typer
 
 from stiction.cli import campaign, compare, describe, judge, pictures, prove, report, run
 from stiction.cli.exit_codes import EXIT_CODES, FAILED, Commands, say, terminate
+from stiction.cli.overview import OVERVIEW
+
+
+class Suite(Commands):
+    """The whole command line, whose help lists the commands in groups."""
+
+    def format_commands(self, ctx: Any, formatter: Any) -> None:
+        width = max(len(name) for commands in OVERVIEW.values() for name in commands)
+        for group, commands in OVERVIEW.items():
+            with formatter.section(group):
+                for name, about in commands.items():
+                    formatter.write(f"  {name:{width}}  {about.line}\n")
+                    # not wrapped, so that it can be copied
+                    formatter.write(f"  {'':{width}}    stiction {about.example}\n")
+
 
 app = typer.Typer(
-    cls=Commands,
+    cls=Suite,
     no_args_is_help=True,
     pretty_exceptions_enable=False,
     rich_markup_mode=None,

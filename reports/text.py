@@ -41,7 +41,7 @@ from stiction.comparisons.bench.presentation.rows import Cell, Row
 from stiction.comparisons.bench.results import Results
 from stiction.comparisons.bench.study import Study
 from stiction.comparisons.bench.timing.intervals import Interval
-from stiction.uncertain import Uncertain, bounded
+from stiction.uncertain import Uncertain, bounded, with_ends
 
 MILLI = 1e3
 """Thousandths in a unit: milliseconds in a second, millimetres in a metre."""
@@ -141,7 +141,7 @@ def written(template: Template, said: Presentation) -> Section:
         said.headlines,
         [replace(view, caption=captions.get(view.name, view.caption)) for view in said.tables],
         [replace(each, caption=captions.get(each.name, each.caption)) for each in said.figures],
-        items(blocks.get("notes", "")),
+        items(blocks.get("notes", "")) if said.tables or said.figures else (),
         numbers,
     )
 
@@ -199,6 +199,7 @@ def _environment() -> Environment:
         setting=setting,
         scene_title=scene_title,
         first_upper=first_upper,
+        within=within,
     )
     return found
 
@@ -264,6 +265,17 @@ def setting(row: Row) -> str:
 def first_upper(text: str) -> str:
     """Write the first letter as a capital, and leave the others as they are."""
     return text[:1].upper() + text[1:]
+
+
+@pass_context
+def within(context: Context, given: Row, column: str) -> str:
+    """Write a number of a row with its interval, the columns with the endings ``_low`` and ``_high``.
+
+    ``19.6 (19.3 to 20.1)``; ``~19.6`` where the ends coincide: a single sample has no interval.
+    """
+    cells = [given[f"{column}{end}"] for end in ("", "_low", "_high")]
+    value, *_ = found = [each for each in cells if isinstance(each, Cell)]
+    return _noted(context, with_ends(*map(float, found)), value)
 
 
 def _formatted(value: float, form: str) -> str:

@@ -129,6 +129,8 @@ def written(template: Template, said: Presentation) -> Section:
     numbers: list[Number] = []
 
     def caption(name: str, caller: Callable[[], str]) -> str:
+        if name in captions:
+            raise ValueError(f"captions: found two of {name!r}; expected one for each name")
         captions[name] = one_line(caller())
         return ""
 

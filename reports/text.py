@@ -40,7 +40,7 @@ from stiction.comparisons.bench.presentation.rows import Cell, Row
 from stiction.comparisons.bench.results import Results
 from stiction.comparisons.bench.study import Study
 from stiction.comparisons.bench.timing.intervals import Interval
-from stiction.uncertain import Uncertain, bounded
+from stiction.uncertain import Uncertain, bounded, with_ends
 
 MILLI = 1e3
 """Thousandths in a unit: milliseconds in a second, millimetres in a metre."""
@@ -128,6 +128,8 @@ def written(template: Template, said: Presentation) -> Section:
     numbers: list[Number] = []
 
     def caption(name: str, caller: Callable[[], str]) -> str:
+        if name in captions:
+            raise ValueError(f"captions: found two of {name!r}; expected one for each name")
         captions[name] = one_line(caller())
         return ""
 
@@ -140,7 +142,7 @@ def written(template: Template, said: Presentation) -> Section:
         said.headlines,
         [replace(view, caption=captions.get(view.name, view.caption)) for view in said.tables],
         [replace(each, caption=captions.get(each.name, each.caption)) for each in said.figures],
-        items(blocks.get("notes", "")),
+        items(blocks.get("notes", "")) if said.tables or said.figures else (),
         numbers,
     )
 
@@ -203,6 +205,7 @@ def _environment() -> Environment:
         scene_title=scene_title,
         first_upper=first_upper,
         cardinal=cardinal,
+        within=within,
     )
     return found
 
@@ -273,6 +276,17 @@ def first_upper(text: str) -> str:
 def cardinal(count: int) -> str:
     """Write a small number in words."""
     return {1: "one", 2: "two", 3: "three"}.get(count, str(count))
+
+
+@pass_context
+def within(context: Context, given: Row, column: str) -> str:
+    """Write a number of a row with its interval, the columns with the endings ``_low`` and ``_high``.
+
+    ``19.6 (19.3 to 20.1)``; ``~19.6`` where the ends coincide: a single sample has no interval.
+    """
+    cells = [given[f"{column}{end}"] for end in ("", "_low", "_high")]
+    value, *_ = found = [each for each in cells if isinstance(each, Cell)]
+    return _noted(context, with_ends(*map(float, found)), value)
 
 
 def _formatted(value: float, form: str) -> str:

@@ -73,3 +73,12 @@ def _rounded(value: float, digits: int, whole: Callable[[float], int], factor: f
 def plain(number: str) -> str:
     """``190`` for ``1.9e+02``."""
     return f"{float(number):g}"
+
+
+def with_ends(value: float, low: float, high: float, digits: int = 3) -> str:
+    """``19.6 (19.3 to 20.1)``: a number with the ends of its interval, to so many digits.
+
+    ``~19.6`` where the ends coincide: a single sample has no interval.
+    """
+    number, *ends = (plain(f"{each:.{digits}g}") for each in (value, low, high))
+    return f"~{number}" if low == high else f"{number} ({' to '.join(ends)})"

@@ -24,10 +24,7 @@ from stiction.comparisons.bench.participants import extent
 from stiction.comparisons.bench.presentation import (
     Column,
     Presentation,
-    TracedText,
-    count,
-    listed,
-    traced,
+    TableView,
     view,
 )
 from stiction.comparisons.bench.quantities import quantity_of
@@ -68,16 +65,20 @@ from stiction.truths.reduced.steady_state import NoSteadyState, stick_threshold
 
 HOLDS, STEADY, PARTLY, FAILS = "holds", "holds in the steady state only", "partly", "does not hold"
 CONTRADICTS, NOT_TESTABLE, UNDECIDED = "contradicts itself", "not testable", "not decided"
-WORDS = {
-    HOLDS: ("holds", "hold"),
-    STEADY: ("holds in the steady state only", "hold in the steady state only"),
-    PARTLY: ("holds partly", "hold partly"),
-    CONTRADICTS: ("contradicts itself", "contradict themselves"),
-    FAILS: ("does not hold", "do not hold"),
-    NOT_TESTABLE: ("is not testable", "are not testable"),
-    UNDECIDED: ("is not decided", "are not decided"),
+VERDICTS: Mapping[str, str] = {
+    "holding": HOLDS,
+    "steady": STEADY,
+    "partly": PARTLY,
+    "contradicting": CONTRADICTS,
+    "failing": FAILS,
+    "not_testable": NOT_TESTABLE,
+    "undecided": UNDECIDED,
 }
-"""Each verdict after 1 and after another number."""
+"""The verdicts by the names that the text has for the numbers of statements with them."""
+NO_CHANGE = "none"
+"""Entry of the columns of changes under a choice that changes nothing."""
+NOT_KNOWN = "not known: the first choice has no result"
+"""Entry of them where there is nothing to compare with."""
 
 
 class Part(StrEnum):
@@ -484,7 +485,7 @@ def sensitivity_comparison(cases: Mapping[int, Scene]) -> Comparison[pd.DataFram
 
 def _changes(found: Sensitivity, ours: Sensitivity | None) -> dict[str, Any]:
     if ours is None:
-        of_claims = of_numbers = "not known: the first choice has no result"
+        of_claims = of_numbers = NOT_KNOWN
     else:
         before = {words: ours.verdicts.get(words, UNDECIDED) for words in found.verdicts}
         of_claims = (
@@ -493,7 +494,7 @@ def _changes(found: Sensitivity, ours: Sensitivity | None) -> dict[str, Any]:
                 for words, said in found.verdicts.items()
                 if said != before[words]
             )
-            or "none"
+            or NO_CHANGE
         )
         changed = {
             name: (old, new)
@@ -507,7 +508,7 @@ def _changes(found: Sensitivity, ours: Sensitivity | None) -> dict[str, Any]:
                 else f"{quantity_of(name).label} {new:.3g} (was: 0)"
                 for name, (old, new) in changed.items()
             )
-            or "none"
+            or NO_CHANGE
         )
     return {
         "reason": found.reason,
@@ -593,12 +594,32 @@ def present(results: Results) -> Presentation:
     table = results.table("claims")
     if table.empty:
         return Presentation()
-    said = [
-        traced("{} {}", number, words[number.text != "1"])
-        for verdict, words in WORDS.items()
-        if (number := count("claims", table, verdict=verdict)).text != "0"
-    ]
-    answer = traced("Of {} statements {}.", count("claims", table), listed(said))
+    choices = results.table("sensitivity")
+    rows = {
+        "statements": len(table),
+        **{name: int((table["verdict"] == verdict).sum()) for name, verdict in VERDICTS.items()},
+        "open_choices": _open_choices(choices) if len(choices) else None,
+    }
+    tables = _claims_views(table)
+    if len(choices):
+        columns = [Column(str(name)) for name in choices if name not in ("status", "reason")]
+        tables.append(view("sensitivity", choices, columns, in_report=False))
+    return Presentation(rows=rows, tables=tables)
+
+
+def _open_choices(choices: pd.DataFrame) -> dict[str, int]:
+    """The numbers of choices: tried, with a result to compare, and with another verdict than the first."""
+    column = choices.get("claims_that_change", pd.Series(dtype=object)).dropna()
+    compared = column[column != NOT_KNOWN]
+    return {
+        "tried": len(choices),
+        "compared": len(compared),
+        "changing": int((compared != NO_CHANGE).sum()),
+    }
+
+
+def _claims_views(table: pd.DataFrame) -> list[TableView]:
+    """The statements that do not simply hold, and all of them; the rarest verdicts first."""
     rarest = table.sort_values(
         "verdict", key=lambda verdicts: verdicts.map(verdicts.value_counts()), kind="stable"
     )
@@ -609,57 +630,18 @@ def present(results: Results) -> Presentation:
         )
         for row in rarest.to_dict("records")
     ]
-    short = (Column("case"), Column("verdict"), Column("claim", "statement"), Column("why"))
-    columns = (
-        *short,
+    brief = (Column("case"), Column("verdict"), Column("claim", "statement"), Column("why"))
+    every = (
+        *brief,
         Column("place", "where"),
         Column("margins"),
         Column("run_needed", "run needed"),
         Column("step_needed", "step needed"),
     )
-    tables = [
-        view(
-            "claims-open",
-            rarest[rarest["verdict"] != HOLDS],
-            short,
-            source="claims",
-            caption="The paper's statements that do not simply hold: about its example (Sect. 5), and "
-            "about forces.",
-        ),
-        view(
-            "claims",
-            rarest,
-            columns,
-            in_report=False,
-            caption="All statements of the paper about its example and about forces, the rarest verdicts "
-            "first.",
-        ),
+    return [
+        view("claims-open", rarest[rarest["verdict"] != HOLDS], brief, source="claims"),
+        view("claims", rarest, every, in_report=False),
     ]
-    open_choices, choices = TracedText(), results.table("sensitivity")
-    if len(choices):
-        changed = choices.get("claims_that_change", pd.Series(dtype=object)).dropna()
-        open_choices = traced(
-            "Of {} choices that the paper leaves open, {} change a verdict.",
-            count("sensitivity", choices),
-            str((changed != "none").sum()),
-        )
-        every = [Column(str(name)) for name in choices if name not in ("status", "reason")]
-        tables.append(
-            view(
-                "sensitivity",
-                choices,
-                every,
-                in_report=False,
-                caption="What the paper leaves open, decided otherwise: the truth's numbers, and "
-                "statements whose verdict changes.",
-            )
-        )
-    return Presentation(
-        answer,
-        [open_choices],
-        tables=tables,
-        notes=["A margin is how far a statement is from failing; negative where it fails."],
-    )
 
 
 STUDY = Study(

@@ -16,21 +16,16 @@ from typing import Any
 import numpy as np
 import pandas as pd
 
-from stiction.comparisons.bench.methods import MISSING_ENGINE, called
+from stiction.comparisons.bench.methods import MISSING_ENGINE
 from stiction.comparisons.bench.participants import extent
 from stiction.comparisons.bench.participants import variants as all_variants
 from stiction.comparisons.bench.presentation import (
     Column,
-    Number,
     Presentation,
-    TracedText,
-    listed,
-    sentence,
-    short,
-    traced,
-    value,
+    Row,
+    TableView,
+    row_of,
     view,
-    within,
 )
 from stiction.comparisons.bench.results import Results
 from stiction.comparisons.bench.runner import Comparison
@@ -51,6 +46,7 @@ from stiction.engines.protocol import EVENTS_LOCATED_BY, Supplier
 from stiction.reference_impl.multibody.equation_summary import blocks, hlcp_size
 from stiction.scenes import Scene, Trajectory, vary
 from stiction.scenes.model import Baumgarte
+from stiction.uncertain import with_ends
 
 BASELINE = "all effects, projection"
 PROJECTION: Mapping[str, Any] = {"stabilization": {"method": "projection"}}
@@ -65,6 +61,17 @@ RATIO, LOW, HIGH = (f"engine_time_ratio{end}" for end in ("", "_low", "_high"))
 """Ratio of times inside the engine's own calls, which are all of the reference's, and the ends of its interval."""
 LARGEST_ERROR = 1e-3
 """m; the largest error at which times to equal errors are compared."""
+WITH_PROJECTION, WITH_BAUMGARTE = "reference", "reference, Baumgarte"
+"""Variants of the study of cost whose times to equal errors are compared."""
+NAMED = 3
+"""Effects in the answer, at most: those without which a scene is fastest."""
+NOTHING: Mapping[str, object] = {
+    "faster": [],
+    "baumgarte_at_equal_error": None,
+    "baumgarte_at_same_tolerance": [],
+    "smallest_problem": None,
+}
+"""Rows where no time is known."""
 MOTION = "position_change"
 KINDS = ("slip", "stick", "reversal", "corner")
 
@@ -296,54 +303,74 @@ def plan(scope: Scope) -> Comparison[Tables]:
 def present(results: Results) -> Presentation:
     """Engine time of the scene without each effect over the baseline's, and the other changes that go with it."""
     table = results.table("effects")
-    failed = (
-        [
-            traced("{} failed: {}.", called(variant), listed(list(rows["effect"])))
-            for variant, rows in table[~table["status"].isin(["ok", MISSING_ENGINE])].groupby(
-                "variant", sort=False
-            )
-        ]
-        if len(table)
-        else []
-    )
+    failed = _failed(table) if len(table) else []
     if RATIO not in table or not (table[EFFECT_KIND] == EffectKind.BASELINE).any():
-        return Presentation(findings=failed)
+        return Presentation(rows={**NOTHING, "failed": failed} if failed else {})
     own = table[
         (table["engine"] == REFERENCE.engine)
         & (table[EFFECT_KIND] != EffectKind.BASELINE)
         & table[RATIO].notna()
     ]
     removed = own[own[EFFECT_KIND] == EffectKind.LEFT_OUT]
-    faster = removed[removed[HIGH] < 1]
-    parts = [
-        traced(
-            "{} without {}", value("effects", table, int(row), RATIO, ".2g"), table.at[row, WITHOUT]
-        )
-        for row in faster.sort_values(RATIO).index[:3]
+    # what cannot be told from the time of the baseline saves none
+    faster = removed[removed[HIGH] < 1].sort_values(RATIO)
+    baumgarte = own.index[own[EFFECT_KIND] == EffectKind.BAUMGARTE]
+    rows = {
+        "faster": [row_of("effects", table, label) for label in faster.index[:NAMED]],
+        "baumgarte_at_equal_error": _at_equal_error(results.table("equal-error")),
+        "largest_error": LARGEST_ERROR,
+        "baumgarte_at_same_tolerance": [row_of("effects", table, label) for label in baumgarte],
+        "smallest_problem": _smallest_problem(table, faster),
+        "failed": failed,
+    }
+    return Presentation(rows=rows, tables=_tables(table))
+
+
+def _failed(table: pd.DataFrame) -> list[dict[str, object]]:
+    """The effects with which a run failed, by variant; engines that are not installed are none of them."""
+    failures = table[~table["status"].isin(["ok", MISSING_ENGINE])]
+    return [
+        {"variant": variant, "effects": list(runs["effect"])}
+        for variant, runs in failures.groupby("variant", sort=False)
     ]
-    baumgarte = [_ratio(table, row) for row in own.index[own[EFFECT_KIND] == EffectKind.BAUMGARTE]]
-    paid = sentence("{} with Baumgarte's terms at equal error", _at_equal_error(results))
-    answer = sentence(
-        "Time over that with all effects: {}.",
-        listed([*filter(None, [listed(parts, ", ", ", "), paid])], "; ", "; "),
-    )
-    findings = [
-        *_promise(table, faster),
-        sentence(
-            "At the same tolerance, by which their error is another, Baumgarte's terms take {} times as "
-            "long as projection.",
-            listed(baumgarte),
+
+
+def _at_equal_error(equal: pd.DataFrame) -> dict[str, float] | None:
+    """The least and the largest ratio of the times of Baumgarte's terms and of projection, over scenes and errors."""
+    if equal.empty:
+        return None
+    times = equal[
+        (equal["quantity"] == "position")
+        & (equal["error"] <= LARGEST_ERROR)
+        & equal[TOTAL].notna()
+        & ~equal["is_bound"].eq(True)
+    ].pivot(index=["scene", "error"], columns="variant", values=TOTAL)
+    if not {WITH_BAUMGARTE, WITH_PROJECTION} <= set(times):
+        return None
+    ratios = (times[WITH_BAUMGARTE] / times[WITH_PROJECTION]).dropna()
+    return None if ratios.empty else {"least": ratios.min(), "largest": ratios.max()}
+
+
+def _smallest_problem(table: pd.DataFrame, faster: pd.DataFrame) -> dict[str, Row] | None:
+    """The run without the effect that makes the HLCP largest, of those that are faster without it, and the baseline."""
+    if LEFT_OUT not in faster:
+        return None
+    sized = faster[faster[LEFT_OUT].fillna("") != ""]
+    if sized.empty:
+        return None
+    is_baseline = table[EFFECT_KIND] == EffectKind.BASELINE
+    return {
+        "run": row_of("effects", table, sized.sort_values([PAIRS, RATIO]).index[0]),
+        "baseline": row_of(
+            "effects", table, table.index[is_baseline & (table["engine"] == REFERENCE.engine)][0]
         ),
-        *failed,
-    ]
-    notes = (
-        "The time is that inside the engine's own calls, all of it for the reference. The baseline has all "
-        "effects of the scene, and projection against drift. In brackets stands the interval of the ratio. "
-        "Without an effect the motion differs, so a scene can take longer. Other engines ignore the stabilization "
-        "of a scene.",
-    )
+    }
+
+
+def _tables(table: pd.DataFrame) -> list[TableView]:
     ratios = [
-        _ratio(table, row).text if pd.notna(table.at[row, RATIO]) else "" for row in table.index
+        "" if pd.isna(ratio) else with_ends(ratio, low, high)
+        for ratio, low, high in zip(table[RATIO], table[LOW], table[HIGH])
     ]
     columns = (
         Column("effect"),
@@ -362,96 +389,9 @@ def present(results: Results) -> Presentation:
         table.assign(ratio=ratios),
         columns,
         group="variant" if table["variant"].nunique() > 1 else "",
-        caption="The scene without each of its effects, and with other stabilizations than projection. "
-        "Time inside the engine's own calls over the baseline's, which comes first; position: largest change "
-        "of any body.",
     )
     every = [Column(name) for name in table if name not in ("settings", "version", "key")]
-    runs = view(
-        "effects-all",
-        table,
-        every,
-        source="effects",
-        in_report=False,
-        caption="Every run behind the effects.",
-    )
-    return Presentation(answer, findings, tables=[shown, runs], notes=notes)
-
-
-def _ratio(table: pd.DataFrame, row: int) -> Number:
-    return within("effects", table, int(row), RATIO, LOW, HIGH)
-
-
-def _at_equal_error(results: Results) -> TracedText:
-    """The least and the largest ratio of the times of Baumgarte's terms and of projection, over cases and errors."""
-    equal = results.table("equal-error")
-    if equal.empty:
-        return TracedText()
-    equal = equal[
-        (equal["quantity"] == "position")
-        & (equal["error"] <= LARGEST_ERROR)
-        & equal[TOTAL].notna()
-        & ~equal["is_bound"].eq(True)
-    ]
-    over, under = (
-        {
-            (row["scene"], row["error"]): label
-            for label, row in equal[equal["variant"] == name].iterrows()
-        }
-        for name in (f"reference, {BAUMGARTE}", "reference")
-    )
-    pairs = [(over[key], under[key]) for key in over if key in under]
-    ratios = [equal.at[a, TOTAL] / equal.at[b, TOTAL] for a, b in pairs]
-    ends = (
-        dict.fromkeys(pairs[place] for place in (np.argmin(ratios), np.argmax(ratios)))
-        if pairs
-        else ()
-    )
-    return listed(
-        [
-            traced(
-                "{}",
-                Number(
-                    short(equal.at[a, TOTAL] / equal.at[b, TOTAL]),
-                    "equal-error",
-                    TOTAL,
-                    (int(a) + 1, int(b) + 1),
-                ),
-            )
-            for a, b in ends
-        ],
-        last=" to ",
-    )
-
-
-def _promise(table: pd.DataFrame, faster: pd.DataFrame) -> list[TracedText]:
-    """The blocks that are not assembled without the effect that makes the HLCP largest, and the time they take."""
-    sized = faster[faster[LEFT_OUT].fillna("") != ""] if LEFT_OUT in faster else faster.iloc[:0]
-    if sized.empty:
-        return []
-    row = int(sized.sort_values([PAIRS, RATIO]).index[0])
-    base = int(
-        table.index[(table[EFFECT_KIND] == EffectKind.BASELINE) & (table["engine"] == "reference")][
-            0
-        ]
-    )
-    pairs = [value("effects", table, at, PAIRS, "g") for at in (base, row)]
-    evaluations = [value("effects", table, at, "counter:rhs", "g") for at in (row, base)]
-    return [
-        traced(
-            "Without {}, `stiction explain` leaves out these blocks: {}.",
-            table.at[row, WITHOUT],
-            table.at[row, LEFT_OUT],
-        ),
-        traced(
-            "Its HLCP goes from {} to {} pairs, and engine time to {}, with {} instead of {} right-hand sides. "
-            "Its motion changes by up to {} m.",
-            *pairs,
-            _ratio(table, row),
-            *evaluations,
-            value("effects", table, row, MOTION),
-        ),
-    ]
+    return [shown, view("effects-all", table, every, source="effects", in_report=False)]
 
 
 STUDY = Study(

@@ -22,16 +22,13 @@ from stiction.comparisons.bench.presentation import (
     Panel,
     Presentation,
     Series,
-    TracedText,
-    interval,
-    listed,
-    traced,
-    value,
+    row_of,
     view,
 )
 from stiction.comparisons.bench.results import Results
 from stiction.comparisons.bench.runner import Comparison
 from stiction.comparisons.bench.study import Scope, Study, Tables
+from stiction.comparisons.bench.variants import UNMADE
 from stiction.comparisons.measures.accuracy import errors
 from stiction.comparisons.measures.power_law import fitted_exponent
 from stiction.comparisons.measures.scene_truth import ground_truth
@@ -276,21 +273,18 @@ def plan(scope: Scope) -> Comparison[Tables]:
 def present(results: Results) -> Presentation:
     """The observed order of each method, and the one that its theory promises."""
     table = results.table("orders")
-    known = table[table[ERROR].notna()] if len(table) else table
-    if known.empty:
+    if table.empty:
         return Presentation()
-    parts, orders = [(rows.iloc[0], rows) for _, rows in known.groupby("method", sort=False)], []
-    for row, _ in parts:
-        orders.append(
-            TracedText(f"{row['method']} none ({row['why none']})")
-            if np.isnan(row[OBSERVED])
-            else traced(
-                "{} {} ({})",
-                row["method"],
-                interval("orders", table, int(row.name), OBSERVED, HALF),
-                value("orders", table, int(row.name), ORDER, "g"),
-            )
-        )
+    known = table[table[ERROR].notna()]
+    lost = table[table[ERROR].isna() & ~table["status"].isin(UNMADE)]
+    failed = [method for method in lost["method"].unique() if method not in set(known["method"])]
+    if known.empty:
+        return Presentation(rows={"methods": [], "failed": failed} if failed else {})
+    parts = [(runs.iloc[0], runs) for _, runs in known.groupby("method", sort=False)]
+    rows = {
+        "methods": [row_of("orders", table, first.name) for first, _ in parts],
+        "failed": failed,
+    }
     columns = (
         Column("method"),
         Column(ORDER, "order promised"),
@@ -298,39 +292,22 @@ def present(results: Results) -> Presentation:
         Column("runs"),
         Column("why_none"),
     )
-    shown = view(
-        "orders",
-        parts,
-        columns,
-        caption="Observed orders, fitted where neighbouring slopes agree; of runs without events, but "
-        "across a break-away where that is said.",
-    )
+    return Presentation(rows=rows, tables=[view("orders", parts, columns)], figures=[_chart(known)])
+
+
+def _chart(known: pd.DataFrame) -> Chart:
+    """Error over step of each method, and a line of the promised slope through its finest run."""
     series = []
     for method, runs in known.groupby("method", sort=False):
         step, error = runs[STEP].to_numpy(), runs[ERROR].to_numpy()
         promised = error[-1] * (step / step[-1]) ** float(runs[ORDER].iloc[0])
+        look = METHODS[method].look if method in METHODS else ""
         series += [
-            Series(
-                method,
-                step,
-                error,
-                look=METHODS[method].look if method in METHODS else "",
-                line=False,
-                points=True,
-            ),
+            Series(method, step, error, look=look, line=False, points=True),
             Series("", step, promised, look=LIMIT),
         ]
-    chart = Chart(
-        "orders",
-        [Panel("", Axis(STEP, log=True), Axis(ERROR, log=True), series)],
-        columns=1,
-        height=3.0,
-        caption="Position error over the step. Dotted, through the finest run: the order "
-        "that each method promises.",
-    )
-    return Presentation(
-        traced("Observed orders (promised): {}.", listed(orders)), tables=[shown], figures=[chart]
-    )
+    panel = Panel("", Axis(STEP, log=True), Axis(ERROR, log=True), series)
+    return Chart("convergence", [panel], columns=1, height=3.0)
 
 
 STUDY = Study(

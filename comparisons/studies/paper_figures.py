@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
 
 import numpy as np
 import pandas as pd
 
-from stiction.comparisons.bench.methods import case_of, run_label, title_of
+from stiction.comparisons.bench.methods import run_label
 from stiction.comparisons.bench.presentation import (
     Axis,
     Chart,
@@ -21,7 +22,6 @@ from stiction.comparisons.bench.study import Study
 from stiction.comparisons.bench.variants import Record
 from stiction.comparisons.measures.steady_stretch import stick_intervals
 from stiction.scenes import catalogue, load_scene
-from stiction.scenes.pictures.mechanism import parameters_in_words
 from stiction.truths import Truth
 
 TIME = "$t$ [s]"
@@ -32,72 +32,107 @@ CASES = ("slider-bar-case-1", "slider-bar-case-2", "slider-bar-case-3")
 FIRST_FIGURE = 5
 """The paper's number of the first figure of its first case; then in the order of `SETS`, case by case."""
 SETS = {
-    "velocity-acceleration": (
-        "velocity and acceleration of the slider",
-        {"slider.vx": r"$\dot x_2$ [m/s]", "slider.ax": r"$\ddot x_2$ [m/s$^2$]"},
-    ),
-    "corner-forces": (
-        "normal forces on the corners of the slider",
-        {f"guide.F{i}": f"$F_{i}$ [N]" for i in (1, 2, 3, 4)},
-    ),
-    "driving-moment": ("driving moment", {"motor.effort": r"$\lambda_D$ [N m]"}),
+    "velocity-acceleration": {
+        "slider.vx": r"$\dot x_2$ [m/s]",
+        "slider.ax": r"$\ddot x_2$ [m/s$^2$]",
+    },
+    "corner-forces": {f"guide.F{i}": f"$F_{i}$ [N]" for i in (1, 2, 3, 4)},
+    "driving-moment": {"motor.effort": r"$\lambda_D$ [N m]"},
 }
-"""Figures of a case by the ending of their names: subject, and by column the label of its panel."""
+"""Figures of a case by the ending of their names: the label of each panel by the column that it shows."""
 
 
 def present(results: Results) -> Presentation:
     """Each distinct mechanism once, as cases that differ in loads alone look the same; then the time series."""
-    names, shapes, mechanisms = (
-        list(dict.fromkeys(record.scene for record in results.records)),
-        [],
-        [],
-    )
-    for name, scene in {name: load_scene(name) for name in names if name in catalogue()}.items():
-        if (shape := (scene.bodies, scene.joints)) not in shapes:
+    names = list(dict.fromkeys(record.scene for record in results.records))
+    mechanisms = _distinct_mechanisms(names)
+    series = [one for name in names for one in _time_series(results, name)]
+    if not (mechanisms or series):
+        return Presentation()
+    rows = {
+        "mechanisms": [_described(picture) for picture in mechanisms],
+        "series": [one.described() for one in series],
+    }
+    return Presentation(rows=rows, figures=[*mechanisms, *(one.chart for one in series)])
+
+
+def _distinct_mechanisms(names: Sequence[str]) -> list[MechanismPicture]:
+    """A picture of each scene of the catalogue whose bodies and joints are not those of one before."""
+    shapes, pictures = [], []
+    for name in names:
+        if name not in catalogue():
+            continue
+        scene = load_scene(name)
+        shape = scene.bodies, scene.joints
+        if shape not in shapes:
             shapes.append(shape)
-            given = f" In SI units: {parameters_in_words(scene)}." if scene.parameters else ""
-            mechanisms.append(
-                MechanismPicture(
-                    f"mechanism-{name}",
-                    name,
-                    caption=f"The mechanism of {case_of(name)} at t = 0, the corners of its slider numbered "
-                    f"as in the paper.{given}",
-                )
-            )
-    return Presentation(
-        figures=[*mechanisms, *(chart for name in names for chart in _time_series(results, name))]
-    )
+            pictures.append(MechanismPicture(f"mechanism-{name}", name))
+    return pictures
 
 
-def _time_series(results: Results, scene: str) -> Iterator[Chart]:
+def _described(picture: MechanismPicture) -> dict[str, object]:
+    """What the caption of a mechanism mentions; the corners of a slider are drawn where it has a length."""
+    scene = load_scene(picture.scene)
+    return {
+        "figure": picture.name,
+        "scene": picture.scene,
+        "parameters": scene.parameters,
+        "has_corners": any(guide.length is not None for guide in scene.guides.values()),
+    }
+
+
+@dataclass(frozen=True, eq=False)
+class TimeSeries:
+    """A figure of one of the `SETS`.
+
+    Attributes
+    ----------
+    number : int or None
+        The paper's number of the figure; None of a scene that the paper does not have.
+    has_stick_phases : bool
+        True if the panels have stick phases in grey.
+    """
+
+    scene: str
+    subject: str
+    number: int | None
+    has_stick_phases: bool
+    chart: Chart
+
+    def described(self) -> dict[str, object]:
+        """What its caption mentions."""
+        return {
+            "figure": self.chart.name,
+            "scene": self.scene,
+            "subject": self.subject,
+            "number": self.number,
+            "has_stick_phases": self.has_stick_phases,
+        }
+
+
+def _time_series(results: Results, scene: str) -> Iterator[TimeSeries]:
     truth = results.truths.get(scene)
-    label, frame = _reference(
-        [record for record in results.records if record.scene == scene], truth
-    )
-    for place, (ending, (subject, labels)) in enumerate(SETS.items()):
+    records = [record for record in results.records if record.scene == scene]
+    label, frame = _reference(records, truth)
+    shades = stick_phases(truth)
+    for place, (subject, labels) in enumerate(SETS.items()):
         known = {column: words for column, words in labels.items() if column in frame}
         if not known:
             continue
-        name, caption = f"{scene}-{ending}", f"{title_of(scene)}: {subject}"
+        name, number = f"{scene}-{subject}", None
         if scene in CASES:
             number = FIRST_FIGURE + len(SETS) * CASES.index(scene) + place
-            name, caption = f"fig{number:02d}-{name}", f"{caption} (the paper's Fig. {number})"
+            name = f"fig{number:02d}-{name}"
         t = frame["t"].to_numpy()
-        time, shades = Axis(TIME, limits=(0.0, float(t[-1]))), stick_phases(truth)
+        time = Axis(TIME, limits=(0.0, float(t[-1])))
         panels = [
             Panel(
                 "", time, Axis(words), [Series(label, t, frame[column].to_numpy())], shades=shades
             )
             for column, words in known.items()
         ]
-        shaded = "Grey: stick phases of the truth." if shades else "There are no stick phases."
-        yield Chart(
-            name,
-            panels,
-            columns=2 if len(panels) > 2 else 1,
-            height=1.35,
-            caption=f"{caption}. {shaded}",
-        )
+        chart = Chart(name, panels, columns=2 if len(panels) > 2 else 1, height=1.35)
+        yield TimeSeries(scene, subject, number, bool(shades), chart)
 
 
 def _reference(records: list[Record], truth: Truth | None) -> tuple[str, pd.DataFrame]:

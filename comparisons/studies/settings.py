@@ -19,7 +19,7 @@ from typing import Any
 import numpy as np
 import pandas as pd
 
-from stiction.comparisons.bench.methods import case_of, succeeded, with_columns
+from stiction.comparisons.bench.methods import scene_title, succeeded, with_columns
 from stiction.comparisons.bench.participants import extent
 from stiction.comparisons.bench.presentation import (
     BETTER,
@@ -31,11 +31,7 @@ from stiction.comparisons.bench.presentation import (
     Panel,
     Presentation,
     Series,
-    TracedText,
-    count,
-    listed,
-    sentence,
-    traced,
+    TableView,
     view,
 )
 from stiction.comparisons.bench.results import Results
@@ -61,12 +57,14 @@ MORE = 1.01
 """Ratio from which one error counts as larger than another: a solver that has converged leaves less."""
 ENDS = 0.5, 200.0
 """Ends of the axis of errors in units of the default's: what lies beyond stands at the edge."""
-NOTES = (
-    "One setting is changed at a time. The default is on the front where no other choice is clearly faster with "
-    "no larger error of position or torque and no more drift, or clearly more accurate and no slower.",
-    "Times are those inside the engine's own calls. A default is one for all mechanisms: "
-    "a choice is better everywhere if it is no worse on any scene and step, and clearly better on one.",
-)
+NO_DEFAULT: Mapping[str, object] = {
+    "compared": 0,
+    "on_front": 0,
+    "better": [],
+    "scene": None,
+    "ends": ENDS,
+}
+"""Rows where no run with default settings succeeded."""
 
 
 @dataclass(frozen=True)
@@ -379,26 +377,30 @@ def present(results: Results) -> Presentation:
         return Presentation()
     ranks = ranks_of_defaults(table)
     if ranks.empty:
-        return Presentation(TracedText("No run with the default settings of an engine succeeded."))
-    answer = traced(
-        "The defaults are on the front of error and time in {} of {} comparisons.",
-        count("settings", table, **{SETTING: DEFAULT, ON_FRONT: True}),
-        count("settings", table, **{SETTING: DEFAULT, "status": "ok"}),
-    )
+        return Presentation(rows=NO_DEFAULT)
     choices = against_defaults(table)
-    better = [
-        traced("{} with {}", subject, listed(list(rows[SETTING])))
-        for subject, rows in choices[choices[EVERYWHERE]].groupby(SUBJECT, sort=False)
-    ]
-    where = (
-        "on every scene"
-        if table["scene"].nunique() > 1
-        else f"in {case_of(table['scene'].iloc[0])}"
+    defaults = table[table[SETTING] == DEFAULT]
+    scenes = list(table["scene"].unique())
+    rows = {
+        "compared": int((defaults["status"] == "ok").sum()),
+        "on_front": int(defaults[ON_FRONT].eq(True).sum()),
+        "better": [
+            {"subject": subject, "settings": list(better[SETTING])}
+            for subject, better in choices[choices[EVERYWHERE]].groupby(SUBJECT, sort=False)
+        ],
+        "scene": scenes[0] if len(scenes) == 1 else None,
+        "ends": ENDS,
+    }
+    return Presentation(
+        rows=rows,
+        tables=[_ranks_view(ranks, table), _choices_view(choices, table)],
+        figures=[_figure(choices)],
     )
-    finding = sentence(
-        "Better than the default {}: {}.", where, listed(better, "; ", "; ")
-    ) or traced("No other choice is better than its default {}.", where)
-    ranks["where"] = ranks["scene"].map(case_of, na_action="ignore")
+
+
+def _ranks_view(ranks: pd.DataFrame, table: pd.DataFrame) -> TableView:
+    """How the default of each method of an engine stands among its other choices."""
+    ranks = ranks.assign(where=ranks["scene"].map(scene_title, na_action="ignore"))
     columns = (
         Column(SUBJECT, "engine"),
         Column(ON_FRONT, "default on the front"),
@@ -408,12 +410,13 @@ def present(results: Results) -> Presentation:
         Column("where", "in"),
         Column("step", unit="s", form="g"),
     )
-    caption = (
-        "How the default settings of each engine stand among other choices, over all scenes and steps. "
-        "The largest gain: time of the default over that of the fastest choice with no larger error."
-    )
     by_method = [(row, table[table[SUBJECT] == row[SUBJECT]]) for row in ranks.to_dict("records")]
-    every = (
+    return view("settings", by_method, columns)
+
+
+def _choices_view(choices: pd.DataFrame, table: pd.DataFrame) -> TableView:
+    """Every choice in units of its default."""
+    columns = (
         Column(SUBJECT, "engine"),
         Column(SETTING),
         Column(TIME_RATIO, "time, of the default's", form=".2g"),
@@ -426,27 +429,10 @@ def present(results: Results) -> Presentation:
         (row, table[(table[SUBJECT] == row[SUBJECT]) & (table[SETTING] == row[SETTING])])
         for row in choices.to_dict("records")
     ]
-    tables = [
-        view(
-            "settings",
-            by_method,
-            columns,
-            caption=caption,
-        ),
-        view(
-            "settings-all",
-            by_choice,
-            every,
-            source="settings",
-            in_report=False,
-            caption="Every choice in units of its default: geometric mean of times over all scenes and "
-            "steps, largest error.",
-        ),
-    ]
-    return Presentation(answer, [finding], (), tables, [_figure(choices, where)], NOTES)
+    return view("settings-all", by_choice, columns, source="settings", in_report=False)
 
 
-def _figure(choices: pd.DataFrame, where: str) -> Chart:
+def _figure(choices: pd.DataFrame) -> Chart:
     """Each choice once, in units of the default; a panel for each method of an engine."""
     panels = []
     for subject, rows in choices.groupby(SUBJECT, sort=False):
@@ -476,17 +462,7 @@ def _figure(choices: pd.DataFrame, where: str) -> Chart:
                 series,
             )
         )
-    caption = (
-        f"Settings of the engines, one changed at a time, in units of the default {where}: mean time and "
-        f"largest error over all steps. Errors beyond {ENDS[0]:g} and {ENDS[1]:g} stand at the edge. Left of "
-        "the default and above it, a choice is faster and somewhere less accurate."
-    )
-    return Chart(
-        "engine-settings",
-        panels,
-        height=1.9,
-        caption=caption,
-    )
+    return Chart("engine-settings", panels, height=1.9)
 
 
 STUDY = Study(

@@ -9,6 +9,8 @@ import pandas as pd
 import pytest
 from report_material import study_tables
 
+from stiction.comparisons.bench.presentation import ANSWER_LENGTH
+from stiction.comparisons.bench.results import Results
 from stiction.comparisons.measures.claim_measures import (
     MEASURES,
     ClaimMargin,
@@ -27,7 +29,9 @@ from stiction.comparisons.studies.claims import (
     HOLDS,
     PARTLY,
     STEADY,
+    STUDY,
     UNDECIDED,
+    VERDICTS,
     Claim,
     Part,
     Sensitivity,
@@ -43,6 +47,7 @@ from stiction.comparisons.studies.claims import (
 )
 from stiction.engines import load_engine
 from stiction.engines.isolation import Outcome
+from stiction.reports.text import section_of
 from stiction.scenes import load_scene, vary
 from stiction.truths import StickThreshold, slider_bar_truth
 from stiction.truths.reduced.steady_state import NoSteadyState
@@ -386,3 +391,54 @@ def test_forces_of_a_driven_mechanism_are_not_always_computed_easily():
         rtol=1e-9,
     )
     assert np.isnan(run["strut.effort"]).all() and np.isnan(run["guide.friction"]).all()
+
+
+def presented(verdicts, sensitivity=None):
+    table = pd.DataFrame(
+        {
+            "case": "1",
+            "claim": [f"statement {number}" for number in range(len(verdicts))],
+            "verdict": verdicts,
+            "status": "ok",
+            "reason": "",
+        }
+    )
+    tables = {"claims": table} | ({} if sensitivity is None else {"sensitivity": sensitivity})
+    results = Results((), {}, tables)
+    return STUDY.presented(results), section_of(STUDY, results)
+
+
+def test_statements_are_counted_by_verdict():
+    """A few; as many as the paper has, with every verdict; and one alone."""
+    said, section = presented([HOLDS] * 3 + [FAILS] + [STEADY] * 2)
+    counts = {name: said.rows[name] for name in VERDICTS}
+    assert said.rows["statements"] == sum(counts.values()) == 6
+    assert (counts["holding"], counts["failing"], counts["steady"]) == (3, 1, 2)
+    assert "3 hold" in section.answer and "1 does not hold" in section.answer
+    shown, every = section.tables
+    assert [row[1] for row in shown.cells()] == [FAILS, STEADY, STEADY]  # the rarest first
+    assert len(every.frame) == 6 and not section.findings
+    others = [verdict for verdict in VERDICTS.values() if verdict != HOLDS]
+    said, section = presented([HOLDS] * (len(CLAIMS) + 3 - 2 * len(others)) + 2 * others)
+    assert all(said.rows[name] == 2 for name, verdict in VERDICTS.items() if verdict != HOLDS)
+    assert len(f"{STUDY.title}: {section.answer}") <= ANSWER_LENGTH
+    _, section = presented([FAILS])
+    assert section.answer == "Of 1 statement 1 does not hold."
+
+
+def test_choices_that_change_a_verdict_are_counted():
+    """One that failed, and all of them where the first failed, change none."""
+    failed = Outcome("a choice", "timed out", reason="no result within 240 s")
+    same, other = row_of(4.0, 0.5, HOLDS), row_of(4.4, 0.0, FAILS)
+    outcomes = [same, other, failed, *[same] * (len(CHOICES) - 3)]
+    said, section = presented([HOLDS], sensitivity_comparison(CASES).tabulate(outcomes))
+    counts = {"tried": len(CHOICES), "compared": len(CHOICES) - 1, "changing": 1}
+    assert said.rows["open_choices"] == counts and len(section.findings) == 1
+    lost = sensitivity_comparison(CASES).tabulate([failed, *outcomes[1:]])
+    said, section = presented([HOLDS], lost)
+    assert said.rows["open_choices"] == {"tried": len(CHOICES), "compared": 0, "changing": 0}
+    assert [view.name for view in section.tables if view.caption] == [
+        "claims-open",
+        "claims",
+        "sensitivity",
+    ]

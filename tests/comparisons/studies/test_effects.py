@@ -6,8 +6,9 @@ import numpy as np
 import pandas as pd
 import pytest
 from conftest import here
-from made_up_runs import wrong_numbers, wrongly_written
+from made_up_runs import wrongly_written
 
+from stiction.comparisons.bench.participants import validation_campaign
 from stiction.comparisons.bench.presentation import ANSWER_LENGTH
 from stiction.comparisons.bench.results import Results
 from stiction.comparisons.bench.study import Scope
@@ -222,25 +223,33 @@ def effects_table():
     return table
 
 
-def said_of(study, name, table):
-    return study.presented(Results((), {}, {name: table}))
+def results_of(table, **others):
+    return Results((), {}, {"effects": table, **others})
+
+
+def rows_of(table, **others):
+    return effects.STUDY.presented(results_of(table, **others)).rows
 
 
 def test_the_answer_has_what_saves_time_and_what_baumgarte_costs():
-    table = effects_table()
-    said = said_of(effects.STUDY, "effects", table)
-    assert [number.text for number in said.answer.numbers] == ["0.45", "0.5"]
-    for number in said.answer.numbers:
-        assert float(number.text) == table.loc[number.rows[0] - 1, number.column]
-    findings = " ".join(text.text for text in said.findings)
-    for part in (
-        "friction, static coefficient",
-        "from 5 to 0 pairs",
-        "0.5 (0.48 to 0.52)",
-        "1002 instead of 1000",
-        "At the same tolerance",
-        "22 (21 to 23.5) times",
-    ):
+    results = results_of(effects_table())
+    said, rows = section_of(effects.STUDY, results), rows_of(effects_table())
+    assert not wrongly_written(said, results)
+    assert [(row["effect"], float(row[RATIO])) for row in rows["faster"]] == [
+        ("no load", 0.45),
+        ("no friction", 0.5),
+    ]
+    assert "0.45 without load" in said.answer and "0.5 without friction" in said.answer
+    smallest = rows["smallest_problem"]
+    assert smallest["baseline"]["effect"] == BASELINE
+    assert smallest["run"][LEFT_OUT] == "friction, static coefficient"
+    for run, pairs, evaluations in (("baseline", 5, 1000), ("run", 0, 1002)):
+        assert float(smallest[run][PAIRS]) == pairs
+        assert float(smallest[run]["counter:rhs"]) == evaluations
+    [baumgarte] = rows["baumgarte_at_same_tolerance"]
+    assert [float(baumgarte[name]) for name in (RATIO, LOW, HIGH)] == [22.0, 21.0, 23.5]
+    findings = " ".join(said.findings)
+    for part in ("0.5 (0.48 to 0.52)", "22 (21 to 23.5)", "1002", "1000"):
         assert part in findings
 
 
@@ -272,26 +281,41 @@ def test_baumgarte_is_compared_at_equal_error():
             for (variant, case, error), time in times.items()
         ]
     )
-    results = Results((), {}, {"effects": effects_table(), "equal-error": equal})
-    said = effects.STUDY.presented(results)
-    assert (
-        "2 to 15 with Baumgarte's terms at equal error" in said.answer.text
-        and not wrong_numbers(said, results)
-    )
-    assert len(f"Effects: {said.answer.text}") <= ANSWER_LENGTH
+    results = results_of(effects_table(), **{"equal-error": equal})
+    said = section_of(effects.STUDY, results)
+    assert rows_of(effects_table(), **{"equal-error": equal})["baumgarte_at_equal_error"] == {
+        "least": pytest.approx(2.0),
+        "largest": pytest.approx(15.0),
+    }
+    assert "2 to 15 with Baumgarte" in said.answer and not wrongly_written(said, results)
+    assert len(f"Effects: {said.answer}") <= ANSWER_LENGTH
+    one = equal[equal["scene"] == "case 1"].reset_index(drop=True)
+    alone = section_of(effects.STUDY, results_of(effects_table(), **{"equal-error": one})).answer
+    assert "7 with Baumgarte" in alone and "7 to 7" not in alone
+    for variant in (effects.WITH_PROJECTION, effects.WITH_BAUMGARTE):
+        lost = equal[equal["variant"] != variant].reset_index(drop=True)
+        rows = rows_of(effects_table(), **{"equal-error": lost})
+        assert rows["baumgarte_at_equal_error"] is None
+
+
+def test_variants_at_equal_error_are_those_of_the_validation():
+    known = {variant.label for variant in validation_campaign().variants}
+    assert {effects.WITH_PROJECTION, effects.WITH_BAUMGARTE} <= known
 
 
 def test_an_interval_that_is_not_symmetric_is_shown_as_it_is():
     table = effects_table()
     table.loc[table["effect"] == "no spring", [RATIO, LOW, HIGH]] = 1.0, 0.94, 1.98
-    shown = {row[0]: row[1] for row in said_of(effects.STUDY, "effects", table).tables[0].cells()}
+    [shown, _] = effects.STUDY.presented(results_of(table)).tables
+    shown = {row[0]: row[1] for row in shown.cells()}
     assert shown["no spring"] == "1 (0.94 to 1.98)"
 
 
 def test_what_cannot_be_distinguished_from_the_baseline_saves_nothing():
     table = effects_table()
     table.loc[table["effect"] == "no friction", [LOW, HIGH]] = 0.4, 1.05
-    assert "friction" not in said_of(effects.STUDY, "effects", table).answer.text
+    assert [row["effect"] for row in rows_of(table)["faster"]] == ["no load"]
+    assert "friction" not in section_of(effects.STUDY, results_of(table)).answer
 
 
 @pytest.mark.parametrize(
@@ -308,21 +332,21 @@ def test_failures_are_said_and_nothing_else(study, name):
             "reason": "killed",
         }
     )
-    said = said_of(study, name, lost)
-    assert (
-        not said.answer
-        and not said.tables
-        and len(said.findings) == 1
-        and "failed" in said.findings[0].text
-    )
+    said = section_of(study, Results((), {}, {name: lost}))
+    assert not said.answer and not said.tables and not said.notes
+    [finding] = said.findings
+    assert "failed" in finding and "reference" in finding
+    missing = section_of(study, Results((), {}, {name: lost.assign(status="missing")}))
+    assert missing.is_empty or study is not effects.STUDY
 
 
 def test_a_failed_effect_among_others_is_named():
     table = effects_table()
     table.loc[table["effect"] == "no load", ["status", "reason"]] = "failed", "killed"
     table.loc[table["effect"] == "no load", [RATIO, LOW, HIGH, MOTION, "counter:rhs"]] = None
-    said = said_of(effects.STUDY, "effects", table)
-    assert "load" not in said.answer.text and "no load" in said.findings[-1].text
+    said = section_of(effects.STUDY, results_of(table))
+    assert rows_of(table)["failed"] == [{"variant": "reference", "effects": ["no load"]}]
+    assert "load" not in said.answer and "no load" in said.findings[-1]
     assert not any("nan" in cell for view in said.tables for row in view.cells() for cell in row)
 
 

@@ -10,6 +10,7 @@ from conftest import here, installed, invoke
 
 from stiction.cli.exit_codes import BAD_INPUT
 from stiction.comparisons.bench.depth import Depth
+from stiction.comparisons.bench.presentation import ANSWER_LENGTH
 from stiction.comparisons.bench.results import Results
 from stiction.comparisons.bench.study import Scope
 from stiction.comparisons.bench.variants import OWN_CPU, Variant
@@ -30,6 +31,7 @@ from stiction.comparisons.studies.settings import (
     ON_FRONT,
     ROUNDING,
     SETTING,
+    STUDY,
     SUBJECT,
     TIME_RATIO,
     TIME_RATIO_ENDS,
@@ -43,6 +45,7 @@ from stiction.comparisons.studies.settings import (
     ranks_of_defaults,
 )
 from stiction.engines import Outcome, load_engine
+from stiction.reports.text import section_of
 from stiction.scenes import InputError, load_scene
 
 CASES = tuple(load_scene(f"slider-bar-case-{number}") for number in (1, 2, 3))
@@ -81,8 +84,8 @@ def joined(*tables):
     return pd.concat(tables, ignore_index=True)
 
 
-def said_of(rows):
-    return present(Results((), {}, {"settings": rows}))
+def results_of(rows):
+    return Results((), {}, {"settings": rows})
 
 
 @pytest.mark.parametrize(
@@ -285,9 +288,13 @@ def test_study_has_every_choice_on_every_scene_and_the_rows_of_a_method_together
 
 def test_what_is_said_of_the_defaults(studied):
     """Counted and compared here by other code; a row of the table for each method, traced to all rows of it."""
-    said = said_of(studied)
+    said, section = present(results_of(studied)), section_of(STUDY, results_of(studied))
     defaults = studied[studied["variant"].str.endswith(f": {DEFAULT}")]
-    assert f"in {int(defaults[ON_FRONT].sum())} of {len(defaults)} comparisons." in said.answer.text
+    on_front = int(defaults[ON_FRONT].sum())
+    assert (said.rows["on_front"], said.rows["compared"]) == (on_front, len(defaults))
+    assert f"{on_front} of {len(defaults)}" in section.answer and said.rows["scene"] is None
+    assert len(f"{STUDY.title}: {section.answer}") <= ANSWER_LENGTH
+    assert all(each.caption for each in (*section.tables, *section.figures))
     ranks, choices = said.tables
     counts = {
         subject: f"{int(rows[ON_FRONT].sum())} of {len(rows)}"
@@ -301,25 +308,27 @@ def test_what_is_said_of_the_defaults(studied):
     assert len(said.figures[0].panels) == studied[SUBJECT].nunique()
 
 
-@pytest.mark.parametrize(("scenes", "where"), [("s", "in s"), ("st", "on every scene")])
-def test_a_better_choice_is_named(scenes, where):
+@pytest.mark.parametrize(("scenes", "scene"), [("s", "s"), ("st", None)])
+def test_a_better_choice_is_named(scenes, scene):
     one = table((1e-3, 2.0), (1e-3, 1.0), (1e-3, 2.0), **{ON_FRONT: [False, True, False]})
-    rows = joined(*(one.assign(scene=name) for name in scenes))
-    said = said_of(rows)
-    assert said.findings[0].text == f"Better than the default {where}: e, joint with a=1."
-    assert said.answer.text.endswith(f"in 0 of {len(scenes)} comparisons.")
-    no_better = said_of(rows.assign(**{OWN_CPU: 1.0, LOW: 1.0, HIGH: 1.0}))
-    assert no_better.findings[0].text == f"No other choice is better than its default {where}."
+    results = results_of(joined(*(one.assign(scene=name) for name in scenes)))
+    rows = present(results).rows
+    assert rows["better"] == [{"subject": "e, joint", "settings": ["a=1"]}]
+    assert (rows["on_front"], rows["compared"], rows["scene"]) == (0, len(scenes), scene)
+    [finding] = section_of(STUDY, results).findings
+    assert "e, joint with a=1" in finding
+    slow = results.tables["settings"].assign(**{OWN_CPU: 1.0, LOW: 1.0, HIGH: 1.0})
+    assert present(results_of(slow)).rows["better"] == []
+    [finding] = section_of(STUDY, results_of(slow)).findings
+    assert "e, joint" not in finding
 
 
 def test_a_study_in_which_all_runs_failed_says_so(studied):
     crashed = studied.assign(status="crashed", reason="SIGSEGV").drop(columns=ERROR)
     assert ranks_of_defaults(crashed).empty
-    said = said_of(crashed)
-    assert (
-        said.answer.text == "No run with the default settings of an engine succeeded."
-        and not said.tables
-    )
+    assert present(results_of(crashed)).rows["compared"] == 0
+    said = section_of(STUDY, results_of(crashed))
+    assert said.answer and not said.findings and not said.tables and not said.notes
 
 
 @pytest.mark.parametrize(

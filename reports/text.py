@@ -49,6 +49,8 @@ MILLIMETRES = 1e-6
 """Metres; lengths from here on are written in mm."""
 _SHOWN = "shown_numbers"
 """Name in a template's variables of the list of numbers that its filters have written."""
+_BLOCK = "block_name"
+"""Name in a template's variables of the block that is written: a figure and a table may have the same name."""
 
 
 @dataclass(frozen=True)
@@ -125,11 +127,12 @@ def written(template: Template, said: Presentation) -> Section:
     """Fill a template with the rows of a presentation."""
     if said.is_empty:
         return Section()
-    captions: dict[str, str] = {}
+    captions: dict[tuple[str, str], str] = {}
     numbers: list[Number] = []
 
-    def caption(name: str, caller: Callable[[], str]) -> str:
-        captions[name] = one_line(caller())
+    @pass_context
+    def caption(context: Context, name: str, caller: Callable[[], str]) -> str:
+        captions[context[_BLOCK], name] = one_line(caller())
         return ""
 
     variables = {**said.rows, _SHOWN: numbers, "caption": caption}
@@ -139,8 +142,14 @@ def written(template: Template, said: Presentation) -> Section:
         one_line(blocks.get("beside", "")),
         paragraphs(blocks.get("findings", "")),
         said.headlines,
-        [replace(view, caption=captions.get(view.name, view.caption)) for view in said.tables],
-        [replace(each, caption=captions.get(each.name, each.caption)) for each in said.figures],
+        [
+            replace(view, caption=captions.get(("tables", view.name), view.caption))
+            for view in said.tables
+        ],
+        [
+            replace(each, caption=captions.get(("figures", each.name), each.caption))
+            for each in said.figures
+        ],
         items(blocks.get("notes", "")),
         numbers,
     )
@@ -148,8 +157,10 @@ def written(template: Template, said: Presentation) -> Section:
 
 def filled(template: Template, variables: Mapping[str, object]) -> dict[str, str]:
     """Return the text of each block of a template."""
-    context = template.new_context(dict(variables))
-    return {name: "".join(block(context)) for name, block in template.blocks.items()}
+    return {
+        name: "".join(block(template.new_context({**variables, _BLOCK: name})))
+        for name, block in template.blocks.items()
+    }
 
 
 def one_line(text: str) -> str:
@@ -199,6 +210,7 @@ def _environment() -> Environment:
         setting=setting,
         scene_title=scene_title,
         first_upper=first_upper,
+        milliseconds=milliseconds,
     )
     return found
 
@@ -234,6 +246,12 @@ def milli(context: Context, given: Cell, sign: str = "") -> str:
     A number behind a sign of a bound, ``≤ 1.1``, is rounded so that it stays one.
     """
     return _noted(context, bounded(MILLI * given.value, sign), given, MILLI)
+
+
+@pass_context
+def milliseconds(context: Context, given: Cell) -> str:
+    """Write a step, which is an exact number of seconds, in ms with all its digits: ``12.5``."""
+    return _noted(context, f"{MILLI * given.value:g}", given, MILLI)
 
 
 @pass_context

@@ -45,6 +45,8 @@ from stiction.uncertain import Uncertain, bounded
 
 MILLI = 1e3
 """Thousandths in a unit: milliseconds in a second, millimetres in a metre."""
+PER_CENT = 100.0
+"""Per cent in a whole."""
 MILLIMETRES = 1e-6
 """Metres; lengths from here on are written in mm."""
 _SHOWN = "shown_numbers"
@@ -211,6 +213,7 @@ def _environment() -> Environment:
         scene_title=scene_title,
         first_upper=first_upper,
         milliseconds=milliseconds,
+        percent=percent,
     )
     return found
 
@@ -252,6 +255,12 @@ def milli(context: Context, given: Cell, sign: str = "") -> str:
 def milliseconds(context: Context, given: Cell) -> str:
     """Write a step, which is an exact number of seconds, in ms with all its digits: ``12.5``."""
     return _noted(context, f"{MILLI * given.value:g}", given, MILLI)
+
+
+@pass_context
+def percent(context: Context, given: Cell) -> str:
+    """Write a part of a whole in per cent, to two digits and always with its sign: ``+0.12``."""
+    return _noted(context, f"{PER_CENT * given.value:+.2g}", given, PER_CENT)
 
 
 @pass_context

@@ -44,6 +44,8 @@ from stiction.uncertain import Uncertain, bounded, with_ends
 
 MILLI = 1e3
 """Thousandths in a unit: milliseconds in a second, millimetres in a metre."""
+PER_CENT = 100.0
+"""Per cent in a whole."""
 MILLIMETRES = 1e-6
 """Metres; lengths from here on are written in mm."""
 SHOWN = "shown_numbers"
@@ -124,8 +126,27 @@ def written(template: Template, said: Presentation) -> Section:
     """Fill a template with the rows of a presentation."""
     if said.is_empty:
         return Section()
-    captions: dict[str, str] = {}
     numbers: list[Number] = []
+    variables = {**said.rows, SHOWN: numbers}
+    words = filled(template, variables, "answer", "beside", "findings", "notes")
+    figures = _captions(template, variables, "figures")
+    tables = _captions(template, variables, "tables")
+    has_more_than_words = bool(said.tables or said.figures)
+    return Section(
+        one_line(words.get("answer", "")),
+        one_line(words.get("beside", "")),
+        paragraphs(words.get("findings", "")),
+        said.headlines,
+        [replace(view, caption=tables.get(view.name, "")) for view in said.tables],
+        [replace(each, caption=figures.get(each.name, "")) for each in said.figures],
+        items(words.get("notes", "")) if has_more_than_words else (),
+        numbers,
+    )
+
+
+def _captions(template: Template, variables: Mapping[str, object], block: str) -> dict[str, str]:
+    """Return the captions that a block gives, by name of the figure or table."""
+    captions: dict[str, str] = {}
 
     def caption(name: str, caller: Callable[[], str]) -> str:
         if name in captions:
@@ -133,18 +154,8 @@ def written(template: Template, said: Presentation) -> Section:
         captions[name] = one_line(caller())
         return ""
 
-    variables = {**said.rows, SHOWN: numbers, "caption": caption}
-    blocks = filled(template, variables)
-    return Section(
-        one_line(blocks.get("answer", "")),
-        one_line(blocks.get("beside", "")),
-        paragraphs(blocks.get("findings", "")),
-        said.headlines,
-        [replace(view, caption=captions.get(view.name, view.caption)) for view in said.tables],
-        [replace(each, caption=captions.get(each.name, each.caption)) for each in said.figures],
-        items(blocks.get("notes", "")) if said.tables or said.figures else (),
-        numbers,
-    )
+    filled(template, {**variables, "caption": caption}, block)
+    return captions
 
 
 def filled(template: Template, variables: Mapping[str, object], *names: str) -> dict[str, str]:
@@ -206,6 +217,8 @@ def _environment() -> Environment:
         first_upper=first_upper,
         cardinal=cardinal,
         within=within,
+        milliseconds=milliseconds,
+        percent=percent,
     )
     return found
 
@@ -241,6 +254,18 @@ def milli(context: Context, given: Cell, sign: str = "") -> str:
     A number behind a sign of a bound, ``≤ 1.1``, is rounded so that it stays one.
     """
     return _noted(context, bounded(MILLI * given.value, sign), given, MILLI)
+
+
+@pass_context
+def milliseconds(context: Context, given: Cell) -> str:
+    """Write a step, which is an exact number of seconds, in ms with all its digits: ``12.5``."""
+    return _noted(context, f"{MILLI * given.value:g}", given, MILLI)
+
+
+@pass_context
+def percent(context: Context, given: Cell) -> str:
+    """Write a part of a whole in per cent, to two digits and always with its sign: ``+0.12``."""
+    return _noted(context, f"{PER_CENT * given.value:+.2g}", given, PER_CENT)
 
 
 @pass_context

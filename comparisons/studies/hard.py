@@ -2,21 +2,16 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
+
 import pandas as pd
 
-from stiction.comparisons.bench.methods import called
 from stiction.comparisons.bench.presentation import (
     Column,
     Headline,
     HeatMap,
-    Number,
     Presentation,
     TableView,
-    TracedText,
-    count,
-    listed,
-    sentence,
-    traced,
     view,
 )
 from stiction.comparisons.bench.results import Results
@@ -56,11 +51,6 @@ SIGNS = {
     "degraded": ("~", "#E69F00"),
     "wrong": ("x", "#D55E00"),
 }
-NOTES = (
-    "Declined: by the method's own word. Not judged: our adapter or our reader declines it, the engine cannot "
-    "express it, or goes on by impulses where no motion with finite forces exists.",
-    "Degraded: less accurate than the method should be. Errors are relative to the size of what is measured.",
-)
 
 
 def plan(scope: Scope) -> Comparison[Tables]:
@@ -75,28 +65,69 @@ def present(results: Results) -> Presentation:
     mechanical = tried[tried["topic"] != HOSTILE] if len(tried) else tried
     if mechanical.empty:
         return Presentation()
-    topics, counts = frozenset(mechanical["topic"]), {}
-    for variant in dict.fromkeys(mechanical["variant"]):
-        about = {"variant": variant, "topic": topics}
-        counts[variant] = {
-            name: count("hard", table, **about, verdict=verdicts)
-            for name, verdicts in COUNTED.items()
-        }
-    first, *_ = counts
-    cells = {
-        variant: listed(list(numbers.values()), "/", "/") for variant, numbers in counts.items()
+    counts = {
+        variant: _counts(rows["verdict"])
+        for variant, rows in mechanical.groupby("variant", sort=False)
     }
-    answer = traced(
-        "Wrong/judged: {}.",
-        listed(
-            [
-                traced("{} {}", called(first), _wrong(table, mechanical, first)),
-                *_others(table, mechanical),
-            ],
-            "; ",
-            "; ",
-        ),
+    headline = Headline(
+        "hard cases: right/declined/ not judged/degraded/ wrong",
+        {variant: "/".join(map(str, numbers.values())) for variant, numbers in counts.items()},
     )
+    own = mechanical.loc[mechanical["engine"].isin(own_methods()), "variant"]
+    return Presentation(
+        rows={
+            "own": _judged(mechanical, own.iloc[0]) if len(own) else None,
+            "engines": _least_and_most_often_wrong(mechanical),
+            "hostile": _hostile(tried[tried["topic"] == HOSTILE]),
+        },
+        headlines=[headline],
+        tables=_tables(table, mechanical, counts),
+        figures=[_heat_map(mechanical, list(counts))],
+    )
+
+
+def _counts(verdicts: pd.Series) -> dict[str, int]:
+    """The numbers of verdicts by heading."""
+    return {name: int(verdicts.isin(counted).sum()) for name, counted in COUNTED.items()}
+
+
+def _judged(mechanical: pd.DataFrame, variant: str) -> dict[str, object]:
+    """The numbers of wrong answers of a method, and of those that are judged."""
+    verdicts = mechanical.loc[mechanical["variant"] == variant, "verdict"]
+    return {
+        "variant": variant,
+        "wrong": int(verdicts.isin(COUNTED["wrong"]).sum()),
+        "judged": int(verdicts.isin(JUDGED).sum()),
+    }
+
+
+def _least_and_most_often_wrong(mechanical: pd.DataFrame) -> list[dict[str, object]]:
+    """The engines with the smallest and the largest part of wrong answers among those that are judged, by fidelity."""
+    of_engines = ~mechanical["engine"].isin(own_methods())
+    judged = mechanical[mechanical["verdict"].isin(JUDGED) & of_engines]
+    ends = []
+    for fidelity, rows in judged.groupby("fidelity", sort=False):
+        share = rows["verdict"].isin(COUNTED["wrong"]).groupby(rows["variant"], sort=False).mean()
+        variants = dict.fromkeys((share.idxmin(), share.idxmax()))
+        methods = [_judged(mechanical, variant) for variant in variants]
+        ends.append({"fidelity": fidelity, "methods": methods})
+    return ends
+
+
+def _hostile(hostile: pd.DataFrame) -> dict[str, object] | None:
+    """The cases of the file reader, those that it refuses, and the wrong answers to others by method."""
+    if hostile.empty:
+        return None
+    wrong = hostile[hostile["verdict"].isin(COUNTED["wrong"])].groupby("variant", sort=False).size()
+    return {
+        "cases": hostile["case"].nunique(),
+        "refused": hostile.loc[hostile["verdict"] == UNREAD, "case"].nunique(),
+        "wrong": [{"variant": variant, "cases": number} for variant, number in wrong.items()],
+    }
+
+
+def _heat_map(mechanical: pd.DataFrame, variants: list[str]) -> HeatMap:
+    """The verdicts by heading: a row a case, by topic, and a column a method."""
     headings = {verdict: name for name, verdicts in COUNTED.items() for verdict in verdicts}
     wide = (
         mechanical.replace({"verdict": headings})
@@ -108,65 +139,22 @@ def present(results: Results) -> Presentation:
         for topic, rows in mechanical.groupby("topic", sort=False)
     }
     order = [case for names in cases.values() for case in names]
-    verdicts = HeatMap(
+    return HeatMap(
         "hard-cases",
         order,
-        list(counts),
-        wide.loc[order, list(counts)].to_numpy().tolist(),
+        variants,
+        wide.loc[order, variants].to_numpy().tolist(),
         SIGNS,
         {topic: len(names) for topic, names in cases.items()},
-        caption="Verdicts on the mechanical hard cases, by topic: a row a case, a column an "
-        "installed method.",
     )
-    return Presentation(
-        answer,
-        (),
-        [Headline("hard cases: right/declined/ not judged/degraded/ wrong", cells)],
-        _tables(table, mechanical, counts),
-        [verdicts],
-        list(filter(None, [*NOTES, _hostile(tried[tried["topic"] == HOSTILE])])),
-    )
-
-
-def _wrong(table: pd.DataFrame, mechanical: pd.DataFrame, variant: str) -> TracedText:
-    """``13/41``: the wrong answers of a method, of those that are judged."""
-    return traced(
-        "{}/{}",
-        *(
-            count(
-                "hard", table, variant=variant, topic=frozenset(mechanical["topic"]), verdict=chosen
-            )
-            for chosen in (COUNTED["wrong"], JUDGED)
-        ),
-    )
-
-
-def _others(table: pd.DataFrame, mechanical: pd.DataFrame) -> list[TracedText]:
-    """The engines with the smallest and the largest part of wrong answers among those that are judged, by fidelity."""
-    parts, judged = (
-        [],
-        mechanical[mechanical["verdict"].isin(JUDGED) & ~mechanical["engine"].isin(own_methods())],
-    )
-    for fidelity, rows in judged.groupby("fidelity", sort=False):
-        share = rows["verdict"].isin(COUNTED["wrong"]).groupby(rows["variant"], sort=False).mean()
-        ends = dict.fromkeys((share.idxmin(), share.idxmax()))
-        said = [
-            traced("{} {}", called(variant, False), _wrong(table, mechanical, variant))
-            for variant in ends
-        ]
-        parts.append(traced("{}s {}", str(fidelity), listed(said, " to ", " to ")))
-    return parts
 
 
 def _tables(
-    table: pd.DataFrame, mechanical: pd.DataFrame, counts: dict[str, dict[str, Number]]
+    table: pd.DataFrame, mechanical: pd.DataFrame, counts: Mapping[str, Mapping[str, int]]
 ) -> list[TableView]:
     """Counts by method and by topic, the reasons for all answers that are not right, and the truth of each case."""
     by_method = [
-        (
-            {"variant": variant, **{name: int(number.text) for name, number in numbers.items()}},
-            table[table["variant"] == variant],
-        )
+        ({"variant": variant, **numbers}, table[table["variant"] == variant])
         for variant, numbers in counts.items()
     ]
     topics = []
@@ -198,7 +186,6 @@ def _tables(
             by_method,
             (Column("variant", "method"), *map(Column, COUNTED)),
             source="hard",
-            caption="Mechanical hard cases by method.",
         ),
         view(
             "hard-topics",
@@ -206,7 +193,6 @@ def _tables(
             map(Column, ("topic", "cases", *counts)),
             source="hard",
             in_report=False,
-            caption="Right answers by topic.",
         ),
         view(
             "hard-reasons",
@@ -219,7 +205,6 @@ def _tables(
             ),
             source="hard",
             in_report=False,
-            caption="Degraded and wrong answers, and their reasons.",
         ),
         view(
             "hard-cases",
@@ -227,25 +212,8 @@ def _tables(
             (Column("case"), Column("topic"), Column("must", "must be true")),
             source="hard",
             in_report=False,
-            caption="What must be true of each case, as derived in its scene's file.",
         ),
     ]
-
-
-def _hostile(hostile: pd.DataFrame) -> str:
-    """The cases of the file reader, which no method is credited with."""
-    if hostile.empty:
-        return ""
-    refused = hostile.loc[hostile["verdict"] == UNREAD, "case"].nunique()
-    wrong = hostile[hostile["verdict"].isin(COUNTED["wrong"])].groupby("variant", sort=False).size()
-    others = sentence(
-        " Wrong on the others: {}.",
-        listed([f"{variant} {number}" for variant, number in wrong.items()]),
-    )
-    return (
-        f"Hostile files are {hostile['case'].nunique()} more: our reader refuses {refused} of them before any "
-        f"method sees them, so that no method is credited with them.{others.text}"
-    )
 
 
 STUDY = Study(

@@ -16,7 +16,7 @@ from typing import Any
 import numpy as np
 import pandas as pd
 
-from stiction.comparisons.bench.methods import at_equal_step, called, rank, succeeded, with_columns
+from stiction.comparisons.bench.methods import at_equal_step, rank, succeeded, with_columns
 from stiction.comparisons.bench.participants import REFERENCE, variants
 from stiction.comparisons.bench.presentation import (
     CHOSEN,
@@ -25,19 +25,12 @@ from stiction.comparisons.bench.presentation import (
     Chart,
     Column,
     Headline,
-    Number,
     Panel,
     Presentation,
+    Row,
     Series,
     TableView,
-    TracedText,
-    count,
-    interval,
-    joined,
-    listed,
-    sentence,
-    traced,
-    value,
+    row_of,
     view,
 )
 from stiction.comparisons.bench.presentation.cells import AGAIN
@@ -111,21 +104,20 @@ ENDS = 1e-13, 1e-2
 SLOWEST = 4.0
 """Time over the default's: slower settings stand at the edge of the figure."""
 SPEEDS = Axis("creep [m/s]", log=True, limits=(ENDS[0] / 3, 3 * ENDS[1]))
-EDGES = f"Rest, and slower creep, stand at {ENDS[0]:g} m/s, faster slip at {ENDS[1]:g} m/s."
 REST = "none: it rests"
 """What the creep of the reference grows with, by its law."""
 OBEYED, BROKEN, OPEN = "obeyed", "broken", "inconclusive"
-NOTES = (
-    "Held: a load below the limit leaves the slider at rest; creep is its steady slip speed there. A creep below "
-    "the rounding of the coordinate over the run is 0.",
-    f"A method holds if it creeps no faster than {STILL:g} m/s. Creep is the median slope after 0.1 s. If the "
-    "mean speed lies outside its interval, that is used. A method is undecided if its creep may exceed the limit, "
-    f"but by no more than {SURE:g} uncertainties.",
-    f"A slider has let go at {LET_GO:g} m/s; the load at which the truth is as fast is subtracted.",
-    "Where the adapter supplies the friction law, what creeps or lets go early may be ours. The load is there "
-    "from the start: where mus > mu, a method that slips as it lands meets kinetic friction, which need not hold.",
-    "At contact fidelity and for settings mus = mu: most engines' own contacts have one coefficient.",
-)
+CONSTANTS = {
+    "usual": 100 * USUAL,
+    "still": STILL,
+    "sure": SURE,
+    "landing": LANDING,
+    "let_go_speed": LET_GO,
+    "slowest_drawn": ENDS[0],
+    "fastest_drawn": ENDS[1],
+    "longest_drawn": SLOWEST,
+}
+"""What the text of the study mentions besides results."""
 
 
 @dataclass(frozen=True)
@@ -208,7 +200,7 @@ def measured(
         *(float(np.max(np.abs(run[f"{body}.{name}"]))) for body in scene.bodies for name in "xy"),
     )
     rounding = np.finfo(float).eps * size * max(1, run.cost.counters.get("steps", len(run.t)))
-    found = slip_of(
+    slip = slip_of(
         run.t,
         run[f"{guide}.displacement"],
         run[f"{guide}.slip_velocity"],
@@ -225,7 +217,7 @@ def measured(
         ends = replace(
             ends, cost=replace(ends.cost, engine_s=visit(engine, scene, arguments).own_s)
         )
-    return found, ends
+    return slip, ends
 
 
 def true_slip(scene: Scene, test: str) -> tuple[Slip, float]:
@@ -241,13 +233,13 @@ def true_slip(scene: Scene, test: str) -> tuple[Slip, float]:
         raise InputError(f"{scene.name}: found no truth: {truth.note}; expected one of its motion")
     t = np.linspace(0.0, scene.t_end, round(scene.t_end / TRUE_STEP) + 1)
     columns = truth(t)
-    found = slip_of(
+    slip = slip_of(
         t,
         columns[f"{guide}.displacement"],
         columns[f"{guide}.slip_velocity"],
         **_window(scene, test),
     )
-    return found, truth.uncertainty.get(f"{guide}.displacement", 0.0)
+    return slip, truth.uncertainty.get(f"{guide}.displacement", 0.0)
 
 
 def _window(scene: Scene, test: str) -> dict[str, Any]:
@@ -388,10 +380,10 @@ def _row(trial: Trial, outcome: Outcome, true: Outcome | None) -> dict[str, Any]
             ),
         ],
     )
-    found = outcome.value[0]
+    slip = outcome.value[0]
     if trial.test != RAMP:
-        speed, gravity = abs(found.creep.value), trial.scene.gravity
-        row |= {CREEP: found.creep.value, UNSURE: found.creep.uncertainty}
+        speed, gravity = abs(slip.creep.value), trial.scene.gravity
+        row |= {CREEP: slip.creep.value, UNSURE: slip.creep.uncertainty}
         if trial.variant.parameter == "dt" and gravity:
             row[OF_STEP] = speed / (math.hypot(*gravity) * trial.step)
         zone = load_data().regularization.get(f"{trial.variant.engine}, {trial.variant.fidelity}")
@@ -399,16 +391,16 @@ def _row(trial: Trial, outcome: Outcome, true: Outcome | None) -> dict[str, Any]
             row[OF_ZONE] = speed / float(ends.settings[zone])
     if trial.test == HELD:
         row |= {
-            LANDED: found.landing,
-            LETS_GO: found.lets_go,
+            LANDED: slip.landing,
+            LETS_GO: slip.lets_go,
             PART: _part_of_bound(trial.scene, ends),
         }
     if true is None or true.value is None:
         return row if true is None else row | {"truth_note": f"{true.status}: {true.reason}"}
     exact, unsure = true.value
     if trial.test == STOP:
-        return row | {STOPPED: found.landing - exact.landing, STOP_UNSURE: unsure}
-    return row | _break_away(trial, found, exact)
+        return row | {STOPPED: slip.landing - exact.landing, STOP_UNSURE: unsure}
+    return row | _break_away(trial, slip, exact)
 
 
 def _part_of_bound(scene: Scene, ends: Trajectory) -> float:
@@ -418,20 +410,20 @@ def _part_of_bound(scene: Scene, ends: Trajectory) -> float:
     return abs(float(ends[f"{name}.friction"][-1])) / bound if bound > 0 else math.nan
 
 
-def _break_away(trial: Trial, found: Slip, exact: Slip) -> dict[str, Any]:
+def _break_away(trial: Trial, slip: Slip, exact: Slip) -> dict[str, Any]:
     """The load at which it lets go less the truth's, both at the same speed; a slider that never does has a bound."""
     if exact.let_go is None:
         return {"truth_note": f"the truth does not reach {LET_GO:g} m/s"}
     rate = trial.scene.parameters["ramp"]
-    let_go = trial.scene.t_end if found.let_go is None else found.let_go
+    let_go = trial.scene.t_end if slip.let_go is None else slip.let_go
     sampled = max(OUTPUT[RAMP], trial.step if trial.variant.parameter == "dt" else 0.0)
     row: dict[str, Any] = {BREAK_AWAY: rate * (let_go - exact.let_go), BREAK_UNSURE: rate * sampled}
-    if found.let_go is None:
+    if slip.let_go is None:
         row["bound"] = "≥"
-    elif found.let_go <= LANDING:
+    elif slip.let_go <= LANDING:
         row["bound"] = "≤"
-    elif found.acceleration is not None and exact.acceleration:
-        row[FASTER] = found.acceleration / exact.acceleration - 1
+    elif slip.acceleration is not None and exact.acceleration:
+        row[FASTER] = slip.acceleration / exact.acceleration - 1
     return row
 
 
@@ -650,59 +642,32 @@ def present(results: Results) -> Presentation:
     """The methods that hold, the speeds at which the others creep, and the setting that slows it most."""
     table, methods = results.table("hold"), results.table("hold-methods")
     settings, laws = results.table("hold-settings"), results.table("hold-laws")
+    published = results.table("hold-published")
     if methods.empty:
         return Presentation()
-    if methods[CREEP].isna().all():
-        return Presentation(TracedText("No run under a held load succeeded."), (_failed(methods),))
-    ranked = methods[methods[CREEP].notna()].sort_values(CREEP, kind="stable")
-    creeping, best = ranked[moving(ranked)], _best(settings)
-    answer = traced(
-        "Up to 90 % of static friction {} hold{}.",
-        listed(
-            [
-                traced(
-                    "{} of {} {}",
-                    count("hold-methods", methods, holds=True, variant=frozenset(rows["variant"])),
-                    count("hold-methods", methods, variant=frozenset(rows["variant"])),
-                    name,
-                )
-                for name, rows in (
-                    ("engines", ranked[~ranked["engine"].isin(own_methods())]),
-                    ("of our own", ranked[ranked["engine"].isin(own_methods())]),
-                )
-                if len(rows)
-            ]
-        ),
-        _speeds(methods, ranked, creeping),
-    )
-    headline = Headline(
-        "creep up to 90 % of static friction [m/s]",
-        {
-            row["variant"]: TracedText("lets_go")
-            if row[LETS_GO] is True
-            else traced("{}", _speed("hold-methods", methods, label))
-            for label, row in ranked.iterrows()
-        },
-    )
+    rows = {
+        "measured": bool(methods[CREEP].notna().any()),
+        **_verdicts(table, methods),
+        **_settings(settings),
+        **_laws(laws),
+        **_published(published),
+        "failed": [
+            row_of("hold-methods", methods, label) for label in methods.index[methods["failed"] > 0]
+        ],
+        **CONSTANTS,
+    }
+    if not rows["measured"]:
+        return Presentation(rows=rows)
     loads = sorted(table.loc[table[TEST] == HELD, LOAD].unique())
     by_load = _by_load(table, methods, loads)
-    figures = [_over_load(by_load, loads), *([_over_cost(settings)] if len(settings) else [])]
-    of_others, published = _published(results.table("hold-published"))
-    findings = (
-        *_named(table, ranked, creeping),
-        _least(settings, best),
-        *_laws(laws),
-        of_others,
-        _failed(methods),
-    )
     return Presentation(
-        answer,
-        tuple(filter(None, findings)),
-        (headline,),
-        (*_tables(table, methods, settings, laws, by_load, loads), *published),
-        tuple(figures),
-        NOTES,
-        joined(_regularized(methods, creeping), _most_helpful(settings, best)),
+        rows=rows,
+        headlines=[_headline(methods)],
+        tables=[
+            *_tables(table, methods, settings, laws, by_load, loads),
+            *_published_tables(published),
+        ],
+        figures=[_over_load(by_load, loads), *([_over_cost(settings)] if len(settings) else [])],
     )
 
 
@@ -711,228 +676,126 @@ def _at_rest(table: pd.DataFrame) -> pd.DataFrame:
     return table.assign(**{UNSURE: table[UNSURE].where(table[CREEP] != 0)})
 
 
-def _speed(name: str, table: pd.DataFrame, label: Any) -> Number:
-    """The creep in a row."""
-    return value(name, _at_rest(table), int(label), CREEP, unsure=UNSURE)
+def _ranked(methods: pd.DataFrame) -> pd.DataFrame:
+    """The methods that have a creep, the slowest first."""
+    return methods[methods[CREEP].notna()].sort_values(CREEP, kind="stable")
 
 
-def _speeds(methods: pd.DataFrame, ranked: pd.DataFrame, failing: pd.DataFrame) -> TracedText:
-    """The slowest and the fastest of those that creep, and the number of those that let go or are undecided."""
+def _headline(methods: pd.DataFrame) -> Headline:
+    """The creep of each method, or that it lets go."""
+    ranked, shown = _ranked(methods), _at_rest(methods)
+    cells = {
+        variant: "lets go" if gone is True else str(row_of("hold-methods", shown, label)[CREEP])
+        for label, variant, gone in zip(ranked.index, ranked["variant"], ranked[LETS_GO])
+    }
+    return Headline("creep up to 90 % of static friction [m/s]", cells)
 
-    def number(rows: pd.DataFrame) -> Number:
-        return count("hold-methods", methods, variant=frozenset(rows["variant"]))
 
-    gone = failing[LETS_GO].eq(True)
-    creeping, undecided = failing[~gone], ranked[ranked[HOLDS].isna()]
-    ends = [
-        traced(
-            "{} at {} m/s",
-            called(creeping.at[label, "variant"]),
-            _speed("hold-methods", methods, label),
-        )
-        for label in dict.fromkeys((*creeping.index[:1], *creeping.index[-1:]))
-    ]
-    parts = [traced("; {} creep, {}", number(creeping), listed(ends, last=" to "))] if ends else []
-    return listed(
-        [
-            *parts,
-            *(
-                traced(words, number(rows))
-                for words, rows in (("; {} let go", failing[gone]), ("; {} undecided", undecided))
-                if len(rows)
-            ),
+def _verdicts(table: pd.DataFrame, methods: pd.DataFrame) -> dict[str, object]:
+    """The numbers of methods that hold, and the rows of those that creep, let go or are undecided."""
+    ranked, shown = _ranked(methods), _at_rest(methods)
+    own = ranked["engine"].isin(own_methods())
+    fails = moving(ranked)
+    gone = fails & ranked[LETS_GO].eq(True)
+    creeping = [row_of("hold-methods", shown, label) for label in ranked.index[fails & ~gone]]
+    return {
+        "engines": _held(ranked[~own]),
+        "own": _held(ranked[own]),
+        "creeping": creeping,
+        "regularized": [row for row in creeping if row[OF_ZONE] is not None],
+        "let_go": [
+            {
+                "method": row_of("hold-methods", shown, label),
+                "ramp": _worst_ramp(table, methods.at[label, "variant"]),
+            }
+            for label in ranked.index[gone]
         ],
-        "",
-        "",
-    )
+        "undecided": list(ranked.loc[ranked[HOLDS].isna(), "variant"]),
+    }
 
 
-def _named(
-    table: pd.DataFrame, ranked: pd.DataFrame, failing: pd.DataFrame
-) -> Iterator[TracedText]:
-    """The methods that hold, those that let go, with their break-away under a slow ramp, and the undecided, by name."""
-    for words, chosen in (
-        ("At rest: {}.", ranked[HOLDS].eq(True)),
-        ("Undecided: {}.", ranked[HOLDS].isna()),
-    ):
-        yield sentence(
-            words,
-            listed([called(variant) for variant in ranked.loc[chosen, "variant"]], "; ", "; "),
-        )
-    gone = []
-    for _, row in failing[failing[LETS_GO].eq(True)].iterrows():
-        ramps = with_columns(at_equal_step(table, row["variant"]), BREAK_AWAY, "bound").dropna(
-            subset=[BREAK_AWAY]
-        )
-        ramp = TracedText()
-        if len(ramps):
-            label = ramps[BREAK_AWAY].abs().idxmax()
-            sign = (
-                f"{ramps.at[label, 'bound']} " if isinstance(ramps.at[label, "bound"], str) else ""
-            )
-            ramp = traced(
-                "; under a slow ramp it breaks away {}{} % off the limit",
-                sign,
-                Number(
-                    f"{100 * ramps.at[label, BREAK_AWAY]:+.2g}",
-                    "hold",
-                    BREAK_AWAY,
-                    rows=(int(label) + 1,),
-                    factor=100.0,
-                ),
-            )
-        gone.append(traced("{} (on {}{})", called(row["variant"]), row["scene"], ramp))
-    yield sentence("Let go where the load acts at once: {}.", listed(gone, "; ", "; "))
+def _held(methods: pd.DataFrame) -> dict[str, int]:
+    """The number of methods that hold, and that of all."""
+    return {"holding": int(methods[HOLDS].eq(True).sum()), "all": len(methods)}
 
 
-def _regularized(methods: pd.DataFrame, creeping: pd.DataFrame) -> TracedText:
-    """The creep of engines that state the speed at which they regularize friction, as a part of it."""
-    return sentence(
-        "Of the regularization speed, a setting, that is: {}.",
-        listed(
-            [
-                traced(
-                    "{} {}",
-                    called(methods.at[label, "variant"]),
-                    value("hold-methods", methods, int(label), OF_ZONE, ".2g"),
-                )
-                for label in creeping.index
-                if pd.notna(methods.at[label, OF_ZONE])
-            ]
-        ),
-    )
+def _worst_ramp(table: pd.DataFrame, variant: str) -> Row | None:
+    """The run of a method under a slow ramp that breaks away farthest from the limit."""
+    full = with_columns(table, BREAK_AWAY, BREAK_UNSURE, "bound")
+    ramps = at_equal_step(full, variant).dropna(subset=[BREAK_AWAY])
+    return row_of("hold", full, ramps[BREAK_AWAY].abs().idxmax()) if len(ramps) else None
 
 
-def _best(settings: pd.DataFrame) -> list[int]:
-    """Rows of the settings with the least creep of each subject whose default creeps."""
-    found = []
-    whole = (
-        settings[settings["failed"].eq(0) & settings[CREEP].notna()] if len(settings) else settings
-    )
-    for _, rows in whole.groupby(SUBJECT, sort=False) if len(whole) else ():
-        best = int(rows[CREEP].idxmin())
-        if (rows.loc[rows[SETTING] == DEFAULT, CREEP] > STILL).any() and rows.at[
-            best, SETTING
-        ] != DEFAULT:
-            found.append(best)
-    return found
+def _settings(settings: pd.DataFrame) -> dict[str, object]:
+    """The setting with the least creep of each subject whose default creeps, and that which helps most of these.
 
-
-def _least(settings: pd.DataFrame, best: Sequence[int]) -> TracedText:
-    """The best settings with their creep and cost."""
-    return sentence(
-        "Least creep, and time over the default's: {}.",
-        listed(
-            [
-                traced(
-                    "{} with {} ({} m/s, {})",
-                    settings.at[label, SUBJECT],
-                    settings.at[label, SETTING],
-                    _speed("hold-settings", settings, label),
-                    value("hold-settings", settings, label, TIME, ".2g"),
-                )
-                for label in best
-            ],
-            "; ",
-            "; ",
-        ),
-    )
-
-
-def _most_helpful(settings: pd.DataFrame, best: Sequence[int]) -> TracedText:
-    """The one of the best settings that leaves the least part of the default's creep, and its cost."""
-    if not best:
-        return TracedText()
-    label = min(best, key=lambda label: tuple(settings.loc[label, [SLOWER, TIME]]))
-    subject = settings.at[label, SUBJECT]
-    default = int(settings.index[settings[SUBJECT].eq(subject) & settings[SETTING].eq(DEFAULT)][0])
-    return traced(
-        "Of all settings {} of {} helps most: {} instead of {} m/s, at {} times its cost.",
-        value("hold-settings", settings, label, SETTING),
-        subject,
-        *(_speed("hold-settings", settings, row) for row in (label, default)),
-        value("hold-settings", settings, label, TIME, ".2g"),
-    )
-
-
-def _laws(laws: pd.DataFrame) -> Iterator[TracedText]:
-    """The verdict on the reference, and those on laws, each kind in a sentence."""
-    for label, row in laws[laws["over"] == REST].iterrows() if len(laws) else ():
-        words = {
-            OBEYED: "rests",
-            BROKEN: "creeps",
-            OPEN: "rests where it ran, and has runs that failed",
+    It leaves the least part of the default's creep and, of equal ones, takes the least time.
+    """
+    if settings.empty:
+        return {"best_settings": [], "most_helpful": None}
+    shown = _at_rest(settings)
+    best, defaults = [], {}
+    whole = settings[settings["failed"].eq(0) & settings[CREEP].notna()]
+    for _, rows in whole.groupby(SUBJECT, sort=False):
+        slowest = int(rows[CREEP].idxmin())
+        default = rows[rows[SETTING] == DEFAULT]
+        if (default[CREEP] > STILL).any() and rows.at[slowest, SETTING] != DEFAULT:
+            best.append(slowest)
+            defaults[slowest] = default.index[0]
+    most_helpful = None
+    if best:
+        first = min(best, key=lambda label: tuple(settings.loc[label, [SLOWER, TIME]]))
+        most_helpful = {
+            "setting": row_of("hold-settings", shown, first),
+            "default": row_of("hold-settings", shown, defaults[first]),
         }
-        yield traced(
-            f"The reference {words[row['verdict']]} ({{}} runs).",
-            value("hold-laws", laws, int(label), "runs", ".0f"),
-        )
-    for word in (BROKEN, OBEYED, OPEN) if len(laws) else ():
-        found = [
-            traced("{} over {}{}", row[SUBJECT], row["over"], _found(laws, int(label)))
-            for label, row in laws[(laws["verdict"] == word) & (laws["over"] != REST)].iterrows()
-        ]
-        if found:
-            yield traced(f"Laws of creep that are {word}: {{}}.", listed(found))
+    return {
+        "best_settings": [row_of("hold-settings", shown, label) for label in best],
+        "most_helpful": most_helpful,
+    }
 
 
-def _found(laws: pd.DataFrame, label: int) -> TracedText:
-    if pd.isna(laws.at[label, FOUND]):
-        return TracedText()
-    return traced(
-        " ({} {})",
-        str(laws.at[label, "kind"]),
-        interval("hold-laws", laws, label, FOUND, FOUND_UNSURE),
-    )
+def _laws(laws: pd.DataFrame) -> dict[str, object]:
+    """The verdict on the reference, and the rows of the laws of creep by verdict."""
+    rows = [row_of("hold-laws", laws, label) for label in laws.index]
+    of_creep = [row for row in rows if row[SUBJECT] != REFERENCE]
+    by_verdict = {
+        word: [row for row in of_creep if row["verdict"] == word] for word in (OBEYED, BROKEN, OPEN)
+    }
+    of_reference = [row for row in rows if row[SUBJECT] == REFERENCE]
+    reference = None
+    if of_reference:
+        row = of_reference[0]
+        reference = {
+            "runs": row["runs"],
+            "rests": row["verdict"] == OBEYED,
+            "creeps": row["verdict"] == BROKEN,
+        }
+    return {"reference": reference, **by_verdict}
 
 
-def _published(published: pd.DataFrame) -> tuple[TracedText, list[TableView]]:
-    """The farthest of our numbers from published ones, without those that chose the model; and all of them."""
+def _published(published: pd.DataFrame) -> dict[str, object]:
+    """The farthest of our numbers from published ones, without those that chose the model; why there is none."""
     if PUBLISHED not in published:
-        reasons = published["reason"] if len(published) else ()
-        return TracedText(
-            "".join(f"Published creep was not run: {reason}." for reason in reasons)
-        ), []
+        reasons = list(published["reason"]) if len(published) else []
+        return {"farthest": None, "published_failed": reasons}
     others = published[published[PUBLISHED].notna() & ~published[MATCHED].astype(bool)]
-    farthest = int((others[OURS] / others[PUBLISHED] - 1).abs().idxmax())
-    said = traced(
-        "MuJoCo's published creep of a capsule between pads: {} here where it is farthest, {} um/s there.",
-        interval("hold-published", published, farthest, OURS, UNCERTAINTY),
-        value("hold-published", published, farthest, PUBLISHED, "g"),
-    )
-    return said, [
-        view(
-            "hold-published",
-            published,
-            (
-                Column("case"),
-                Column(PUBLISHED, "published", "um/s", form="g"),
-                Column(OURS, "ours", "um/s", UNCERTAINTY, interval=True),
-                Column("margin", form=".3g"),
-                Column(MATCHED),
-                Column("source", brief=False),
-            ),
-            caption="Creep of a capsule between two pads in MuJoCo, as published in its issue "
-            "3328 and ours. Matched: what the model's listing leaves open was chosen to meet this number.",
+    farthest = (others[OURS] / others[PUBLISHED] - 1).abs().idxmax()
+    return {"farthest": row_of("hold-published", published, farthest), "published_failed": []}
+
+
+def _published_tables(published: pd.DataFrame) -> Iterator[TableView]:
+    """Published creep and ours, case by case."""
+    if PUBLISHED in published:
+        columns = (
+            Column("case"),
+            Column(PUBLISHED, "published", "um/s", form="g"),
+            Column(OURS, "ours", "um/s", UNCERTAINTY, interval=True),
+            Column("margin", form=".3g"),
+            Column(MATCHED),
+            Column("source", brief=False),
         )
-    ]
-
-
-def _failed(methods: pd.DataFrame) -> TracedText:
-    found = methods[methods["failed"] > 0]
-    return sentence(
-        "Runs that failed: {}.",
-        listed(
-            [
-                traced(
-                    "{} ({})",
-                    called(row["variant"]),
-                    value("hold-methods", methods, int(label), "failed", ".0f"),
-                )
-                for label, row in found.iterrows()
-            ]
-        ),
-    )
+        yield view("hold-published", published, columns)
 
 
 Rows = list[tuple[dict[str, Any], pd.DataFrame]]
@@ -965,8 +828,6 @@ def _tables(
             Column("scene", "fastest on", brief=False),
             Column(HOLDS),
         ),
-        caption="Creep of each method, the fastest on any scene, at loads in parts of the limit; the step "
-        "nearest to 1 ms or the tightest tolerance.",
     )
     usual = with_columns(table, CREEP, UNSURE, LETS_GO)
     usual = usual[
@@ -988,8 +849,6 @@ def _tables(
         ),
         source="hold",
         in_report=False,
-        caption=f"Creep at {100 * USUAL:g} % of the limit along each refinement series, fastest on any "
-        "scene.",
     )
     moved = _beyond(table, methods)
     if moved:
@@ -1013,9 +872,6 @@ def _tables(
                 Column(STOPPED, "stop", "m", STOP_UNSURE),
             ),
             source="hold",
-            caption="What a method does besides: displacement in the first 0.1 s; load at break-away "
-            "under a slow ramp and acceleration after it, both less the truth's; where it comes to rest less "
-            "where the truth does. Each the worst of all scenes.",
         )
     if len(settings):
         yield view(
@@ -1029,10 +885,8 @@ def _tables(
                 Column(TIME, "time, of the default's", form=".2g"),
                 Column("failed"),
             ),
-            caption="Creep with each setting, one changed at a time; the fastest of all scenes and "
-            "loads, and engine time over the default's.",
         )
-    if len(laws[laws["over"] != REST] if len(laws) else laws):
+    if len(laws) and laws[SUBJECT].ne(REFERENCE).any():
         yield view(
             "hold-laws",
             laws,
@@ -1046,23 +900,15 @@ def _tables(
                 Column("verdict"),
                 Column("source", brief=False),
             ),
-            caption="Laws of creep over a setting: the exponent with which it grows, or the farthest ratio "
-            "of creep to what the law predicts.",
         )
     every = [Column(name) for name in table if name not in ("settings", "version", AGAIN)]
-    yield view(
-        "hold-all",
-        table,
-        every,
-        source="hold",
-        in_report=False,
-        caption="Every run.",
-    )
+    yield view("hold-all", table, every, source="hold", in_report=False)
 
 
 def _by_load(table: pd.DataFrame, methods: pd.DataFrame, loads: Sequence[float]) -> Rows:
     """The fastest creep of each method at each load."""
-    found, own = [], with_columns(table[table[SUBJECT].isna()], CREEP, UNSURE, LETS_GO)
+    own = with_columns(table[table[SUBJECT].isna()], CREEP, UNSURE, LETS_GO)
+    rows = []
     for _, method in methods.iterrows():
         runs = at_equal_step(own, method["variant"])
         held = _at_rest(runs[runs[TEST].eq(HELD) & runs[CREEP].notna()])
@@ -1072,14 +918,15 @@ def _by_load(table: pd.DataFrame, methods: pd.DataFrame, loads: Sequence[float])
             FRICTION_BY: next(iter(runs[FRICTION_BY].dropna()), ""),
         }
         for load in loads:
-            if len(there := held[held[LOAD] == load]):
-                worst = there.loc[fastest(there)]
+            under_load = held[held[LOAD] == load]
+            if len(under_load):
+                worst = under_load.loc[fastest(under_load)]
                 row |= {
                     f"creep at {load:g}": abs(worst[CREEP]),
                     f"uncertainty at {load:g}": worst[UNSURE],
                 }
-        found.append((row, held))
-    return found
+        rows.append((row, held))
+    return rows
 
 
 def _beyond(table: pd.DataFrame, methods: pd.DataFrame) -> Rows:
@@ -1094,13 +941,16 @@ def _beyond(table: pd.DataFrame, methods: pd.DataFrame) -> Rows:
         STOP_UNSURE,
         "bound",
     )
+    # displacements by rounding are 0, without an uncertainty
     exact = own[[LANDED, STOPPED]].abs() < ROUNDING
     own = own.assign(
         **{column: own[column].mask(exact[column], 0.0) for column in exact},
         **{STOP_UNSURE: own[STOP_UNSURE].mask(exact[STOPPED])},
     )
-    found = []
-    for _, method in methods.iterrows() if own[BREAK_AWAY].notna().any() else ():
+    rows: Rows = []
+    if own[BREAK_AWAY].isna().all():
+        return rows
+    for _, method in methods.iterrows():
         runs, row = at_equal_step(own, method["variant"]), {**method[["variant", "fidelity"]]}
         for names in (
             (LANDED,),
@@ -1110,8 +960,8 @@ def _beyond(table: pd.DataFrame, methods: pd.DataFrame) -> Rows:
         ):
             if runs[names[0]].notna().any():
                 row |= dict(runs.loc[runs[names[0]].abs().idxmax(), list(names)])
-        found.append((row, runs))
-    return found
+        rows.append((row, runs))
+    return rows
 
 
 def _over_load(by_load: Rows, loads: Sequence[float]) -> Chart:
@@ -1136,15 +986,7 @@ def _over_load(by_load: Rows, loads: Sequence[float]) -> Chart:
             panels.append(
                 Panel(f"{fidelity} fidelity", Axis("load [% of the limit]"), SPEEDS, series)
             )
-    return Chart(
-        "hold",
-        panels,
-        columns=2,
-        height=2.8,
-        share_y=True,
-        caption="Creep over load, the fastest on any scene, at the step nearest to 1 ms or the tightest "
-        f"tolerance. Methods at rest under every load are not drawn. {EDGES}",
-    )
+    return Chart("hold", panels, columns=2, height=2.8, share_y=True)
 
 
 def _over_cost(settings: pd.DataFrame) -> Chart:
@@ -1176,16 +1018,7 @@ def _over_cost(settings: pd.DataFrame) -> Chart:
                 series,
             )
         )
-    return Chart(
-        "hold-settings",
-        panels,
-        columns=2,
-        height=1.5,
-        share_x=True,
-        share_y=True,
-        caption="Creep against engine time with each setting, one changed at a time: the fastest "
-        f"creep of all scenes and loads. {EDGES} A time of {SLOWEST:g} and more stands at {SLOWEST:g}.",
-    )
+    return Chart("hold-settings", panels, columns=2, height=1.5, share_x=True, share_y=True)
 
 
 STUDY = Study(

@@ -27,22 +27,17 @@ import pandas as pd
 from scipy.optimize import brentq
 
 from stiction.comparisons.bench.depth import Depth
-from stiction.comparisons.bench.methods import case_of
 from stiction.comparisons.bench.participants import validation_campaign
 from stiction.comparisons.bench.presentation import (
     Axis,
     Chart,
     Column,
-    Number,
     Panel,
     Presentation,
+    Row,
     Series,
     TableView,
-    TracedText,
-    count,
-    listed,
-    traced,
-    value,
+    row_of,
     view,
 )
 from stiction.comparisons.bench.presentation.cells import AGAIN
@@ -51,7 +46,7 @@ from stiction.comparisons.bench.runner import Comparison
 from stiction.comparisons.bench.study import Scope, Study, Tables
 from stiction.comparisons.bench.variants import run_command
 from stiction.comparisons.measures.accuracy import errors, size_of
-from stiction.comparisons.measures.drift import ROUNDING, rounding_of
+from stiction.comparisons.measures.drift import rounding_of
 from stiction.comparisons.measures.drift_growth import BOUNDED, GROWS, INCONCLUSIVE, ROUNDED, growth
 from stiction.comparisons.studies.drift import POSITION, VELOCITY, above_rounding
 from stiction.engines.isolation import Outcome, Task
@@ -75,13 +70,6 @@ TWICE = 2.0
 """Ratio to the error without stabilization, above which stabilization does harm."""
 IN_SHORT, ERROR, OCTAVE = "position_drift_24s", "position_error", "position_drift_rms"
 DRIFT_RATIO, ERROR_RATIO = "drift_ratio", "error_ratio"
-LAWS = {
-    GROWS: "grows in {}",
-    BOUNDED: "is bounded in {}",
-    ROUNDED: "is rounding in {}",
-    INCONCLUSIVE: "is inconclusive in {}",
-    "": "is unknown (stopped early) in {}",
-}
 
 
 @dataclass(frozen=True)
@@ -138,11 +126,8 @@ CHOICES = (
     Choice("baumgarte", 5.0, 5.0),
     PROJECTION,
 )
-CALLED = {
-    NONE: "Without stabilization",
-    PAPERS: "With the paper's Baumgarte terms",
-    PROJECTION: "With projection",
-}
+DESCRIBED = (NONE, PAPERS, PROJECTION)
+"""The choices whose growth of drift the text of the study describes."""
 
 
 @dataclass(frozen=True)
@@ -272,8 +257,8 @@ def drift_run(long: LongRun) -> DriftRun:
                 f"growth_exponent_uncertainty_{length:g}s": law.uncertainty,
                 f"walk_spread_{length:g}s": law.spread,
             }
-    found = errors(simulate(SHORT, 1e-2), slider_bar_truth(scene, SHORT), size_of(scene))
-    return row | {name: found.get(name) for name in (ERROR, "position_uncertainty")}, octaves
+    measured = errors(simulate(SHORT, 1e-2), slider_bar_truth(scene, SHORT), size_of(scene))
+    return row | {name: measured.get(name) for name in (ERROR, "position_uncertainty")}, octaves
 
 
 def drift_study(runs: Sequence[LongRun], outcomes: Sequence[Outcome]) -> Tables:
@@ -344,7 +329,7 @@ def decisive_runs(
     if table.empty:
         return []
     decisive = (table["scene"] == scene) & (table["reason"] == "") & table["step"].isin(STEPS)
-    found = []
+    decided = []
     for run in table[decisive & (table["choice"] == choice.label)].to_dict("records"):
         length = max(
             length for length in LENGTHS if isinstance(run.get(f"growth_{length:g}s"), str)
@@ -353,26 +338,157 @@ def decisive_runs(
             run[f"{name}_{length:g}s"]
             for name in ("growth_exponent", "growth_exponent_uncertainty", "walk_spread")
         )
-        found.append((run, Law(run[f"growth_{length:g}s"], exponent, interval, spread, length)))
-    return found
+        law = Law(run[f"growth_{length:g}s"], exponent, interval, spread, length)
+        decided.append((run, law))
+    return decided
 
 
 def present(results: Results) -> Presentation:
-    """The laws by which drift grows with each stabilization, its size, and the harm of the paper's terms."""
+    """The growth of drift with each stabilization, its size, and the harm that the paper's terms do."""
     study, octaves = results.table("study"), results.table("octaves")
     if IN_SHORT not in study:
         return Presentation()
-    sizes, harmed = _price(study)
-    findings = [*(_laws(study, choice, words) for choice, words in CALLED.items()), harmed]
     scenes = octaves.loc[octaves["octave_end"] > SHORT, "scene"].unique() if len(octaves) else ()
+    drawn = {
+        scene: f"drift-{scene}" if number else "fig14-drift" for number, scene in enumerate(scenes)
+    }
     figures = [
-        _figure(
-            study[study["scene"] == scene],
-            octaves[octaves["scene"] == scene],
-            f"drift-{scene}" if number else "fig14-drift",
-        )
-        for number, scene in enumerate(scenes)
+        _figure(study[study["scene"] == scene], octaves[octaves["scene"] == scene], name)
+        for scene, name in drawn.items()
     ]
+    return Presentation(
+        rows={
+            "scene": study["scene"].iloc[0],
+            "compared": _at_finest_and_coarsest_step(study),
+            "laws": [law for choice in DESCRIBED if (law := _growth_of(study, choice))],
+            "harmed": _most_harmed(study),
+            "papers": _stability_of_papers_terms(),
+            "drawn": [{"figure": name, "scene": scene} for scene, name in drawn.items()],
+        },
+        tables=[_by_choice(study), _all_runs(study)],
+        figures=figures,
+    )
+
+
+def _growth_of(study: pd.DataFrame, choice: Choice) -> dict[str, object]:
+    """The numbers of runs by the growth of their drift over the longest time that has a law; empty if none has."""
+    runs = study[study["choice"] == choice.label]
+    known = runs.dropna(axis="columns", how="all")
+    lengths = [length for length in LENGTHS[1:] if f"growth_{length:g}s" in known]
+    if not lengths:
+        return {}
+    length = max(lengths)
+    runs = runs[runs["time"] >= length]
+    laws = runs[f"growth_{length:g}s"]
+    powers = runs.loc[laws == GROWS, f"growth_exponent_{length:g}s"].dropna()
+    return {
+        "method": choice.method,
+        "length": length,
+        "scenes": list(runs["scene"].unique()),
+        "runs": len(runs),
+        "grows": int((laws == GROWS).sum()),
+        "bounded": int((laws == BOUNDED).sum()),
+        "rounded": int((laws == ROUNDED).sum()),
+        "inconclusive": int((laws == INCONCLUSIVE).sum()),
+        "unknown": int(laws.isna().sum()),  # the run failed or stopped early
+        "steps": _smallest_and_largest(study, runs["step"]),
+        "powers": _smallest_and_largest(study, powers),
+    }
+
+
+def _smallest_and_largest(study: pd.DataFrame, values: pd.Series) -> list[object]:
+    """The cells of a column's least and largest value: one where they are equal, none where there is no value."""
+    if values.empty:
+        return []
+    ends = dict.fromkeys((values.idxmin(), values.idxmax()))
+    return [row_of("study", study, label)[values.name] for label in ends]
+
+
+def _papers_runs(study: pd.DataFrame) -> pd.DataFrame:
+    """The runs with the paper's terms which have a run without stabilization to compare with."""
+    chosen = (study["choice"] == PAPERS.label) & study["step"].isin(STEPS)
+    return study[chosen & study[DRIFT_RATIO].notna()]
+
+
+def _beside_none(study: pd.DataFrame, label: int) -> dict[str, Row]:
+    """A run with the paper's terms, and that without stabilization of the same scene and step."""
+    scene, step = study.loc[label, ["scene", "step"]]
+    same = (study["scene"] == scene) & (study["step"] == step) & (study["choice"] == NONE.label)
+    return {
+        "papers": row_of("study", study, label),
+        "none": row_of("study", study, study.index[same][0]),
+    }
+
+
+def _at_finest_and_coarsest_step(study: pd.DataFrame) -> list[dict[str, Row]]:
+    """Runs with and without the paper's terms on the first scene; drift by rounding is 0."""
+    papers = _papers_runs(study)
+    steps = papers.loc[papers["scene"] == study["scene"].iloc[0], "step"]
+    if steps.empty:
+        return []
+    shown = above_rounding(study, [IN_SHORT])
+    return [_beside_none(shown, label) for label in dict.fromkeys((steps.idxmin(), steps.idxmax()))]
+
+
+def _most_harmed(study: pd.DataFrame) -> list[dict[str, Row]]:
+    """The runs on each scene whose error grows most by the paper's terms; none if it grows by `TWICE` in none."""
+    ratios = _papers_runs(study).dropna(subset=[ERROR_RATIO])
+    if not (ratios[ERROR_RATIO] > TWICE).any():
+        return []
+    worst = ratios.loc[ratios.groupby("scene")[ERROR_RATIO].idxmax()]
+    ordered = worst.sort_values(ERROR_RATIO, ascending=False)
+    return [_beside_none(study, label) for label in ordered.index]
+
+
+def _stability_of_papers_terms() -> dict[str, float]:
+    """Roots (1/s) of the error equation of the paper's terms, and what one step makes of a residual.
+
+    ``exact`` and ``computed``: the factor of the fast root in a step of ``step`` ms, exactly and by the Runge-Kutta
+    method. ``unstable``: the step, ms, beyond which residuals grow.
+    """
+    slow, fast = sorted(PAPERS.roots.real, key=abs)
+    step = STEPS[-1]
+    return {
+        "alpha": PAPERS.alpha,
+        "beta": PAPERS.beta,
+        "fast": fast,
+        "slow": slow,
+        "step": 1e3 * step,
+        "exact": math.exp(step * fast),
+        "computed": float(runge_kutta_factor(np.array(step * fast))),
+        "unstable": 1e3 * PAPERS.largest_step(),
+    }
+
+
+def _by_choice(study: pd.DataFrame) -> TableView:
+    """Drift on the first scene: a row a choice, a column a step, and the numbers of runs by their growth."""
+    runs = study[study["scene"] == study["scene"].iloc[0]]
+    sizes = above_rounding(runs, [IN_SHORT]).pivot(index="choice", columns="step", values=IN_SHORT)
+    names = {step: f"{IN_SHORT} at {step:g}" for step in STEPS}
+    frame = (
+        sizes.reindex(runs["choice"].unique(), columns=STEPS).rename(columns=names).reset_index()
+    )
+    behind = [runs.index[runs["choice"] == choice] + 1 for choice in frame["choice"]]
+    law = "growth_240s"
+    if law in runs:
+        counts = [runs.loc[rows - 1, law].value_counts() for rows in behind]
+        frame["laws"] = [
+            ", ".join(f"{verdict} {number}" for verdict, number in each.items()) for each in counts
+        ]
+    drifts = [
+        Column(name, f"drift at {1e3 * step:g} ms", "m", of=IN_SHORT)
+        for step, name in names.items()
+    ]
+    columns = (
+        Column("choice", "stabilization"),
+        *drifts,
+        Column("laws", "growth in 240 s: runs"),
+    )
+    return view("study", frame, columns, source="study", rows=behind)
+
+
+def _all_runs(study: pd.DataFrame) -> TableView:
+    """Every run, with its laws over each length."""
     laws = [
         column
         for length in LENGTHS
@@ -401,179 +517,7 @@ def present(results: Results) -> Presentation:
         Column("status"),
         Column("reason"),
     )
-    runs = view(
-        "study-all",
-        study,
-        columns,
-        source="study",
-        in_report=False,
-        caption="Every run of the paper's scheme; drift and position error in 24 s, and their ratio to "
-        "those without stabilization.",
-    )
-    return Presentation(
-        sizes,
-        findings,
-        (),
-        [_by_choice(study), runs],
-        figures,
-        [
-            _why_harm(),
-            "Drift is the largest in 24 s where no other time is said. Rounding: no more "
-            "drift than rounding of coordinates in each step may add. Baumgarte's terms hold it at a "
-            "level that small steps raise, and it may rise and fall.",
-        ],
-    )
-
-
-def _laws(study: pd.DataFrame, choice: Choice, words: str) -> TracedText:
-    """The number of runs by their law, over the longest time for which there is one, and the powers of growth."""
-    runs = study[study["choice"] == choice.label]
-    lengths = [
-        length
-        for length in LENGTHS[1:]
-        if f"growth_{length:g}s" in runs.dropna(axis="columns", how="all")
-    ]
-    if not lengths:
-        return TracedText()
-    length = max(lengths)
-    runs = runs[runs["time"] >= length]
-    laws = runs[f"growth_{length:g}s"].fillna("")
-    found = [
-        traced(phrase, count("study", study, run=frozenset(runs.loc[laws == law, "run"])))
-        for law, phrase in LAWS.items()
-        if (laws == law).any()
-    ]
-    ends = [
-        _milliseconds(study, int(row)) for row in (runs["step"].idxmin(), runs["step"].idxmax())
-    ]
-    cases = listed([case_of(scene) for scene in runs["scene"].unique()])
-    sentence = traced(
-        "{}, drift {} of {} runs of {} s ({}; {} ms)",
-        words,
-        listed(found),
-        count("study", study, run=frozenset(runs["run"])),
-        f"{length:g}",
-        cases,
-        _span(ends),
-    )
-    powers = runs.loc[laws == GROWS, f"growth_exponent_{length:g}s"].dropna()
-    if len(powers):
-        ends = [
-            value("study", study, int(row), powers.name, ".3g")
-            for row in (powers.idxmin(), powers.idxmax())
-        ]
-        sentence = traced("{}, with powers of time of {}", sentence, _span(ends))
-    return traced("{}.", sentence)
-
-
-def _span(ends: Sequence[Number]) -> TracedText:
-    """``1 to 10``; one of them where they are the same."""
-    return listed([ends[0]] if ends[0] == ends[1] else ends, last=" to ")
-
-
-def _milliseconds(study: pd.DataFrame, row: int) -> Number:
-    return Number(f"{1e3 * study.at[row, 'step']:g}", "study", "step", rows=(row + 1,), factor=1e3)
-
-
-def _price(study: pd.DataFrame) -> tuple[TracedText, TracedText]:
-    """Drift without and with the paper's terms at the finest and the coarsest step, and where they harm motion most."""
-    papers = study[
-        (study["choice"] == PAPERS.label) & study["step"].isin(STEPS) & study[DRIFT_RATIO].notna()
-    ]
-    plain = {
-        (run.scene, run.step): run.Index
-        for run in study[study["choice"] == NONE.label].itertuples()
-    }
-
-    def pair(row: int) -> tuple[str, Number, tuple[int, int]]:
-        scene, step = study.loc[row, ["scene", "step"]]
-        return case_of(scene), _milliseconds(study, row), (plain[scene, step], row)
-
-    sizes = harmed = TracedText()
-    first = papers[papers["scene"] == study["scene"].iloc[0]]
-    if len(first):
-        found = [
-            pair(row) for row in dict.fromkeys((first["step"].idxmin(), first["step"].idxmax()))
-        ]
-        sizes = traced(
-            "In {} the paper's terms change drift {}.",
-            found[0][0],
-            listed(
-                [
-                    traced(
-                        "from {} to {} m at {} ms",
-                        *(drift_size("study", study, row, IN_SHORT) for row in rows),
-                        step,
-                    )
-                    for _, step, rows in found
-                ]
-            ),
-        )
-    if (papers[ERROR_RATIO] > TWICE).any():
-        worst = papers.loc[papers.groupby("scene")[ERROR_RATIO].idxmax()].sort_values(
-            ERROR_RATIO, ascending=False
-        )
-        found = [pair(row) for row in worst.index]
-        harmed = traced(
-            "The paper's terms change the position error most {}.",
-            listed(
-                [
-                    traced(
-                        "in {} at {} ms, from {} to {} m",
-                        case,
-                        step,
-                        *(value("study", study, row, ERROR) for row in rows),
-                    )
-                    for case, step, rows in found
-                ],
-                "; ",
-                "; ",
-            ),
-        )
-    return sizes, harmed
-
-
-def _why_harm() -> str:
-    """The reason why the paper's choice disturbs the motion at large steps, below those at which it is unstable."""
-    fastest, step = PAPERS.roots[np.argmax(np.abs(PAPERS.roots))].real, STEPS[-1]
-    factor = float(runge_kutta_factor(np.array(step * fastest)))
-    slowest = PAPERS.roots[np.argmin(np.abs(PAPERS.roots))].real
-    return (
-        f"The paper's alpha and beta disturb the motion at large steps: their error equation has roots of "
-        f"{fastest:.3g} and {slowest:.2g} 1/s. In {1e3 * step:g} ms the exact residual of the first falls to "
-        f"{np.exp(step * fastest):.2g} of itself, that of the Runge-Kutta method to {factor:.2g}. That of the "
-        f"second falls to {np.exp(step * slowest):.3g}. Beyond {1e3 * PAPERS.largest_step():.3g} ms residuals grow "
-        "with each step."
-    )
-
-
-def _by_choice(study: pd.DataFrame) -> TableView:
-    scene, heads = study["scene"].iloc[0], {step: f"drift at {1e3 * step:g} ms" for step in STEPS}
-    runs, law = study[study["scene"] == scene], "growth_240s"
-    frame = above_rounding(runs, [IN_SHORT]).pivot(index="choice", columns="step", values=IN_SHORT)
-    frame = (
-        frame.reindex(runs["choice"].unique(), columns=STEPS).rename(columns=heads).reset_index()
-    )
-    behind = [runs.index[runs["choice"] == choice] + 1 for choice in frame["choice"]]
-    if law in runs:
-        counts = [runs.loc[rows - 1, law].value_counts() for rows in behind]
-        frame["laws"] = [
-            ", ".join(f"{verdict} {number}" for verdict, number in each.items()) for each in counts
-        ]
-    columns = (
-        Column("choice", "stabilization"),
-        *(Column(head, unit="m") for head in heads.values()),
-        Column("laws", "growth in 240 s: runs"),
-    )
-    return view(
-        "study",
-        frame,
-        columns,
-        source="study",
-        rows=behind,
-        caption=f"Largest drift of the paper's scheme in 24 s, {case_of(scene)}, and the laws of its growth "
-        "at all steps that were tried. In brackets alpha and beta, 1/s.",
-    )
+    return view("study-all", study, columns, source="study", in_report=False)
 
 
 def _figure(study: pd.DataFrame, octaves: pd.DataFrame, name: str) -> Chart:
@@ -622,25 +566,7 @@ def _figure(study: pd.DataFrame, octaves: pd.DataFrame, name: str) -> Chart:
             lines=(unstable,),
         ),
     )
-    caption = (
-        f"Constraint drift of the paper's scheme (the paper's Fig. 14, over a longer time), "
-        f"{case_of(study['scene'].iloc[0])}: (a) over time, (b) over the step. In brackets alpha and beta, 1/s. "
-        f"Dotted: the step of {1e3 * unstable:.3g} ms beyond which residuals grow with the paper's choice."
-    )
-    return Chart(
-        name,
-        panels,
-        columns=2,
-        height=2.5,
-        caption=caption,
-    )
-
-
-def drift_size(name: str, table: pd.DataFrame, label: int, column: str) -> Number:
-    """The drift in a row of a table of the data; 0 where rounding makes as much."""
-    if table.at[label, column] < ROUNDING:
-        return Number("0", name, column, rows=(label + 1,))
-    return value(name, table, label, column)
+    return Chart(name, panels, columns=2, height=2.5)
 
 
 STUDY = Study(

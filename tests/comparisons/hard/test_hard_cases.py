@@ -10,6 +10,7 @@ from random_mechanisms import extreme_scene
 
 from stiction.cli.exit_codes import BAD_INPUT
 from stiction.comparisons.bench.depth import Depth
+from stiction.comparisons.bench.presentation import ANSWER_LENGTH
 from stiction.comparisons.bench.results import Results
 from stiction.comparisons.bench.variants import Variant
 from stiction.comparisons.hard import hard_cases
@@ -40,12 +41,13 @@ from stiction.comparisons.hard.examination import (
 )
 from stiction.comparisons.hard.scaled_scenes import Units, scaled
 from stiction.comparisons.hard.table import REFERENCE
-from stiction.comparisons.studies.hard import HOSTILE, present
+from stiction.comparisons.studies.hard import HOSTILE, STUDY, present
 from stiction.engines import load_engine
 from stiction.engines.isolation import Outcome
 from stiction.reference_impl.multibody.dynamics import row_form
 from stiction.reference_impl.multibody.kinematics import workspace
 from stiction.reference_impl.multibody.mechanism import MOST_ROWS, Mechanism
+from stiction.reports.text import section_of
 from stiction.scenes import SceneError, Trajectory, catalogue, load_scene, scene_from_dict
 
 EVENT_DRIVEN = REFERENCE[0]
@@ -481,8 +483,7 @@ def test_presentation():
     results = Results((), {}, {"hard": pd.concat([table, hostile, missing], ignore_index=True)})
 
     def counts(results):
-        said = present(results)
-        return {method: cell.text for method, cell in said.headlines[0].cells.items()}
+        return present(results).headlines[0].cells
 
     expected = {}
     for method, rows in table.groupby("variant", sort=False):
@@ -498,8 +499,16 @@ def test_presentation():
         )
     assert counts(results) == expected and len(expected) == 3
     said = present(results)
-    assert said.answer.text == "Wrong/judged: the reference 0/2; joints Moreau 2/2."
-    assert any(f"Hostile files are {hostile['case'].nunique()} more" in note for note in said.notes)
+    own, [engines] = said.rows["own"], said.rows["engines"]
+    assert own == {"variant": "reference", "wrong": 0, "judged": 2}
+    moreau = {"variant": "Moreau, contact", "wrong": 2, "judged": 2}
+    assert engines == {"fidelity": "joint", "methods": [moreau]}
+    cases = hostile["case"].nunique()
+    assert said.rows["hostile"] == {"cases": cases, "refused": cases, "wrong": []}
+    section = section_of(STUDY, results)
+    assert "Moreau, contact" in section.answer and len(section.answer) <= ANSWER_LENGTH
+    captions = {each.caption for each in (*section.figures, *section.tables)}
+    assert "" not in captions and len(captions) == len(section.figures) + len(section.tables)
     [heat] = said.figures
     wide = table.pivot(index="case", columns="variant", values="verdict")
     assert (
@@ -510,6 +519,12 @@ def test_presentation():
         .tolist()
     )
     assert list(heat.categories) == said.tables[0].heads()[1:]  # the kinds of the table
+    both = results.tables["hard"].copy()
+    both.loc[(both["variant"] == "Moreau, contact") & (both["topic"] == HOSTILE), "verdict"] = WRONG
+    wrong = present(replace(results, tables={"hard": both})).rows["hostile"]["wrong"]
+    assert wrong == [{"variant": "Moreau, contact", "cases": cases}]
+    engines_alone = table[table["engine"] == "pymunk"].reset_index(drop=True)
+    assert present(replace(results, tables={"hard": engines_alone})).rows["own"] is None
     mutated = results.tables["hard"].copy()
     mutated.loc[0, "verdict"] = WRONG
     assert counts(replace(results, tables={"hard": mutated})) != expected

@@ -1,4 +1,4 @@
-"""Held loads: limits by statics of their own, the reference at rest and beyond, creep that is put in, laws, and sentences."""
+"""Held loads: limits by statics of their own, the reference at rest and beyond, creep that is put in, laws, and text."""
 
 import json
 import shlex
@@ -8,11 +8,12 @@ import numpy as np
 import pandas as pd
 import pytest
 from conftest import here, installed, invoke
-from made_up_runs import sentences, wrong_numbers
+from made_up_runs import words, wrongly_written
 from scipy.optimize import brentq
 
 from stiction.cli.exit_codes import BAD_INPUT
 from stiction.comparisons.bench.depth import Depth
+from stiction.comparisons.bench.presentation import ANSWER_LENGTH
 from stiction.comparisons.bench.presentation.cells import AGAIN
 from stiction.comparisons.bench.results import Results
 from stiction.comparisons.bench.study import Scope, union
@@ -30,7 +31,9 @@ from stiction.comparisons.studies.hold import (
     RAMP,
     SLOWER,
     STOP,
+    STUDY,
     TEST,
+    TIME,
     UNSURE,
     changes,
     laws_table,
@@ -45,6 +48,7 @@ from stiction.comparisons.studies.hold import (
 from stiction.comparisons.studies.hold_data import Law
 from stiction.comparisons.studies.settings import DEFAULT, SETTING, SUBJECT
 from stiction.engines import load_engine
+from stiction.reports.text import section_of
 from stiction.scenes import InputError, catalogue, load_scene, vary
 from stiction.uncertain import Uncertain
 
@@ -226,12 +230,14 @@ def test_a_quick_study_has_a_row_a_run_and_holds_with_the_reference(quick):
     assert (table["status"] == "ok").all() and table["key"].is_unique and set(table[TEST]) == {HELD}
     assert methods.loc[methods["engine"] == "reference", HOLDS].all()
     assert list(methods["variant"]) == list(table["variant"].unique())
-    said = present(union([quick]))
-    assert list(quick.tables["hold-laws"]["verdict"]) == [
-        OBEYED
-    ] and "The reference rests (1 runs)." in sentences(said)
-    assert not wrong_numbers(said, Results((), {}, quick.tables))
-    assert set(said.headlines[0].cells) == set(methods["variant"]) and len(said.answer.text) <= 160
+    results = union([quick])
+    reference = present(results).rows["reference"]
+    assert list(quick.tables["hold-laws"]["verdict"]) == [OBEYED]
+    assert reference["rests"] and not reference["creeps"] and float(reference["runs"]) == 1
+    section = section_of(STUDY, results)
+    assert not wrongly_written(section, results)
+    assert set(section.headlines[0].cells) == set(methods["variant"])
+    assert 0 < len(section.answer) <= ANSWER_LENGTH
 
 
 @pytest.mark.parametrize("damage", [1.0, 10.0])
@@ -295,6 +301,17 @@ def made_up(subject, setting, load, creep, unsure=0.0, cpu=1.0, scene="s", statu
         CREEP: creep,
         UNSURE: unsure,
         "key": f"{subject}{setting}{load}",
+    }
+
+
+def verdicts_of(results):
+    """Numbers of methods that hold and of all; the others by label, with their creep (m/s)."""
+    rows = present(results).rows
+    return {
+        **{name: (rows[name]["holding"], rows[name]["all"]) for name in ("engines", "own")},
+        "creeping": {row["variant"]: float(row[CREEP]) for row in rows["creeping"]},
+        "let_go": [one["method"]["variant"] for one in rows["let_go"]],
+        "undecided": rows["undecided"],
     }
 
 
@@ -376,12 +393,20 @@ def test_the_fastest_creep_counts_and_a_failed_run_is_not_held():
     assert (found.loc["a", CREEP], found.loc["a", LOAD]) == (1e-5, 0.9)
     assert list(found[HOLDS]) == [False, None, False] and list(found["failed"]) == [0, 0, 1]
     tables = {"hold": runs, "hold-methods": methods_table(runs)}
-    said = present(Results((), {}, tables))
-    assert (
-        said.answer.text
-        == "Up to 90 % of static friction 0 of 3 engines hold; 1 creep, a at 1e-05 m/s; 1 undecided."
-    )
-    assert "Runs that failed: c (1)." in [part.text for part in said.findings]
+    results = Results((), {}, tables)
+    verdicts = verdicts_of(results)
+    assert verdicts == {
+        "engines": (0, 3),
+        "own": (0, 0),
+        "creeping": {"a": 1e-5},
+        "let_go": [],
+        "undecided": ["b"],
+    }
+    [failed] = present(results).rows["failed"]
+    assert failed["variant"] == "c" and float(failed["failed"]) == 1
+    section = section_of(STUDY, results)
+    assert "1e-05 m/s (a)" in section.answer and "c (1)" in words(section)
+    assert not wrongly_written(section, results)
 
 
 def test_noise_decides_nothing():
@@ -395,11 +420,12 @@ def test_noise_decides_nothing():
     )
     tables = {"hold": runs, "hold-methods": methods_table(runs)}
     assert list(tables["hold-methods"][HOLDS]) == [None, False]
-    said = present(Results((), {}, tables))
-    assert "1 creep, b at" in said.answer.text and "Undecided: a." in sentences(said)
-    assert said.headlines[0].cells["a"].text == "< 3e-08" and [
-        row[-1] for row in said.tables[0].cells()
-    ] == ["inconclusive", "no"]
+    results = Results((), {}, tables)
+    verdicts, said = verdicts_of(results), present(results)
+    assert verdicts["creeping"] == {"b": 1e-5} and verdicts["undecided"] == ["a"]
+    assert "Undecided: a." in section_of(STUDY, results).findings
+    assert said.headlines[0].cells["a"] == "< 3e-08"
+    assert [row[-1] for row in said.tables[0].cells()] == ["inconclusive", "no"]
 
 
 def test_engines_are_counted_without_our_own_and_what_a_setting_makes_is_said():
@@ -416,17 +442,22 @@ def test_engines_are_counted_without_our_own_and_what_a_setting_makes_is_said():
     runs["engine"] = runs["engine"].mask(runs["variant"] == "ours", "reference")
     runs[hold.OF_ZONE] = [None, None, 0.9, None, None]
     runs.loc[4, [TEST, hold.BREAK_AWAY, hold.BREAK_UNSURE]] = [RAMP, 1.2e-3, 2.5e-4]
-    tables = {"hold": runs, "hold-methods": methods_table(runs)}
-    said = present(Results((), {}, tables))
-    assert (
-        said.answer.text
-        == "Up to 90 % of static friction 1 of 3 engines and 1 of 1 of our own hold; 1 creep, b at 9e-05 m/s; 1 let go."
-    )
-    assert (
-        "b 0.9." in said.beside.text
-        and "c (on s; under a slow ramp it breaks away +0.12 % off the limit)" in sentences(said)
-    )
-    assert not wrong_numbers(said, Results((), {}, tables))
+    results = Results((), {}, {"hold": runs, "hold-methods": methods_table(runs)})
+    assert verdicts_of(results) == {
+        "engines": (1, 3),
+        "own": (1, 1),
+        "creeping": {"b": 9e-5},
+        "let_go": ["c"],
+        "undecided": [],
+    }
+    said = present(results)
+    [regularized], [gone] = said.rows["regularized"], said.rows["let_go"]
+    assert regularized["variant"] == "b" and float(regularized[hold.OF_ZONE]) == 0.9
+    assert gone["method"]["scene"] == "s" and float(gone["ramp"][hold.BREAK_AWAY]) == 1.2e-3
+    assert gone["ramp"]["bound"] is None and said.headlines[0].cells["c"] == "lets go"
+    section = section_of(STUDY, results)
+    assert {number.text for number in section.numbers} == {"9e-05", "0.9", "+0.12"}
+    assert not wrongly_written(section, results) and len(section.answer) <= ANSWER_LENGTH
     [figure] = said.figures
     assert [series.label for panel in figure.panels for series in panel.series] == [
         "b",
@@ -466,14 +497,13 @@ def test_one_creep_stands_for_a_method_in_sentence_and_table():
         ]
     )
     tables = {"hold": runs, "hold-methods": methods_table(runs)}
-    said = present(Results((), {}, tables))
-    assert (
-        said.answer.text
-        == "Up to 90 % of static friction 2 of 3 engines hold; 1 creep, a at 3e-08 m/s."
-    )
+    results = Results((), {}, tables)
+    said, verdicts = present(results), verdicts_of(results)
+    assert verdicts["engines"] == (2, 3) and verdicts["creeping"] == {"a": 3e-8}
+    assert [number.text for number in section_of(STUDY, results).numbers] == ["3e-08"]
     cells = {row[0]: row[3] for row in said.tables[0].cells()}
     assert cells == {"a": "3e-08", "b": "< 1.2e-11", "c": "0"}
-    assert {name: cell.text for name, cell in said.headlines[0].cells.items()} == cells
+    assert said.headlines[0].cells == cells
 
 
 def test_the_setting_that_helps_most_and_its_cost():
@@ -495,18 +525,86 @@ def test_the_setting_that_helps_most_and_its_cost():
         "hold-methods": methods_table(pd.DataFrame([made_up("a", "", 0.9, 0.0)])),
         "hold-settings": settings,
     }
-    said = present(Results((), {}, tables))
-    assert (
-        said.findings[1].text
-        == "Least creep, and time over the default's: e, contact with a=1 (9e-06 m/s, 3)."
+    results = Results((), {}, tables)
+    said = present(results)
+    [best], helpful = said.rows["best_settings"], said.rows["most_helpful"]
+    assert best == helpful["setting"]
+    assert (best[SUBJECT], best[SETTING]) == ("e, contact", "a=1")
+    assert (float(best[CREEP]), float(best[TIME])) == pytest.approx((9e-6, 3.0))
+    assert float(helpful["default"][CREEP]) == pytest.approx(9e-5)
+    section = section_of(STUDY, results)
+    assert [number.text for number in section.numbers] == ["9e-05", "9e-06", "3", "9e-06", "3"]
+    assert "e, contact" in section.beside and not wrongly_written(section, results)
+    assert [figure.name for figure in said.figures] == ["hold", "hold-settings"]
+    captions = {figure.caption for figure in section.figures}
+    captions |= {table.caption for table in section.tables}
+    assert "" not in captions and len(captions) == len(section.figures) + len(section.tables)
+
+
+def test_verdicts_on_laws_and_on_published_creep():
+    """Each verdict has its laws; the published number that is farthest, and was not chosen to be met, is shown."""
+    runs = pd.DataFrame([made_up("reference", "", 0.9, 0.0)]).assign(engine="reference")
+    laws = pd.DataFrame(
+        [
+            {SUBJECT: "reference", "over": hold.REST, "runs": 4, "verdict": OPEN},
+            {SUBJECT: "x", "over": "a", "kind": "ratio", "law": 1.0, "verdict": OBEYED},
+            {SUBJECT: "y", "over": "b", "kind": "exponent", "law": -1.0, "verdict": BROKEN},
+            {SUBJECT: "z", "over": "c", "kind": "exponent", "law": -1.0, "verdict": OPEN},
+        ]
     )
-    assert (
-        said.beside.text
-        == "Of all settings a=1 of e, contact helps most: 9e-06 instead of 9e-05 m/s, at 3 times its cost."
+    laws[hold.FOUND] = [None, 1.001, -0.5, None]
+    laws[hold.FOUND_UNSURE] = [None, 1e-4, 0.02, None]
+    published = pd.DataFrame(
+        {
+            "case": ["a", "b", "c", "d"],
+            hold.PUBLISHED: [10.0, 20.0, 30.0, np.nan],
+            hold.OURS: [11.0, 20.5, 90.0, 5.0],
+            hold.UNCERTAINTY: [0.5, 0.1, 1.0, 0.1],
+            hold.MATCHED: [False, False, True, False],
+        }
     )
-    assert not wrong_numbers(said, Results((), {}, tables)) and [
-        figure.name for figure in said.figures
-    ] == ["hold", "hold-settings"]
+    tables = {
+        "hold": runs,
+        "hold-methods": methods_table(runs),
+        "hold-laws": laws,
+        "hold-published": published,
+    }
+    results = Results((), {}, tables)
+    rows = present(results).rows
+    assert {word: [row[SUBJECT] for row in rows[word]] for word in (OBEYED, BROKEN, OPEN)} == {
+        OBEYED: ["x"],
+        BROKEN: ["y"],
+        OPEN: ["z"],
+    }
+    reference = rows["reference"]
+    assert not reference["rests"] and not reference["creeps"] and float(reference["runs"]) == 4
+    assert float(rows["farthest"][hold.OURS]) == 11.0
+    section = section_of(STUDY, results)
+    texts = [number.text for number in section.numbers]
+    assert texts == ["4", "-0.50 ± 0.02", "-1", "10", "11.0 ± 0.5"]
+    assert not wrongly_written(section, results)
+    names = {table.name for table in section.tables}
+    assert {"hold-laws", "hold-published"} <= names
+
+
+def test_published_creep_that_was_not_computed_is_a_failure_with_its_reason():
+    runs = pd.DataFrame([made_up("a", "", 0.9, 0.0)])
+    lost = pd.DataFrame([{"case": "all", "status": "failed", "reason": "made up"}])
+    tables = {"hold": runs, "hold-methods": methods_table(runs), "hold-published": lost}
+    section = section_of(STUDY, Results((), {}, tables))
+    assert sum("made up" in finding for finding in section.findings) == 1
+    assert "hold-published" not in {table.name for table in section.tables}
+
+
+def test_without_a_run_that_succeeded_failures_are_all_that_is_said():
+    runs = pd.DataFrame([made_up("a", "", 0.9, np.nan, status="crashed")])
+    results = Results((), {}, {"hold": runs, "hold-methods": methods_table(runs)})
+    section = section_of(STUDY, results)
+    assert section.answer and not section.numbers[1:] and not section.notes
+    [failed] = present(results).rows["failed"]
+    assert failed["variant"] == "a" and len(section.findings) == 1
+    assert not section.tables and not section.figures and not section.headlines
+    assert present(Results((), {}, {})).is_empty
 
 
 def test_the_time_of_a_setting_is_the_median_of_repeats(monkeypatch, compiled):
@@ -551,7 +649,10 @@ def test_command(tmp_path, in_this_process):
     ended = invoke(
         "compare", "hold", "hold-incline", "--quick", "--engines", "reference", "--out", file
     )
-    assert set(pd.read_csv(file)["scene"]) == {"hold-incline"} and "of our own hold" in ended.output
+    runs = pd.read_csv(file)
+    assert set(runs["scene"]) == {"hold-incline"}
+    methods = runs["variant"].nunique()
+    assert f"{methods} of {methods} of our own" in ended.output
     invoke("compare", "hold", "pendulum", "--quick", exit_code=BAD_INPUT)
 
 

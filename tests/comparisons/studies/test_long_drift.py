@@ -1,14 +1,15 @@
-"""Stabilization over long runs: the plan, levels of rounding, and sentences whose numbers are cells of the table."""
+"""Stabilization over long runs: the plan, levels of rounding, and text whose numbers are cells of the table."""
 
 from itertools import product
 
 import numpy as np
 import pytest
-from made_up_runs import wrong_numbers
+from made_up_runs import wrongly_written
 from report_material import study_tables
 
 from stiction.comparisons.bench.depth import Depth
 from stiction.comparisons.bench.participants import validation_campaign
+from stiction.comparisons.bench.presentation import ANSWER_LENGTH
 from stiction.comparisons.bench.results import Results
 from stiction.comparisons.bench.study import Scope
 from stiction.comparisons.measures.drift_growth import BOUNDED, GROWS, ROUNDED
@@ -30,6 +31,7 @@ from stiction.comparisons.studies.long_drift import (
 )
 from stiction.engines.isolation import Outcome
 from stiction.engines.reference.engine import ReferenceEngine
+from stiction.reports.text import section_of
 from stiction.scenes import load_scene
 
 CASES = {case: load_scene(f"slider-bar-case-{case}") for case in (1, 2, 3)}
@@ -123,26 +125,67 @@ def made_up(failed=()):
     return Results((), {}, dict(drift_study(runs, outcomes).tables))
 
 
+def laws_of(results):
+    """What is told of the growth of drift, by method of stabilization."""
+    return {law["method"]: law for law in STUDY.presented(results).rows["laws"]}
+
+
+def pairs_of(results, name, column):
+    """Scene, step and the numbers of a column without stabilization and with the paper's terms."""
+    return [
+        (pair["papers"]["scene"], float(pair["papers"]["step"]))
+        + tuple(float(pair[choice][column]) for choice in ("none", "papers"))
+        for pair in STUDY.presented(results).rows[name]
+    ]
+
+
 def test_all_long_runs_are_counted():
     results = made_up()
-    said = STUDY.presented(results)
-    # of both ends of the steps, as the paper's terms help at one and do harm at the other
-    assert [number.text for number in said.answer.numbers] == [
-        "1e-11",
-        "1e-09",
-        "1",
-        "1e-11",
-        "1e-08",
-        "10",
+    laws = laws_of(results)
+    assert list(laws) == ["none", "baumgarte", "projection"]
+    verdicts = ("grows", "bounded", "rounded", "inconclusive", "unknown")
+    counts = {method: [law[verdict] for verdict in verdicts] for method, law in laws.items()}
+    assert counts == {
+        "none": [8, 0, 0, 0, 0],
+        "baumgarte": [0, 6, 0, 0, 2],
+        "projection": [0, 0, 8, 0, 0],
+    }
+    for law in laws.values():
+        assert (law["runs"], law["length"]) == (8, 240.0)
+        assert law["scenes"] == ["slider-bar-case-1", "slider-bar-case-3"]
+        assert [float(step) for step in law["steps"]] == [1e-3, 1e-2]
+    assert [float(power) for power in laws["none"]["powers"]] == pytest.approx([1.5, 1.8])
+    assert laws["baumgarte"]["powers"] == laws["projection"]["powers"] == []
+
+
+def test_drift_is_compared_at_both_ends_of_the_steps_and_errors_where_they_are_worst():
+    """Both ends, as the paper's terms help at one and do harm at the other."""
+    results = made_up()
+    case_1, case_3 = "slider-bar-case-1", "slider-bar-case-3"
+    assert pairs_of(results, "compared", IN_SHORT) == [
+        (case_1, 1e-3, 1e-11, 1e-9),
+        (case_1, 1e-2, 1e-11, 1e-8),
     ]
-    found = [[number.text for number in text.numbers] for text in said.findings]
-    assert found == [
-        ["8", "8", "1", "10", "1.5", "1.8"],
-        ["6", "2", "8", "1", "10"],
-        ["8", "8", "1", "10"],
-        ["1", "1e-05", "0.0004", "1", "1e-05", "1e-05"],
+    assert pairs_of(results, "harmed", ERROR) == [
+        (case_3, 1e-3, 1e-5, 4e-4),
+        (case_1, 1e-3, 1e-5, 1e-5),
     ]
-    assert not wrong_numbers(said, results)
+    section = section_of(STUDY, results)
+    assert not wrongly_written(section, results)
+    texts = [number.text for number in section.numbers]
+    answer = ["1e-11", "1e-09", "1", "1e-11", "1e-08", "10"]
+    laws = ["1.5", "1.8", "1", "10", "1", "10", "1", "10"]
+    harmed = ["1", "1e-05", "0.0004", "1", "1e-05", "1e-05"]
+    assert texts == answer + laws + harmed
+    assert 0 < len(section.answer) <= ANSWER_LENGTH and len(section.findings) == 4
+
+
+def test_drift_by_rounding_is_0():
+    results = made_up()
+    study = results.tables["study"]
+    study.loc[study["choice"] == NONE.label, IN_SHORT] = 1e-16
+    sizes = pairs_of(results, "compared", IN_SHORT)
+    assert [without for _, _, without, _ in sizes] == [0.0, 0.0]
 
 
 def test_a_run_that_failed_counts_among_all():
@@ -154,19 +197,40 @@ def test_a_run_that_failed_counts_among_all():
         2400.0,
         "made up",
     )
-    said = STUDY.presented(results)
-    assert [number.text for number in said.findings[0].numbers][:3] == ["7", "1", "8"]
-    assert not wrong_numbers(said, results)
+    law = laws_of(results)["none"]
+    assert (law["grows"], law["unknown"], law["runs"]) == (7, 1, 8)
+    assert not wrongly_written(section_of(STUDY, results), results)
 
 
-def test_sentences_follow_the_data():
+def test_the_text_follows_the_data():
     results = made_up()
     study = results.tables["study"]
     study.loc[0, "growth_240s"], study[ERROR_RATIO] = BOUNDED, 1.5
-    said = STUDY.presented(results)
-    assert [number.text for number in said.findings[0].numbers][:3] == ["7", "1", "8"] and len(
-        said.findings
-    ) == 3
+    law = laws_of(results)["none"]
+    assert (law["grows"], law["bounded"], law["runs"]) == (7, 1, 8)
+    assert pairs_of(results, "harmed", ERROR) == []
+    assert len(section_of(STUDY, results).findings) == 3
+
+
+def test_the_growth_of_one_step_has_one_power_and_one_step():
+    results = made_up()
+    study = results.tables["study"]
+    one = study[study["step"] == STEPS[0]].reset_index(drop=True)
+    octaves = results.tables["octaves"]
+    section = section_of(STUDY, Results((), {}, {"study": one, "octaves": octaves}))
+    assert [number.text for number in section.numbers][:5] == ["1e-11", "1e-09", "1", "1.5", "1"]
+
+
+def test_the_note_has_the_roots_of_the_papers_terms():
+    """s^2 + 180 s + 100 = 0; (exp and R)(-179.44 * 0.01), by hand."""
+    papers = STUDY.presented(made_up()).rows["papers"]
+    fast, slow = -90 - np.sqrt(8000.0), -90 + np.sqrt(8000.0)
+    assert (papers["fast"], papers["slow"]) == pytest.approx((fast, slow), rel=1e-9)
+    z = 0.01 * fast
+    assert papers["step"] == 10 and papers["exact"] == pytest.approx(np.exp(z), rel=1e-9)
+    computed = 1 + z + z**2 / 2 + z**3 / 6 + z**4 / 24
+    assert papers["computed"] == pytest.approx(computed, rel=1e-9)
+    assert papers["unstable"] == pytest.approx(2785.293563 / -fast, rel=1e-8)
 
 
 def test_ratios_are_to_the_run_without_stabilization_over_the_time_of_the_papers_figure():
@@ -188,6 +252,9 @@ def test_a_figure_per_scene_shows_drift_over_time_and_over_the_step():
     assert len(figures[0].panels) == 2 and {
         series.hollow for series in figures[0].panels[0].series
     } == {True, False}
+    captions = [figure.caption for figure in section_of(STUDY, made_up()).figures]
+    assert "case 1" in captions[0] and "case 3" in captions[1]
+    assert all(table.caption for table in section_of(STUDY, made_up()).tables)
 
 
 def test_the_plan_has_the_papers_cases_alone():

@@ -268,12 +268,14 @@ def present(results: Results) -> Presentation:
     chosen = list(found["variant"])
     over_step = step_chart(
         "torque",
-        "Bound for the error of the worst jump that is read over the step. The tables "
-        "have the number of those that are not. Dotted: the slope of first order.",
         summed_up(table, "key"),
         chosen,
         BOUND,
         "bound [N m]",
+    )
+    caption = (
+        "Bound for the error of the worst jump that is read over the step. The tables "
+        "have the number of those that are not. Dotted: the slope of first order."
     )
     notes = (
         f"A jump is read if its time is right within {1e3 * LATEST:g} ms plus the time's uncertainty, and its "
@@ -286,7 +288,10 @@ def present(results: Results) -> Presentation:
         _findings(table, found),
         [headline],
         [_by_method(table, equal, found), *_by_scene(table)],
-        [_events_figure(results.table(WINDOWS), table, chosen), over_step],
+        [
+            _events_figure(results.table(WINDOWS), table, chosen),
+            replace(over_step, caption=caption),
+        ],
         notes,
     )
 

@@ -125,22 +125,34 @@ def written(template: Template, said: Presentation) -> Section:
     """Fill a template with the rows of a presentation."""
     if said.is_empty:
         return Section()
-    captions: dict[str, str] = {}
     numbers: list[Number] = []
+    variables = {**said.rows, _SHOWN: numbers}
 
-    def caption(name: str, caller: Callable[[], str]) -> str:
-        captions[name] = one_line(caller())
-        return ""
+    def captions_of(block: str) -> dict[str, str]:
+        """Return the captions of a block by name: a figure and a table may have the same."""
+        captions: dict[str, str] = {}
 
-    variables = {**said.rows, _SHOWN: numbers, "caption": caption}
-    blocks = filled(template, variables)
+        def caption(name: str, caller: Callable[[], str]) -> str:
+            captions[name] = one_line(caller())
+            return ""
+
+        if block in template.blocks:
+            block_text(template, block, {**variables, "caption": caption})
+        return captions
+
+    blocks = {
+        name: block_text(template, name, variables)
+        for name in ("answer", "beside", "findings", "notes")
+        if name in template.blocks
+    }
+    figures, tables = captions_of("figures"), captions_of("tables")
     return Section(
         one_line(blocks.get("answer", "")),
         one_line(blocks.get("beside", "")),
         paragraphs(blocks.get("findings", "")),
         said.headlines,
-        [replace(view, caption=captions.get(view.name, view.caption)) for view in said.tables],
-        [replace(each, caption=captions.get(each.name, each.caption)) for each in said.figures],
+        [replace(view, caption=tables.get(view.name, view.caption)) for view in said.tables],
+        [replace(each, caption=figures.get(each.name, each.caption)) for each in said.figures],
         items(blocks.get("notes", "")),
         numbers,
     )
@@ -148,8 +160,12 @@ def written(template: Template, said: Presentation) -> Section:
 
 def filled(template: Template, variables: Mapping[str, object]) -> dict[str, str]:
     """Return the text of each block of a template."""
-    context = template.new_context(dict(variables))
-    return {name: "".join(block(context)) for name, block in template.blocks.items()}
+    return {name: block_text(template, name, variables) for name in template.blocks}
+
+
+def block_text(template: Template, name: str, variables: Mapping[str, object]) -> str:
+    """Return the text of one block of a template."""
+    return "".join(template.blocks[name](template.new_context(dict(variables))))
 
 
 def one_line(text: str) -> str:

@@ -138,6 +138,7 @@ def test_tables_and_figures_have_every_run_where_it_belongs():
     ]
     assert whole[f"accuracy-{CASES[1]}"].rows[0] == (3,)  # the first run of the second case
     figures = {figure.name: figure for figure in said.figures}
+    assert figures["accuracy"].caption != whole["accuracy"].caption
     assert list(figures) == ["accuracy", "difference-position", "difference-torque"]
     assert all(figure.columns == 3 for figure in said.figures)
     first = figures["accuracy"].panels[0]

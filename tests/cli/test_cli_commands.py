@@ -382,7 +382,7 @@ class TestCompare:
         assert (
             "our own run" in own
             and "not independent" in own
-            and "CPU to an error of 1 mm in sled" in own
+            and "CPU time to an error of 1 mm in sled" in own
         )
 
     def test_a_truth_without_jumps_is_no_failure(self, in_this_process):

@@ -18,9 +18,11 @@ A template reads ``Presentation.rows`` by name. What it names must be there: a m
 
 from __future__ import annotations
 
+import math
 import re
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
+from decimal import ROUND_CEILING, ROUND_FLOOR, Decimal
 from functools import cache
 
 from jinja2 import (
@@ -40,7 +42,7 @@ from stiction.comparisons.bench.presentation.rows import Cell, Row
 from stiction.comparisons.bench.results import Results
 from stiction.comparisons.bench.study import Study
 from stiction.comparisons.bench.timing.intervals import Interval
-from stiction.uncertain import Uncertain, bounded, with_ends
+from stiction.uncertain import Uncertain, bounded, rounded_up, with_ends
 
 MILLI = 1e3
 """Thousandths in a unit: milliseconds in a second, millimetres in a metre."""
@@ -48,6 +50,8 @@ PER_CENT = 100.0
 """Per cent in a whole."""
 MILLIMETRES = 1e-6
 """Metres; lengths from here on are written in mm."""
+MOST_DECIMALS = 12
+"""Decimals of a number without an uncertainty, of those that are written as far as they are known."""
 SHOWN = "shown_numbers"
 """Name in a template's variables of the list of numbers that its filters have written."""
 
@@ -219,6 +223,10 @@ def _environment() -> Environment:
         within=within,
         milliseconds=milliseconds,
         percent=percent,
+        magnitude=magnitude,
+        upper_bound=upper_bound,
+        known_digits=known_digits,
+        enclosure=enclosure,
     )
     return found
 
@@ -318,3 +326,41 @@ def _formatted(value: float, form: str) -> str:
     """``980`` where the format alone would write ``9.8e+02``."""
     text = format(value, form)
     return f"{float(text):g}" if form.endswith("g") and abs(value) < 1e6 else text
+
+
+@pass_context
+def magnitude(context: Context, given: Cell, form: str) -> str:
+    """Write the size of a number by a format, without its sign."""
+    return _noted(context, _formatted(abs(given.value), form), given)
+
+
+@pass_context
+def upper_bound(context: Context, given: Cell) -> str:
+    """Write a number to two digits, rounded up, so that an upper bound remains one."""
+    return _noted(context, rounded_up(given.value), given)
+
+
+@pass_context
+def known_digits(context: Context, given: Cell) -> str:
+    """Write a number with the decimals that its uncertainty leaves: ``4.211956`` of one known to 4e-7.
+
+    The last decimal that is written is at least twice the uncertainty.
+    """
+    unsure = given.uncertainty or 0.0
+    decimals = max(0, math.floor(-math.log10(2 * unsure))) if unsure > 0 else MOST_DECIMALS
+    return _noted(context, f"{given.value:.{decimals}f}", given)
+
+
+@pass_context
+def enclosure(context: Context, given: Cell) -> str:
+    """Write the interval of a number and its uncertainty, rounded outwards: ``4.211956322 to 4.211956323``.
+
+    The ends are sums of the shortest decimals of both numbers, so that those of a proof, which are decimals, are
+    written as they were proven.
+    """
+    value = Decimal(repr(given.value))
+    unsure = Decimal(repr(given.uncertainty or 0.0))
+    unit = Decimal(1).scaleb(unsure.adjusted() - 1)
+    low = (value - unsure).quantize(unit, ROUND_FLOOR).normalize()
+    high = (value + unsure).quantize(unit, ROUND_CEILING).normalize()
+    return _noted(context, f"{low:f} to {high:f}", given)

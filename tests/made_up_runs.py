@@ -116,6 +116,11 @@ def is_cell(number: WrittenNumber, data: dict[str, pd.DataFrame]) -> bool:
     if text[0] in "≤>≥":  # a bound stays one
         low, high = (1.0, 1.11) if text[0] == "≤" else (0.9, 1.0)
         return low - 1e-9 <= float(first) / true <= high + 1e-9
+    if "bound" in cell.quantity.key:  # rounded up
+        return true * (1 - 1e-12) <= float(first) <= 1.11 * true
+    if " to " in text:  # an interval
+        low, high = map(float, text.split(" to "))
+        return low <= true <= high
     return shows(first, true)
 
 

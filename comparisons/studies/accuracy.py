@@ -3,8 +3,7 @@
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Callable, Iterator, Mapping, Sequence
-from dataclasses import replace
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from itertools import chain
 
 import numpy as np
@@ -12,8 +11,6 @@ import pandas as pd
 
 from stiction.comparisons.bench.methods import (
     Method,
-    called,
-    case_of,
     drawn_runs,
     grouped_methods,
     groups,
@@ -21,7 +18,7 @@ from stiction.comparisons.bench.methods import (
     made_methods,
     methods,
     same_work,
-    title_of,
+    scene_title,
     with_columns,
 )
 from stiction.comparisons.bench.participants import variants
@@ -31,19 +28,11 @@ from stiction.comparisons.bench.presentation import (
     Chart,
     Column,
     Headline,
-    Number,
     Panel,
     Presentation,
     Series,
     TableView,
-    TracedText,
-    count,
-    joined,
-    length,
-    listed,
-    sentence,
-    traced,
-    value,
+    row_of,
     view,
 )
 from stiction.comparisons.bench.presentation.cells import setting_of
@@ -83,15 +72,8 @@ ROW_HEIGHT = 1.8
 """Inches of a row of panels."""
 MARGIN = 1.5
 """Factor between the largest value and the end of a logarithmic axis."""
-NOTES = (
-    "Position error: the largest over all bodies and output times. Page one has that of the worst case.",
-    "joint: an ideal guide with a friction law. contact: the slider touches two surfaces with clearance.",
-    "mus = mu: the engine has no static coefficient of its own. Its truth has the same physics.",
-    "Methods may be compared within one fidelity and one physics. They are ranked where the same supply the "
-    "friction law and locate events.",
-    f"An event counts as found within {1e3 * EVENT_WINDOW:g} ms of a true one of its kind.",
-    "A run counts as failed if it broke off, ended early, or is off by more than the mechanism's size.",
-)
+CONSTANTS = {"event_window": EVENT_WINDOW, "pieces": PIECES}
+"""What the text of the study mentions besides results: s, and a number."""
 
 
 def compared_runs(scope: Scope) -> Comparison[tuple[Record, ...]]:
@@ -130,139 +112,110 @@ def plan(scope: Scope) -> Comparison[Tables]:
 
 
 def present(results: Results) -> Presentation:
-    """The largest position error of each method over all cases, and the closest of those that do the same work."""
+    """The largest position error of each method over all cases, and its events."""
     table = with_columns(results.table("accuracy"), POSITION, UNCERTAINTY, FOUND, MISSED, SPURIOUS)
-    found = made_methods(table, methods(results), POSITION)
-    if not found:
+    made = made_methods(table, methods(results), POSITION)
+    if not made:
         return Presentation()
-    where = " in all cases" if table["scene"].nunique() > 1 else ""
-    ranked = [method for method in found.values() if method.is_ranked]
-    answer = joined(
-        _own(table, [method for method in ranked if method.is_own]),
-        _engines(table, [method for method in ranked if not method.is_own]),
+    ranked = [method for method in made.values() if method.is_ranked]
+    scenes = _made_scenes(table)
+    rows = {
+        "own": [
+            {"variant": method.variant, "error": _worst_error(table, method)}
+            for method in ranked
+            if method.is_own
+        ],
+        "engines": list(_engines(table, [method for method in ranked if not method.is_own])),
+        "failed": [
+            {"variant": method.variant, "failed": len(method.failed), "runs": len(method.rows)}
+            for method in made.values()
+            if len(method.failed)
+        ],
+        "several_cases": table["scene"].nunique() > 1,
+        "scenes": scenes,
+        **CONSTANTS,
+    }
+    headline = Headline(
+        "position [m]", {variant: _cell(table, method) for variant, method in made.items()}
     )
-    failed = [
-        traced(
-            "{} ({} of {})",
-            called(method.variant),
-            _count(table, method.failed),
-            _count(table, method.rows),
-        )
-        for method in found.values()
-        if len(method.failed)
-    ]
-    over_step = step_chart(
-        "accuracy",
-        "Largest position error over the step. A row of panels holds methods that may "
-        "be compared; dotted: the slope of first order. The table also has runs by "
-        "tolerance.",
-        table,
-        list(found),
-        POSITION,
-        "position_error",
-    )
+    over_step = step_chart("accuracy", table, list(made), POSITION, "position_error")
     return Presentation(
-        answer or TracedText(f"No method succeeded{where}."),
-        [
-            sentence(
-                "Runs that failed or were declined, so that the method is not ranked: {}.",
-                listed(failed),
-            )
+        rows=rows,
+        headlines=[headline],
+        tables=[
+            _by_method(results, table, made),
+            *_closest(results, table, made),
+            *_by_scene(table, scenes),
         ],
-        [
-            Headline(
-                "position [m]", {variant: _cell(table, method) for variant, method in found.items()}
-            )
-        ],
-        [_by_method(results, table, found), *_closest(results, table, found), *_by_scene(table)],
-        [over_step, *_differences(results, table)],
-        NOTES,
+        figures=[over_step, *_differences(results, table)],
     )
 
 
-def _reached(table: pd.DataFrame, method: Method) -> TracedText:
-    return length("accuracy", table, method.worst_row, POSITION)
+def _made_scenes(table: pd.DataFrame) -> list[str]:
+    """Scenes of which a run was made."""
+    return list(table.loc[~table["status"].isin(UNMADE), "scene"].unique())
 
 
-def _own(table: pd.DataFrame, own: Sequence[Method]) -> TracedText:
-    """The methods of the reference, each in its worst case."""
-    parts = [traced("{} {}", called(method.variant), _reached(table, method)) for method in own]
-    if own:
-        parts[0] = traced(
-            "{} is within {} of the truth", called(own[0].variant), _reached(table, own[0])
-        )
-    said = sentence("{}.", listed(parts, ", ", ", "))
-    return replace(said, text=said.text[:1].upper() + said.text[1:])
+def _worst_error(table: pd.DataFrame, method: Method) -> object:
+    """The position error of a method in its worst case."""
+    return row_of("accuracy", table, method.worst_row)[POSITION]
 
 
-def _engines(table: pd.DataFrame, engines: Sequence[Method]) -> TracedText:
+def _by_error(table: pd.DataFrame, compared: Iterable[Method]) -> list[Method]:
+    """Methods from the smallest to the largest error in their worst case."""
+    return sorted(compared, key=lambda method: table.at[method.worst_row, POSITION])
+
+
+def _engines(table: pd.DataFrame, engines: Sequence[Method]) -> Iterator[dict[str, object]]:
     """The smallest and the largest error of engines in their worst case, by fidelity; no ranking."""
-    parts = []
     for fidelity in FIDELITIES:
-        there = sorted(
-            (method for method in engines if method.fidelity == fidelity),
-            key=lambda method: table.at[method.worst, POSITION],
-        )
-        if there:
-            low, high = _reached(table, there[0]), _reached(table, there[-1])
-            if low.text.split()[1:] == high.text.split()[1:]:
-                low = replace(low, text=low.text.split()[0])  # one unit for both
-            parts.append(
-                traced(
-                    "{} with {}s",
-                    high if len(there) == 1 else traced("{} to {}", low, high),
-                    fidelity,
-                )
-            )
-    return sentence("Engines: {}.", listed(parts, ", ", ", "))
+        alike = _by_error(table, (one for one in engines if one.fidelity == fidelity))
+        if alike:
+            yield {
+                "fidelity": fidelity,
+                "number": len(alike),
+                "smallest": _worst_error(table, alike[0]),
+                "largest": _worst_error(table, alike[-1]),
+            }
 
 
 def _closest(
-    results: Results, table: pd.DataFrame, found: Mapping[str, Method]
+    results: Results, table: pd.DataFrame, made: Mapping[str, Method]
 ) -> Iterator[TableView]:
-    """The closest engine of each group of equal work, in its worst case, and those that cannot be ranked against it."""
-    suppliers, rows = {column: known_of(table, column) for column in (FRICTION_BY, EVENTS_BY)}, []
-    for group, variants_there in grouped_methods(results, same_work):
-        others = [
-            method
-            for variant in variants_there
-            if (method := found.get(variant)) and method.is_ranked and not method.is_own
-        ]
-        others.sort(key=lambda method: table.at[method.worst_row, POSITION])
-        if not others:
+    """The closest engine of each group of equal work, in its worst case.
+
+    With it stand those that it cannot be ranked against.
+    """
+    friction, events = (known_of(table, column) for column in (FRICTION_BY, EVENTS_BY))
+    rows = []
+    for group, variants_of_group in grouped_methods(results, same_work):
+        members = [made[variant] for variant in variants_of_group if variant in made]
+        engines = _by_error(table, (one for one in members if one.is_ranked and not one.is_own))
+        if not engines:
             continue
-        row = others[0].worst_row
-        best = [method.variant for method in others if not differ(table, row, method.worst_row)]
-        rows.append(
-            (
-                {
-                    "group": group.label,
-                    "closest": ", ".join(called(variant, False) for variant in best),
-                    "of": len(others),
-                    **{column: known[best[0]] for column, known in suppliers.items()},
-                    **table.loc[row, [POSITION, UNCERTAINTY]],
-                    "in": case_of(table.at[row, "scene"]),
-                },
-                table.loc[[row]],
-            )
-        )
+        closest = engines[0]
+        row = closest.worst_row
+        alike = [one.variant for one in engines if not differ(table, row, one.worst_row)]
+        shown = {
+            "group": group.label,
+            "closest": "; ".join(alike),
+            "of": len(engines),
+            FRICTION_BY: friction[closest.variant],
+            EVENTS_BY: events[closest.variant],
+            **table.loc[row, [POSITION, UNCERTAINTY]],
+            "in": scene_title(table.at[row, "scene"]),
+        }
+        rows.append((shown, table.loc[[row]]))
     if rows:
-        yield view(
-            "accuracy-closest",
-            rows,
-            (
-                Column("closest"),
-                Column("of"),
-                Column(FRICTION_BY),
-                Column(EVENTS_BY),
-                Column(POSITION, "position error"),
-                Column("in"),
-            ),
-            source="accuracy",
-            group="group",
-            caption="The closest of the engines that may be ranked, as they do the same part of the "
-            "work, each by its worst case; with it those that its error cannot be distinguished from.",
+        columns = (
+            Column("closest"),
+            Column("of"),
+            Column(FRICTION_BY),
+            Column(EVENTS_BY),
+            Column(POSITION, "position error"),
+            Column("in"),
         )
+        yield view("accuracy-closest", rows, columns, source="accuracy", group="group")
 
 
 def differ(table: pd.DataFrame, one: int, other: int) -> bool:
@@ -271,29 +224,23 @@ def differ(table: pd.DataFrame, one: int, other: int) -> bool:
     return bool(abs(table.at[one, POSITION] - table.at[other, POSITION]) > unsure)
 
 
-def _count(table: pd.DataFrame, rows: pd.DataFrame) -> Number:
-    return count("accuracy", table, key=frozenset(rows["key"]))
-
-
-def _cell(table: pd.DataFrame, method: Method) -> TracedText:
-    """The worst error of a method, and how many of its runs failed."""
-    parts: list[TracedText | Number] = []
+def _cell(table: pd.DataFrame, method: Method) -> str:
+    """The worst error of a method, and how many of its runs failed: ``0.002, 1 of 3 failed``."""
+    parts = []
     if method.worst is not None:
-        parts.append(value("accuracy", table, method.worst, POSITION))
+        parts.append(str(_worst_error(table, method)))
     if len(method.failed):
         word = "declined" if (method.failed["status"] == "refused").all() else "failed"
-        parts.append(
-            traced("{} of {} {}", _count(table, method.failed), _count(table, method.rows), word)
-        )
-    return listed(parts, ", ", ", ")
+        parts.append(f"{len(method.failed)} of {len(method.rows)} {word}")
+    return ", ".join(parts)
 
 
-def _by_method(results: Results, table: pd.DataFrame, found: Mapping[str, Method]) -> TableView:
+def _by_method(results: Results, table: pd.DataFrame, made: Mapping[str, Method]) -> TableView:
     """A row per method, a column per case; events of all cases together."""
     friction, events = (known_of(table, column) for column in (FRICTION_BY, EVENTS_BY))
     rows = []
     for group, names in grouped_methods(results):
-        for method in (found[name] for name in names if name in found):
+        for method in (made[name] for name in names if name in made):
             runs = method.rows
             row: dict[str, object] = {
                 "group": group.label,
@@ -302,19 +249,24 @@ def _by_method(results: Results, table: pd.DataFrame, found: Mapping[str, Method
                 "run": setting_of(runs["parameter"].iloc[0], runs["step"].iloc[0]),
             }
             for run in runs.drop(index=method.failed.index).to_dict("records"):
-                row |= {
-                    _of(column, run["scene"]): run[column] for column in (POSITION, UNCERTAINTY)
-                }
+                for column in (POSITION, UNCERTAINTY):
+                    row[in_scene(column, run["scene"])] = run[column]
             if runs[FOUND].notna().any():
                 row[EVENTS] = _events(runs, results.truths)
                 row[BY_KIND] = missed_by_kind(runs)
             row["failed"] = "; ".join(
-                f"{case_of(run['scene'])}: {run['reason'] or run['status']}"
+                f"{scene_title(run['scene'])}: {run['reason'] or run['status']}"
                 for run in method.failed.to_dict("records")
             )
             rows.append((row, runs))
     cases = [
-        Column(_of(POSITION, scene), case_of(scene), "m", _of(UNCERTAINTY, scene), of=POSITION)
+        Column(
+            in_scene(POSITION, scene),
+            scene_title(scene),
+            "m",
+            in_scene(UNCERTAINTY, scene),
+            of=POSITION,
+        )
         for scene in dict.fromkeys(table["scene"])
     ]
     columns = (
@@ -326,20 +278,12 @@ def _by_method(results: Results, table: pd.DataFrame, found: Mapping[str, Method
         Column(BY_KIND, brief=False),
         Column("failed"),
     )
-    return view(
-        "accuracy",
-        rows,
-        columns,
-        source="accuracy",
-        group="group",
-        caption="Largest position error of each method at the step nearest to 1 ms or the tightest "
-        "tolerance. Friction / events by: who supplies the friction law, and who locates events. "
-        "Events: found/missed/spurious, of all cases, of the kinds that a method reports.",
-    )
+    return view("accuracy", rows, columns, source="accuracy", group="group")
 
 
-def _of(column: str, scene: str) -> str:
-    return f"{column}, {case_of(scene)}"
+def in_scene(column: str, scene: str) -> str:
+    """Name of the column of a pivoted table that has the values of one scene."""
+    return f"{column} in {scene}"
 
 
 def _events(runs: pd.DataFrame, truths: Mapping[str, Truth]) -> str:
@@ -367,15 +311,14 @@ def missed_by_kind(rows: pd.DataFrame) -> str:
     return ", ".join(f"{number} {kind}" for kind, number in sums.items() if number) or "none"
 
 
-def _by_scene(table: pd.DataFrame) -> Iterator[TableView]:
-    shown = table.assign(
-        **{
-            BY_KIND: [
-                missed_by_kind(table.loc[[label]]) if pd.notna(found) else ""
-                for label, found in table[FOUND].items()
-            ]
-        }
-    )
+def _by_scene(table: pd.DataFrame, scenes: Sequence[str]) -> Iterator[TableView]:
+    """Every run of a scene."""
+    missed_kinds = [
+        missed_by_kind(table.loc[[label]]) if pd.notna(matched) else ""
+        for label, matched in table[FOUND].items()
+    ]
+    runs = table.assign(**{BY_KIND: missed_kinds})
+    runs = runs[~runs["status"].isin(UNMADE)]
     columns = (
         Column("variant", "method"),
         Column("parameter", "refined by"),
@@ -390,21 +333,13 @@ def _by_scene(table: pd.DataFrame) -> Iterator[TableView]:
         Column(SPURIOUS, "spurious", form=".0f"),
         Column("reason"),
     )
-    for scene, rows in shown[~shown["status"].isin(UNMADE)].groupby("scene", sort=False):
-        caption = f"{title_of(scene)}: largest errors of every run, and events found, missed and spurious."
-        yield view(
-            f"accuracy-{scene}",
-            rows,
-            columns,
-            source="accuracy",
-            in_report=False,
-            caption=caption,
-        )
+    for scene in scenes:
+        rows = runs[runs["scene"] == scene]
+        yield view(f"accuracy-{scene}", rows, columns, source="accuracy", in_report=False)
 
 
 def chart_by_case(
     name: str,
-    caption: str,
     table: pd.DataFrame,
     x: Axis,
     label: str,
@@ -414,32 +349,26 @@ def chart_by_case(
 
     A row has one logarithmic y axis, with its label at the first panel.
     """
-    scenes, panels = list(dict.fromkeys(table["scene"])), list[Panel]()
+    scenes = list(dict.fromkeys(table["scene"]))
+    panels = list[Panel]()
     for group, rows in groups(table) if scenes else ():
-        row = {scene: series(rows[rows["scene"] == scene]) for scene in scenes}
-        values = np.concatenate([np.empty(0), *(one.y for found in row.values() for one in found)])
+        lines = {scene: series(rows[rows["scene"] == scene]) for scene in scenes}
+        values = np.concatenate([np.empty(0), *(one.y for row in lines.values() for one in row)])
         limits = (values.min() / MARGIN, values.max() * MARGIN) if len(values) else None
         panels += [
             Panel(
-                f"{title_of(scene)}; {group.label}",
+                f"{scene_title(scene)}; {group.label}",
                 x,
                 Axis(label if scene == scenes[0] else "", log=True, limits=limits),
-                found,
+                lines[scene],
             )
-            for scene, found in row.items()
+            for scene in scenes
         ]
-    return Chart(
-        name,
-        panels,
-        max(1, len(scenes)),
-        ROW_HEIGHT,
-        share_x=True,
-        caption=caption,
-    )
+    return Chart(name, panels, max(1, len(scenes)), ROW_HEIGHT, share_x=True)
 
 
 def step_chart(
-    name: str, caption: str, table: pd.DataFrame, chosen: Sequence[str], column: str, label: str
+    name: str, table: pd.DataFrame, chosen: Sequence[str], column: str, label: str
 ) -> Chart:
     """A column of a table over the step; runs by tolerance have none and are left out."""
     rows = table[table["variant"].isin(chosen) & (table["parameter"] == "dt")]
@@ -447,7 +376,7 @@ def step_chart(
 
     def series(here: pd.DataFrame) -> list[Series]:
         here = here.sort_values("step")
-        found = [
+        lines = [
             Series(
                 variant,
                 part["step"].to_numpy(float),
@@ -457,50 +386,32 @@ def step_chart(
             )
             for variant, part in here.groupby("variant", sort=False)
         ]
+        if not lines:
+            return []
         ends = here["step"].agg(["min", "max"]).to_numpy(float)
         slope = 2 * (here[column] / here["step"]).max()
-        return [*found, Series("first order", ends, slope * ends, look=LIMIT)] if found else []
+        return [*lines, Series("first order", ends, slope * ends, look=LIMIT)]
 
-    return chart_by_case(
-        name,
-        caption,
-        rows,
-        Axis("step [s]", log=True, ticks=sorted(set(rows["step"]))),
-        label,
-        series,
-    )
+    x = Axis("step [s]", log=True, ticks=sorted(set(rows["step"])))
+    return chart_by_case(name, rows, x, label, series)
 
 
 def _differences(results: Results, table: pd.DataFrame) -> Iterator[Chart]:
     """The difference from the truth over time: of positions, and of the driving torque."""
     chosen = drawn_runs(results)
     truths = {key: results.truths.get(name) for key, name in zip(table["key"], table["truth"])}
-    for quantity, endings, unit, jump in (
-        ("position", (".x", ".y"), "m", ""),
-        (
-            "torque",
-            (".effort",),
-            "N m",
-            " A method that does not locate an event differs there by the jump.",
-        ),
+    for quantity, endings, unit in (
+        ("position", (".x", ".y"), "m"),
+        ("torque", (".effort",), "N m"),
     ):
 
         def series(here: pd.DataFrame, endings: tuple[str, ...] = endings) -> list[Series]:
             keys = set(here["key"])
-            return list(
-                _difference_series([run for run in chosen if run.key in keys], truths, endings)
-            )
+            runs = [run for run in chosen if run.key in keys]
+            return list(_difference_series(runs, truths, endings))
 
-        yield chart_by_case(
-            f"difference-{quantity}",
-            f"Difference of each method's {quantity} from the truth over time, at the step "
-            f"nearest to 1 ms or the tightest tolerance; the largest in each of {PIECES} parts of the time."
-            + jump,
-            table,
-            Axis("time [s]"),
-            f"{quantity} difference [{unit}]",
-            series,
-        )
+        label = f"{quantity} difference [{unit}]"
+        yield chart_by_case(f"difference-{quantity}", table, Axis("time [s]"), label, series)
 
 
 def _difference_series(

@@ -6,15 +6,15 @@ import json
 from collections.abc import Hashable, Iterable, Iterator, Mapping, Sequence
 from typing import Any
 
+import numpy as np
 import pandas as pd
 
 from stiction.comparisons.bench.methods import (
     MISSING_ENGINE,
-    called,
-    case_of,
     groups,
     known_of,
     methods,
+    scene_title,
     succeeded,
     with_columns,
 )
@@ -25,24 +25,18 @@ from stiction.comparisons.bench.presentation import (
     Chart,
     Column,
     Headline,
-    Number,
-    Part,
     Presentation,
+    Row,
     Series,
     TableView,
-    TracedText,
-    count,
-    listed,
-    scaled_value,
-    sentence,
-    traced,
-    value,
+    row_of,
     view,
 )
 from stiction.comparisons.bench.results import Results
 from stiction.comparisons.bench.runner import Comparison, side_by_side
 from stiction.comparisons.bench.study import Scope, Study, Tables
 from stiction.comparisons.bench.timing.timed_runs import OTHERS
+from stiction.comparisons.bench.timing.visits import WIDE
 from stiction.comparisons.bench.variants import EVENTS_BY, FRICTION_BY, OWN_CPU, Variant, scaled
 from stiction.comparisons.measures.equal_error import (
     COLUMNS,
@@ -85,25 +79,15 @@ NEEDED = (
 )
 """Columns that a table in which all runs failed, or none was timed, may lack."""
 TARGET = 1e-3
-"""Metres: the error at which methods are compared in words."""
+"""Metres: the error at which the text compares methods."""
 ERRORS = (1e-2, 1e-3, 1e-4, 1e-5, 1e-6)
 """Metres: the errors of the tables."""
 UNSURE = "~"
 """Sign before a time that is unsure, for the reasons in `TIMING`."""
 MILLI = 1e3
 """Milliseconds in a second, millimetres in a metre."""
-MILLIMETRE = f"{MILLI * TARGET:g} mm"
-NOTES = (
-    "CPU time is that of the whole run, our adapter included; in brackets the part inside the engine's own calls. "
-    "Without brackets both are equal. Set-up and compilation are not in it.",
-    "Times are medians of runs in rounds. Between two runs of a refinement series log(time) is linear in "
-    "log(error); nothing is extrapolated. Runs beyond the time of their series were timed once.",
-    "≤: the coarsest run already has a smaller error. ≥: below the uncertainty of the truth. –: no run is as "
-    "accurate; >: than the finest run, which is not. ~: of fewer than five rounds, or with a wide interval.",
-    "A limit follows from the order of the error over step or tolerance at the finest runs of all cases. "
-    "integration: a finer run would go on. model: contacts, or the engine's own equations. adapter: "
-    "what we add to the engine. truth: below the uncertainty of the truth. inconclusive: the order allows both.",
-)
+CONSTANTS = {"target": TARGET, "wide": WIDE}
+"""What the text of the study mentions besides results: m, and a part of a median."""
 
 
 def plan(scope: Scope) -> Comparison[Tables]:
@@ -168,60 +152,36 @@ def present(results: Results) -> Presentation:
     if cost.empty:
         return Presentation()
     if not _measured(cost).any():
-        return Presentation(TracedText("No timed run succeeded, so that nothing is known of cost."))
+        return Presentation(rows={"measured": False, **CONSTANTS})
     first = cost["scene"].iloc[0]
     equal = _times_to_position(results, cost)
     reached = equal[(equal["scene"] == first) & (equal["error"] == TARGET) & equal[TOTAL].notna()]
-    findings = [
-        sentence(
-            "Engines with contacts take {} ms to it, each against the truth of its own friction law.",
-            _engines(reached, "contact"),
-        ),
-        sentence(
-            "No run of {} is accurate to {} there.",
-            listed(_without(cost, reached, first), last=" or "),
-            MILLIMETRE,
-        ),
-        *_limited(cost, equal),
-        _accelerations(cost, first),
-        _set_up(cost),
-        _unsure(cost),
-        _load(results.table("times")),
-    ]
-    tables = [
-        _table(cost, rows, str(scene), first) for scene, rows in equal.groupby("scene", sort=False)
-    ]
-    every = (
-        Column("scene"),
-        Column("variant", "method"),
-        Column("parameter", "refined by"),
-        Column("step", form="g"),
-        Column("status"),
-        Column("reason"),
-        Column(TOTAL, "CPU", "ms", scale=MILLI, second=OWN_CPU),
-        Column(SET_UP, "set-up", "ms", scale=MILLI, form=".2g"),
-        Column(ERROR, "position error"),
-        Column(ORDER, "order"),
-        Column("torque_error", "torque error, mean"),
-        Column("event_time_error", "event time error"),
-        Column(TIMING),
-    )
-    runs = view(
-        "cost-all",
-        cost,
-        every,
-        source="cost",
-        in_report=False,
-        caption="Every run of the refinement series.",
-    )
+    scenes = list(equal["scene"].unique())
+    by_scene = [_table(cost, equal[equal["scene"] == scene], scene, first) for scene in scenes]
+    rows = {
+        "measured": True,
+        "first": first,
+        "several_cases": cost["scene"].nunique() > 1,
+        "own": _own(reached),
+        "joints": _ends(reached[reached["steps"] & (reached["fidelity"] == "joint")]),
+        "contacts": _ends(reached[reached["steps"] & (reached["fidelity"] == "contact")]),
+        "any": _ends(reached),
+        "without": _without(cost, reached, first),
+        **_limited(cost, equal),
+        "accelerations": _accelerations(cost, first),
+        "set_up": _set_up(cost),
+        "unsure": int(_is_unsure(cost).sum()),
+        "timed": int(_is_timed(cost).sum()),
+        "load": _load(results.table("times")),
+        "first_run": _first_run(cost),
+        "scene_of_table": {table.name: scene for table, scene in zip(by_scene, scenes)},
+        **CONSTANTS,
+    }
     return Presentation(
-        _answer(reached, first),
-        findings,
-        _headlines(results, cost, reached, first),
-        [*tables, _limits(cost, equal), runs],
-        [_figure(cost)],
-        NOTES,
-        _first_run(cost),
+        rows=rows,
+        headlines=_headlines(results, cost, reached, first),
+        tables=[*by_scene, _limits(cost, equal), _every_run(cost)],
+        figures=[_figure(cost)],
     )
 
 
@@ -258,195 +218,148 @@ def _sign(time: Mapping[Hashable, Any], bound: str) -> str:
     return bound + (UNSURE if isinstance(time[TIMING], str) and time[TIMING] else "")
 
 
-def _bounded(rows: pd.DataFrame, label: int) -> Number:
-    """A total time to an error in ms, with ``≤`` where the coarsest run already meets it, and `UNSURE`."""
-    sign = _sign(rows.loc[label].to_dict(), "≤ " if rows.at[label, "is_bound"] else "")
-    return scaled_value("equal-error", rows, label, TOTAL, sign)
+def _bound_sign(time: Mapping[Hashable, Any]) -> str:
+    """The sign before a time to an error: ``≤`` where the coarsest run already has a smaller one."""
+    return _sign(time, "≤ " if time["is_bound"] else "")
 
 
-def _range(rows: pd.DataFrame) -> TracedText:
-    ends = dict.fromkeys((rows[TOTAL].idxmin(), rows[TOTAL].idxmax())) if len(rows) else ()
-    return listed([_bounded(rows, label) for label in ends], last=" to ")
+def _time_to(equal: pd.DataFrame, label: object) -> dict[str, object]:
+    """A total time to an error and the sign before it."""
+    sign = _bound_sign(equal.loc[label].to_dict())
+    return {"time": row_of("equal-error", equal, label)[TOTAL], "sign": sign}
 
 
-def _engines(reached: pd.DataFrame, fidelity: str) -> TracedText:
-    """`_range` of engines with steps, our own methods not among them."""
-    return _range(reached[reached["steps"] & (reached["fidelity"] == fidelity)])
+def _ends(equal: pd.DataFrame) -> list[dict[str, object]]:
+    """The shortest and the longest time to an error; one where they are the same, none of no times."""
+    if equal.empty:
+        return []
+    labels = dict.fromkeys((equal[TOTAL].idxmin(), equal[TOTAL].idxmax()))
+    return [_time_to(equal, label) for label in labels]
 
 
-def _answer(reached: pd.DataFrame, first: str) -> TracedText:
-    if reached.empty:
-        return traced("No run is accurate to {} in {}.", MILLIMETRE, case_of(first))
-    parts: list[Part] = [
-        traced("{} {} ms", called(variant), _bounded(reached, int(label)))
+def _own(reached: pd.DataFrame) -> list[dict[str, object]]:
+    """The times of the reference and of the paper's scheme."""
+    return [
+        {"variant": variant, **_time_to(reached, label)}
         for variant in (REFERENCE, PAPER)
         for label in reached.index[reached["variant"] == variant]
     ]
-    parts += filter(None, [sentence("engines with ideal joints {} ms", _engines(reached, "joint"))])
-    return traced(
-        "CPU to an error of {} in {}: {}.",
-        MILLIMETRE,
-        case_of(first),
-        listed(parts or [traced("engines {} ms", _range(reached))]),
-    )
 
 
 def _without(cost: pd.DataFrame, reached: pd.DataFrame, first: str) -> list[str]:
-    """Names of the engines without a run that is accurate to `TARGET`; a finer one might be."""
+    """Engines without a run that is accurate to `TARGET`; a finer one might be."""
     made = cost[_measured(cost) & (cost["scene"] == first) & (cost["parameter"] == "dt")]
     made = made[~made["engine"].isin(own_methods()) & ~made["variant"].isin(reached["variant"])]
-    return [called(variant) for variant in dict.fromkeys(made["variant"])]
+    return list(made["variant"].unique())
 
 
-def _limited(cost: pd.DataFrame, equal: pd.DataFrame) -> Iterator[TracedText]:
-    """The methods whose error no longer falls, or may not, by their limit, and the cases where others' does not."""
+def _limited(cost: pd.DataFrame, equal: pd.DataFrame) -> dict[str, object]:
+    """The number of methods whose error still falls at the finest runs, and the limits of the others."""
     limits = equal.drop_duplicates("variant").groupby("because", sort=False)["variant"].agg(list)
-    falling = limits.pop(INTEGRATION) if INTEGRATION in limits else []
-    where = "Fitted over all cases, the error" if cost["scene"].nunique() > 1 else "The error"
+    falling = limits.get(INTEGRATION, [])
     others = [
-        traced("{} ({})", listed([called(variant) for variant in names]), str(limit))
-        for limit, names in limits.items()
+        {"limit": limit, "variants": variants}
+        for limit, variants in limits.items()
+        if limit != INTEGRATION
     ]
-    yield traced(
-        "{} of {} of {} methods still falls at the finest runs.",
-        where,
-        str(len(falling)),
-        str(len(falling) + sum(map(len, limits))),
-    )
-    yield sentence("Limits of the others: {}.", listed(others, "; ", "; "))
-    level = []
-    for (variant, scene), runs in cost[_measured(cost) & cost["variant"].isin(falling)].groupby(
-        ["variant", "scene"], sort=False
-    ):
-        last = runs[(runs[ERROR] > runs[UNCERTAINTY]) & (runs["parameter"] != "iterations")].iloc[
-            -2:
-        ]
-        if (
-            len(last) == 2
-            and last[ERROR].iloc[1]
-            > last[ERROR].iloc[0] * (last["step"].iloc[1] / last["step"].iloc[0]) ** FALLS
-        ):
-            level.append(f"{called(variant)} in {case_of(scene)}")
-    yield sentence(
-        "Between the last two runs it hardly falls, or rises: {}.", listed(level, "; ", "; ")
-    )
+    return {
+        "falling": len(falling),
+        "methods": sum(map(len, limits)),
+        "limited": others,
+        "level": list(_level(cost[_measured(cost) & cost["variant"].isin(falling)])),
+    }
 
 
-def _accelerations(cost: pd.DataFrame, first: str) -> TracedText:
-    """Engines whose accelerations, under our integrator, come closer than their own steps do."""
+def _level(runs: pd.DataFrame) -> Iterator[dict[str, object]]:
+    """Methods and cases in which the error hardly falls between the last two runs, or rises."""
+    for (variant, scene), series in runs.groupby(["variant", "scene"], sort=False):
+        is_known = series[ERROR] > series[UNCERTAINTY]
+        last = series[is_known & (series["parameter"] != "iterations")].iloc[-2:]
+        if len(last) < 2:
+            continue
+        error_ratio = last[ERROR].iloc[1] / last[ERROR].iloc[0]
+        step_ratio = last["step"].iloc[1] / last["step"].iloc[0]
+        if error_ratio > step_ratio**FALLS:
+            yield {"variant": variant, "scene": scene}
+
+
+def _method_of(runs: pd.DataFrame) -> pd.Series:
+    """The method that the settings of each run name; empty where they name none."""
+    named = runs["settings"].map(
+        lambda settings: json.loads(settings).get("method"), na_action="ignore"
+    )
+    return named.fillna("")
+
+
+def _accelerations(cost: pd.DataFrame, first: str) -> dict[str, object] | None:
+    """Engines whose accelerations, under our integrator, come closer than their own steps do.
+
+    With them are the largest of the errors under our integrator, and the smallest with own steps.
+    """
     rows = cost[_measured(cost) & (cost["scene"] == first) & (cost["fidelity"] == "joint")]
-    methods_of = rows["settings"].map(lambda settings: json.loads(settings).get("method"))
+    rows = rows.assign(integrated=_method_of(rows).eq("accelerations"))
     closer = []
-    for _, found in rows.assign(ours=methods_of.eq("accelerations")).groupby("engine", sort=False):
-        ours, own = (
-            found.loc[found["ours"], ERROR],
-            found.loc[~found["ours"] & (found["parameter"] == "dt"), ERROR],
-        )
-        if len(ours) and len(own) and ours.min() < own.min():
-            closer.append((ours.idxmin(), own.idxmin()))
+    for _, runs in rows.groupby("engine", sort=False):
+        integrated = runs.loc[runs["integrated"], ERROR]
+        stepped = runs.loc[~runs["integrated"] & (runs["parameter"] == "dt"), ERROR]
+        if len(integrated) and len(stepped) and integrated.min() < stepped.min():
+            closer.append((integrated.idxmin(), stepped.idxmin()))
     if not closer:
-        return TracedText()
-    ours, own = (cost.loc[list(rows)] for rows in zip(*closer))
-    worst, best = ours[ERROR].idxmax(), own[ERROR].idxmin()
-    names = listed([called(variant) for variant in own["variant"]])
-    return traced(
-        "Under our integrator the accelerations of {} lead to {} m in {}, with {} own steps to {} m.",
-        names,
-        value("cost", cost, int(worst), ERROR),
-        case_of(first),
-        "its" if len(own) == 1 else "their",
-        value("cost", cost, int(best), ERROR),
-    )
+        return None
+    integrated, stepped = (cost.loc[list(labels)] for labels in zip(*closer))
+    return {
+        "variants": list(stepped["variant"]),
+        "integrated": row_of("cost", cost, integrated[ERROR].idxmax())[ERROR],
+        "stepped": row_of("cost", cost, stepped[ERROR].idxmin())[ERROR],
+    }
 
 
-def _set_up(cost: pd.DataFrame) -> TracedText:
-    """The longest time before the first step, of the reference and of the engines."""
+def _set_up(cost: pd.DataFrame) -> dict[str, object]:
+    """The longest time before the first step, of the reference and of the engines; None where there is none."""
     times = cost.loc[_measured(cost) & cost[SET_UP].notna(), [SET_UP, "variant", "engine"]]
-    longest = (
-        ("the reference", times.loc[times["variant"] == REFERENCE, SET_UP]),
-        ("the engines", times.loc[times["engine"] != REFERENCE, SET_UP]),
-    )
-    return sentence(
-        "Set-up comes on top: {}.",
-        listed(
-            [
-                traced(
-                    "{} ms for {}",
-                    scaled_value("cost", cost, int(found.idxmax()), SET_UP, "≤ "),
-                    name,
-                )
-                for name, found in longest
-                if len(found)
-            ]
-        ),
-    )
+    parts = {
+        "reference": times.loc[times["variant"] == REFERENCE, SET_UP],
+        "engines": times.loc[times["engine"] != REFERENCE, SET_UP],
+    }
+    return {
+        name: row_of("cost", cost, part.idxmax())[SET_UP] if len(part) else None
+        for name, part in parts.items()
+    }
 
 
-def _first_run(cost: pd.DataFrame) -> TracedText:
-    """The longest time that the first run of a process takes to load what is compiled."""
+def _first_run(cost: pd.DataFrame) -> Row | None:
+    """The run that took the longest to load what is compiled, which the first of a process does."""
     times = cost.loc[_measured(cost) & cost[COMPILATION].gt(0), COMPILATION].astype(float)
-    if times.empty:
-        return TracedText()
-    row = int(times.idxmax())
-    return traced(
-        "The first run of a process takes up to {} ms more ({}).",
-        Number(
-            bounded(MILLI * times[row], "≤").removeprefix("≤"),
-            "cost",
-            COMPILATION,
-            rows=(row + 1,),
-            factor=MILLI,
-        ),
-        called(cost.at[row, "variant"]),
-    )
+    return row_of("cost", cost, times.idxmax()) if len(times) else None
 
 
-def _unsure(cost: pd.DataFrame) -> TracedText:
-    if not _is_unsure(cost).any():
-        return TracedText()
-    marked, rounds = (
-        frozenset(cost.loc[_is_unsure(cost), TIMING]),
-        frozenset(cost.loc[_is_timed(cost), "repeats"]),
-    )
-    return traced(
-        "The times of {} of {} runs are unsure: of fewer than five rounds, or with an interval wider than a "
-        "quarter. A time to an error is marked ~ by its own interval.",
-        count("cost", cost, **{TIMING: marked, "repeats": rounds}),
-        count("cost", cost, repeats=rounds),
-    )
-
-
-def _load(times: pd.DataFrame) -> TracedText:
-    """The largest load by others in a round."""
+def _load(times: pd.DataFrame) -> object:
+    """The largest load by other programs in a round of timing; None where it was not measured."""
     if OTHERS not in times or times[OTHERS].isna().all():
-        return TracedText()
-    most = value("times", times, int(times[OTHERS].idxmax()), OTHERS, ".2g")
-    return traced("While runs were timed, other programs kept up to {} cores busy.", most)
+        return None
+    return row_of("times", times, times[OTHERS].idxmax())[OTHERS]
 
 
 def _headlines(
     results: Results, cost: pd.DataFrame, reached: pd.DataFrame, first: str
-) -> tuple[Headline, ...]:
+) -> list[Headline]:
     """Total time to `TARGET`, in brackets the engine's part if less; above the finest run's if none is so exact."""
-    timed, cells = cost[_measured(cost) & _is_timed(cost) & (cost["scene"] == first)], {}
+    timed = cost[_measured(cost) & _is_timed(cost) & (cost["scene"] == first)]
+    cells = {}
     for variant in methods(results):
-        there, runs = (rows.index[rows["variant"] == variant] for rows in (reached, timed))
-        if len(there):
-            row = int(there[0])
-            own = (
-                ""
-                if reached.at[row, OWN_CPU] == reached.at[row, TOTAL]
-                else traced(" ({})", scaled_value("equal-error", reached, row, OWN_CPU))
-            )
-            cells[variant] = traced("{}{}", _bounded(reached, row), own)
-        elif len(runs):
-            sign = _sign(timed.loc[runs[-1]].to_dict(), "> ")
-            cells[variant] = traced("{}", scaled_value("cost", cost, int(runs[-1]), TOTAL, sign))
-    return (
-        (Headline(f"CPU to {MILLIMETRE}, {case_of(first)} (engine's part) [ms]", cells),)
-        if cells
-        else ()
-    )
+        times = reached[reached["variant"] == variant].to_dict("records")
+        runs = timed[timed["variant"] == variant].to_dict("records")
+        if times:
+            time = times[0]
+            cells[variant] = bounded(MILLI * time[TOTAL], _bound_sign(time))
+            if time[OWN_CPU] != time[TOTAL]:
+                cells[variant] += f" ({bounded(MILLI * time[OWN_CPU], '')})"
+        elif runs:
+            cells[variant] = bounded(MILLI * runs[-1][TOTAL], _sign(runs[-1], "> "))
+    if not cells:
+        return []
+    label = f"CPU to {MILLI * TARGET:g} mm (engine's part) in {scene_title(first)} [ms]"
+    return [Headline(label, cells)]
 
 
 def _table(cost: pd.DataFrame, here: pd.DataFrame, scene: str, first: str) -> TableView:
@@ -454,56 +367,47 @@ def _table(cost: pd.DataFrame, here: pd.DataFrame, scene: str, first: str) -> Ta
     rows = []
     for group, part in groups(cost[cost["variant"].isin(here["variant"])]):
         for variant in dict.fromkeys(part["variant"]):
-            times, row = (
-                here[here["variant"] == variant],
-                {"group": group.label, "variant": variant},
-            )
+            times = here[here["variant"] == variant]
+            row = {"group": group.label, "variant": variant}
             reached = times[times[TOTAL].notna()].to_dict("records")
             for time in reached:
-                row |= _cells(time, time["error"], "≤ " if time["is_bound"] else "")
+                row |= _cells(time, time["error"], _bound_sign(time))
             runs = part[(part["variant"] == variant) & (part["scene"] == scene)]
             if reached and times[SMALLEST].iloc[0] <= runs[UNCERTAINTY].max():
                 # smaller errors cannot be measured
+                last = reached[-1]
                 for error in ERRORS:
-                    row |= _cells(reached[-1], error, "≥ ") if error < reached[-1]["error"] else {}
+                    if error < last["error"]:
+                        row |= _cells(last, error, _sign(last, "≥ "))
             rows.append((row, times))
-    columns = [
-        Column("variant", "method"),
-        *(
-            Column(
-                f"{TOTAL} {error:g}",
-                f"{MILLI * error:g} mm",
-                "ms",
-                scale=MILLI,
-                second=f"{OWN_CPU} {error:g}",
-                bound=f"bound {error:g}",
-                of=TOTAL,
-            )
-            for error in ERRORS
-        ),
+    times_to = [
+        Column(
+            f"{TOTAL} {error:g}",
+            f"{MILLI * error:g} mm",
+            "ms",
+            scale=MILLI,
+            second=f"{OWN_CPU} {error:g}",
+            bound=f"bound {error:g}",
+            of=TOTAL,
+        )
+        for error in ERRORS
     ]
-    caption = (
-        f"CPU time to a position error in {case_of(scene)}: total, in brackets the engine's part. "
-        "Methods of one group may be compared; ranked are those that do the same part of the work."
-    )
-    name = "cost" if scene == first else f"cost-{scene.replace('/', '-')}"
     return view(
-        name,
+        "cost" if scene == first else f"cost-{scene.replace('/', '-')}",  # names files
         rows,
-        columns,
+        [Column("variant", "method"), *times_to],
         source="equal-error",
         group="group",
         in_report=scene == first or scene not in SCENES,
-        caption=caption,
     )
 
 
 def _cells(time: Mapping[Hashable, Any], error: float, sign: str) -> dict[str, object]:
-    """Columns of the time to an error, which may be a bound."""
+    """Columns of the time to an error, with the sign before it."""
     return {
         f"{TOTAL} {error:g}": time[TOTAL],
         f"{OWN_CPU} {error:g}": time[OWN_CPU],
-        f"bound {error:g}": _sign(time, sign),
+        f"bound {error:g}": sign,
     }
 
 
@@ -538,43 +442,49 @@ def _limits(cost: pd.DataFrame, equal: pd.DataFrame) -> TableView:
         Column(EVENTS_BY),
         Column("why"),
     )
-    caption = (
-        "The smallest error of each refinement series (of several cases the worst), the order at its finest "
-        "runs, and what limits it. Set-up: median; compilation: once a process, at most."
+    return view("cost-limits", rows, columns, source="cost", in_report=False)
+
+
+def _every_run(cost: pd.DataFrame) -> TableView:
+    columns = (
+        Column("scene"),
+        Column("variant", "method"),
+        Column("parameter", "refined by"),
+        Column("step", form="g"),
+        Column("status"),
+        Column("reason"),
+        Column(TOTAL, "CPU", "ms", scale=MILLI, second=OWN_CPU),
+        Column(SET_UP, "set-up", "ms", scale=MILLI, form=".2g"),
+        Column(ERROR, "position error"),
+        Column(ORDER, "order"),
+        Column("torque_error", "torque error, mean"),
+        Column("event_time_error", "event time error"),
+        Column(TIMING),
     )
-    return view(
-        "cost-limits",
-        rows,
-        columns,
-        source="cost",
-        in_report=False,
-        caption=caption,
-    )
+    return view("cost-all", cost, columns, source="cost", in_report=False)
 
 
 def _figure(cost: pd.DataFrame) -> Chart:
-    """Error over total time, of the first variant of each engine, fidelity and method; others change a setting."""
+    """Error over total time, of the first variant of each engine, fidelity and method; others change a setting.
+
+    An asterisk marks methods of which the adapter does a part.
+    """
     drawn = cost[_measured(cost) & _is_timed(cost) & cost[ERROR].gt(0)]
-    method = (
-        drawn["settings"]
-        .map(lambda settings: json.loads(settings).get("method"), na_action="ignore")
-        .fillna("")
-    )
-    first = drawn.assign(method=method).drop_duplicates(["engine", "fidelity", "method"])
+    drawn = drawn.assign(method=_method_of(drawn))
+    first = drawn.drop_duplicates(["engine", "fidelity", "method"])
     drawn = drawn[drawn["variant"].isin(first["variant"])]
     friction, events = (known_of(drawn, column) for column in (FRICTION_BY, EVENTS_BY))
-    ours = {
+    by_adapter = {
         variant
         for variant in friction
         if {friction[variant], events[variant]} & {Supplier.ADAPTER, Supplier.BOTH}
     }
-
     ends = drawn[TOTAL].agg(["min", "max"]).to_numpy(float)
 
     def series(here: pd.DataFrame) -> list[Series]:
-        found = [
+        lines = [
             Series(
-                f"{variant} *" if variant in ours else variant,
+                f"{variant} *" if variant in by_adapter else variant,
                 runs[TOTAL].to_numpy(float),
                 runs[ERROR].to_numpy(float),
                 look=variant,
@@ -582,18 +492,12 @@ def _figure(cost: pd.DataFrame) -> Chart:
             )
             for variant, runs in here.groupby("variant", sort=False)
         ]
-        return [*found, Series("", ends, ends * 0 + TARGET, look=LIMIT)] if found else []
+        if not lines:
+            return []
+        return [*lines, Series("", ends, np.full(len(ends), TARGET), look=LIMIT)]
 
-    return chart_by_case(
-        "work-precision",
-        "Position error over total CPU time, a line a refinement series: down and to the left is "
-        "better. A row of panels holds methods at the same fidelity and physics. *: our adapter does a part of the "
-        "work, the friction law or the location of events, whose time is included. Dotted: 1 mm.",
-        drawn,
-        Axis("total CPU time [s]", log=True),
-        "position_error",
-        series,
-    )
+    x = Axis("total CPU time [s]", log=True)
+    return chart_by_case("work-precision", drawn, x, "position_error", series)
 
 
 STUDY = Study(

@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
-from dataclasses import replace
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from typing import Any
 
 import numpy as np
@@ -11,13 +10,11 @@ import pandas as pd
 
 from stiction.comparisons.bench.methods import (
     at_equal_step,
-    called,
-    case_of,
     groups,
     methods,
     one_per_variant,
     representatives,
-    title_of,
+    scene_title,
 )
 from stiction.comparisons.bench.participants import REFERENCE
 from stiction.comparisons.bench.presentation import (
@@ -26,18 +23,11 @@ from stiction.comparisons.bench.presentation import (
     Chart,
     Column,
     Headline,
-    Number,
     Panel,
     Presentation,
     Series,
     TableView,
-    TracedText,
-    count,
-    joined,
-    listed,
-    sentence,
-    traced,
-    value,
+    row_of,
     view,
 )
 from stiction.comparisons.bench.presentation.cells import setting_of
@@ -59,7 +49,7 @@ from stiction.comparisons.measures.torque_jumps import (
     counterpart,
     torque_table,
 )
-from stiction.comparisons.studies.accuracy import ROW_HEIGHT, compared_runs, step_chart
+from stiction.comparisons.studies.accuracy import ROW_HEIGHT, compared_runs, in_scene, step_chart
 from stiction.engines.protocol import FIDELITIES
 from stiction.scenes import Event, InputError, Scene
 from stiction.truths import NO_TRUTH, Truth
@@ -90,6 +80,8 @@ MOST_EVENTS = 3
 """In a figure."""
 BEYOND = 0.5
 """Part of the truth's range that an axis shows beyond it, above and below."""
+CONSTANTS = {"latest": LATEST, "farthest": FARTHEST}
+"""What the text of the study mentions besides results: s, and a part of a jump."""
 
 
 def plan(scope: Scope) -> Comparison[Tables]:
@@ -228,230 +220,166 @@ def _window(
 def summed_up(jumps: pd.DataFrame, *by: str) -> pd.DataFrame:
     """A row per group of jumps, with the columns `ABOUT` of its first.
 
-    ``read``, ``jumps``: the jumps that are read, of all; ``share``, their ratio; of those that are read `BOUND`,
-    `LATE`: the largest; ``worst``: the row with that bound; ``bound``: it in words, rounded up; ``keys``: of the runs.
+    ``read``, ``jumps``: the jumps that are resolved, of all; ``share``, their ratio; of those that are resolved
+    `BOUND`, `LATE`: the largest; ``worst``: the row with that bound; ``bound``: it in words, rounded up.
     """
     jumps = jumps[jumps[BOUND].notna()]
     late = jumps[LATE].abs() if LATE in jumps else np.nan
     jumps = jumps.assign(**{LATE: late}, read=jumps["resolved"].eq(True))
-    found = jumps.groupby(list(by), sort=False).agg(
-        read=("read", "sum"), jumps=("read", "size"), keys=("key", frozenset)
-    )
+    sums = jumps.groupby(list(by), sort=False).agg(read=("read", "sum"), jumps=("read", "size"))
     read = jumps[jumps["read"]].groupby(list(by), sort=False)
-    found = found.join(read[[BOUND, LATE]].max()).join(read[BOUND].idxmax().rename("worst"))
-    found = found.assign(
-        share=found["read"] / found["jumps"], bound=found[BOUND].map(rounded_up, na_action="ignore")
+    sums = sums.join(read[[BOUND, LATE]].max()).join(read[BOUND].idxmax().rename("worst"))
+    sums = sums.assign(
+        share=sums["read"] / sums["jumps"], bound=sums[BOUND].map(rounded_up, na_action="ignore")
     )
-    return jumps.drop_duplicates(list(by))[ABOUT].join(found, on=list(by)).reset_index(drop=True)
+    return jumps.drop_duplicates(list(by))[ABOUT].join(sums, on=list(by)).reset_index(drop=True)
 
 
 def present(results: Results) -> Presentation:
-    """The number of true jumps that each method reads, and a bound for the worst of them."""
+    """The number of true jumps that each method resolves, and a bound for the worst of them."""
     table = results.table("torque")
     if not {BOUND, "truth"} <= set(table) or table[BOUND].isna().all():
         return Presentation()
     equal = table.loc[
         [row for variant in methods(results) for row in at_equal_step(table, variant).index]
     ]
-    found = summed_up(equal, "variant")
-    if found.empty:
+    compared = summed_up(equal, "variant")
+    if compared.empty:
         return Presentation()
-    read = _spans(found, "share", lambda method: _counts(table, method))
-    answer = joined(_own(table, found), sentence("Engines: {}.", listed(read, ", ", ", ")))
+    is_own = compared["engine"] == REFERENCE
+    sizes = table[TRUE_JUMP].abs()
+    by_scene = _by_scene(table)
+    rows = {
+        "own": [
+            {"variant": one.variant, **_counts(one), "bound": _bound(table, one)}
+            for one in compared[is_own].itertuples()
+        ],
+        "engines": list(_engines(table, compared[~is_own])),
+        "unresolved": [
+            {"variant": one.variant, **_counts(one)}
+            for one in compared[compared["share"] < 1].itertuples()
+        ],
+        "smallest_jump": row_of("torque", table, sizes.idxmin())[TRUE_JUMP],
+        "largest_jump": row_of("torque", table, sizes.idxmax())[TRUE_JUMP],
+        "scenes": list(by_scene),
+        **CONSTANTS,
+    }
     headline = Headline(
-        "jumps read, bound of these [N m]",
+        "jumps resolved, error bound [N m]",
         {
-            method.variant: listed([_counts(table, method), *_bounds(method)], last=", ")
-            for method in found.itertuples()
+            one.variant: _words(int(one.read), int(one.jumps), one.bound)
+            for one in compared.itertuples()
         },
     )
-    chosen = list(found["variant"])
-    over_step = step_chart(
-        "torque",
-        "Bound for the error of the worst jump that is read over the step. The tables "
-        "have the number of those that are not. Dotted: the slope of first order.",
-        summed_up(table, "key"),
-        chosen,
-        BOUND,
-        "bound [N m]",
-    )
-    notes = (
-        f"A jump is read if its time is right within {1e3 * LATEST:g} ms plus the time's uncertainty, and its "
-        f"size within {100 * FARTHEST:g} %. One that is not read has no bound.",
-        "Bound: the largest error and its uncertainty together, over all jumps that are read; rounded up.",
-        "Methods that locate events have both sides of a jump; of others it is read off samples every 2 ms.",
-    )
+    chosen = list(compared["variant"])
+    over_step = step_chart("torque", summed_up(table, "key"), chosen, BOUND, "bound [N m]")
     return Presentation(
-        answer,
-        _findings(table, found),
-        [headline],
-        [_by_method(table, equal, found), *_by_scene(table)],
-        [_events_figure(results.table(WINDOWS), table, chosen), over_step],
-        notes,
+        rows=rows,
+        headlines=[headline],
+        tables=[_by_method(table, equal, compared), *by_scene.values()],
+        figures=[_events_figure(results.table(WINDOWS), table, chosen), over_step],
     )
 
 
-def _counted(table: pd.DataFrame, method: Any, *is_read: bool) -> Number:
-    """The number of its jumps that are read, or not, or both."""
-    return count("torque", table, key=method.keys, resolved=frozenset(is_read))
+def _words(read: int, jumps: int, bound: str) -> str:
+    """``14/15, 0.02``: jumps resolved, of all, and the bound of their errors; ``0/15`` has none."""
+    return f"{read}/{jumps}, {bound}" if read else f"{read}/{jumps}"
 
 
-def _counts(table: pd.DataFrame, method: Any) -> TracedText:
-    """``14/15``: jumps read, of all."""
-    return traced("{}/{}", _counted(table, method, True), _counted(table, method, True, False))
+def _counts(method: Any) -> dict[str, int]:
+    """The jumps that a method resolves, and all."""
+    return {"read": int(method.read), "jumps": int(method.jumps)}
 
 
-def _bounds(method: Any) -> list[Number]:
-    """The bound of the jumps that are read; none without any."""
-    return (
-        [Number(method.bound, "torque", BOUND, rows=(int(method.worst) + 1,))]
-        if method.read
-        else []
-    )
+def _bound(table: pd.DataFrame, method: Any) -> object:
+    """The bound for the worst jump that a method resolves; None if it resolves none."""
+    return row_of("torque", table, method.worst)[BOUND] if method.read else None
 
 
-def _own(table: pd.DataFrame, found: pd.DataFrame) -> TracedText:
-    """The methods of the reference, each with its worst jump."""
-    own = list(found[found["engine"] == REFERENCE].itertuples())
-    parts = [
-        traced(
-            "{} reads {}{}",
-            called(method.variant),
-            _counts(table, method),
-            sentence(" within {} N m", listed(_bounds(method))),
-        )
-        for method in own[:1]
-    ]
-    for method in own[1:]:
-        is_alike = (method.read, method.jumps) == (own[0].read, own[0].jumps)
-        read = (
-            ""
-            if is_alike
-            else traced("{}{}", _counts(table, method), " within " if method.read else "")
-        )
-        parts.append(traced("{} {}{}", called(method.variant), read, listed(_bounds(method))))
-    said = sentence("{}.", listed(parts, ", ", ", "))
-    return replace(said, text=said.text[:1].upper() + said.text[1:])
+def _engines(table: pd.DataFrame, engines: pd.DataFrame) -> Iterator[dict[str, object]]:
+    """The engines with the fewest and the most jumps, and the least and the largest bound, by fidelity.
 
-
-def _spans(
-    found: pd.DataFrame, column: str, words: Callable[[Any], TracedText], unit: str = ""
-) -> list[TracedText]:
-    """The engines with the least and the most of a column, by fidelity: ``7/9 to 9/9 with joints``."""
-    parts = []
+    Bounds that are written alike are one.
+    """
     for fidelity in FIDELITIES:
-        engines = found[(found["engine"] != REFERENCE) & (found["fidelity"] == fidelity)]
-        if len(engines):
-            ranked = [
-                words(method) for method in engines.sort_values(column, kind="stable").itertuples()
-            ]
-            span = ranked[:1] if ranked[0].text == ranked[-1].text else [ranked[0], ranked[-1]]
-            parts.append(traced("{}" + f"{unit} with {fidelity}s", listed(span, last=" to ")))
-    return parts
+        alike = engines[engines["fidelity"] == fidelity]
+        if alike.empty:
+            continue
+        by_share = list(alike.sort_values("share", kind="stable").itertuples())
+        by_bound = alike[alike["read"] > 0].sort_values(BOUND, kind="stable")
+        ends = by_bound.iloc[[0, -1]] if len(by_bound) else by_bound
+        yield {
+            "fidelity": fidelity,
+            "fewest": _counts(by_share[0]),
+            "most": _counts(by_share[-1]),
+            "bounds": [_bound(table, one) for one in ends.drop_duplicates("bound").itertuples()],
+        }
 
 
-def _findings(table: pd.DataFrame, found: pd.DataFrame) -> list[TracedText]:
-    sizes = table[TRUE_JUMP].abs()
-    ends = [
-        value("torque", table, int(row), TRUE_JUMP, ".2g")
-        for row in (sizes.idxmin(), sizes.idxmax())
-    ]
-    bounds = _spans(found[found["read"] > 0], BOUND, lambda method: listed(_bounds(method)), " N m")
-    unread = [
-        traced(
-            "{} ({} of {})",
-            called(method.variant),
-            _counted(table, method, False),
-            _counted(table, method, True, False),
-        )
-        for method in found[found["share"] < 1].itertuples()
-    ]
-    return [
-        traced("The true jumps measure {} to {} N m.", *ends),
-        sentence("Bounds for the jumps that engines read: {}.", listed(bounds, ", ", ", ")),
-        sentence(
-            "Our reader does not find these in the runs, often as an effort rings after a jump: {}.",
-            listed(unread),
-        ),
-    ]
-
-
-def _by_method(table: pd.DataFrame, equal: pd.DataFrame, found: pd.DataFrame) -> TableView:
-    """A row per method: jumps read and worst bound, of all cases and of each."""
+def _by_method(table: pd.DataFrame, equal: pd.DataFrame, compared: pd.DataFrame) -> TableView:
+    """A row per method: jumps resolved and worst bound, of all cases and of each."""
     cases = summed_up(equal, "variant", "scene")
-    cases["text"] = [
-        f"{case.read}/{case.jumps}" + (f", {case.bound}" if case.read else "")
-        for case in cases.itertuples()
-    ]
-    texts, methods_found = (
-        cases.pivot(index="variant", columns="scene", values="text"),
-        found.set_index("variant"),
-    )
+    cases["text"] = [_words(int(one.read), int(one.jumps), one.bound) for one in cases.itertuples()]
+    texts = cases.pivot(index="variant", columns="scene", values="text")
+    by_variant = compared.set_index("variant")
     rows = []
-    for group, there in groups(table):
-        for variant in (name for name in there["variant"].unique() if name in methods_found.index):
-            method = methods_found.loc[variant]
-            rows.append(
-                (
-                    {
-                        "group": group.label,
-                        "method": variant,
-                        "run": setting_of(method["parameter"], method["step"]),
-                        **method[["read", "jumps", BOUND, "bound"]],
-                        **texts.loc[variant].rename(case_of),
-                    },
-                    equal[(equal["variant"] == variant) & equal[BOUND].notna()],
-                )
-            )
+    for group, members in groups(table):
+        for variant in members["variant"].unique():
+            if variant not in by_variant.index:
+                continue
+            method = by_variant.loc[variant]
+            row = {
+                "group": group.label,
+                "method": variant,
+                "run": setting_of(method["parameter"], method["step"]),
+                **method[["read", "jumps", BOUND, "bound"]],
+                **{in_scene("read", scene): text for scene, text in texts.loc[variant].items()},
+            }
+            behind = equal[(equal["variant"] == variant) & equal[BOUND].notna()]
+            rows.append((row, behind))
     columns = (
         Column("method"),
         Column("run", brief=False),
-        Column("read", form=".0f"),
+        Column("read", "resolved", form=".0f"),
         Column("jumps", "of", form=".0f"),
         Column("bound", unit="N m"),
-        *(Column(case_of(scene), unit="N m") for scene in table["scene"].unique()),
+        *(
+            Column(in_scene("read", scene), scene_title(scene), "N m")
+            for scene in table["scene"].unique()
+        ),
     )
-    return view(
-        "torque",
-        rows,
-        columns,
-        group="group",
-        caption="Jumps of the driving torque that each method reads at the step nearest to 1 ms or the "
-        "tightest tolerance. Bound: for the error of the worst of these; by case: read/all, bound.",
-    )
+    return view("torque", rows, columns, group="group")
 
 
-def _by_scene(table: pd.DataFrame) -> Iterator[TableView]:
+def _by_scene(table: pd.DataFrame) -> dict[str, TableView]:
+    """Every run of a scene."""
     columns = (
         Column("variant", "method"),
         Column("parameter", "refined by"),
         Column("step", form="g"),
-        Column("read", form=".0f"),
+        Column("read", "resolved", form=".0f"),
         Column("jumps", "of", form=".0f"),
         Column("bound", unit="N m"),
         Column(LATE, "largest time error", "s"),
         Column("status"),
         Column("reason"),
     )
+    views = {}
     for scene, jumps in table[~table["status"].isin(UNMADE)].groupby("scene", sort=False):
-        rows = summed_up(jumps, "key")
-        if len(rows):
-            behind = [jumps.index[jumps["key"] == key] + 1 for key in rows["key"]]
-            yield view(
-                f"torque-{scene}",
-                rows,
-                columns,
-                source="torque",
-                rows=behind,
-                in_report=False,
-                caption=f"{title_of(scene)}: jumps read in every run, a bound for the error of their "
-                "sizes, and the largest error of their times.",
-            )
+        runs = summed_up(jumps, "key")
+        if runs.empty:
+            continue
+        behind = [jumps.index[jumps["key"] == key] + 1 for key in runs["key"]]
+        views[str(scene)] = view(
+            f"torque-{scene}", runs, columns, source="torque", rows=behind, in_report=False
+        )
+    return views
 
 
 def _events_figure(windows: pd.DataFrame, table: pd.DataFrame, chosen: Sequence[str]) -> Chart:
     """A row of panels per group of methods, a column per event."""
-    events, panels = shown_events(windows), list[Panel]()
+    events = shown_events(windows)
+    panels = list[Panel]()
     for group, rows in groups(table) if events else ():
         variants = [variant for variant in dict.fromkeys(rows["variant"]) if variant in chosen]
         label = f"{group.label}\ndriving torque [N m]"
@@ -459,21 +387,13 @@ def _events_figure(windows: pd.DataFrame, table: pd.DataFrame, chosen: Sequence[
             windows[(windows["scene"] == scene) & (windows["event"] == event)]
             for scene, event in events
         ]
-        found = [
+        row = [
             event_panel(window, variants, "" if number else label)
             for number, window in enumerate(around)
         ]
-        panels += found if any(len(panel.series) > 1 for panel in found) else []
-    return Chart(
-        "torque-events",
-        panels,
-        max(1, len(events)),
-        ROW_HEIGHT,
-        share_x=True,
-        caption="Driving torque around a reversal and a stick event of the truth (black), as each "
-        "method has it at the step nearest to 1 ms or the tightest tolerance. Points are samples; methods "
-        "that agree cover each other. Time counts from the true event; what lies beyond the axis is cut off.",
-    )
+        has_runs = any(len(panel.series) > 1 for panel in row)
+        panels += row if has_runs else []
+    return Chart("torque-events", panels, max(1, len(events)), ROW_HEIGHT, share_x=True)
 
 
 def shown_events(windows: pd.DataFrame) -> list[tuple[str, int]]:
@@ -511,7 +431,7 @@ def event_panel(window: pd.DataFrame, variants: Sequence[str], label: str) -> Pa
         return Panel("", Axis(), Axis(), ())
     low, high = true["effort_value"].min(), true["effort_value"].max()
     limits = (low - BEYOND * (high - low), high + BEYOND * (high - low))
-    title = f"{title_of(window['scene'].iloc[0])}, {window['kind'].iloc[0]}"
+    title = f"{scene_title(window['scene'].iloc[0])}, {window['kind'].iloc[0]}"
     lines.append(series(true, TRUTH, False))
     return Panel(title, Axis("time from the event [ms]"), Axis(label, limits=limits), lines)
 

@@ -5,11 +5,13 @@ from dataclasses import replace
 import numpy as np
 import pandas as pd
 import pytest
-from made_up_runs import CASES, VARIANTS, about, cells, record, sentences, wrong_numbers
+from made_up_runs import CASES, VARIANTS, about, record, words, wrongly_written
 
+from stiction.comparisons.bench.methods import scene_title
 from stiction.comparisons.bench.presentation import ANSWER_LENGTH
 from stiction.comparisons.bench.results import Results
-from stiction.comparisons.studies.accuracy import largest_differences, present
+from stiction.comparisons.studies.accuracy import STUDY, in_scene, largest_differences, present
+from stiction.reports.text import section_of
 from stiction.scenes import Event, Trajectory
 from stiction.truths import CLOSED_FORM, Truth
 
@@ -20,6 +22,9 @@ ERRORS = {
     "PyBullet": (9e-4, 1e-3, 9.4e-3),
     "pymunk, contact": (1e-3, 2e-3, 2.9e-3),
 }
+
+
+THIRD = scene_title(CASES[2])
 
 
 def true_columns(t, side):
@@ -47,10 +52,24 @@ def results(errors=ERRORS, lost=(), status="failed", reason="why"):
 
 def test_the_answer_is_the_worst_case_of_each():
     made = results()
-    said = present(made)
-    assert [number.text for number in said.answer.numbers] == ["3e-12", "0.2", "4.5", "9.4", "2.9"]
-    assert len(said.answer.text) <= ANSWER_LENGTH and not wrong_numbers(said, made)
-    assert cells(said) == {label: f"{max(sizes):.2g}" for label, sizes in ERRORS.items()}
+    section = section_of(STUDY, made)
+    assert [number.text for number in section.numbers] == ["3e-12", "0.2", "4.5", "9.4", "2.9"]
+    assert len(section.answer) <= ANSWER_LENGTH and not wrongly_written(section, made)
+    rows = present(made).rows
+    assert {one["variant"]: float(one["error"]) for one in rows["own"]} == {
+        label: max(ERRORS[label]) for label in ("reference", "paper's scheme")
+    }
+    joint, contact = rows["engines"]
+    assert (joint["fidelity"], joint["number"]) == ("joint", 2)
+    assert (float(joint["smallest"]), float(joint["largest"])) == (4.5e-3, 9.4e-3)
+    assert (contact["fidelity"], contact["number"]) == ("contact", 1)
+    assert float(contact["largest"]) == 2.9e-3 and not rows["failed"]
+    assert position_cells(made) == {label: f"{max(sizes):.2g}" for label, sizes in ERRORS.items()}
+
+
+def position_cells(made):
+    [headline] = present(made).headlines
+    return headline.cells
 
 
 def closest(made):
@@ -65,16 +84,16 @@ def closest(made):
 def test_the_closest_is_closest_in_its_worst_case():
     """PyBullet is closer in two cases of three; in the third it is twice as far off."""
     assert closest(results()) == [
-        ["pymunk", "2", "adapter", "nobody", "0.0045", "case 3"],
-        ["pymunk", "1", "adapter", "nobody", "0.0029", "case 3"],
+        ["pymunk", "2", "adapter", "nobody", "0.0045", THIRD],
+        ["pymunk, contact", "1", "adapter", "nobody", "0.0029", THIRD],
     ]
     better = results({**ERRORS, "PyBullet": (9e-4, 1e-3, 4.4e-3)})
-    assert closest(better)[0] == ["PyBullet", "2", "adapter", "nobody", "0.0044", "case 3"]
+    assert closest(better)[0] == ["PyBullet", "2", "adapter", "nobody", "0.0044", THIRD]
 
 
 def test_indistinguishable_errors_are_not_ranked():
     made = results({**ERRORS, "PyBullet": (9e-4, 1e-3, 4.5e-3)})
-    assert closest(made)[0][:2] == ["pymunk, PyBullet", "2"]
+    assert closest(made)[0][:2] == ["pymunk; PyBullet", "2"]
 
 
 @pytest.mark.parametrize(
@@ -83,12 +102,17 @@ def test_indistinguishable_errors_are_not_ranked():
 )
 def test_failing_in_the_worst_case_does_not_improve_a_method(status, reason):
     """Without case 3 pymunk would be at 2 mm; an early end counts, too."""
-    said = present(made := results(lost={("pymunk", CASES[2])}, status=status, reason=reason))
+    made = results(lost={("pymunk", CASES[2])}, status=status, reason=reason)
     word = "declined" if status == "refused" else "failed"
-    assert cells(said)["pymunk"] == f"0.002, 1 of 3 {word}" and not wrong_numbers(said, made)
-    assert closest(made)[0][:2] == ["PyBullet", "1"] and "pymunk (1 of 3)" in sentences(said)
-    row = said.tables[0].frame.set_index("method").loc["pymunk"]
-    assert row["failed"] == f"case 3: {reason}" and np.isnan(row["position_error, case 3"])
+    assert position_cells(made)["pymunk"] == f"0.002, 1 of 3 {word}"
+    presented, section = present(made), section_of(STUDY, made)
+    assert presented.rows["failed"] == [{"variant": "pymunk", "failed": 1, "runs": 3}]
+    assert "pymunk in 1 of 3" in words(section) and not wrongly_written(section, made)
+    assert closest(made)[0][:2] == ["PyBullet", "1"]
+    row = presented.tables[0].frame.set_index("method").loc["pymunk"]
+    assert row["failed"] == f"{THIRD}: {reason}"
+    assert np.isnan(row[in_scene("position_error", CASES[2])])
+    assert row[in_scene("position_error", CASES[1])] == 2e-3
 
 
 def test_where_every_run_failed_it_says_so():
@@ -96,13 +120,16 @@ def test_where_every_run_failed_it_says_so():
     made = results(lost=everything)
     no_errors = made.tables["accuracy"].drop(columns=["position_error", "position_uncertainty"])
     made = replace(made, tables={"accuracy": no_errors})
-    said = present(made)
-    assert said.answer and not said.answer.numbers and cells(said)["reference"] == "3 of 3 failed"
-    assert "nan" not in sentences(said) + str([table.cells() for table in said.tables])
+    section = section_of(STUDY, made)
+    assert section.answer and not section.numbers
+    assert position_cells(made)["reference"] == "3 of 3 failed"
+    assert len(present(made).rows["failed"]) == len(ERRORS)
+    assert "nan" not in words(section) + str([table.cells() for table in section.tables])
 
 
 def test_tables_and_figures_have_every_run_where_it_belongs():
-    said = present(results())
+    said = section_of(STUDY, results())
+    assert all(each.caption for each in (*said.tables, *said.figures))
     whole = {table.name: table for table in said.tables}
     assert list(whole) == ["accuracy", "accuracy-closest", *(f"accuracy-{case}" for case in CASES)]
     assert [table.in_report for table in said.tables] == [True, True, False, False, False]
@@ -111,6 +138,7 @@ def test_tables_and_figures_have_every_run_where_it_belongs():
     ]
     assert whole[f"accuracy-{CASES[1]}"].rows[0] == (3,)  # the first run of the second case
     figures = {figure.name: figure for figure in said.figures}
+    assert figures["accuracy"].caption != whole["accuracy"].caption
     assert list(figures) == ["accuracy", "difference-position", "difference-torque"]
     assert all(figure.columns == 3 for figure in said.figures)
     first = figures["accuracy"].panels[0]

@@ -6,10 +6,11 @@ from types import SimpleNamespace
 
 import pandas as pd
 import pytest
-from made_up_runs import cells, sentences, wrong_numbers
+from made_up_runs import words, wrongly_written
 
 from stiction.comparisons.bench.depth import Depth
 from stiction.comparisons.bench.participants import cost_variants, extent, variants
+from stiction.comparisons.bench.presentation import ANSWER_LENGTH
 from stiction.comparisons.bench.results import Results
 from stiction.comparisons.bench.study import Scope
 from stiction.comparisons.bench.timing.timed_runs import OTHERS
@@ -27,6 +28,7 @@ from stiction.comparisons.measures.equal_error import INTEGRATION, UNKNOWN, equa
 from stiction.comparisons.measures.work_precision import TIMING
 from stiction.comparisons.studies.cost import STUDY, plan
 from stiction.engines import Outcome
+from stiction.reports.text import section_of
 from stiction.scenes import load_scene
 
 CASES = [f"slider-bar-case-{number}" for number in (1, 2, 3)]
@@ -129,25 +131,48 @@ def records(tables):
     )
 
 
-def said(tables):
-    return STUDY.presented(Results(records(tables), {}, tables))
+def results_of(tables):
+    return Results(records(tables), {}, tables)
+
+
+def shown_of(tables):
+    """The section of the study, all of whose numbers are those of the tables."""
+    results = results_of(tables)
+    section = section_of(STUDY, results)
+    assert not section.numbers or not wrongly_written(section, results)
+    return section
+
+
+def rows_of(tables):
+    return STUDY.presented(results_of(tables)).rows
+
+
+def times_to_target(section):
+    [headline] = section.headlines
+    return headline.cells
 
 
 def test_numbers_are_those_of_the_tables():
-    tables = material()
-    shown = said(tables)
-    assert (
-        not wrong_numbers(shown, Results((), {}, tables))
-        and len(cells(shown)) == 6
-        and "nan" not in sentences(shown)
-    )
+    results = results_of(material())
+    section = section_of(STUDY, results)
+    assert not wrongly_written(section, results)
+    assert len(times_to_target(section)) == 6 and "nan" not in words(section)
+    assert all(each.caption for each in (*section.tables, *section.figures))
 
 
 def test_time_to_a_millimetre_is_the_total_one_in_the_first_case():
     """By hand: the error is step / 2: 1 mm is met at a step of 2 ms, between two runs whose times go as 1 / step."""
-    shown = said(material())
-    assert [number.text for number in shown.answer.numbers] == ["≤ 10", "100", "150", "200"]
-    assert cells(shown) == {
+    section, rows = shown_of(material()), rows_of(material())
+    assert [number.text for number in section.numbers][:4] == ["≤ 10", "100", "150", "200"]
+    assert len(section.answer) <= ANSWER_LENGTH
+    assert [(one["variant"], 1e3 * float(one["time"])) for one in rows["own"]] == [
+        ("reference", pytest.approx(10)),
+        ("paper's scheme", pytest.approx(100)),
+    ]
+    assert [1e3 * float(one["time"]) for one in rows["joints"]] == pytest.approx([150, 200])
+    assert [1e3 * float(one["time"]) for one in rows["contacts"]] == pytest.approx([300])
+    assert rows["without"] == ["slow"]
+    assert times_to_target(section) == {
         "reference": "≤ 10",
         "paper's scheme": "100",
         "pymunk": "150 (75)",
@@ -155,11 +180,14 @@ def test_time_to_a_millimetre_is_the_total_one_in_the_first_case():
         "slow": "> 500",
         "pymunk, contact": "300 (240)",
     }
-    assert "3 of 54 runs" in sentences(shown) and "up to 20 ms more" in shown.beside.text
+    assert (rows["unsure"], rows["timed"]) == (3, 54)
+    assert "3 of 54 runs" in words(section) and "≤ 20 ms" in section.beside
+    set_up = rows["set_up"]
+    assert (float(set_up["reference"]), float(set_up["engines"])) == (1e-3, 6e-3)
 
 
 def test_tables_have_totals_with_the_engines_part_and_no_engine_that_is_not_installed():
-    shown = said(material())
+    shown = shown_of(material())
     tables = {table.name: table for table in shown.tables}
     assert list(tables) == [
         "cost",
@@ -189,7 +217,7 @@ def test_methods_that_may_be_compared_share_a_panel_and_what_the_adapter_does_is
     cost[[FRICTION_BY, EVENTS_BY]] = "engine"
     cost.loc[cost["variant"] == "pymunk", FRICTION_BY] = "engine + adapter"
     cost.loc[cost["variant"] == "slow", EVENTS_BY] = "adapter"
-    [figure] = said({"cost": cost}).figures
+    [figure] = shown_of({"cost": cost}).figures
     labels = [[series.label for series in panel.series if series.label] for panel in figure.panels]
     joint = ["reference", "paper's scheme", "pymunk *", "PyBullet", "slow *"]
     assert list(map(sorted, labels)) == [sorted(joint)] * 3 + [
@@ -208,13 +236,10 @@ def test_a_time_with_a_wide_interval_is_marked_where_it_stands(part, mark):
         **{OTHERS: 0.1 * times["round"]},
     )
     tables = with_equal_error(cost, times) | {"times": times}
-    shown = said(tables)
-    assert "up to 0.5 cores busy" in sentences(shown) and not wrong_numbers(
-        shown, Results((), {}, tables)
-    )
-    assert (
-        cells(shown)["reference"] == f"≤ {mark}10" and cells(shown)["pymunk"] == f"{mark}150 (75)"
-    )
+    shown = shown_of(tables)
+    assert float(rows_of(tables)["load"]) == 0.5 and "up to 0.5" in words(shown)
+    cells = times_to_target(shown)
+    assert cells["reference"] == f"≤ {mark}10" and cells["pymunk"] == f"{mark}150 (75)"
     assert (
         dict((row[0], row[2]) for row in shown.tables[0].cells(brief=True))["pymunk"]
         == f"{mark}150 (75)"
@@ -223,7 +248,7 @@ def test_a_time_with_a_wide_interval_is_marked_where_it_stands(part, mark):
 
 def test_errors_below_the_uncertainty_of_the_truth_have_a_bound():
     """The reference is at 5e-6 m; of a truth that is known to 2e-5 m, its time to 1e-5 m is at least that to 1e-4 m."""
-    first, *_ = said(
+    first, *_ = shown_of(
         with_equal_error(cost_of_case_1().assign(**{"position_uncertainty": 2e-5}))
     ).tables
     cells = {row[0]: row[1:] for row in first.cells(brief=True)}
@@ -233,18 +258,21 @@ def test_errors_below_the_uncertainty_of_the_truth_have_a_bound():
 
 def test_a_limit_turns_with_one_case():
     tables = material()
-    limits = {table.name: table for table in said(tables).tables}["cost-limits"].frame.set_index(
-        "variant"
-    )
+    limits = {table.name: table for table in shown_of(tables).tables}[
+        "cost-limits"
+    ].frame.set_index("variant")
     assert set(limits["limit"]) == {INTEGRATION} and limits["order"].tolist() == pytest.approx(
         [1.0] * 6
     )
     level = tables["cost"]["variant"].eq("pymunk") & tables["cost"]["scene"].eq(CASES[2])
     tables["cost"].loc[level, "position_error"] = 1e-2
-    shown = said(with_equal_error(tables["cost"]))
+    turned = with_equal_error(tables["cost"])
+    shown, rows = shown_of(turned), rows_of(turned)
     limits = {table.name: table for table in shown.tables}["cost-limits"].frame.set_index("variant")
     assert limits["limit"]["pymunk"] == UNKNOWN
-    assert "5 of 6 methods" in sentences(shown) and "pymunk (inconclusive)" in sentences(shown)
+    assert (rows["falling"], rows["methods"]) == (5, 6)
+    assert rows["limited"] == [{"limit": UNKNOWN, "variants": ["pymunk"]}]
+    assert "5 of 6 methods" in words(shown) and "inconclusive (pymunk)" in words(shown)
 
 
 def test_bounds_stay_bounds_when_they_are_rounded():
@@ -253,31 +281,31 @@ def test_bounds_stay_bounds_when_they_are_rounded():
     for variant, factor in (("reference", 1.06), ("slow", 0.998)):
         cost.loc[cost["variant"] == variant, ["cpu_time", OWN_CPU]] *= factor
     tables = with_equal_error(cost)
-    shown = said(tables)
-    assert cells(shown)["reference"] == "≤ 11" and cells(shown)["slow"] == "> 490"
+    shown = shown_of(tables)
+    cells = times_to_target(shown)
+    assert cells["reference"] == "≤ 11" and cells["slow"] == "> 490"
     assert (
         dict((row[0], row[1]) for row in shown.tables[0].cells(brief=True))["reference"] == "≤ 11"
     )
-    assert not wrong_numbers(shown, Results((), {}, tables))
 
 
 def test_our_own_solver_of_contacts_is_no_engine():
     tables = material()
     for table in tables.values():
         table.loc[table["variant"] == "pymunk, contact", "engine"] = "moreau"
-    assert "Engines with contacts" in sentences(
-        said(material())
-    ) and "Engines with contacts" not in sentences(said(tables))
+    assert rows_of(material())["contacts"] and not rows_of(tables)["contacts"]
+    assert "with contacts" in words(shown_of(material()))
+    assert "with contacts" not in words(shown_of(tables))
 
 
 def test_an_error_that_falls_over_all_cases_and_rises_in_one_is_named():
     cost = material()["cost"]
     last = cost["variant"].eq("PyBullet") & cost["scene"].eq(CASES[2]) & cost["step"].eq(STEPS[-1])
     cost.loc[last, "position_error"] = 4e-3  # 15, 3.8 and 1.5 mm before
-    shown = said(with_equal_error(cost))
-    assert "rises: PyBullet in case 3." in sentences(shown) and "rises" not in sentences(
-        said(material())
-    )
+    level = rows_of(with_equal_error(cost))["level"]
+    assert level == [{"variant": "PyBullet", "scene": CASES[2]}]
+    assert "rises: PyBullet in" in words(shown_of(with_equal_error(cost)))
+    assert not rows_of(material())["level"] and "rises" not in words(shown_of(material()))
 
 
 @pytest.mark.parametrize(
@@ -286,9 +314,9 @@ def test_an_error_that_falls_over_all_cases_and_rises_in_one_is_named():
 def test_what_is_missing_is_left_out(gone):
     tables = material()
     tables["cost"] = tables["cost"].drop(columns=[name for name in gone if name in tables["cost"]])
-    shown = said({name: table for name, table in tables.items() if name not in gone})
+    shown = shown_of({name: table for name, table in tables.items() if name not in gone})
     assert shown.answer and not any(
-        "nan" in text.text or not text.text for text in (shown.answer, *shown.findings)
+        "nan" in text or not text for text in (shown.answer, *shown.findings)
     )
     assert not any(
         "nan" in cell for table in shown.tables for cells in table.cells() for cell in cells
@@ -299,7 +327,43 @@ def test_no_timed_run_is_said_without_numbers():
     failed = (
         material()["cost"].assign(status="failed", reason="gave up").drop(columns="position_error")
     )
-    assert said({"cost": failed}).answer and not said({"cost": failed}).answer.numbers
+    section = shown_of({"cost": failed})
+    assert section.answer and not section.numbers
+    assert not rows_of({"cost": failed})["measured"]
+
+
+def test_without_times_to_errors_nothing_is_claimed_of_them():
+    """A time that is not known does not mean that no run is as accurate."""
+    section = shown_of({"cost": material()["cost"]})
+    rows = rows_of({"cost": material()["cost"]})
+    assert rows["methods"] == 0 and not rows["any"]
+    assert "slow" not in words(section) and "not known" in section.answer
+
+
+def test_accelerations_under_our_integrator_are_compared_with_own_steps():
+    """Errors of two engines: 1e-9 and 2e-9 m integrated, 0.5 mm and 5 mm by their own steps."""
+    cost = cost_of_case_1()
+    finest = cost[cost["step"] == STEPS[-1]]
+    parts = [cost]
+    for engine, error in (("pymunk", 1e-9), ("slow", 2e-9)):
+        parts.append(
+            finest[finest["variant"] == engine].assign(
+                variant=f"{engine}, accelerations",
+                parameter="rtol",
+                step=1e-9,
+                settings=json.dumps({"method": "accelerations"}),
+                position_error=error,
+                key=f"{engine}/accelerations",
+            )
+        )
+    table = pd.concat(parts, ignore_index=True)
+    tables = with_equal_error(table)
+    compared = rows_of(tables)["accelerations"]
+    assert compared["variants"] == ["pymunk", "slow"]
+    assert float(compared["integrated"]) == 2e-9
+    assert float(compared["stepped"]) == pytest.approx(0.5e-3)
+    assert rows_of(material())["accelerations"] is None
+    assert "pymunk; slow" in words(shown_of(tables))
 
 
 @pytest.mark.parametrize("depth", list(Depth))

@@ -5,13 +5,15 @@ from dataclasses import replace
 import numpy as np
 import pandas as pd
 import pytest
-from made_up_runs import CASES, VARIANTS, about, cells, record, sentences, wrong_numbers
+from made_up_runs import CASES, VARIANTS, about, record, words, wrongly_written
 
 from stiction.comparisons.bench.presentation import ANSWER_LENGTH, Presentation
 from stiction.comparisons.bench.results import Results
 from stiction.comparisons.bench.study import Scope
 from stiction.comparisons.bench.variants import COEFFICIENTS, Coefficients
-from stiction.comparisons.studies.torque import plan, present, windows_table
+from stiction.comparisons.studies.accuracy import in_scene
+from stiction.comparisons.studies.torque import STUDY, plan, present, windows_table
+from stiction.reports.text import section_of
 from stiction.scenes import Event, InputError, Trajectory, load_scene
 from stiction.truths import CLOSED_FORM, Truth
 
@@ -51,49 +53,71 @@ def results(unread=(), bounds=BOUNDS):
     return Results(tuple(records), {}, {"torque": pd.DataFrame(rows)})
 
 
+def section(made):
+    """The section of the study, all of whose numbers are those of the tables."""
+    written = section_of(STUDY, made)
+    assert not wrongly_written(written, made)
+    return written
+
+
+def jump_cells(made):
+    [headline] = present(made).headlines
+    return headline.cells
+
+
 def test_the_answer_counts_all_jumps_and_the_worst_bound():
-    said = present(
-        made := results(unread={("pymunk, contact", CASES[0], 0), ("pymunk, contact", CASES[2], 1)})
-    )
+    made = results(unread={("pymunk, contact", CASES[0], 0), ("pymunk, contact", CASES[2], 1)})
+    written, rows = section(made), present(made).rows
     assert all(
-        part in said.answer.text for part in ("9/9", "1e-12 N m", "0.00022", "7/9 with contacts")
+        part in written.answer for part in ("9/9", "1e-12 N m", "0.00022", "7/9 with contacts")
     )
-    assert len(f"Torque jumps: {said.answer.text}") <= ANSWER_LENGTH
-    assert len(said.answer.text) <= ANSWER_LENGTH and not wrong_numbers(said, made)
+    assert len(f"Torque jumps: {written.answer}") <= ANSWER_LENGTH
+    assert [(one["variant"], one["read"], one["jumps"]) for one in rows["own"]] == [
+        ("reference", 9, 9),
+        ("paper's scheme", 9, 9),
+    ]
+    assert [float(one["bound"]) for one in rows["own"]] == [1e-12, 2.2e-4]
+    joint, contact = rows["engines"]
+    assert joint["fewest"] == joint["most"] == {"read": 9, "jumps": 9}
+    assert contact["fewest"] == contact["most"] == {"read": 7, "jumps": 9}
+    assert list(map(float, joint["bounds"])) == [0.0142, 0.02]
+    assert list(map(float, contact["bounds"])) == [0.03]
+    assert abs(float(rows["smallest_jump"])) == 0.0636 and abs(float(rows["largest_jump"])) == 2.5
+    assert rows["unresolved"] == [{"variant": "pymunk, contact", "read": 7, "jumps": 9}]
     for part in (
         "0.064 to 2.5 N m",
         "0.015 to 0.02 N m with joints, 0.03 N m with contacts",
-        "pymunk with contact (2 of 9)",
+        "pymunk, contact 2 of 9",
     ):
-        assert part in sentences(said)
+        assert part in words(written)
 
 
 def test_a_bound_is_rounded_up():
-    assert cells(present(results()))["PyBullet"] == "9/9, 0.015"
+    assert jump_cells(results())["PyBullet"] == "9/9, 0.015"
 
 
 def test_a_jump_that_is_not_read_is_counted_and_has_no_bound():
-    """A jump that our reader does not find may be right: its size is no bound of what the engine is off by."""
+    """A jump that is not found in a run may be right: its size is no bound of what the engine is off by."""
     kept, lost = results(), results(unread={("pymunk", CASES[1], 2)})
-    assert (
-        cells(present(kept))["pymunk"] == "9/9, 0.02"
-        and cells(present(lost))["pymunk"] == "8/9, 0.02"
-    )
-    assert "8/9 to 9/9" in present(lost).answer.text and not wrong_numbers(present(lost), lost)
+    assert jump_cells(kept)["pymunk"] == "9/9, 0.02"
+    assert jump_cells(lost)["pymunk"] == "8/9, 0.02"
+    joint, _ = present(lost).rows["engines"]
+    assert joint["fewest"] == {"read": 8, "jumps": 9} and joint["most"] == {"read": 9, "jumps": 9}
+    assert "8/9 to 9/9" in section(lost).answer
     none = results(unread={("pymunk", case, number) for case in CASES for number in range(3)})
-    assert cells(present(none))["pymunk"] == "0/9" and not wrong_numbers(present(none), none)
+    assert jump_cells(none)["pymunk"] == "0/9" and section(none).answer
+    joint, _ = present(none).rows["engines"]
+    assert list(map(float, joint["bounds"])) == [0.0142]  # of the other engine with joints
 
 
 def test_tables_say_it_by_case_and_by_run():
-    said = present(results(unread={("pymunk", CASES[1], 2)}))
+    said = section(results(unread={("pymunk", CASES[1], 2)}))
+    assert all(each.caption for each in (*said.tables, *said.figures))
     first, *whole = said.tables
     row = first.frame.set_index("method").loc["pymunk"]
-    assert (row["read"], row["jumps"], row["case 1"], row["case 2"]) == (
-        8,
-        9,
-        "3/3, 0.02",
-        "2/3, 0.02",
-    )
+    assert (row["read"], row["jumps"]) == (8, 9)
+    assert row[in_scene("read", CASES[0])] == "3/3, 0.02"
+    assert row[in_scene("read", CASES[1])] == "2/3, 0.02"
     assert [table.name for table in whole] == [f"torque-{case}" for case in CASES]
     assert not any(table.in_report for table in whole)
     runs = whole[1].frame.set_index(["variant", "step"])
@@ -113,12 +137,8 @@ def test_rows_without_a_truth_or_of_an_engine_that_is_not_installed_count_for_no
     table["resolved"] = table["resolved"].astype(object)
     table.loc[contact, ["resolved", "jump_bound", "true_jump", "event"]] = None
     table.loc[contact, "status"] = "missing"
-    said = present(made)
-    assert (
-        "pymunk, contact" not in cells(said)
-        and "contact" not in sentences(said)
-        and not wrong_numbers(said, made)
-    )
+    assert "pymunk, contact" not in jump_cells(made)
+    assert "contact" not in words(section(made))
 
 
 def true_motion(name, *events):
@@ -198,8 +218,8 @@ def test_the_central_figure_shows_each_method_over_the_time_from_its_own_true_ev
     )
     [figure] = [figure for figure in said.figures if figure.name == "torque-events"]
     assert [panel.title for panel in figure.panels] == [
-        "A, reversal",
-        "A, stick",
+        "a, reversal",
+        "a, stick",
     ] * 2 and figure.columns == 2
     for panel in figure.panels:
         run, truth = panel.series

@@ -352,7 +352,7 @@ def known_digits(context: Context, given: Cell) -> str:
 
 
 @pass_context
-def enclosure(context: Context, given: Cell) -> str:
+def enclosure(context: Context, given: Cell, between: str = " to ") -> str:
     """Write the interval of a number and its uncertainty, rounded outwards: ``4.211956322 to 4.211956323``.
 
     The ends are sums of the shortest decimals of both numbers, so that those of a proof, which are decimals, are
@@ -360,7 +360,8 @@ def enclosure(context: Context, given: Cell) -> str:
     """
     value = Decimal(repr(given.value))
     unsure = Decimal(repr(given.uncertainty or 0.0))
-    unit = Decimal(1).scaleb(unsure.adjusted() - 1)
+    last = unsure.adjusted() - 1 if unsure else int(value.as_tuple().exponent)
+    unit = Decimal(1).scaleb(last)
     low = (value - unsure).quantize(unit, ROUND_FLOOR).normalize()
     high = (value + unsure).quantize(unit, ROUND_CEILING).normalize()
-    return _noted(context, f"{low:f} to {high:f}", given)
+    return _noted(context, f"{low:f}{between}{high:f}", given)

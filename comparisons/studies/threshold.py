@@ -14,22 +14,17 @@ from typing import Any
 import numpy as np
 import pandas as pd
 
-from stiction.comparisons.bench.methods import MISSING_ENGINE, called, with_columns
+from stiction.comparisons.bench.methods import MISSING_ENGINE, with_columns
 from stiction.comparisons.bench.participants import extent, threshold_variants
 from stiction.comparisons.bench.presentation import (
     Axis,
     Chart,
     Column,
     Headline,
-    Number,
     Panel,
     Presentation,
     Series,
-    TracedText,
-    interval,
-    listed,
-    sentence,
-    traced,
+    row_of,
     view,
 )
 from stiction.comparisons.bench.presentation.cells import setting_of
@@ -53,6 +48,7 @@ from stiction.truths import HIGH_PRECISION, NO_TRUTH, PROVEN, StickThreshold, st
 from stiction.truths.physics import physics_of
 from stiction.truths.proof.truth import threshold_of_theorem
 from stiction.truths.reduced.steady_state import StickBands, margin, steady_state, with_threshold
+from stiction.uncertain import Uncertain
 
 AMPLITUDE = "F0"
 """Parameter on which the threshold is."""
@@ -82,13 +78,15 @@ SETTLES = 0.25
 """Part of an error by which the last refinement may still change it where it is said to be one: with more, finer steps
 may remove it."""
 CHANGE = "threshold_change"
-MOST_NAMED = 3
-"""Methods that the answer names one by one."""
 TRUTH = "threshold truth"
 """Name of the comparison that `plan` requires."""
 MIDDLE, ERROR, UNCERTAINTY = "F0_threshold", "threshold_error", "threshold_uncertainty"
+TRUE_THRESHOLD, TIER = "true_threshold", "truth_tier"
 AGAIN, SCANNED = "sticks_again", "scanned_to"
 WITH_STICK, WITHOUT_STICK = "F0_with_stick", "F0_without_stick"
+CONSTANTS = {"settles": SETTLES, "scan_step": SCAN_STEP, "scan_end": SCAN_END, "most_named": 2}
+"""What the text of the study mentions besides results: a part of an error, parts of a threshold, and the number of
+methods up to which its answer, which is one line, names them."""
 
 
 @dataclass(frozen=True)
@@ -484,8 +482,8 @@ def threshold_table(
                 "step": step,
                 "status": outcome.status,
                 "reason": outcome.reason or (found.remark if found else ""),
-                "true_threshold": truth.F0,
-                "truth_tier": tier,
+                TRUE_THRESHOLD: truth.F0,
+                TIER: tier,
                 "truth_note": truth.note,
                 "true_threshold_uncertainty": truth.uncertainty,
                 "theorem": truth.theorem,
@@ -517,7 +515,7 @@ def threshold_table(
         **ends,
         **{
             MIDDLE: middle,
-            ERROR: middle - table["true_threshold"].astype(float),
+            ERROR: middle - table[TRUE_THRESHOLD].astype(float),
             UNCERTAINTY: width + residual + change.fillna(0.0),
             CHANGE: change,
         },
@@ -529,55 +527,31 @@ def present(results: Results) -> Presentation:
     table = results.table("threshold")
     if table.empty or ERROR not in table or table[ERROR].isna().all():
         return Presentation()
-    table = with_columns(table, CHANGE).assign(
+    table = with_columns(table, CHANGE, TIER, AGAIN, SCANNED).assign(
         setting=list(map(setting_of, table["parameter"], table["step"]))
     )
     measured = table[table[ERROR].notna()]
     finest = measured.loc[measured.groupby("variant", sort=False)["step"].idxmin()]
-    off = {
-        variant: interval("threshold", table, int(row), ERROR)
-        for row, variant in finest["variant"].items()
-    }
-    row = int(measured.index[0])
-    truth = Number(
-        known(table.at[row, "true_threshold"], table.at[row, "true_threshold_uncertainty"]),
-        "threshold",
-        "true_threshold",
-        rows=(row + 1,),
-    )
-    beyond = finest[finest[ERROR].abs() > finest[UNCERTAINTY]].sort_values(
-        ERROR, key=abs, kind="stable"
-    )
-    steps = finest.loc[finest["parameter"] == "dt", "step"]
-    moves = beyond["parameter"].eq("dt") & (
-        (beyond["step"] > steps.min()) | ~(beyond[CHANGE] < SETTLES * beyond[ERROR].abs())
-    )
-    clearly, moving = (
-        listed(_named([traced("{} ({} N)", called(variant), off[variant]) for variant in names]))
-        for names in (beyond.loc[~moves, "variant"], beyond.loc[moves, "variant"])
-    )
-    answer = traced(
-        "The band of stick next to the scene's F0 ends at {} N. {}{}",
-        truth,
-        sentence("Clearly off: {}.", clearly) or "No method is clearly off.",
-        sentence(" Inconclusive at its finest step: {}.", moving),
-    )
+    clearly, may_vanish = _off(finest)
     installed = table.loc[table["status"] != MISSING_ENGINE, "variant"].unique()
-    none = [called(variant) for variant in installed if variant not in off]
-    findings = [traced("No threshold was found for {}.", listed(none))] if none else []
-    proven = (
-        table.dropna(subset="theorem").drop_duplicates("theorem")
-        if "theorem" in table
-        else table.iloc[:0]
-    )
-    findings += [
-        TracedText(f"Proven for mus = {row['mus']:g}: it {text[text.rindex('lies between') :]}")
-        for row in proven.to_dict("records")
-        if "lies between" in (text := row["theorem"])
-    ]
-    findings += _above(table)
+    rows = {
+        "truth": row_of("threshold", table, measured.index[0])[TRUE_THRESHOLD],
+        "off": _errors(table, clearly),
+        "inconclusive": _errors(table, may_vanish),
+        "without": [variant for variant in installed if variant not in set(finest["variant"])],
+        "proven": [
+            row_of("threshold", table, label)
+            for label in table[table[TIER] == PROVEN].drop_duplicates("mus").index
+        ],
+        **_above(table),
+        **CONSTANTS,
+    }
     headline = Headline(
-        "stick limit off [N]", {variant: traced("{}", number) for variant, number in off.items()}
+        "stick limit off [N]",
+        {
+            row["variant"]: Uncertain(row[ERROR], row[UNCERTAINTY]).both()
+            for row in finest.to_dict("records")
+        },
     )
     columns = (
         Column("variant", "method"),
@@ -591,103 +565,90 @@ def present(results: Results) -> Presentation:
         Column("runs", brief=False),
         Column("reason", brief=False),
     )
-    shown = view(
-        "threshold",
-        finest,
-        columns,
-        caption="Upper end of the band of load amplitudes F0, next to the scene's own, with a stick "
-        "phase in the steady state, less that of the truth; the finest step of each method.",
-    )
-    whole = view(
-        "threshold-all",
-        table,
-        columns,
-        source="threshold",
-        in_report=False,
-        caption="The threshold at every step.",
-    )
-    notes = (
-        "The uncertainty is the width of the bracket that the search ends with, and the change from the next "
-        "coarser step. Brackets are not ranked: a method is off only where its error is larger than its "
-        "uncertainty. Its step must be the finest of all, and must have changed the error by less than "
-        f"{100 * SETTLES:g} %.",
-        "Above the threshold the slider may stick again. The event-driven reference is asked every "
-        f"{100 * SCAN_STEP:g} % of it, up to {SCAN_END:g} times it, and the truth in the middle of each band that "
-        "is found. Narrower bands, and those farther up, are not seen.",
-    )
     return Presentation(
-        answer, tuple(findings), (headline,), (shown, whole), (_figure(measured),), notes
+        rows=rows,
+        headlines=[headline],
+        tables=[
+            view("threshold", finest, columns),
+            view("threshold-all", table, columns, source="threshold", in_report=False),
+        ],
+        figures=[_figure(measured)],
     )
 
 
-def _above(table: pd.DataFrame) -> list[TracedText]:
-    """Where the slider sticks again above the threshold of each physics, as far as the scan has seen."""
-    if AGAIN not in table:
-        return []
-    scanned = table[table[SCANNED].notna()].drop_duplicates("mus")
-    found = [
-        TracedText(f"With mus = {row['mus']:g} it sticks again {row[AGAIN]}.")
-        for row in scanned.to_dict("records")
-        if row[AGAIN]
+def _off(finest: pd.DataFrame) -> tuple[pd.DataFrame, pd.DataFrame]:
+    """Rows whose error is larger than its uncertainty, by its size: those that are sure, and those that may vanish.
+
+    Finer steps may remove an error at a step that is not the finest of all, or whose last refinement has changed it by
+    more than `SETTLES` of itself.
+    """
+    beyond = finest[finest[ERROR].abs() > finest[UNCERTAINTY]]
+    beyond = beyond.sort_values(ERROR, key=abs, kind="stable")
+    has_steps = beyond["parameter"].eq("dt")
+    is_coarser = beyond["step"] > finest.loc[finest["parameter"] == "dt", "step"].min()
+    has_settled = beyond[CHANGE] < SETTLES * beyond[ERROR].abs()  # False where it is not known
+    may_vanish = has_steps & (is_coarser | ~has_settled)
+    return beyond[~may_vanish], beyond[may_vanish]
+
+
+def _errors(table: pd.DataFrame, rows: pd.DataFrame) -> list[dict[str, object]]:
+    """Methods with their errors."""
+    return [
+        {"variant": variant, "error": row_of("threshold", table, label)[ERROR]}
+        for label, variant in rows["variant"].items()
     ]
-    if len(scanned) and not found:
-        found = [TracedText(f"No other band is seen above, up to {scanned[SCANNED].min():.3g} N.")]
-    return found
 
 
-def _named(methods: list[TracedText]) -> list[TracedText]:
-    """All of them, or the first and the last where they are many: the table has those between."""
-    return (
-        methods
-        if len(methods) <= MOST_NAMED
-        else [traced("from {} to {}", methods[0], methods[-1])]
-    )
+def _above(table: pd.DataFrame) -> dict[str, object]:
+    """Where the slider sticks again above the threshold of each physics, as far as the scan has seen.
+
+    The end of the shortest scan is None if there was none.
+    """
+    scanned = table[table[SCANNED].notna()].drop_duplicates("mus")
+    again = scanned[scanned[AGAIN].fillna("").ne("")]
+    end = None
+    if len(scanned):
+        end = row_of("threshold", table, scanned[SCANNED].idxmin())[SCANNED]
+    return {
+        "again": [row_of("threshold", table, label) for label in again.index],
+        "scanned_to": end,
+    }
 
 
 def _figure(measured: pd.DataFrame) -> Chart:
-    """Intervals, a method a line; the steps of a method from coarse to fine below each other."""
-    series, names = [], list(measured["variant"].unique())
+    """Intervals, a method a line; the steps of a method from coarse to fine below each other.
+
+    The coarsest step has no interval: nothing is known of what a refinement changes.
+    """
+    names = list(measured["variant"].unique())
+    series = []
     for place, variant in enumerate(names):
         runs = measured[measured["variant"] == variant].sort_values("step", ascending=False)
-        y = (
-            -place + np.linspace(0.25, -0.25, len(runs))
-            if len(runs) > 1
-            else np.array([float(-place)])
-        )
+        offsets = np.linspace(0.25, -0.25, len(runs)) if len(runs) > 1 else np.zeros(1)
         is_known = runs[CHANGE].notna() | (runs["parameter"] != "dt")
-        error, unsure = (
-            runs[ERROR].to_numpy(float),
-            runs[UNCERTAINTY].where(is_known).to_numpy(float),
-        )
+        error = runs[ERROR].to_numpy(float)
+        unsure = runs[UNCERTAINTY].where(is_known).to_numpy(float)
         series.append(
             Series(
-                "", error, y, error - unsure, error + unsure, look=variant, line=False, points=True
+                "",
+                error,
+                offsets - place,
+                error - unsure,
+                error + unsure,
+                look=variant,
+                line=False,
+                points=True,
             )
         )
-    places = Axis("", ticks=[float(-place) for place in range(len(names))], words=names)
     panel = Panel(
         "",
         Axis("upper end of the band of F0 with stick, less that of the truth [N]"),
-        places,
+        Axis("", ticks=[float(-place) for place in range(len(names))], words=names),
         series,
         horizontal=True,
         lines=(0.0,),
     )
-    return Chart(
-        "threshold",
-        (panel,),
-        columns=1,
-        height=1.0 + 0.24 * len(names),
-        caption="Stick threshold of each method (upper end of the band of F0 with a stick phase next to "
-        "the scene's own F0) less that of the truth, at each step from coarse (above) to fine. "
-        "Bars: the bracket that the search ended with and the change from the coarser step. The "
-        "coarsest step has none.",
-    )
-
-
-def known(number: float, unsure: float) -> str:
-    """A number with as many decimals as are known of it."""
-    return f"{number:.{max(0, int(np.floor(-np.log10(2 * unsure)))) if unsure > 0 else 12}f}"
+    return Chart("threshold", (panel,), columns=1, height=1.0 + 0.24 * len(names))
 
 
 STUDY = Study(

@@ -7,7 +7,7 @@ import pandas as pd
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-from made_up_runs import wrong_numbers
+from made_up_runs import wrongly_written
 
 from stiction.comparisons.bench.presentation.presentation import ANSWER_LENGTH
 from stiction.comparisons.bench.results import Results
@@ -22,6 +22,7 @@ from stiction.comparisons.studies.threshold import (
     SCAN_STEP,
     SCAN_WIDTH,
     SCANNED,
+    STUDY,
     UNCERTAINTY,
     Search,
     StickProbe,
@@ -32,8 +33,9 @@ from stiction.comparisons.studies.threshold import (
     measure_threshold,
     present,
 )
+from stiction.reports.text import section_of
 from stiction.scenes import load_scene, vary
-from stiction.truths import StickThreshold, stick_threshold
+from stiction.truths import HIGH_PRECISION, PROVEN, StickThreshold, stick_threshold
 from stiction.truths.reduced import steady_state as steady_states
 from stiction.truths.reduced.slider_bar import SliderBar
 from stiction.truths.reduced.steady_state import NoSteadyState, steady_state
@@ -154,24 +156,16 @@ def test_a_measurement_that_does_not_settle_says_so(monkeypatch):
 
 
 @pytest.mark.parametrize(
-    "step, change, words",
+    "step, change, is_off, words",
     [
-        (2.5e-3, 0.01, "Clearly off: Exudyn with contact (-0.16 ± 0.02 N)."),
-        (
-            5e-3,
-            0.01,
-            "No method is clearly off. Inconclusive at its finest step: Exudyn with contact (-0.16 ± 0.02 N).",
-        ),
-        (
-            2.5e-3,
-            0.0525,
-            "No method is clearly off. Inconclusive at its finest step: Exudyn with contact (-0.16 ± 0.07 N).",
-        ),
-        (2.5e-3, np.nan, "No method is clearly off. Inconclusive"),
+        (2.5e-3, 0.01, True, "Exudyn, contact (-0.16 ± 0.02 N)"),
+        (5e-3, 0.01, False, "Exudyn, contact (-0.16 ± 0.02 N)"),
+        (2.5e-3, 0.0525, False, "Exudyn, contact (-0.16 ± 0.07 N)"),
+        (2.5e-3, np.nan, False, "Exudyn, contact"),
     ],
 )
 def test_a_method_is_off_only_if_its_finest_step_is_that_of_all_and_hardly_moves_it(
-    step, change, words
+    step, change, is_off, words
 ):
     """An error of 0.16 N, at a step twice as long as others', or after a refinement that changed it by a third, may vanish."""
     rows = [("pymunk", 2.5e-3, -0.005, 0.0), ("Exudyn, contact", step, -0.16, change)]
@@ -193,12 +187,66 @@ def test_a_method_is_off_only_if_its_finest_step_is_that_of_all_and_hardly_moves
             for variant, dt, error, moved in rows
         ]
     )
-    said = present(Results((), {}, {"threshold": table}))
-    assert (
-        words in said.answer.text
-        and len(said.answer.text) <= ANSWER_LENGTH
-        and not wrong_numbers(said, Results((), {}, {"threshold": table}))
+    results = Results((), {}, {"threshold": table})
+    section, shown = section_of(STUDY, results), present(results).rows
+    off, inconclusive = ([one["variant"] for one in shown[of]] for of in ("off", "inconclusive"))
+    assert (off, inconclusive) == (["Exudyn, contact"], [])[:: 1 if is_off else -1]
+    [one] = shown["off"] + shown["inconclusive"]
+    assert float(one["error"]) == -0.16
+    assert words in section.answer and len(section.answer) <= ANSWER_LENGTH
+    assert ("No method is clearly off" in section.answer) != is_off
+    assert not wrongly_written(section, results)
+    assert all(each.caption for each in (*section.tables, *section.figures))
+    [headline] = section.headlines
+    assert list(headline.cells) == ["pymunk", "Exudyn, contact"]
+    assert headline.cells["Exudyn, contact"] in section.answer
+
+
+def test_many_methods_that_are_off_are_counted_in_the_answer():
+    """The line of the answer has the largest error by its size; the table names the methods."""
+    table = pd.DataFrame(
+        [
+            {
+                "variant": f"engine {number}, contact",
+                "fidelity": "contact",
+                "parameter": "dt",
+                "step": 2.5e-3,
+                "status": "ok",
+                "mus": 0.03,
+                "true_threshold": 4.2,
+                "true_threshold_uncertainty": 1e-9,
+                ERROR: error,
+                CHANGE: 1e-3,
+                UNCERTAINTY: 0.01,
+            }
+            for number, error in enumerate((0.1, -0.3, 0.2))
+        ]
     )
+    results = Results((), {}, {"threshold": table})
+    section, shown = section_of(STUDY, results), present(results).rows
+    assert [float(one["error"]) for one in shown["off"]] == [0.1, 0.2, -0.3]
+    assert "3 methods" in section.answer and "-0.30 ± 0.01 N" in section.answer
+    assert len(section.answer) <= ANSWER_LENGTH and not wrongly_written(section, results)
+
+
+def test_a_proven_threshold_is_enclosed_and_methods_without_one_are_named():
+    """Bounds of a theorem are decimals: they are written as they were proven, rounded outwards where they are longer."""
+    about = {"fidelity": "joint", "parameter": "dt", "step": 1e-3, "status": "ok"}
+    true = {"true_threshold": 4.21195626635, "true_threshold_uncertainty": 5e-11}
+    measured = {ERROR: 0.0, CHANGE: np.nan, UNCERTAINTY: 0.01}
+    rows = [
+        {"variant": "a", **about, "mus": 0.04, **true, "truth_tier": PROVEN, **measured},
+        {"variant": "b", **about, "mus": 0.03, **true, "truth_tier": HIGH_PRECISION},
+        {"variant": "c", **about, "status": "missing", "mus": 0.04, "truth_tier": PROVEN},
+    ]
+    results = Results((), {}, {"threshold": pd.DataFrame(rows)})
+    section, shown = section_of(STUDY, results), present(results).rows
+    assert shown["without"] == ["b"] and not shown["off"] and not shown["inconclusive"]
+    [proven] = shown["proven"]
+    assert float(proven["mus"]) == 0.04 and float(proven["true_threshold"]) == 4.21195626635
+    [text] = [finding for finding in section.findings if "proven" in finding]
+    assert "4.2119562663 N and 4.2119562664 N" in text
+    assert not wrongly_written(section, results)
 
 
 def sticks_by_the_truth(scene, F0):
@@ -326,13 +374,17 @@ def test_the_table_and_the_answer_say_where_it_sticks_again():
     for row, words in zip(
         rows,
         (
-            "With mus = 0.04 it sticks again at about 3.77 to 4.55 N.",
-            "No other band is seen above, up to 8 N.",
+            "3.77 to 4.55 N",
+            "up to 8 N",
         ),
     ):
-        said = present(Results((), {}, {"threshold": pd.DataFrame([row])}))
-        assert words in [finding.text for finding in said.findings]
-        assert "sticks_again" in [column.name for column in said.tables[0].columns]
+        results = Results((), {}, {"threshold": pd.DataFrame([row])})
+        section, shown = section_of(STUDY, results), present(results).rows
+        assert [one[AGAIN] for one in shown["again"]] == ([row[AGAIN]] if row[AGAIN] else [])
+        assert float(shown["scanned_to"]) == 8.0
+        assert [words in finding for finding in section.findings] == [True]
+        assert not wrongly_written(section, results)
+        assert "sticks_again" in [column.name for column in section.tables[0].columns]
 
 
 @given(st.floats(1.0, 2.0), st.floats(1.0, 2.0), st.floats(1e-4, 0.2))

@@ -601,21 +601,22 @@ def settings_table(table: pd.DataFrame) -> pd.DataFrame:
         made = group[succeeded(group) & group[CREEP].notna()].set_index(["scene", LOAD])
         default = made[made[SETTING] == DEFAULT]
         for setting in group[SETTING].unique():
-            found = made[made[SETTING] == setting]
-            shared = default.index.intersection(found.index)
+            changed = made[made[SETTING] == setting]
+            shared = default.index.intersection(changed.index)
             row = {
                 SUBJECT: subject,
                 SETTING: setting,
-                "failed": int((group[SETTING] == setting).sum()) - len(found),
+                "failed": int((group[SETTING] == setting).sum()) - len(changed),
             }
             if len(shared):
-                found, before = found.loc[shared], default.loc[shared]
-                worst, slip = (abs(runs.at[fastest(runs), CREEP]) for runs in (found, before))
-                times = ratio_interval(found[OWN_CPU].tolist(), before[OWN_CPU].tolist())
+                changed, unchanged = changed.loc[shared], default.loc[shared]
+                worst = abs(changed.at[fastest(changed), CREEP])
+                slip = abs(unchanged.at[fastest(unchanged), CREEP])
+                times = ratio_interval(changed[OWN_CPU].tolist(), unchanged[OWN_CPU].tolist())
                 ratio = worst / slip if slip > 0 else 1.0 if worst == 0 else math.nan
                 row |= {
                     CREEP: worst,
-                    UNSURE: found.at[fastest(found), UNSURE],
+                    UNSURE: changed.at[fastest(changed), UNSURE],
                     SLOWER: ratio,
                     TIME: times.value,
                     f"{TIME}, low": times.low,

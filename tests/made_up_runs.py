@@ -118,6 +118,8 @@ def is_cell(number: WrittenNumber, data: dict[str, pd.DataFrame]) -> bool:
         return low - 1e-9 <= float(first) / true <= high + 1e-9
     if "bound" in cell.quantity.key:  # rounded up
         return true * (1 - 1e-12) <= float(first) <= 1.11 * true
+    if " (" in text:  # a value with its interval in brackets
+        return shows(first, true)
     if len(ends := re.findall(NUMBER, text)) == 2 and "±" not in text:  # an interval
         return float(ends[0]) <= true <= float(ends[1])
     return shows(first, true)

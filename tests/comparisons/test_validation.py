@@ -93,5 +93,7 @@ def test_an_interrupted_validation_ends_at_once_with_a_report(
     )
     page = text.partition("\n## ")[0]
     assert (
-        done.settings["interrupted"] and "It was interrupted" in page and "Hard cases" not in page
+        done.settings["interrupted"]
+        and "The run was interrupted" in page
+        and "Hard cases" not in page
     )

@@ -8,24 +8,21 @@ from stiction.comparisons.bench import quantities
 from stiction.comparisons.bench.methods import groups, same_work
 from stiction.comparisons.bench.quantities import FAMILIES, QUANTITIES, Kind, quantity_of
 from stiction.comparisons.studies import studies
+from stiction.reports.text import section_of
 
 
 def presented(results):
     """All numbers, rows, groups and rankings that studies make of the results; no heading."""
     found = {}
     for study in studies():
-        said = study.presented(results)
-        texts = (said.answer, *said.findings, said.beside)
+        said = section_of(study, results)
         found[study.name] = (
-            [number.text for text in texts for number in text.numbers],
+            [number.text for number in said.numbers],
             [
                 (table.name, table.group, table.rows, table.cells(), table.right())
                 for table in said.tables
             ],
-            [
-                {variant: cell.text for variant, cell in headline.cells.items()}
-                for headline in said.headlines
-            ],
+            [headline.cells for headline in said.headlines],
         )
     accuracy = results.table("accuracy")
     found["groups"] = [(group, list(rows.index)) for group, rows in groups(accuracy)]

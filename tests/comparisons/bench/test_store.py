@@ -270,7 +270,7 @@ def test_validate_goes_on_where_it_stopped(
         "the same command with --out report goes on" in cut.output
         and kept_file(Path("report")).exists()
     )
-    assert "It was interrupted" in Path("report/report.md").read_text()
+    assert "The run was interrupted" in Path("report/report.md").read_text()
     assert "0/0/0/0" not in Path("report/report.md").read_text()
     rows = pd.read_csv("report/data/runs.csv")
     assert set(rows["status"]) == {"ok", "not run"}
@@ -290,4 +290,4 @@ def test_validate_goes_on_where_it_stopped(
         and kept_file(Path("report")).exists()
     )
     assert "runs taken over" in Path("report/report.md").read_text()
-    assert "It was interrupted" not in Path("report/report.md").read_text()
+    assert "The run was interrupted" not in Path("report/report.md").read_text()

@@ -317,9 +317,8 @@ def within(context: Context, given: Row, column: str) -> str:
 
     ``19.6 (19.3 to 20.1)``; ``~19.6`` where the ends coincide: a single sample has no interval.
     """
-    cells = [given[f"{column}{end}"] for end in ("", "_low", "_high")]
-    value, *_ = found = [each for each in cells if isinstance(each, Cell)]
-    return _noted(context, with_ends(*map(float, found)), value)
+    value, low, high = (given.number(f"{column}{end}") for end in ("", "_low", "_high"))
+    return _noted(context, with_ends(value.value, low.value, high.value), value)
 
 
 def _formatted(value: float, form: str) -> str:

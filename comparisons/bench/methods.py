@@ -23,11 +23,8 @@ from stiction.comparisons.bench.variants import (
 from stiction.engines.protocol import Supplier
 from stiction.scenes import catalogue, load_scene
 
-CONTACT = ", contact"
-"""Ending of the label of a variant at contact fidelity."""
 MISSING_ENGINE = "missing"
 """Status of a run whose engine is not installed."""
-_ARTICLE = {"reference": "the reference", "paper's scheme": "the paper's scheme"}
 
 
 def one_per_variant(records: Iterable[Record]) -> list[Record]:
@@ -82,18 +79,6 @@ def run_label(record: Record) -> str:
 def scene_title(scene: str) -> str:
     """Return the title of a scene of the catalogue, the name of another: ``Slider-bar, case 1``."""
     return load_scene(scene).title if scene in catalogue() else scene
-
-
-@cache
-def case_of(scene: str) -> str:
-    """``case 1`` for ``slider-bar-case-1``: the part of its title after the mechanism, else all of it."""
-    title = load_scene(scene).title if scene in catalogue() else scene
-    return title.partition(", ")[2] or title
-
-
-def title_of(scene: str) -> str:
-    """`case_of` as a heading: ``Case 1``."""
-    return case_of(scene)[:1].upper() + case_of(scene)[1:]
 
 
 @dataclass(frozen=True)
@@ -182,12 +167,6 @@ def grouped_methods(
         there = set(rows["variant"])
         if found := [variant for variant in chosen if variant in there]:
             yield group, found
-
-
-def called(variant: str, fidelity: bool = True) -> str:
-    """A variant in a sentence: ``pymunk with contact`` for ``pymunk, contact``; ``pymunk`` without its fidelity."""
-    name = variant.removesuffix(CONTACT)
-    return _ARTICLE.get(name, name) + (" with contact" if fidelity and name != variant else "")
 
 
 def succeeded(table: pd.DataFrame) -> pd.Series:

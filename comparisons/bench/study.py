@@ -8,7 +8,7 @@ report, page, paper), without another line.
 from __future__ import annotations
 
 from collections import defaultdict
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from types import MappingProxyType
 from typing import Any
@@ -91,6 +91,11 @@ class Study:
         True if it is a command of `stiction compare`, which one about the paper's own cases is not.
     takes_scene, needs_scene : bool
         True if that command takes a scene, and if it must be given one.
+    tables : Mapping[str, str]
+        Titles of its tables of the data, by name.
+    failures_of_reference : callable or None
+        Yields a line for each run of the reference that its tables show to be wrong; such a run fails
+        `stiction validate`.
     text : str
         The template of its section, for a study that has none in ``reports/templates/studies``.
     takes : frozenset of str
@@ -110,6 +115,8 @@ class Study:
     takes_scene: bool = True
     needs_scene: bool = True
     takes: frozenset[str] = frozenset({"engines", "t_end"})
+    tables: Mapping[str, str] = field(default_factory=dict)
+    failures_of_reference: Callable[[Results], Iterator[str]] | None = None
     text: str = ""
 
     def presented(self, results: Results) -> Presentation:

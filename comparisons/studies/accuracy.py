@@ -21,7 +21,7 @@ from stiction.comparisons.bench.methods import (
     scene_title,
     with_columns,
 )
-from stiction.comparisons.bench.participants import variants
+from stiction.comparisons.bench.participants import REFERENCE, variants
 from stiction.comparisons.bench.presentation import (
     LIMIT,
     Axis,
@@ -51,6 +51,7 @@ from stiction.comparisons.measures.accuracy import (
     EVENT_WINDOW,
     KINDS,
     TORQUE_ERROR,
+    WRONG,
     errors,
     missed,
     size_of,
@@ -462,6 +463,13 @@ def largest_differences(
     return t[top], size[top].to_numpy()
 
 
+def failures_of_reference(results: Results) -> Iterator[str]:
+    """Yield the runs of the reference that are off by more than the mechanism's size."""
+    for row in results.table("accuracy").itertuples():
+        if row.engine == REFERENCE and row.status == WRONG:
+            yield f"{row.key}: {row.status}: {row.reason}"
+
+
 STUDY = Study(
     "accuracy",
     "Accuracy",
@@ -471,4 +479,8 @@ STUDY = Study(
     seconds=0.26,
     on_page_one=False,
     takes=frozenset({"engines", "t_end", "scenes"}),
+    tables={
+        "accuracy": "Errors of every run against the truth",
+    },
+    failures_of_reference=failures_of_reference,
 )

@@ -653,4 +653,8 @@ STUDY = Study(
     THRESHOLD_STUDY.requires,
     seconds=1.9,
     compared=False,
+    tables={
+        "claims": "Statements of the paper, and whether they hold",
+        "sensitivity": "Choices that the paper leaves open",
+    },
 )

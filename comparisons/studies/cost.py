@@ -508,4 +508,9 @@ STUDY = Study(
     plan,
     seconds=0.13,
     takes=frozenset({"engines", "t_end", "repeats", "scenes"}),
+    tables={
+        "cost": "Error and cost of every timed run",
+        "equal-error": "Time to reach an error",
+        "times": "Samples of all times",
+    },
 )

@@ -165,7 +165,7 @@ def _largest(
             ("velocity", "velocities_of", VELOCITY),
         ):
             cells = {
-                variant: row_of("drift", table, row)[column]
+                variant: row_of("drift", table, row).number(column)
                 for variant, row in there[column].items()
             }
             largest = max(table.loc[there[column], column])
@@ -304,4 +304,7 @@ STUDY = Study(
     present,
     plan,
     seconds=0.26,
+    tables={
+        "drift": "Drift from the constraints of every run",
+    },
 )

@@ -402,4 +402,7 @@ STUDY = Study(
     plan,
     seconds=0.1,
     takes=frozenset({"engines", "t_end", "repeats"}),
+    tables={
+        "effects": "What each effect of a scene changes, and costs",
+    },
 )

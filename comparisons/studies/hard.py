@@ -216,6 +216,13 @@ def _tables(
     ]
 
 
+def failures_of_reference(results: Results) -> Iterator[str]:
+    """Yield the hard cases that the reference fails, or in which its answer is wrong."""
+    for row in results.table("hard").itertuples():
+        if row.variant == "reference" and row.verdict in COUNTED["wrong"]:
+            yield f"{row.case}: {row.verdict}: {row.about}"
+
+
 STUDY = Study(
     "hard",
     "Hard cases",
@@ -225,4 +232,8 @@ STUDY = Study(
     seconds=0.15,
     takes_scene=False,
     takes=frozenset({"engines", "problems"}),
+    tables={
+        "hard": "Hard cases: verdict on every method",
+    },
+    failures_of_reference=failures_of_reference,
 )

@@ -1031,4 +1031,11 @@ STUDY = Study(
     seconds=0.1,
     needs_scene=False,
     takes=frozenset({"engines"}),
+    tables={
+        "hold": "Runs of sliders that should be held",
+        "hold-laws": "Laws of creep",
+        "hold-methods": "Creep by method",
+        "hold-published": "Published creep, and ours",
+        "hold-settings": "Creep by setting",
+    },
 )

@@ -578,4 +578,8 @@ STUDY = Study(
     seconds=0.8,
     on_page_one=False,
     compared=False,
+    tables={
+        "study": "Drift over long runs",
+        "octaves": "Drift by octave of time",
+    },
 )

@@ -319,4 +319,7 @@ STUDY = Study(
     seconds=0.7,
     on_page_one=False,
     compared=False,
+    tables={
+        "orders": "Observed orders of convergence",
+    },
 )

@@ -474,4 +474,7 @@ STUDY = Study(
     seconds=0.5,
     on_page_one=False,
     takes=frozenset({"engines", "t_end", "repeats"}),
+    tables={
+        "settings": "Settings of engines",
+    },
 )

@@ -158,4 +158,7 @@ STUDY = Study(
     seconds=0.1,
     on_page_one=False,
     takes=frozenset({"t_end", "repeats"}),
+    tables={
+        "suppression": "Stabilizations of the reference",
+    },
 )

@@ -660,4 +660,7 @@ STUDY = Study(
     {TRUTH: lambda scope: true_thresholds(scope.scenes[0])},
     seconds=10.0,
     takes=frozenset({"engines"}),
+    tables={
+        "threshold": "Stick thresholds",
+    },
 )

@@ -444,4 +444,8 @@ STUDY = Study(
     plan,
     seconds=0.26,
     takes=frozenset({"engines", "t_end", "drive", "scenes"}),
+    tables={
+        "torque": "Jumps of the driving torque",
+        "event-windows": "Driving efforts around chosen events",
+    },
 )

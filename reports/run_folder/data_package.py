@@ -10,7 +10,7 @@ from __future__ import annotations
 import json
 import re
 from collections.abc import Iterable, Mapping
-from functools import partial
+from functools import cache, partial
 from pathlib import Path
 from typing import Any
 
@@ -18,6 +18,7 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 
 from stiction.comparisons.bench.quantities import QUANTITIES, Quantity, quantity_of
+from stiction.comparisons.studies import studies
 from stiction.scenes.atomic_files import write_text
 from stiction.scenes.columns import meaning_of, unit_of
 
@@ -36,35 +37,19 @@ EVENTS = "events"
 """File of all events, with the columns of trajectories."""
 PARAMETERS = "parameters"
 """Table of the parameters of scenes, whose columns are named by the scenes."""
-TITLES: Mapping[str, str] = {
-    "accuracy": "Errors of every run against the truth",
-    "claims": "Statements of the paper, and whether they hold",
-    "cost": "Error and cost of every timed run",
-    "drift": "Drift from the constraints of every run",
-    "effects": "What each effect of a scene changes, and costs",
-    "equal-error": "Time to reach an error",
-    "event-windows": "Driving efforts around chosen events",
-    "hard": "Hard cases: verdict on every method",
-    "hold": "Runs of sliders that should be held",
-    "hold-laws": "Laws of creep",
-    "hold-methods": "Creep by method",
-    "hold-published": "Published creep, and ours",
-    "hold-settings": "Creep by setting",
-    "octaves": "Drift by octave of time",
-    "orders": "Observed orders of convergence",
+TITLES = {
     "parameters": "Parameters of the scenes",
     "runs": "All compared runs",
-    "sensitivity": "Choices that the paper leaves open",
-    "settings": "Settings of engines",
-    "study": "Drift over long runs",
-    "suppression": "Stabilizations of the reference",
-    "threshold": "Stick thresholds",
-    "times": "Samples of all times",
-    "torque": "Jumps of the driving torque",
     "truths": "Uncertainties of the truths",
     "variants": "Methods, and their settings",
 }
-"""Titles of tables; others have their name."""
+"""Titles of the tables that are of no study."""
+
+
+@cache
+def _titles() -> Mapping[str, str]:
+    """Titles of all tables of the data."""
+    return TITLES | {name: title for study in studies() for name, title in study.tables.items()}
 
 
 def columns_of_table(table: str, names: Iterable[str]) -> list[Quantity]:
@@ -138,7 +123,7 @@ def _resource(folder: Path, file: Path) -> dict[str, Any]:
     found: dict[str, Any] = {
         "name": name,
         "path": path.as_posix(),
-        "title": TITLES.get(path.stem, path.stem),
+        "title": _titles().get(path.stem, path.stem),
         "format": path.suffix[1:],
     }
     if path.suffix == ".csv":

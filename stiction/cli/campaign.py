@@ -135,17 +135,14 @@ def _say_if_disk_is_small(folder: Path) -> None:
 
 def _failures_of_reference(results: Results) -> Iterator[str]:
     """The runs of the reference that failed, ended early or are wrong, with the reason; hard cases included."""
-    from stiction.comparisons.measures.accuracy import WRONG
+    from stiction.comparisons.studies import studies
 
     for run in (record.describe() for record in results.records):
         if run["engine"] == "reference" and run["reason"]:
             yield f"{run['key']}: {run['reason']}"
-    for row in results.table("accuracy").itertuples():
-        if row.engine == "reference" and row.status == WRONG:
-            yield f"{row.key}: {row.status}: {row.reason}"
-    for row in results.table("hard").itertuples():
-        if row.variant == "reference" and row.verdict in ("wrong", "failed"):
-            yield f"{row.case}: {row.verdict}: {row.about}"
+    for study in studies():
+        if study.failures_of_reference is not None:
+            yield from study.failures_of_reference(results)
 
 
 def _end_runs(kept: KeptRuns, interrupt: KeyboardInterrupt) -> None:

@@ -77,16 +77,24 @@ class Row:
         if not isinstance(value, Real):
             return str(value)
         quantity = quantity_of(column)
-        unsure = None
+        uncertainty = None
         if quantity.uncertainty in self._frame:
             unsure = self._frame.at[self._label, quantity.uncertainty]
+            uncertainty = None if is_missing(unsure) else float(unsure)
         return Cell(
             float(value),
             quantity,
-            None if is_missing(unsure) else float(unsure),
+            uncertainty,
             self._table,
             self._label + 1,
         )
+
+    def number(self, column: str) -> Cell:
+        """Return the number in a column; ValueError where there is none."""
+        found = self[column]
+        if not isinstance(found, Cell):
+            raise ValueError(f"{column}: found {found!r}; expected a number")
+        return found
 
     def __eq__(self, other: object) -> bool:
         return isinstance(other, Row) and self._place == other._place

@@ -41,6 +41,7 @@ from stiction.comparisons.bench.presentation.rows import Cell, Row
 from stiction.comparisons.bench.results import Results
 from stiction.comparisons.bench.study import Study
 from stiction.comparisons.bench.timing.intervals import Interval
+from stiction.scenes.wording import names
 from stiction.uncertain import Uncertain, bounded, with_ends
 
 MILLI = 1e3
@@ -202,6 +203,7 @@ def _environment() -> Environment:
         scene_title=scene_title,
         first_upper=first_upper,
         within=within,
+        names=names,
     )
     return found
 
@@ -276,8 +278,8 @@ def within(context: Context, given: Row, column: str) -> str:
     ``19.6 (19.3 to 20.1)``; ``~19.6`` where the ends coincide: a single sample has no interval.
     """
     cells = [given[f"{column}{end}"] for end in ("", "_low", "_high")]
-    value, *_ = found = [each for each in cells if isinstance(each, Cell)]
-    return _noted(context, with_ends(*map(float, found)), value)
+    value, low, high = (each for each in cells if isinstance(each, Cell))
+    return _noted(context, with_ends(float(value), float(low), float(high)), value)
 
 
 def _formatted(value: float, form: str) -> str:

@@ -271,6 +271,14 @@ def test_events_of_a_table_without_modes_are_those_of_the_truth():
     assert list(found["kind"]) == list(true["kind"])
 
 
+@pytest.mark.parametrize("corners", [(), (".F2",), (".F1", ".F2", ".F3", ".F4")])
+def test_a_mode_may_come_with_some_of_the_corner_forces(corners):
+    """Both sides of the truth's events, among which corner events: nothing in them is inconsistent."""
+    judged = judge(CASE, only(true_table(two_sided=True), ".x", ".mode", *corners))
+    assert any(event.kind == "corner" for event in judged.trajectory.events)
+    assert judged.tables["findings"].empty
+
+
 @pytest.mark.parametrize(
     ("name", "held"),
     [

@@ -617,7 +617,7 @@ def modes(run: Examined) -> Iterator[str]:
     Nor, where corner events are located, do the surfaces that the corners of a slipping guide touch.
     """
     found = run.found
-    for name, guide in run.scene.frictional_guides.items():
+    for name in run.scene.frictional_guides:
         mode = f"{name}.mode"
         if mode not in found.columns:
             continue

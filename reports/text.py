@@ -42,6 +42,7 @@ from stiction.comparisons.bench.presentation.rows import Cell, Row
 from stiction.comparisons.bench.results import Results
 from stiction.comparisons.bench.study import Study
 from stiction.comparisons.bench.timing.intervals import Interval
+from stiction.scenes.wording import names
 from stiction.uncertain import Uncertain, bounded, rounded_up, with_ends
 
 MILLI = 1e3
@@ -102,22 +103,6 @@ class Section:
 def section_of(study: Study, results: Results) -> Section:
     """Return what a study says of the results, which may be those of a stored run."""
     said = study.presented(results)
-    if not said.rows:  # sentences of its own
-        return Section(
-            said.answer.text,
-            said.beside.text,
-            [part.text for part in said.findings if part],
-            [
-                replace(
-                    one,
-                    cells={name: getattr(text, "text", text) for name, text in one.cells.items()},
-                )
-                for one in said.headlines
-            ],
-            said.tables,
-            said.figures,
-            said.notes,
-        )
     return written(_template_of(study), said)
 
 
@@ -227,6 +212,7 @@ def _environment() -> Environment:
         upper_bound=upper_bound,
         known_digits=known_digits,
         enclosure=enclosure,
+        names=names,
     )
     return found
 

@@ -3,13 +3,10 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Mapping
 
 import numpy as np
 import pandas as pd
 
-from stiction.comparisons.bench.presentation import Number, Presentation
-from stiction.comparisons.bench.quantities import quantity_of
 from stiction.comparisons.bench.results import Results
 from stiction.comparisons.bench.variants import (
     COEFFICIENTS,
@@ -20,8 +17,7 @@ from stiction.comparisons.bench.variants import (
     Variant,
 )
 from stiction.engines import Outcome
-from stiction.reports.text import Number as WrittenNumber
-from stiction.reports.text import Section
+from stiction.reports.text import Number, Section
 from stiction.scenes import Trajectory
 
 NUMBER = r"-?\d+(?:\.\d+)?(?:e[+-]?\d+)?"
@@ -78,33 +74,7 @@ def shows(text: str, true: float) -> bool:
     return abs(abs(float(text)) - abs(true)) <= 0.500001 * unit
 
 
-def is_in(number: Number, data: dict[str, pd.DataFrame]) -> bool:
-    """Whether the data say the number; nothing here is shared with the code that writes it."""
-    table = data[number.table]
-    if not number.column:
-        for column, wanted in number.where.items():
-            table = table[table[column].isin(wanted if isinstance(wanted, frozenset) else [wanted])]
-        return number.text == str(len(table))
-    cells = table[number.column].iloc[[row - 1 for row in number.rows]]
-    if isinstance(cells.iloc[0], str):
-        return cells.iloc[0].endswith(number.text.replace(" ", "-"))
-    first, *others = re.findall(NUMBER, number.text)
-    if len(cells) == 2:
-        return shows(first, cells.iloc[0] / cells.iloc[1])
-    if number.text.startswith("< "):
-        unsure = table[quantity_of(number.column).uncertainty].iloc[number.rows[0] - 1]
-        return abs(cells.iloc[0]) <= unsure <= float(first)
-    if number.text[0] in "≤>≥":  # a bound stays one
-        low, high = (1.0, 1.11) if number.text[0] == "≤" else (0.9, 1.0)
-        return all(
-            low - 1e-9 <= float(first) / (number.factor * true) <= high + 1e-9 for true in cells
-        )
-    if "bound" in number.column:  # rounded up
-        return all(true * (1 - 1e-12) <= float(first) <= 1.11 * true for true in cells)
-    return all(shows(first, number.factor * true) for true in cells)
-
-
-def is_cell(number: WrittenNumber, data: dict[str, pd.DataFrame]) -> bool:
+def is_cell(number: Number, data: dict[str, pd.DataFrame]) -> bool:
     """Whether the data have what a template wrote; nothing here is shared with the code that writes it."""
     cell = number.cell
     true = number.factor * data[cell.table][cell.quantity.key].iloc[cell.row - 1]
@@ -125,7 +95,7 @@ def is_cell(number: WrittenNumber, data: dict[str, pd.DataFrame]) -> bool:
     return shows(first, true)
 
 
-def wrongly_written(section: Section, results: Results) -> list[WrittenNumber]:
+def wrongly_written(section: Section, results: Results) -> list[Number]:
     """Numbers of a section's text that their cells do not have."""
     assert section.numbers
     return [number for number in section.numbers if not is_cell(number, results.tables)]
@@ -134,24 +104,3 @@ def wrongly_written(section: Section, results: Results) -> list[WrittenNumber]:
 def words(section: Section) -> str:
     """Answer and findings of a section."""
     return " ".join((section.answer, *section.findings))
-
-
-def wrong_numbers(said: Presentation, results: Results) -> list[Number]:
-    """Numbers of the sentences that their cells do not have."""
-    texts = [
-        said.answer,
-        said.beside,
-        *said.findings,
-        *(cell for headline in said.headlines for cell in headline.cells.values()),
-    ]
-    numbers = [number for text in texts for number in text.numbers]
-    assert numbers
-    return [number for number in numbers if not is_in(number, results.tables)]
-
-
-def sentences(said: Presentation) -> str:
-    return " ".join(text.text for text in (said.answer, *said.findings))
-
-
-def cells(said: Presentation) -> Mapping[str, str]:
-    return {method: text.text for method, text in said.headlines[0].cells.items()}

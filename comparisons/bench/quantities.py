@@ -196,7 +196,12 @@ TRUTHS = (
     _text("truth_note", "remark on the truth"),
     _category("tier", description="tier of the truth"),
     _text("column", description="column of a trajectory"),
-    _value("uncertainty", description="uncertainty of the truth, in the unit of its column"),
+    Quantity(
+        "uncertainty",
+        "uncertainty",
+        kind=Kind.UNCERTAINTY,
+        description="uncertainty of the truth, in the unit of its column",
+    ),
     _text("theorem"),
 )
 """What is true, and how well it is known."""
@@ -419,7 +424,13 @@ EFFECTS = (
 
 EQUAL_ERROR = (
     _category("quantity", description="what the error is of"),
-    _value("error", description="error to reach"),
+    Quantity(
+        "error",
+        "error",
+        kind=Kind.ERROR,
+        uncertainty="uncertainty",
+        description="error to reach; of a judged table, error of a column, in the unit of the column",
+    ),
     _category("unit"),
     _flag("is_bound", "an upper bound"),
     _error("smallest_error", "smallest error reached", ""),
@@ -541,7 +552,10 @@ CLAIMS = (
 JUDGE = (
     _category("measure", description="how the error of a column is measured"),
     _text("hint"),
-    _flag("is_input", "prescribed"),
+    _flag(
+        "is_input", "read in another way", "whether a unit, a sign or an origin seems to be another"
+    ),
+    _flag("has_unit_option", "read in another unit"),
     _value("error_time", "time of the error", "s"),
     _category("guide"),
     _value("begin", "begin", "s"),

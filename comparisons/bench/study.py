@@ -128,7 +128,7 @@ class Study:
             if not isinstance(figure, Chart)
             or any(len(series.x) for panel in figure.panels for series in panel.series)
         ]
-        return replace(said, findings=list(filter(None, said.findings)), figures=figures)
+        return replace(said, figures=figures)
 
 
 def planned(

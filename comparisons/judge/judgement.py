@@ -16,14 +16,6 @@ from typing import Any
 import numpy as np
 import pandas as pd
 
-from stiction.comparisons.bench.presentation.presentation import Presentation
-from stiction.comparisons.judge.judgement_in_words import (
-    FOUND,
-    INVENTED,
-    MISSED,
-    UNRESOLVED,
-    presentation,
-)
 from stiction.comparisons.judge.truth_folder import is_truth_folder, read_truth
 from stiction.comparisons.measures.accuracy import EVENT_WINDOW, errors, size_of
 from stiction.comparisons.measures.completed_motion import Completion, energy_of_motion, slips
@@ -74,6 +66,13 @@ SOLVED, RUN = 2**14, 2**18
 for, and one that is our own run is integrated anew each time."""
 READING, COMPARING = 0.2, 0.5
 """Parts of the time that reading a long table, and comparing it with the truth, take."""
+FOUND, MISSED, UNRESOLVED, INVENTED = (
+    "found",
+    "missed",
+    "too short for the samples",
+    "the truth slips",
+)
+"""Verdicts on a stick phase."""
 PHASE = ["guide", "begin", "end", "duration", "samples", "verdict", "fastest_slip"]
 """Columns of a stick phase."""
 
@@ -163,14 +162,38 @@ class Judgement:
         """True where columns seem to have other units, signs or origins than the scene: the numbers mean little."""
         return bool(self.tables["errors"]["is_input"].any())
 
-    @cached_property
-    def presentation(self) -> Presentation:
-        """The same in words, tables and figures."""
-        return presentation(self)
+    @property
+    def worst(self) -> pd.DataFrame:
+        """The row of ``errors`` with the largest error of each kind of column, which its unit tells."""
+        table = self.tables["errors"]
+        return table.loc[table.dropna(subset="error").groupby("unit", sort=False)["error"].idxmax()]
 
     def __str__(self) -> str:
-        said = self.presentation
-        return "\n".join(part.text for part in (said.answer, *said.findings))
+        """Tables: the largest error of each kind, numbers of the whole, what explains the errors, and faults."""
+        summary, jumps = self.tables["summary"].loc[0].dropna(), self.tables["jumps"]
+        numbers = dict(summary[summary != ""])
+        for verdict, phases in self.tables["stick-phases"].groupby("verdict", sort=False):
+            numbers[f"stick phases, {verdict}"] = len(phases)
+        if len(jumps):
+            numbers["jumps, read"] = f"{jumps['resolved'].sum()} of {len(jumps)}"
+        # written one by one: a common format would leave nothing of the small ones
+        written = {
+            name: f"{value:.6g}" if isinstance(value, float) else str(value)
+            for name, value in numbers.items()
+        }
+        tried = self.tables["other-parameters"]
+        explained = tried.loc[tried["named"].astype(bool), ["hypothesis", "value"]]
+        errors = self.worst[["column", "error", "uncertainty", "unit", "error_time", "hint"]]
+        title = f"{self.table.origin} on {self.scene.name}; truth: {self.truth.tier}"
+        parts = [title, pd.Series(written).to_frame().to_string(header=False)]
+        for name, part in (
+            ("largest errors", errors),
+            ("errors explained by", explained),
+            ("faults", self.tables["findings"]),
+        ):
+            if len(part):
+                parts.append(f"{name}\n{part.to_string(index=False)}")
+        return "\n\n".join(parts)
 
 
 def judge(

@@ -31,6 +31,7 @@ COLUMNS = [
     "measure",
     "hint",
     "is_input",
+    "has_unit_option",
 ]
 TURN = 2 * np.pi
 EXPLAINS = 0.1
@@ -48,10 +49,15 @@ KNOWN = 1e3
 
 
 class Hint(NamedTuple):
-    """A cause that explains the errors of a column; `is_input` where the column must be read in another way."""
+    """A cause that explains the errors of a column.
+
+    `is_input` where the column must be read in another way; `has_unit_option` where ``--units`` does that, for all
+    columns at once.
+    """
 
     cause: str = ""
     is_input: bool = False
+    has_unit_option: bool = False
 
 
 def column_errors(
@@ -145,11 +151,11 @@ def _causes(
     """Causes that there can be; `size` is the mean of |true|."""
     kind = unit.partition("/")[0]
     if is_coarse and kind == "rad":
-        yield _Cause(Hint("57.3 times the truth: degrees? (--units deg)", True), np.pi / 180)
+        yield _Cause(Hint("57.3 times the truth: degrees? (--units deg)", True, True), np.pi / 180)
     elif is_coarse and kind in ("m", "N", "N m"):
-        yield _Cause(
-            Hint("1000 times the truth: other units?" + " (--units mm)" * (kind != "N"), True), 1e-3
-        )
+        is_length = kind != "N"
+        option = " (--units mm)" if is_length else ""
+        yield _Cause(Hint(f"1000 times the truth: other units?{option}", True, is_length), 1e-3)
         yield _Cause(Hint("a thousandth of the truth: other units?", True), 1e3)
     if is_coarse:
         yield _Cause(Hint("the other sign (--map MINE=-COLUMN)", True), -1.0)

@@ -75,7 +75,7 @@ def judge(
     """Judge a table of results of any program: errors against the truth, stick phases, jumps, drift, energy."""
     from stiction.comparisons.judge.judgement import judge as judged_by
     from stiction.comparisons.judge.truth_folder import is_truth_folder
-    from stiction.reports.judgement_page import MAIN, write_judgement
+    from stiction.reports.judgement_page import MAIN, judgement_section, write_judgement
     from stiction.reports.run_folder.overwriting import check_folder
     from stiction.scenes.result_table import parse_map, parse_units
 
@@ -95,8 +95,9 @@ def judge(
     chosen = scene if is_folder else scene_of(scene, overrides)
     with progress("judge") as bar:
         judged = judged_by(chosen, result, mapping, sizes, t_end, tell=bar.share)
-    print(f"{result} on {judged.scene.name}\n{judged}\n")
-    for view in judged.presentation.tables[:1]:
+    section = judgement_section(judged)
+    print(f"{result} on {judged.scene.name}", section.answer, *section.findings, "", sep="\n")
+    for view in section.tables[:1]:
         show(view.heads(), view.cells())
     if out is not None:
         print(write_judgement(judged, out))

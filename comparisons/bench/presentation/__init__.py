@@ -21,22 +21,6 @@ from stiction.comparisons.bench.presentation.presentation import (
 )
 from stiction.comparisons.bench.presentation.rows import Cell, Row, row_of
 from stiction.comparisons.bench.presentation.table_view import Column, TableView, view
-from stiction.comparisons.bench.presentation.traced_text import (
-    Number,
-    Part,
-    TracedText,
-    count,
-    interval,
-    joined,
-    length,
-    listed,
-    scaled_value,
-    sentence,
-    short,
-    traced,
-    value,
-    within,
-)
 
 __all__ = [
     "ANSWER_LENGTH",
@@ -53,25 +37,11 @@ __all__ = [
     "Headline",
     "HeatMap",
     "MechanismPicture",
-    "Number",
     "Panel",
-    "Part",
     "Presentation",
     "Row",
     "Series",
     "TableView",
-    "TracedText",
-    "count",
-    "interval",
-    "joined",
-    "length",
-    "listed",
     "row_of",
-    "scaled_value",
-    "sentence",
-    "short",
-    "traced",
-    "value",
     "view",
-    "within",
 ]

@@ -10,7 +10,6 @@ from dataclasses import dataclass, field
 
 from stiction.comparisons.bench.presentation.charts import Figure
 from stiction.comparisons.bench.presentation.table_view import TableView
-from stiction.comparisons.bench.presentation.traced_text import TracedText
 
 ANSWER_LENGTH = 160
 """Characters of an answer, at most: it stands on one line of a terminal, behind the study's title."""
@@ -37,16 +36,12 @@ class Presentation:
         Captions of tables and figures are in the template.
     """
 
-    answer: TracedText = TracedText()
-    findings: Sequence[TracedText] = ()
+    rows: Mapping[str, object] = field(default_factory=dict)
     headlines: Sequence[Headline] = ()
     tables: Sequence[TableView] = ()
     figures: Sequence[Figure] = ()
-    notes: Sequence[str] = ()
-    beside: TracedText = TracedText()
-    rows: Mapping[str, object] = field(default_factory=dict)
 
     @property
     def is_empty(self) -> bool:
         """Nothing to show: then the study has no section."""
-        return not (self.rows or self.tables or self.figures or self.answer or self.findings)
+        return not (self.rows or self.tables or self.figures)

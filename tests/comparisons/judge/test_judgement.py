@@ -5,8 +5,10 @@ from functools import cache
 import numpy as np
 import pandas as pd
 import pytest
+from made_up_runs import wrongly_written
 
 import stiction
+from stiction.comparisons.bench.results import Results
 from stiction.comparisons.judge.judgement import (
     FOUND,
     INVENTED,
@@ -15,7 +17,9 @@ from stiction.comparisons.judge.judgement import (
     judge,
     prescribed,
 )
+from stiction.comparisons.judge.judgement_presentation import presentation
 from stiction.comparisons.measures.scene_truth import ground_truth
+from stiction.reports.judgement_page import judgement_section
 from stiction.scenes import load_scene
 from stiction.scenes.result_table import parse_units
 from stiction.scenes.trajectory import events_frame
@@ -56,6 +60,11 @@ def error_of(judged, column):
     return judged.tables["errors"].set_index("column").loc[column]
 
 
+def rows_of(judged):
+    """What the text of a judgement mentions."""
+    return presentation(judged).rows
+
+
 def verdicts(judged):
     return list(judged.tables["stick-phases"]["verdict"])
 
@@ -92,7 +101,11 @@ class TestRight:
         judged = judge(CASE, only(frame, *POSITIONS))
         assert judged.error < 1e-12 and set(verdicts(judged)) == {FOUND}
         assert judged.tables["summary"].at[0, "position_drift"] < 1e-12
-        assert "energy" in str(judged)
+        summary = rows_of(judged)["summary"]
+        assert float(summary["completed_energy_error"]) < 0.01 * float(
+            summary["completed_energy_exchanged"]
+        )
+        assert summary["energy_error"] is None
 
     def test_nothing_between_samples_is_charged(self):
         """A tenth of a second between samples bends an interpolated position by millimetres."""
@@ -230,14 +243,15 @@ class TestSampling:
 class TestTruths:
     def test_our_own_run_is_called_so(self):
         judged = judge("hard/peak-of-the-load", true_table(name="hard/peak-of-the-load"))
-        assert judged.error < 1e-12 and "not independent" in str(judged)
+        assert judged.error < 1e-12 and rows_of(judged)["truth"]["is_own_run"]
+        assert "not independent" in " ".join(judgement_section(judged).findings)
 
     def test_without_a_truth_the_table_is_held_against_itself(self):
         run = stiction.load_engine("reference").simulate(load_scene("painleve-rod"))
         judged = judge("painleve-rod", run)
-        assert (
-            judged.error is None and "no truth" in str(judged) and judged.tables["findings"].empty
-        )
+        assert judged.error is None and judged.tables["findings"].empty
+        assert not rows_of(judged)["truth"]["exists"] and rows_of(judged)["worst"] is None
+        assert "no truth of painleve-rod" in judgement_section(judged).answer
         torn = run.to_frame()
         torn["rod.x"] += 0.3 * (torn["t"] > 0.03)
         assert len(judge("painleve-rod", torn).tables["findings"])
@@ -255,6 +269,14 @@ def test_events_of_a_table_without_modes_are_those_of_the_truth():
     judged = judge(CASE, only(true_table(two_sided=True), ".x", ".effort"))
     found, true = events_frame(judged.trajectory.events), events_frame(judged.truth.events)
     assert list(found["kind"]) == list(true["kind"])
+
+
+@pytest.mark.parametrize("corners", [(), (".F2",), (".F1", ".F2", ".F3", ".F4")])
+def test_a_mode_may_come_with_some_of_the_corner_forces(corners):
+    """Both sides of the truth's events, among which corner events: nothing in them is inconsistent."""
+    judged = judge(CASE, only(true_table(two_sided=True), ".x", ".mode", *corners))
+    assert any(event.kind == "corner" for event in judged.trajectory.events)
+    assert judged.tables["findings"].empty
 
 
 @pytest.mark.parametrize(
@@ -289,16 +311,15 @@ def test_an_acceleration_or_force_that_is_off_is_named_among_the_findings(column
     t = np.linspace(0, 8, 801)
     true = {"t": t, **ground_truth(scene)(t)}
 
-    def said(table):
-        return [
-            line
-            for line in str(judge(scene, pd.DataFrame(table))).splitlines()
-            if "of its size" in line
-        ]
+    def off(table):
+        return rows_of(judge(scene, pd.DataFrame(table)))["coarse"]
 
-    assert not said(true)
-    [line] = said({**true, column: factor * true[column]})
-    assert line.startswith(column + " is off by ")
+    assert not off(true)
+    wrong = judge(scene, pd.DataFrame({**true, column: factor * true[column]}))
+    [found] = rows_of(wrong)["coarse"]
+    assert found["row"]["column"] == column and not found["others"]
+    assert 0.01 < found["part"] <= abs(factor - 1)
+    assert any(line.startswith(column) for line in judgement_section(wrong).findings)
 
 
 @pytest.mark.parametrize("two_sided", [False, True])
@@ -335,3 +356,71 @@ def test_long_tables_are_judged_like_short_ones(monkeypatch, two_sided, change):
     assert len(parts.tables["findings"]) == len(whole.tables["findings"])
     words = [text.split(" at t = ")[0] for text in whole.tables["findings"]["finding"]]
     assert [text.split(" at t = ")[0] for text in parts.tables["findings"]["finding"]] == words
+
+
+class TestWords:
+    """Numbers of the text are cells of the tables, and what it names is there."""
+
+    @pytest.mark.parametrize(
+        "change",
+        [
+            lambda frame: frame,
+            lambda frame: only(frame, *POSITIONS),
+            lambda frame: frame[frame["t"] >= 19],
+            lambda frame: frame.assign(**{"slider.ax": 1.05 * frame["slider.ax"]}),
+            lambda frame: frame.assign(**{"slider.x": frame["slider.x"] + 1e-3 * frame["t"]}),
+            lambda frame: (1e3 * only(frame, "slider.x", "bar.y")).assign(t=frame["t"]),
+            lambda frame: only(frame, ".effort"),
+        ],
+    )
+    def test_numbers_are_those_of_the_tables(self, frame, change):
+        judged = judge(CASE, change(frame))
+        section = judgement_section(judged)
+        assert not wrongly_written(section, Results((), {}, judged.tables))
+        assert section.answer and all(each.caption for each in (*section.tables, *section.figures))
+        rows, errors = rows_of(judged), judged.tables["errors"]
+        assert rows["worst"]["column"] in section.answer
+        phases = judged.tables["stick-phases"]["verdict"]
+        assert rows["stick_phases"]["found"] == (phases == FOUND).sum()
+        assert rows["misread"] == list(errors.loc[errors["is_input"], "column"])
+        for one in rows["jumps"]:
+            assert (one["read"], one["unit"]) == (judged.tables["jumps"]["resolved"].sum(), "N m")
+
+    def test_the_largest_error_of_positions_is_a_bound(self, frame):
+        """A true table is off by no more than the truth's uncertainty of its least known position."""
+        judged = judge(CASE, frame)
+        rows = rows_of(judged)
+        metres = judged.in_metres("error") + judged.in_metres("uncertainty")
+        assert rows["worst"]["column"] == judged.tables["errors"].at[metres.idxmax(), "column"]
+        assert not rows["worst_is_certain"] and " at t = " not in judgement_section(judged).answer
+        off = judge(CASE, frame.assign(**{"slider.x": frame["slider.x"] + 1e-3 * frame["t"]}))
+        rows = rows_of(off)
+        assert rows["worst"]["column"] == "slider.x" and rows["worst_is_certain"]
+        assert float(rows["worst"]["error"]) == pytest.approx(0.024, rel=1e-6)
+        assert float(rows["worst"]["error_time"]) == 24.0
+
+    def test_columns_that_are_right_beside_others_in_another_unit_are_named(self, frame):
+        """Millimetres of one column: an option for all columns would make the others wrong."""
+        frame = only(frame, *POSITIONS)
+        rows = rows_of(judge(CASE, frame.assign(**{"slider.x": 1e3 * frame["slider.x"]})))
+        [hint] = rows["hints"]
+        assert hint["columns"] == rows["misread"] == ["slider.x"]
+        assert hint["right"] == ["bar.x", "bar.y", "slider.y"]
+        [hint] = rows_of(judge(CASE, frame.assign(**{"slider.x": -frame["slider.x"]})))["hints"]
+        assert hint["columns"] == ["slider.x"] and not hint["right"]  # a sign is that of a column
+
+    def test_what_is_not_judged_is_named(self, frame):
+        rows = rows_of(judge(CASE, frame.assign(nonsense=1.0)[["t", "bar.angle"]]))
+        lacks = rows["not_judged"]
+        assert lacks["stick_phases"] and lacks["jumps"] and lacks["drift"]
+        assert "motor.effort" in lacks["energy"] and "bar.angle" not in lacks["energy"]
+        rows = rows_of(judge(CASE, frame.assign(mine=1.0), {"mine": ""}))
+        assert not any(rows["not_judged"].values()) and not rows["unknown"]
+
+    def test_a_printed_judgement_has_its_numbers(self, frame):
+        judged = judge(CASE, frame.assign(**{"slider.x": frame["slider.x"] + 1e-3 * frame["t"]}))
+        text = str(judged)
+        for part in (CASE, "slider.x", "15 of 15", judged.tables["findings"]["finding"][0]):
+            assert part in text
+        drift = judged.tables["summary"].at[0, "position_drift"]
+        assert f"{drift:.6g}" in text and "nan\n" not in text.lower().split("largest errors")[0]

@@ -5,6 +5,7 @@ import pandas as pd
 import pytest
 
 from stiction.comparisons.judge.judgement import FOUND, INVENTED, MISSED, judge
+from stiction.comparisons.judge.judgement_presentation import presentation
 from stiction.comparisons.measures.completed_motion import Completion
 from stiction.comparisons.measures.scene_truth import ground_truth
 from stiction.scenes import load_scene
@@ -90,4 +91,5 @@ def test_completed_states_are_the_truth():
 def test_what_a_coordinate_does_not_determine_is_not_judged(name, column):
     judged = judge(name, table_of(name, [column]))
     assert judged.tables["stick-phases"].empty and not {*ENERGY} & {*judged.tables["summary"]}
-    assert "Not judged" in str(judged)
+    lacks = presentation(judged).rows["not_judged"]
+    assert lacks["stick_phases"] and lacks["energy"]

@@ -5,9 +5,12 @@ import math
 import numpy as np
 import pandas as pd
 import pytest
+from made_up_runs import wrongly_written
 
 import stiction
+from stiction.comparisons.bench.results import Results
 from stiction.comparisons.judge.judgement import judge
+from stiction.comparisons.judge.judgement_presentation import presentation
 from stiction.comparisons.measures.other_parameters import (
     Hypothesis,
     Parameter,
@@ -15,6 +18,7 @@ from stiction.comparisons.measures.other_parameters import (
     explanations,
 )
 from stiction.comparisons.measures.scene_truth import ground_truth
+from stiction.reports.judgement_page import judgement_section
 from stiction.scenes import load_scene
 from stiction.scenes.result_table import result_table
 
@@ -143,7 +147,11 @@ def test_the_judgement_asks():
     judged = judge(scene, run_of(changed(scene, Parameter(Hypothesis.ONE_COEFFICIENT), 1.0)))
     table = judged.tables["other-parameters"]
     assert list(table.loc[table["named"], "hypothesis"]) == ["mus = mu"]
-    assert "mus = mu" in str(judged)
+    [named] = presentation(judged).rows["other_parameters"]
+    assert named["cause"] == "one_coefficient" and named["run"]["hypothesis"] == "mus = mu"
+    section = judgement_section(judged)
+    assert any("mus = mu" in finding for finding in section.findings)
+    assert not wrongly_written(section, Results((), {}, judged.tables))
     millimetres = pd.DataFrame(run_of(scene)).assign(
         **{"slider.x": lambda frame: 1e3 * frame["slider.x"]}
     )

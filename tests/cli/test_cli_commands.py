@@ -18,8 +18,8 @@ from conftest import installed, invoke
 from stiction.cli.compare import _print
 from stiction.cli.exit_codes import FAILED, INTERRUPTED, TERMINATED, terminate
 from stiction.cli.render import show, show_trajectory
-from stiction.comparisons.bench.presentation import Presentation
 from stiction.comparisons.bench.results import Results
+from stiction.reports.text import Section
 from stiction.scenes import Trajectory, load_scene, vary
 from stiction.truths import slider_bar_truth
 
@@ -424,7 +424,7 @@ class TestCompare:
             ],
             columns=["variant", "status", "reason"],
         )
-        _print(Presentation(), Results((), {}, {}), runs)
+        _print(Section(), Results((), {}, {}), runs)
         assert capsys.readouterr().out.splitlines() == [
             "not installed, 2 runs not made: drake: not installed",
             "method trial and error, 1 of 2 runs ended early: the linear system is singular",

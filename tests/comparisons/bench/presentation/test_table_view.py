@@ -4,7 +4,7 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from stiction.comparisons.bench.presentation import Column, sentence, traced, view
+from stiction.comparisons.bench.presentation import Column, view
 
 RUNS = pd.DataFrame(
     {
@@ -52,8 +52,3 @@ def test_a_row_that_sums_up_others_knows_them():
         caption="Sums.",
     )
     assert shown.rows == ((1,), (1, 2)) and shown.cells() == [["1"], ["2"]]
-
-
-def test_a_sentence_without_one_of_its_parts_is_none():
-    assert sentence("{} of {}.", "1", "2").text == "1 of 2."
-    assert not sentence("{} of {}.", "1", traced("")) and not sentence("Of {}.", "")

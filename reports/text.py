@@ -158,8 +158,11 @@ def filled(template: Template, variables: Mapping[str, object], *names: str) -> 
 
 
 def one_line(text: str) -> str:
-    """Return the text with single spaces in place of breaks and of what a condition has left empty."""
-    return " ".join(text.split())
+    """Return the text with single spaces in place of breaks and of what a condition has left empty.
+
+    A condition between a word and a full stop or comma leaves no space before it.
+    """
+    return re.sub(r" (?=[.,;:](?: |$))", "", " ".join(text.split()))
 
 
 def paragraphs(text: str) -> list[str]:

@@ -1,5 +1,7 @@
 """Templates of text: blocks, captions, and numbers that know their cells."""
 
+import re
+
 import pandas as pd
 import pytest
 from hypothesis import given
@@ -105,3 +107,11 @@ def test_paragraphs_and_items_are_what_was_written(texts):
 def test_every_study_has_a_template_of_known_blocks(study):
     known = {"answer", "beside", "findings", "figures", "tables", "notes"}
     assert set(template(f"studies/{study.name}.md").blocks) <= known
+
+
+def test_conditions_leave_no_space_before_a_full_stop_and_none_out_between_words(validation):
+    for study in studies():
+        found = section_of(study, validation)
+        captions = [one.caption for one in (*found.tables, *found.figures)]
+        for text in (found.answer, found.beside, *found.findings, *found.notes, *captions):
+            assert not re.search(r" [.,;:](?: |$)|[a-z0-9)]\(|\d[a-z]{3}|,,|;;|\( ", text), text

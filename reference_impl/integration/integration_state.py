@@ -51,6 +51,9 @@ AT_ONCE = 100.0
 once."""
 NO_EVENT = -1
 """Event function of a step that ends at none."""
+FREE_LENGTH, TO_STOP, TO_EXPECTED_EVENT = range(3)
+"""What the length of a step was chosen for (`Attempt.target`): by tolerances and limits alone; to end at the end of the
+run or at a kink of a law; to end where the steps before it predict an event."""
 
 
 class Task(Bundle):
@@ -74,37 +77,36 @@ class Progress(Record):
     speed: float  # the largest so far, m/s; rounding is judged by it and by `force`
     force: float  # the largest so far, N
     gain: float  # friction gain (`uniqueness`) at the last accepted step
-    checked: float  # when progress was looked at last
-    aim: float  # time to where an event is expected; inf if none is
-    aimed: int  # its event function
-    missed: int  # times that the present step was shortened for an event
-    searched: int  # times that it was since a search last resolved the event functions
-    blurred: int  # times that it was since the stages of a step last did
-    next_output: int  # place in the output times
-    next_kink: int  # place in the times at which a law is not smooth
-    idle: int  # events that no time passed between
+    checked: float  # when the progress of the run was checked last
+    expected_in: float  # time from the state to the next expected event; inf if none is expected
+    expected_event: int  # the event function of that event
+    misses: int  # times that the present step was shortened because it missed its event
+    unresolved_searches: int  # steps shortened since a search last resolved the event functions
+    unresolved_steps: int  # steps shortened since the stages of a step last resolved them
+    next_output: int  # index of the next sample in the output times
+    next_kink: int  # index in the times at which a law is not smooth
+    idle: int  # successive events at one and the same time
     logged: int  # events in the log
-    fresh: int  # 1 where the state has changed since y' and the event functions were evaluated
+    stale: int  # 1 where y' and the event functions are not those of the state
 
 
 class Attempt(Record):
-    """Record of the step that is being made; times in seconds, integers are flags but for `event`."""
+    """Record of the step that is being made; times in seconds; the integers below `target` are flags."""
 
-    h: float  # its length as attempted
+    h: float  # attempted length, which the dense output spans
     stop: float  # time that it must not pass
-    resolution: float  # distance of times that can be resolved there
-    proposal: float  # the length of the step after it
-    length: float  # kept length of it, up to the event
-    fraction: float  # place of the event in `h`
+    resolution: float  # smallest difference of times that double precision resolves there
+    proposal: float  # length proposed for the next step
+    length: float  # accepted length: to the event, or `h`
+    fraction: float  # place of the event, as a fraction of `h`
     gain: float  # friction gain at its end
-    counted: float  # fraction at which several motions were counted, where it is `lost`
+    counted: float  # fraction at which several motions were counted, if it `is_ambiguous`
     event: int  # event function at its end, or NO_EVENT
-    reaches_stop: int
-    aims: int  # it aims at an expected event
+    target: int  # what `h` was chosen for: FREE_LENGTH, TO_STOP or TO_EXPECTED_EVENT
     has_rows: int  # the workspace has the rows of its end
-    shorter: int  # it is shorter than attempted
-    critical: int  # the gain is critical
-    lost: int  # the motion is lost in it
+    end_moved: int  # its end was moved from `h` to the zero of an event function, or to its closest approach
+    near_several: int  # its friction gain is so large that several motions must be looked for
+    is_ambiguous: int  # several motions begin in it, at `fraction`
     unresolved: int  # a search did not resolve the event functions
 
 

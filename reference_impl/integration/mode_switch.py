@@ -97,7 +97,7 @@ def switch_mode(m: Arrays, w: Workspace, s: State, log: EventLog, first_step: fl
         guide = event // 3
     switches, function, behind = _examine_event(m, w, s, event)
     if not switches:
-        p.fresh = 0
+        p.stale = 0
         return DONE
     first = p.logged
     write_sample(
@@ -128,7 +128,7 @@ def switch_mode(m: Arrays, w: Workspace, s: State, log: EventLog, first_step: fl
     begin_mode(m, w, s)
     p.gain, _ = gain_of_mode(m, w, s.slip)
     copy(w.event, s.at_start)
-    p.fresh = 0
+    p.stale = 0
     remember(m, w, s)
     _log_changes(m, w, s, log, others)
     return ROOM if p.logged + len(m.friction) >= len(log.t) else DONE

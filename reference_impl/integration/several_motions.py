@@ -51,7 +51,7 @@ def end_at_several(m: Arrays, w: Workspace, s: State) -> None:
                     break
         below = gain < 1.0
         if several:
-            step.lost, step.counted = 1, _onset(m, w, s, low, high, True)
+            step.is_ambiguous, step.counted = 1, _onset(m, w, s, low, high, True)
             passed = _onset(m, w, s, low, high, False)
             step.fraction = (
                 passed if step.counted - passed <= SINGULAR_STRETCH * (high - low) else step.counted

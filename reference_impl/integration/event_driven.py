@@ -324,7 +324,7 @@ def _locate(m: Arrays, w: Workspace, s: State, samples: Samples) -> bool:
     # from its end (`correction`, in steps), without further evaluations.
     correction = np.inf
     if step.target == TO_EXPECTED_EVENT and falls_to_end(s, p.expected_event):
-        correction = zero_near_end(s.at_start, s.seen, p.expected_event)
+        correction = zero_near_end(s.at_start, s.at_stages, p.expected_event)
     is_near_end = abs(correction) < NEAR
 
     # The bound of `event_location` on the values at the stages excludes a zero of any other function in nearly all
@@ -371,7 +371,7 @@ def _locate(m: Arrays, w: Workspace, s: State, samples: Samples) -> bool:
     elif place == WITHIN:
         length = step.fraction * h
         take_step(m, w, s, t, length)
-        correction = -s.seen[STAGES - 1, step.event] * h / slope
+        correction = -s.at_stages[STAGES - 1, step.event] * h / slope
         step.length, reached = go_to_event(m, w, s, length, correction, SLOPE, False)
         if t + step.length > step.stop:
             # the event is behind the stop, and belongs to a later step: this one is taken to its end after all
@@ -487,7 +487,7 @@ def _commit(m: Arrays, w: Workspace, s: State, task: Task) -> int:
     # the last stage of this step is the first of the next, unless a new mode begins
     if step.event == NO_EVENT and not p.stale:
         copy(s.K[STAGES], s.K[0])
-        copy(s.seen[STAGES - 1], s.at_start)
+        copy(s.at_stages[STAGES - 1], s.at_start)
     return DONE
 
 
@@ -496,10 +496,10 @@ def _expect_event(m, w, s):
     """Note the first event that the stages of the step predict behind its end, and when: the next step ends there."""
     p, step = s.progress, s.attempt
     for e in range(len(w.event)):
-        largest = max(abs(s.at_start[e]), abs(s.seen[STAGES - 1, e]))
+        largest = max(abs(s.at_start[e]), abs(s.at_stages[STAGES - 1, e]))
         if largest <= rounding_of_terms(m, w, s, e):
             continue  # as of the corners of a guide without any load: its zeros are no events
-        distance = zero_near_end(s.at_start, s.seen, e)
+        distance = zero_near_end(s.at_start, s.at_stages, e)
         if BESIDE < distance < p.expected_in / step.h:
             p.expected_in = distance * step.h
             p.expected_event = e

@@ -155,17 +155,17 @@ node behind a zero."""
 
 
 @kernel
-def zero_near_end(before: Reals, seen: Table, e: int) -> float:
+def zero_near_end(at_start: Reals, at_stages: Table, e: int) -> float:
     """Distance from the end of the step to the next zero of event function e, or to one just passed, in steps.
 
     Infinite if none is in sight.
 
-    before : event functions at the start of the step.  seen : those of its stages, in the order of times.
+    at_start : event functions at the start of the step.  at_stages : those of its stages, in the order of times.
     """
     # coefficients of the polynomial through the values at the AIMS, in powers of the distance from the end
     c0, c1, c2, c3, c4 = 0.0, 0.0, 0.0, 0.0, 0.0
     for j in range(len(AIMS)):
-        value = before[e] if j == 0 else seen[AIMS[j] - 1, e]
+        value = at_start[e] if j == 0 else at_stages[AIMS[j] - 1, e]
         c0 += _AHEAD[0, j] * value
         c1 += _AHEAD[1, j] * value
         c2 += _AHEAD[2, j] * value
@@ -193,7 +193,7 @@ def may_vanish(s, expected):
         has another one before; or NO_EVENT.
     """
     for e in range(len(s.at_start)):
-        if not _stays_positive(s.at_start, s.seen, e, e == expected, noise(s, e)):
+        if not _stays_positive(s.at_start, s.at_stages, e, e == expected, noise(s, e)):
             return True
     return False
 
@@ -201,21 +201,23 @@ def may_vanish(s, expected):
 @kernel
 def falls_to_end(s, e):
     """Return True where event function e is lowest at the end of the step: no zero before one near there."""
-    return _stays_positive(s.at_start, s.seen, e, True, noise(s, e))
+    return _stays_positive(s.at_start, s.at_stages, e, True, noise(s, e))
 
 
 @kernel
-def _stays_positive(before: Reals, seen: Table, e: int, falls: bool, rounding: float) -> bool:
+def _stays_positive(
+    at_start: Reals, at_stages: Table, e: int, falls: bool, rounding: float
+) -> bool:
     """Return True where event function e has no zero within the step.
 
     Zeros at the start of a function that rises from there, and at the end of one that `falls` to it, do not count.
     """
     # Bernstein coefficients v0, b1, .., b4 of the polynomial through the AIMS; the outer two are its end values
-    v0, b4 = before[e], seen[AIMS[-1] - 1, e]
+    v0, b4 = at_start[e], at_stages[AIMS[-1] - 1, e]
     b1, b2, b3 = 0.0, 0.0, 0.0
     largest = 0.0
     for j in range(len(AIMS)):
-        value = v0 if j == 0 else seen[AIMS[j] - 1, e]
+        value = v0 if j == 0 else at_stages[AIMS[j] - 1, e]
         largest = max(largest, abs(value))
         b1 += _STAGES_TO_BERNSTEIN[1, j] * value
         b2 += _STAGES_TO_BERNSTEIN[2, j] * value
@@ -224,9 +226,9 @@ def _stays_positive(before: Reals, seen: Table, e: int, falls: bool, rounding: f
     # distance of the function from the polynomial, at stages that the polynomial does not use
     distance = 0.0
     for k in range(len(CHECKS)):
-        value, predicted = seen[CHECKS[k] - 1, e], 0.0
+        value, predicted = at_stages[CHECKS[k] - 1, e], 0.0
         for j in range(len(AIMS)):
-            predicted += _STAGES_TO_CHECKS[k, j] * (v0 if j == 0 else seen[AIMS[j] - 1, e])
+            predicted += _STAGES_TO_CHECKS[k, j] * (v0 if j == 0 else at_stages[AIMS[j] - 1, e])
         largest = max(largest, abs(value))
         distance = max(distance, abs(value - predicted))
     if largest <= rounding:
@@ -264,16 +266,16 @@ def are_resolved(s):
         # the variation of the function among the stages; one that hardly varies is seen
         low, high = s.at_start[e], s.at_start[e]
         for i in range(STAGES):
-            low = min(low, s.seen[i, e])
-            high = max(high, s.seen[i, e])
+            low = min(low, s.at_stages[i, e])
+            high = max(high, s.at_stages[i, e])
         if not high - low > APPARENT * noise(s, e):
             continue
         # its distance from the polynomial through the AIMS
         distance = 0.0
         for k in range(len(CHECKS)):
-            value, predicted = s.seen[CHECKS[k] - 1, e], 0.0
+            value, predicted = s.at_stages[CHECKS[k] - 1, e], 0.0
             for j in range(len(AIMS)):
-                at_aim = s.at_start[e] if j == 0 else s.seen[AIMS[j] - 1, e]
+                at_aim = s.at_start[e] if j == 0 else s.at_stages[AIMS[j] - 1, e]
                 predicted += _STAGES_TO_CHECKS[k, j] * at_aim
             distance = max(distance, abs(value - predicted))
         if distance > BLURRED * (high - low):
@@ -506,7 +508,7 @@ def go_to_event(
     Parameters
     ----------
     h : float
-        Length of the step, s, of which y_new, K and `seen` are.
+        Length of the step, s, of which y_new, K and `at_stages` are.
     correction : float
         How much longer the step must be, s.
     error : float
@@ -522,7 +524,7 @@ def go_to_event(
         Whether it ends at the zero; w.event is then that of its end, or of a state closer than LEFT.
     """
     t, y_new, K, event = s.progress.time, s.y_new, s.K, s.attempt.event
-    value = s.seen[STAGES - 1, event]
+    value = s.at_stages[STAGES - 1, event]
     for _ in range(CORRECTIONS):
         # A correction towards a zero through which the function rises leads to the end of a dip below zero, not to its
         # beginning. One of more than a hundredth of the step has a slope that is not to be believed either.

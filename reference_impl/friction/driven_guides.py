@@ -55,6 +55,9 @@ def frictionless_forces(m: Arrays, w: Workspace, needed: Reals) -> None:
     """
     for r in range(len(w.force)):
         w.force[r] = 0.0
+
+    # A mechanism without cells: a dense solve of its constraint rows. Elimination destroys the matrix, so that it is
+    # filled anew for the solution of least norm, in a second turn, where rows are dependent.
     if len(m.cell) == 0:
         for way in range(2):
             for r in range(m.rows):
@@ -68,6 +71,8 @@ def frictionless_forces(m: Arrays, w: Workspace, needed: Reals) -> None:
         for r in range(m.rows):
             w.force[r] = w.x[r]
         return
+
+    # the same cell by cell; the tangential rows within a cell have no friction
     for c in range(len(m.cell)):
         band, first = m.cell[c].band, m.cell[c].first
         n = m.cell[c].end - first
@@ -93,13 +98,15 @@ def follow_drives(m: Arrays, w: Workspace, slip: Integers) -> None:
 
     A locked guide rests. A driven one of slip 0 begins to slip where it has an acceleration.
     """
-    asked = False
+    any_may_begin = False
     for f in range(len(slip)):
         if m.friction[f].freedom == LOCKED:
             slip[f] = 0
-        asked = asked or slip[f] == 0 and m.friction[f].freedom == DRIVEN
-    if not asked:
+        any_may_begin = any_may_begin or slip[f] == 0 and m.friction[f].freedom == DRIVEN
+    if not any_may_begin:
         return
+
+    # the accelerations of driven guides are the same for all forces that meet the constraints
     frictionless_forces(m, w, w.right)
     for f in range(len(slip)):
         if slip[f] == 0 and m.friction[f].freedom == DRIVEN:

@@ -10,6 +10,9 @@ n_j = F+_j - F-_j. While it lasts, with R = n1 + n2 the force of the normal row 
 
 is linear in (R, T), so that G force = right closes with f eliminated. A stuck guide keeps its friction as an unknown
 and its tangential row as an equation. A guide without length has f = -mu d s R.
+
+Names. Kernels take the mechanism m and the workspace w of one instant; f is the number of a frictional guide, and
+m.rows + f that of its tangential row.
 """
 
 from __future__ import annotations
@@ -51,11 +54,17 @@ def solve_mode(m: Arrays, w: Workspace, slip: Integers, corner: IntegerTable) ->
     if len(m.cell):
         return solve_cells(m, w, slip, slip, corner, False)
     nr, nf = m.rows, len(m.friction)
+
+    # The ordinary case: elimination. Without friction the pivots are judged more strictly, because near a singular
+    # position `shortest_forces` finds the same forces from J M^-1/2, with less rounding.
     n = fill_mode(m, w, slip, corner)
     regular = eliminate(w.A, w.x, w.unit, n, n, RANK_TOLERANCE if nf > 0 else ELIMINATION)
     if not regular and nf == 0:
         shortest_forces(m, w)
         return False
+
+    # Redundant constraints, or more guides at rest than there are freedoms: the shortest forces. If it is the guides at
+    # rest that make the system singular, Baumgarte's terms would contradict them.
     if not regular:
         if baumgarte.is_used(m) and n > nr and pivots_are_above(m, w, RANK_TOLERANCE):
             for r in range(nr):
@@ -64,6 +73,8 @@ def solve_mode(m: Arrays, w: Workspace, slip: Integers, corner: IntegerTable) ->
         if not minimum_norm(w.A, w.x, n) <= CONTRADICTION:
             for i in range(n):
                 w.x[i] = np.nan
+
+    # unknowns back to their rows, and the frictions that were eliminated or are zero
     for i in range(n):
         w.force[w.held[i]] = w.x[i]
     for f in range(nf):
@@ -92,30 +103,31 @@ def solve_cells(
 ) -> bool:
     """Variant of `solve_mode`, cell by cell, for guides that slip, or begin to with mus where `slip` is 0.
 
-    Where the `direction` is only `assumed`, a cell that is singular ends it.
+    The cells of a large mechanism (`banded_systems`) are solved one after the other, each as a band. Where the
+    `direction` is only `assumed`, as in a search of modes, the first singular cell ends the solution: False.
     """
-    all_regular, without_friction = True, len(m.friction) == 0
+    frictionless = len(m.friction) == 0
+    tolerance = ELIMINATION if frictionless else RANK_TOLERANCE
+    all_regular = True
     for c in range(len(m.cell)):
         band, first = m.cell[c].band, m.cell[c].first
         n = _fill_cell(m, w, c, slip, direction, corner, band)
-        if not solve_in_place(
-            w.A, w.x, w.unit, n, band, ELIMINATION if without_friction else RANK_TOLERANCE
-        ):
-            if without_friction:
+        if not solve_in_place(w.A, w.x, w.unit, n, band, tolerance):
+            if frictionless:
                 shortest_forces(m, w)
-            if without_friction or assumed:
+            if frictionless or assumed:
                 return False
-            all_regular, rests = False, False
+            all_regular = False
+            # Baumgarte's terms are left out as in `solve_mode`, where guides at rest make the cell singular
+            rests = False
             for k in range(n):
-                rests = (
-                    rests
-                    or m.order[first + k] >= m.rows
-                    and sticks(m, slip, m.order[first + k] - m.rows)
-                )
+                f = m.order[first + k] - m.rows
+                rests = rests or f >= 0 and sticks(m, slip, f)
             if rests and baumgarte.is_used(m) and solve_cell(m, w, c, w.phi, 0.0, slip, False):
                 for k in range(n):
                     if m.order[first + k] < m.rows:
                         baumgarte.leave_out(w, m.order[first + k])
+            # the shortest forces, of the full matrix: they are not those of a band
             _fill_cell(m, w, c, slip, direction, corner, n)
             if not minimum_norm(w.A, w.x, n) <= CONTRADICTION:
                 for k in range(n):
@@ -133,6 +145,7 @@ def _fill_cell(m, w, c, slip, direction, corner, reach):
         r = m.order[m.cell[c].first + k]
         f = r - m.rows
         w.x[k] = w.right[r]
+        # the tangential row of a guide that does not stick becomes an equation for its friction
         if f >= 0 and direction[f] != 0:
             mu = m.friction[f].mus if slip[f] == 0 else m.friction[f].mu
             c_R, c_T = friction_coefficients(m, f, direction[f], corner[f, 0], corner[f, 1], mu)
@@ -167,6 +180,7 @@ def fill_mode(m, w, slip, corner):
     n = held_rows(m, w, slip, False)
     for i in range(n):
         w.x[i] = w.right[w.held[i]]
+    # the friction of guides that slip, c_R R + c_T T, enters the columns of R and T
     for f in range(len(m.friction)):
         if slip[f] != 0:
             t, normal = m.rows + f, m.friction[f].row
@@ -206,14 +220,18 @@ def choose_branches(m, w, slip, corner, least):
     """
     changed = False
     for f in range(len(m.friction)):
+        # of a guide without load the signs would be those of rounding
         if not sticks(m, slip, f) or most_capacity(m, w, f) <= least:
             continue
         R, T = w.force[m.friction[f].row], w.force[m.friction[f].row + 1]
         for k in range(2):
-            n1, n2 = corner_forces(m.friction[f], R, T, -m.friction[f].mus * (1.0 - 2.0 * k))
-            s1, s2 = -1 if n1 < 0.0 else 1, -1 if n2 < 0.0 else 1
+            direction = 1.0 - 2.0 * k
+            n1, n2 = corner_forces(m.friction[f], R, T, -m.friction[f].mus * direction)
+            s1 = -1 if n1 < 0.0 else 1
+            s2 = -1 if n2 < 0.0 else 1
             changed = changed or corner[f, 2 * k] != s1 or corner[f, 2 * k + 1] != s2
-            corner[f, 2 * k], corner[f, 2 * k + 1] = s1, s2
+            corner[f, 2 * k] = s1
+            corner[f, 2 * k + 1] = s2
     return changed
 
 
@@ -233,6 +251,7 @@ def event_functions(m, w, slip, corner):
         r = m.friction[f].row
         R, T = w.force[r], w.force[r + 1]
         e = 3 * f
+        # functions that a guide does not have are 1, and never zero
         if slip[f] == 0 and not sticks(m, slip, f):
             w.event[e], w.event[e + 1], w.event[e + 2] = 1.0, 1.0, 1.0
             continue

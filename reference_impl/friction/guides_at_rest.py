@@ -54,45 +54,52 @@ def rest_together(m: Arrays, w: Workspace, held: Flags, speed: float, v: Reals) 
     the least in the kinetic metric. Returns whether guides rest together: more are at rest than there were freedoms to
     hold. The workspace is filled by `dynamics.row_form`.
     """
-    found = False
+    any_rest_together = False
     for c in range(count_cells(m)):
         own_m, own_w, guides = cell_of(m, w, c)
         own_held = taken(held, guides)
         if not _are_independent(own_m, own_w) and _rest_together(own_m, own_w, own_held, speed, v):
-            found = True
+            any_rest_together = True
             for i in range(len(guides)):
                 held[guides[i]] = own_held[i]
-    return found
+    return any_rest_together
 
 
 @kernel(allocates=True)
 def _rest_together(m: Arrays, w: Workspace, held: Flags, speed: float, v: Reals) -> bool:
     """Variant of `rest_together` for one cell."""
+    # An orthogonal basis of the rows of constraints and of guides that are held: `count` rows with the numbers `basis`.
+    # `rate` is what v violates each of them by; it goes through the orthogonalization with its row.
     row, size = unit_rows(m, w, m.rows + len(m.friction), roots_of_mobility(m))
-    rate, basis, count = np.zeros(len(row)), np.zeros(len(row), dtype=np.int64), 0
+    rate = np.zeros(len(row))
+    basis, count = np.zeros(len(row), dtype=np.int64), 0
     admitted = np.zeros(len(row), dtype=np.bool_)
     for r in range(len(row)):
-        of_row = (
-            w.slip_speed[r - m.rows]
-            if r >= m.rows
-            else w.phi_dot[m.origin[r] if len(m.origin) else r]
-        )
-        rate[r] = of_row / size[r]
+        if r >= m.rows:
+            violation = w.slip_speed[r - m.rows]
+        else:
+            violation = w.phi_dot[m.origin[r] if len(m.origin) else r]
+        rate[r] = violation / size[r]
         is_held = r < m.rows or held[r - m.rows] and m.friction[r - m.rows].freedom == FREE
         if is_held and _left(row, rate, basis, count, r) > DEPENDENT:
             _admit(row, rate, basis, count, r)
-            count, admitted[r] = count + 1, True
-    found, several = np.zeros(len(held), dtype=np.bool_), False
+            count += 1
+            admitted[r] = True
+
+    # guides that depend on the basis rest with it, unless drives move them; more rest then than there were freedoms
+    rests, several = np.zeros(len(held), dtype=np.bool_), False
     for f in range(len(m.friction)):
         t = m.rows + f
         if m.friction[f].freedom != FREE:
             continue  # joints or drives decide whether it rests
         if not held[f]:
-            found[f] = (
+            rests[f] = (
                 _left(row, rate, basis, count, t) <= DEPENDENT
                 and abs(rate[t]) * size[t] <= DRIVEN * speed
             )
-        several = several or found[f] or held[f] and not admitted[t]
+        several = several or rests[f] or held[f] and not admitted[t]
+
+    # the least change of the velocities that meets all rows of the basis; a large one would stop what goes on moving
     change = np.zeros(len(v))
     for i in range(len(v)):
         for k in range(count):
@@ -101,7 +108,7 @@ def _rest_together(m: Arrays, w: Workspace, held: Flags, speed: float, v: Reals)
         return False
     subtract(-1.0, change, v)
     for f in range(len(held)):
-        held[f] = held[f] or found[f]
+        held[f] = held[f] or rests[f]
     return True
 
 
@@ -117,7 +124,8 @@ def leave_together(
     """
     for c in range(count_cells(m)):
         own_m, own_w, guides = cell_of(m, w, c)
-        own_slip, looked, independent = taken(slip, guides), False, False
+        own_slip = taken(slip, guides)
+        looked, independent = False, False  # the rank is decided once for a cell, if it is needed
         for f in range(len(guides)):
             leaves = direction[guides[f]]
             if leaves == 0 or not sticks(own_m, own_slip, f):
@@ -126,7 +134,8 @@ def leave_together(
             if len(guides) == 1:
                 continue  # there is none to take along
             if not looked:
-                looked, independent = True, _are_independent(own_m, own_w)
+                looked = True
+                independent = _are_independent(own_m, own_w)
             if not independent:
                 _take_along(own_m, own_w, f, leaves, taken(firmness, guides), own_slip)
         for i in range(len(guides)):
@@ -139,36 +148,38 @@ def _take_along(
 ) -> None:
     """Let those guides at rest slip without which a guide of their cell cannot."""
     row, _ = unit_rows(m, w, m.rows + len(m.friction), roots_of_mobility(m))
-    rate, basis, count, t = (
-        np.zeros(len(row)),
-        np.zeros(len(row), dtype=np.int64),
-        0,
-        m.rows + guide,
-    )
+    rate = np.zeros(len(row))
+    basis, count = np.zeros(len(row), dtype=np.int64), 0
+    t = m.rows + guide
     for f in range(len(m.friction)):
         along = product(row[t], row[m.rows + f])
         if sticks(m, slip, f) and along * along >= 1.0 - RANK_TOLERANCE:
             # on one line, as where a drive moves both
             slip[f] = direction if along > 0.0 else -direction
+
+    # what of the guide's direction the constraints leave free
     for r in range(m.rows):
         if _left(row, rate, basis, count, r) > DEPENDENT:
             _admit(row, rate, basis, count, r)
             count += 1
     if _left(row, rate, basis, count, t) <= DEPENDENT:
         return  # it moves as drives move it, by none of the freedoms
-    free, seen = row[t].copy(), np.zeros(len(slip), dtype=np.bool_)
+
+    # Other guides at rest join the basis one by one, the most firmly held first, as long as they leave some of that
+    # direction free. One that would take all of it slips with the guide.
+    free = row[t].copy()
+    tried = np.zeros(len(slip), dtype=np.bool_)
     for _ in range(len(slip)):
         f = -1
         for other in range(len(slip)):
-            if (
-                sticks(m, slip, other)
-                and not seen[other]
-                and (f < 0 or firmness[other] > firmness[f])
-            ):
+            if not sticks(m, slip, other) or tried[other]:
+                continue
+            if f < 0 or firmness[other] > firmness[f]:
                 f = other
         if f < 0:
             return
-        seen[f], r = True, m.rows + f
+        tried[f] = True
+        r = m.rows + f
         if _left(row, rate, basis, count, r) <= DEPENDENT:
             continue
         _admit(row, rate, basis, count, r)

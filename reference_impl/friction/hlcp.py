@@ -79,11 +79,15 @@ def assemble(
     E0, E1 = np.zeros((nr + nf, n)), np.zeros((nr + nf, n))
     A0, A1, b = np.zeros((n, n)), np.zeros((n, n)), np.zeros(n)
     row, y, x = np.zeros(nr + nf), np.zeros(n), np.zeros(n)
+
+    # E0 and E1: which row forces each variable makes. Bilateral rows first, then the corner forces of each guide and,
+    # for the two surfaces of a guide at rest, the friction variables at place g with their own equations (16) and (17).
     for c in range(len(m.smooth)):
         E0[m.smooth[c], c], E1[m.smooth[c], c] = 1.0, -1.0  # (27)-(28)
     g = nr
     for f in range(nf):
-        corners, normal, tangent = m.friction[f].corners, m.friction[f].row, nr + f
+        corners = m.friction[f].corners
+        normal, tangent = m.friction[f].row, nr + f
         half_a, half_b = 0.5 * m.friction[f].length, 0.5 * m.friction[f].width
         # mt = mubar - V muH, (3) and (11): friction per unit of normal force before lH+ is added
         mu = coefficient(m, f, slip)
@@ -109,12 +113,16 @@ def assemble(
             A0[g, g], A1[g, g + surfaces] = -1.0, -1.0  # gH'' = gH+ - gH-, (5), (13) and (16)
             A0[g + surfaces, g + surfaces], A1[g + surfaces, g] = 1.0, -1.0
             g += 1
-    for r in range(nr):  # (34)
+
+    # (34): constraint rows of G (E0 y + E1 x) = right, with the compliance on their diagonal
+    for r in range(nr):
         _multiply_row(w.G[r], E0, E1, y, x)
         for c in range(n):
             A0[r, c] = y[c] + compliance * w.G[r, r] * E0[r, c]
             A1[r, c] = -(x[c] + compliance * w.G[r, r] * E1[r, c])
         b[r] = w.right[r]
+
+    # (35): accelerations of the surfaces of guides at rest, added to the terms of gH'' that stand in these rows
     g = nr
     for f in range(nf):
         half_b, angle = 0.5 * m.friction[f].width, m.friction[f].row + 1
@@ -134,7 +142,7 @@ def assemble(
 
 @kernel
 def _multiply_row(row, E0, E1, y, x):
-    """The row times E0 into y, and times E1 into x."""
+    """Put the row times E0 into y, and times E1 into x."""
     for c in range(len(y)):
         y[c], x[c] = 0.0, 0.0
         for k in range(len(row)):
@@ -149,6 +157,8 @@ for every stuck surface: gH+ and gH- of a surface without load can grow together
 in 1 % where mu is at most 0.2 and in 24 % where friction is extreme; with artificial capacity that outlasts the
 artificial forces in none of 3000 and in 7 % of 2940."""
 
+TINY = 1e-300
+"""Least size of a largest term, so that a residual relative to it is 0, not nan, where all terms are zero."""
 ACCURATE = 1e-9
 """Residual relative to the largest term above which a solution by pivoting is not one."""
 
@@ -177,37 +187,46 @@ def solve(  # noqa: C901 - each way a solve ends
     surfaces = _surfaces(slip)
     n = m.rows + 2 * surfaces
     row, unit_y, unit_x = _units(m, w, slip, n)
+
+    # (37): the LCP y = A0^-1 A1 x + A0^-1 b, in scaled variables. A0 is singular where constraints are redundant; then
+    # it is made regular by the compliance, which `_polish` takes out of the solution again.
     right, regular = np.zeros((n, n + 1)), False
     for compliance in (0.0, COMPLIANCE):
         A0, A1, b, E0, E1 = assemble(m, w, slip, compliance)
         _scale(A0, A1, b, row, unit_y, unit_x, right)
-        regular = eliminate_columns(A0, right, n, n + 1, n)  # (37): A0^-1 [A1, b]
+        regular = eliminate_columns(A0, right, n, n + 1, n)
         if regular:
             break
     if not regular:
         return np.zeros(len(w.force)), b, b, SINGULAR, 0.0
+
+    # Lemke's method; a solution that does not satisfy the equations, after many pivots, is none
     q, cover = np.zeros(n), np.zeros(n)
     for i in range(n):
-        q[i], cover[i] = right[i, n], 1.0 if i < m.rows + surfaces else SATURATION_COVER
+        q[i] = right[i, n]
+        cover[i] = 1.0 if i < m.rows + surfaces else SATURATION_COVER
     y, x, outcome, pivots = lemke(right, q, cover)
     w.counters.pivots += pivots
     if outcome == SOLVED and not _violation(right, q, y, x) <= ACCURATE:
         outcome = RAY
     if outcome != SOLVED:
         w.counters.lemke_rays += 1
+
+    # a ray does not tell that there is no solution: the first consistent contact mode, if any, is one
     if outcome != SOLVED and w.solver != LEMKE:
         w.counters.enumerations += 1
-        forces, directions = (
-            np.zeros((1, len(w.force))),
-            np.zeros((1, len(m.friction)), dtype=np.int64),
-        )
-        found = solutions(m, w, slip, forces, directions, compliance, limit)
-        if found > 0:
+        forces = np.zeros((1, len(w.force)))
+        directions = np.zeros((1, len(m.friction)), dtype=np.int64)
+        count = solutions(m, w, slip, forces, directions, compliance, limit)
+        if count > 0:
             _variables(m, w, slip, forces[0], directions[0], y, x)
             _rescale(y, x, unit_y, unit_x, -1)
             outcome = SOLVED
-        elif found == 0:
+        elif count == 0:
             outcome = NONE
+
+    # row forces of the solution, without the compliance, and with the share of guides at rest that does not depend on
+    # the order of the constraints
     force = np.zeros(len(w.force))
     if outcome == SOLVED:
         if compliance > 0.0:
@@ -222,25 +241,26 @@ def solve(  # noqa: C901 - each way a solve ends
         for k in range(len(force)):
             for c in range(n):
                 force[k] += E0[k, c] * y[c] + E1[k, c] * x[c]
+
+    # acceleration up to which a guide at rest does not move: a part of the largest term of its equation
     scale = 0.0
     for f in range(len(m.friction)):
         t = m.rows + f
         scale = max(scale, abs(w.right[t]))
         for k in range(len(force)):
             for c in range(n):
-                scale = max(
-                    scale, abs(w.G[t, k] * E0[k, c] * y[c]), abs(w.G[t, k] * E1[k, c] * x[c])
-                )
+                of_y, of_x = w.G[t, k] * E0[k, c] * y[c], w.G[t, k] * E1[k, c] * x[c]
+                scale = max(scale, abs(of_y), abs(of_x))
     if compliance > 0.0 or outcome != SOLVED:
         return force, y, x, outcome, scale * REST_COMPLIANT
-    return force, y, x, outcome, max(scale * REST, _left(m, w, force))
+    return force, y, x, outcome, max(scale * REST, _residual_acceleration(m, w, force))
 
 
 @kernel
-def _left(m, w, force):
-    """Largest acceleration that row forces leave where points are held, m/s^2; no guide's is known better.
+def _residual_acceleration(m, w, force):
+    """Largest acceleration that row forces leave to points that joints hold, m/s^2.
 
-    Rounding makes it large next to a light body.
+    Rounding makes it large next to a light body, and the acceleration of no guide is known better than that.
     """
     largest = 0.0
     for c in range(len(m.constraint)):
@@ -254,7 +274,7 @@ def _left(m, w, force):
 
 @kernel
 def _surfaces(slip):
-    """Surfaces of the guides at rest."""
+    """Return the number of surfaces of guides at rest."""
     count = 0
     for f in range(len(slip)):
         count += 2 if slip[f] == 0 else 0
@@ -271,30 +291,39 @@ def _rescale(y: Reals, x: Reals, unit_y: Reals, unit_x: Reals, power: int) -> No
 
 @kernel(allocates=True)
 def _units(m: Arrays, w: Workspace, slip: Integers, n: int) -> tuple[Reals, Reals, Reals]:
-    """Scales of the equations, of y and of x: each row in units of the square root of its own mobility G_rr.
+    """Return the scales of the equations, of y and of x: each row in units of the square root of its mobility G_rr.
 
     With them neither the units of length, mass and time nor the masses of the bodies enter the decision which pivots
     are zero.
     """
     row, unit_y, unit_x = np.zeros(n), np.zeros(n), np.zeros(n)
+
+    # constraint rows: accelerations over the root of the mobility, forces of the same unit
     for r in range(m.rows):
         row[r] = 1.0 / np.sqrt(w.G[r, r]) if w.G[r, r] > 0.0 else 1.0
     for c in range(len(m.smooth)):
-        unit_y[c], unit_x[c] = row[m.smooth[c]], row[m.smooth[c]]
+        unit_y[c] = row[m.smooth[c]]
+        unit_x[c] = row[m.smooth[c]]
+
+    # guides: corner forces as their normal row; of the surfaces at rest accelerations as the tangential row, and
+    # saturations lH as the normal forces that they are multiples of
     g, surfaces = m.rows, _surfaces(slip)
     for f in range(len(m.friction)):
         force, t = row[m.friction[f].row], m.rows + f
         for c in range(m.friction[f].pair, m.friction[f].pair + m.friction[f].corners):
-            unit_y[c], unit_x[c] = force, force
+            unit_y[c] = force
+            unit_x[c] = force
         if slip[f] == 0:
             acceleration = np.sqrt(w.G[t, t])
             for _ in range(2):
-                row[g], unit_y[g], unit_x[g] = 1.0 / acceleration, acceleration, force
-                row[g + surfaces], unit_y[g + surfaces], unit_x[g + surfaces] = (
-                    1.0 / force,
-                    force,
-                    acceleration,
-                )
+                # the equation of gH'', with gH+ in y and lH+ in x
+                row[g] = 1.0 / acceleration
+                unit_y[g] = acceleration
+                unit_x[g] = force
+                # the equation of lH+ + lH-, with lH- in y and gH- in x
+                row[g + surfaces] = 1.0 / force
+                unit_y[g + surfaces] = force
+                unit_x[g + surfaces] = acceleration
                 g += 1
     return row, unit_y, unit_x
 
@@ -303,7 +332,7 @@ def _units(m: Arrays, w: Workspace, slip: Integers, n: int) -> tuple[Reals, Real
 def _scale(
     A0: Table, A1: Table, b: Reals, row: Reals, unit_y: Reals, unit_x: Reals, right: Table
 ) -> None:
-    """A0 in place, and A1 beside b into `right`, in the units of `_units`."""
+    """Scale A0 in place, and A1 beside b into `right`, by the units of `_units`."""
     n = len(b)
     for i in range(n):
         for j in range(n):
@@ -321,13 +350,18 @@ def _polish(A0: Table, A1: Table, b: Reals, y: Reals, x: Reals) -> float:
     residual over the largest right-hand side: above CONTRADICTION there is no solution.
     """
     n = len(b)
+
+    # the variables that are not zero, `count` of them: of each pair y_j, x_j one at most
     value, shortest, count = np.zeros(n), np.zeros(n), 0
     in_y, chosen = np.zeros(n, dtype=np.bool_), np.zeros(n, dtype=np.int64)
     for j in range(n):
-        value[j], in_y[j] = max(y[j], x[j]), y[j] > x[j]
+        value[j] = max(y[j], x[j])
+        in_y[j] = y[j] > x[j]
         if value[j] > 0.0:
             chosen[count] = j
             count += 1
+
+    # each turn goes to the shortest solution in these variables, or up to where one of them becomes zero
     while count > 0:
         basis = np.zeros((n, count))
         for k in range(count):
@@ -335,11 +369,13 @@ def _polish(A0: Table, A1: Table, b: Reals, y: Reals, x: Reals) -> float:
             for i in range(n):
                 basis[i, k] = A0[i, chosen[k]] if in_y[chosen[k]] else -A1[i, chosen[k]]
         add_shortest(basis, b, shortest)
+        # the part of the way that leaves all of them positive, and the first to become zero
         part, first = 1.0, -1
         for k in range(count):
             old = value[chosen[k]]
             if shortest[k] < 0.0 and old < part * (old - shortest[k]):
-                part, first = old / (old - shortest[k]), k
+                part = old / (old - shortest[k])
+                first = k
         for k in range(count):
             value[chosen[k]] += part * (shortest[k] - value[chosen[k]])
         if first < 0:
@@ -349,13 +385,17 @@ def _polish(A0: Table, A1: Table, b: Reals, y: Reals, x: Reals) -> float:
         for k in range(first, count):
             chosen[k] = chosen[k + 1]
     for j in range(n):
-        y[j], x[j] = (max(value[j], 0.0), 0.0) if in_y[j] else (0.0, max(value[j], 0.0))
+        y[j] = max(value[j], 0.0) if in_y[j] else 0.0
+        x[j] = 0.0 if in_y[j] else max(value[j], 0.0)
+
+    # whether that solves the equations without compliance
     largest, worst = 0.0, 0.0
     for i in range(n):
         residual = -b[i]
         for j in range(n):
             residual += A0[i, j] * y[j] - A1[i, j] * x[j]
-        largest, worst = max(largest, abs(b[i])), max(worst, abs(residual))
+        largest = max(largest, abs(b[i]))
+        worst = max(worst, abs(residual))
     return worst / largest if largest > 0.0 else 0.0
 
 
@@ -363,28 +403,32 @@ def _polish(A0: Table, A1: Table, b: Reals, y: Reals, x: Reals) -> float:
 def _share(
     m: Arrays, w: Workspace, slip: Integers, y: Reals, x: Reals, unit_y: Reals, unit_x: Reals
 ) -> None:
-    """The share of `shared_rest` where all guides at rest stay there, in place, if it is within the capacities.
+    """Take the share of `shared_rest` where all guides at rest stay there, in place, if it is within the capacities.
 
     It is the solution of a hyperstatic stick that depends neither on the order of constraints nor on masses. y, x in
     the units of `_units`.
     """
-    nf, surfaces, largest = len(m.friction), _surfaces(slip), 0.0
+    nf, surfaces = len(m.friction), _surfaces(slip)
+
+    # nothing to share where a guide leaves
+    largest = 0.0
     for j in range(len(y)):
         largest = max(largest, y[j], x[j])
     for g in range(m.rows, m.rows + surfaces):
         if max(y[g], x[g + surfaces]) > REST_COMPLIANT * largest:
             return
-    corner, accelerate, event = (
-        np.zeros((nf, 4), dtype=np.int64),
-        np.zeros(nf),
-        np.zeros(len(w.event)),
-    )
+
+    # the forces of this mode with the share, and their margins, for which the event functions of the workspace are used
+    corner, accelerate = np.zeros((nf, 4), dtype=np.int64), np.zeros(nf)
+    event = np.zeros(len(w.event))
     copy(w.event, event)
     read(m, w, slip, w.force, y, x, accelerate, corner)
     solve_mode(m, w, slip, corner)
     choose_branches(m, w, slip, corner, ALL)
     event_functions(m, w, slip, corner)
     share_rest(m, w, slip, corner)
+
+    # admissible if finite and, but for rounding, within Coulomb's law
     largest, admissible = largest_force(m, w, w.force), True
     for r in range(len(w.force)):
         admissible = admissible and np.isfinite(w.force[r])
@@ -401,8 +445,8 @@ def _share(
 
 @kernel
 def _violation(M: Table, q: Reals, y: Reals, x: Reals) -> float:
-    """Largest difference of y and M x + q, relative to the largest term."""
-    worst, size = 0.0, 1e-300
+    """Return the largest difference of y and M x + q, relative to the largest term."""
+    worst, size = 0.0, TINY
     for i in range(len(q)):
         value = q[i] - y[i]
         size = max(size, abs(q[i]), abs(y[i]))
@@ -417,10 +461,11 @@ def _violation(M: Table, q: Reals, y: Reals, x: Reals) -> float:
 def _variables(
     m: Arrays, w: Workspace, slip: Integers, force: Reals, direction: Integers, y: Reals, x: Reals
 ) -> None:
-    """y and x of row forces; the friction of a stuck slider mobilizes both surfaces equally."""
+    """Fill y and x from row forces; the friction of a stuck slider mobilizes both surfaces equally."""
     nr, nf, surfaces = m.rows, len(m.friction), _surfaces(slip)
     for c in range(len(m.smooth)):
-        y[c], x[c] = max(force[m.smooth[c]], 0.0), max(-force[m.smooth[c]], 0.0)
+        y[c] = max(force[m.smooth[c]], 0.0)
+        x[c] = max(-force[m.smooth[c]], 0.0)
     g = nr
     for f in range(nf):
         guide = m.friction[f]
@@ -428,26 +473,33 @@ def _variables(
         R, T, friction = force[guide.row], force[guide.row + 1], force[nr + f]
         mu = coefficient(m, f, slip)
         kappa = -mu * direction[f] if direction[f] != 0 else mobilization(guide, R, T, friction)
-        lower, upper, corners = 0.0, 0.0, corner_forces(guide, R, T, kappa)
+
+        # F- in y and F+ in x; their sums are the loads of the two surfaces
+        corners = corner_forces(guide, R, T, kappa)
+        lower, upper = 0.0, 0.0
         for k in range(guide.corners):
-            y[column + k], x[column + k] = max(-corners[k], 0.0), max(corners[k], 0.0)
-            lower, upper = lower + x[column + k], upper + y[column + k]
+            y[column + k] = max(-corners[k], 0.0)
+            x[column + k] = max(corners[k], 0.0)
+            lower += x[column + k]
+            upper += y[column + k]
+
+        # gH+, lH- in y and lH+, gH- in x, of each surface
         if slip[f] == 0:
             acceleration = row_acceleration(w, nr + f, force) if direction[f] != 0 else 0.0
             for load in (lower, upper):
-                y[g], x[g + surfaces] = max(acceleration, 0.0), max(-acceleration, 0.0)
-                y[g + surfaces], x[g] = (mu - kappa) * load, (mu + kappa) * load
+                y[g] = max(acceleration, 0.0)
+                x[g + surfaces] = max(-acceleration, 0.0)
+                y[g + surfaces] = (mu - kappa) * load
+                x[g] = (mu + kappa) * load
                 g += 1
 
 
 @kernel
 def read(m, w, slip, force, y, x, accelerate, corner):
-    """Accelerations g_H'' of the stuck guides and the signs of the corner forces from a solution.
+    """Read accelerations g_H'' of the stuck guides and the signs of the corner forces from a solution.
 
-    `accelerate` is 0 where gH+ - gH- of the lower surface is (both agree, the slider cannot turn in its guide), else
-    what the forces give: with compliance those of the basis differ between guides on one line. One along its friction
-    is of a basis that compliance chose wrongly, by less than itself: that guide is at rest. `corner` receives the signs
-    of F+_j - F-_j, +1 where both vanish. A guide without length uses the first.
+    `accelerate` receives the accelerations, exactly 0 of a guide that stays at rest; `corner` the signs of F+_j - F-_j,
+    +1 where both vanish. A guide without length uses the first.
     """
     g, surfaces = m.rows, _surfaces(slip)
     for f in range(len(m.friction)):
@@ -456,8 +508,12 @@ def read(m, w, slip, force, y, x, accelerate, corner):
             corner[f, k] = -1 if y[column] > x[column] else 1
         accelerate[f] = 0.0
         if slip[f] == 0:
+            # A guide is at rest where gH+ - gH- of its lower surface is zero; the upper one has the same, as the slider
+            # cannot turn in its guide. Elsewhere the forces give the acceleration: with compliance the variables of the
+            # basis differ between guides on one line.
             if y[g] != x[g + surfaces] and sticks(m, slip, f):
                 accelerate[f] = row_acceleration(w, m.rows + f, force)
+            # friction never acts along the acceleration: the compliance has chosen a wrong basis, by less than itself
             if accelerate[f] * force[m.rows + f] > 0.0:
                 accelerate[f] = 0.0
             g += 2
@@ -469,9 +525,9 @@ def residual(A0: np.ndarray, A1: np.ndarray, b: np.ndarray, y: np.ndarray, x: np
     The first is relative to its largest term, the others to the largest variable.
     """
     terms = max(
-        np.max(np.abs(A0) * np.abs(y)), np.max(np.abs(A1) * np.abs(x)), np.max(np.abs(b)), 1e-300
+        np.max(np.abs(A0) * np.abs(y)), np.max(np.abs(A1) * np.abs(x)), np.max(np.abs(b)), TINY
     )
-    size = max(np.max(np.abs(y)), np.max(np.abs(x)), 1e-300)
+    size = max(np.max(np.abs(y)), np.max(np.abs(x)), TINY)
     return float(
         max(np.max(np.abs(A0 @ y - A1 @ x - b)) / terms, np.max(np.abs(np.minimum(y, x))) / size)
     )

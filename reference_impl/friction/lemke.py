@@ -14,6 +14,10 @@ from stiction.reference_impl.friction.outcomes import PIVOT_LIMIT, RAY, SOLVED
 
 TIE = 1e-12
 """Ratios closer than this, relatively, count as tied and are decided lexicographically."""
+SMALLEST_PIVOT = 1e-11
+"""Entries of the entering column up to this count as zero: they are rounding, in a system whose rows have unit size."""
+MOST_PIVOTS, MOST_PIVOTS_PER_ROW = 100, 50
+"""Pivots after which the method is given up, at all and for each row. A path to a solution usually takes about n."""
 
 
 @kernel(allocates=True)
@@ -29,16 +33,21 @@ def lemke(M: Table, q: Reals, d: Reals) -> tuple[Reals, Reals, int, int]:
     """
     n = len(q)
     w, z = np.zeros(n), np.zeros(n)
-    scale, row, solved = 0.0, 0, True
+
+    # w = q, z = 0 is the solution if q is nowhere negative; else the row that needs the largest z0 leaves first
+    scale, row, is_solved = 0.0, 0, True
     for i in range(n):
-        scale, solved = max(scale, abs(q[i])), solved and q[i] >= 0.0
+        scale = max(scale, abs(q[i]))
+        is_solved = is_solved and q[i] >= 0.0
         if q[i] / d[i] < q[row] / d[row]:
             row = i
-    if solved:
+    if is_solved:
         for i in range(n):
             w[i] = q[i]
         return w, z, SOLVED, 0
-    # columns: w (0..n-1), z (n..2n-1), covering variable (2n), right-hand side (2n+1)
+
+    # The tableau I w - M z - d z0 = q, with q divided by its largest entry. Columns: w (0..n-1), z (n..2n-1), covering
+    # variable z0 (2n), right-hand side (2n+1).
     T = np.zeros((n, 2 * n + 2))
     basis = np.zeros(n, dtype=np.int64)
     for i in range(n):
@@ -48,13 +57,16 @@ def lemke(M: Table, q: Reals, d: Reals) -> tuple[Reals, Reals, int, int]:
             T[i, n + j] = -M[i, j]
         T[i, 2 * n] = -d[i]
         T[i, 2 * n + 1] = q[i] / scale
+
+    # the covering variable enters first; then always the complement of the variable that left, until z0 leaves
     entering = 2 * n
-    limit = 50 * n + 100
+    limit = MOST_PIVOTS_PER_ROW * n + MOST_PIVOTS
     for pivot in range(limit):
         leaving = basis[row]
         _pivot(T, row, entering)
         basis[row] = entering
         if leaving == 2 * n:
+            # z0 = 0: the basic variables are the solution; rounding below zero is zero
             for i in range(n):
                 value = max(T[i, 2 * n + 1], 0.0) * scale
                 if basis[i] < n:
@@ -71,6 +83,7 @@ def lemke(M: Table, q: Reals, d: Reals) -> tuple[Reals, Reals, int, int]:
 
 @kernel
 def _pivot(T, row, column):
+    """Exchange the basic variable of a row for that of a column: a step of Gauss-Jordan elimination, in place."""
     pivot = T[row, column]
     for j in range(T.shape[1]):
         T[row, j] /= pivot
@@ -88,13 +101,14 @@ def _leaving_row(T, basis, entering, n):
     best = -1
     best_ratio = 0.0
     for i in range(n):
-        d = T[i, entering]
-        if d <= 1e-11:
-            continue
-        ratio = T[i, 2 * n + 1] / d
+        rate = T[i, entering]
+        if rate <= SMALLEST_PIVOT:
+            continue  # this basic variable does not fall as the entering one grows
+        ratio = T[i, 2 * n + 1] / rate
         if best < 0 or ratio < best_ratio - TIE * (1.0 + abs(best_ratio)):
             best, best_ratio = i, ratio
         elif ratio <= best_ratio + TIE * (1.0 + abs(best_ratio)):
+            # the covering variable is preferred, as the method ends when it leaves
             if basis[best] == 2 * n:
                 continue
             if basis[i] == 2 * n or _lexicographically_smaller(T, i, best, entering, n):
@@ -104,6 +118,7 @@ def _leaving_row(T, basis, entering, n):
 
 @kernel
 def _lexicographically_smaller(T, i, k, entering, n):
+    """Return True where row i, divided by its entry of the entering column, comes before row k."""
     for j in range(n):
         difference = T[i, j] / T[i, entering] - T[k, j] / T[k, entering]
         if difference < -TIE:

@@ -51,6 +51,8 @@ def choose_mode(
     the corners' signs, before, and on return after. `rest_speed`: slip speed (m/s) up to which a guide is at rest;
     HOLDS; or LEAVES, in the direction `slip`. Returns the outcome: the solver's (`outcomes`), or SEVERAL, or JAM.
     """
+    # The set H of guides at rest, and the directions of the others. A guide that has just broken away has no speed yet,
+    # and keeps its direction.
     row_form(m, w, t, q, v)
     for f in range(len(slip)):
         if abs(w.slip_speed[f]) <= rest_speed[f]:
@@ -59,6 +61,8 @@ def choose_mode(
             slip[f] = 1 if w.slip_speed[f] > 0.0 else -1
     if m.unfree > 0:
         follow_drives(m, w, slip)
+
+    # cells do not act on each other's forces: each is a contact problem of its own, and far cheaper than all together
     for c in range(count_cells(m)):
         own_m, own_w, guides = cell_of(m, w, c)
         if not len(guides):
@@ -76,24 +80,35 @@ def choose_mode(
 
 @kernel(allocates=True)
 def _settle(m: Arrays, w: Workspace, slip: Integers, corner: IntegerTable) -> int:
-    """Modes of the guides of one cell, in place."""
+    """Settle the modes of the guides of one cell, in place: solve, let guides leave H, and solve again until none does.
+
+    H only loses guides, so that there are nf + 1 rounds at most.
+    """
     nf = len(m.friction)
-    accelerate, firmness, direction = np.zeros(nf), np.zeros(nf), np.zeros(nf, dtype=np.int64)
+    accelerate = np.zeros(nf)  # of guides at rest, m/s^2
+    firmness = np.zeros(nf)
+    direction = np.zeros(nf, dtype=np.int64)
     for _ in range(nf + 1):
         outcome, rest = solve_contact(m, w, slip, corner, accelerate)
         if outcome != SOLVED:
             return outcome
         if has_several(m, w, slip):
             return SEVERAL
+
+        # guides that accelerate leave H: from now on their friction is kinetic
         leaving = False
         for f in range(nf):
-            firmness[f], direction[f] = -abs(accelerate[f]), 0
+            firmness[f] = -abs(accelerate[f])
+            direction[f] = 0
             if sticks(m, slip, f) and abs(accelerate[f]) > rest:
                 if can_jam(m, f):
                     return JAM
-                leaving, direction[f] = True, 1 if accelerate[f] > 0.0 else -1
+                leaving = True
+                direction[f] = 1 if accelerate[f] > 0.0 else -1
         if not leaving:
             return SOLVED
+
+        # a solution in which guides leave is not the only one if they could also share the load and stay
         if nf > 1 and _may_rest_as_well(m, w, slip, corner):
             return SEVERAL
         leave_together(m, w, direction, firmness, slip)
@@ -107,32 +122,38 @@ def _may_rest_as_well(m: Arrays, w: Workspace, slip: Integers, corner: IntegerTa
     A count of solutions (`uniqueness`) does not have this one: the linear system of guides that share a load is
     singular. Nor does a friction gain below 1 exclude it: that shows the frictions of guides that slip to be unique.
     """
-    count = 0
+    guides_at_rest = 0
     for f in range(len(slip)):
-        count += 1 if sticks(m, slip, f) else 0
-    if count < 2:
+        guides_at_rest += 1 if sticks(m, slip, f) else 0
+    if guides_at_rest < 2:
         return False
-    kept = w.force.copy()
-    shares = not solve_mode(m, w, slip, corner)
-    least = np.inf
-    if shares:
-        margins, shares = np.zeros((len(slip), 2)), False
+
+    # the smallest margin of all guides, with those that share a load in the safest share; a singular system alone does
+    # not tell that guides share, as redundant joints make one too
+    solution = w.force.copy()
+    is_singular = not solve_mode(m, w, slip, corner)
+    any_shares, least = False, np.inf
+    if is_singular:
+        margins = np.zeros((len(slip), 2))
         margins_of_safest(m, w, slip, corner, margins)
         for f in range(len(slip)):
             if not sticks(m, slip, f):
                 continue
             if np.isnan(margins[f, 0]):
-                _, left = margin(m, w, slip, f)
-                least = min(least, left)
+                _, own_margin = margin(m, w, slip, f)
+                least = min(least, own_margin)
             else:
-                least, shares = min(least, margins[f, 0], margins[f, 1]), True
-    largest = largest_force(m, w, kept)
-    copy(kept, w.force)
+                least = min(least, margins[f, 0], margins[f, 1])
+                any_shares = True
+    largest = largest_force(m, w, solution)
+    copy(solution, w.force)
+
+    # all could stay if that margin is positive, by more than rounding, for the units of every guide's rows
     for f in range(len(slip)):
         normal = m.friction[f].row
         if not least > RESTS * largest / np.sqrt(w.G[normal, normal]):
             return False
-    return shares
+    return any_shares
 
 
 @kernel(allocates=True)
@@ -145,33 +166,47 @@ def other_modes(m: Arrays, w: Workspace, resting: Flags, slip: Integers) -> int:
     Wang, Sect. 3), the mode `slip`; this tells where another choice was possible. It is 0 as well where more than
     MOST_AT_REST guides of a cell are at rest. The row forces of the workspace are changed.
     """
-    found = 0
+    count = 0
     for c in range(count_cells(m)):
         own_m, own_w, guides = cell_of(m, w, c)
-        found += _other_modes(own_m, own_w, taken(resting, guides), taken(slip, guides))
-    return found
+        count += _other_modes(own_m, own_w, taken(resting, guides), taken(slip, guides))
+    return count
 
 
 @kernel(allocates=True)
 def _other_modes(m: Arrays, w: Workspace, resting: Flags, slip: Integers) -> int:
     """Variant of `other_modes` for one cell."""
-    nf, count, leaving, two, modes, found = len(m.friction), 0, False, False, 1, 0
+    nf = len(m.friction)
+
+    # there is a choice only where one of several guides at rest leaves, and its friction drops as it does
+    count, modes = 0, 1
+    any_leaves, any_drops = False, False
     for f in range(nf):
         if resting[f]:
-            count, modes, leaving = count + 1, 3 * modes, leaving or slip[f] != 0
-            two = two or m.friction[f].mus > m.friction[f].mu
-    if not (leaving and two and 2 <= count <= MOST_AT_REST):
+            count += 1
+            modes *= 3
+            any_leaves = any_leaves or slip[f] != 0
+            any_drops = any_drops or m.friction[f].mus > m.friction[f].mu
+    if not (any_leaves and any_drops and 2 <= count <= MOST_AT_REST):
         return 0
+
     other, accelerate = slip.copy(), np.zeros(nf)
     corner = np.ones((nf, 2), dtype=np.int64)
+    consistent_modes = 0
     for mode in range(modes):
-        rest_of_mode, moves, is_chosen = mode, False, True
+        # the digits of the mode's number to base 3 are the directions -1, 0, 1 of the guides that were at rest
+        digits = mode
+        any_moves, is_chosen = False, True
         for f in range(nf):
             if resting[f]:
-                other[f], rest_of_mode = rest_of_mode % 3 - 1, rest_of_mode // 3
-                moves, is_chosen = moves or other[f] != 0, is_chosen and other[f] == slip[f]
-        if is_chosen or not moves:
+                other[f] = digits % 3 - 1
+                digits //= 3
+                any_moves = any_moves or other[f] != 0
+                is_chosen = is_chosen and other[f] == slip[f]
+        if is_chosen or not any_moves:
             continue
+
+        # it is consistent if guides that leave accelerate in their directions, and the others do not accelerate
         outcome, rest = solve_contact(m, w, other, corner, accelerate)
         consistent = outcome == SOLVED
         for f in range(nf):
@@ -180,5 +215,5 @@ def _other_modes(m: Arrays, w: Workspace, resting: Flags, slip: Integers) -> int
                 consistent = consistent and other[f] * accelerate[f] > rest
             elif resting[f]:
                 consistent = consistent and abs(accelerate[f]) <= rest
-        found += consistent
-    return found
+        consistent_modes += consistent
+    return consistent_modes

@@ -49,10 +49,11 @@ SEVERAL_FROM = 1.0 - 1e-6
 @kernel
 def may_be_several(m, w, slip):
     """Return True where forces of one motion can be several: a driven guide slips, and the friction gain allows it."""
-    slips = False
+    any_driven_slips = False
     for f in range(len(slip)):
-        slips = slips or slip[f] != 0 and m.friction[f].freedom == DRIVEN
-    return slips and gain_of_mode(m, w, slip)[0] >= SEVERAL_FROM
+        slips = slip[f] != 0 and m.friction[f].freedom == DRIVEN
+        any_driven_slips = any_driven_slips or slips
+    return any_driven_slips and gain_of_mode(m, w, slip)[0] >= SEVERAL_FROM
 
 
 @kernel
@@ -92,8 +93,10 @@ def forces_of_one_motion(
     `forces`, (k, rows + frictional), and `directions`, (k, frictional), receive them. 0 where there are more than
     `uniqueness.COUNTED` contact modes, which are not all tried.
     """
-    found, kept = solutions(m, w, slip, forces, directions, 0.0, COUNTED, True), 0
-    for i in range(max(found, 0)):
+    # of all consistent forces keep those of this motion, in place
+    count = solutions(m, w, slip, forces, directions, 0.0, COUNTED, True)
+    kept = 0
+    for i in range(max(count, 0)):  # negative where there are too many modes
         if is_same_motion(m, w, forces[i], w.force):
             if kept < i:
                 copy(forces[i], forces[kept])
@@ -110,7 +113,8 @@ def take_least_forces(m: Arrays, w: Workspace, slip: Integers, corner: IntegerTa
     nf = len(m.friction)
     forces = np.zeros((MOST_ALTERNATIVES, len(w.force)))
     directions = np.zeros((MOST_ALTERNATIVES, nf), dtype=np.int64)
-    count, best, least = forces_of_one_motion(m, w, slip, forces, directions), 0, np.inf
+    count = forces_of_one_motion(m, w, slip, forces, directions)
+    best, least = 0, np.inf
     for i in range(count):
         size = largest_force(m, w, forces[i])
         if size < least:
@@ -122,7 +126,8 @@ def take_least_forces(m: Arrays, w: Workspace, slip: Integers, corner: IntegerTa
         normal = m.friction[f].row
         kappa = -coefficient(m, f, slip) * directions[best, f]
         n1, n2 = corner_forces(m.friction[f], w.force[normal], w.force[normal + 1], kappa)
-        corner[f, 0], corner[f, 1] = -1 if n1 < 0.0 else 1, -1 if n2 < 0.0 else 1
+        corner[f, 0] = -1 if n1 < 0.0 else 1
+        corner[f, 1] = -1 if n2 < 0.0 else 1
 
 
 @kernel(allocates=True)
@@ -134,10 +139,10 @@ def _alternatives(  # noqa: PLR0913 - a kernel's arrays
     v: Table,
     slip: IntegerTable,
     force: Table,
-    found: Cube,
+    alternatives: Cube,
     count: Integers,
 ) -> None:
-    """Fill `found` (n, k, rows + frictional) with the forces of the motion at each instant; `count` (n,): how many.
+    """Fill `alternatives` (n, k, rows + frictional) with the forces of the motion at each instant, `count` (n,) many.
 
     `force` has those of the run. 1 where they are the only ones.
     """
@@ -146,16 +151,18 @@ def _alternatives(  # noqa: PLR0913 - a kernel's arrays
         row_form(m, w, t[i], q[i], v[i])
         if not may_be_several(m, w, slip[i]):
             continue
+
+        # to begin with all alternatives are the forces of the run: those of closed cells stay so
         for r in range(len(w.force)):
             w.force[r] = force[i, r]
-            for k in range(found.shape[1]):
-                found[i, k, r] = force[i, r]
+            for k in range(alternatives.shape[1]):
+                alternatives[i, k, r] = force[i, r]
         for c in range(count_cells(m)):
             own_m, own_w, guides = cell_of(m, w, c)
             own_slip = taken(slip[i], guides)
             forces_into_cell(m, w, own_m, own_w)
-            forces = np.zeros((found.shape[1], len(own_w.force)))
-            directions = np.zeros((found.shape[1], len(guides)), dtype=np.int64)
+            forces = np.zeros((alternatives.shape[1], len(own_w.force)))
+            directions = np.zeros((alternatives.shape[1], len(guides)), dtype=np.int64)
             own_count = forces_of_one_motion(own_m, own_w, own_slip, forces, directions)
             if own_count < 2:
                 continue
@@ -163,7 +170,8 @@ def _alternatives(  # noqa: PLR0913 - a kernel's arrays
             count[i] = max(count[i], own_count)
             for k in range(own_count):
                 for r in range(len(own_w.force)):
-                    found[i, k, own_m.origin[r] if len(own_m.origin) else r] = forces[k, r]
+                    row = own_m.origin[r] if len(own_m.origin) else r
+                    alternatives[i, k, row] = forces[k, r]
 
 
 @dataclass(frozen=True)
@@ -216,11 +224,11 @@ def open_forces(
     marked = force.copy()
 
     # a finite number of forces, while driven guides slip
-    found = np.full((len(t), MOST_ALTERNATIVES, total), np.nan)
+    at_all_instants = np.full((len(t), MOST_ALTERNATIVES, total), np.nan)
     count = np.ones(len(t), dtype=np.int64)
-    _alternatives(m, workspace(m), t, q, v, slip, force, found, count)
+    _alternatives(m, workspace(m), t, q, v, slip, force, at_all_instants, count)
     rows = np.flatnonzero(count > 1)
-    alternatives = found[rows]
+    alternatives = at_all_instants[rows]
     alternatives[np.arange(MOST_ALTERNATIVES) >= count[rows, None]] = np.nan
     if len(rows):
         # relative to the largest force of the instant, each by its mobility as in `dynamics.largest_force`: a moment

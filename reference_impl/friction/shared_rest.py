@@ -86,20 +86,21 @@ def share_rest(m: Arrays, w: Workspace, slip: Integers, corner: IntegerTable) ->
 
 @kernel(allocates=True)
 def margins_of_safest(
-    m: Arrays, w: Workspace, slip: Integers, corner: IntegerTable, found: Table
+    m: Arrays, w: Workspace, slip: Integers, corner: IntegerTable, result: Table
 ) -> None:
-    """Fill `found` (guides, 2) with the margins against slip along + and -, of the safest share of guides.
+    """Fill `result` (guides, 2) with the margins against slip along + and -, of the safest share of guides.
 
     They are nan for guides that share no load. `w.force` has one solution of the mode. The smallest tells which
     guide leaves, and where to, when rest ends.
     """
     kept = w.force.copy()
-    for f in range(len(found)):
-        found[f, 0] = found[f, 1] = np.nan
+    for f in range(len(result)):
+        result[f, 0] = np.nan
+        result[f, 1] = np.nan
     for c in range(count_cells(m)):
         _, guides, margins = _share_of_cell(m, w, c, slip, corner)
         for i in range(len(guides)):
-            copy(margins[i], found[guides[i]])
+            copy(margins[i], result[guides[i]])
     copy(kept, w.force)
 
 
@@ -127,7 +128,7 @@ def _share(m: Arrays, w: Workspace, slip: Integers, corner: IntegerTable, margin
     if k == 0:
         return True
 
-    # margins as linear functions of tau: value at tau = 0, gradient, and the pair of guide and direction they belong to
+    # the guides that share
     count = 0
     for f in range(len(m.friction)):
         count += 1 if _is_moved(m, slip, f, null) else 0
@@ -137,6 +138,9 @@ def _share(m: Arrays, w: Workspace, slip: Integers, corner: IntegerTable, margin
         if _is_moved(m, slip, f, null):
             members[count] = f
             count += 1
+
+    # Margins as linear functions of tau, `value` + `slope` tau: guide i of the members has the functions from 8 i on,
+    # four for each direction. Frictions likewise, for their sum of squares |slope_of_friction tau - friction|^2.
     value, slope = np.zeros(2 * LINES * count), np.zeros((2 * LINES * count, k))
     friction, slope_of_friction = np.zeros(count), np.zeros((count, k))
     for i in range(count):
@@ -188,12 +192,15 @@ def _null_vectors_with_friction(
             finite = finite and np.isfinite(scaled[i, j])
     if not finite:
         return np.zeros((len(w.force), 0))  # the state is none: the step is going to be rejected
+
+    # null vectors of the symmetric matrix: right singular vectors of the singular values that are zero
     _, size, right = decompose(scaled)
     first = n
     while first > 0 and size[first - 1] <= RANK_TOLERANCE * size[0]:
         first -= 1
 
-    # of all null vectors those that are orthogonal to the ones without friction
+    # Of all null vectors those that are orthogonal to the ones without friction: a second decomposition, of their parts
+    # in frictions, has the mixtures of them in the order of these parts.
     frictions = np.zeros((n, n - first))
     for i in range(n):
         for j in range(n - first):
@@ -233,11 +240,15 @@ def _is_moved(m, slip, f, null):
 
 @kernel
 def _margins_of_guide(m, w, f, null, first, value, slope):
-    """Fill the linear functions of the two margins of a guide, from place `first` on."""
+    """Fill the linear functions of the two margins of a guide, from place `first` on.
+
+    They are those whose largest is M_d of the module's docstring: mus (+-R), mus (2/a) (+-(T + (b/2) mus d R)), + d f.
+    """
     guide, normal, t = m.friction[f], m.friction[f].row, m.rows + f
     for side in range(2):
         d = 1.0 - 2.0 * side
         for line in range(LINES):
+            # coefficients of R and T; a guide without length has the first pair twice
             sign = guide.mus * (1.0 if line % 2 == 0 else -1.0)
             of_R, of_T = sign, 0.0
             if line >= 2 and guide.length > 0.0:
@@ -253,7 +264,7 @@ def _margins_of_guide(m, w, f, null, first, value, slope):
 
 @kernel
 def _largest_line(value, slope, margin, tau):
-    """A margin: the largest of its linear functions at tau."""
+    """Return a margin: the largest of its linear functions at tau."""
     largest = -np.inf
     for line in range(LINES * margin, LINES * (margin + 1)):
         largest = max(largest, value[line] + product(slope[line], tau))
@@ -262,7 +273,7 @@ def _largest_line(value, slope, margin, tau):
 
 @kernel
 def _least_margin(value, slope, tau):
-    """The smallest margin at tau."""
+    """Return the smallest margin at tau."""
     least = np.inf
     for margin in range(len(value) // LINES):
         least = min(least, _largest_line(value, slope, margin, tau))
@@ -271,7 +282,7 @@ def _least_margin(value, slope, tau):
 
 @kernel
 def _points(lines, size):
-    """Number of ways to choose `size` of so many lines."""
+    """Return the number of ways to choose `size` of so many lines; a float, as it may be very large."""
     ways = 1.0
     for i in range(size):
         ways *= (lines - i) / (i + 1.0)
@@ -280,21 +291,24 @@ def _points(lines, size):
 
 @kernel(allocates=True)
 def _safest(value: Reals, slope: Table, start: Reals, most: float) -> tuple[Reals, float]:
-    """The tau at which the least margin is largest, and that margin, N, up to `most`.
+    """Return the tau at which the least margin is largest, and that margin, N, up to `most`.
 
     Where margins grow along a direction without end, as of guides that wedge each other, there is a corner at `most`.
     """
     k, lines = slope.shape[1], len(value)
     best_tau, best = start.copy(), min(most, _least_margin(value, slope, start))
-    A, x, unit, tau = np.zeros((k + 1, k + 1)), np.zeros(k + 1), np.zeros(2 * (k + 1)), np.zeros(k)
+    A, x = np.zeros((k + 1, k + 1)), np.zeros(k + 1)
+    unit, tau = np.zeros(2 * (k + 1)), np.zeros(k)
     chosen = np.arange(k + 1)
     while best < most:
-        # number `lines` is the constant `most`
+        # The point (tau, F) at which k + 1 of the functions have one and the same value F: slope tau - F = -value.
+        # Function number `lines` is the constant `most`.
         for i in range(k + 1):
             is_line = chosen[i] < lines
             for j in range(k):
                 A[i, j] = slope[chosen[i], j] if is_line else 0.0
-            A[i, k], x[i] = -1.0, -value[chosen[i]] if is_line else -most
+            A[i, k] = -1.0
+            x[i] = -value[chosen[i]] if is_line else -most
         if solve_in_place(A, x, unit, k + 1, k + 1):
             for j in range(k):
                 tau[j] = x[j]
@@ -347,6 +361,8 @@ def _shortest_admissible(
         while True:
             solved = zeros == 0  # the safe one itself comes first
             if zeros > 0:
+                # The smallest |S tau - friction|^2, S the slopes of friction, with the chosen functions zero: of tau
+                # and the multipliers mu, S^T S tau + slope^T mu = S^T friction and slope tau = -value.
                 for i in range(n):
                     x[i] = 0.0
                     for j in range(n):
@@ -359,10 +375,12 @@ def _shortest_admissible(
                 for i in range(zeros):
                     x[k + i] = -value[chosen[i]]
                     for j in range(k):
-                        A[j, k + i] = A[k + i, j] = slope[chosen[i], j]
+                        A[j, k + i] = slope[chosen[i], j]
+                        A[k + i, j] = slope[chosen[i], j]
                 solved = solve_in_place(A, x, unit, n, n)
                 for j in range(k):
                     tau[j] = x[j]
+            # it counts if all other margins are positive as well
             if solved and _least_margin(value, slope, tau) >= -ROUNDING * largest:
                 square = 0.0
                 for g in range(len(friction)):

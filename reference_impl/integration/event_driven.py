@@ -57,8 +57,11 @@ from stiction.reference_impl.integration.event_location import (
 )
 from stiction.reference_impl.integration.integration_state import (
     AT_ONCE,
+    FREE_LENGTH,
     NO_EVENT,
     NOISE,
+    TO_EXPECTED_EVENT,
+    TO_STOP,
     State,
     Task,
     error_along_motion,
@@ -91,29 +94,47 @@ FIRST_STEP = 1e-3
 """Part of the run that the first step tries."""
 CRAWL_STEPS, CRAWL_PROGRESS = 1000, 1e-5
 """So many steps must carry the run over this part of its time, or it is given up: 10^8 steps to the end."""
-MISSES = 6
-"""Times that a step is halved because its dense output did not find its event: of that error, of order 8 in the step,
-2^-48 is left."""
-REPEATS, SHORTENED = 3, 0.125
-"""Times that a step is made shorter, and the part of it that is left, where its stages do not resolve the event
-functions, and where a search does not. A smooth one is resolved in a five-hundredth of the step; one that jumps, or is
-noise near zero, in none, and is not tried again until a step has resolved all."""
+MAX_MISSES = 6
+"""Times that a step is halved because its dense output did not find its event. The error of the dense output is of
+order 8 in the step, so that 2^-48 of it is left."""
+HALVED = 0.5
+"""Factor by which a step that missed its event is shortened."""
+MAX_REPEATS, SHORTENED = 3, 0.125
+"""Times that a step is shortened, and the factor, where its stages do not resolve the event functions, and where a
+search does not. A smooth function is resolved in a five-hundredth of the step. One that jumps, or is rounding near
+zero, is resolved by no step; shortening is not tried again until a step has resolved all functions."""
 SAFETY = 0.9
-"""Part of the step that its error would allow which is tried next: an estimated error is not exact."""
+"""Multiply steps computed from the asymptotic behaviour of errors by this: an estimated error is not exact."""
 MIN_FACTOR, MAX_FACTOR = 0.2, 6.0
-"""Limits of the ratio of a step to the one before, as Hairer, Norsett & Wanner have them for DOP853: far from the last
-step an estimate of its error does not hold."""
-ORDER = 8
-"""Order of the error estimate in the step, of which the root is taken."""
-WITHOUT_END = 0.1
-"""Part of a step to which it is shortened where its error is not finite."""
+"""Limits of the ratio of a step to the one before, as Hairer, Norsett & Wanner have them for DOP853: an estimate of the
+error does not hold far from the step that it was made for."""
+ERROR_EXPONENT = -1.0 / 8.0
+"""The error estimate of DOP853 is of order 8 in the step, so that the step goes with the eighth root of the error."""
+NOT_FINITE_FACTOR = 0.1
+"""Factor by which a step is shortened whose error is not finite, and tells nothing about a better step."""
+LEAST_STEP_NOT_FINITE = 1e-10
+"""Part of the run below which such a step is not shortened further: the state itself has no finite accelerations."""
 SLIVER = 0.01
-"""Part of a step by which it is prolonged rather than that a step so short follows before the end or a kink."""
+"""Part of a step by which it is lengthened to reach the end of the run or a kink: no tiny step is left over."""
 RESOLVED = 4e-16
-"""Distance of times that can be told from each other, relative to the largest: two roundings of double precision."""
+"""Smallest difference of times that is resolved, relative to the largest time: two roundings of double precision."""
 LEAST_BY_BODY = 1e-10
-"""Tolerance from which on the error of a mechanism without friction is estimated body by body. Below, steps are short
-enough to make no difference, and near a singular position rounding of one body would be taken for an error."""
+"""Least tolerance at which the error of a mechanism without friction is estimated body by body. Below it, steps are
+short enough to make no difference, and near a singular position the rounding of one body would be taken for an error.
+"""
+ON_CONSTRAINTS = 1e-14
+"""Residual relative to the mechanism's size or its largest speed up to which a state is not projected: some tens of
+roundings of double precision."""
+NOT_IN_STEP, AT_START, WITHIN, NEAR_END = range(4)
+"""Where `_locate` expects the first event of a step: in no part of it; so near its start that the mode must be left at
+once; at a zero of the dense output; near its end, as predicted by the step before."""
+
+
+LOG_ROOM = 256
+"""Events that the log has room for, beside those of a last instant, before it is emptied."""
+HEADER_ARRAYS = 4
+"""First arrays of an `EventLog`: time, kind, guide and number of other modes; those behind have the values of columns.
+"""
 
 
 @kernel
@@ -127,8 +148,10 @@ def integrate(
     """
     p, step = s.progress, s.attempt
     while True:
-        if p.fresh:
+        # y' and the event functions at the start of the step; they are at hand behind a step that ended as attempted
+        if p.stale:
             _refresh(m, w, s)
+        # samples at the state itself: the start of the run, and instants at which a step happened to end
         while p.next_output < len(samples.t) and samples.t[p.next_output] <= p.time:
             if not _emit(m, w, s, samples, p.time, s.y):
                 return NOT_FINITE
@@ -138,18 +161,23 @@ def integrate(
             return STEP_LIMIT
         if not _propose(m, s, task):
             return STEP_TOO_SMALL
+        # a step within the tolerance, which ends at its first event; a rejected one has left a shorter length in p.step
         outcome = _attempt(m, w, s, task)
-        if outcome == REPEAT or outcome == DONE and not _locate(m, w, s, samples):
+        if outcome == REPEAT:
             continue
         if outcome != DONE:
             return outcome
-        if step.critical:
+        if not _locate(m, w, s, samples):
+            continue
+        if step.near_several:
             end_at_several(m, w, s)
+        # samples within the step, by its dense output, which spans the attempted length h whatever was accepted of it
         while p.next_output < len(samples.t) and samples.t[p.next_output] < p.time + step.length:
             dense_at(s.F, s.y, (samples.t[p.next_output] - p.time) / step.h, s.probe)
             if not _emit(m, w, s, samples, samples.t[p.next_output], s.probe):
                 return NOT_FINITE
         outcome = _commit(m, w, s, task)
+        # the contact problem is solved at events only: the new mode holds until the next of them
         if outcome == DONE and step.event != NO_EVENT:
             outcome = switch_mode(m, w, s, log, task.first_step)
         if outcome != DONE:
@@ -158,21 +186,24 @@ def integrate(
 
 @kernel
 def _refresh(m: Arrays, w: Workspace, s: State) -> None:
-    """y' and the event functions of the state."""
+    """Evaluate y' into K[0] and the event functions into `at_start`, of the state."""
     right_hand_side(m, w, s.progress.time, s.y, s.slip, s.corner, s.K[0])
     remember(m, w, s)
     copy(w.event, s.at_start)
-    s.progress.fresh = 0
+    s.progress.stale = 0
 
 
 @kernel
 def _propose(m: Arrays, s: State, task: Task) -> bool:
-    """Length of the next step: not past the end or a kink, nor longer than forces are resolved in (`longest_step`).
+    """Choose the length of the next step; return False if it is too small for the resolution of time.
 
-    It ends where an event is expected. False if time cannot resolve it.
+    The step passes neither the end of the run nor a kink of a law, is not longer than forces are resolved in
+    (`longest_step`), and ends where an event is expected.
     """
     p, step, kinks = s.progress, s.attempt, task.kinks
     t = p.time
+
+    # a step must not pass a kink: error estimate and dense output hold for smooth right-hand sides
     while p.next_kink < len(kinks) and kinks[p.next_kink] <= t:
         p.next_kink += 1
     stop = task.t_end
@@ -182,13 +213,17 @@ def _propose(m: Arrays, s: State, task: Task) -> bool:
     h = min(p.step, longest, stop - t)
     if stop - t - h < SLIVER * h and stop - t <= longest:
         h = stop - t
-    step.stop, step.reaches_stop, step.aims = stop, h == stop - t, 0
+    step.stop = stop
+    step.target = TO_STOP if h == stop - t else FREE_LENGTH
     step.resolution = RESOLVED * max(abs(t), abs(task.t_end))
-    if step.resolution < p.aim < h:
-        h, step.reaches_stop, step.aims = p.aim, 0, 1
-    p.aim = np.inf
+
+    # a step that ends at the event as predicted needs no search: a correction by the secant method is enough
+    if step.resolution < p.expected_in < h:
+        h = p.expected_in
+        step.target = TO_EXPECTED_EVENT
+    p.expected_in = np.inf  # a prediction serves one attempt; `_commit` makes the next
     step.h = h
-    return h > step.resolution or step.reaches_stop != 0
+    return h > step.resolution or step.target == TO_STOP
 
 
 @kernel
@@ -197,51 +232,71 @@ def _attempt(m: Arrays, w: Workspace, s: State, task: Task) -> int:
     p, step = s.progress, s.attempt
     h = step.h
     take_step(m, w, s, p.time, h)
-    _scales(m, w, s, task.rtol)
-    smooth = len(m.friction) == 0 and m.rows > 0
-    bodies = len(m.inverse_mass) // 3 if smooth and task.rtol >= LEAST_BY_BODY else 0
+
+    # The error of the motion. Without friction nothing but this error bounds the step, and each body has an estimate of
+    # its own: one that turns fast would hide the error of another (`error_norm`).
+    _set_scales(m, w, s, task.rtol)
+    frictionless = len(m.friction) == 0 and m.rows > 0
+    bodies = len(m.inverse_mass) // 3 if frictionless and task.rtol >= LEAST_BY_BODY else 0
     error = error_norm(s.K, h, s.scale, bodies)
-    if 1.0 < error < np.inf and smooth:
+    # near a singular position an error towards another branch of motion is no error along this one
+    if 1.0 < error < np.inf and frictionless:
         error = error_along_motion(m, w, s, error, bodies)
-    if not error <= 1.0:
+    if not error <= 1.0:  # nan counts as too large
         w.counters.rejected += 1
-        if not np.isfinite(error):
-            if h < 1e-10 * task.t_end:
-                return NOT_FINITE
-            p.step = WITHOUT_END * h
+        if np.isfinite(error):
+            p.step = h * max(MIN_FACTOR, SAFETY * error**ERROR_EXPONENT)
+        elif h < LEAST_STEP_NOT_FINITE * task.t_end:
+            return NOT_FINITE
         else:
-            p.step = h * max(MIN_FACTOR, SAFETY * error ** (-1.0 / ORDER))
+            p.step = NOT_FINITE_FACTOR * h
         return STEP_TOO_SMALL if p.step <= step.resolution else REPEAT
-    too_long = excess(m, s, task.frequency) if len(m.friction) > 0 else 0.0
-    if too_long > TOLERATED:
-        # what turns or passes in it became faster than at its start: forces may have changed unseen
+
+    # The limits of `longest_step` were computed at the start. Where bodies became faster within the step, forces may
+    # have changed unseen between its stages.
+    excess_ratio = excess(m, s, task.frequency) if len(m.friction) > 0 else 0.0
+    if excess_ratio > TOLERATED:
         w.counters.rejected += 1
-        p.step = h * max(MIN_FACTOR, SAFETY / too_long)
+        p.step = h * max(MIN_FACTOR, SAFETY / excess_ratio)
         return STEP_TOO_SMALL if p.step <= step.resolution else REPEAT
+
+    # Event functions are made of forces, of which the error of the motion says nothing: if the stages do not resolve
+    # them, a shorter step may. After MAX_REPEATS the step is accepted, as they are not smooth whatever its length.
     if are_resolved(s):
-        p.blurred = 0
-    elif p.blurred < REPEATS and SHORTENED * h > step.resolution:
+        p.unresolved_steps = 0
+    elif p.unresolved_steps < MAX_REPEATS and SHORTENED * h > step.resolution:
         w.counters.rejected += 1
-        p.blurred += 1
+        p.unresolved_steps += 1
         p.step = SHORTENED * h
         return REPEAT
+
+    # the gain at both ends tells whether `end_at_several` must look into the step
     step.gain, _ = gain_of_mode(m, w, s.slip)
-    step.critical, step.lost = max(step.gain, p.gain) > NEARLY_SEVERAL, 0
-    growth = min(MAX_FACTOR, SAFETY * error ** (-1.0 / ORDER)) if error > 0.0 else MAX_FACTOR
-    step.proposal = max(p.step, h * growth) if step.reaches_stop or step.aims else h * growth
+    step.near_several = max(step.gain, p.gain) > NEARLY_SEVERAL
+    step.is_ambiguous = 0
+
+    growth = MAX_FACTOR
+    if error > 0.0:
+        growth = min(MAX_FACTOR, SAFETY * error**ERROR_EXPONENT)
+    step.proposal = h * growth
+    if step.target != FREE_LENGTH:
+        # the step was cut short by its target, not by its error: the length proposed before the cut still holds
+        step.proposal = max(p.step, step.proposal)
     return DONE
 
 
 @kernel
-def _scales(m, w, s, rtol):
-    """Tolerances per component: lengths and angles by the mechanism's size, speeds by the largest so far.
+def _set_scales(m, w, s, rtol):
+    """Set the tolerances per component: of lengths and angles by the mechanism's size, of speeds by the largest so far.
 
-    No speed is asked to be better than the rounding of the accelerations, which is all there is in a mechanism at rest.
-    Nor need it be better than what they change in the time that a clock cannot resolve, as where a load comes within a
-    nanosecond.
+    No speed needs to be more accurate than the rounding of the accelerations times the step, which is all there is in a
+    mechanism at rest. Nor than the change of the accelerations times the smallest resolved time, as where a load sets
+    in within a nanosecond.
     """
-    n, h, K, scale, jump = len(m.inverse_mass), s.attempt.h, s.K, s.scale, 0.0
-    speed, rounding = s.progress.speed, 0.0
+    n = len(m.inverse_mass)
+    h, K, scale = s.attempt.h, s.K, s.scale
+    speed, rounding, jump = s.progress.speed, 0.0, 0.0
+    # angular quantities are multiplied by the mechanism's size, so that all are compared in metres
     for i in range(n // 3):
         for k in range(3):
             unit = m.length_scale if k == 2 else 1.0
@@ -260,76 +315,111 @@ def _scales(m, w, s, rtol):
 def _locate(m: Arrays, w: Workspace, s: State, samples: Samples) -> bool:
     """Find the first event of the step, and end the step there; False if the step must be repeated, shorter.
 
-    Its dense output is made where an event or a sample may be in it, or several motions.
+    On return the step has its `event`, or NO_EVENT, and its accepted `length`; y_new is the state at its end.
     """
     p, step = s.progress, s.attempt
-    t, h, ahead = p.time, step.h, np.inf
-    if step.aims and falls_to_end(s, p.aimed):
-        ahead = zero_near_end(s.at_start, s.seen, p.aimed)
-    meets = abs(ahead) < NEAR
-    suspicious = may_vanish(s, p.aimed if meets else NO_EVENT)
-    output = (
-        p.next_output < len(samples.t)
-        and samples.t[p.next_output] < t + (LONGER if meets else 1.0) * h
-    )
-    step.event, step.fraction, slope = NO_EVENT, 1.0, 0.0
-    step.has_rows = not (suspicious or output or step.critical != 0)
+    t, h = p.time, step.h
+
+    # A step that was made to end at an expected event is expected to end near it. Its stages tell how far the zero is
+    # from its end (`correction`, in steps), without further evaluations.
+    correction = np.inf
+    if step.target == TO_EXPECTED_EVENT and falls_to_end(s, p.expected_event):
+        correction = zero_near_end(s.at_start, s.at_stages, p.expected_event)
+    is_near_end = abs(correction) < NEAR
+
+    # The bound of `event_location` on the values at the stages excludes a zero of any other function in nearly all
+    # steps. A step is searched only where it does not.
+    is_searched = may_vanish(s, p.expected_event if is_near_end else NO_EVENT)
+
+    # The dense output costs three evaluations, and is made only for those who read it: the search, the samples (the
+    # corrections near the end may lengthen the step), and the search for several motions. The rows of the workspace are
+    # then those of an extra stage, and no longer those of the end.
+    reach = (LONGER if is_near_end else 1.0) * h
+    is_sampled = p.next_output < len(samples.t) and samples.t[p.next_output] < t + reach
+    step.has_rows = not (is_searched or is_sampled or step.near_several != 0)
     if not step.has_rows:
-        for i in range(EXTRA):
-            combine(s.K, A_EXTRA[i], STAGES + 1 + i, h, s.y, s.probe)
-            right_hand_side(
-                m, w, t + C_EXTRA[i] * h, s.probe, s.slip, s.corner, s.K[STAGES + 1 + i]
-            )
-        dense_coefficients(s.K, h, s.y, s.y_new, s.F)
-    if suspicious:
+        _make_dense_output(m, w, s)
+
+    # where in the step its first event is
+    step.event, step.fraction = NO_EVENT, 1.0
+    place, slope = NOT_IN_STEP, 0.0
+    if is_searched:
         step.fraction, step.event, slope = first_root(m, w, s)
         if step.unresolved == 0:
-            p.searched = 0
-        elif p.searched < REPEATS:
-            # too long for these functions; those that no step resolves are judged by their values at the nodes
-            p.step = SHORTENED * h
-            p.searched += 1
-            w.counters.rejected += 1
+            p.unresolved_searches = 0
+        elif p.unresolved_searches < MAX_REPEATS:
+            # The step is too long for its event functions. Those that no step resolves, as they jump, are judged by
+            # their values at the nodes: `first_root` has done so when MAX_REPEATS shorter steps did not help.
+            p.unresolved_searches += 1
+            _repeat_with(w, s, SHORTENED * h)
             return False
-    step.length, met = h, True
-    at_once = (
-        step.event != NO_EVENT
-        and step.fraction < BESIDE
-        and s.at_start[step.event] <= AT_ONCE * noise(s, step.event)
-    )
-    if at_once:
-        met = False
-    elif step.event != NO_EVENT:
+        if step.event != NO_EVENT:
+            place = WITHIN
+            # a function that is zero at the start and falls from there: the event is at the state itself
+            begins_at_zero = s.at_start[step.event] <= AT_ONCE * noise(s, step.event)
+            if step.fraction < BESIDE and begins_at_zero:
+                place = AT_START
+    elif is_near_end:
+        place = NEAR_END
+        step.event = p.expected_event
+
+    # Go there. The dense output is less accurate than a step, by one order, so that the end of the step is taken by a
+    # step of that length, and corrected by the secant method on the event function itself.
+    step.length, reached = h, True
+    if place == AT_START:
+        reached = False  # no step can end there: a shorter one may show that the function does not fall at once
+    elif place == WITHIN:
         length = step.fraction * h
         take_step(m, w, s, t, length)
-        correction = -s.seen[STAGES - 1, step.event] * h / slope
-        step.length, met = go_to_event(m, w, s, length, correction, SLOPE, False)
-    elif meets and not suspicious:
-        step.event = p.aimed
-        step.length, met = go_to_event(m, w, s, h, ahead * h, NEAR, True)
+        correction = -s.at_stages[STAGES - 1, step.event] * h / slope
+        step.length, reached = go_to_event(m, w, s, length, correction, SLOPE, False)
+        if t + step.length > step.stop:
+            # the event is behind the stop, and belongs to a later step: this one is taken to its end after all
+            take_step(m, w, s, t, h)
+            step.length, step.event = h, NO_EVENT
+            place, reached = NOT_IN_STEP, True
+    elif place == NEAR_END:
+        step.length, reached = go_to_event(m, w, s, h, correction * h, NEAR, True)
         step.fraction = step.length / h
         if t + step.length > step.stop:
-            p.step = max(
-                p.step, step.stop - t
-            )  # there is none before the stop: a step that ends there
-            w.counters.rejected += 1
+            # there is no event before the stop: take a step that ends there
+            _repeat_with(w, s, max(p.step, step.stop - t))
             return False
-    if step.event != NO_EVENT and not at_once and t + step.length > step.stop:
-        take_step(m, w, s, t, h)
-        step.length, step.event, met = h, NO_EVENT, True
-    if not met and p.missed < MISSES:
-        # the dense output was not accurate enough to find it, or to find its place: a shorter step makes it so
-        p.step = 0.5 * (1.0 if at_once else max(step.fraction, BESIDE)) * h
-        p.missed += 1
-        w.counters.rejected += 1
+
+    # The dense output was not accurate enough to find the event, or its place. Its error is of order 8 in the step:
+    # a step that ends at half the way to the event makes it accurate.
+    if not reached and p.misses < MAX_MISSES:
+        p.misses += 1
+        way = 1.0 if place == AT_START else max(step.fraction, BESIDE)
+        _repeat_with(w, s, HALVED * way * h)
         return False
-    step.shorter = step.event != NO_EVENT
-    if at_once:
+    p.misses = 0
+
+    # after MAX_MISSES the step ends where the search has led to
+    step.end_moved = step.event != NO_EVENT
+    if place == AT_START:
         step.length = 0.0
-    elif not met and w.event[step.event] > noise(s, step.event):
+    elif not reached and w.event[step.event] > noise(s, step.event):
         step.event = NO_EVENT  # it comes near zero, and does not pass it
-    p.missed = 0
     return True
+
+
+@kernel
+def _make_dense_output(m, w, s):
+    """Make the dense output of the step, F, by the three extra stages of DOP853."""
+    for i in range(EXTRA):
+        stage = STAGES + 1 + i
+        combine(s.K, A_EXTRA[i], stage, s.attempt.h, s.y, s.probe)
+        time = s.progress.time + C_EXTRA[i] * s.attempt.h
+        right_hand_side(m, w, time, s.probe, s.slip, s.corner, s.K[stage])
+    dense_coefficients(s.K, s.attempt.h, s.y, s.y_new, s.F)
+
+
+@kernel
+def _repeat_with(w, s, length):
+    """Reject the step, and propose another length."""
+    s.progress.step = length
+    w.counters.rejected += 1
 
 
 @kernel
@@ -350,43 +440,69 @@ def _commit(m: Arrays, w: Workspace, s: State, task: Task) -> int:
     p, step = s.progress, s.attempt
     t, n = p.time, len(m.inverse_mass)
     w.counters.steps += 1
+
+    # a run that will not reach its end in any reasonable time is given up
     if w.counters.steps % CRAWL_STEPS == 0:
         if t - p.checked < CRAWL_PROGRESS * task.t_end:
             return CRAWL
         p.checked = t
-    if step.lost:
+
+    # Uniqueness is lost: the run ends at the instant itself. The rows are those just behind it, where the motions can
+    # be counted, because there the linear system is singular no longer.
+    if step.is_ambiguous:
         dense_at(s.F, s.y, step.counted, s.probe)
         row_form(m, w, t + step.counted * step.h, s.probe[:n], s.probe[n:])
         dense_at(s.F, s.y, step.fraction, s.probe)
         copy(s.probe, s.y)
         p.time = t + step.length
         return SEVERAL
-    t_new = step.stop if step.reaches_stop and not step.shorter else t + step.length
-    has_rows = step.has_rows != 0 and step.shorter == 0 and t_new == t + step.h
-    if not step.shorter:
-        for e in range(len(w.event)):
-            if max(abs(s.at_start[e]), abs(s.seen[STAGES - 1, e])) <= rounding_of_terms(m, w, s, e):
-                continue  # as of the corners of a guide without any load: its zeros are no events
-            distance = zero_near_end(s.at_start, s.seen, e)
-            if BESIDE < distance < p.aim / step.h:
-                p.aim, p.aimed = distance * step.h, e
-    p.fresh = not has_rows
-    p.step, p.gain = step.proposal, max(step.gain, p.gain) if step.shorter else step.gain
+
+    # a step to a stop ends exactly there, whatever the rounding of t + h: laws have their kinks at these times
+    t_new = t + step.length
+    if step.target == TO_STOP and not step.end_moved:
+        t_new = step.stop
+    has_rows = step.has_rows != 0 and step.end_moved == 0 and t_new == t + step.h
+
+    if not step.end_moved:
+        _expect_event(m, w, s)
+
+    # step.gain is that of the attempted end: where the end was moved, the larger one of both ends is kept
+    p.stale = not has_rows
+    p.step = step.proposal
+    p.gain = max(step.gain, p.gain) if step.end_moved else step.gain
     if step.length > 0.0:
         copy(s.y, s.y_old)
         copy(s.y_new, s.y)
         p.time, p.idle = t_new, 0
         if task.projecting and _project(m, w, s, has_rows):
-            p.fresh = 1
-    speed, force = p.speed, p.force  # audits do not depend on whether there was output in the step
-    if not p.fresh:
+            p.stale = 1
+
+    # the scales of the audit are those before this state: it does not depend on whether there was output in the step
+    speed, force = p.speed, p.force
+    if not p.stale:
         remember(m, w, s)
     if task.audits and step.length > step.resolution and not audit(m, w, s, task, t, speed, force):
         return AUDIT
-    if step.event == NO_EVENT and not p.fresh:
+
+    # the last stage of this step is the first of the next, unless a new mode begins
+    if step.event == NO_EVENT and not p.stale:
         copy(s.K[STAGES], s.K[0])
-        copy(s.seen[STAGES - 1], s.at_start)
+        copy(s.at_stages[STAGES - 1], s.at_start)
     return DONE
+
+
+@kernel
+def _expect_event(m, w, s):
+    """Note the first event that the stages of the step predict behind its end, and when: the next step ends there."""
+    p, step = s.progress, s.attempt
+    for e in range(len(w.event)):
+        largest = max(abs(s.at_start[e]), abs(s.at_stages[STAGES - 1, e]))
+        if largest <= rounding_of_terms(m, w, s, e):
+            continue  # as of the corners of a guide without any load: its zeros are no events
+        distance = zero_near_end(s.at_start, s.at_stages, e)
+        if BESIDE < distance < p.expected_in / step.h:
+            p.expected_in = distance * step.h
+            p.expected_event = e
 
 
 @kernel
@@ -398,19 +514,19 @@ def _project(m, w, s, has_rows):
     n, t, y = len(m.inverse_mass), s.progress.time, s.y
     if not has_rows:
         row_form(m, w, t, y[:n], y[n:])
-    # of a mechanism at rest the speeds are rounding of what its free bodies would reach
-    position, velocity, speed = (
-        0.0,
-        0.0,
-        max(s.progress.speed, largest_speed(m, w.free) * s.attempt.length),
-    )
+    # the speeds of a mechanism at rest are the rounding of what its bodies would reach without joints in this step
+    speed = max(s.progress.speed, largest_speed(m, w.free) * s.attempt.length)
+    position, velocity = 0.0, 0.0
     for r in range(m.rows):
-        position, velocity = max(position, abs(w.phi[r])), max(velocity, abs(w.phi_dot[r]))
+        position = max(position, abs(w.phi[r]))
+        velocity = max(velocity, abs(w.phi_dot[r]))
+    # a guide at rest is one more constraint on velocities
     holds = False
     for f in range(len(m.friction)):
         if sticks(m, s.slip, f):
-            holds, velocity = True, max(velocity, abs(w.slip_speed[f]))
-    if position <= 1e-14 * m.length_scale and velocity <= 1e-14 * speed:
+            holds = True
+            velocity = max(velocity, abs(w.slip_speed[f]))
+    if position <= ON_CONSTRAINTS * m.length_scale and velocity <= ON_CONSTRAINTS * speed:
         return False
     w.counters.projections += 1
     project(m, w, t, y[:n], y[n:], s.slip, holds, 2)
@@ -457,12 +573,11 @@ class Integration:
     ):
         started = clock()
         m, frictional = mechanism.arrays, len(mechanism.guide_names)
-        self._mechanism, self._output, self._options = (
-            mechanism,
-            np.array(output, dtype=float),
-            options,
-        )
-        self._workspace, self._state = workspace(m, options.solver), state(q, v, frictional)
+        self._mechanism = mechanism
+        self._output = np.array(output, dtype=float)
+        self._options = options
+        self._workspace = workspace(m, options.solver)
+        self._state = state(q, v, frictional)
         fastest = mechanism.fastest_law() if frictional else 0.0
         self._task = Task(
             t_end=t_end,
@@ -477,16 +592,17 @@ class Integration:
         self._state.progress["step"] = self._task.first_step
         longest = longest_step(m, self._state, fastest) if frictional else np.inf
         self._state.attempt["h"] = min(self._task.first_step, longest)
-        self._code = (
-            begin(m, self._workspace, self._state, mechanism.largest_load()) if frictional else DONE
-        )
+        self._code = DONE
+        if frictional:
+            self._code = begin(m, self._workspace, self._state, mechanism.largest_load())
         self._setup_s = clock() - started
 
     def forces_at(
         self, t: float, q: np.ndarray, v: np.ndarray
     ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """Accelerations, event functions and row forces of another state, in the contact mode at the end of the run."""
-        m, w, s, dy = self._mechanism.arrays, self._workspace, self._state, np.zeros(2 * len(q))
+        m, w, s = self._mechanism.arrays, self._workspace, self._state
+        dy = np.zeros(2 * len(q))
         right_hand_side(m, w, t, np.concatenate([q, v]), s.slip, s.corner, dy)
         if m.unfree > 0:
             # corner forces themselves, not what `open_forces.bounded` makes of them, which depends on mobilities
@@ -500,39 +616,41 @@ class Integration:
         `breakdown` says where and why it stopped early; the columns then end there. One that stops at the start has the
         state there, and accelerations and forces that are nan.
         """
-        started, mechanism, options, output = clock(), self._mechanism, self._options, self._output
+        started = clock()
+        mechanism, options, output = self._mechanism, self._options, self._output
         m, w, s = mechanism.arrays, self._workspace, self._state
-        n, progress, room = len(m.inverse_mass), s.progress, 256 + len(m.friction)
+        n, progress = len(m.inverse_mass), s.progress
+        room = LOG_ROOM + len(m.friction)  # all guides may change in one event
         samples, log = Samples.room(m, len(output)), EventLog.room(m, room, room)
         samples.t[:] = output
         logged = [[part[:0] for part in log]]
-        prepared, code = clock(), ROOM if self._code == DONE else self._code
+
+        # kernels cannot enlarge the log: each time that it is full it is copied and emptied, and the run goes on
+        prepared = clock()
+        code = ROOM if self._code == DONE else self._code
         while code == ROOM:
-            progress["fresh"], progress["missed"], progress["logged"], progress["aim"] = (
-                1,
-                0,
-                0,
-                np.inf,
-            )
+            progress["stale"] = 1
+            progress["misses"] = 0
+            progress["logged"] = 0
+            progress["expected_in"] = np.inf
             code = _march(m, w, s, self._task, samples, log, options.ends)
-            used = int(progress["logged"])
-            logged.append(
-                [part[: used if options.sides or i < 4 else 0].copy() for i, part in enumerate(log)]
-            )
-        stepped, reached = clock(), int(progress["next_output"])
-        if code != DONE and not reached and len(output) and output[0] == 0.0:
+            logged.append(_copy_of_log(log, int(progress["logged"]), options.sides))
+        stepped = clock()
+
+        samples_written = int(progress["next_output"])
+        if code != DONE and not samples_written and len(output) and output[0] == 0.0:
             # it stopped at once: the start is known, accelerations and forces are not
-            samples.motion[0, 0], samples.motion[0, 1], samples.motion[0, 2] = (
-                s.y[:n],
-                s.y[n:],
-                np.nan,
-            )
-            samples.force[0], samples.slip[0], reached = np.nan, s.slip, 1
+            samples.motion[0, 0] = s.y[:n]
+            samples.motion[0, 1] = s.y[n:]
+            samples.motion[0, 2] = np.nan
+            samples.force[0] = np.nan
+            samples.slip[0] = s.slip
+            samples_written = 1
         events_of_run = [np.concatenate(parts) for parts in zip(*logged)]
         first = np.searchsorted(events_of_run[0], options.events_behind, side="right")
         columns, events, alternatives = columns_and_events(
             mechanism,
-            [part[:reached] for part in samples],
+            [part[:samples_written] for part in samples],
             [part[first:] for part in events_of_run],
             options.names,
             options.sides,
@@ -551,7 +669,12 @@ class Integration:
             (float(progress["speed"]) or 1.0, float(progress["force"]) or 1.0),
         )
         cost = Cost(self._setup_s + prepared - started, 0.0, stepped - prepared, named(w.counters))
-        return Run(output[:reached], columns, events, cost, breakdown, alternatives)
+        return Run(output[:samples_written], columns, events, cost, breakdown, alternatives)
+
+
+def _copy_of_log(log: EventLog, count: int, sides: bool) -> list[np.ndarray]:
+    """Return copies of the first `count` events of the log, array by array; without `sides`, none of their values."""
+    return [part[: count if sides or i < HEADER_ARRAYS else 0].copy() for i, part in enumerate(log)]
 
 
 def simulate_event_driven(

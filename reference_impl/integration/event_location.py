@@ -23,7 +23,12 @@ phase advances by less than 4.5 pi from the first point to the last. For what fo
 errors sees to that. For loads, for what turns, and for what passes a point evenly the motion tells nothing:
 `step_limits` bounds the step, and says what it leaves out. A step whose stages disagree with the polynomial by more
 than half of what g varies by is made shorter (`are_resolved`), and so is one for whose search PARTS parts are not
-enough. The first zero of g below minus its rounding (`step.noise`) is then found to the accuracy of the dense output.
+enough. The first zero of g below minus its rounding (`integration_state.noise`) is then found to the accuracy of the
+dense output.
+
+Names. Kernels take the mechanism m, the workspace w of one instant, and the integration s; e is the index of an event
+function, x a fraction of the step, 0 at its start. "Bernstein coefficients" are those of a polynomial on [0, 1]:
+p(x) = sum_i b_i C(n, i) x^i (1 - x)^(n - i), a mean of the b_i with positive weights.
 """
 
 from __future__ import annotations
@@ -58,16 +63,29 @@ SLOPE = 1e-3
 """Part of the step over which the slope that comes with a zero of the dense output was taken, about: by so much it is
 wrong."""
 LEFT = 1e-12
-"""Part of the step by which an event may be missed: what the last correction, made by Euler's method, is wrong by, its
-own size times that or times the error of the slope."""
+"""Part of the step by which an event may be missed. It bounds the last correction, made by Euler's method: its error is
+the square of the correction, or the correction times the error of the slope."""
 NEAR = 0.01
-"""Part of the step up to which an event is approached by Runge-Kutta steps of order 4."""
+"""Part of the step up to which an event is approached by Runge-Kutta steps of order 4: their error is then 1e-10 of
+that of a step of this order as long as the whole one."""
 AHEAD = 6.0
 """Steps up to which the polynomial of a step is looked at; no step is longer than so many times the last."""
 CORRECTIONS = 4
 """Secant steps to an event at most: a stiff right-hand side may keep them from falling below rounding."""
 LONGER = (1.0 + NEAR) ** CORRECTIONS
 """Times its length that these corrections can make a step at most."""
+NEWTON_STEPS = 10
+"""Steps of Newton's method from the end of a step to a zero of its polynomial. It converges quadratically: where so
+many do not settle there is no zero nearby."""
+ITERATIONS = 100
+"""Steps to a zero of the dense output at most; the bisections among them alone leave 3e-8 of the bracket."""
+BISECT_EVERY = 4
+"""One step of so many bisects the bracket, so that it shrinks whatever interpolation proposes."""
+CONVERGES = 0.1
+"""Ratio of the values of two successive steps below which the interpolation is believed to converge; at a jump of the
+event function the values do not fall."""
+JUMP = 1e3
+"""Times what its slope explains by which an event function changes within FOUND where it jumps."""
 HALVINGS = 30
 """Bisections towards the start of a step in search of the rise of an event function that began at zero."""
 OWN_ZERO = 1e-9
@@ -77,6 +95,9 @@ CREEP = 1e-3
 at rest creeps by the integration error, and does so for an instant when it has broken away: it has no event unless it
 falls below where it began. What is further below zero is in the wrong mode, as where redundant guides share their load
 anew."""
+BELOW_START = 1.001
+"""Multiple of the negative value at which a mode began below which its event function has fallen: a little more than
+once, as the value has rounding."""
 
 AIMS = (0, 4, 8, 9, 12)
 """Stages, in the order of times, through whose event functions the polynomial of a step is drawn."""
@@ -98,10 +119,10 @@ BLURRED = 0.5
 which on the stages do not see how it changes. No sinusoid whose phase advances by less than 2.5 pi in the step is taken
 for one, nearly all beyond 4 pi are, and no scene of the catalogue has such a step at tolerances of 1e-6 to 1e-12."""
 APPARENT = 1e4
-"""Times its rounding from which on an event function varies."""
+"""Multiple of its rounding from which on an event function is taken to vary; four digits of it are known then."""
 
-_X = 0.5 - 0.5 * np.cos(np.pi * np.arange(NODES + 1) / NODES)
-_X[0], _X[-1] = 0.0, 1.0
+_POINTS = 0.5 - 0.5 * np.cos(np.pi * np.arange(NODES + 1) / NODES)
+_POINTS[0], _POINTS[-1] = 0.0, 1.0
 """Points of Chebyshev and Lobatto, at which a searched step is sampled."""
 
 
@@ -116,8 +137,8 @@ def _bernstein(x: np.ndarray) -> np.ndarray:
 _STAGES_TO_BERNSTEIN = _bernstein(_TIMES[list(AIMS)])
 _STAGES_TO_CHECKS = np.vander(_TIMES[list(CHECKS)] - 1.0, len(AIMS), increasing=True) @ _AHEAD
 """Matrix from values at the AIMS to those of their polynomial at the CHECKS."""
-_NODES_TO_BERNSTEIN = _bernstein(_X)
-_NODES_TO_LAST = np.linalg.inv(np.polynomial.chebyshev.chebvander(2.0 * _X - 1.0, NODES))[-2:]
+_NODES_TO_BERNSTEIN = _bernstein(_POINTS)
+_NODES_TO_LAST = np.linalg.inv(np.polynomial.chebyshev.chebvander(2.0 * _POINTS - 1.0, NODES))[-2:]
 """Matrix from values at the nodes to the last two Chebyshev coefficients."""
 TAIL_AT_ZERO = 2.0 * (NODES + 1) ** 2
 """Times tau that a polynomial divided by the distance to the end where it is zero may be wrong: the slope of a
@@ -134,23 +155,26 @@ node behind a zero."""
 
 
 @kernel
-def zero_near_end(before: Reals, seen: Table, e: int) -> float:
+def zero_near_end(at_start: Reals, at_stages: Table, e: int) -> float:
     """Distance from the end of the step to the next zero of event function e, or to one just passed, in steps.
 
     Infinite if none is in sight.
 
-    before : event functions at the start of the step.  seen : those of its stages, in the order of times.
+    at_start : event functions at the start of the step.  at_stages : those of its stages, in the order of times.
     """
+    # coefficients of the polynomial through the values at the AIMS, in powers of the distance from the end
     c0, c1, c2, c3, c4 = 0.0, 0.0, 0.0, 0.0, 0.0
     for j in range(len(AIMS)):
-        value = before[e] if j == 0 else seen[AIMS[j] - 1, e]
+        value = at_start[e] if j == 0 else at_stages[AIMS[j] - 1, e]
         c0 += _AHEAD[0, j] * value
         c1 += _AHEAD[1, j] * value
         c2 += _AHEAD[2, j] * value
         c3 += _AHEAD[3, j] * value
         c4 += _AHEAD[4, j] * value
+    # Newton's method from the end of the step. Only a falling function has its event ahead; far ahead, or where it
+    # rises, the polynomial predicts nothing.
     x = 0.0
-    for _ in range(10):
+    for _ in range(NEWTON_STEPS):
         slope = c1 + x * (2.0 * c2 + x * (3.0 * c3 + x * 4.0 * c4))
         if not (slope < 0.0 and x < AHEAD):
             break
@@ -162,13 +186,14 @@ def zero_near_end(before: Reals, seen: Table, e: int) -> float:
 
 
 @kernel
-def may_vanish(s, meant):
-    """Return True where the bound of the module's docstring fails, for the whole step, for an event function.
+def may_vanish(s, expected):
+    """Return True where the bound of the module's docstring fails for an event function, on the whole step.
 
-    meant : one that has its zero about the end of the step, and must only not have one before, or NO_EVENT.
+    expected : an event function that is known to have its zero near the end of the step, and is only asked whether it
+        has another one before; or NO_EVENT.
     """
     for e in range(len(s.at_start)):
-        if not _stays_positive(s.at_start, s.seen, e, e == meant, noise(s, e)):
+        if not _stays_positive(s.at_start, s.at_stages, e, e == expected, noise(s, e)):
             return True
     return False
 
@@ -176,54 +201,59 @@ def may_vanish(s, meant):
 @kernel
 def falls_to_end(s, e):
     """Return True where event function e is lowest at the end of the step: no zero before one near there."""
-    return _stays_positive(s.at_start, s.seen, e, True, noise(s, e))
+    return _stays_positive(s.at_start, s.at_stages, e, True, noise(s, e))
 
 
 @kernel
-def _stays_positive(before: Reals, seen: Table, e: int, falls: bool, rounding: float) -> bool:
+def _stays_positive(
+    at_start: Reals, at_stages: Table, e: int, falls: bool, rounding: float
+) -> bool:
     """Return True where event function e has no zero within the step.
 
-    One that rises from its start is not asked there, one that `falls` not at the end.
+    Zeros at the start of a function that rises from there, and at the end of one that `falls` to it, do not count.
     """
-    B, P, v0, b1, b2, b3, b4 = (
-        _STAGES_TO_BERNSTEIN,
-        _STAGES_TO_CHECKS,
-        before[e],
-        0.0,
-        0.0,
-        0.0,
-        seen[AIMS[-1] - 1, e],
-    )
-    largest, wrong = 0.0, 0.0
+    # Bernstein coefficients v0, b1, .., b4 of the polynomial through the AIMS; the outer two are its end values
+    v0, b4 = at_start[e], at_stages[AIMS[-1] - 1, e]
+    b1, b2, b3 = 0.0, 0.0, 0.0
+    largest = 0.0
     for j in range(len(AIMS)):
-        value = v0 if j == 0 else seen[AIMS[j] - 1, e]
+        value = v0 if j == 0 else at_stages[AIMS[j] - 1, e]
         largest = max(largest, abs(value))
-        b1 += B[1, j] * value
-        b2 += B[2, j] * value
-        b3 += B[3, j] * value
+        b1 += _STAGES_TO_BERNSTEIN[1, j] * value
+        b2 += _STAGES_TO_BERNSTEIN[2, j] * value
+        b3 += _STAGES_TO_BERNSTEIN[3, j] * value
+
+    # distance of the function from the polynomial, at stages that the polynomial does not use
+    distance = 0.0
     for k in range(len(CHECKS)):
-        value, predicted = seen[CHECKS[k] - 1, e], 0.0
+        value, predicted = at_stages[CHECKS[k] - 1, e], 0.0
         for j in range(len(AIMS)):
-            predicted += P[k, j] * (v0 if j == 0 else seen[AIMS[j] - 1, e])
-        largest, wrong = max(largest, abs(value)), max(wrong, abs(value - predicted))
+            predicted += _STAGES_TO_CHECKS[k, j] * (v0 if j == 0 else at_stages[AIMS[j] - 1, e])
+        largest = max(largest, abs(value))
+        distance = max(distance, abs(value - predicted))
     if largest <= rounding:
-        return True
+        return True  # zero throughout, as of a guide without load: no change of sign is to be seen
+
+    # A function that is zero at an end of the step is positive in between where the polynomial divided by the distance
+    # to that end is. That quotient is a polynomial of degree 3, whose Bernstein coefficients follow from the b_i.
     begins = v0 >= -CREEP / NOISE * rounding
     if falls:
-        # (p - p(1)) / (1 - x), and once more divided by x where it starts from a zero
+        # (p - p(1)) / (1 - x)
         lowest = min(v0 - b4, 4.0 / 3.0 * (b1 - b4), 2.0 * (b2 - b4), 4.0 * (b3 - b4))
         if begins and v0 <= OWN_ZERO * largest:
-            # p = b4 x + x (1 - x) r: positive between its zeros where r is
+            # zero at both ends: p = b4 x + x (1 - x) r is positive between its zeros where r is
             lowest = min(4.0 * b1 - b4, 2.0 * b2 - b4, 4.0 / 3.0 * b3 - b4)
-            return lowest > 4.0 * SAFETY_AT_ZERO * wrong
-        return lowest > SAFETY_AT_ZERO * wrong
+            return lowest > 4.0 * SAFETY_AT_ZERO * distance
+        return lowest > SAFETY_AT_ZERO * distance
+    # (p - p(0)) / x, for a function that is zero at the start, after its own event, and rises
     if (
         begins
         and min(4.0 * (b1 - v0), 2.0 * (b2 - v0), 4.0 / 3.0 * (b3 - v0), b4 - v0)
-        > SAFETY_AT_ZERO * wrong
+        > SAFETY_AT_ZERO * distance
     ):
         return True
-    return min(v0, b1, b2, b3, b4) > SAFETY * wrong
+    # the bound of the module's docstring
+    return min(v0, b1, b2, b3, b4) > SAFETY * distance
 
 
 @kernel
@@ -233,26 +263,29 @@ def are_resolved(s):
     This is to the forces what the estimate of its error is to the motion.
     """
     for e in range(len(s.at_start)):
-        low, high, wrong = s.at_start[e], s.at_start[e], 0.0
+        # the variation of the function among the stages; one that hardly varies is seen
+        low, high = s.at_start[e], s.at_start[e]
         for i in range(STAGES):
-            low, high = min(low, s.seen[i, e]), max(high, s.seen[i, e])
+            low = min(low, s.at_stages[i, e])
+            high = max(high, s.at_stages[i, e])
         if not high - low > APPARENT * noise(s, e):
             continue
+        # its distance from the polynomial through the AIMS
+        distance = 0.0
         for k in range(len(CHECKS)):
-            value, predicted = s.seen[CHECKS[k] - 1, e], 0.0
+            value, predicted = s.at_stages[CHECKS[k] - 1, e], 0.0
             for j in range(len(AIMS)):
-                predicted += _STAGES_TO_CHECKS[k, j] * (
-                    s.at_start[e] if j == 0 else s.seen[AIMS[j] - 1, e]
-                )
-            wrong = max(wrong, abs(value - predicted))
-        if wrong > BLURRED * (high - low):
+                at_aim = s.at_start[e] if j == 0 else s.at_stages[AIMS[j] - 1, e]
+                predicted += _STAGES_TO_CHECKS[k, j] * at_aim
+            distance = max(distance, abs(value - predicted))
+        if distance > BLURRED * (high - low):
             return False
     return True
 
 
 @kernel
-def _alone(w, s, own):
-    """Return True where no other event function than its own is negative."""
+def _no_other_is_negative(w, s, own):
+    """Return True where no event function but `own` is negative."""
     for e in range(len(w.event)):
         if e != own and w.event[e] < -noise(s, e):
             return False
@@ -261,65 +294,67 @@ def _alone(w, s, own):
 
 @kernel
 def _evaluate(m, w, s, x):
-    """The event functions at the fraction x of the step."""
+    """Evaluate the event functions at the fraction x of the step, from its dense output."""
     dense_at(s.F, s.y, x, s.probe)
     right_hand_side(m, w, s.progress.time + x * s.attempt.h, s.probe, s.slip, s.corner, s.dy)
 
 
 @kernel
 def first_root(m: Arrays, w: Workspace, s: State) -> tuple[float, int, float]:
-    """First zero of an event function within the step: its fraction of the step, its index, and the slope per fraction.
+    """Find the first zero of an event function within the step, by its dense output.
 
-    NO_EVENT if there is none. The step is searched in parts, from its start: one in which the bound of the module's
-    docstring neither excludes a zero nor encloses one is halved, the one after it is twice as long. `State.sampled` has
-    the event functions at the nodes of a part, `State.bernstein` coefficients of one of them; `Attempt.unresolved`
-    tells if it took more than PARTS of them.
+    The step is searched in parts, from its start. A part in which the bound of the module's docstring neither excludes
+    a zero nor encloses one is halved; the part after one that is decided is twice as long. `State.sampled` has the
+    event functions at the nodes of a part, `State.bernstein` coefficients of one of them. `Attempt.unresolved` becomes
+    1 if more than PARTS parts are searched.
+
+    Returns
+    -------
+    fraction : float
+        Place of the zero, as a fraction of the step; 1 if there is none.
+    event : int
+        The event function that has it, or NO_EVENT.
+    slope : float
+        Its change per fraction of the step there; -inf where it jumps.
     """
-    value, low, width, parts = s.sampled, 0.0, 1.0, 0
+    value = s.sampled
+    low, width = 0.0, 1.0  # the part [low, low + width]
+    parts = 0
     s.attempt.unresolved = 0
     copy(s.at_start, value[0])
     while low < 1.0:
         parts += 1
         if parts > PARTS:
             s.attempt.unresolved = 1
+        # the first node of a part is the last of the part before: its values are at hand
         for i in range(1, NODES + 1):
-            _evaluate(m, w, s, low + width * _X[i])
+            _evaluate(m, w, s, low + width * _POINTS[i])
             copy(w.event, value[i])
-        best, which, steepness, resolved = 2.0, NO_EVENT, 0.0, True
+        # Of all functions that have a zero in this part the first is the event. One that is unresolved might have an
+        # earlier zero, so that the part is halved before any is believed.
+        first, event, slope_at_first = 2.0, NO_EVENT, 0.0
+        is_resolved = True
+        is_finest = width <= FINEST or parts > PARTS
         for e in range(len(w.event)):
             rounding = noise(s, e)
             begins = s.at_start[e] >= -CREEP / NOISE * rounding
             if begins:
-                rounding = max(rounding, -1.001 * s.at_start[e])
-            behind = _examine(
-                value,
-                e,
-                rounding,
-                low == 0.0 and begins,
-                width <= FINEST or parts > PARTS,
-                s.bernstein,
-            )
+                # a mode may begin a little below zero; its event is a fall below where it began
+                rounding = max(rounding, -BELOW_START * s.at_start[e])
+            behind = _examine(value, e, rounding, low == 0.0 and begins, is_finest, s.bernstein)
             if behind == UNRESOLVED:
-                resolved = False
+                is_resolved = False
                 break
             if behind != FREE:
-                root, slope = _root(
-                    m,
-                    w,
-                    s,
-                    e,
-                    low + width * _X[behind - 1],
-                    low + width * _X[behind],
-                    value[behind - 1, e],
-                    value[behind, e],
-                )
-                if root < best:
-                    best, which, steepness = root, e, slope
-        if not resolved:
+                left, right = low + width * _POINTS[behind - 1], low + width * _POINTS[behind]
+                root, slope = _root(m, w, s, e, left, right, value[behind - 1, e], value[behind, e])
+                if root < first:
+                    first, event, slope_at_first = root, e, slope
+        if not is_resolved:
             width *= 0.5
             continue
-        if which != NO_EVENT:
-            return best, which, steepness
+        if event != NO_EVENT:
+            return first, event, slope_at_first
         copy(value[NODES], value[0])
         low += width
         width = min(2.0 * width, 1.0 - low)
@@ -333,6 +368,7 @@ def _examine(value, e, rounding, starts, finest, bernstein):
     `rounding`: by which it may be negative; `starts`: whether the step starts here, in the right mode; `finest`:
     whether the part must not be divided.
     """
+    # the first node at which the function is negative
     largest, behind = 0.0, FREE
     for i in range(NODES + 1):
         largest = max(largest, abs(value[i, e]))
@@ -341,17 +377,24 @@ def _examine(value, e, rounding, starts, finest, bernstein):
     if largest <= rounding or behind == FREE and finest:
         return FREE
     if behind == 1 or finest:
-        return behind
+        return behind  # no room for an earlier zero, or no finer division to look for one
+
+    # the polynomial through the nodes; its last two Chebyshev coefficients estimate its error, since those of a smooth
+    # function fall geometrically
     left, right = bernstein[0], bernstein[1]
     for k in range(NODES + 1):
         right[k] = product(_NODES_TO_BERNSTEIN[k], value[:, e])
     tail = abs(product(_NODES_TO_LAST[0], value[:, e])) + abs(
         product(_NODES_TO_LAST[1], value[:, e])
     )
+
     if behind > 1:
-        # no zero before the node in front of the one that is negative
-        _split(right, _X[behind - 1], left)
+        # a zero is enclosed by two nodes: it is the first if there is none before them
+        _split(right, _POINTS[behind - 1], left)
         return behind if _is_above(left, starts, tail, rounding) else UNRESOLVED
+
+    # Bernstein coefficients of shorter intervals are closer to the polynomial: a quarter of the part costs no
+    # evaluation, and spares most divisions
     for quarter in range(4):
         if quarter < 3:
             _split(right, 1.0 / (4.0 - quarter), left)
@@ -364,6 +407,7 @@ def _examine(value, e, rounding, starts, finest, bernstein):
 def _is_above(b, starts, tail, rounding):
     """Return True where a polynomial of Bernstein coefficients b, of error `tail`, is positive or above its start."""
     if starts:
+        # (p - p(0)) / x, for a function that is zero at the start and rises
         lowest = np.inf
         for k in range(1, NODES + 1):
             lowest = min(lowest, (b[k] - b[0]) * NODES / k)
@@ -396,11 +440,14 @@ def _root(
     at_low: float,
     at_high: float,
 ) -> tuple[float, float]:
-    """Zero of event function e between two fractions of the step by inverse interpolation and bisection; its slope."""
+    """Zero of event function e between two fractions of the step, and its slope there, per fraction.
+
+    By inverse quadratic interpolation within a bracket, as in Brent's method, with a bisection every fourth time.
+    """
     slope = (at_high - at_low) / (high - low)
     if at_low <= 0.0:
-        # an event function is zero, give or take rounding, where its own event began the step: if it rises before it
-        # falls, its zero is behind that rise; if it only falls, its mode was left at once
+        # An event function is zero, but for rounding, where its own event began the step. If it rises before it falls,
+        # its zero is behind that rise; if it only falls, its mode is left at once.
         for _ in range(HALVINGS):
             x = 0.5 * (low + high)
             _evaluate(m, w, s, x)
@@ -410,14 +457,16 @@ def _root(
             high, at_high = x, w.event[e]
         if at_low <= 0.0:
             return low, slope
-    last, at_last, falling = high, at_high, False
+    last, at_last, converges = high, at_high, False
     left, at_left = np.nan, np.nan  # the end of the bracket that was given up last
-    for i in range(100):
+    for i in range(ITERATIONS):
         if high - low < FOUND:
-            jumps = at_low - at_high > 1e3 * abs(slope) * (
-                high - low
-            )  # as where a stuck guide has no other function
+            # a jump, as of the event function of a guide at rest where the HLCP alone tells when it leaves
+            jumps = at_low - at_high > JUMP * abs(slope) * (high - low)
             return high, -np.inf if jumps else slope
+
+        # inverse interpolation: linear between the ends of the bracket, quadratic with the end that was given up, if
+        # the three values are in order
         x = high - at_high * (high - low) / (at_high - at_low)
         if at_left < at_high or at_left > at_low:
             x += (
@@ -426,16 +475,21 @@ def _root(
                 * ((left - low) / (at_left - at_low) - (high - low) / (at_high - at_low))
                 / (at_left - at_high)
             )
-        if falling and low <= x <= high and abs(x - last) < SETTLED:
-            return x, slope
-        if i % 4 == 3 or not low < x < high:
+        if converges and low <= x <= high and abs(x - last) < SETTLED:
+            return (
+                x,
+                slope,
+            )  # the secant method on the event function itself does the rest (`go_to_event`)
+        if i % BISECT_EVERY == BISECT_EVERY - 1 or not low < x < high:
             x = 0.5 * (low + high)
         _evaluate(m, w, s, x)
         value = w.event[e]
         if abs(x - last) > BESIDE:
             slope = (value - at_last) / (x - last)
-        falling = abs(value) < 0.1 * abs(at_last)  # not so where it jumps
+        converges = abs(value) < CONVERGES * abs(at_last)
         last, at_last = x, value
+
+        # the bracket keeps one value of each sign
         if value < 0.0:
             left, at_left = high, at_high
             high, at_high = x, value
@@ -449,26 +503,45 @@ def _root(
 def go_to_event(
     m: Arrays, w: Workspace, s: State, h: float, correction: float, error: float, first: bool
 ) -> tuple[float, bool]:
-    """Go from the end of a step h to the zero of the event function of the attempt, by the secant method.
+    """Go from the end of a step of length h to the zero of its event function, by the secant method.
 
-    correction : how much longer the step must be; `error`: the part of itself by which that is wrong.  first : there is
-    to be no zero of another event function on the way. Returns the step, and whether it ends at the zero; w.event is
-    then of its end. If the zero is off by more than a hundredth of the step, then its slope is not believed either; a
-    zero through which the function rises is not that event.
+    Parameters
+    ----------
+    h : float
+        Length of the step, s, of which y_new, K and `at_stages` are.
+    correction : float
+        How much longer the step must be, s.
+    error : float
+        Relative error of the correction.
+    first : bool
+        Whether to stop where another event function becomes negative on the way.
+
+    Returns
+    -------
+    h : float
+        Length of the step that y_new is the end of.
+    reached : bool
+        Whether it ends at the zero; w.event is then that of its end, or of a state closer than LEFT.
     """
     t, y_new, K, event = s.progress.time, s.y_new, s.K, s.attempt.event
-    value = s.seen[STAGES - 1, event]
+    value = s.at_stages[STAGES - 1, event]
     for _ in range(CORRECTIONS):
-        rises = correction * value < 0.0  # towards the end of a dip, not to its beginning
+        # A correction towards a zero through which the function rises leads to the end of a dip below zero, not to its
+        # beginning. One of more than a hundredth of the step has a slope that is not to be believed either.
+        rises = correction * value < 0.0
         if rises or not abs(correction) < NEAR * h:
             return h, abs(value) <= noise(s, event)
+
+        # the last correction is so small that Euler's method makes it, without another evaluation
         if abs(correction) * max(abs(correction), error * h) <= LEFT * h * h:
             for i in range(len(y_new)):
                 y_new[i] += correction * K[STAGES, i]
             return h + correction, True
+
+        # the new slope is that of the correction just made, and wrong by about its part of the step
         _runge_kutta(m, w, s, t + h, correction)
         h += correction
-        if first and not _alone(w, s, event):
+        if first and not _no_other_is_negative(w, s, event):
             return h, False
         change = w.event[event] - value
         value, error = w.event[event], abs(correction) / h
@@ -478,16 +551,21 @@ def go_to_event(
 
 @kernel
 def _runge_kutta(m, w, s, t, h):
-    """Classical Runge-Kutta step of y_new in place; K[STAGES] is y' at its beginning before and at its end after."""
+    """Make a classical Runge-Kutta step of y_new in place.
+
+    K[STAGES] is y' at its start before and at its end after; K[1], K[2], K[3] are the stages in between.
+    """
     y, K, stage = s.y_new, s.K, s.probe
+    # turn k makes the state of stage k + 1, or for k = 4 that of the end of the step, and y' there
     for k in range(1, 5):
         if k < 4:
+            before = STAGES if k == 1 else k - 1
+            part = h if k == 3 else 0.5 * h
             for i in range(len(y)):
-                stage[i] = y[i] + (h if k == 3 else 0.5 * h) * K[STAGES if k == 1 else k - 1, i]
+                stage[i] = y[i] + part * K[before, i]
         else:
             for i in range(len(y)):
                 y[i] += h / 6.0 * (K[STAGES, i] + 2.0 * (K[1, i] + K[2, i]) + K[3, i])
                 stage[i] = y[i]
-        right_hand_side(
-            m, w, t + (h if k > 2 else 0.5 * h), stage, s.slip, s.corner, K[k if k < 4 else STAGES]
-        )
+        time = t + (h if k > 2 else 0.5 * h)
+        right_hand_side(m, w, time, stage, s.slip, s.corner, K[k if k < 4 else STAGES])

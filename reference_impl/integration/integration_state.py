@@ -51,6 +51,9 @@ AT_ONCE = 100.0
 once."""
 NO_EVENT = -1
 """Event function of a step that ends at none."""
+FREE_LENGTH, TO_STOP, TO_EXPECTED_EVENT = range(3)
+"""What the length of a step was chosen for (`Attempt.target`): by tolerances and limits alone; to end at the end of the
+run or at a kink of a law; to end where the steps before it predict an event."""
 
 
 class Task(Bundle):
@@ -74,37 +77,36 @@ class Progress(Record):
     speed: float  # the largest so far, m/s; rounding is judged by it and by `force`
     force: float  # the largest so far, N
     gain: float  # friction gain (`uniqueness`) at the last accepted step
-    checked: float  # when progress was looked at last
-    aim: float  # time to where an event is expected; inf if none is
-    aimed: int  # its event function
-    missed: int  # times that the present step was shortened for an event
-    searched: int  # times that it was since a search last resolved the event functions
-    blurred: int  # times that it was since the stages of a step last did
-    next_output: int  # place in the output times
-    next_kink: int  # place in the times at which a law is not smooth
-    idle: int  # events that no time passed between
+    checked: float  # when the progress of the run was checked last
+    expected_in: float  # time from the state to the next expected event; inf if none is expected
+    expected_event: int  # the event function of that event
+    misses: int  # times that the present step was shortened because it missed its event
+    unresolved_searches: int  # steps shortened since a search last resolved the event functions
+    unresolved_steps: int  # steps shortened since the stages of a step last resolved them
+    next_output: int  # index of the next sample in the output times
+    next_kink: int  # index in the times at which a law is not smooth
+    idle: int  # successive events at one and the same time
     logged: int  # events in the log
-    fresh: int  # 1 where the state has changed since y' and the event functions were evaluated
+    stale: int  # 1 where y' and the event functions are not those of the state
 
 
 class Attempt(Record):
-    """Record of the step that is being made; times in seconds, integers are flags but for `event`."""
+    """Record of the step that is being made; times in seconds; the integers below `target` are flags."""
 
-    h: float  # its length as attempted
+    h: float  # attempted length, which the dense output spans
     stop: float  # time that it must not pass
-    resolution: float  # distance of times that can be resolved there
-    proposal: float  # the length of the step after it
-    length: float  # kept length of it, up to the event
-    fraction: float  # place of the event in `h`
+    resolution: float  # smallest difference of times that double precision resolves there
+    proposal: float  # length proposed for the next step
+    length: float  # accepted length: to the event, or `h`
+    fraction: float  # place of the event, as a fraction of `h`
     gain: float  # friction gain at its end
-    counted: float  # fraction at which several motions were counted, where it is `lost`
+    counted: float  # fraction at which several motions were counted, if it `is_ambiguous`
     event: int  # event function at its end, or NO_EVENT
-    reaches_stop: int
-    aims: int  # it aims at an expected event
+    target: int  # what `h` was chosen for: FREE_LENGTH, TO_STOP or TO_EXPECTED_EVENT
     has_rows: int  # the workspace has the rows of its end
-    shorter: int  # it is shorter than attempted
-    critical: int  # the gain is critical
-    lost: int  # the motion is lost in it
+    end_moved: int  # its end was moved from `h` to the zero of an event function, or to its closest approach
+    near_several: int  # its friction gain is so large that several motions must be looked for
+    is_ambiguous: int  # several motions begin in it, at `fraction`
     unresolved: int  # a search did not resolve the event functions
 
 
@@ -127,8 +129,8 @@ class State(Bundle):
     F: Table  # (7, 2n), its dense output
     audit_K: Table  # as K, of a step that an audit makes
     at_start: Reals  # (3 * frictional,), event functions at the start of a step
-    seen: Table  # (STAGES, 3 * frictional), those at its stages, in the order of times
-    audit_seen: Table  # as `seen`
+    at_stages: Table  # (STAGES, 3 * frictional), those at its stages, in the order of times
+    audit_at_stages: Table  # as `at_stages`
     sampled: Table  # (NODES + 1, 3 * frictional); see `event_location.first_root`
     bernstein: Table  # (2, NODES + 1)
     progress: Progress
@@ -155,29 +157,34 @@ def state(q: np.ndarray, v: np.ndarray, frictional: int) -> State:
         F=(7, n),
         audit_K=(STAGES + 1, n),
         at_start=events,
-        seen=(STAGES, events),
-        audit_seen=(STAGES, events),
+        at_stages=(STAGES, events),
+        audit_at_stages=(STAGES, events),
         sampled=(NODES + 1, events),
         bernstein=(2, NODES + 1),
         progress=(),
         attempt=(),
     )
-    s.y[: len(q)], s.y[len(q) :], s.corner[:], s.old_corner[:], s.began[:] = q, v, 1, 1, -np.inf
+    s.y[: len(q)] = q
+    s.y[len(q) :] = v
+    s.corner[:] = 1
+    s.old_corner[:] = 1
+    s.began[:] = -np.inf
     return s
 
 
 @kernel
 def noise(s, e):
-    """Rounding of event function e, m/s or N."""
+    """Return the rounding of event function e, m/s or N, by the largest speed or force so far."""
     is_speed = e % 3 == 0 and s.slip[e // 3] != 0
     return NOISE * (s.progress.speed if is_speed else s.progress.force)
 
 
 @kernel
 def rounding_of_terms(m, w, s, e):
-    """Rounding that the terms of the instant leave in event function e, m/s or N; less than `noise` where forces grew.
+    """Return the rounding that the terms of the instant leave in event function e, m/s or N.
 
-    A force that grows without bound makes all others look like rounding; its event function falls to zero there.
+    It is less than `noise` where forces were larger before: a force that grows without bound makes all others look like
+    rounding, though its event function falls to zero there.
     """
     is_speed = e % 3 == 0 and s.slip[e // 3] != 0
     if is_speed:
@@ -203,14 +210,18 @@ def remember(m, w, s):
 
 @kernel
 def take_step(m, w, s, t, h):
-    """The 12 stages from K[0] = y'(t), y_new, K[12] = y'(t + h), and the event functions `seen` at each."""
-    _stages(m, w, s, t, h, s.y, s.K, s.y_new, s.probe, s.seen)
+    """Make a step of DOP853 from the state at t, whose y' is in K[0].
+
+    K receives the stages and, at last, y' at the end; y_new the state there, `at_stages` the event functions. The
+    workspace is that of the end.
+    """
+    _stages(m, w, s, t, h, s.y, s.K, s.y_new, s.probe, s.at_stages)
 
 
 @kernel
 def take_audit_step(m, w, s, t, h):
     """Make a step from y_old, in the room of audits; its end goes into `probe`."""
-    _stages(m, w, s, t, h, s.y_old, s.audit_K, s.probe, s.dy, s.audit_seen)
+    _stages(m, w, s, t, h, s.y_old, s.audit_K, s.probe, s.dy, s.audit_at_stages)
 
 
 @kernel
@@ -224,13 +235,13 @@ def _stages(  # noqa: PLR0913 - a kernel's arrays
     K: Table,
     y_new: Reals,
     stage: Reals,
-    seen: Table,
+    at_stages: Table,
 ) -> None:
     for i in range(1, STAGES + 1):
         combine(K, A[i], i, h, y, stage)
         right_hand_side(m, w, t + C[i] * h, stage, s.slip, s.corner, K[i])
         for e in range(len(w.event)):
-            seen[BY_TIME[i], e] = w.event[e]
+            at_stages[BY_TIME[i], e] = w.event[e]
     copy(stage, y_new)
 
 
@@ -241,25 +252,35 @@ def error_along_motion(m: Arrays, w: Workspace, s: State, error: float, bodies: 
     That part is left out where a stage has a singular value of J below NEAR: the directions are those of the stage that
     has the smallest. The rows of the workspace are those of y_new, before and after.
     """
-    n, unit, nearest, t, h = len(m.inverse_mass), lengths(m), NEAR, s.progress.time, s.attempt.h
+    n, unit = len(m.inverse_mass), lengths(m)
+    t, h = s.progress.time, s.attempt.h
+
+    # no singular position anywhere around: by pivots first, which are far cheaper than singular values
     if len(m.cell) == 0 and pivots_are_above(m, w, AROUND**2):
-        return error  # far cheaper than singular values
+        return error
     _, _, values, across = singular_rows(m, w, unit)
     if not smallest(values) < AROUND:
         return error
+
+    # The stage with the smallest singular value of all. Its right vectors from `first` to `last` are the directions of
+    # the other branch: their singular values are small, but not zero as those of redundant constraints.
+    nearest = NEAR
     first, last = 0, 0
     for stage in range(1, STAGES + 1):
         combine(s.K, A[stage], stage, h, s.y, s.probe)
         row_form(m, w, t + C[stage] * h, s.probe[:n], s.probe[n:])
         _, _, values, right_of = singular_rows(m, w, unit)
         if smallest(values) < nearest:
-            nearest, across, first, last = smallest(values), right_of, 0, 0
+            nearest, across = smallest(values), right_of
+            first, last = 0, 0
             for value in values:
                 first += 1 if value >= NEAR * values[0] else 0
                 last += 1 if value > ALWAYS_DEPENDENT * values[0] else 0
     row_form(m, w, t + h, s.y_new[:n], s.y_new[n:])
     if first == last:
         return error
+
+    # the error of the stages without their parts in these directions, in positions and in speeds
     along = s.K.copy()
     for i in range(STAGES + 1):
         for half in range(0, 2 * n, n):

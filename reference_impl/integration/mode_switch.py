@@ -3,6 +3,10 @@
 At an event one guide breaks away, comes to rest, reverses, or changes a surface; others may follow in the same instant.
 The contact solver chooses the mode (`mode_choice`). Where the forces of the instant itself do not tell, those just
 behind it do.
+
+Names. Kernels take the mechanism m, the workspace w of one instant and the integration s. Event function e = 3 guide +
+function belongs to a guide; `frozen_mode.event_functions` has the three functions of a guide. "Behind" an instant is
+the state that its accelerations lead to after a small part of a step (`_look_behind`), in `State.probe`.
 """
 
 from __future__ import annotations
@@ -72,6 +76,12 @@ AHEAD_OF_DRIVES = 0.1
 order has moved it by then at a speed of a hundredth of the step's."""
 DRIVES_REST = 1e-12
 """Slip speed there, relative to the largest speed, up to which drives leave a guide at rest: above rounding."""
+MOST_IDLE, MOST_IDLE_PER_GUIDE = 10, 6
+"""Events without time passing between them, at all and for each guide, after which modes are taken to chatter. It is
+generous: a guide that slips or rests, and changes both corners, has three, and may do so twice as others follow."""
+CORNERS_IDLE = 3
+"""Events without time passing, beside one for each guide, up to which a corner is changed on its own: corners that go
+on changing are decided by the contact solver instead."""
 BEHIND = 1e-3
 """Part of a step behind such an instant at which the forces tell: far above what an event is located to, far below what
 loads change in."""
@@ -81,24 +91,30 @@ loads change in."""
 def switch_mode(m: Arrays, w: Workspace, s: State, log: EventLog, first_step: float) -> int:
     """Choose the contact mode behind the event at the state, and log what has changed.
 
-    DONE, or why the run ends or is left.
+    Returns DONE, ROOM if the log is full, or why the run ends.
     """
     p, event = s.progress, s.attempt.event
     guide = event // 3
     p.idle += 1
-    if p.idle > 10 + 6 * len(m.friction):
+    if p.idle > MOST_IDLE + MOST_IDLE_PER_GUIDE * len(m.friction):
         return CHATTER
+
+    # forces of the old mode at the event
     right_hand_side(m, w, p.time, s.y, s.slip, s.corner, s.dy)
     if m.unfree > 0 and not is_finite(s.dy):
         _approach(m, w, s)
     remember(m, w, s)
+
+    # which guide's event it is, and whether its mode does change
     if len(m.friction) > 1 and sticks(m, s.slip, guide):
         event = _first_to_leave(m, w, s, event)
         guide = event // 3
     switches, function, behind = _examine_event(m, w, s, event)
     if not switches:
-        p.fresh = 0
+        p.stale = 0
         return DONE
+
+    # the values before the event, which are the same for all guides that change in it
     first = p.logged
     write_sample(
         w, s.y, s.dy, s.slip, log.motion[first, 0], log.force[first, 0], log.slip[first, 0]
@@ -106,8 +122,11 @@ def switch_mode(m: Arrays, w: Workspace, s: State, log: EventLog, first_step: fl
     copy(s.slip, s.old_slip)
     for f in range(len(m.friction)):
         copy(s.corner[f], s.old_corner[f])
+
     others = 0
-    if s.slip[guide] != 0 and function > 0 and p.idle < 3 + len(m.friction):
+    if s.slip[guide] != 0 and function > 0 and p.idle < CORNERS_IDLE + len(m.friction):
+        # A corner force of a guide that slips passes zero. Its friction does not jump, nor do the accelerations: only
+        # the sign changes, without a contact problem, unless the forces of one motion can be several.
         several = m.unfree > 0 and may_be_several(m, w, s.slip)
         unbounded = several and _grows_without_bound(m, w, s.slip, guide)
         _change_surfaces(m, w, s, event)
@@ -115,20 +134,25 @@ def switch_mode(m: Arrays, w: Workspace, s: State, log: EventLog, first_step: fl
         if outcome != SOLVED:
             return UNBOUNDED if unbounded and outcome == NONE else outcome
     else:
+        # a guide breaks away, comes to rest or reverses: forces jump, and others may change their modes with it
         outcome = _change_slip(m, w, s, first_step, guide, function, behind)
         if outcome != SOLVED:
             return outcome
         others = _count_other_modes(m, w, s)
+        # guides that began to slip in this instant must not be brought to rest in it again
         for f in range(len(m.friction)):
             if s.old_slip[f] == 0 and s.slip[f] != 0:
                 s.began[f] = p.time
         if s.began[guide] == p.time and not behind:
+            # a first break-away: the largest speed so far is rounding, and no scale
             copy(s.y, s.probe)
             _foresee_speeds(m, w, s)
+
+    # start of the new mode
     begin_mode(m, w, s)
     p.gain, _ = gain_of_mode(m, w, s.slip)
     copy(w.event, s.at_start)
-    p.fresh = 0
+    p.stale = 0
     remember(m, w, s)
     _log_changes(m, w, s, log, others)
     return ROOM if p.logged + len(m.friction) >= len(log.t) else DONE
@@ -136,21 +160,24 @@ def switch_mode(m: Arrays, w: Workspace, s: State, log: EventLog, first_step: fl
 
 @kernel(allocates=True)
 def _first_to_leave(m: Arrays, w: Workspace, s: State, event: int) -> int:
-    """The event of the guide at rest, and of its direction, in which rest ends at an event of a guide at rest.
+    """Return the event function of the guide at rest that leaves, in its direction, at an event of a guide at rest.
 
-    Of guides that share a load, which have one event function: that of the smallest margin in the safest share. The
-    event functions become the margins.
+    It is the event itself unless guides share a load. These have one event function together (`shared_rest`): the one
+    with the smallest margin in the safest share leaves. The event functions become the margins then.
     """
+    # whether guides share a load: the system of the mode is singular then
     force = w.force.copy()
     regular = solve_mode(m, w, s.slip, s.corner)
     copy(force, w.force)
     if regular:
-        return event  # no load is shared: see `right_hand_side`
+        return event
     margins = np.zeros((len(m.friction), 2))
     margins_of_safest(m, w, s.slip, s.corner, margins)
     guide, side = event // 3, min(event % 3, 1)
     if np.isnan(margins[guide, side]):
-        return event
+        return event  # this guide shares no load, though others do
+
+    # the smallest of all margins
     least = np.inf
     for f in range(len(margins)):
         for k in range(2):
@@ -158,9 +185,10 @@ def _first_to_leave(m: Arrays, w: Workspace, s: State, event: int) -> int:
                 w.event[3 * f + k] = margins[f, k]
                 if margins[f, k] < least:
                     event, least = 3 * f + k, margins[f, k]
+
+    # Several margins may be the smallest at once. A guide without load has a margin that is zero at this instant only,
+    # which ends no rest: if it is among them, its event is the one to examine.
     zero = UNLOADED * s.progress.force
-    # several margins are the smallest at once: where one of them is that of a guide without load, it decides, as what
-    # is zero at this instant alone ends no rest
     for f in range(len(margins)):
         for k in range(2):
             if margins[f, k] <= least + zero and most_capacity(m, w, f) <= zero:
@@ -175,10 +203,13 @@ def _examine_event(m, w, s, event):
     Where the guide is unloaded, the forces just behind the instant decide (`_look_behind`). A guide at rest that holds
     there, or on another branch of its capacity, does not switch.
     """
-    guide, function, p, slip = event // 3, event % 3, s.progress, s.slip
+    guide, function = event // 3, event % 3
+    p, slip = s.progress, s.slip
     if slip[guide] == 0 and not sticks(m, slip, guide):
         return True, function, False  # a drive moves it, whatever its load
     unloaded = most_capacity(m, w, guide) <= UNLOADED * p.force
+
+    # capacity and friction pass zero together: whether the guide holds shows behind the instant only
     if slip[guide] == 0 and unloaded:
         function = _way_out(m, w, s, guide)
         if function == NO_EVENT:
@@ -187,12 +218,16 @@ def _examine_event(m, w, s, event):
             return False, function, True
         right_hand_side(m, w, p.time, s.y, slip, s.corner, s.dy)
         return True, function, True
+
+    # one branch of the capacity has fallen below the friction, but another is above it: the guide holds by that
     if slip[guide] == 0 and choose_branches(m, w, slip, s.corner, UNLOADED * p.force):
         right_hand_side(m, w, p.time, s.y, slip, s.corner, s.dy)
         if w.event[event] > AT_ONCE * noise(s, event):
             copy(s.dy, s.K[0])
             copy(w.event, s.at_start)
             return False, function, False
+
+    # slip speed and load pass zero together: the friction of this instant tells nothing of that behind it
     if slip[guide] != 0 and abs(w.slip_speed[guide]) <= UNLOADED * p.speed and unloaded:
         copy(s.dy, s.K[0])
         _look_behind(m, w, s)
@@ -203,9 +238,9 @@ def _examine_event(m, w, s, event):
 
 @kernel
 def _way_out(m, w, s, guide):
-    """Event function by which a guide at rest that is unloaded breaks away.
+    """Event function (0 or 1) by which an unloaded guide at rest breaks away: the lower one just behind the state.
 
-    The lower just behind; NO_EVENT if it holds there.
+    NO_EVENT if the guide holds there.
     """
     right_hand_side(m, w, s.progress.time, s.y, s.slip, s.corner, s.K[0])
     _look_behind(m, w, s)
@@ -219,12 +254,17 @@ def _way_out(m, w, s, guide):
 @kernel
 def _change_slip(m, w, s, first_step, guide, function, behind):
     """Choose the mode after a break-away, a rest, or a corner that changed too often; return the outcome."""
-    t, y, slip, n = s.progress.time, s.y, s.slip, len(m.inverse_mass)
+    t, y, slip = s.progress.time, s.y, s.slip
+    n = len(m.inverse_mass)
+
+    # The speed up to which each guide is at rest. A stuck guide is whatever speed it has drifted to; one that began to
+    # slip in this instant is not, although it has no speed yet.
     for f in range(len(m.friction)):
-        # a stuck guide stays at rest whatever speed it has drifted to; one that began to slip in this instant does not
         s.rest_speed[f] = HOLDS if slip[f] == 0 else COINCIDENCE * s.progress.speed
         if slip[f] != 0 and t - s.began[f] <= SAME_INSTANT * max(first_step, t):
             s.rest_speed[f] = LEAVES
+
+    # the guide of the event, with those that cannot but slip or rest with it
     if sticks(m, slip, guide):
         if can_jam(m, guide):
             return JAM
@@ -232,6 +272,8 @@ def _change_slip(m, w, s, first_step, guide, function, behind):
     elif slip[guide] != 0 and function == 0:
         s.rest_speed[guide] = HOLDS
         _come_to_rest(m, w, s)
+
+    # the modes of all guides, again if drives move some that had no speed yet
     if behind:
         return _choose_behind(m, w, s)
     outcome = choose_mode(m, w, t, y[:n], y[n:], slip, s.corner, s.rest_speed)
@@ -244,8 +286,9 @@ def _change_slip(m, w, s, first_step, guide, function, behind):
 def _break_away(m: Arrays, w: Workspace, s: State, guide: int, direction: int) -> None:
     """Let a guide at rest slip, and those at rest without which it cannot: for this instant none of them is at rest."""
     nf = len(m.friction)
-    leaving, firmness = np.zeros(nf, dtype=np.int64), np.zeros(nf)
+    leaving = np.zeros(nf, dtype=np.int64)
     leaving[guide] = direction
+    firmness = np.zeros(nf)  # of guides that may leave with it, those of the smallest margin do
     for f in range(nf):
         firmness[f] = min(w.event[3 * f], w.event[3 * f + 1])
     leave_together(m, w, leaving, firmness, s.slip)
@@ -257,8 +300,9 @@ def _break_away(m: Arrays, w: Workspace, s: State, guide: int, direction: int) -
 @kernel(allocates=True)
 def _come_to_rest(m: Arrays, w: Workspace, s: State) -> None:
     """Bring to rest, with the guides at rest, those that cannot but rest with them (`guides_at_rest`)."""
-    held, t, n = np.zeros(len(m.friction), dtype=np.bool_), s.progress.time, len(m.inverse_mass)
+    t, n = s.progress.time, len(m.inverse_mass)
     q, v = s.y[:n], s.y[n:]
+    held = np.zeros(len(m.friction), dtype=np.bool_)
     for f in range(len(m.friction)):
         held[f] = abs(w.slip_speed[f]) <= s.rest_speed[f]
     if not rest_together(m, w, held, s.progress.speed, v):
@@ -267,8 +311,8 @@ def _come_to_rest(m: Arrays, w: Workspace, s: State) -> None:
         if held[f]:
             s.rest_speed[f] = HOLDS
     if m.baumgarte_beta2 > 0.0:
-        # what is at rest cannot follow the acceleration by which Baumgarte's terms would take back a residual; the
-        # velocities meet their constraints already, so that only positions are left, on which beta acts
+        # A mechanism at rest cannot follow the accelerations by which Baumgarte's terms reduce a residual. Velocities
+        # meet their constraints already: only positions are left, which the term of beta acts on.
         row_form(m, w, t, q, v)
         project(m, w, t, q, v, s.slip, False, 2)
 
@@ -320,29 +364,31 @@ def _log_changes(m, w, s, log, others):
 def _kind_of_change(s, f):
     """Kind of the event of a guide, by its modes before and after."""
     if s.slip[f] != s.old_slip[f]:
-        return SLIP if s.old_slip[f] == 0 else STICK if s.slip[f] == 0 else REVERSAL
-    if s.slip[f] != 0 and (
-        s.corner[f, 0] != s.old_corner[f, 0] or s.corner[f, 1] != s.old_corner[f, 1]
-    ):
-        return CORNER
-    return UNCHANGED
+        if s.old_slip[f] == 0:
+            return SLIP
+        return STICK if s.slip[f] == 0 else REVERSAL
+    changes_corner = s.corner[f, 0] != s.old_corner[f, 0] or s.corner[f, 1] != s.old_corner[f, 1]
+    return CORNER if s.slip[f] != 0 and changes_corner else UNCHANGED
 
 
 @kernel
 def begin_mode(m: Arrays, w: Workspace, s: State) -> None:
-    """y' into K[0] and the event functions into w.event at the start of a mode, on the largest branches of capacity.
+    """Evaluate y' into K[0] and the event functions into w.event at the start of a mode.
 
-    A guide at rest that is unloaded has the branches that are the largest just behind.
+    Guides at rest get the branches of their capacity that are the largest there; unloaded ones, whose branches are all
+    zero, those that are the largest just behind.
     """
     right_hand_side(m, w, s.progress.time, s.y, s.slip, s.corner, s.K[0])
     remember(m, w, s)
-    least, changed = UNLOADED * s.progress.force, False
+    least, any_unloaded = UNLOADED * s.progress.force, False
     for f in range(len(m.friction)):
-        changed = changed or sticks(m, s.slip, f) and most_capacity(m, w, f) <= least
-    if changed:
+        is_unloaded = sticks(m, s.slip, f) and most_capacity(m, w, f) <= least
+        any_unloaded = any_unloaded or is_unloaded
+    if any_unloaded:
         _look_behind(m, w, s)
         right_hand_side(m, w, s.progress.time, s.y, s.slip, s.corner, s.K[0])
-    if choose_branches(m, w, s.slip, s.corner, least) or changed:
+    # branches enter the event functions, and evaluations with the old ones are repeated
+    if choose_branches(m, w, s.slip, s.corner, least) or any_unloaded:
         right_hand_side(m, w, s.progress.time, s.y, s.slip, s.corner, s.K[0])
 
 
@@ -354,24 +400,33 @@ def begin(m: Arrays, w: Workspace, s: State, load: float) -> int:
     largest `load` (N) tells what rounding is: that of a sine law near zero is one of its amplitude.
     """
     n = len(m.inverse_mass)
+
+    # which guides are at rest, by their speeds relative to the largest
     s.progress.speed = largest_speed(m, s.y[n:])
     for f in range(len(m.friction)):
         s.rest_speed[f] = COINCIDENCE * s.progress.speed
     row_form(m, w, 0.0, s.y[:n], s.y[n:])
     _come_to_rest(m, w, s)
+
+    # the mode by the forces at the start, again if drives move guides that have no speed yet
     outcome = choose_mode(m, w, 0.0, s.y[:n], s.y[n:], s.slip, s.corner, s.rest_speed)
     if outcome == SOLVED and m.unfree > 0 and _foresee_drives(m, w, s):
         outcome = choose_mode(m, w, 0.0, s.y[:n], s.y[n:], s.slip, s.corner, s.rest_speed)
+
+    # the scale of forces, at the start and just behind it, where loads that begin at zero act already
     right_hand_side(m, w, 0.0, s.y, s.slip, s.corner, s.K[0])
     _look_behind(m, w, s)
     remember(m, w, s)
     right_hand_side(m, w, 0.0, s.y, s.slip, s.corner, s.K[0])
-    unloaded = False
+
+    # a guide at rest without load does not tell at the start whether it holds: the mode is that just behind
+    any_unloaded = False
     for f in range(len(m.friction)):
         if abs(w.slip_speed[f]) <= s.rest_speed[f] and m.friction[f].freedom == FREE:
             s.rest_speed[f] = HOLDS
-            unloaded = unloaded or most_capacity(m, w, f) <= UNLOADED * s.progress.force
-    if unloaded:
+            is_unloaded = most_capacity(m, w, f) <= UNLOADED * s.progress.force
+            any_unloaded = any_unloaded or is_unloaded
+    if any_unloaded:
         s.progress.force = max(s.progress.force, load)
         outcome = _choose_behind(m, w, s)
     begin_mode(m, w, s)
@@ -384,9 +439,9 @@ def begin(m: Arrays, w: Workspace, s: State, load: float) -> int:
 
 @kernel
 def _look_behind(m, w, s):
-    """Row forces and event functions BEHIND a step after the state, with the branches that are the largest there.
+    """Evaluate row forces and event functions BEHIND a step after the state, on the branches that are largest there.
 
-    The state's y' is in K[0].
+    The state behind is made by Euler's method from y' in K[0], into `probe`.
     """
     h = BEHIND * s.attempt.h
     for k in range(len(s.y)):
@@ -403,25 +458,30 @@ def _foresee_drives(m, w, s):
     The first derivative of a law that is not zero there tells: a cubic one may begin with neither speed nor
     acceleration. Returns whether there are any; they have the rest speed LEAVES then.
     """
-    n, h, found = len(m.inverse_mass), AHEAD_OF_DRIVES * s.attempt.h, False
+    n, h = len(m.inverse_mass), AHEAD_OF_DRIVES * s.attempt.h
+    # the state behind, with positions to second order
     right_hand_side(m, w, s.progress.time, s.y, s.slip, s.corner, s.dy)
     for k in range(n):
         s.probe[k] = s.y[k] + h * (s.y[n + k] + 0.5 * h * s.dy[n + k])
         s.probe[n + k] = s.y[n + k] + h * s.dy[n + k]
+    # the impulses that bring its velocities onto the constraints there are what the drives do
     row_form(m, w, s.progress.time + h, s.probe[:n], s.probe[n:])
     frictionless_forces(m, w, w.phi_dot)
     least = DRIVES_REST * max(s.progress.speed, largest_speed(m, s.probe[n:]))
+    any_moves = False
     for f in range(len(m.friction)):
         if s.slip[f] == 0 and m.friction[f].freedom == DRIVEN:
             speed = driven_speed(m, w, f)
             if abs(speed) > least:
-                s.slip[f], s.rest_speed[f], found = 1 if speed > 0.0 else -1, LEAVES, True
-    return found
+                s.slip[f] = 1 if speed > 0.0 else -1
+                s.rest_speed[f] = LEAVES
+                any_moves = True
+    return any_moves
 
 
 @kernel
 def _choose_behind(m, w, s):
-    """The mode of the state in `probe`, as `choose_mode`."""
+    """Choose the mode of the state behind, in `probe`; return the outcome as `choose_mode` does."""
     n = len(m.inverse_mass)
     time = s.progress.time + BEHIND * s.attempt.h
     outcome = choose_mode(m, w, time, s.probe[:n], s.probe[n:], s.slip, s.corner, s.rest_speed)
@@ -439,11 +499,13 @@ def _choose_forces_behind(m, w, s, event, unbounded):
     left; NONE where none is. A force that passes zero has its new sign there: nothing else is changed then.
     """
     n, h = len(m.inverse_mass), BEHIND * s.attempt.h
+    # with the new sign the force is positive behind if it passes zero: that is the ordinary case
     for k in range(2 * n):
         s.probe[k] = s.y[k] + h * s.dy[k]
     right_hand_side(m, w, s.progress.time + h, s.probe, s.slip, s.corner, s.K[0])
     if not unbounded and w.event[event] >= -AT_ONCE * noise(s, event):
         return SOLVED
+    # otherwise a solution has ended: choose among those that are left, in the same motion, so with the same slips
     for f in range(len(m.friction)):
         s.rest_speed[f] = HOLDS if s.slip[f] == 0 else LEAVES
     return choose_mode(
@@ -458,11 +520,13 @@ def _approach(m, w, s):
     Forces that grow without bound are those of driven guides: they do not enter the accelerations.
     """
     n, h = len(m.inverse_mass), BEHIND * s.attempt.h
+    # accelerations do not depend on the friction of driven guides, so that forces without friction give them
     row_form(m, w, s.progress.time, s.y[:n], s.y[n:])
     frictionless_forces(m, w, w.right)
     for k in range(n):
         s.dy[k] = s.y[n + k]
     acceleration(m, w, w.force, s.dy[n:])
+    # row forces of the state a little before, by which the way they grow is told
     for k in range(2 * n):
         s.probe[k] = s.y[k] - h * s.dy[k]
     right_hand_side(m, w, s.progress.time - h, s.probe, s.slip, s.corner, s.K[0])
@@ -470,7 +534,10 @@ def _approach(m, w, s):
 
 @kernel
 def _grows_without_bound(m, w, slip, guide):
-    """Return whether the event of a corner of a driven guide is one at which its force is infinite, not zero."""
+    """Return True where the event of a corner of a driven guide is one at which its force is infinite, not zero.
+
+    `open_forces.bounded` makes both zeros of its event function.
+    """
     row, mu = m.friction[guide].row, m.friction[guide].mu
     load = normal_load(m.friction[guide], w.force[row], w.force[row + 1], -mu * slip[guide])
     return m.friction[guide].freedom == DRIVEN and not load < LARGE * ordinary_load(m, w, guide)
@@ -482,7 +549,8 @@ def _foresee_speeds(m, w, s):
 
     Otherwise the scale would be rounding.
     """
-    n, p, h = len(m.inverse_mass), s.progress, BEHIND * s.attempt.h
+    n, h = len(m.inverse_mass), BEHIND * s.attempt.h
+    p = s.progress
     if p.speed > AT_REST * largest_speed(m, w.free) * s.attempt.h:
         return
     right_hand_side(m, w, p.time + h, s.probe, s.slip, s.corner, s.dy)

@@ -32,15 +32,25 @@ from stiction.reference_impl.multibody.mechanism import Arrays, Workspace
 def right_hand_side(
     m: Arrays, w: Workspace, t: float, y: Reals, slip: Integers, corner: IntegerTable, dy: Reals
 ) -> None:
-    """y' of the frozen mode into dy, and the event functions into w.event."""
+    """Evaluate y' of the frozen mode into dy, and the event functions into w.event.
+
+    The contact mode is `slip` and `corner`; dy is nan where it has no finite forces.
+    """
     n = len(m.inverse_mass)
+
+    # forces of the mode, by one linear solve
     row_form(m, w, t, y[:n], y[n:])
     regular = solve_mode(m, w, slip, corner)
+
+    # accelerations; of very unlike masses from a system that contains them, as M^-1 (Q + J^T lambda) would cancel
     for i in range(n):
         dy[i] = y[n + i]
     if not (m.unlike and regular and solve_with_motion(m, w, slip, corner, dy[n:])):
         acceleration(m, w, w.force, dy[n:])
     w.counters.rhs += 1
+
+    # Event functions. Where guides at rest share a load the system is singular, and its shortest solution need not be
+    # within Coulomb's cones: another share is looked for.
     event_functions(m, w, slip, corner)
     if m.unfree > 0:
         _watch_drives(m, w, slip)
@@ -51,10 +61,10 @@ def right_hand_side(
 
 @kernel
 def _watch_drives(m, w, slip):
-    """Event functions of driven guides.
+    """Set the event functions of driven guides.
 
-    At rest: minus the acceleration where their drives begin to move them. No force holds them, and none is asked: the
-    acceleration follows from the constraints. In slip: corner forces, `open_forces.bounded`.
+    At rest: minus the acceleration with which their drives begin to move them. No friction can prevent this, since the
+    acceleration follows from the constraints alone. In slip: corner forces, made finite by `open_forces.bounded`.
     """
     for f in range(len(m.friction)):
         if m.friction[f].freedom != DRIVEN:
@@ -67,22 +77,19 @@ def _watch_drives(m, w, slip):
         else:
             acceleration = driven_acceleration(m, w, f)
             if acceleration != 0.0:
-                w.event[3 * f + (0 if acceleration > 0.0 else 1)] = -abs(acceleration)
+                side = 0 if acceleration > 0.0 else 1
+                w.event[3 * f + side] = -abs(acceleration)
 
 
 @kernel(allocates=True)
 def _hyperstatic_stick(m: Arrays, w: Workspace, slip: Integers, corner: IntegerTable) -> bool:
-    """Friction and event functions of stuck guides that share their friction indeterminately.
+    """Set friction and event functions of guides at rest whose shares of a load are not determined by rigid bodies.
 
-    The share is that of `shared_rest`, and the event functions are the margins of the safest share. For more guides
-    than that tries the HLCP decides: its share is admissible, and the event functions are minus the acceleration that
-    it gives a guide, else 1. They jump where rest ends, so that what `event_location` guarantees does not hold then.
-
-    No forces hold a guide that a drive begins to move in a singular position, as a slider's whose crank starts from its
-    dead centre: its event function is minus its acceleration. Returns False where the HLCP is asked and has no
-    solution, or none is found by Lemke's method or among `COUNTED` contact modes: this is called at every stage of
-    every step.
+    Returns False where the HLCP is asked (see below) and has no solution, or none is found by Lemke's method or among
+    `COUNTED` contact modes; more are not tried, as this is called at every stage of every step.
     """
+    # A guide that a drive begins to move in a singular position, as that of a slider whose crank starts from its dead
+    # centre, is held by no forces: its event function is minus its acceleration, and rest ends there.
     held = True
     for f in range(len(m.friction)):
         if sticks(m, slip, f):
@@ -90,17 +97,22 @@ def _hyperstatic_stick(m: Arrays, w: Workspace, slip: Integers, corner: IntegerT
             acceleration = row_acceleration(w, t, w.force)
             rounding = HELD * max(abs(w.right[t]), largest_force(m, w, w.force) * sqrt(w.G[t, t]))
             if not abs(acceleration) <= rounding:
-                w.event[3 * f + (0 if acceleration > 0.0 else 1)] = -abs(acceleration)
+                side = 0 if acceleration > 0.0 else 1
+                w.event[3 * f + side] = -abs(acceleration)
                 held = False
+
+    # the share of `shared_rest`: the event functions are the margins of the safest share, which are continuous
     if not held or share_rest(m, w, slip, corner):
         return True
+
+    # There are more guides than `shared_rest` tries: the HLCP decides. Its share is admissible. The event functions are
+    # minus the acceleration that it gives a guide, else 1: they jump where rest ends, so that the guarantee of
+    # `event_location` does not hold for them.
     w.counters.hlcp += 1
     force, y, x, outcome, rest = hlcp.solve(m, w, slip, COUNTED)
-    accelerate, signs, fastest = (
-        np.zeros(len(m.friction)),
-        np.zeros((len(m.friction), 2), dtype=np.int64),
-        0.0,
-    )
+    accelerate = np.zeros(len(m.friction))
+    signs = np.zeros((len(m.friction), 2), dtype=np.int64)
+    fastest = 0.0
     if outcome == SOLVED:
         hlcp.read(m, w, slip, force, y, x, accelerate, signs)
         for f in range(len(m.friction)):
@@ -113,5 +125,5 @@ def _hyperstatic_stick(m: Arrays, w: Workspace, slip: Integers, corner: IntegerT
             if accelerate[f] > rest:
                 w.event[3 * f] = -accelerate[f]
             elif accelerate[f] < -rest:
-                w.event[3 * f + 1] = accelerate[f]
+                w.event[3 * f + 1] = accelerate[f]  # negative, as minus the acceleration along -
     return outcome == SOLVED

@@ -71,15 +71,20 @@ def longest_step(m: Arrays, s: State, frequency: float) -> float:
     frequency : of the fastest sine law, rad/s.
     """
     n, y, dy = len(m.inverse_mass), s.y, s.K[0]
-    turning, faster = 0.0, 0.0
+
+    # the fastest angular velocity and acceleration of bodies whose angles enter forces; a comparison in place of max,
+    # which may take a nan for the largest
+    velocity, acceleration = 0.0, 0.0
     for i in range(len(m.turning)):
         k = n + 3 * m.turning[i] + 2
-        # not max, which may take a nan for the largest
-        turning = abs(y[k]) if abs(y[k]) > turning else turning
-        faster = abs(dy[k]) if abs(dy[k]) > faster else faster
-    # the phase is rate h + change h^2
-    rate, change = frequency + FACTORS * turning, 0.5 * FACTORS * faster
+        velocity = abs(y[k]) if abs(y[k]) > velocity else velocity
+        acceleration = abs(dy[k]) if abs(dy[k]) > acceleration else acceleration
+
+    # the phases of the factors of a force add to rate h + change h^2
+    rate, change = frequency + FACTORS * velocity, 0.5 * FACTORS * acceleration
     h = _time_for(PHASE, rate, change)
+
+    # points that come near each other turn the line along which their force acts
     for i in range(len(m.line)):
         h = min(h, _time_to_pass(m, i, y, dy))
     return h
@@ -91,13 +96,19 @@ def excess(m: Arrays, s: State, frequency: float) -> float:
 
     Angular velocities are those of the stages; points are looked at where the step ends.
     """
-    n, h, turning, largest = len(m.inverse_mass), s.attempt.h, 0.0, 0.0
+    n, h = len(m.inverse_mass), s.attempt.h
+    largest = 0.0
+
+    # the phase, by the fastest angular velocity at a stage
+    velocity = 0.0
     for i in range(len(m.turning)):
         angle = 3 * m.turning[i] + 2
         for stage in range(STAGES + 1):
-            turning = max(turning, abs(s.K[stage, angle]))
+            velocity = max(velocity, abs(s.K[stage, angle]))
     if len(m.turning):
-        largest = (frequency + FACTORS * turning) * h / PHASE
+        largest = (frequency + FACTORS * velocity) * h / PHASE
+
+    # the approach of points, unless they move along their line, which then does not turn
     for i in range(len(m.line)):
         dx, dy, ex, ey, _, _ = _between(m, i, s.y_new, s.K[STAGES], n)
         distance, speed = sqrt(dx * dx + dy * dy), sqrt(ex * ex + ey * ey)
@@ -109,7 +120,10 @@ def excess(m: Arrays, s: State, frequency: float) -> float:
 
 @kernel
 def _time_for(way, speed, acceleration):
-    """Time in which a way is gone: way = speed t + acceleration t^2; infinite at rest."""
+    """Time t in which a way is gone: way = speed t + acceleration t^2; infinite at rest.
+
+    Solved for 1/t, so that nothing cancels and no acceleration is divided by.
+    """
     root = speed + sqrt(speed * speed + 4.0 * acceleration * way)
     return 2.0 * way / root if root > 0.0 else np.inf
 
@@ -121,22 +135,27 @@ def _time_to_pass(m: Arrays, i: int, y: Reals, dy: Reals) -> float:
     Points that move along their line do not turn it. There is no limit then, unless they may pass each other where the
     force has another direction behind: a step does not reach that instant.
     """
+    # vector between the points (dx, dy_), its rate (ex, ey) and its second derivative (cx, cy)
     dx, dy_, ex, ey, cx, cy = _between(m, i, y, dy, len(m.inverse_mass))
     nearest = NEAREST * m.length_scale
-    distance, speed, acceleration = (
-        sqrt(dx * dx + dy_ * dy_),
-        sqrt(ex * ex + ey * ey),
-        sqrt(cx * cx + cy * cy),
-    )
+    distance = sqrt(dx * dx + dy_ * dy_)
+    speed = sqrt(ex * ex + ey * ey)
+    acceleration = sqrt(cx * cx + cy * cy)
+
+    # The points pass each other beside their line: cross products give the distance at which they do. The speed counts
+    # in any direction, as points that go away came from a singular instant that is as near.
     turns = (
         abs(dx * ey - dy_ * ex) > nearest * speed
         or abs(dx * cy - dy_ * cx) > nearest * acceleration
     )
     if turns:
         return _time_for(APPROACH * max(distance, nearest), speed, 0.5 * acceleration)
+
+    # they move along their line: the step ends before they meet, if the force turns round there
     if m.line[i].flips == 0 or distance == 0.0:
         return np.inf
-    closing, inward = -(dx * ex + dy_ * ey) / distance, -(dx * cx + dy_ * cy) / distance
+    closing = -(dx * ex + dy_ * ey) / distance
+    inward = -(dx * cx + dy_ * cy) / distance
     return _time_for(max(distance, nearest), max(closing, 0.0), 0.5 * max(inward, 0.0))
 
 
@@ -155,8 +174,9 @@ def _point(y, dy, n, body, px, py):
     if body < 0:
         return px, py, 0.0, 0.0, 0.0, 0.0
     k = 3 * body
-    c, s, omega, alpha = cos(y[k + 2]), sin(y[k + 2]), y[n + k + 2], dy[n + k + 2]
-    rx, ry = c * px - s * py, s * px + c * py
+    c, s = cos(y[k + 2]), sin(y[k + 2])
+    omega, alpha = y[n + k + 2], dy[n + k + 2]  # angular velocity and acceleration
+    rx, ry = c * px - s * py, s * px + c * py  # arm of the point, in ground axes
     return (
         y[k] + rx,
         y[k + 1] + ry,

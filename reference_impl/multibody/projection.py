@@ -41,6 +41,7 @@ def _correct(
 
     Nearly dependent rows lose their part of the residual.
     """
+    # with the rows of guides at rest if it `holds`; without them where they make the system singular
     regular = len(m.cell) > 0
     for c in range(len(m.cell)):
         regular = regular and (
@@ -54,12 +55,16 @@ def _correct(
             and _solve(m, w, residual, rate, slip, True, ELIMINATION)
             or _solve(m, w, residual, rate, slip, False, ELIMINATION)
         )
+
+    # A singular position, or redundant rows: what cannot be corrected without magnifying rounding is taken out of the
+    # residual, and exactly dependent rows share the rest in the sense of least norm.
     if not regular:
         leave_nearly_dependent(m, w, residual)
         if not _solve(m, w, residual, rate, slip, False, RANK_TOLERANCE):
             for r in range(m.rows):
                 w.force[r] = residual[r]
             minimum_norm(w.G, w.force, m.rows)
+
     for r in range(len(w.force)):
         w.force[r] *= -1.0
     add_rows(m, w, w.force, target)
@@ -73,9 +78,14 @@ def _solve(m, w, residual, rate, slip, holds, tolerance):
         w.force[r] = 0.0
     for r in range(size):
         f = r - m.rows
+        is_active = f < 0 or sticks(m, slip, f)
+        # the row of a guide that slips has its diagonal entry alone, so that its force is zero
         for c in range(size):
-            w.A[r, c] = w.G[r, c] if f < 0 or sticks(m, slip, f) or r == c else 0.0
-        w.force[r] = residual[r] if f < 0 else rate * w.slip_speed[f] if sticks(m, slip, f) else 0.0
+            w.A[r, c] = w.G[r, c] if is_active or r == c else 0.0
+        if f < 0:
+            w.force[r] = residual[r]
+        else:
+            w.force[r] = rate * w.slip_speed[f] if is_active else 0.0
     return solve_in_place(w.A, w.force, w.unit, size, size, tolerance)
 
 
@@ -87,6 +97,7 @@ def project(
 
     `holds`: whether guides at rest, of slip 0, count. The rows of the workspace must be those of (t, q, v).
     """
+    # positions: the rows are evaluated anew after each step, and are those of (t, q, v) at the end
     for _ in range(limit):
         worst = 0.0
         for r in range(m.rows):
@@ -95,4 +106,6 @@ def project(
             break
         _correct(m, w, w.phi, 0.0, slip, holds, q)
         row_form(m, w, t, q, v)
+
+    # velocities: Phi' is linear in them, so that one step is exact
     _correct(m, w, w.phi_dot, 1.0, slip, holds, v)

@@ -418,7 +418,7 @@ def test_stages_that_do_not_see_how_an_event_function_changes(phase, at_start, e
     s = state(np.zeros(3), np.zeros(3), 1)
     s.progress["force"] = 20.0
     values = 10 + np.sin(at_start + phase * np.sort(C))
-    s.at_start[1], s.seen[:, 1] = values[0], values[1:]
+    s.at_start[1], s.at_stages[:, 1] = values[0], values[1:]
     assert are_resolved(s) == expected
     s.progress["force"] = 1e12
     assert are_resolved(s)

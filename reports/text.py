@@ -266,9 +266,10 @@ def percent(context: Context, given: Cell) -> str:
 
 
 @pass_context
-def interval(context: Context, given: Cell) -> str:
-    """Write a number with its sign and its uncertainty: ``-0.035 ± 0.063``."""
-    text = Uncertain(given.value, given.uncertainty or 0.0).both()
+def interval(context: Context, given: Cell, signed: bool = True) -> str:
+    """Write a number, with its sign or by its size, and its uncertainty: ``-0.035 ± 0.063``."""
+    value = given.value if signed else abs(given.value)
+    text = Uncertain(value, given.uncertainty or 0.0).both()
     return _noted(context, text, given)
 
 

@@ -225,7 +225,7 @@ def test_many_methods_that_are_off_are_counted_in_the_answer():
     results = Results((), {}, {"threshold": table})
     section, shown = section_of(STUDY, results), present(results).rows
     assert [float(one["error"]) for one in shown["off"]] == [0.1, 0.2, -0.3]
-    assert "3 methods" in section.answer and "-0.30 ± 0.01 N" in section.answer
+    assert "3 methods" in section.answer and "by up to 0.30 ± 0.01 N" in section.answer
     assert len(section.answer) <= ANSWER_LENGTH and not wrongly_written(section, results)
 
 

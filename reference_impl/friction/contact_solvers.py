@@ -30,11 +30,11 @@ from stiction.reference_impl.multibody.mechanism import Arrays, Workspace
 def solve_contact(
     m: Arrays, w: Workspace, slip: Integers, corner: IntegerTable, accelerate: Reals
 ) -> tuple[int, float]:
-    """Find row forces for the rows in the workspace, into w.force; static coefficient holds for every guide at rest.
+    """Find row forces, into w.force, for the rows in the workspace.
 
-    `slip` as in `hlcp.assemble`. `corner`, (frictional, 2): signs of the corner forces, on entry those of the previous
-    instant, on return those of the solution. `accelerate` receives the acceleration (m/s^2) with which a guide at rest
-    begins to slip.
+    The static coefficient holds for every guide at rest. `slip` as in `hlcp.assemble`. `corner`, (frictional, 2):
+    signs of the corner forces, on entry those of the previous instant, on return those of the solution. `accelerate`
+    receives the acceleration (m/s^2) with which a guide at rest begins to slip.
 
     Returns
     -------

@@ -30,11 +30,11 @@ from stiction.reference_impl.multibody.mechanism import Arrays, Workspace
 def solve_contact(
     m: Arrays, w: Workspace, slip: Integers, corner: IntegerTable, accelerate: Reals
 ) -> tuple[int, float]:
-    """Row forces into w.force for the rows in the workspace; the static coefficient holds for every guide at rest.
+    """Find row forces, into w.force, for the rows in the workspace.
 
-    `slip` as in `hlcp.assemble`. `corner`, (frictional, 2): signs of the corner forces, on entry those of the previous
-    instant, on return those of the solution. `accelerate` receives the acceleration (m/s^2) with which a guide at rest
-    begins to slip.
+    The static coefficient holds for every guide at rest. `slip` as in `hlcp.assemble`. `corner`, (frictional, 2):
+    signs of the corner forces, on entry those of the previous instant, on return those of the solution. `accelerate`
+    receives the acceleration (m/s^2) with which a guide at rest begins to slip.
 
     Returns
     -------
@@ -47,12 +47,17 @@ def solve_contact(
     direction = np.zeros(nf, dtype=np.int64)
     outcome = SIGN_CYCLE
     w.counters.hlcp += 1
+
+    # Trial and error is fast for a large mechanism, as its systems are banded, but may cycle. It finds one solution and
+    # knows of no other, so that it comes first only where the gain shows that there is one.
     fallible = w.solver == AUTOMATIC and len(m.cell) > 0 and gain_of_mode(m, w, slip)[0] < 1.0
     if w.solver == TRIAL or fallible:
         outcome, trials, _ = trial_and_error(m, w, slip, corner, w.force, direction)
         w.counters.pivots += trials
         if fallible and outcome != SOLVED:
             w.counters.trial_fallbacks += 1
+
+    # the HLCP, by Lemke's method
     if w.solver == LEMKE or w.solver == AUTOMATIC and outcome != SOLVED:
         force, y, x, outcome, rest = hlcp.solve(m, w, slip, LIMIT)
         copy(force, w.force)
@@ -61,11 +66,16 @@ def solve_contact(
             if m.unfree > 0:
                 take_least_forces(m, w, slip, corner)
         return outcome, rest
+
+    # the first consistent mode of all
     if w.solver == ENUMERATION:
         forces, directions = np.zeros((1, len(w.force))), np.zeros((1, nf), dtype=np.int64)
-        found = solutions(m, w, slip, forces, directions, 0.0, LIMIT)
-        w.counters.pivots += max(found, 0)
-        outcome = SOLVED if found > 0 else NONE if found == 0 else MODE_LIMIT
+        count = solutions(m, w, slip, forces, directions, 0.0, LIMIT)
+        w.counters.pivots += max(count, 0)
+        if count > 0:
+            outcome = SOLVED
+        else:
+            outcome = NONE if count == 0 else MODE_LIMIT
         copy(forces[0], w.force)
         copy(directions[0], direction)
         for f in range(nf):
@@ -73,7 +83,10 @@ def solve_contact(
             n1, n2 = corner_forces(
                 guide, w.force[guide.row], w.force[guide.row + 1], -mu * direction[f]
             )
-            corner[f, 0], corner[f, 1] = -1 if n1 < 0.0 else 1, -1 if n2 < 0.0 else 1
+            corner[f, 0] = -1 if n1 < 0.0 else 1
+            corner[f, 1] = -1 if n2 < 0.0 else 1
+
+    # modes tell exactly which guides stay at rest: their accelerations are 0, and none is a matter of rounding
     for f in range(nf):
         accelerate[f] = 0.0
         if sticks(m, slip, f) and direction[f] != 0:

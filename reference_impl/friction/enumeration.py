@@ -102,7 +102,11 @@ def solutions(
 
 @kernel
 def _decode(m, code, slip, direction, signs):
-    """The contact mode of a number from 0 to `modes` - 1."""
+    """Fill `direction` and `signs` with the contact mode of a number from 0 to `modes` - 1.
+
+    The number is read digit by digit, one for each guide: which signs its corners have and, of a guide at rest, whether
+    it stays there (0) or begins to slip along + or -.
+    """
     for f in range(len(m.friction)):
         count = 4 if m.friction[f].length > 0.0 else 2
         direction[f] = slip[f]
@@ -110,7 +114,9 @@ def _decode(m, code, slip, direction, signs):
             choice = 0  # without friction: any signs will do
         elif slip[f] == 0:
             choice, code = code % (1 + 2 * count), code // (1 + 2 * count)
-            direction[f] = 0 if choice == 0 else 1 if choice <= count else -1
+            direction[f] = 0
+            if choice > 0:
+                direction[f] = 1 if choice <= count else -1
             choice = max(choice - 1, 0) % count
         else:
             choice, code = code % count, code // count
@@ -181,7 +187,10 @@ def fill(
     force: Reals,
     compliance: float,
 ) -> None:
-    """The system of a mode: constraint rows, and of each guide its tangential row (rest) or its law of slip."""
+    """Fill A and `force` with the system of a mode: constraint rows, and of each guide its tangential row or its law.
+
+    A guide that stays at rest has its tangential row, as an equation for its acceleration; any other f = c_R R + c_T T.
+    """
     nr = m.rows
     for r in range(len(force)):
         force[r] = w.right[r]
@@ -201,8 +210,9 @@ def fill(
         A[nr + f, row] = -c_R
         A[nr + f, nr + f] = 1.0
         force[nr + f] = 0.0
+
+    # rows of unit size, so that a system near a singular one is told from that
     for r in range(len(force)):
-        # rows of unit size, so that a system near a singular one is told from that
         size = 0.0
         for c in range(len(force)):
             size = max(size, abs(A[r, c]))
@@ -222,31 +232,42 @@ def revise(
     that begins to slip against its acceleration rests. Returns the first guide that was contradicted; NO_GUIDE if the
     mode is consistent.
     """
-    nr, first, largest = m.rows, NO_GUIDE, largest_force(m, w, force)
+    nr, largest = m.rows, largest_force(m, w, force)
+    first = NO_GUIDE
     for f in range(len(m.friction)):
-        guide, d, changed = m.friction[f], direction[f], False
+        guide, d = m.friction[f], direction[f]
+        changed = False
         floor = SLACK * largest / np.sqrt(w.G[guide.row, guide.row])
         R, T, friction = force[guide.row], force[guide.row + 1], force[nr + f]
         if d == 0 and not sticks(m, slip, f):
             continue
+
+        # rest: the friction must be within the capacity, in both directions
         if d == 0:
             if capacity(m, f, R, T, 1.0) + friction < -floor:
                 direction[f] = 1
             elif capacity(m, f, R, T, -1.0) - friction < -floor:
                 direction[f] = -1
             changed = direction[f] != 0
+
+        # slip: the corner forces must have the signs that were assumed for them
         n1, n2 = corner_forces(guide, R, T, -coefficient(m, f, slip) * direction[f])
         if d != 0 or changed:
             if signs[f, 0] * n1 < -floor:
-                signs[f, 0], changed = -signs[f, 0], True
+                signs[f, 0] = -signs[f, 0]
+                changed = True
             if signs[f, 1] * n2 < -floor:
-                signs[f, 1], changed = -signs[f, 1], True
+                signs[f, 1] = -signs[f, 1]
+                changed = True
+
+        # a beginning slip: the guide must accelerate in its direction, but for the rounding of the terms
         if slip[f] == 0 and d != 0:
             size = abs(w.right[nr + f])
             for r in range(len(force)):
                 size = max(size, abs(w.G[nr + f, r] * force[r]))
             if d * row_acceleration(w, nr + f, force) < -SLACK * size:
-                direction[f], changed = 0, True
+                direction[f] = 0
+                changed = True
         if changed and first == NO_GUIDE:
             first = f
     return first

@@ -25,7 +25,7 @@ from stiction.reference_impl.multibody.mechanism import NO_GUIDE, Arrays, Worksp
 def trial_and_error(
     m: Arrays, w: Workspace, slip: Integers, corner: IntegerTable, force: Reals, direction: Integers
 ) -> tuple[int, int, int]:
-    """Forces of the rows in the workspace; the static coefficient holds for every guide at rest.
+    """Find the forces of the rows in the workspace; the static coefficient holds for every guide at rest.
 
     `slip` as in `hlcp.assemble`. `corner` (frictional, 2): the signs assumed first; receives those of the
     solution, and is left alone where none is found. `force` and `direction` receive the row forces and the direction in
@@ -36,16 +36,20 @@ def trial_and_error(
     """
     nr, nf = m.rows, len(m.friction)
     size = 0 if len(m.cell) else nr + nf
-    A, signs, kept = (
-        np.zeros((size, size)),
-        np.zeros((nf, 2), dtype=np.int64),
-        np.zeros(nf, dtype=np.int64),
-    )
+    A = np.zeros((size, size))
+
+    # the first assumptions: signs as before, and guides at rest stay there
+    signs = np.zeros((nf, 2), dtype=np.int64)
+    kept = np.zeros(nf, dtype=np.int64)
     for f in range(nf):
-        signs[f, 0], signs[f, 1], direction[f] = corner[f, 0], corner[f, 1], slip[f]
-        kept[f] = direction[f]
-    kept_signs, trials, renew = signs.copy(), 0, 1
+        signs[f, 0] = corner[f, 0]
+        signs[f, 1] = corner[f, 1]
+        direction[f] = slip[f]
+        kept[f] = slip[f]
+    kept_signs = signs.copy()
+    trials, renew = 0, 1
     while True:
+        # forces of the assumptions; large mechanisms have banded systems
         trials += 1
         if len(m.cell):
             regular = solve_cells(m, w, slip, direction, signs, True)
@@ -55,12 +59,16 @@ def trial_and_error(
             regular = solve_in_place(A, force, w.unit, nr + nf, nr + nf)
         if not regular:
             return SINGULAR, trials, NO_GUIDE
+
+        # all assumptions that these forces contradict are changed at once
         guide = revise(m, w, slip, direction, signs, force)
         if guide == NO_GUIDE:
             for f in range(nf):
                 corner[f, 0], corner[f, 1] = signs[f, 0], signs[f, 1]
             return SOLVED, trials, guide
-        # the assumptions are a function of those before, so that a set that returns does so for ever; Brent (1980)
+
+        # Each set of assumptions follows from the one before, so that a set that returns does so for ever. Brent (1980)
+        # finds such a cycle by comparing with one set, which is renewed after 1, 2, 4, 8, .. trials.
         if are_equal(direction, kept) and are_equal(signs.reshape(-1), kept_signs.reshape(-1)):
             return SIGN_CYCLE, trials, guide
         if trials == renew:

@@ -31,27 +31,35 @@ REGULAR = 0.0
 def solve_with_motion(
     m: Arrays, w: Workspace, slip: Integers, corner: IntegerTable, motion: Reals
 ) -> bool:
-    """Row forces of the mode into w.force and q'' into `motion`, as `solve_mode` and `acceleration`.
+    """Solve for row forces of the mode, into w.force, and q'', into `motion`, as `solve_mode` and `acceleration`.
 
-    False if there is none.
+    False if there is no solution.
     """
     n, nr, nf = len(m.inverse_mass), m.rows, len(m.friction)
+
+    # unknowns: q'', forces of the constraint rows, frictions of the guides that stick
     column, size = np.zeros(nf, dtype=np.int64), n + nr
     for f in range(nf):
         if sticks(m, slip, f):
             column[f] = size
             size += 1
     A, x, unit = np.zeros((size, size)), np.zeros(size), np.zeros(2 * size)
+
+    # M q'' = Q, and the right-hand sides of J q'' = -gamma
     for i in range(n):
-        A[i, i], x[i] = 1.0 / m.inverse_mass[i], w.free[i] / m.inverse_mass[i]
+        A[i, i] = 1.0 / m.inverse_mass[i]
+        x[i] = w.free[i] / m.inverse_mass[i]
     for r in range(nr):
         x[n + r] = baumgarte.required(m, w, r)
     for f in range(nf):
         if sticks(m, slip, f):
             x[column[f]] = -w.gamma[nr + f]
+
+    # J and -J^T, block by block. A guide that slips has no equation of its own: its friction c_R R + c_T T acts through
+    # the columns of R and T.
     for b in range(len(m.block)):
         at, row, k = np.int64(m.block[b, 0]), np.int64(m.block[b, 1]), np.int64(m.block[b, 2])
-        g = row - nr
+        g = row - nr  # the guide of a tangential row
         for c in range(3):
             if g < 0 or sticks(m, slip, g):
                 j = n + row if g < 0 else column[g]

@@ -32,7 +32,16 @@ BY_TIME = np.append(-1, np.argsort(np.argsort(C[1:], kind="stable")))
 
 @kernel
 def combine(K, row, count, h, y, out):
-    """out = y + h sum_j row[j] K[j]."""
+    """Put y + h sum_j row[j] K[j] into out; the terms in their order, without those of weight 0.
+
+    Parameters
+    ----------
+    K : ndarray, shape (stages, n)
+    row : ndarray
+        Weights.
+    count : int
+        Number of stages that they are of.
+    """
     for i in range(len(y)):
         out[i] = 0.0
     for j in range(count):
@@ -45,14 +54,16 @@ def combine(K, row, count, h, y, out):
 
 @kernel
 def error_norm(K, h, scale, bodies):
-    """Estimated local error in units of `scale`, largest component (1 = at the tolerance; inf if one is not finite).
+    """Estimate the local error in units of `scale`: 1 is at the tolerance; inf if a component is not finite.
 
     It is an error of order 5 times its ratio to one of order 3, each the largest of a group of components: of all, or,
     if it is not 0, of each of so many bodies. Where one body turns fast, its error of order 3 hides an error of
     another, which goes straight on.
     """
-    n, worst = K.shape[1] // 2, 0.0
+    n = K.shape[1] // 2
+    worst = 0.0
     for group in range(max(bodies, 1)):
+        # largest errors of orders 5 and 3 in the group: of a body its three coordinates and its three speeds
         worst5, worst3 = 0.0, 0.0
         for place in range(6 if bodies > 0 else K.shape[1]):
             i = place
@@ -66,7 +77,8 @@ def error_norm(K, h, scale, bodies):
                 e3 += E3[j] * K[j, i]
             if not np.isfinite(e5 + e3):
                 return np.inf  # max would drop a nan
-            worst5, worst3 = max(worst5, abs(e5) / scale[i]), max(worst3, abs(e3) / scale[i])
+            worst5 = max(worst5, abs(e5) / scale[i])
+            worst3 = max(worst3, abs(e3) / scale[i])
         if worst5 != 0.0 or worst3 != 0.0:
             worst = max(
                 worst, abs(h) * worst5 * worst5 / np.sqrt(worst5 * worst5 + 0.01 * worst3 * worst3)
@@ -76,7 +88,7 @@ def error_norm(K, h, scale, bodies):
 
 @kernel
 def dense_coefficients(K, h, y, y_new, F):
-    """Coefficients of the interpolating polynomial into F (7, n); K holds all 16 stages."""
+    """Fill F (7, n) with the coefficients of the interpolating polynomial; K holds all 16 stages."""
     for i in range(len(y)):
         change = y_new[i] - y[i]
         F[0, i] = change
@@ -91,7 +103,7 @@ def dense_coefficients(K, h, y, y_new, F):
 
 @kernel
 def dense_at(F, y, x, out):
-    """State at the fraction x of the step."""
+    """Evaluate the state at the fraction x of the step, into out, by Horner's scheme in x and 1 - x in turns."""
     for i in range(len(y)):
         value = 0.0
         for k in range(7):

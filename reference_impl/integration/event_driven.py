@@ -200,8 +200,8 @@ def _propose(m: Arrays, s: State, task: Task) -> bool:
     The step passes neither the end of the run nor a kink of a law, is not longer than forces are resolved in
     (`longest_step`), and ends where an event is expected.
     """
-    p, step, kinks = s.progress, s.attempt, task.kinks
-    t = p.time
+    p, step = s.progress, s.attempt
+    t, kinks = p.time, task.kinks
 
     # a step must not pass a kink: error estimate and dense output hold for smooth right-hand sides
     while p.next_kink < len(kinks) and kinks[p.next_kink] <= t:

@@ -110,11 +110,12 @@ def _engines(
                     {
                         "closest": named(closest),
                         "farthest": named(farthest) if farthest != closest else None,
+                        "is_own": False,
                     }
                 )
             if fidelity == "contact":
                 parts[group.coefficients] += [
-                    {"closest": named(row), "farthest": None} for row in own
+                    {"closest": named(row), "farthest": None, "is_own": True} for row in own
                 ]
         if has_engines:
             yield {

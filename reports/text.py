@@ -230,7 +230,10 @@ def _noted(context: Context, text: str, written: Cell, factor: float = 1.0) -> s
 def quantity(context: Context, given: Cell) -> str:
     """Write a number with its unit; a length in mm from a thousandth of one on: ``0.24 mm``, ``1.3e-11 m``."""
     if given.quantity.unit == "m" and abs(given.value) >= MILLIMETRES:
-        return f"{milli(context, given)} mm"
+        if given.uncertainty is None:
+            return f"{milli(context, given)} mm"
+        scaled = Uncertain(abs(MILLI * given.value), MILLI * given.uncertainty)
+        return f"{_noted(context, str(scaled), given, MILLI)} mm"
     unit = f" {given.quantity.unit}" if given.quantity.unit else ""
     return f"{number(context, given)}{unit}"
 

@@ -98,7 +98,7 @@ def _worst(judged: Judgement) -> dict[str, object]:
     table = judged.tables["errors"]
     sizes = judged.in_metres("error") + judged.in_metres("uncertainty")
     has_positions = bool(sizes.notna().any())
-    parts = sizes if has_positions else table["error"] / table["size"]
+    parts = sizes if has_positions else table["error"] / table["size"].where(table["size"] > 0.0)
     if parts.isna().all():
         return {"worst": None, "worst_is_position": False, "worst_is_certain": False}
     label = parts.idxmax()

@@ -32,7 +32,7 @@ from stiction.comparisons.bench.presentation import (
 from stiction.comparisons.bench.results import Results
 from stiction.comparisons.bench.runner import Comparison
 from stiction.comparisons.bench.study import Scope, Study, Tables
-from stiction.comparisons.bench.variants import Record
+from stiction.comparisons.bench.variants import UNMADE, Record
 from stiction.comparisons.measures.drift import ROUNDING, drift
 from stiction.comparisons.measures.drift_growth import BOUNDED, GROWS, INCONCLUSIVE, ROUNDED
 from stiction.comparisons.studies.accuracy import compared_runs
@@ -81,6 +81,7 @@ def present(results: Results) -> Presentation:
     if POSITION not in table:
         return Presentation()
     table = above_rounding(table)
+    table = table[~table["status"].isin(UNMADE)]
     chosen = methods(results)
     parts = [
         at_equal_step(rows, variant)

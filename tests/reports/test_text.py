@@ -113,5 +113,6 @@ def test_conditions_leave_no_space_before_a_full_stop_and_none_out_between_words
     for study in studies():
         found = section_of(study, validation)
         captions = [one.caption for one in (*found.tables, *found.figures)]
+        assert all(captions), [one.name for one in (*found.tables, *found.figures)]
         for text in (found.answer, found.beside, *found.findings, *found.notes, *captions):
             assert not re.search(r" [.,;:](?: |$)|[a-z0-9)]\(|\d[a-z]{3}|,,|;;|\( ", text), text

@@ -16,7 +16,6 @@ import pandas as pd
 from stiction.comparisons.bench.methods import MISSING_ENGINE, grouped_methods
 from stiction.comparisons.bench.presentation.cells import MISSING
 from stiction.comparisons.bench.results import Results
-from stiction.comparisons.bench.variants import UNMADE
 from stiction.reports.markdown.failures import failed_runs
 from stiction.reports.markdown.tables import aligned
 from stiction.reports.recommendation import mechanism, recommendation
@@ -168,7 +167,7 @@ def _runs(results: Results) -> dict[str, object]:
     table = pd.DataFrame(
         [record.describe() for record in results.records], columns=["status", "reason"]
     )
-    made = table[~table["status"].isin(UNMADE)]
+    made = table[table["status"] != MISSING_ENGINE]
     is_ok = made["status"] == "ok"
     failed = failed_runs(results)
     elsewhere = list(failed.loc[failed["table"] != "runs", "variant"].dropna().unique())

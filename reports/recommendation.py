@@ -9,6 +9,7 @@ import numpy as np
 import pandas as pd
 
 from stiction.comparisons.bench.methods import grouped_methods, made_methods, methods, same_work
+from stiction.comparisons.bench.participants import PAPERS_SCHEME, REFERENCE
 from stiction.comparisons.bench.presentation import row_of
 from stiction.comparisons.bench.results import Results
 from stiction.engines.protocol import FIDELITIES
@@ -19,8 +20,6 @@ from stiction.uncertain import rounded_up
 POSITION = "position_error"
 TARGET = 1e-3
 """Metres: the error for which page one says the CPU time."""
-REFERENCE, SCHEME = "reference", "paper's scheme"
-"""Labels of our own methods of which page one says the accuracy."""
 SAMPLES = 2401
 """Samples of a truth, to find the slider's stroke: every 10 ms of 24 s."""
 
@@ -69,9 +68,11 @@ def recommendation(results: Results) -> dict[str, object]:
 
     scheme = None
     is_better = False
-    if SCHEME in worst:
-        scheme = own(SCHEME)
-        is_better = bool(table.at[worst[REFERENCE], POSITION] < table.at[worst[SCHEME], POSITION])
+    if PAPERS_SCHEME in worst:
+        scheme = own(PAPERS_SCHEME)
+        is_better = bool(
+            table.at[worst[REFERENCE], POSITION] < table.at[worst[PAPERS_SCHEME], POSITION]
+        )
     return {
         "cases": table["scene"].nunique(),
         "scene": table["scene"].iloc[0],

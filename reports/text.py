@@ -102,13 +102,7 @@ class Section:
 
 def section_of(study: Study, results: Results) -> Section:
     """Return what a study says of the results, which may be those of a stored run."""
-    said = study.presented(results)
-    return written(_template_of(study), said)
-
-
-def answer_of(study: Study, results: Results) -> str:
-    """Return the answer of a study, for one line of a terminal; empty if it has none."""
-    return section_of(study, results).answer
+    return written(_template_of(study), study.presented(results))
 
 
 def written(template: Template, said: Presentation) -> Section:
@@ -276,10 +270,9 @@ def interval(context: Context, given: Cell, signed: bool = True) -> str:
     return _noted(context, text, given)
 
 
-def ratio(given: Interval, form: str = ".3g") -> str:
+def ratio(given: Interval) -> str:
     """Write a ratio with its interval: ``19.6 (19.3 to 20.1)``; one sample has none: ``~19.6``."""
-    value, low, high = (_formatted(each, form) for each in (given.value, given.low, given.high))
-    return f"~{value}" if given.samples == 1 else f"{value} ({low} to {high})"
+    return with_ends(given.value, given.low, given.high, is_single=given.samples == 1)
 
 
 def listed(parts: Iterable[object], separator: str = ", ", last: str = " and ") -> str:
@@ -311,7 +304,11 @@ def within(context: Context, given: Row, column: str) -> str:
     ``19.6 (19.3 to 20.1)``; ``~19.6`` where the ends coincide: a single sample has no interval.
     """
     value, low, high = (given.number(f"{column}{end}") for end in ("", "_low", "_high"))
-    return _noted(context, with_ends(value.value, low.value, high.value), value)
+    return _noted(
+        context,
+        with_ends(value.value, low.value, high.value, is_single=low.value == high.value),
+        value,
+    )
 
 
 def _formatted(value: float, form: str) -> str:

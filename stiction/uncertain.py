@@ -75,10 +75,10 @@ def plain(number: str) -> str:
     return f"{float(number):g}"
 
 
-def with_ends(value: float, low: float, high: float, digits: int = 3) -> str:
-    """``19.6 (19.3 to 20.1)``: a number with the ends of its interval, to so many digits.
+def with_ends(value: float, low: float, high: float, is_single: bool) -> str:
+    """``19.6 (19.3 to 20.1)``: a number with the ends of its interval, to three digits.
 
-    ``~19.6`` where the ends coincide: a single sample has no interval.
+    ``~19.6`` for a single sample, which has no interval.
     """
-    number, *ends = (plain(f"{each:.{digits}g}") for each in (value, low, high))
-    return f"~{number}" if low == high else f"{number} ({' to '.join(ends)})"
+    number, *ends = (plain(f"{each:.3g}") for each in (value, low, high))
+    return f"~{number}" if is_single else f"{number} ({' to '.join(ends)})"

@@ -15,7 +15,8 @@ from stiction.comparisons.bench.depth import Depth, Extent, down_to
 from stiction.comparisons.bench.variants import Variant
 from stiction.engines.registry import absolute_name, engine_names, entry_of
 
-REFERENCE = "reference"
+REFERENCE, PAPERS_SCHEME = "reference", "paper's scheme"
+"""Labels of the variants of the reference in its default method and in that of the paper."""
 
 
 @cache

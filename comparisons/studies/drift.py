@@ -16,6 +16,7 @@ from stiction.comparisons.bench.methods import (
     one_per_variant,
     scene_title,
 )
+from stiction.comparisons.bench.participants import PAPERS_SCHEME
 from stiction.comparisons.bench.presentation import (
     LIMIT,
     Axis,
@@ -125,8 +126,8 @@ def present(results: Results) -> Presentation:
     all_runs = view("drift-all", results.table("drift"), every, source="drift", in_report=False)
     trees = runs[(runs["fidelity"] == "joint") & runs.get(JOINT_COORDINATES, False)]
     scheme = None
-    if "paper's scheme" in worst.index:
-        scheme = row_of("drift", table, worst.at["paper's scheme", POSITION])[POSITION]
+    if PAPERS_SCHEME in worst.index:
+        scheme = row_of("drift", table, worst.at[PAPERS_SCHEME, POSITION])[POSITION]
     rows = {
         "largest": list(_largest(table, measured, worst)),
         "scheme": scheme,

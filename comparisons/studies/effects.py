@@ -369,7 +369,7 @@ def _smallest_problem(table: pd.DataFrame, faster: pd.DataFrame) -> dict[str, Ro
 
 def _tables(table: pd.DataFrame) -> list[TableView]:
     ratios = [
-        "" if pd.isna(ratio) else with_ends(ratio, low, high)
+        "" if pd.isna(ratio) else with_ends(ratio, low, high, is_single=low == high)
         for ratio, low, high in zip(table[RATIO], table[LOW], table[HIGH])
     ]
     columns = (

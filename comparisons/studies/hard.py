@@ -6,6 +6,7 @@ from collections.abc import Iterator, Mapping
 
 import pandas as pd
 
+from stiction.comparisons.bench.participants import REFERENCE
 from stiction.comparisons.bench.presentation import (
     Column,
     Headline,
@@ -219,7 +220,7 @@ def _tables(
 def failures_of_reference(results: Results) -> Iterator[str]:
     """Yield the hard cases that the reference fails, or in which its answer is wrong."""
     for row in results.table("hard").itertuples():
-        if row.variant == "reference" and row.verdict in COUNTED["wrong"]:
+        if row.variant == REFERENCE and row.verdict in COUNTED["wrong"]:
             yield f"{row.case}: {row.verdict}: {row.about}"
 
 

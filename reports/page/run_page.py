@@ -14,7 +14,7 @@ from stiction.reports.page_one import TITLE, answers, headline_table, page_one
 from stiction.reports.report import Report, report_of
 from stiction.reports.run_folder.provenance import commit_in_words
 from stiction.reports.run_folder.stored_run import StoredRun
-from stiction.reports.run_folder.trace import Source, keys, source_of
+from stiction.reports.run_folder.trace import Source, keys, sources_of
 from stiction.scenes import InputError
 from stiction.scenes.atomic_files import write_text
 from stiction.scenes.pictures.web import compressed
@@ -40,11 +40,7 @@ def write_run_page(run: StoredRun, file: Path) -> None:
             *map(_table, said.tables),
         ]
         sections[study.question] = [details(said.answer or study.question, "\n".join(blocks))]
-    sources = {
-        key: source_of(run, view, number)
-        for view in report.tables
-        for number, key in enumerate(keys(view), start=1)
-    }
+    sources = {key: source for view in report.tables for key, source in sources_of(run, view)}
     sections["Where numbers come from"] = [
         details(
             "Every key of the tables",

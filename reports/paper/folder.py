@@ -23,7 +23,7 @@ from stiction.reports.report import Report, report_of
 from stiction.reports.run_folder.overwriting import run_folder, write_provenance
 from stiction.reports.run_folder.reproduce import FOLDER as REPRODUCE
 from stiction.reports.run_folder.stored_run import StoredRun
-from stiction.reports.run_folder.trace import keys, source_of
+from stiction.reports.run_folder.trace import keys, sources_of
 from stiction.reports.text import Section
 
 MAIN = "paper.pdf"
@@ -174,8 +174,7 @@ def trace_table(run: StoredRun, views: Sequence[TableView]) -> pd.DataFrame:
     """Return a row per key of the tables: its table, the rows of the data, runs, engine, version, settings, files."""
     rows = []
     for view in views:
-        for number, key in enumerate(keys(view), start=1):
-            source = source_of(run, view, number)
+        for key, source in sources_of(run, view):
             known = {
                 name: "; ".join(map(str, source.rows[name].dropna().unique()))
                 if name in source.rows

@@ -59,6 +59,12 @@ def source_of(run: StoredRun, view: TableView, number: int) -> Source:
     return _rows_of(run, view.source, sorted(view.rows[number - 1]))
 
 
+def sources_of(run: StoredRun, view: TableView) -> Iterator[tuple[str, Source]]:
+    """Yield the key of each row of a table of the report, and what is behind the row."""
+    for number, key in enumerate(keys(view), start=1):
+        yield key, source_of(run, view, number)
+
+
 def _rows_of(run: StoredRun, name: str, numbers: list[int]) -> Source:
     """Rows of a table of the data, by their numbers from 1."""
     table = run.tables[name]

@@ -96,9 +96,9 @@ class Progress:
 
     def study(self, study: Study, results: Results) -> None:
         """Print the answer of a study that is done, on one line; without a terminal the time left stands at its end."""
-        from stiction.reports.text import answer_of
+        from stiction.reports.text import section_of
 
-        if answer := answer_of(study, results):
+        if answer := section_of(study, results).answer:
             remaining = f" ({self._left})" if self.bar.disable and self._left else ""
             line = f"{study.title}: {answer}{remaining}"
             self._console.print(line, markup=False, highlight=False, soft_wrap=True)

@@ -36,6 +36,7 @@ from stiction.scenes.columns import COLUMNS
 ROOT = Path(__file__).parent.parent
 sys.path.insert(0, str(ROOT / "docs"))
 import generated  # noqa: E402 - its folder is put on the path above
+import pictures  # noqa: E402 - as above
 
 PAGES = [ROOT / "README.md", ROOT / "CONTRIBUTING.md", *sorted((ROOT / "docs").rglob("*.md"))]
 TEXT = {page.relative_to(ROOT).as_posix(): page.read_text(encoding="utf-8") for page in PAGES}
@@ -248,6 +249,18 @@ def test_links_lead_somewhere(page):
         assert there.is_file(), target
         name = there.resolve().relative_to(ROOT).as_posix()
         assert not anchor or anchor in anchors(TEXT[name]), target
+
+
+def test_pictures_of_pages_are_those_that_are_drawn():
+    """Each picture in the folder has its function, and each is on a page."""
+    shown = {
+        Path(target).name
+        for text in TEXT.values()
+        for target in re.findall(r"!\[[^\]]+\]\(([^)\s]+)\)", text)
+        if "pictures/" in target
+    }
+    drawn = {f"{name}.png" for name in pictures.PICTURES}
+    assert shown == drawn == {path.name for path in pictures.FOLDER.iterdir()}
 
 
 def test_every_page_is_in_the_navigation():

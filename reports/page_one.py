@@ -168,7 +168,8 @@ def _runs(results: Results) -> dict[str, object]:
         [record.describe() for record in results.records], columns=["status", "reason"]
     )
     made = table[table["status"] != MISSING_ENGINE]
-    is_ok = made["status"] == "ok"
+    is_early = (made["status"] == "ok") & (made["reason"] != "")
+    is_ok = (made["status"] == "ok") & ~is_early
     failed = failed_runs(results)
     elsewhere = list(failed.loc[failed["table"] != "runs", "variant"].dropna().unique())
     if len(elsewhere) > MOST_NAMED:
@@ -176,8 +177,8 @@ def _runs(results: Results) -> dict[str, object]:
     return {
         "made": len(made),
         "ok": int(is_ok.sum()),
-        "early": int((is_ok & (made["reason"] != "")).sum()),
-        "others": made.loc[~is_ok, "status"].value_counts(sort=False).to_dict(),
+        "early": int(is_early.sum()),
+        "others": made.loc[~is_ok & ~is_early, "status"].value_counts(sort=False).to_dict(),
         "elsewhere": elsewhere,
     }
 

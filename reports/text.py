@@ -43,7 +43,7 @@ from stiction.comparisons.bench.results import Results
 from stiction.comparisons.bench.study import Study
 from stiction.comparisons.bench.timing.intervals import Interval
 from stiction.scenes.wording import names
-from stiction.uncertain import Uncertain, bounded, rounded_up, with_ends
+from stiction.uncertain import Uncertain, bounded, rounded_down, rounded_up, with_ends
 
 MILLI = 1e3
 """Thousandths in a unit: milliseconds in a second, millimetres in a metre."""
@@ -112,23 +112,33 @@ def written(template: Template, said: Presentation) -> Section:
     numbers: list[Number] = []
     variables = {**said.rows, SHOWN: numbers}
     words = filled(template, variables, "answer", "beside", "findings", "notes")
-    figures = _captions(template, variables, "figures")
-    tables = _captions(template, variables, "tables")
+    figures = _captions(template, variables, "figures", [each.name for each in said.figures])
+    tables = _captions(template, variables, "tables", [view.name for view in said.tables])
     has_more_than_words = bool(said.tables or said.figures)
     return Section(
         one_line(words.get("answer", "")),
         one_line(words.get("beside", "")),
         paragraphs(words.get("findings", "")),
         said.headlines,
-        [replace(view, caption=tables.get(view.name, "")) for view in said.tables],
-        [replace(each, caption=figures.get(each.name, "")) for each in said.figures],
+        [replace(view, caption=tables[view.name]) for view in said.tables],
+        [replace(each, caption=figures[each.name]) for each in said.figures],
         items(words.get("notes", "")) if has_more_than_words else (),
         numbers,
     )
 
 
-def _captions(template: Template, variables: Mapping[str, object], block: str) -> dict[str, str]:
-    """Return the captions that a block gives, by name of the figure or table."""
+def _captions(
+    template: Template, variables: Mapping[str, object], block: str, shown: Iterable[str]
+) -> dict[str, str]:
+    """Return the captions that a block gives, by name of the figure or table; all are empty without the block.
+
+    Raises
+    ------
+    ValueError
+        If the block has no caption of a figure or table that is shown, or two of one.
+    """
+    if block not in template.blocks:
+        return dict.fromkeys(shown, "")
     captions: dict[str, str] = {}
 
     def caption(name: str, caller: Callable[[], str]) -> str:
@@ -138,6 +148,11 @@ def _captions(template: Template, variables: Mapping[str, object], block: str) -
         return ""
 
     filled(template, {**variables, "caption": caption}, block)
+    if missing := [name for name in shown if name not in captions]:
+        raise ValueError(
+            f"{block}: found no caption of {', '.join(missing)}; expected one of each, found those of "
+            f"{', '.join(captions) or 'none'}"
+        )
     return captions
 
 
@@ -257,9 +272,17 @@ def milliseconds(context: Context, given: Cell) -> str:
 
 
 @pass_context
-def percent(context: Context, given: Cell) -> str:
-    """Write a part of a whole in per cent, to two digits and always with its sign: ``+0.12``."""
-    return _noted(context, f"{PER_CENT * given.value:+.2g}", given, PER_CENT)
+def percent(context: Context, given: Cell, bound: str | None = None) -> str:
+    """Write a part of a whole in per cent, to two digits and always with its sign: ``+0.12``.
+
+    Behind ``≤`` or ``≥`` it is rounded so that it remains a bound: ``≥ +12`` for at least 12.8 %.
+    """
+    value = PER_CENT * given.value
+    if not bound:
+        return _noted(context, f"{value:+.2g}", given, PER_CENT)
+    grows = (bound == "≤") == (value > 0)
+    size = rounded_up(abs(value)) if grows else rounded_down(abs(value))
+    return _noted(context, f"{bound} {'-' if value < 0 else '+'}{size}", given, PER_CENT)
 
 
 @pass_context

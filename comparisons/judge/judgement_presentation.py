@@ -82,6 +82,7 @@ def presentation(judged: Judgement) -> Presentation:
         "stick_phases": _stick_phases(judged),
         "jumps": _jumps(judged),
         "findings": list(judged.tables["findings"]["finding"]),
+        "efforts": _efforts(judged),
         "not_judged": _not_judged(judged),
         "unknown": _unknown(judged),
         "undetermined": _undetermined(judged),
@@ -179,6 +180,14 @@ def _coarse(judged: Judgement) -> list[dict[str, object]]:
             }
         )
     return found
+
+
+def _efforts(judged: Judgement) -> list[Row]:
+    """The errors of the efforts of drives: those of a motor are in N m, those of an actuator in N."""
+    table = judged.tables["errors"]
+    efforts = [f"{drive}.effort" for drive in judged.scene.drives]
+    is_known = table["column"].isin(efforts) & table["error"].notna()
+    return [row_of("errors", table, label) for label in table.index[is_known]]
 
 
 def _stick_phases(judged: Judgement) -> dict[str, object]:

@@ -175,8 +175,9 @@ def _largest(
             alike = [variant for variant, cell in cells.items() if str(cell) == str(first)]
             found[name] = first
             found[methods_of] = alike
-        row = there[POSITION].iloc[int(np.argmax(table.loc[there[POSITION], POSITION]))]
-        found["bounded"] = bool(table.at[row, "growth"] == BOUNDED)
+            if column == POSITION:
+                growth = table.loc[there.loc[alike, column], "growth"]
+                found["bounded"] = bool(growth.eq(BOUNDED).all())
         yield found
 
 

@@ -446,9 +446,9 @@ def moving(runs: pd.DataFrame) -> pd.Series:
 def methods_table(table: pd.DataFrame) -> pd.DataFrame:
     """A row per method at the step nearest to `COMMON_STEP`, on all scenes of the depth.
 
-    `HOLDS`: every load of at most `USUAL` is held, within `STILL`; none where uncertainties leave it open. `CREEP`: the
-    `fastest` there, with its scene and load, and whether the slider lets go; `OF_ZONE`: that creep over the speed at
-    which the engine regularizes friction. ``failed``: the runs that failed.
+    `HOLDS`: every load of at most `USUAL` is held, within `STILL`; none where uncertainties or failed runs leave it
+    open. `CREEP`: the `fastest` there, with its scene and load, and whether the slider lets go; `OF_ZONE`: that creep
+    over the speed at which the engine regularizes friction. ``failed``: the runs that failed.
     """
     own = with_columns(table, CREEP, UNSURE, LETS_GO, OF_ZONE)
     own = own[own[SUBJECT].isna() & own[TEST].eq(HELD) & ~own["status"].isin(UNMADE)]
@@ -464,10 +464,12 @@ def methods_table(table: pd.DataFrame) -> pd.DataFrame:
             "failed": len(runs) - len(made),
         }
         if len(made):
-            worst, unsure = made.loc[fastest(made)], made[CREEP].abs() + made[UNSURE] > STILL
-            moves = moving(made).any() or len(made) < len(runs)
+            worst = made.loc[fastest(made)]
+            may_move = made[CREEP].abs() + made[UNSURE] > STILL
+            # a run that failed shows neither rest nor creep
+            is_open = may_move.any() or len(made) < len(runs)
             row |= {
-                HOLDS: False if moves else None if unsure.any() else True,
+                HOLDS: False if moving(made).any() else None if is_open else True,
                 LETS_GO: worst[LETS_GO],
                 "scene": worst["scene"],
                 LOAD: worst[LOAD],
@@ -738,7 +740,8 @@ def _settings(settings: pd.DataFrame) -> dict[str, object]:
     best, defaults = [], {}
     whole = settings[settings["failed"].eq(0) & settings[CREEP].notna()]
     for _, rows in whole.groupby(SUBJECT, sort=False):
-        slowest = int(rows[CREEP].idxmin())
+        # of settings with the same creep, which is often 0, the fastest
+        slowest = int(rows.sort_values([CREEP, TIME], kind="stable").index[0])
         default = rows[rows[SETTING] == DEFAULT]
         if (default[CREEP] > STILL).any() and rows.at[slowest, SETTING] != DEFAULT:
             best.append(slowest)

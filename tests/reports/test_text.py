@@ -2,18 +2,29 @@
 
 import re
 
+import numpy as np
 import pandas as pd
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 from jinja2 import TemplateNotFound, UndefinedError
 
-from stiction.comparisons.bench.presentation import Chart, Column, Presentation, row_of, view
+from stiction.comparisons.bench.presentation import (
+    Axis,
+    Chart,
+    Column,
+    Panel,
+    Presentation,
+    Series,
+    row_of,
+    view,
+)
 from stiction.comparisons.bench.study import Study
 from stiction.comparisons.bench.timing.intervals import ratio_interval
 from stiction.comparisons.studies import studies
 from stiction.reports.text import items, listed, paragraphs, ratio, section_of, template
 
+LINE = np.array([0.0, 1.0])
 TABLE = pd.DataFrame(
     {
         "position_error": [2.5e-4, -3e-9],
@@ -29,7 +40,7 @@ def section(text: str, **rows):
     shown = Presentation(
         rows={"nothing": None, **rows},
         tables=[view("made", frame, [Column("position_error")])],
-        figures=[Chart("made", [])],
+        figures=[Chart("made", [Panel("", Axis(), Axis(), [Series("", LINE, LINE)])])],
     )
     study = Study("made", "Made", "What is made up?", lambda results: shown, text=text)
     return section_of(study, None)
@@ -56,6 +67,36 @@ def test_a_name_that_is_not_there_is_an_error():
         section("{% block answer %}{{ row.no_column }}{% endblock %}", row=row)
     with pytest.raises(TemplateNotFound):
         template("studies/no such study.md")
+
+
+@pytest.mark.parametrize("block", ["tables", "figures"])
+def test_a_misspelt_or_repeated_caption_is_an_error(block):
+    caption = "{% call caption('NAME') %}Of it.{% endcall %}"
+    text = "{% block " + block + " %}CAPTIONS{% endblock %}"
+    with pytest.raises(ValueError, match="found no caption of made"):
+        section(text.replace("CAPTIONS", caption.replace("NAME", "maid")))
+    with pytest.raises(ValueError, match="found two of 'made'"):
+        section(text.replace("CAPTIONS", 2 * caption.replace("NAME", "made")))
+
+
+@pytest.mark.parametrize(
+    ("value", "bound", "text"),
+    [
+        (0.1289, "≥", "≥ +12"),
+        (0.1211, "≤", "≤ +13"),
+        (-0.1289, "≤", "≤ -12"),
+        (-0.1211, "≥", "≥ -13"),
+        (0.1289, None, "+13"),
+    ],
+)
+def test_a_bound_in_per_cent_remains_one(value, bound, text):
+    row = row_of("made", pd.DataFrame({"position_error": [value]}), 0)
+    found = section(
+        "{% block answer %}{{ row.position_error | percent(bound) }}{% endblock %}",
+        row=row,
+        bound=bound,
+    )
+    assert found.answer == text
 
 
 @pytest.mark.parametrize(

@@ -28,6 +28,8 @@ class Cell:
     table, row
         The cell is in the row `row` (from 1, the heading not counted) of ``data/TABLE.csv``, in the
         column that is named by the key of the quantity.
+
+    A cell is true in a condition whatever its value, 0 included: ``{% if row.creep %}`` asks whether there is a number.
     """
 
     value: float

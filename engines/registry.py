@@ -9,14 +9,15 @@ from __future__ import annotations
 
 import difflib
 import sys
-from collections.abc import Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import lru_cache
 from importlib import import_module
 from importlib.metadata import entry_points
 from pathlib import Path
 from types import ModuleType
+from typing import Any
 
 from stiction.engines.protocol import OBLIGATORY, Capabilities, Engine, required
 from stiction.scenes import InputError, StictionError
@@ -44,6 +45,9 @@ class EngineEntry:
     run_by_system : bool
         The suite ships its declaration, and the system has its program. It takes part in
         comparisons where it is named.
+    experiments : mapping of str to str
+        Experiments of its own, outside of any scene, that others published of it: the
+        ``"module:function"`` by the experiment's name.
     """
 
     name: str
@@ -52,6 +56,7 @@ class EngineEntry:
     optional: bool = False
     own_method: bool = False
     run_by_system: bool = False
+    experiments: Mapping[str, str] = field(default_factory=dict)
 
 
 @dataclass(frozen=True)
@@ -80,7 +85,13 @@ ENGINES: tuple[EngineEntry, ...] = (
     EngineEntry("exudyn", f"{_HERE}.exudyn.engine:ExudynEngine", "exudyn"),
     EngineEntry("pymunk", f"{_HERE}.pymunk.engine:PymunkEngine", "pymunk"),
     EngineEntry("pybullet", f"{_HERE}.pybullet.engine:PybulletEngine", "pybullet", optional=True),
-    EngineEntry("mujoco", f"{_HERE}.mujoco.engine:MujocoEngine", "mujoco-core", optional=True),
+    EngineEntry(
+        "mujoco",
+        f"{_HERE}.mujoco.engine:MujocoEngine",
+        "mujoco-core",
+        optional=True,
+        experiments={"grasp": f"{_HERE}.mujoco.grasp:creep_and_load"},
+    ),
     EngineEntry("drake", f"{_HERE}.drake.engine:DrakeEngine", "drake", optional=True),
     EngineEntry("dart", f"{_HERE}.dart.engine:DartEngine", "dartpy", optional=True),
     EngineEntry("siconos", f"{_HERE}.siconos.engine:SiconosEngine", run_by_system=True),
@@ -122,6 +133,25 @@ class EngineBroken(EngineMissing):
 def entry_of(name: str) -> EngineEntry | None:
     """Return the entry of an engine that comes with the suite; None for any other."""
     return next((entry for entry in ENGINES if entry.name == name), None)
+
+
+def experiment(engine: str, name: str) -> Callable[..., Any]:
+    """Return the function that makes an experiment of an engine of the suite; see `EngineEntry.experiments`.
+
+    Raises
+    ------
+    UnknownEngine
+        If the engine has no such experiment.
+    """
+    entry = entry_of(engine)
+    if entry is None or name not in entry.experiments:
+        known = entry.experiments if entry else {}
+        raise UnknownEngine(
+            f"experiment of {engine!r}: found {name!r}; expected {', '.join(known) or 'none'}"
+        )
+    module, _, function = entry.experiments[name].partition(":")
+    made: Callable[..., Any] = getattr(import_module(module), function)
+    return made
 
 
 def own_methods() -> list[str]:

@@ -13,8 +13,7 @@ from importlib import resources
 import numpy as np
 import pandas as pd
 
-from stiction.engines.mujoco.grasp import creep_and_load
-from stiction.engines.registry import load_engine
+from stiction.engines.registry import experiment, load_engine
 
 _DATA = tomllib.loads(
     (resources.files("stiction.comparisons") / "data" / "published_creep.toml").read_text("utf-8")
@@ -46,6 +45,7 @@ def published_creep() -> pd.DataFrame:
         If MuJoCo is not installed.
     """
     model, version = _DATA["model"] | _DATA["matched"], load_engine(ENGINE).version
+    creep_and_load = experiment(ENGINE, _DATA["experiment"])
     rows = []
     for case in _DATA["cases"]:
         creep, uncertainty, load = creep_and_load(model, **case["options"])

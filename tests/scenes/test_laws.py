@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from hypothesis import given
+from hypothesis import assume, given
 from hypothesis import strategies as st
 from scipy.interpolate import CubicSpline
 
@@ -47,8 +47,7 @@ LAWS = st.one_of(
 def test_derivatives_are_those_of_the_value(law, t):
     """Central differences, away from the knots of a table."""
     h = 1e-4
-    if any(abs(t - knot) < 2 * h for knot in getattr(law, "times", ())):
-        return
+    assume(all(abs(t - knot) >= 2 * h for knot in getattr(law, "times", ())))
     (before, rate_before, _), (_, rate, second), (after, rate_after, _) = (
         evaluate_law(law, s) for s in (t - h, t, t + h)
     )

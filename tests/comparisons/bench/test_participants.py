@@ -5,7 +5,6 @@ from pathlib import Path
 import pytest
 from conftest import invoke
 
-from stiction import comparisons
 from stiction.comparisons.bench.campaign import load_campaign
 from stiction.comparisons.bench.depth import Depth
 from stiction.comparisons.bench.participants import (
@@ -136,16 +135,6 @@ def test_tables_of_the_plugged_in_engine(plugged, in_this_process):
         "1",
     )
     assert f"{plugged}, contact" in ended.stdout, ended.output
-
-
-def test_no_comparison_knows_an_engine_by_name():
-    """But for the reference, to which all are compared, and the label of Moreau's method among the suite's own."""
-    for path in Path(comparisons.__file__).parent.rglob("*.py"):
-        code = [
-            line for line in path.read_text().splitlines() if line.lstrip()[:3] not in ('"""', "#")
-        ]
-        named = [line for line in code for name in OWN - {"reference"} if f'"{name}"' in line]
-        assert not named, (path, named)
 
 
 def test_variants_of_the_file_are_whole():

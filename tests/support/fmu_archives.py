@@ -5,7 +5,7 @@ import zipfile
 from pathlib import Path
 from xml.sax.saxutils import quoteattr
 
-SOURCE = Path(__file__).parent / "engines" / "fmu" / "slider_bar.c"
+SOURCE = Path(__file__).parents[1] / "engines" / "fmu" / "slider_bar.c"
 PARAMETERS = "F0 L w0 g m1 m2 k L0 Omega mu mus".split()
 OUTPUTS = (
     "bar.x bar.y bar.angle bar.vx bar.vy bar.omega bar.ax bar.ay bar.alpha slider.x slider.y slider.angle slider.vx slider.vy "

@@ -1,6 +1,6 @@
 """The set of problems that comes with the suite: those of all hard cases, and of random scenes by what makes them hard.
 
-    python tests/collect_problems.py FILE
+    python tests/support/collect_problems.py FILE
 
 The reference lets redundant constraints share their force in one way. Where it finds no solution with that, an exact
 one can exist with another: "no solution" is stored only of problems of which none is proven (it takes the extra

@@ -8,7 +8,7 @@ from typing import NamedTuple
 
 import tomli_w
 
-SOLVERS = Path(__file__).parents[1] / "docs" / "examples" / "solvers"
+SOLVERS = Path(__file__).parents[2] / "docs" / "examples" / "solvers"
 _PRINT = '                print(k * h, *mechanism.q, *mechanism.v, *mean, sep=",", file=file)'
 _MOVE = "x + h / 2 * (old + new) for x, old, new in zip(mechanism.q, mechanism.v, w)"
 _STATE = "row = [k * h, *mechanism.q, *mechanism.v, *mean]"

@@ -165,9 +165,9 @@ def draw_torque_at_reversal(axes: Axes, scene: Scene) -> None:
     for label, colour, at, engine, settings in (
         ("Exudyn, bristle friction", "tab:green", (2.643, -7.2), "exudyn", {"method": "bristles"}),
         (
-            "PyBullet, slider with\nclearance in its guide",
+            "PyBullet,\ncorners in contact",
             "tab:blue",
-            (2.678, -10.0),
+            (2.68, -10.0),
             "pybullet",
             {"fidelity": "contact"},
         ),

@@ -42,7 +42,7 @@ def mechanism(results: Results) -> dict[str, object] | None:
         "cases": len(scenes),
         "t_end": max(truth.t_end for truth in truths),
         "strokes": [float(np.ptp(each["slider.x"])) for each in motions if "slider.x" in each],
-        "tiers": list(dict.fromkeys(truth.tier for truth in truths)),
+        "tiers": list(dict.fromkeys(truth.tier.label for truth in truths)),
         "uncertainty": rounded_up(unsure),
     }
 

@@ -37,8 +37,9 @@ from jinja2.runtime import Context
 
 from stiction.comparisons.bench.methods import scene_title
 from stiction.comparisons.bench.presentation import Figure, Headline, Presentation, TableView
-from stiction.comparisons.bench.presentation.cells import setting_of
+from stiction.comparisons.bench.presentation.cells import cell, setting_of
 from stiction.comparisons.bench.presentation.rows import Cell, Row
+from stiction.comparisons.bench.quantities import quantity_of
 from stiction.comparisons.bench.results import Results
 from stiction.comparisons.bench.study import Study
 from stiction.comparisons.bench.timing.intervals import Interval
@@ -209,6 +210,7 @@ def _environment() -> Environment:
         upper_bound=upper_bound,
         known_digits=known_digits,
         enclosure=enclosure,
+        in_words=in_words,
         names=names,
     )
     return found
@@ -218,6 +220,11 @@ def _noted(context: Context, text: str, written: Cell, factor: float = 1.0) -> s
     """Keep which cell a text is from."""
     context[SHOWN].append(Number(text, written, factor))
     return text
+
+
+def in_words(value: str, key: str) -> str:
+    """Write the value of a category, such as a tier of truth, as tables do; `key` is that of the quantity."""
+    return cell(quantity_of(key), value)
 
 
 @pass_context

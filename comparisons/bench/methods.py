@@ -17,14 +17,11 @@ from stiction.comparisons.bench.variants import (
     COMMON_STEP,
     EVENTS_BY,
     FRICTION_BY,
-    UNMADE,
     Record,
 )
 from stiction.engines.protocol import Supplier
+from stiction.engines.status import UNMADE, Status
 from stiction.scenes import catalogue, load_scene
-
-MISSING_ENGINE = "missing"
-"""Status of a run whose engine is not installed."""
 
 
 def one_per_variant(records: Iterable[Record]) -> list[Record]:
@@ -144,7 +141,7 @@ def methods(results: Results) -> list[str]:
     failed = representatives(
         record
         for record in results.records
-        if record.outcome.status != MISSING_ENGINE
+        if record.outcome.status != Status.MISSING
         and (record.variant.engine, record.variant.fidelity) not in known
     )
     chosen = {record.variant.label for record in (*made, *failed)}
@@ -171,7 +168,7 @@ def grouped_methods(
 
 def succeeded(table: pd.DataFrame) -> pd.Series:
     """Rows of runs that reached their end: one that stopped early is cheap, and may not have met what is hard."""
-    return (table["status"] == "ok") & (table["reason"].fillna("") == "")
+    return (table["status"] == Status.OK) & (table["reason"].fillna("") == "")
 
 
 def with_columns(table: pd.DataFrame, *names: str) -> pd.DataFrame:

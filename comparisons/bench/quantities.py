@@ -8,10 +8,14 @@ label or out of the name of a column: a label may be changed, and no number, ran
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from enum import StrEnum
+from types import MappingProxyType
+from typing import Any
 
+from stiction.engines.status import STATUS_LABELS
 from stiction.scenes.columns import unit_of
+from stiction.truths.truth import TIER_LABELS
 
 
 class Kind(StrEnum):
@@ -54,6 +58,8 @@ DIGITS: Mapping[Kind, int] = {
     Kind.COUNT: 6,
 }
 """Significant digits with which a number of a kind is written; whole numbers are written as they are."""
+NO_WORDS: Mapping[str, str] = MappingProxyType({})
+"""Of categories whose values are written as they are."""
 NUMERIC = frozenset(DIGITS)
 """Kinds of numbers."""
 
@@ -78,6 +84,8 @@ class Quantity:
         Symbol in formulas, as LaTeX; empty if there is none.
     description : str
         A sentence for who reads the data without the report; the label if empty.
+    words : Mapping
+        Of a category whose values are those of an enum: what is written for each. The data have the values.
     """
 
     key: str
@@ -87,6 +95,7 @@ class Quantity:
     uncertainty: str = ""
     symbol: str = ""
     description: str = ""
+    words: Mapping[Any, str] = field(default_factory=lambda: NO_WORDS, hash=False)
 
     @property
     def head(self) -> str:
@@ -98,9 +107,15 @@ class Quantity:
         return self.kind in NUMERIC
 
 
-def _category(key: str, label: str = "", description: str = "") -> Quantity:
+def _category(
+    key: str, label: str = "", description: str = "", words: Mapping[Any, str] = NO_WORDS
+) -> Quantity:
     return Quantity(
-        key, label or key.replace("_", " "), kind=Kind.CATEGORY, description=description
+        key,
+        label or key.replace("_", " "),
+        kind=Kind.CATEGORY,
+        description=description,
+        words=words,
     )
 
 
@@ -169,7 +184,7 @@ RUN = (
         "step or tolerance",
         description="value of the parameter: s for dt, no unit for others",
     ),
-    _category("status"),
+    _category("status", words=STATUS_LABELS),
     _text("reason", description="why the run failed or ended early"),
     Quantity(
         "settings",
@@ -192,9 +207,9 @@ RUN = (
 
 TRUTHS = (
     _text("truth", "truth", "name of the truth that the row is compared with"),
-    _category("truth_tier", "tier of the truth"),
+    _category("truth_tier", "tier of the truth", words=TIER_LABELS),
     _text("truth_note", "remark on the truth"),
-    _category("tier", description="tier of the truth"),
+    _category("tier", description="tier of the truth", words=TIER_LABELS),
     _text("column", description="column of a trajectory"),
     Quantity(
         "uncertainty",

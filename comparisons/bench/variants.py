@@ -24,9 +24,6 @@ PARAMETERS: tuple[Parameter, ...] = get_args(Parameter)
 OWN_CPU = "engine_time"
 """Column of tables: CPU seconds inside the engine's own calls (`stiction.scenes.Cost.own_s`), part of ``cpu_time``."""
 
-UNMADE = ("missing", "not run")
-"""Statuses of runs that were not made, which do not count: engine not installed, or campaign interrupted."""
-
 FRICTION_BY, EVENTS_BY = "friction_by", "events_by"
 """Columns of tables: who supplies the friction law of a run, and who locates its events (`Supplier`)."""
 COEFFICIENTS = "coefficients"
@@ -75,7 +72,7 @@ class Variant:
 
 @dataclass(frozen=True)
 class Record:
-    """One run of the campaign and its outcome, whose value is the trajectory, None unless the status is ``"ok"``.
+    """One run of the campaign and its outcome, whose value is the trajectory, None unless the status is `Status.OK`.
 
     The key ``"<scene>/<variant>/<parameter>=<step>"`` leads from a row of a table to the trajectory.
     """
@@ -258,7 +255,7 @@ def has_static_coefficient(variant: Variant) -> bool:
             variant.fidelity, False
         )
     except EngineMissing:
-        return True  # its runs will be rows with status "missing"; any truth will do
+        return True  # its runs will be rows with status `Status.MISSING`; any truth will do
 
 
 def coefficients_of(variant: Variant) -> dict[str, str]:

@@ -44,8 +44,8 @@ from stiction.scenes.column_file import Changed, ColumnFile, Joined, collected, 
 from stiction.scenes.columns import columns_of, unit_of
 from stiction.scenes.result_table import ResultTable, result_table
 from stiction.scenes.trajectory import stacked
-from stiction.truths import NO_TRUTH, Truth
-from stiction.truths.truth import OWN_RUN, Columns
+from stiction.truths import Tier, Truth
+from stiction.truths.truth import Columns
 
 FEW = 0.1
 """Part of the time of a scene that a step may take at most, for a table to cover it."""
@@ -184,7 +184,7 @@ class Judgement:
         tried = self.tables["other-parameters"]
         explained = tried.loc[tried["named"].astype(bool), ["hypothesis", "value"]]
         errors = self.worst[["column", "error", "uncertainty", "unit", "error_time", "hint"]]
-        title = f"{self.table.origin} on {self.scene.name}; truth: {self.truth.tier}"
+        title = f"{self.table.origin} on {self.scene.name}; truth: {self.truth.tier.label}"
         parts = [title, pd.Series(written).to_frame().to_string(header=False)]
         for name, part in (
             ("largest errors", errors),
@@ -256,7 +256,7 @@ def judge(
     compared = Compared(
         truth.columns,
         wanted,
-        RUN if truth.tier == OWN_RUN else SOLVED,
+        RUN if truth.tier == Tier.OWN_RUN else SOLVED,
         lambda share: done(READING + COMPARING * share),
     )
     truth = replace(truth, columns=compared)
@@ -267,7 +267,7 @@ def judge(
     done(READING + COMPARING)
     phases = (
         []
-        if truth.tier == NO_TRUTH
+        if truth.tier == Tier.NONE
         else [
             phase
             for guide in scene.frictional_guides
@@ -277,7 +277,7 @@ def judge(
     # a table that must be read in another way, or is a row late, is explained by that
     others = (
         []
-        if truth.tier == NO_TRUTH or (errors_of_columns["hint"] != "").any()
+        if truth.tier == Tier.NONE or (errors_of_columns["hint"] != "").any()
         else explanations(scene, table, truth)
     )
     summary = _summary(scene, table, replace(full, columns=Joined(derived, full.columns)), truth)
@@ -485,7 +485,7 @@ def prescribed(scene: Scene, truth: Truth) -> set[str]:
     t = np.linspace(0.0, min(scene.t_end, truth.t_end), PLACES)
     q = np.tile(start, (PLACES, 1))
     for place, name in enumerate(names):
-        if truth.tier != NO_TRUTH and name in (true := truth(t)):
+        if truth.tier != Tier.NONE and name in (true := truth(t)):
             q[:, place] = true[name]
     free: list[np.ndarray] = []
     scale = np.tile([1.0, 1.0, mechanism.arrays.length_scale], len(scene.bodies))

@@ -65,6 +65,7 @@ def _numbers(
     from stiction.comparisons.regression.measurement import task_of
     from stiction.engines import isolate
     from stiction.engines.reference.engine import compile_kernels
+    from stiction.engines.status import Status
     from stiction.scenes import InputError, catalogue, load_scene
 
     if dt is not None and rtol is None:
@@ -82,6 +83,6 @@ def _numbers(
         [task_of(run, ("accuracy", "event", "drift", "counter"), 1)], workers=1, timeout_s=timeout_s
     )
     row = row_of(run, outcome)
-    if row.status != "ok" or row.reason:
-        pytest.fail(f"{row.key}: {row.status}: {row.reason}", pytrace=False)
+    if row.status != Status.OK or row.reason:
+        pytest.fail(f"{row.key}: {row.status.label}: {row.reason}", pytrace=False)
     return {metric.name: metric.value for metric in row.metrics}

@@ -42,7 +42,6 @@ from stiction.comparisons.bench.study import Scope, Study, Tables
 from stiction.comparisons.bench.variants import (
     EVENTS_BY,
     FRICTION_BY,
-    UNMADE,
     Record,
     coefficients_of,
     scaled,
@@ -51,15 +50,15 @@ from stiction.comparisons.measures.accuracy import (
     EVENT_WINDOW,
     KINDS,
     TORQUE_ERROR,
-    WRONG,
     errors,
     missed,
     size_of,
 )
 from stiction.comparisons.measures.scene_truth import truth_for
 from stiction.engines.protocol import FIDELITIES
+from stiction.engines.status import UNMADE, Status
 from stiction.scenes import Trajectory
-from stiction.truths import NO_TRUTH, Truth
+from stiction.truths import Tier, Truth
 from stiction.truths.truth import SAMPLES
 
 POSITION, UNCERTAINTY = "position_error", "position_uncertainty"
@@ -106,7 +105,7 @@ def plan(scope: Scope) -> Comparison[Tables]:
                 for record in records
             ]
         )
-        known = {truth.scene: truth for truth in truths.values() if truth.tier != NO_TRUTH}
+        known = {truth.scene: truth for truth in truths.values() if truth.tier != Tier.NONE}
         return Tables({"accuracy": table}, records, truths=known)
 
     return compared_runs(scope).then(tables)
@@ -231,7 +230,7 @@ def _cell(table: pd.DataFrame, method: Method) -> str:
     if method.worst is not None:
         parts.append(str(_worst_error(table, method)))
     if len(method.failed):
-        word = "declined" if (method.failed["status"] == "refused").all() else "failed"
+        word = "declined" if (method.failed["status"] == Status.REFUSED).all() else Status.FAILED
         parts.append(f"{len(method.failed)} of {len(method.rows)} {word}")
     return ", ".join(parts)
 
@@ -466,7 +465,7 @@ def largest_differences(
 def failures_of_reference(results: Results) -> Iterator[str]:
     """Yield the runs of the reference that are off by more than the mechanism's size."""
     for row in results.table("accuracy").itertuples():
-        if row.engine == REFERENCE and row.status == WRONG:
+        if row.engine == REFERENCE and row.status == Status.WRONG:
             yield f"{row.key}: {row.status}: {row.reason}"
 
 

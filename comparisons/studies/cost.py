@@ -10,7 +10,6 @@ import numpy as np
 import pandas as pd
 
 from stiction.comparisons.bench.methods import (
-    MISSING_ENGINE,
     groups,
     known_of,
     methods,
@@ -58,6 +57,7 @@ from stiction.comparisons.measures.work_precision import ORDER, TIMING, TOTAL, T
 from stiction.comparisons.studies.accuracy import chart_by_case
 from stiction.engines.protocol import Supplier
 from stiction.engines.registry import own_methods
+from stiction.engines.status import Status
 from stiction.scenes import Scene, load_scene
 from stiction.uncertain import bounded
 
@@ -154,7 +154,7 @@ def plan(scope: Scope) -> Comparison[Tables]:
 def present(results: Results) -> Presentation:
     """CPU to a millimetre, the engine's part of it, what limits the error, and the times to other errors."""
     cost = with_columns(results.table("cost"), *NEEDED)
-    cost = cost[cost["status"] != MISSING_ENGINE]
+    cost = cost[cost["status"] != Status.MISSING]
     if cost.empty:
         return Presentation()
     if not _measured(cost).any():

@@ -33,13 +33,14 @@ from stiction.comparisons.bench.presentation import (
 from stiction.comparisons.bench.results import Results
 from stiction.comparisons.bench.runner import Comparison
 from stiction.comparisons.bench.study import Scope, Study, Tables
-from stiction.comparisons.bench.variants import UNMADE, Record
+from stiction.comparisons.bench.variants import Record
 from stiction.comparisons.measures.drift import ROUNDING, drift
 from stiction.comparisons.measures.drift_growth import BOUNDED, GROWS, INCONCLUSIVE, ROUNDED
 from stiction.comparisons.studies.accuracy import compared_runs
 from stiction.engines.protocol import FIDELITIES
 from stiction.engines.registry import EngineMissing, UnknownEngine, load_engine
 from stiction.engines.shared.tree_engine import TreeEngine
+from stiction.engines.status import UNMADE
 from stiction.uncertain import Uncertain
 
 POSITION, VELOCITY = "position_drift", "velocity_drift"

@@ -16,7 +16,6 @@ from typing import Any
 import numpy as np
 import pandas as pd
 
-from stiction.comparisons.bench.methods import MISSING_ENGINE
 from stiction.comparisons.bench.participants import extent
 from stiction.comparisons.bench.participants import variants as all_variants
 from stiction.comparisons.bench.presentation import (
@@ -43,6 +42,7 @@ from stiction.comparisons.measures.work_precision import (
     timed_comparison,
 )
 from stiction.engines.protocol import EVENTS_LOCATED_BY, Supplier
+from stiction.engines.status import Status
 from stiction.reference_impl.multibody.equation_summary import blocks, hlcp_size
 from stiction.scenes import Scene, Trajectory, vary
 from stiction.scenes.model import Baumgarte
@@ -268,7 +268,7 @@ def _changes(timing: Timing | None, baseline: Timing | None, drive: str | None) 
     if common < 2 or not np.array_equal(t, other.t[:common]):
         return {
             **row,
-            "status": "failed",
+            "status": Status.FAILED,
             "reason": "output instants differ from those of the run with all effects, "
             "which has the same settings",
         }
@@ -328,7 +328,7 @@ def present(results: Results) -> Presentation:
 
 def _failed(table: pd.DataFrame) -> list[dict[str, object]]:
     """The effects with which a run failed, by variant; engines that are not installed are none of them."""
-    failures = table[~table["status"].isin(["ok", MISSING_ENGINE])]
+    failures = table[~table["status"].isin([Status.OK, Status.MISSING])]
     return [
         {"variant": variant, "effects": list(runs["effect"])}
         for variant, runs in failures.groupby("variant", sort=False)

@@ -43,7 +43,6 @@ from stiction.comparisons.bench.variants import (
     COEFFICIENTS,
     FRICTION_BY,
     OWN_CPU,
-    UNMADE,
     Coefficients,
     Record,
     Variant,
@@ -68,9 +67,10 @@ from stiction.comparisons.studies.settings import DEFAULT, SETTING, SUBJECT
 from stiction.engines.isolation import Outcome, Task
 from stiction.engines.protocol import FIDELITIES, EngineFailure
 from stiction.engines.registry import load_engine, own_methods
+from stiction.engines.status import UNMADE
 from stiction.scenes import InputError, Scene, Trajectory, load_scene, vary
 from stiction.scenes.wording import as_given
-from stiction.truths import NO_TRUTH
+from stiction.truths import Tier
 from stiction.uncertain import Uncertain
 
 PARAMETERS = ("part", "ramp", "v0", "limit", "mu", "mus")
@@ -229,7 +229,7 @@ def true_slip(scene: Scene, test: str) -> tuple[Slip, float]:
         If there is no truth.
     """
     truth, guide = ground_truth(scene), next(iter(scene.frictional_guides))
-    if truth.tier == NO_TRUTH:
+    if truth.tier == Tier.NONE:
         raise InputError(f"{scene.name}: found no truth: {truth.note}; expected one of its motion")
     t = np.linspace(0.0, scene.t_end, round(scene.t_end / TRUE_STEP) + 1)
     columns = truth(t)

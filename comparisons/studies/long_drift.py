@@ -51,6 +51,7 @@ from stiction.comparisons.measures.drift_growth import BOUNDED, GROWS, INCONCLUS
 from stiction.comparisons.studies.drift import POSITION, VELOCITY, above_rounding
 from stiction.engines.isolation import Outcome, Task
 from stiction.engines.reference.engine import ReferenceEngine
+from stiction.engines.status import Status
 from stiction.scenes import Scene, Trajectory, vary
 from stiction.truths import slider_bar_truth
 from stiction.truths.reduced.slider_bar import SliderBar
@@ -537,7 +538,7 @@ def _figure(study: pd.DataFrame, octaves: pd.DataFrame, name: str) -> Chart:
         )
         if len(rows := octaves[(octaves["choice"] == choice.label) & (octaves["step"] == step)])
     ]
-    ended = study[(study["status"] == "ok") & (study["reason"] == "")].sort_values("step")
+    ended = study[(study["status"] == Status.OK) & (study["reason"] == "")].sort_values("step")
     over_step = [
         Series(
             choice.label,

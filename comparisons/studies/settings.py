@@ -40,6 +40,7 @@ from stiction.comparisons.bench.study import Scope, Study, Tables
 from stiction.comparisons.bench.variants import OWN_CPU, Variant, scaled
 from stiction.comparisons.measures.drift import rounding_over
 from stiction.comparisons.measures.work_precision import HIGH, LOW, Timed, work_precision
+from stiction.engines.status import Status
 from stiction.scenes import InputError, Trajectory, load_scene
 
 DEFAULT = "default"
@@ -382,7 +383,7 @@ def present(results: Results) -> Presentation:
     defaults = table[table[SETTING] == DEFAULT]
     scenes = list(table["scene"].unique())
     rows = {
-        "compared": int((defaults["status"] == "ok").sum()),
+        "compared": int((defaults["status"] == Status.OK).sum()),
         "on_front": int(defaults[ON_FRONT].eq(True).sum()),
         "better": [
             {"subject": subject, "settings": list(better[SETTING])}

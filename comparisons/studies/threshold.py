@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 import pandas as pd
 
-from stiction.comparisons.bench.methods import MISSING_ENGINE, with_columns
+from stiction.comparisons.bench.methods import with_columns
 from stiction.comparisons.bench.participants import extent, threshold_variants
 from stiction.comparisons.bench.presentation import (
     Axis,
@@ -42,9 +42,10 @@ from stiction.comparisons.measures.settling import (
 from stiction.engines.isolation import Outcome, Task
 from stiction.engines.protocol import EngineFailure
 from stiction.engines.registry import label_of, load_engine
+from stiction.engines.status import Status
 from stiction.scenes import Scene, Trajectory, vary
 from stiction.scenes.laws import Sine
-from stiction.truths import HIGH_PRECISION, NO_TRUTH, PROVEN, StickThreshold, stick_threshold
+from stiction.truths import StickThreshold, Tier, stick_threshold
 from stiction.truths.physics import physics_of
 from stiction.truths.proof.truth import threshold_of_theorem
 from stiction.truths.reduced.steady_state import StickBands, margin, steady_state, with_threshold
@@ -469,7 +470,9 @@ def threshold_table(
             true[has_mus],
             next(iter(physics_of(scene, has_mus).frictional_guides.values())),
         )
-        tier = NO_TRUTH if truth.F0 is None else PROVEN if truth.theorem else HIGH_PRECISION
+        tier = (
+            Tier.NONE if truth.F0 is None else Tier.PROVEN if truth.theorem else Tier.HIGH_PRECISION
+        )
         for step, found in zip(
             variant.ladder, outcome.value or [None] * len(variant.ladder), strict=True
         ):
@@ -533,7 +536,7 @@ def present(results: Results) -> Presentation:
     measured = table[table[ERROR].notna()]
     finest = measured.loc[measured.groupby("variant", sort=False)["step"].idxmin()]
     clearly, may_vanish = _off(finest)
-    installed = table.loc[table["status"] != MISSING_ENGINE, "variant"].unique()
+    installed = table.loc[table["status"] != Status.MISSING, "variant"].unique()
     rows = {
         "truth": row_of("threshold", table, measured.index[0])[TRUE_THRESHOLD],
         "off": _errors(table, clearly),
@@ -541,7 +544,7 @@ def present(results: Results) -> Presentation:
         "without": [variant for variant in installed if variant not in set(finest["variant"])],
         "proven": [
             row_of("threshold", table, label)
-            for label in table[table[TIER] == PROVEN].drop_duplicates("mus").index
+            for label in table[table[TIER] == Tier.PROVEN].drop_duplicates("mus").index
         ],
         **_above(table),
         **CONSTANTS,

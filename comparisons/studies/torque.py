@@ -36,7 +36,6 @@ from stiction.comparisons.bench.runner import Comparison
 from stiction.comparisons.bench.study import Scope, Study, Tables
 from stiction.comparisons.bench.variants import (
     COEFFICIENTS,
-    UNMADE,
     Record,
     coefficients_of,
     time_factor,
@@ -51,8 +50,9 @@ from stiction.comparisons.measures.torque_jumps import (
 )
 from stiction.comparisons.studies.accuracy import ROW_HEIGHT, compared_runs, in_scene, step_chart
 from stiction.engines.protocol import FIDELITIES
+from stiction.engines.status import UNMADE
 from stiction.scenes import Event, InputError, Scene
-from stiction.truths import NO_TRUTH, Truth
+from stiction.truths import Tier, Truth
 from stiction.uncertain import rounded_up
 
 TRUE_JUMP, LATE = "true_jump", "time_error"
@@ -113,7 +113,7 @@ def plan(scope: Scope) -> Comparison[Tables]:
             windows.append(
                 windows_table(own, truths, efforts[scene.name], time_factor(scene, scope.t_end))
             )
-        known = {truth.scene: truth for truth in all_truths.values() if truth.tier != NO_TRUTH}
+        known = {truth.scene: truth for truth in all_truths.values() if truth.tier != Tier.NONE}
         tables = {
             "torque": pd.concat(jumps, ignore_index=True),
             WINDOWS: pd.concat(windows, ignore_index=True),

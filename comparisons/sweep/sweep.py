@@ -45,6 +45,7 @@ from stiction.comparisons.sweep.steady_state_measures import (
     steady_window,
 )
 from stiction.engines import EngineMissing, Isolate, Outcome, Refused, Task, isolate, load_engine
+from stiction.engines.status import Status
 from stiction.reference_impl.multibody.initial_state import with_consistent_start
 from stiction.scenes import InputError, Scene, SceneError, scene_to_toml, vary
 from stiction.scenes.atomic_files import make_folder, whole_file, write_text
@@ -61,15 +62,13 @@ BRACKET = 2.5e-3
 PROBES = 9
 """Amplitudes from end to end of the search at which the band next to the scene's own amplitude is looked for before the
 bisection."""
-NO_STEADY_STATE = "no steady state"
-"""Status of a point whose motion neither rests nor repeats itself; it has no numbers."""
 FAILURES = {
-    NotSettled: NO_STEADY_STATE,
-    NoCommonPeriod: NO_STEADY_STATE,
-    SceneError: "refused",
-    Refused: "refused",
-    EngineMissing: "missing",
-    Exception: "failed",
+    NotSettled: Status.NO_STEADY_STATE,
+    NoCommonPeriod: Status.NO_STEADY_STATE,
+    SceneError: Status.REFUSED,
+    Refused: Status.REFUSED,
+    EngineMissing: Status.MISSING,
+    Exception: Status.FAILED,
 }
 USUAL_PERIODS = 30
 """Periods of loads and drives in a run without a given end: as many as a stick threshold takes at first."""
@@ -307,7 +306,7 @@ def point_row(
             "status": next(status for kind, status in FAILURES.items() if isinstance(error, kind)),
             "reason": " ".join(f"{type(error).__name__}: {error}".split()),
         }
-    return {**point, "status": "ok", "reason": "", **found}
+    return {**point, "status": Status.OK, "reason": "", **found}
 
 
 def map_numbers(scene: Scene, run: SteadyRun, measures: Sequence[str]) -> dict[str, Any]:
@@ -341,7 +340,7 @@ def threshold_numbers(
         CONTRACTION * distance,
     )
     if found.with_stick is None or found.without_stick is None:
-        return {"status": "not found", "reason": found.remark}
+        return {"status": Status.NOT_FOUND, "reason": found.remark}
     middle = 0.5 * (found.with_stick + found.without_stick)
     above = bands_above(scene, middle)
     return {

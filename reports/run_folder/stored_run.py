@@ -19,7 +19,7 @@ from stiction.reports.run_folder.data import TRUTH, truth_file
 from stiction.reports.run_folder.overwriting import PROVENANCE
 from stiction.scenes import Cost, Event, InputError, Trajectory
 from stiction.scenes.trajectory import events_of
-from stiction.truths import Truth
+from stiction.truths import Tier, Truth
 
 ABOUT_RUNS = ("runs", "variants", "parameters", "truths")
 """Tables of a run folder that are not of the comparisons."""
@@ -108,7 +108,7 @@ class StoredRun:
 
         known = self.tables["truths"]
         uncertainty = known[known["truth"] == name].set_index("column")["uncertainty"].to_dict()
-        return Truth(name, frame["tier"].iloc[0], float(t[-1]), at, uncertainty, events)
+        return Truth(name, Tier(frame["tier"].iloc[0]), float(t[-1]), at, uncertainty, events)
 
 
 def read_run(folder: str | Path) -> StoredRun:

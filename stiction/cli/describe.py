@@ -200,12 +200,13 @@ def export(
 
 
 def _try(name: str, timeout: float) -> None:
-    from stiction.comparisons.judge.conformance import conformance
+    from stiction.comparisons.judge.conformance import RIGHT, conformance
+    from stiction.engines.status import Status
 
     announce(f"{name}: five scenes, up to {timeout:g} s each")
     for trial in conformance(name, timeout):
         print(f"{trial.scene}: {trial.verdict}: " + "\n  ".join(trial.words))
-    if trial.verdict not in ("right", "refused"):
+    if trial.verdict not in (RIGHT, Status.REFUSED):
         raise ended(FAILED, f"{name}: {trial.scene}: {trial.verdict}")
 
 

@@ -142,6 +142,7 @@ def _in_child(
 ) -> Any:
     """Call a function in a child process; bad input is raised here, any other failure ends the command."""
     from stiction.engines import Task, isolate
+    from stiction.engines.status import Status
     from stiction.scenes import InputError
 
     with progress(title) as bar:
@@ -154,10 +155,10 @@ def _in_child(
         )
     if isinstance(outcome.value, InputError):
         raise outcome.value
-    if outcome.status != "ok":
+    if outcome.status != Status.OK:
         if traceback and outcome.log and not outcome.bug:  # of a bug it is printed already
             print(outcome.log, file=sys.stderr)
-        raise ended(FAILED, f"{title}: {outcome.status}: {outcome.reason}")
+        raise ended(FAILED, f"{title}: {outcome.status.label}: {outcome.reason}")
     return outcome.value
 
 
@@ -273,6 +274,7 @@ def _show_sweep(result: Any, folder: Path) -> None:
     from stiction.comparisons.bench.quantities import quantity_of
     from stiction.comparisons.studies.threshold import WITH_STICK, WITHOUT_STICK
     from stiction.comparisons.sweep.sweep import THRESHOLD_COLUMN
+    from stiction.engines.status import Status
     from stiction.reports.figures.map import sweep_drawings
     from stiction.reports.figures.style import rc, save
 
@@ -316,14 +318,14 @@ def _show_sweep(result: Any, folder: Path) -> None:
         ],
     )
     for part, table in tables.items():
-        failed = table[table["status"] != "ok"]
+        failed = table[table["status"] != Status.OK]
         for reason, points in (
             (failed["status"] + ": " + failed["reason"]).value_counts()[:EVENTS_SHOWN].items()
         ):
             print(f"{part}: {points} {'point' if points == 1 else 'points'}: {reason}")
     if result.threshold is not None:
         _show_bands(result.threshold)
-    if all((table["status"] != "ok").all() for table in tables.values()):
+    if all((table["status"] != Status.OK).all() for table in tables.values()):
         raise ended(FAILED, "all points failed")
 
 

@@ -67,7 +67,7 @@ def cell(quantity: Quantity, value: object) -> str:
         digits = DIGITS.get(quantity.kind, DIGITS[Kind.VALUE])
         text = f"{number:.{digits}g}"
         return plain(text) if digits == ERROR_DIGITS else text
-    return re.sub(r"\s+", " ", str(value))
+    return re.sub(r"\s+", " ", quantity.words.get(str(value), str(value)))
 
 
 def is_missing(value: object) -> bool:

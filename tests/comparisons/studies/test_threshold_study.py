@@ -35,7 +35,7 @@ from stiction.comparisons.studies.threshold import (
 )
 from stiction.reports.text import section_of
 from stiction.scenes import load_scene, vary
-from stiction.truths import HIGH_PRECISION, PROVEN, StickThreshold, stick_threshold
+from stiction.truths import StickThreshold, Tier, stick_threshold
 from stiction.truths.reduced import steady_state as steady_states
 from stiction.truths.reduced.slider_bar import SliderBar
 from stiction.truths.reduced.steady_state import NoSteadyState, steady_state
@@ -235,9 +235,9 @@ def test_a_proven_threshold_is_enclosed_and_methods_without_one_are_named():
     true = {"true_threshold": 4.21195626635, "true_threshold_uncertainty": 5e-11}
     measured = {ERROR: 0.0, CHANGE: np.nan, UNCERTAINTY: 0.01}
     rows = [
-        {"variant": "a", **about, "mus": 0.04, **true, "truth_tier": PROVEN, **measured},
-        {"variant": "b", **about, "mus": 0.03, **true, "truth_tier": HIGH_PRECISION},
-        {"variant": "c", **about, "status": "missing", "mus": 0.04, "truth_tier": PROVEN},
+        {"variant": "a", **about, "mus": 0.04, **true, "truth_tier": Tier.PROVEN, **measured},
+        {"variant": "b", **about, "mus": 0.03, **true, "truth_tier": Tier.HIGH_PRECISION},
+        {"variant": "c", **about, "status": "missing", "mus": 0.04, "truth_tier": Tier.PROVEN},
     ]
     results = Results((), {}, {"threshold": pd.DataFrame(rows)})
     section, shown = section_of(STUDY, results), present(results).rows

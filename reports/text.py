@@ -43,6 +43,7 @@ from stiction.comparisons.bench.quantities import quantity_of
 from stiction.comparisons.bench.results import Results
 from stiction.comparisons.bench.study import Study
 from stiction.comparisons.bench.timing.intervals import Interval
+from stiction.scenes.fidelity import Fidelity
 from stiction.scenes.wording import names
 from stiction.uncertain import Uncertain, bounded, rounded_up, with_ends
 
@@ -213,6 +214,7 @@ def _environment() -> Environment:
         in_words=in_words,
         names=names,
     )
+    found.globals["Fidelity"] = Fidelity
     return found
 
 

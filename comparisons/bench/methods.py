@@ -22,6 +22,7 @@ from stiction.comparisons.bench.variants import (
 from stiction.engines.protocol import Supplier
 from stiction.engines.status import UNMADE, Status
 from stiction.scenes import catalogue, load_scene
+from stiction.scenes.fidelity import Fidelity
 
 
 def one_per_variant(records: Iterable[Record]) -> list[Record]:
@@ -87,7 +88,7 @@ class Group:
     `friction_by` and `events_by` are empty where the group is not for a ranking.
     """
 
-    fidelity: str
+    fidelity: Fidelity
     coefficients: str
     friction_by: str = ""
     events_by: str = ""
@@ -95,13 +96,13 @@ class Group:
     @property
     def label(self) -> str:
         """Heading of the group: ``joint, mus > mu``."""
-        return f"{self.fidelity}, {self.coefficients}"
+        return f"{self.fidelity.label}, {self.coefficients}"
 
 
 def groups(table: pd.DataFrame) -> Iterator[tuple[Group, pd.DataFrame]]:
     """The rows that answer one question: one fidelity, and mus > mu or, for engines without it, mus = mu."""
     for (fidelity, coefficients), rows in table.groupby(["fidelity", COEFFICIENTS], sort=False):
-        yield Group(fidelity, coefficients), rows
+        yield Group(Fidelity(fidelity), coefficients), rows
 
 
 def same_work(table: pd.DataFrame) -> Iterator[tuple[Group, pd.DataFrame]]:

@@ -51,8 +51,9 @@ class Metric:
 
 @dataclass(frozen=True)
 class Row:
-    """A run, its status, and its numbers; of a truth, `variant` and `engine` are `TRUTH`, `parameter` is empty.
+    """A run, its status, and its numbers.
 
+    Of a truth, `variant` and `engine` are `TRUTH`, `fidelity` and `parameter` are empty.
     `key` and `identity` are those of a `PlannedRun`. `traceback` is that of a bug, which no history keeps. `other_ends`
     are the outcomes that the run has with other rounding, where that was measured.
     """
@@ -130,16 +131,16 @@ class PlannedRun:
     @property
     def row(self) -> Row:
         """Row before the run is made."""
-        variant = self.variant or Variant(TRUTH, TRUTH, "", (), fidelity="")
+        variant = self.variant
         return Row(
             self.key,
             self.identity,
             self.scene.name,
-            variant.label,
-            variant.engine,
+            variant.label if variant else TRUTH,
+            variant.engine if variant else TRUTH,
             None,
-            variant.fidelity,
-            variant.parameter,
+            variant.fidelity if variant else "",
+            variant.parameter if variant else "",
             self.step,
             Status.NOT_RUN,
             "",

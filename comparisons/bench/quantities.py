@@ -15,6 +15,7 @@ from typing import Any
 
 from stiction.engines.status import STATUS_LABELS
 from stiction.scenes.columns import unit_of
+from stiction.scenes.fidelity import FIDELITY_LABELS
 from stiction.truths.truth import TIER_LABELS
 
 
@@ -170,6 +171,7 @@ RUN = (
     _category(
         "fidelity",
         description="joint: an ideal guide with a friction law; contact: two surfaces with clearance",
+        words=FIDELITY_LABELS,
     ),
     _category("friction_by", "friction law supplied by"),
     _category("events_by", "events located by"),

@@ -39,8 +39,8 @@ class KeptRuns:
     """`stiction.engines.isolate` with a memory.
 
     `kept` counts the outcomes in the file, `taken_over` those of an earlier call, `settled` all, made or taken over.
-    After an `interrupt` all runs that are left are `Status.NOT_RUN`. The caller who needs the runs no more sets `finished`,
-    which removes them.
+    After an `interrupt` all runs that are left are `Status.NOT_RUN`. The caller who needs the runs no more sets
+    `finished`, which removes them.
     """
 
     def __init__(self, path: Path, connection: sqlite3.Connection, circumstances: str):

@@ -14,6 +14,7 @@ from stiction.engines.isolation import Job, Outcome
 from stiction.engines.protocol import EVENTS_LOCATED_BY, FRICTION_SUPPLIED_BY
 from stiction.engines.registry import EngineMissing, label_of, load_engine
 from stiction.scenes import Scene, Trajectory, catalogue
+from stiction.scenes.fidelity import Fidelity
 from stiction.scenes.laws import Linear, Sine
 from stiction.scenes.model import LinearSpring
 
@@ -59,7 +60,7 @@ class Variant:
     engine: str
     parameter: str
     ladder: tuple[float, ...]
-    fidelity: str = "joint"
+    fidelity: Fidelity = Fidelity.JOINT
     settings: Mapping[str, Any] = field(default_factory=dict)
     stands_for: str = ""
     cost: tuple[float, ...] = ()

@@ -42,6 +42,7 @@ from stiction.reference_impl.multibody.trajectory_columns import build_columns
 from stiction.scenes import Event, InputError, Scene, Trajectory, load_scene, vary
 from stiction.scenes.column_file import Changed, ColumnFile, Joined, collected, in_parts
 from stiction.scenes.columns import columns_of, unit_of
+from stiction.scenes.fidelity import Fidelity
 from stiction.scenes.result_table import ResultTable, result_table
 from stiction.scenes.trajectory import stacked
 from stiction.truths import Tier, Truth
@@ -396,7 +397,7 @@ def _trajectory(scene: Scene, table: ResultTable, truth: Truth) -> Trajectory:
     if len(rows) < len(t):
         columns = _kept(len(rows), table.columns, lambda name: table.columns[name][rows])
     return Trajectory(
-        scene.name, "table", "", "joint", t[rows], columns, tuple(events), mechanism=scene
+        scene.name, "table", "", Fidelity.JOINT, t[rows], columns, tuple(events), mechanism=scene
     )
 
 
@@ -630,7 +631,7 @@ def _findings(scene: Scene, full: Trajectory, given: Collection[str]) -> Iterato
                 float(full.t[-1]),
                 None,
                 step,
-                "joint",
+                Fidelity.JOINT,
                 lambda _: bool(full.events),
                 lambda _: True,
             )

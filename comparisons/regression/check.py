@@ -284,9 +284,7 @@ def _gone(row: Row, old: Metric) -> Finding:
     if tiers and old.tier not in tiers:
         severity = NOT_JUDGED
         now = ", ".join(tier.label for tier in tiers)
-        words = (
-            f"not judged: the baseline's truth ({old.tier.label}) has it, that of now ({now}) has not"
-        )
+        words = f"not judged: the baseline's truth ({old.tier.label}) has it, that of now ({now}) has not"
     elif old.rounding == math.inf:
         severity, words = NOT_JUDGED, "not judged: with other rounding it is not there"
     return Finding(severity, old.kind, row.key, old.name, old.value, None, math.inf, words)

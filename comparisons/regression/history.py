@@ -181,13 +181,15 @@ class History:
         )
         return [
             Row(
-                *run,
-                status=Status(status),
-                reason=reason,
-                settings=settings and json.loads(settings),
-                metrics=tuple(
-                    Metric(*metric, tier=Tier(tier)) for *metric, tier in metrics.get(run[0], ())
-                ),
+                *(
+                    *run,
+                    Status(status),
+                    reason,
+                    settings and json.loads(settings),
+                    tuple(
+                        Metric(*(*metric, Tier(tier))) for *metric, tier in metrics.get(run[0], ())
+                    ),
+                )
             )
             for *run, status, reason, settings in runs
         ]

@@ -55,9 +55,9 @@ from stiction.comparisons.measures.accuracy import (
     size_of,
 )
 from stiction.comparisons.measures.scene_truth import truth_for
-from stiction.engines.protocol import FIDELITIES
 from stiction.engines.status import UNMADE, Status
 from stiction.scenes import Trajectory
+from stiction.scenes.fidelity import Fidelity
 from stiction.truths import Tier, Truth
 from stiction.truths.truth import SAMPLES
 
@@ -168,7 +168,7 @@ def _by_error(table: pd.DataFrame, compared: Iterable[Method]) -> list[Method]:
 
 def _engines(table: pd.DataFrame, engines: Sequence[Method]) -> Iterator[dict[str, object]]:
     """The smallest and the largest error of engines in their worst case, by fidelity; no ranking."""
-    for fidelity in FIDELITIES:
+    for fidelity in Fidelity:
         alike = _by_error(table, (one for one in engines if one.fidelity == fidelity))
         if alike:
             yield {

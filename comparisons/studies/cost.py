@@ -59,6 +59,7 @@ from stiction.engines.protocol import Supplier
 from stiction.engines.registry import own_methods
 from stiction.engines.status import Status
 from stiction.scenes import Scene, load_scene
+from stiction.scenes.fidelity import Fidelity
 from stiction.uncertain import bounded
 
 SET_UP, COMPILATION = "setup_time", "compile_time"
@@ -169,8 +170,8 @@ def present(results: Results) -> Presentation:
         "first": first,
         "several_cases": cost["scene"].nunique() > 1,
         "own": _own(reached),
-        "joints": _ends(reached[reached["steps"] & (reached["fidelity"] == "joint")]),
-        "contacts": _ends(reached[reached["steps"] & (reached["fidelity"] == "contact")]),
+        "joints": _ends(reached[reached["steps"] & (reached["fidelity"] == Fidelity.JOINT)]),
+        "contacts": _ends(reached[reached["steps"] & (reached["fidelity"] == Fidelity.CONTACT)]),
         "any": _ends(reached),
         "without": _without(cost, reached, first),
         **_limited(cost, equal),
@@ -302,7 +303,7 @@ def _accelerations(cost: pd.DataFrame, first: str) -> dict[str, object] | None:
 
     With them are the largest of the errors under our integrator, and the smallest with own steps.
     """
-    rows = cost[_measured(cost) & (cost["scene"] == first) & (cost["fidelity"] == "joint")]
+    rows = cost[_measured(cost) & (cost["scene"] == first) & (cost["fidelity"] == Fidelity.JOINT)]
     rows = rows.assign(integrated=_method_of(rows).eq("accelerations"))
     closer = []
     for _, runs in rows.groupby("engine", sort=False):

@@ -37,10 +37,10 @@ from stiction.comparisons.bench.variants import Record
 from stiction.comparisons.measures.drift import ROUNDING, drift
 from stiction.comparisons.measures.drift_growth import BOUNDED, GROWS, INCONCLUSIVE, ROUNDED
 from stiction.comparisons.studies.accuracy import compared_runs
-from stiction.engines.protocol import FIDELITIES
 from stiction.engines.registry import EngineMissing, UnknownEngine, load_engine
 from stiction.engines.shared.tree_engine import TreeEngine
 from stiction.engines.status import UNMADE
+from stiction.scenes.fidelity import Fidelity
 from stiction.uncertain import Uncertain
 
 POSITION, VELOCITY = "position_drift", "velocity_drift"
@@ -125,7 +125,7 @@ def present(results: Results) -> Presentation:
         Column("reason"),
     )
     all_runs = view("drift-all", results.table("drift"), every, source="drift", in_report=False)
-    trees = runs[(runs["fidelity"] == "joint") & runs.get(JOINT_COORDINATES, False)]
+    trees = runs[(runs["fidelity"] == Fidelity.JOINT) & runs.get(JOINT_COORDINATES, False)]
     scheme = None
     if PAPERS_SCHEME in worst.index:
         scheme = row_of("drift", table, worst.at[PAPERS_SCHEME, POSITION])[POSITION]
@@ -158,7 +158,7 @@ def _largest(
     table: pd.DataFrame, measured: pd.DataFrame, worst: pd.DataFrame
 ) -> Iterator[dict[str, object]]:
     """The largest drift with joints and with contacts, and the methods that it prints alike for."""
-    for fidelity in FIDELITIES:
+    for fidelity in Fidelity:
         there = worst[worst.index.isin(measured.loc[measured["fidelity"] == fidelity, "variant"])]
         if there.empty:
             continue
@@ -263,13 +263,13 @@ def _figures(results: Results, chosen: Sequence[str]) -> list[Chart]:
             ),
             name,
             scene_title(scene),
-            f"{fidelity}s: {label}",
+            f"{fidelity.label}s: {label}",
         )
         for name, label in (
             ("drift.position", "drift [m, rad]"),
             ("drift.velocity", "velocity drift [m/s]"),
         )
-        for fidelity in FIDELITIES
+        for fidelity in Fidelity
         if any(record.variant.fidelity == fidelity for record in made)
         for scene in scenes
     ]

@@ -65,10 +65,11 @@ from stiction.comparisons.measures.scene_truth import ground_truth
 from stiction.comparisons.studies.hold_data import FORMS, load_data
 from stiction.comparisons.studies.settings import DEFAULT, SETTING, SUBJECT
 from stiction.engines.isolation import Outcome, Task
-from stiction.engines.protocol import FIDELITIES, EngineFailure
+from stiction.engines.protocol import EngineFailure
 from stiction.engines.registry import load_engine, own_methods
 from stiction.engines.status import UNMADE
 from stiction.scenes import InputError, Scene, Trajectory, load_scene, vary
+from stiction.scenes.fidelity import Fidelity
 from stiction.scenes.wording import as_given
 from stiction.truths import Tier
 from stiction.uncertain import Uncertain
@@ -274,7 +275,7 @@ def plan(scope: Scope) -> Comparison[Tables]:
         (
             scene,
             variant,
-            variant.fidelity == "joint" and has_static_coefficient(variant),
+            variant.fidelity == Fidelity.JOINT and has_static_coefficient(variant),
             held + moved,
         )
         for scene in one or map(load_scene, depth.scenes)
@@ -968,7 +969,7 @@ def _beyond(table: pd.DataFrame, methods: pd.DataFrame) -> Rows:
 def _over_load(by_load: Rows, loads: Sequence[float]) -> Chart:
     """A panel a fidelity, a line a method."""
     panels = []
-    for fidelity in FIDELITIES:
+    for fidelity in Fidelity:
         series = []
         for row, _ in by_load:
             known = [load for load in loads if f"creep at {load:g}" in row]
@@ -985,7 +986,7 @@ def _over_load(by_load: Rows, loads: Sequence[float]) -> Chart:
                 )
         if series:
             panels.append(
-                Panel(f"{fidelity} fidelity", Axis("load [% of the limit]"), SPEEDS, series)
+                Panel(f"{fidelity.label} fidelity", Axis("load [% of the limit]"), SPEEDS, series)
             )
     return Chart("hold", panels, columns=2, height=2.8, share_y=True)
 

@@ -42,6 +42,7 @@ from stiction.comparisons.measures.drift import rounding_over
 from stiction.comparisons.measures.work_precision import HIGH, LOW, Timed, work_precision
 from stiction.engines.status import Status
 from stiction.scenes import InputError, Trajectory, load_scene
+from stiction.scenes.fidelity import Fidelity
 
 DEFAULT = "default"
 ERROR, SUBJECT, SETTING, ON_FRONT = "position_error", "subject", "setting", "on_front"
@@ -83,7 +84,7 @@ class Subject:
     """
 
     engine: str
-    fidelity: str
+    fidelity: Fidelity
     choices: Mapping[str, Sequence[Any]]
     fixed: Mapping[str, Any] = field(default_factory=dict)
     name: str = ""

@@ -49,9 +49,9 @@ from stiction.comparisons.measures.torque_jumps import (
     torque_table,
 )
 from stiction.comparisons.studies.accuracy import ROW_HEIGHT, compared_runs, in_scene, step_chart
-from stiction.engines.protocol import FIDELITIES
 from stiction.engines.status import UNMADE
 from stiction.scenes import Event, InputError, Scene
+from stiction.scenes.fidelity import Fidelity
 from stiction.truths import Tier, Truth
 from stiction.uncertain import rounded_up
 
@@ -301,7 +301,7 @@ def _engines(table: pd.DataFrame, engines: pd.DataFrame) -> Iterator[dict[str, o
 
     Bounds that are written alike are one.
     """
-    for fidelity in FIDELITIES:
+    for fidelity in Fidelity:
         alike = engines[engines["fidelity"] == fidelity]
         if alike.empty:
             continue

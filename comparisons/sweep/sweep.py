@@ -194,7 +194,7 @@ class Specification:
         engine, fidelity = load_engine(self.run.engine), self.run.fidelity
         if fidelity not in engine.capabilities.fidelities:
             has = " and ".join(engine.capabilities.fidelities)
-            raise InputError(f"fidelity: found {fidelity!r}; {engine.name} has {has}")
+            raise InputError(f"fidelity: found {str(fidelity)!r}; {engine.name} has {has}")
         engine.check_arguments(dt=self.run.dt, rtol=None, fidelity=fidelity, settings={})
         for measure in self.run_measures:
             if measure.needs and not getattr(scene, measure.needs):

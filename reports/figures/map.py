@@ -66,7 +66,7 @@ def _caption(sweep: Sweep, table: pd.DataFrame, name: str, runs: str) -> str:
         if (step := run.step(scene)) is None
         else f"dt = {step:g} s at most"
     )
-    engine = "the reference" if run.engine == "reference" else f"{run.engine}, {run.fidelity}"
+    engine = "the reference" if run.engine == "reference" else f"{run.engine}, {run.fidelity.label}"
     caption = f"{scene.title or scene.name}: {name} in the steady state, {runs} runs of {engine}, {method}"
     failed = table.loc[table["status"] != Status.OK, "status"].value_counts()
     missing = [f"{count} {Status(status).label}" for status, count in failed.items()]

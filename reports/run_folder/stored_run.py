@@ -17,7 +17,7 @@ from stiction.comparisons.bench.variants import OWN_CPU, Record, Variant
 from stiction.engines.isolation import Outcome
 from stiction.reports.run_folder.data import TRUTH, truth_file
 from stiction.reports.run_folder.overwriting import PROVENANCE
-from stiction.scenes import Cost, Event, InputError, Trajectory
+from stiction.scenes import Cost, Event, Fidelity, InputError, Trajectory
 from stiction.scenes.trajectory import events_of
 from stiction.truths import Tier, Truth
 
@@ -73,7 +73,9 @@ class StoredRun:
     def _record(
         self, row: Mapping[str, Any], steps: tuple[float, ...], events: tuple[Event, ...]
     ) -> Record:
-        variant = Variant(row["variant"], row["engine"], row["parameter"], steps, row["fidelity"])
+        variant = Variant(
+            row["variant"], row["engine"], row["parameter"], steps, Fidelity(row["fidelity"])
+        )
         reason, trajectory = row["reason"], None
         if isinstance(row[TRAJECTORY], str):
             t, columns = _samples(pd.read_parquet(self.folder / row[TRAJECTORY]), events)

@@ -242,10 +242,11 @@ def sweep(
     from stiction.comparisons.bench.executors import check_executor, open_isolate
     from stiction.comparisons.sweep import sweep as sweeps
     from stiction.comparisons.sweep.steady_state_measures import SteadyRun
+    from stiction.scenes.fidelity import fidelity_of
 
     loaded = scene_of(scene, overrides)
     end = t_end or sweeps.usual_end(loaded)
-    steady = SteadyRun(settle or end / 3, end, rtol, engine, fidelity, dt)
+    steady = SteadyRun(settle or end / 3, end, rtol, engine, fidelity_of(fidelity), dt)
     axes = tuple(sweeps.parse_axis(text) for text in vary)
     specification = sweeps.Specification(loaded, axes, tuple(listed(measure)), steady, timeout)
     folder = out or Path("sweeps") / f"{loaded.name}-{specification.digest[:8]}"

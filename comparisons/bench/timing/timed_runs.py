@@ -24,6 +24,7 @@ from stiction.engines.isolation import Isolate, Outcome, Task, is_simulation
 from stiction.engines.status import Status
 from stiction.scenes import Trajectory, vary
 from stiction.scenes.digest import digest, scene_digest
+from stiction.scenes.fidelity import Fidelity
 
 KERNEL, OTHERS = "kernel_time", "other_load"
 """Columns of `samples_table`."""
@@ -43,7 +44,7 @@ def computation(task: Task, run: Trajectory) -> str:
     content = vary(scene, {"stabilization": None}) if "stabilization" in settings else scene
     t_end = arguments.get("t_end") or scene.t_end
     return digest(
-        [engine, arguments.get("fidelity", "joint"), scene_digest(content), t_end, settings]
+        [engine, arguments.get("fidelity", Fidelity.JOINT), scene_digest(content), t_end, settings]
     )
 
 

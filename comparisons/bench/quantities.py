@@ -44,6 +44,8 @@ class Kind(StrEnum):
     """True or False."""
     TEXT = "text"
     """Words for people."""
+    INTERVALS = "intervals"
+    """Intervals of a real number: pairs of a lower and an upper end, as a JSON list; empty for none."""
     JSON = "json"
     """Settings, as a JSON object."""
 
@@ -309,16 +311,16 @@ DRIFT = (
     _error(
         "position_drift",
         "position drift, largest",
-        "m",
-        "norm of the residuals of all constraints, m and rad",
+        "m, rad",
+        "norm of the residuals of all constraints",
     ),
-    _error("position_drift_end", "position drift at the end", "m"),
-    _error("velocity_drift", "velocity drift, largest", "m/s"),
-    _error("velocity_drift_end", "velocity drift at the end", "m/s"),
-    _error("position_drift_rms", "position drift, root mean square", "m"),
-    _error("position_drift_24s", "position drift up to 24 s, largest", "m"),
-    Quantity("drift_uncertainty", "rounding of the drift", "m", Kind.UNCERTAINTY),
-    Quantity("drift_rounding", "drift by rounding", "m", Kind.UNCERTAINTY),
+    _error("position_drift_end", "position drift at the end", "m, rad"),
+    _error("velocity_drift", "velocity drift, largest", "m/s, rad/s"),
+    _error("velocity_drift_end", "velocity drift at the end", "m/s, rad/s"),
+    _error("position_drift_rms", "position drift, root mean square", "m, rad"),
+    _error("position_drift_24s", "position drift up to 24 s, largest", "m, rad"),
+    Quantity("drift_uncertainty", "rounding of the drift", "m, rad", Kind.UNCERTAINTY),
+    Quantity("drift_rounding", "drift by rounding", "m, rad", Kind.UNCERTAINTY),
     _error("decay_error", "error of the decay to the joints", ""),
     _category("growth", "growth of the drift"),
     *_measured(
@@ -385,9 +387,13 @@ THRESHOLD = (
         description="empty: the figure is lost in the text that we have",
     ),
     _error("threshold_change", "change from the coarser step", "N"),
-    _text(
+    Quantity(
         "sticks_again",
-        description="amplitudes above the threshold at which the slider sticks again",
+        "sticks again, about",
+        "N",
+        Kind.INTERVALS,
+        description="bands of amplitudes above the threshold at which the slider sticks again: pairs of the smallest "
+        "and the largest amplitude seen to, as a JSON list",
     ),
     _value("scanned_to", "scanned up to F0", "N"),
     _value("mu", "mu", description="kinetic coefficient of friction", symbol=r"\mu"),

@@ -17,6 +17,7 @@ import pandas as pd
 from stiction.comparisons.bench.methods import with_columns
 from stiction.comparisons.bench.participants import extent, threshold_variants
 from stiction.comparisons.bench.presentation import (
+    METHOD,
     Axis,
     Chart,
     Column,
@@ -27,7 +28,7 @@ from stiction.comparisons.bench.presentation import (
     row_of,
     view,
 )
-from stiction.comparisons.bench.presentation.cells import setting_of
+from stiction.comparisons.bench.presentation.cells import intervals_text, setting_of
 from stiction.comparisons.bench.results import Results
 from stiction.comparisons.bench.runner import Comparison
 from stiction.comparisons.bench.study import Scope, Study, Tables
@@ -491,7 +492,7 @@ def threshold_table(
                 "true_threshold_uncertainty": truth.uncertainty,
                 "theorem": truth.theorem,
                 "paper_threshold": PAPER_VALUE,
-                AGAIN: truth.above.words if truth.above else "",
+                AGAIN: intervals_text(truth.above.bands) if truth.above else "",
                 SCANNED: truth.above.end if truth.above else np.nan,
                 "mus": guide.static_coefficient,
                 "key": f"threshold/{run_key(scene, variant, step)}",
@@ -557,13 +558,13 @@ def present(results: Results) -> Presentation:
         },
     )
     columns = (
-        Column("variant", "method"),
+        METHOD,
         Column("fidelity"),
         Column("mus", form="g"),
         Column("setting"),
-        Column(WITH_STICK, "sticks at", "N", form=".6g", brief=False),
-        Column(WITHOUT_STICK, "slips at", "N", form=".6g", brief=False),
-        Column(ERROR, "F0 less truth", "N", UNCERTAINTY, interval=True),
+        Column(WITH_STICK, "sticks at", form=".6g", brief=False),
+        Column(WITHOUT_STICK, "slips at", form=".6g", brief=False),
+        Column(ERROR, "F0 less truth", interval=True),
         Column(AGAIN),
         Column("runs", brief=False),
         Column("reason", brief=False),

@@ -22,6 +22,7 @@ import pyarrow as pa
 
 from stiction.comparisons.bench.environment import source_digest, versions
 from stiction.comparisons.bench.identity import engine_identity
+from stiction.comparisons.bench.presentation.cells import intervals_text
 from stiction.comparisons.bench.runner import TIME_LIMIT, prepare
 from stiction.comparisons.bench.store import kept_runs
 from stiction.comparisons.measures.settling import NoCommonPeriod, NotSettled, common_period
@@ -347,7 +348,7 @@ def threshold_numbers(
         THRESHOLD_COLUMN: middle,
         WITH_STICK: found.with_stick,
         WITHOUT_STICK: found.without_stick,
-        AGAIN: above.words,
+        AGAIN: intervals_text(above.bands),
         SCANNED: above.end,
     }
 
@@ -357,8 +358,8 @@ class Sweep:
     """Tables with one row per point, in the order of the grid; None where no measure requires one.
 
     `map`: axes, ``status``, ``reason``, ``window_begin``, a column per measure. `threshold`: axes that are not F0,
-    ``status``, ``reason``, ``sticks_again`` (where above the threshold, in words), the bracket of the threshold and its
-    middle, and up to where the slider was seen not to stick again.
+    ``status``, ``reason``, ``sticks_again`` (bands above the threshold, as pairs of amplitudes), the bracket of the
+    threshold and its middle, and up to where the slider was seen not to stick again.
     """
 
     specification: Specification

@@ -332,14 +332,17 @@ def _show_sweep(result: Any, folder: Path) -> None:
 
 def _show_bands(table: Any) -> None:
     """Print where the slider sticks again above its threshold, of the first rows at which it does."""
+    from stiction.comparisons.bench.presentation.cells import intervals_in_words
     from stiction.comparisons.studies.threshold import AGAIN
 
     again = table[table[AGAIN] != ""]
     keys = list(table.columns[: list(table.columns).index("status")])
     for row in again.to_dict("records")[:EVENTS_SHOWN]:
         point = ", ".join(f"{key} = {row[key]:g}" for key in keys)
+        bands = " N and ".join(intervals_in_words(row[AGAIN]))
         print(
-            f"threshold: above {row['threshold']:.6g} N the slider sticks again {row[AGAIN]} ({point})"
+            f"threshold: above {row['threshold']:.6g} N the slider sticks again at about {bands} N "
+            f"({point})"
         )
     if len(again) > EVENTS_SHOWN:
         print(f"threshold: .. and so at {len(again) - EVENTS_SHOWN} points more")

@@ -261,7 +261,7 @@ def _tables(judged: Judgement) -> Iterator[TableView]:
     errors = judged.tables["errors"]
     columns = (
         Column("column"),
-        Column("error", uncertainty="uncertainty"),
+        Column("error"),
         Column("unit"),
         Column("measure"),
         Column("error_time", form=".6g"),
@@ -304,7 +304,7 @@ def _tables(judged: Judgement) -> Iterator[TableView]:
                 Column("kind"),
                 Column("true_jump", form=".4g"),
                 Column("jump", form=".4g"),
-                Column("jump_error", uncertainty="jump_uncertainty"),
+                Column("jump_error"),
                 Column("time_error", form=".2g"),
                 Column("resolved", "read"),
                 Column("readable"),

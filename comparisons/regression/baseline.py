@@ -40,7 +40,7 @@ from pathlib import Path
 from types import MappingProxyType
 from typing import Annotated, Any, Final, Literal
 
-from pydantic import Field, ValidationError
+from pydantic import AfterValidator, Field, ValidationError
 
 from stiction.comparisons.bench.planned_runs import (
     KINDS,
@@ -79,15 +79,18 @@ class BaselineRefused(StictionError):
     """An update would touch a truth; the message names each, with what was found."""
 
 
+def _of_a_truth(tier: Tier) -> Tier:
+    """Refuse the tier of what is not known."""
+    if tier == Tier.NONE:
+        raise ValueError("expected the tier of a truth")
+    return tier
+
+
 class _Number(Model):
     value: float
     uncertainty: float | None = None
-    tier: Tier
+    tier: Annotated[Tier, AfterValidator(_of_a_truth)]
     rounding: Annotated[float, Field(allow_inf_nan=True)] | None = None
-
-    def inconsistencies(self) -> Iterator[tuple[str, Any, str]]:
-        if self.tier == Tier.NONE:
-            yield "tier", str(self.tier), "expected that of a truth"
 
 
 _Numbers = dict[str, _Number]

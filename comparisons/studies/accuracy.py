@@ -24,6 +24,8 @@ from stiction.comparisons.bench.methods import (
 from stiction.comparisons.bench.participants import REFERENCE, variants
 from stiction.comparisons.bench.presentation import (
     LIMIT,
+    METHOD,
+    REFINED_BY,
     Axis,
     Chart,
     Column,
@@ -212,7 +214,7 @@ def _closest(
             Column("of"),
             Column(FRICTION_BY),
             Column(EVENTS_BY),
-            Column(POSITION, "position error"),
+            Column(POSITION),
             Column("in"),
         )
         yield view("accuracy-closest", rows, columns, source="accuracy", group="group")
@@ -263,8 +265,7 @@ def _by_method(results: Results, table: pd.DataFrame, made: Mapping[str, Method]
         Column(
             in_scene(POSITION, scene),
             scene_title(scene),
-            "m",
-            in_scene(UNCERTAINTY, scene),
+            uncertainty=in_scene(UNCERTAINTY, scene),
             of=POSITION,
         )
         for scene in dict.fromkeys(table["scene"])
@@ -320,8 +321,8 @@ def _by_scene(table: pd.DataFrame, scenes: Sequence[str]) -> Iterator[TableView]
     runs = table.assign(**{BY_KIND: missed_kinds})
     runs = runs[~runs["status"].isin(UNMADE)]
     columns = (
-        Column("variant", "method"),
-        Column("parameter", "refined by"),
+        METHOD,
+        REFINED_BY,
         Column("step", form="g"),
         Column("status"),
         Column(POSITION, "position"),

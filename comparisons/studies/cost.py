@@ -26,6 +26,8 @@ from stiction.comparisons.bench.participants import (
 )
 from stiction.comparisons.bench.presentation import (
     LIMIT,
+    METHOD,
+    REFINED_BY,
     Axis,
     Chart,
     Column,
@@ -402,7 +404,7 @@ def _table(cost: pd.DataFrame, here: pd.DataFrame, scene: str, first: str) -> Ta
     return view(
         "cost" if scene == first else f"cost-{scene.replace('/', '-')}",  # names files
         rows,
-        [Column("variant", "method"), *times_to],
+        [METHOD, *times_to],
         source="equal-error",
         group="group",
         in_report=scene == first or scene not in SCENES,
@@ -438,14 +440,14 @@ def _limits(cost: pd.DataFrame, equal: pd.DataFrame) -> TableView:
         }
         rows.append((row, runs))
     columns = (
-        Column("variant", "method"),
+        METHOD,
         Column(ERROR, "smallest_error"),
         Column("order", uncertainty="order uncertainty", interval=True),
         Column("limit"),
         Column("setup_cpu_time", "set-up", "ms", scale=MILLI),
         Column("compile_cpu_time", "compilation", "ms", scale=MILLI),
         Column("unsure", "timings unsure"),
-        Column(FRICTION_BY, "friction law supplied by"),
+        Column(FRICTION_BY),
         Column(EVENTS_BY),
         Column("why"),
     )
@@ -455,17 +457,17 @@ def _limits(cost: pd.DataFrame, equal: pd.DataFrame) -> TableView:
 def _every_run(cost: pd.DataFrame) -> TableView:
     columns = (
         Column("scene"),
-        Column("variant", "method"),
-        Column("parameter", "refined by"),
+        METHOD,
+        REFINED_BY,
         Column("step", form="g"),
         Column("status"),
         Column("reason"),
         Column(TOTAL, "CPU", "ms", scale=MILLI, second=OWN_CPU),
         Column(SET_UP, "set-up", "ms", scale=MILLI, form=".2g"),
-        Column(ERROR, "position error"),
+        Column(ERROR),
         Column(ORDER, "order"),
-        Column("torque_error", "torque error, mean"),
-        Column("event_time_error", "event time error"),
+        Column("torque_error"),
+        Column("event_time_error"),
         Column(TIMING),
     )
     return view("cost-all", cost, columns, source="cost", in_report=False)

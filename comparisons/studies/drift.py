@@ -19,6 +19,7 @@ from stiction.comparisons.bench.methods import (
 from stiction.comparisons.bench.participants import PAPERS_SCHEME
 from stiction.comparisons.bench.presentation import (
     LIMIT,
+    METHOD,
     Axis,
     Chart,
     Column,
@@ -112,15 +113,15 @@ def present(results: Results) -> Presentation:
     ]
     every = (
         Column("scene"),
-        Column("variant", "method"),
+        METHOD,
         Column("fidelity"),
         Column("step", form="g"),
-        Column(POSITION, "drift, max", "m, rad"),
-        Column("position_drift_end", "drift, end", "m, rad"),
-        Column(VELOCITY, "velocity drift, max", "m/s"),
-        Column("velocity_drift_end", "velocity drift, end", "m/s"),
+        Column(POSITION, "drift, max"),
+        Column("position_drift_end", "drift, end"),
+        Column(VELOCITY, "velocity drift, max"),
+        Column("velocity_drift_end", "velocity drift, end"),
         Column("growth"),
-        Column(EXPONENT, "power of time", uncertainty=INTERVAL, interval=True),
+        Column(EXPONENT, "power of time", interval=True),
         Column("status"),
         Column("reason"),
     )
@@ -221,12 +222,12 @@ def _by_method(table: pd.DataFrame, runs: pd.DataFrame, worst: pd.DataFrame) -> 
             )
         )
     columns = (
-        Column("variant", "method"),
+        METHOD,
         Column("fidelity"),
         Column("cases", "cases measured", brief=bool(runs[POSITION].isna().any())),
-        Column(POSITION, "drift", "m, rad"),
+        Column(POSITION, "drift"),
         Column("position in", "in"),
-        Column(VELOCITY, "velocity drift", "m/s"),
+        Column(VELOCITY, "velocity drift"),
         Column("velocity in", "in"),
         Column("growth", "growth of drift there"),
     )

@@ -397,13 +397,13 @@ def _tables(table: pd.DataFrame) -> list[TableView]:
     columns = (
         Column("effect"),
         Column("ratio", "engine time, of baseline"),
-        Column(MOTION, "position change"),
+        Column(MOTION),
         Column("stick_events"),
         Column("counter:rhs", "right-hand sides"),
         Column(PAIRS, "HLCP pairs"),
         Column(LEFT_OUT, brief=False),
-        Column("velocity_change", "velocity change", brief=False),
-        Column("effort_change", "effort change, mean", brief=False),
+        Column("velocity_change", brief=False),
+        Column("effort_change", brief=False),
         Column("reason", brief=False),
     )
     shown = view(

@@ -20,7 +20,9 @@ from stiction.comparisons.bench.methods import at_equal_step, rank, succeeded, w
 from stiction.comparisons.bench.participants import REFERENCE, variants
 from stiction.comparisons.bench.presentation import (
     CHOSEN,
+    METHOD,
     OTHER,
+    REFINED_BY,
     Axis,
     Chart,
     Column,
@@ -58,7 +60,6 @@ from stiction.comparisons.measures.published_creep import (
     ENGINE,
     MATCHED,
     PUBLISHED,
-    UNCERTAINTY,
     published_creep,
 )
 from stiction.comparisons.measures.scene_truth import ground_truth
@@ -791,8 +792,8 @@ def _published_tables(published: pd.DataFrame) -> Iterator[TableView]:
     if PUBLISHED in published:
         columns = (
             Column("case"),
-            Column(PUBLISHED, "published", "um/s", form="g"),
-            Column(OURS, "ours", "um/s", UNCERTAINTY, interval=True),
+            Column(PUBLISHED, "published", form="g"),
+            Column(OURS, "ours", interval=True),
             Column("margin", form=".3g"),
             Column(MATCHED),
             Column("source", brief=False),
@@ -815,7 +816,10 @@ def _tables(
     """Creep by method and load, what is beyond the limit, settings, laws, and every run."""
     at_loads = [
         Column(
-            f"creep at {load:g}", f"{100 * load:g} %", "m/s", f"uncertainty at {load:g}", of=CREEP
+            f"creep at {load:g}",
+            f"{100 * load:g} %",
+            uncertainty=f"uncertainty at {load:g}",
+            of=CREEP,
         )
         for load in loads
     ]
@@ -823,9 +827,9 @@ def _tables(
         "hold",
         by_load,
         (
-            Column("variant", "method"),
+            METHOD,
             Column("fidelity"),
-            Column(FRICTION_BY, "friction law supplied by"),
+            Column(FRICTION_BY),
             *at_loads,
             Column("scene", "fastest on", brief=False),
             Column(HOLDS),
@@ -841,10 +845,10 @@ def _tables(
             usual.loc[[fastest(runs) for _, runs in usual.groupby(["variant", "step"], sort=False)]]
         ),
         (
-            Column("variant", "method"),
-            Column("parameter", "refined by"),
+            METHOD,
+            REFINED_BY,
             Column("step", form="g"),
-            Column(CREEP, "creep", "m/s", UNSURE),
+            Column(CREEP),
             Column(OF_STEP, "of g dt", form=".2g"),
             Column(OF_ZONE, "of the regularization", form=".2g"),
             Column("scene", "on"),
@@ -858,20 +862,19 @@ def _tables(
             "hold-limit",
             moved,
             (
-                Column("variant", "method"),
+                METHOD,
                 Column("fidelity"),
                 Column(LANDED, form=".2g"),
                 Column(
                     BREAK_AWAY,
                     "break-away, of the limit",
                     "%",
-                    BREAK_UNSURE,
                     interval=True,
                     scale=100,
                     bound="bound",
                 ),
                 Column(FASTER, "acceleration", "%", form=".2g", scale=100),
-                Column(STOPPED, "stop", "m", STOP_UNSURE),
+                Column(STOPPED, "stop"),
             ),
             source="hold",
         )
@@ -882,9 +885,9 @@ def _tables(
             (
                 Column(SUBJECT, "engine"),
                 Column(SETTING),
-                Column(CREEP, "creep", "m/s", UNSURE),
+                Column(CREEP),
                 Column(SLOWER, "of the default's", form=".2g"),
-                Column(TIME, "time, of the default's", form=".2g"),
+                Column(TIME, form=".2g"),
                 Column("failed"),
             ),
         )
@@ -896,8 +899,8 @@ def _tables(
                 Column(SUBJECT, "engine"),
                 Column("over"),
                 Column("kind"),
-                Column("law", "law", form="g"),
-                Column(FOUND, "found", "", FOUND_UNSURE, interval=True),
+                Column("law", form="g"),
+                Column(FOUND, interval=True),
                 Column("runs"),
                 Column("verdict"),
                 Column("source", brief=False),

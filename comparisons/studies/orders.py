@@ -288,7 +288,7 @@ def present(results: Results) -> Presentation:
     columns = (
         Column("method"),
         Column(ORDER, "order promised"),
-        Column(OBSERVED, "order observed (95 %)", uncertainty=HALF, interval=True),
+        Column(OBSERVED, "order observed (95 %)", interval=True),
         Column("runs"),
         Column("why_none"),
     )

@@ -421,10 +421,10 @@ def _choices_view(choices: pd.DataFrame, table: pd.DataFrame) -> TableView:
     columns = (
         Column(SUBJECT, "engine"),
         Column(SETTING),
-        Column(TIME_RATIO, "time, of the default's", form=".2g"),
+        Column(TIME_RATIO, form=".2g"),
         Column(TIME_RATIO_ENDS[0], "least", form=".2g"),
         Column(TIME_RATIO_ENDS[1], "most", form=".2g"),
-        Column(ERROR_RATIO, "largest error, of the default's", form=".2g"),
+        Column(ERROR_RATIO, form=".2g"),
         Column(FAILED),
     )
     by_choice = [

@@ -108,9 +108,9 @@ def present(results: Results) -> Presentation:
         Column("setting"),
         Column(OWN_CPU, "engine time", "ms", "half", interval=True, scale=1e3),
         Column("counter:rhs", "right-hand sides"),
-        Column(POSITION, "drift", "m, rad"),
-        Column(VELOCITY, "velocity drift", "m/s"),
-        Column(ERROR, "position error", "m", "position_uncertainty"),
+        Column(POSITION, "drift"),
+        Column(VELOCITY, "velocity drift"),
+        Column(ERROR),
         Column("reason", brief=False),
     )
     shown = view("suppression", table.assign(half=half, setting=settings), columns)

@@ -18,6 +18,8 @@ from stiction.comparisons.bench.methods import (
 )
 from stiction.comparisons.bench.participants import REFERENCE
 from stiction.comparisons.bench.presentation import (
+    METHOD,
+    REFINED_BY,
     TRUTH,
     Axis,
     Chart,
@@ -342,9 +344,9 @@ def _by_method(table: pd.DataFrame, equal: pd.DataFrame, compared: pd.DataFrame)
         Column("run", brief=False),
         Column("read", "resolved", form=".0f"),
         Column("jumps", "of", form=".0f"),
-        Column("bound", unit="N m"),
+        Column("bound", "bound", of="jump_bound"),
         *(
-            Column(in_scene("read", scene), scene_title(scene), "N m")
+            Column(in_scene("read", scene), scene_title(scene), of="jump_bound")
             for scene in table["scene"].unique()
         ),
     )
@@ -354,13 +356,13 @@ def _by_method(table: pd.DataFrame, equal: pd.DataFrame, compared: pd.DataFrame)
 def _by_scene(table: pd.DataFrame) -> dict[str, TableView]:
     """Every run of a scene."""
     columns = (
-        Column("variant", "method"),
-        Column("parameter", "refined by"),
+        METHOD,
+        REFINED_BY,
         Column("step", form="g"),
         Column("read", "resolved", form=".0f"),
         Column("jumps", "of", form=".0f"),
-        Column("bound", unit="N m"),
-        Column(LATE, "largest time error", "s"),
+        Column("bound", "bound", of="jump_bound"),
+        Column(LATE, "largest time error"),
         Column("status"),
         Column("reason"),
     )

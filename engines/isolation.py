@@ -73,7 +73,9 @@ class Outcome:
     Attributes
     ----------
     status : Status
-        How it ended; its values may be given as text, such as ``"ok"``.
+        How it ended, also as text: ``"ok"``; ``"refused"`` (the engine cannot represent the scene); ``"failed"`` (an
+        exception, or a value that cannot be pickled); ``"timed out"``; ``"crashed"`` (the process ended by a signal or
+        an exit); ``"missing"`` (the engine's package is not installed).
     value
         What the function returned (for a `Job`, the trajectory); None unless ok.
     reason, log : str

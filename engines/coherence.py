@@ -31,6 +31,7 @@ from stiction.reference_impl.multibody.trajectory_columns import (
 )
 from stiction.scenes import Event
 from stiction.scenes.columns import BODY_COLUMNS
+from stiction.scenes.fidelity import Fidelity
 from stiction.scenes.trajectory import stacked
 
 START = 1e-6
@@ -280,7 +281,7 @@ def momentum_of_steps(run: Examined) -> Iterator[str]:
     found, t, step = run.found, run.found.t.astype(float), _step(run)
     if (
         run.locates(found.settings)
-        or run.fidelity != "joint"
+        or run.fidelity != Fidelity.JOINT
         or "accelerations" in found.settings
         or not step
         or run.scene.frictional_guides

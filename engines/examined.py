@@ -13,6 +13,7 @@ import numpy as np
 from stiction.engines.assembly import Assembly, assembly_of
 from stiction.scenes import Scene, Trajectory
 from stiction.scenes.columns import BODY_COLUMNS
+from stiction.scenes.fidelity import Fidelity
 from stiction.scenes.trajectory import stacked
 
 if TYPE_CHECKING:
@@ -64,7 +65,7 @@ class Examined:
     t_end: float
     dt: float | None
     output_step: float
-    fidelity: str
+    fidelity: Fidelity
     locates: Callable[[Mapping[str, Any]], bool]
     keeps: Callable[[Mapping[str, Any]], bool]
     assembly: Assembly | None = None

@@ -30,6 +30,7 @@ from stiction.reference_impl.friction.coulomb import friction_coefficients
 from stiction.reference_impl.friction.frozen_mode import ALL, choose_branches, event_functions
 from stiction.reference_impl.multibody.mechanism import Mechanism
 from stiction.scenes import Cost, Event, Trajectory
+from stiction.scenes.fidelity import Fidelity
 from stiction.scenes.laws import evaluate_law
 from stiction.scenes.trajectory import rows_of
 
@@ -321,7 +322,7 @@ def integrate(
         scene=scene.name,
         engine=engine.name,
         version=engine.version,
-        fidelity="joint",
+        fidelity=Fidelity.JOINT,
         t=np.array([t for t, *_ in samples]),
         columns=_columns(mechanism, samples),
         events=tuple(events),

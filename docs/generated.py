@@ -16,7 +16,6 @@ import typer
 from pydantic import BaseModel
 from pydantic.fields import FieldInfo
 
-import stiction
 from stiction.cli.app import app
 from stiction.cli.describe import fidelities_of, table_of_defaults
 from stiction.comparisons.regression import history
@@ -163,28 +162,6 @@ def _commands(command: Any, name: str) -> Iterator[str]:
     yield f"### {name}\n\n{command.help}\n\n{options}"
 
 
-def _documented(name: str, thing: Any, level: str = "###") -> str:
-    shown = f"{level} {name.rpartition('.')[2]}\n\n"
-    if not inspect.isclass(thing) or not issubclass(thing, (Exception, BaseModel)):
-        shown += f"```text\n{name}{_signature(thing)}\n```\n\n"
-    shown += _text(thing) + "\n"
-    if inspect.isclass(thing):
-        for key, value in vars(thing).items():
-            if key.startswith("_") or key == "inconsistencies" or not inspect.getdoc(value):
-                continue
-            if inspect.isfunction(value):
-                shown += "\n" + _documented(f"{name}.{key}", value, "####")
-            elif isinstance(value, property):
-                shown += f"\n#### {key}\n\n{_text(value)}\n"
-    return shown
-
-
-def _signature(thing: Any) -> str:
-    """One parameter a line where it is long."""
-    text = str(inspect.signature(thing)).replace("'", "")
-    return text if len(text) < 90 else re.sub(r", (?=[*\w]+:|\*,)", ",\n    ", text)
-
-
 def _text(thing: Any) -> str:
     """A docstring as Markdown: sections of NumPy's kind become bold, their entries a list."""
     lines, found, section = (inspect.getdoc(thing) or "").replace("``", "`").splitlines(), [], False
@@ -244,10 +221,6 @@ GENERATED: dict[str, Callable[..., str]] = {
         dict.fromkeys((f"`{kind}`", words) for kind, words in BREAKDOWNS.values()),
     ),
     "command_line": lambda: "\n".join(_commands(typer.main.get_command(app), "stiction")),
-    "python": lambda: "\n".join(
-        _documented(name, getattr(stiction, name))
-        for name in sorted(stiction.__all__, key=lambda name: (name[0].isupper(), name))
-    ),
     "night_history": lambda: f"```text\n{inspect.getdoc(history)}\n```\n",
     "placeholders": lambda: _table(
         ("in an argument", "is replaced by"),

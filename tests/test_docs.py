@@ -5,6 +5,7 @@ script, every line of a ``sh`` block is a command. Commands that take long run i
 run their options are looked up.
 """
 
+import inspect
 import json
 import re
 import runpy
@@ -14,6 +15,7 @@ import sys
 import tomllib
 import warnings
 from contextlib import redirect_stderr, redirect_stdout
+from dataclasses import fields, is_dataclass
 from importlib.util import find_spec
 from io import StringIO
 from pathlib import Path
@@ -271,7 +273,8 @@ def test_every_page_is_in_the_navigation():
 
 
 def test_site_is_built_without_a_warning_and_needs_no_network(tmp_path):
-    pytest.importorskip("mkdocs", reason="the extra docs is not installed")
+    for package in ("mkdocs", "material", "mkdocstrings_handlers.python"):
+        pytest.importorskip(package, reason="the extra docs is not installed")
     ended = subprocess.run(
         [
             sys.executable,
@@ -293,7 +296,17 @@ def test_site_is_built_without_a_warning_and_needs_no_network(tmp_path):
     assert len(pages) > len(TEXT) - 3
     for page in pages:
         text = page.read_text(encoding="utf-8")
-        assert not re.findall(r"""<(?:script|link|img)[^>]+(?:src|href)=["']https?://""", text)
+        loaded = r"""<(?:script|link|img|iframe|source)[^>]+(?:src|href)=["']?(?:https?:)?//"""
+        assert not re.findall(loaded, text), page
+        assert "unpkg.com" not in text, page  # scripts that a theme loads later
+    for sheet in (tmp_path / "site").rglob("*.css"):
+        assert not re.findall(r"""url\(["']?(?:https?:)?//""", sheet.read_text(encoding="utf-8"))
+    index = tmp_path / "site" / "search" / "search_index.js"  # what a page in a folder can load
+    assert "Siconos" in index.read_text(encoding="utf-8")
+    reference = (tmp_path / "site" / "reference" / "python.html").read_text(encoding="utf-8")
+    assert {*re.findall(r'id="(stiction\.\w+)"', reference)} == {
+        f"stiction.{name}" for name in stiction.__all__
+    }
 
 
 @pytest.mark.parametrize("page", [page for page in TEXT if page.startswith("docs/")])
@@ -337,10 +350,25 @@ class TestReference:
         trajectory = load_engine("reference").simulate(load_scene("slider-bar-case-1"), t_end=0.1)
         assert {name.rpartition(".")[2] for name in trajectory.columns} == named
 
-    def test_every_public_name_has_a_docstring(self):
-        for name in stiction.__all__:
-            assert getattr(stiction, name).__doc__ if name != "app" else True, name
-            assert name in ("app", "main") or f"### {name}\n" in TEXT["docs/reference/python.md"]
+    def test_every_public_name_is_on_its_page_once(self):
+        named = re.findall(r"^::: stiction\.(\w+)$", TEXT["docs/reference/python.md"], re.MULTILINE)
+        assert sorted(named) == sorted(stiction.__all__)
+
+    @pytest.mark.parametrize("name", stiction.__all__)
+    def test_public_name_is_described_with_its_parameters(self, name):
+        """Those of a function below Parameters; the fields of a dataclass below Attributes or in the text."""
+        thing = getattr(stiction, name)
+        text = inspect.getdoc(thing)
+        assert text
+        if inspect.isfunction(thing):
+            section = re.search(
+                r"^Parameters\n-+\n(.*?)(?=^\w+\n-+\n|\Z)", text, re.DOTALL | re.MULTILINE
+            )
+            listed = re.findall(r"^(\S[^:\n]*)", section[1], re.MULTILINE) if section else []
+            described = {word.strip("* ") for entry in listed for word in entry.split(",")}
+            assert described == {*inspect.signature(thing).parameters}
+        elif is_dataclass(thing):
+            assert all(re.search(rf"\b{field.name}\b", text) for field in fields(thing))
 
 
 @pytest.mark.parametrize(

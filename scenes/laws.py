@@ -111,9 +111,20 @@ def evaluate_law(
 
 
 def evaluate_law(law: Law, t: Any) -> Any:
-    """Value, first and second derivative of a law at time t, s; of a linear table the derivative from the right.
+    """Evaluate a law of time and its first and second derivative.
 
-    A law that is no table is evaluated at several times, too, shape (n,).
+    Parameters
+    ----------
+    law
+        The law of a drive, a force or a torque of a scene.
+    t : float or ndarray
+        Time, s; an array has the shape (n,). Tables are evaluated at one time only.
+
+    Returns
+    -------
+    tuple
+        Value, first and second derivative, in the unit of the law, per s and per s². At a point of a linear table the
+        first derivative is the one from the right. Derivatives that are constant are returned as one number.
     """
     if isinstance(law, Constant):
         return law.value, 0.0, 0.0

@@ -291,30 +291,35 @@ Stabilization = Annotated[Baumgarte | Projection | NoStabilization, Field(discri
 
 
 class Scene(Model):
-    """A planar mechanism and only the effects it declares."""
+    """A planar mechanism: its bodies, joints, drives, springs and loads.
+
+    A scene has only the effects that it declares: without ``gravity`` there is no weight, and a guide without a
+    coefficient of friction is frictionless. The keys are described in the scene format. Quantities are in SI units,
+    angles in radians.
+    """
 
     title: str = ""
-    """The mechanism in a line"""
+    """A one-line description of the mechanism"""
     source: str = ""
-    """Where its numbers come from"""
+    """Where the numbers come from, such as a publication"""
     t_end: Positive = 10.0
-    """Seconds that are simulated; > 0"""
+    """Simulated time, s; > 0"""
     parameters: dict[Name, Number] = {}
-    """Names and numbers for arithmetic; each may use those above it"""
+    """Named numbers for use in arithmetic expressions; each may use the parameters above it"""
     gravity: Vector | None = None
-    """`[gx, gy]`, m/s²; none is no weight"""
+    """Gravitational acceleration `[gx, gy]`, m/s²; without it, bodies have no weight"""
     bodies: dict[Name, Body] = Field(min_length=1)
     """The bodies by name; at least one"""
     joints: dict[Name, Joint] = {}
-    """Pins and sliders on guides"""
+    """Revolute joints (pins) and translational joints (sliders on guides) by name"""
     drives: dict[Name, Drive] = {}
-    """Motors: coordinates that follow a law of time"""
+    """Motors by name: coordinates that follow a law of time"""
     springs: dict[Name, Spring] = {}
-    """Springs and dampers"""
+    """Springs and dampers by name"""
     forces: dict[Name, Load] = {}
-    """Forces and torques"""
+    """Applied forces and torques by name"""
     stabilization: Stabilization = Projection()
-    """Against constraint drift, of the reference implementation; projection where nothing is said"""
+    """How the reference implementation limits constraint drift"""
     _raw: dict[str, Any] = PrivateAttr(default_factory=dict)
     _origin: str = PrivateAttr(default="<scene>")
     _name: str = PrivateAttr(default="<scene>")
@@ -332,7 +337,7 @@ class Scene(Model):
 
     @property
     def name(self) -> str:
-        """The name of the file without its ending."""
+        """The name of the scene: the file name without its extension."""
         return self._name
 
     @property
@@ -353,7 +358,13 @@ class Scene(Model):
         return {name: guide for name, guide in self.guides.items() if guide.frictional}
 
     def draw(self) -> Picture:
-        """Draw the mechanism at t = 0; ``draw().write("scene.svg")`` makes a file (.svg, .pdf, .png)."""
+        """Draw the mechanism at t = 0.
+
+        Returns
+        -------
+        Picture
+            It is displayed by Jupyter; its method ``write("scene.svg")`` writes a file (.svg, .pdf or .png).
+        """
         from stiction.scenes.pictures.mechanism import drawing
 
         return drawing(self)

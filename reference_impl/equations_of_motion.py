@@ -85,14 +85,15 @@ class Terms:
     Attributes
     ----------
     QE : ndarray
-        Applied forces, N and N m, shape (..., k). The coordinates are those of centres of mass, so M q'' is the only inertial term.
+        Applied forces, N and N m, shape (..., k). The coordinates are those of centres of mass, so M q'' is the only
+        inertial term.
     phi, phi_dot, gamma : ndarray
         Constraints Phi, their rate Phi', and gamma in Phi'' = J q'' + gamma, shape (..., rows).
     J : ndarray
         Jacobian of the constraints, shape (..., rows, k).
     W : ndarray
-        Tangential direction of the slider's point in each frictional guide, shape (..., guides, k). W_T of the surfaces (+) and (-) is this row
-        plus or minus b/2 times the row of J that belongs to the slider's angle.
+        Tangential direction of the slider's point in each frictional guide, shape (..., guides, k). W_T of the surfaces
+        (+) and (-) is this row plus or minus b/2 times the row of J that belongs to the slider's angle.
     w : ndarray
         Remainder of the slip acceleration at the slider's point, g_T'' = W q'' + w, m/s², shape (..., guides).
     slip_speed : ndarray

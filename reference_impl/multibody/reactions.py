@@ -52,18 +52,18 @@ def recover_columns(
         x, y and angle of each body in the order of the scene (m, rad), velocities and accelerations, shape
         (n, 3 * bodies). Where an acceleration is NaN, the forces are NaN.
     reactions : mapping of str to array_like
-        Columns of shape (n,) that the engine itself reports, for example ``"motor.effort"`` or ``"guide.normal_force"``. They replace
-        the computed ones, and the corner forces are computed from them. Values of a guide's ``friction`` that are not
-        NaN are taken as known, and the other forces are computed with them.
+        Columns of shape (n,) that the engine itself reports, for example ``"motor.effort"`` or
+        ``"guide.normal_force"``. They replace the computed ones, and the corner forces are computed from them. Values
+        of a guide's ``friction`` that are not NaN are taken as known, and the other forces are computed with them.
     mechanism : Mechanism
         The compiled mechanism of the scene, if it exists already.
 
     Returns
     -------
     dict of str to ndarray
-        Columns of shape (n,) as in `stiction.scenes.Trajectory`. Friction that is split between both surfaces is split with equal
-        mobilization. A force is NaN where the motion and the known friction do not determine it, for example in a
-        mechanism with more guides at rest than degrees of freedom.
+        Columns of shape (n,) as in `stiction.scenes.Trajectory`. Friction that is split between both surfaces is split
+        with equal mobilization. A force is NaN where the motion and the known friction do not determine it, for example
+        in a mechanism with more guides at rest than degrees of freedom.
 
     Raises
     ------

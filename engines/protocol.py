@@ -235,8 +235,10 @@ class Engine(ABC):
 
         Parameters
         ----------
-        dt, rtol
-            Step, s, and relative tolerance as passed to `simulate`; None if not given.
+        dt
+            Step as passed to `simulate`, s; None if not given.
+        rtol
+            Relative tolerance as passed to `simulate`; None if not given.
         fidelity
             ``"joint"`` or ``"contact"``.
         settings
@@ -342,8 +344,10 @@ class Engine(ABC):
             The scene.
         t_end
             End of the run, s.
-        dt, rtol
-            Step, s, and relative tolerance; None for the engine's default.
+        dt
+            Step of a fixed-step method, s; None for the engine's default.
+        rtol
+            Relative tolerance of an adaptive method; None for the engine's default.
         fidelity
             ``"joint"`` or ``"contact"``.
         output_step
@@ -371,8 +375,10 @@ class Engine(ABC):
             The scene.
         t_end
             End of the run, s; that of the scene if None.
-        dt, rtol
-            Step of a fixed-step method, s, or relative tolerance of an adaptive one; the engine's default if None.
+        dt
+            Step of a fixed-step method, s; the engine's default if None.
+        rtol
+            Relative tolerance of an adaptive method; the engine's default if None.
         fidelity
             ``"joint"`` or ``"contact"``.
         output_step

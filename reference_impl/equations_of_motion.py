@@ -87,8 +87,12 @@ class Terms:
     QE : ndarray
         Applied forces, N and N m, shape (..., k). The coordinates are those of centres of mass, so M q'' is the only
         inertial term.
-    phi, phi_dot, gamma : ndarray
-        Constraints Phi, their rate Phi', and gamma in Phi'' = J q'' + gamma, shape (..., rows).
+    phi : ndarray
+        Residuals Phi of the constraints (m, rad), shape (..., rows).
+    phi_dot : ndarray
+        Their rates Phi', shape (..., rows).
+    gamma : ndarray
+        Remainder in Phi'' = J q'' + gamma, shape (..., rows).
     J : ndarray
         Jacobian of the constraints, shape (..., rows, k).
     W : ndarray
@@ -168,8 +172,10 @@ class EquationsOfMotion:
         ----------
         t : float or ndarray
             Time, s, shape (...,).
-        q, v : ndarray
-            Coordinates (m, rad) and velocities (m/s, rad/s), shape (..., k).
+        q : ndarray
+            Coordinates (m, rad), shape (..., k).
+        v : ndarray
+            Velocities (m/s, rad/s), shape (..., k).
         """
         motion = Motion(list(self.scene.bodies), np.asarray(t, dtype=float), q, v)
         scene, rows, tangents = self.scene, [], []

@@ -34,9 +34,11 @@ class Event:
         sign) or ``"corner"`` (a corner force reaches zero and contact passes to the opposite surface).
     joint : str
         Name of the guide.
-    before, after : Mapping[str, float]
-        Left and right limits of the columns of the trajectory at this instant. An engine that integrates mechanically
-        independent parts of a scene separately gives the columns of the part with this joint.
+    before : Mapping[str, float]
+        Left limits of the columns of the trajectory at this instant. An engine that integrates mechanically independent
+        parts of a scene separately gives the columns of the part with this joint.
+    after : Mapping[str, float]
+        Right limits of the same columns.
     other_modes : int
         Number of other modes that are consistent with Coulomb's law at this instant. It is positive, for example, if
         several guides are at rest and any one of them could break away.
@@ -139,8 +141,14 @@ class Trajectory:
 
     Attributes
     ----------
-    scene, engine, version, fidelity : str
-        Name of the scene, name and version of the engine, and ``"joint"`` or ``"contact"``.
+    scene : str
+        Name of the scene.
+    engine : str
+        Name of the engine.
+    version : str
+        Version of the engine.
+    fidelity : str
+        ``"joint"`` or ``"contact"``.
     t : ndarray
         Output times, s, increasing; shape (n,).
     columns : Mapping[str, ndarray]

@@ -48,9 +48,12 @@ def recover_columns(
         The scene.
     t : array_like
         Time, s, shape (n,).
-    q, v, a : array_like
-        x, y and angle of each body in the order of the scene (m, rad), velocities and accelerations, shape
-        (n, 3 * bodies). Where an acceleration is NaN, the forces are NaN.
+    q : array_like
+        x, y and angle of each body in the order of the scene (m, rad), shape (n, 3 * bodies).
+    v : array_like
+        Their velocities (m/s, rad/s), of the same shape.
+    a : array_like
+        Their accelerations (m/s², rad/s²), of the same shape. Where an acceleration is NaN, the forces are NaN.
     reactions : mapping of str to array_like
         Columns of shape (n,) that the engine itself reports, for example ``"motor.effort"`` or
         ``"guide.normal_force"``. They replace the computed ones, and the corner forces are computed from them. Values

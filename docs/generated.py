@@ -126,7 +126,8 @@ def engine(name: str) -> str:
         _table(heading, [[cell and f"`{cell}`" for cell in row] for row in rows]) if rows else ""
     )
     return (
-        f"### {name}\n\nOrder {built.capabilities.order}, reactions from {built.capabilities.reactions}.\n\n"
+        f"### {name}\n\nOrder of convergence: {built.capabilities.order}. "
+        f"Reactions are taken from the {built.capabilities.reactions}.\n\n"
         + _table(("fidelity", "friction law (supplied by)", "mus"), fidelities)
         + f"\n{_text(type(built))}\n\n{settings}"
     )

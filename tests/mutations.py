@@ -256,13 +256,13 @@ def page(found: dict[str, Answer]) -> str:
         "",
         "<!-- made by tests/mutations.py -->",
         "",
-        "A mutation is a deliberate error in one line of the code, such as a wrong coefficient, a wrong sign or a missing term. The",
-        "tables show what detects each of them: the tests listed for it in `tests/mutations.toml`, the part of `stiction check` whose",
-        "runs use the file, and, if neither detects it, a nightly campaign. The entry is the first test or number that reports the",
-        "error. *Not asked* means that the mutation had been detected before.",
+        "A mutation is a deliberate error in one line of the code, such as a wrong coefficient, a wrong sign or a missing",
+        "term. The tables show what detects each of them: the tests listed for it in `tests/mutations.toml`, the part of",
+        "`stiction check` whose runs use the file, and, if neither detects it, a nightly campaign. The entry is the first test",
+        "or number that reports the error. *Not asked* means that the mutation had been detected before.",
         "",
-        "`python tests/mutations.py` applies the mutations and writes this page; `pytest -m long tests/test_mutations.py` tests all of",
-        "them.",
+        "`python tests/mutations.py` applies the mutations and writes this page; `pytest -m long tests/test_mutations.py` tests",
+        "all of them.",
     ]
     for part in PARTS:
         lines += [

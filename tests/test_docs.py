@@ -272,41 +272,56 @@ def test_every_page_is_in_the_navigation():
     }
 
 
-def test_site_is_built_without_a_warning_and_needs_no_network(tmp_path):
+@pytest.fixture(scope="module")
+def site(tmp_path_factory):
+    """Folder of the built site; a warning of the build is an error."""
     for package in ("mkdocs", "material", "mkdocstrings_handlers.python"):
         pytest.importorskip(package, reason="the extra docs is not installed")
+    folder = tmp_path_factory.mktemp("site")
+    build = ["build", "--strict", "--config-file", str(ROOT / "mkdocs.yml")]
     ended = subprocess.run(
-        [
-            sys.executable,
-            "-m",
-            "mkdocs",
-            "build",
-            "--strict",
-            "--config-file",
-            str(ROOT / "mkdocs.yml"),
-            "--site-dir",
-            str(tmp_path / "site"),
-        ],
+        [sys.executable, "-m", "mkdocs", *build, "--site-dir", str(folder)],
         capture_output=True,
         text=True,
         timeout=600,
     )
     assert ended.returncode == 0, ended.stderr
-    pages = list((tmp_path / "site").rglob("*.html"))
+    return folder
+
+
+def test_site_is_built_without_a_warning_and_needs_no_network(site):
+    pages = list(site.rglob("*.html"))
     assert len(pages) > len(TEXT) - 3
     for page in pages:
         text = page.read_text(encoding="utf-8")
         loaded = r"""<(?:script|link|img|iframe|source)[^>]+(?:src|href)=["']?(?:https?:)?//"""
         assert not re.findall(loaded, text), page
         assert "unpkg.com" not in text, page  # scripts that a theme loads later
-    for sheet in (tmp_path / "site").rglob("*.css"):
+    for sheet in site.rglob("*.css"):
         assert not re.findall(r"""url\(["']?(?:https?:)?//""", sheet.read_text(encoding="utf-8"))
-    index = tmp_path / "site" / "search" / "search_index.js"  # what a page in a folder can load
-    assert "Siconos" in index.read_text(encoding="utf-8")
-    reference = (tmp_path / "site" / "reference" / "python.html").read_text(encoding="utf-8")
+
+
+def test_site_has_a_heading_for_every_public_name(site):
+    reference = (site / "reference" / "python.html").read_text(encoding="utf-8")
     assert {*re.findall(r'id="(stiction\.\w+)"', reference)} == {
         f"stiction.{name}" for name in stiction.__all__
     }
+
+
+def test_site_is_searched_from_a_folder(site, browser):
+    """In a browser, without a server; nothing but files is asked for."""
+    page = browser.new_page()
+    asked = []
+    page.on("request", lambda request: asked.append(request.url))
+    page.goto((site / "engines" / "siconos.html").as_uri())
+    field = page.locator("input[data-md-component=search-query]")
+    field.click()
+    field.fill("MoreauJeanOSI")
+    result = page.locator("a.md-search-result__link").first
+    result.wait_for(timeout=60_000)
+    assert "siconos.html" in result.get_attribute("href")
+    assert asked and all(url.startswith(("file:", "data:", "blob:")) for url in asked)
+    page.close()
 
 
 @pytest.mark.parametrize("page", [page for page in TEXT if page.startswith("docs/")])

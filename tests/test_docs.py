@@ -314,9 +314,8 @@ def test_site_is_searched_from_a_folder(site, browser):
     asked = []
     page.on("request", lambda request: asked.append(request.url))
     page.goto((site / "engines" / "siconos.html").as_uri())
-    field = page.locator("input[data-md-component=search-query]")
-    field.click()
-    field.fill("MoreauJeanOSI")
+    page.locator("input[data-md-component=search-query]").click()
+    page.keyboard.type("MoreauJeanOSI")  # the page searches at each key
     result = page.locator("a.md-search-result__link").first
     result.wait_for(timeout=60_000)
     assert "siconos.html" in result.get_attribute("href")

@@ -7,19 +7,36 @@ pages to each other.
 
 from __future__ import annotations
 
+import io
 import sys
+import tempfile
 from collections.abc import Callable
 from pathlib import Path
 
 import matplotlib.pyplot as plt
 from matplotlib.figure import Figure
+from PIL import Image
 
+from stiction.comparisons.bench.results import Results
+from stiction.comparisons.judge.judgement import judge
+from stiction.comparisons.sweep.steady_state_measures import SteadyRun
+from stiction.comparisons.sweep.sweep import Specification, parse_axis, sweep, usual_end
 from stiction.engines import load_engine
-from stiction.scenes import load_scene
+from stiction.reports.figures.charts import drawn
+from stiction.reports.figures.map import sweep_drawings
+from stiction.reports.figures.style import rc
+from stiction.reports.judgement_page import judgement_section
+from stiction.scenes import load_scene, new_scene_text
+from stiction.scenes.pictures.geometry import poses_at, view_of
+from stiction.scenes.pictures.mechanism import canvas, draw_mechanism
+from stiction.scenes.pictures.web import force_columns, largest_force
 
 FOLDER = Path(__file__).parent / "pictures"
 DOTS_PER_INCH = 160
 """Sharp on a display of high resolution at the width of a page, and some tens of kilobytes each."""
+
+SECONDS_A_POINT = 60.0
+"""Limit for a point of a sweep, which takes a few hundredths of a second; a hang is then an error."""
 
 PICTURES: dict[str, Callable[[], Figure]] = {}
 """The function that draws a picture, by the picture's name."""
@@ -46,13 +63,86 @@ def driving_torque() -> Figure:
     return figure
 
 
+@picture
+def new_scene() -> Figure:
+    """The scene that ``stiction new`` writes, as ``stiction draw`` shows it."""
+    with tempfile.TemporaryDirectory() as folder:
+        file = Path(folder) / "sled.toml"
+        file.write_text(new_scene_text(), encoding="utf-8")
+        return load_scene(file).draw()
+
+
+@picture
+def trammel_run() -> Figure:
+    """The figure of ``stiction run elliptic-trammel --t-end 2 --plot trammel.png``."""
+    return load_engine("reference").simulate(load_scene("elliptic-trammel"), t_end=2.0).plot()
+
+
+@picture
+def film_frame() -> Figure:
+    """One frame of ``stiction run elliptic-trammel --t-end 2 --animate trammel.gif``."""
+    scene = load_scene("elliptic-trammel")
+    run = load_engine("reference").simulate(scene, t_end=2.0)
+    row = len(run.t) // 2
+    view = view_of(scene, [poses_at(scene, run, i) for i in range(len(run.t))])
+    forces = {name: float(run[name][row]) for name in force_columns(scene)}
+    with rc():
+        figure, axes = canvas(scene, view)
+        draw_mechanism(
+            axes,
+            scene,
+            poses_at(scene, run, row),
+            view,
+            float(run.t[row]),
+            forces,
+            largest_force(scene, run),
+        )
+    axes.set_title(f"{scene.name}: t = {run.t[row]:.3f} s", fontsize=8)
+    return figure
+
+
+@picture
+def judgement() -> Figure:
+    """The figure of ``stiction judge slider-bar-case-1 mine.csv --out judged``, of pymunk at 1 ms."""
+    scene = load_scene("slider-bar-case-1")
+    run = load_engine("pymunk").simulate(scene, dt=1e-3)
+    section = judgement_section(judge(scene, run.to_frame()))
+    with rc():
+        [drawing] = drawn(section.figures, Results((), {}, {}))
+    return drawing.figure
+
+
+@picture
+def sweep_map() -> Figure:
+    """The map of the first command of the page on sweeps: the part of a period in which the slider sticks."""
+    scene = load_scene("slider-bar-case-1", {"mus": "4/3*mu"})
+    end = usual_end(scene)
+    specification = Specification(
+        scene,
+        (parse_axis("F0=3:6:8"), parse_axis("mu=0.02:0.06:8")),
+        ("stick-fraction",),
+        SteadyRun(end / 3, end),
+        SECONDS_A_POINT,
+    )
+    with tempfile.TemporaryDirectory() as folder:
+        result = sweep(specification, Path(folder) / "sweep")
+    with rc():
+        [drawing] = sweep_drawings(result)
+    return drawing.figure
+
+
 def main(names: list[str]) -> None:
     """Draw the pictures of these names, or all of them."""
     FOLDER.mkdir(exist_ok=True)
     for name in names or sorted(PICTURES):
         figure = PICTURES[name]()
-        figure.savefig(FOLDER / f"{name}.png", dpi=DOTS_PER_INCH)
+        drawn_file = io.BytesIO()
+        figure.savefig(drawn_file, format="png", dpi=DOTS_PER_INCH)
         plt.close(figure)
+        # A palette of 256 colours is enough for line drawings, and takes a third of the bytes.
+        Image.open(drawn_file).convert("RGB").quantize(256).save(
+            FOLDER / f"{name}.png", optimize=True
+        )
 
 
 if __name__ == "__main__":

@@ -102,6 +102,15 @@ def film_frame() -> Figure:
 
 
 @picture
+def two_engines() -> Figure:
+    """The figure of the page on looking at runs that has the reference and pymunk in it."""
+    scene = load_scene("slider-bar-case-1")
+    exact = load_engine("reference").simulate(scene, t_end=8.0)
+    coarse = load_engine("pymunk").simulate(scene, t_end=8.0, dt=0.1)
+    return exact.plot("motor.effort", "guide.slip_velocity", against=[coarse])
+
+
+@picture
 def judgement() -> Figure:
     """The figure of ``stiction judge slider-bar-case-1 mine.csv --out judged``, of pymunk at 1 ms."""
     scene = load_scene("slider-bar-case-1")

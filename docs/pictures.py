@@ -14,24 +14,32 @@ from collections.abc import Callable
 from pathlib import Path
 
 import matplotlib.pyplot as plt
+import numpy as np
 from matplotlib.figure import Figure
 from PIL import Image
 
+from stiction.comparisons.bench.complementarity.replay import replay
+from stiction.comparisons.bench.depth import Depth
 from stiction.comparisons.bench.results import Results
+from stiction.comparisons.bench.runner import make
+from stiction.comparisons.bench.study import Scope, planned, union
 from stiction.comparisons.judge.judgement import judge
+from stiction.comparisons.studies import studies
 from stiction.comparisons.sweep.steady_state_measures import SteadyRun
 from stiction.comparisons.sweep.sweep import Specification, parse_axis, sweep, usual_end
-from stiction.engines import load_engine
+from stiction.engines import isolate, load_engine
 from stiction.reports.figures.charts import drawn
 from stiction.reports.figures.map import sweep_drawings
 from stiction.reports.figures.style import rc
 from stiction.reports.judgement_page import judgement_section
+from stiction.reports.text import section_of
 from stiction.scenes import load_scene, new_scene_text
 from stiction.scenes.pictures.geometry import poses_at, view_of
 from stiction.scenes.pictures.mechanism import canvas, draw_mechanism
 from stiction.scenes.pictures.web import force_columns, largest_force
 
 FOLDER = Path(__file__).parent / "pictures"
+SOLVERS = Path(__file__).parent / "examples" / "solvers"
 DOTS_PER_INCH = 160
 """Sharp on a display of high resolution at the width of a page, and some tens of kilobytes each."""
 
@@ -46,6 +54,16 @@ def picture(draw: Callable[[], Figure]) -> Callable[[], Figure]:
     """Register a function that draws a picture, under its name with hyphens."""
     PICTURES[draw.__name__.replace("_", "-")] = draw
     return draw
+
+
+def figure_of_study(name: str, scene: str, *engines: str) -> Figure:
+    """The figure of ``stiction compare NAME SCENE --quick --engines ENGINES --plot FILE``."""
+    [study] = [study for study in studies() if study.name == name]
+    scope = Scope((load_scene(scene),), Depth.QUICK, engines)
+    results = union(make([planned(scope, [study])[study]], timed_by=isolate))
+    with rc():
+        [drawing] = drawn(section_of(study, results).figures[:1], results)
+    return drawing.figure
 
 
 @picture
@@ -138,6 +156,41 @@ def sweep_map() -> Figure:
     with rc():
         [drawing] = sweep_drawings(result)
     return drawing.figure
+
+
+@picture
+def lemke_outcomes() -> Figure:
+    """The table of ``stiction replay`` for Lemke's method, as bars: one for each class of problems."""
+    table = replay().set_index("class")
+    outcomes = {
+        "solved": "#009E73",
+        "rightly none": "#0072B2",
+        "none found": "#E69F00",
+        "wrong": "#D55E00",
+        "not an LCP": "#CCCCCC",
+    }
+    figure, axes = plt.subplots(figsize=(7.0, 4.2), layout="constrained")
+    left = np.zeros(len(table))
+    for outcome, color in outcomes.items():
+        axes.barh(table.index, table[outcome], left=left, color=color, label=outcome)
+        left += table[outcome].to_numpy()
+    axes.invert_yaxis()
+    axes.tick_params(labelsize=8)
+    axes.set_xlabel("problems")
+    figure.legend(loc="outside upper center", ncols=len(outcomes), fontsize=8)
+    return figure
+
+
+@picture
+def compare_accuracy() -> Figure:
+    """The figure of ``stiction compare accuracy slider-bar-case-1 --quick --engines pymunk``."""
+    return figure_of_study("accuracy", "slider-bar-case-1", "pymunk")
+
+
+@picture
+def program_accuracy() -> Figure:
+    """The figure of ``compare accuracy`` for the solver in Python of the page on programs."""
+    return figure_of_study("accuracy", "slider-bar-case-1", str(SOLVERS / "python.toml"))
 
 
 def main(names: list[str]) -> None:

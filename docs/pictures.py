@@ -7,7 +7,10 @@ pages to each other.
 
 from __future__ import annotations
 
+import contextlib
 import io
+import re
+import sqlite3
 import sys
 import tempfile
 from collections.abc import Callable
@@ -15,15 +18,19 @@ from pathlib import Path
 
 import matplotlib.pyplot as plt
 import numpy as np
+import pandas as pd
 from matplotlib.figure import Figure
 from PIL import Image
 
+from stiction.comparisons.bench.campaign import load_campaign
 from stiction.comparisons.bench.complementarity.replay import replay
 from stiction.comparisons.bench.depth import Depth
 from stiction.comparisons.bench.results import Results
 from stiction.comparisons.bench.runner import make
 from stiction.comparisons.bench.study import Scope, planned, union
 from stiction.comparisons.judge.judgement import judge
+from stiction.comparisons.regression.baseline import Baseline
+from stiction.comparisons.regression.nightly import run_night
 from stiction.comparisons.studies import studies
 from stiction.comparisons.sweep.steady_state_measures import SteadyRun
 from stiction.comparisons.sweep.sweep import Specification, parse_axis, sweep, usual_end
@@ -191,6 +198,46 @@ def compare_accuracy() -> Figure:
 def program_accuracy() -> Figure:
     """The figure of ``compare accuracy`` for the solver in Python of the page on programs."""
     return figure_of_study("accuracy", "slider-bar-case-1", str(SOLVERS / "python.toml"))
+
+
+@picture
+def history_of_nights() -> Figure:
+    """Position error over six nights of a campaign; the engine is changed before the fourth and after it."""
+    page = (Path(__file__).parent / "how-to" / "engine.md").read_text(encoding="utf-8")
+    files = dict(re.findall(r"^```\w+\n(?=# ([\w.]+)\n)(.*?)^```$", page, re.MULTILINE | re.DOTALL))
+    campaign = (
+        'scenes = ["ball.toml"]\nmeasure = ["accuracy", "motion"]\n'
+        '[variants.flight]\nengine = "free_flight:FreeFlight"\ndt = [1e-2]\n'
+    )
+    with tempfile.TemporaryDirectory() as folder, contextlib.chdir(folder):
+        Path("ball.toml").write_text(files["ball.toml"])
+        Path("campaign.toml").write_text(campaign)
+        sys.path.insert(0, folder)
+        for night in range(6):
+            factor = "0.5001 * t" if night == 3 else "0.5 * t"
+            Path("free_flight.py").write_text(files["free_flight.py"].replace("0.5 * t", factor))
+            chosen = load_campaign("campaign.toml")
+            run_night(chosen, Path("nights"), Baseline(format=2), lambda result: None)
+        with contextlib.closing(sqlite3.connect("nights/history.sqlite")) as connection:
+            history = pd.read_sql("SELECT * FROM history", connection)
+        sys.path.remove(folder)
+    error = history[history["metric"] == "position_error"]
+    is_regression = error["verdict"] == "regression"
+    figure, axes = plt.subplots(figsize=(7.0, 2.8), layout="constrained")
+    axes.semilogy(range(1, len(error) + 1), error["value"], "o-", color="black")
+    axes.semilogy(
+        1 + np.flatnonzero(is_regression),
+        error["value"][is_regression],
+        "o",
+        markersize=14,
+        markerfacecolor="none",
+        markeredgecolor="red",
+        label="regression",
+    )
+    axes.set_xlabel("night")
+    axes.set_ylabel("position error in m")
+    axes.legend()
+    return figure
 
 
 def main(names: list[str]) -> None:

@@ -231,7 +231,7 @@ class _Stepper(TreeStepper):
         self._advance_engine, self._warnings = mujoco.mj_step, warnings
         self.model, self.data = model, data = _model(scene, self.tree, h, self.fidelity, options)
         self._drive_force = data.qfrc_applied
-        self.joints_are(data.qpos, data.qvel)
+        self.share_joint_state(data.qpos, data.qvel)
         # force x, force y, torque z of each body among the six numbers that MuJoCo has of each
         self._pushed = data.xfrc_applied.reshape(-1)
         self._places = np.array(

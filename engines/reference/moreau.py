@@ -13,6 +13,7 @@ from stiction.engines.shared.fixed_step import settings_of, step_of, steps_betwe
 from stiction.scenes import InputError, Scene, Trajectory
 
 SETTINGS = {"clearance": 1e-6, "restitution": 0.0}
+"""Default of each setting. The clearance is far below what is seen of a motion, and far above rounding."""
 
 
 class MoreauEngine(Engine):
@@ -24,10 +25,9 @@ class MoreauEngine(Engine):
     (`Arrays.length_scale`; the settings of a trajectory have it in metres too); `restitution`, Newton's coefficient. A
     guide without length has its slider's point between two surfaces and its angle held.
 
-    No scene is refused, guides on moving bodies included, but for static coefficients above the
-    kinetic ones. A run may still end before its end: where Lemke's method finds no solution of a
-    step's complementarity problem (it ends on a ray), and no contact mode is one or they are too
-    many to try.
+    Only scenes with static coefficients above the kinetic ones are refused; guides may be on moving bodies. A run
+    breaks down where Lemke's method finds no solution of a step's complementarity problem (it ends on a ray), and no
+    contact mode is a solution, or there are too many modes to try.
     """
 
     name = "moreau"
@@ -93,8 +93,11 @@ class MoreauEngine(Engine):
         compiled, started = compiling_seconds(), clock()
         mechanism = assembly_of(scene, assembly).whole
         q, v = consistent_start(mechanism)
+        # steps of equal length up to t_end, so that the last one is as long as the others
         steps = max(1, round(t_end / dt))
         dt = t_end / steps
+        # In metres, as the method has no scale of its own: a mechanism of another size, but the same
+        # shape, gets the same motion.
         clearance = options["clearance"] * mechanism.arrays.length_scale
         assembled = clock() - started
         run = simulate_moreau(
@@ -107,6 +110,7 @@ class MoreauEngine(Engine):
             clearance,
             options["restitution"],
         )
+        # Kernels may be compiled at their first call anywhere above, which the compiler counts.
         cost = replace(
             run.cost, setup_s=run.cost.setup_s + assembled, compile_s=compiling_seconds() - compiled
         )

@@ -27,29 +27,30 @@ FIDELITIES = ("joint", "contact")
 
 
 class Supplier(StrEnum):
-    """Who does a part of the work of a run."""
+    """Who does a part of the work in a run."""
 
     ENGINE = "engine"
     ADAPTER = "adapter"
-    """Our adapter of the engine. Of the friction law: the engine has no Coulomb law, and holds or drives with the
-    forces that the adapter's law allows."""
+    """Our adapter of the engine. For a friction law this means that the engine has no Coulomb law, and holds or drives
+    with the forces that the adapter's law allows."""
     BOTH = "engine + adapter"
-    """The engine's own, with numbers that the adapter sets anew on the way, such as a coefficient of friction."""
+    """The engine's own, with numbers that the adapter changes during the run, such as a coefficient of friction."""
     NOBODY = "nobody"
 
 
 FRICTION_SUPPLIED_BY = "friction_supplied_by"
-"""Setting of every trajectory: the `Supplier` of its friction law; nobody where the scene has no friction."""
+"""Setting of every trajectory: the `Supplier` of its friction law; nobody if the scene has no friction."""
 EVENTS_LOCATED_BY = "events_located_by"
 """Setting of every trajectory: the `Supplier` of its located events."""
 UNSETTLED = "friction does not settle"
-"""Kind of the `stiction.scenes.Breakdown` of an engine that stops where friction and reactions have no solution that it
-finds."""
+"""Kind of the `stiction.scenes.Breakdown` of an engine that stops because it finds no solution for friction and
+reactions."""
 MOST_OUTPUTS = 10_000_000
-"""Instants of a trajectory: 35 columns of the slider-bar are 2.8 GB then."""
+"""Largest number of instants of a trajectory: the 35 columns of the slider-bar are 2.8 GB then."""
 
 MOST_STEPS = 1_000_000_000
-"""Steps of a fixed-step run: at the 2 to 200 microseconds that engines take for one, this is half an hour to days."""
+"""Largest number of steps of a fixed-step run: engines take 2 to 200 microseconds for a step, so that this is half an
+hour to days."""
 
 installed_version = cache(version)
 """Version of an installed distribution; reading it takes longer than a short simulation."""
@@ -57,21 +58,24 @@ installed_version = cache(version)
 
 @cache
 def required(package: str) -> SpecifierSet:
-    """Versions of an engine's package that the suite takes, by its own metadata; any, where that lacks the engine."""
-    # imported here: most commands ask for no bound, and it takes a twentieth of what `stiction.engines` does
+    """Return the versions of an engine's package that the suite's metadata accept; any, if they do not mention it."""
+    # Imported here because most commands need no bound, and the import takes a twentieth of the time
+    # of that of `stiction.engines`.
     from packaging.requirements import Requirement
     from packaging.specifiers import SpecifierSet
 
-    return {one.name: one.specifier for one in map(Requirement, requires("stiction") or ())}.get(
-        package, SpecifierSet()
-    )
+    requirements = map(Requirement, requires("stiction") or ())
+    bounds = {requirement.name: requirement.specifier for requirement in requirements}
+    return bounds.get(package, SpecifierSet())
 
 
-def accepted(package: str, found: str) -> str:
-    """Return the version found of an engine's package; ImportError if the suite takes others only."""
-    if not required(package).contains(found, prereleases=True):
-        raise ImportError(f"found {package} {found}; expected {required(package)}", name=package)
-    return found
+def accepted(package: str, installed: str) -> str:
+    """Return the installed version of an engine's package; raise ImportError if the suite does not accept it."""
+    if not required(package).contains(installed, prereleases=True):
+        raise ImportError(
+            f"found {package} {installed}; expected {required(package)}", name=package
+        )
+    return installed
 
 
 def check_steps(t_end: float, dt: float) -> None:
@@ -99,7 +103,7 @@ class EngineFailure(StictionError):
 class Unsettled(EngineFailure):
     """Friction and reactions do not settle at an instant.
 
-    They have no solution there, or several, or this engine's way does not find it.
+    They have no solution there, or several, or this engine's method does not find it.
 
     Attributes
     ----------
@@ -113,7 +117,7 @@ class Unsettled(EngineFailure):
 
 
 class BadTrajectory(EngineFailure):
-    """The result of the engine is no motion of this mechanism, or no trajectory of the run."""
+    """The result of the engine is not a motion of this mechanism, or not a trajectory of the run."""
 
 
 @dataclass(frozen=True)
@@ -168,8 +172,8 @@ class Capabilities:
                 f"{' or '.join(map(repr, FIDELITIES))}"
             )
         for name in ("static_coefficient", "friction_law", "friction_by"):
-            if not isinstance(found := getattr(self, name), Mapping):
-                raise TypeError(f"{name}: found {found!r}; expected a mapping by fidelity")
+            if not isinstance(value := getattr(self, name), Mapping):
+                raise TypeError(f"{name}: found {value!r}; expected a mapping by fidelity")
         if self.event_location not in (Supplier.ENGINE, Supplier.ADAPTER):
             raise ValueError(
                 f"event_location: found {self.event_location!r}; expected 'engine' or 'adapter'"
@@ -179,7 +183,7 @@ class Capabilities:
                 raise ValueError(
                     f"friction_by: found {fidelity!r}: {supplier!r}; expected one of "
                     f"{', '.join(map(repr, self.fidelities))} and one of "
-                    f"{', '.join(repr(str(one)) for one in Supplier)}"
+                    f"{', '.join(repr(str(supplier)) for supplier in Supplier)}"
                 )
 
 
@@ -283,17 +287,17 @@ class Engine(ABC):
         return Path(inspect.getfile(type(self))).read_bytes()
 
     def prepare(self) -> None:  # noqa: B027 - most have nothing to do
-        """Compile what the engine keeps on disk; called before any run has a time limit. Nothing to do for most."""
+        """Compile what the engine keeps on disk; called before any run has a time limit. Most engines do nothing."""
 
     def prepare_run(self, scene: Scene, **arguments: Any) -> None:  # noqa: B027 - most have nothing to do
-        """Compile what the run of a scene calls for and is not on disk yet; arguments as of `simulate`.
+        """Compile what the run of a scene needs and is not on disk yet; arguments as of `simulate`.
 
-        Nothing to do for most.
+        Most engines do nothing.
         """
 
     @abstractmethod
     def refusal(self, scene: Scene, fidelity: str) -> str | None:
-        """Why this engine cannot represent the scene at this fidelity; None if it can. Cheap."""
+        """Return why this engine cannot represent the scene at this fidelity; None if it can. Takes little time."""
 
     @abstractmethod
     def run(
@@ -389,7 +393,7 @@ class Engine(ABC):
         started = time.process_time()
         complete = self.settings_of_run(settings, fidelity=fidelity, dt=dt, rtol=rtol)
         assembly = Assembly(scene)
-        found = self.run(
+        trajectory = self.run(
             scene,
             t_end=t_end,
             dt=dt,
@@ -400,8 +404,10 @@ class Engine(ABC):
             **({"assembly": assembly} if _takes_assembly(type(self)) else {}),
         )
         spent = time.process_time() - started
+        # An engine's result is validated before anybody uses it. The first problem is reported:
+        # later ones may be consequences.
         examined = Examined(
-            found,
+            trajectory,
             scene,
             t_end,
             dt,
@@ -413,16 +419,19 @@ class Engine(ABC):
         )
         for problem in problems(examined):
             raise BadTrajectory(f"{self.name} returned {problem}")
-        locates = self.locates_events(fidelity, found.settings)
+        # What all trajectories have, whatever the engine reports: who supplies friction law and
+        # events, and a cost.
+        locates = self.locates_events(fidelity, trajectory.settings)
         suppliers = {
-            FRICTION_SUPPLIED_BY: self.friction_supplier(fidelity, found.settings)
+            FRICTION_SUPPLIED_BY: self.friction_supplier(fidelity, trajectory.settings)
             if scene.frictional_guides
             else Supplier.NOBODY,
             EVENTS_LOCATED_BY: self.capabilities.event_location if locates else Supplier.NOBODY,
         }
+        by_name = {name: str(supplier) for name, supplier in suppliers.items()}
         return replace(
-            found,
+            trajectory,
             mechanism=scene,
-            settings={**found.settings, **{name: str(one) for name, one in suppliers.items()}},
-            cost=found.cost if found.cost != Cost() else Cost(stepping_s=spent),
+            settings={**trajectory.settings, **by_name},
+            cost=trajectory.cost if trajectory.cost != Cost() else Cost(stepping_s=spent),
         )

@@ -106,7 +106,7 @@ _OWN_PACKAGE = "stiction"
 
 
 class UnknownEngine(InputError):
-    """Nothing has this name, or what has it is not an engine."""
+    """There is nothing with this name, or it is not an engine."""
 
 
 class EngineMissing(StictionError):
@@ -115,16 +115,16 @@ class EngineMissing(StictionError):
     Attributes
     ----------
     state : str
-        In the words of a table.
+        The word that tables use.
     """
 
     state = "not installed"
 
 
 class EngineBroken(EngineMissing):
-    """The engine's package, or an adapter that another package announces, is there and fails before any run.
+    """The engine's package, or an adapter that another package announces, is installed and fails before any run.
 
-    The message says how.
+    The message is the error.
     """
 
     state = "broken"
@@ -176,7 +176,7 @@ def absolute_name(name: str) -> str:
 
 
 def label_of(name: str) -> str:
-    """Return the name of an engine for tables and legends: of a file the one that it declares, if it is there."""
+    """Return the name of an engine for tables and legends; for a file, the name that it declares, if it exists."""
     if not is_file(name):
         return name
     try:
@@ -187,7 +187,7 @@ def label_of(name: str) -> str:
 
 @lru_cache(maxsize=1)
 def _announced(path: tuple[str, ...]) -> Mapping[str, str]:
-    """Addresses by name of the engines that packages on `path` announce; reading them takes 7 ms."""
+    """Return addresses by name of the engines that packages on `path` announce; reading them takes 7 ms."""
     return {entry.name: entry.value for entry in entry_points(group=ENTRY_POINT_GROUP)}
 
 
@@ -259,7 +259,7 @@ def _of_file(path: Path) -> Engine:
 
 @contextmanager
 def _packaged(shown: str, package: str) -> Iterator[None]:
-    """Say of an engine's package that cannot be imported what brings it."""
+    """Turn the ImportError of an engine's package into an `EngineMissing` that names what to install."""
     try:
         yield
     except ImportError as error:
@@ -269,14 +269,16 @@ def _packaged(shown: str, package: str) -> Iterator[None]:
 
 
 def _made(name: str, module: str, attribute: str, package: str) -> Engine:
-    """The engine, which has said what its version and its capabilities are."""
+    """Create an engine, and make sure that it has a version and capabilities."""
     engine = _class(name, import_module(module), attribute)()
     try:
         str(engine.version)  # asks the engine's own package, which adapters import late
     except Exception as error:
-        # whatever a broken package raises, or another one of its name: the other engines go on
+        # A package that is not installed is handled by the caller, and a mistake in somebody else's
+        # adapter is shown with its traceback. Any other exception is that of a broken package, or of
+        # another package of that name, and must not end a command about all engines.
         if isinstance(error, ImportError) or not package:
-            raise  # not installed, or a mistake in an adapter of others
+            raise
         raise EngineBroken(
             f"{name}: its package is broken: {type(error).__name__}: "
             f"{error}{_remedy(package, ' --force-reinstall --no-deps')}"
@@ -290,7 +292,7 @@ def _made(name: str, module: str, attribute: str, package: str) -> Engine:
 
 
 def _class(name: str, module: ModuleType, attribute: str) -> type[Engine]:
-    """The class of this name in a module, complete."""
+    """Return the class of this name in a module, after checking that it is a complete engine."""
     if not hasattr(module, attribute):
         close = did_you_mean(
             attribute,
@@ -304,20 +306,20 @@ def _class(name: str, module: ModuleType, attribute: str) -> type[Engine]:
             f"engine {name!r}: module {module.__name__} has no class {attribute}{close}; expected a "
             "class derived from stiction.engines.Engine"
         )
-    found = getattr(module, attribute)
-    if not (isinstance(found, type) and issubclass(found, Engine)):
+    cls = getattr(module, attribute)
+    if not (isinstance(cls, type) and issubclass(cls, Engine)):
         raise UnknownEngine(
-            f"engine {name!r}: {attribute!r} of {module.__name__!r} is {found!r}; expected a class "
+            f"engine {name!r}: {attribute!r} of {module.__name__!r} is {cls!r}; expected a class "
             "derived from stiction.engines.Engine"
         )
     if missing := [
-        part for part in OBLIGATORY if part in found.__abstractmethods__ or not hasattr(found, part)
+        part for part in OBLIGATORY if part in cls.__abstractmethods__ or not hasattr(cls, part)
     ]:
         raise UnknownEngine(
             f"engine {name!r}: class {attribute} has no {names(missing)}; expected a class that "
             f"defines {names(OBLIGATORY)}"
         )
-    return found
+    return cls
 
 
 def _remedy(package: str, option: str = "") -> str:

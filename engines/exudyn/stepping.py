@@ -399,7 +399,7 @@ class Stepper:
         after = self._restart(before.t, before.q, before.v)
         for guide, old in zip(self.guides, modes):
             if guide.mode != old:
-                kind = "slip" if old == 0 else "stick" if guide.mode == 0 else "reversal"
+                kind = _kind(old, guide.mode)
                 self.switches.append(Switch(kind, guide.name, before, after))
         self.counters["switches"] += 1
 
@@ -481,3 +481,10 @@ class Stepper:
         return Sample(
             solver.t, solver.q, solver.v, solver.accelerations(), solver.multipliers, self._record()
         )
+
+
+def _kind(before: int, after: int) -> str:
+    """Return the kind of a switch by the modes of its guide before and after it, which differ."""
+    if before == 0:
+        return "slip"
+    return "reversal" if after else "stick"

@@ -242,7 +242,7 @@ class ContactStepper(TreeStepper):
         ]
         self._still = np.zeros(len(self.tree.links))
         guides = self.friction.guides
-        self._caps, self._held, self._slip_speeds = (
+        self._contact_caps, self._contact_held, self._contact_slip_speeds = (
             guides[name] for name in ("cap", "held", "slip_speed")
         )
 
@@ -267,7 +267,7 @@ class ContactStepper(TreeStepper):
             # What the engine's contacts did decides the coefficients of the next step.
             normals, frictions = self.contact_forces()
             for i, speed in enumerate(self.slip_speeds()):
-                self._caps[i] = coefficients[i] * normals[i]
-                self._held[i] = frictions[i]
-                self._slip_speeds[i] = speed
+                self._contact_caps[i] = coefficients[i] * normals[i]
+                self._contact_held[i] = frictions[i]
+                self._contact_slip_speeds[i] = speed
             finish_contacts(self.friction.guides)

@@ -200,9 +200,10 @@ class Contact:
         # columns of the guide to which the corner contributes
         self.resultant, self.moment = f"{name}.normal_force", f"{name}.moment"
         self.mode = f"{name}.mode" if guide["mu"] is not None else ""
-        self.normals = [f"{name}.F{corner + 1}"][: bool(length)]
-        frictions = [f"{name}.friction", f"{name}.friction_{'lower' if self.side > 0 else 'upper'}"]
-        self.frictions = frictions[: 2 if length else 1] if self.mode else []
+        self.normals = [f"{name}.F{corner + 1}"] if length else []
+        self.frictions = [f"{name}.friction"] if self.mode else []
+        if self.mode and length:
+            self.frictions.append(f"{name}.friction_{'lower' if self.side > 0 else 'upper'}")
 
     def look(self) -> None:
         """Keep references to the kernel's own arrays of it, which are written and read in place."""

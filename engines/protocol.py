@@ -209,9 +209,9 @@ OBLIGATORY = ("name", "capabilities", "version", "refusal", "run")
 
 
 class Engine(ABC):
-    """Base of the adapters. Simulations share nothing: one engine object can run many scenes.
+    """Base of the adapters. Simulations share no state: one engine object can run many scenes.
 
-    A class defines all of `OBLIGATORY`; all else has a default.
+    A class has to define all of `OBLIGATORY`; everything else has a default.
     """
 
     name: str
@@ -260,25 +260,25 @@ class Engine(ABC):
         return self.capabilities.friction_by.get(fidelity, Supplier.ENGINE)
 
     def locates_events(self, fidelity: str, settings: Mapping[str, Any]) -> bool:
-        """Return True where runs with these settings of a trajectory report an event at each change of a guide's mode.
+        """Return True if runs with these settings of a trajectory report an event at each change of a guide's mode.
 
-        A run that does not, where this is true, is a `BadTrajectory`.
+        If this is true, a run that does not is a `BadTrajectory`.
         """
         return False
 
     def keeps_cone(self, fidelity: str, settings: Mapping[str, Any]) -> bool:
-        """Return True where friction stays in Coulomb's cone by the forces of the columns.
+        """Return True if friction stays in Coulomb's cone of the forces in the columns.
 
-        A run that leaves it, where this is true, is a `BadTrajectory`. False for regularized laws, and at contact
-        fidelity: a box may press on both surfaces at once, and a motion does not determine by how much.
+        If this is true, a run that leaves the cone is a `BadTrajectory`. It is false for regularized laws, and at
+        contact fidelity: a box may press on both surfaces at once, and a motion does not determine by how much.
         """
         return fidelity == "joint"
 
     def steps_by_impulses(self, fidelity: str, settings: Mapping[str, Any]) -> bool:
-        """Return True where steps exchange impulses between velocities.
+        """Return True if steps exchange impulses between velocities.
 
-        The theory of such schemes has motions where finite forces have none, with jumps of velocity (Moreau; Stewart
-        2000, SIAM Review 42, 3-39).
+        The theory of such schemes admits motions with jumps of velocity where no motion with finite forces exists
+        (Moreau; Stewart 2000, SIAM Review 42, 3-39).
         """
         return False
 
@@ -313,10 +313,10 @@ class Engine(ABC):
     ) -> Trajectory:
         """Simulate a scene that was not refused.
 
-        The settings are all of `settings_of_run`, defaults among them. The columns that the
-        trajectory must have: `gate.required_columns`. An engine whose `run` has a parameter `assembly` besides gets the
-        `stiction.engines.assembly.Assembly` of this run, with the scene's mechanism; None where `run` is called by
-        itself.
+        The settings are all of `settings_of_run`, including defaults. The trajectory must have the columns of
+        `gate.required_columns`. If `run` has a parameter `assembly` too, it gets the
+        `stiction.engines.assembly.Assembly` of this run, with the scene's mechanism, or None if `run` is called
+        directly.
         """
 
     def simulate(

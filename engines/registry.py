@@ -1,8 +1,8 @@
 """Engines by name: those of the suite, those that other packages announce, any class by its address, and files.
 
-A program is named by the path of its declaration, which ends in ``.toml``, an FMU by its own, which ends in ``.fmu``.
-Nothing but such a name runs a program or what an FMU contains. Of an engine that comes with the suite, its entry in
-`ENGINES` is what the rest of the code knows of it by name.
+A program is named by the path of its declaration, which ends in ``.toml``, an FMU by its own path, which ends in
+``.fmu``. Only such a name runs a program or the code in an FMU. The rest of the code knows the engines of the suite by
+their entries in `ENGINES` alone.
 """
 
 from __future__ import annotations
@@ -33,21 +33,19 @@ class EngineEntry:
     Attributes
     ----------
     name : str
-        What commands, tables and the extra of an optional engine call it.
+        Its name in commands and tables, and the name of the extra of an optional engine.
     address : str
         ``"module:Class"`` of its adapter, a class that takes no arguments.
     package : str
-        The package that it needs, as pip knows it; empty for none.
+        The package that it needs, by its name in pip; empty for none.
     optional : bool
-        An installation may lack the package; the extra of the engine's name brings it.
+        Whether an installation may lack the package, which the extra of the engine's name installs.
     own_method : bool
-        The suite is its author: what it refuses, the method refuses, and no adapter.
+        Whether the suite is its author, so that a refusal is that of the method and not of an adapter.
     run_by_system : bool
-        The suite ships its declaration, and the system has its program. It takes part in
-        comparisons where it is named.
+        Whether the suite contains its declaration, and the system its program. Comparisons include it if it is named.
     experiments : mapping of str to str
-        Experiments of its own, outside of any scene, that others published of it: the
-        ``"module:function"`` by the experiment's name.
+        Published experiments with this engine, outside of any scene: ``"module:function"`` by the experiment's name.
     """
 
     name: str
@@ -66,11 +64,11 @@ class FileEntry:
     Attributes
     ----------
     ending : str
-        Of the file's name, with the dot.
+        End of the file's name, with the dot.
     address : str
         ``"module:Class"`` of its adapter, a class that takes the absolute path.
     package : str
-        The package that it needs, as pip knows it; empty for none.
+        The package that it needs, by its name in pip; empty for none.
     """
 
     ending: str
@@ -96,7 +94,7 @@ ENGINES: tuple[EngineEntry, ...] = (
     EngineEntry("dart", f"{_HERE}.dart.engine:DartEngine", "dartpy", optional=True),
     EngineEntry("siconos", f"{_HERE}.siconos.engine:SiconosEngine", run_by_system=True),
 )
-"""The engines that come with the suite, in the order of tables: one entry is all that makes an engine known."""
+"""The engines that come with the suite, in the order of tables. A new engine is registered by an entry here."""
 FILES: tuple[FileEntry, ...] = (
     FileEntry(".toml", f"{_HERE}.program.engine:ProgramEngine"),
     FileEntry(".fmu", f"{_HERE}.fmu.engine:FmuEngine", "fmpy"),

@@ -155,7 +155,7 @@ class Stepper:
         samples.append(self._first())
         transient: list[int] = []  # samples whose forces are still off, by their place in `samples`
         # `k` is the instant of the grid at or before the present time, `in_a_row` the number of
-        # switches in succession without a step that ended where it was meant to.
+        # attempts in succession that ended at a switch.
         k = 0
         on_grid = True
         in_a_row = 0

@@ -26,7 +26,7 @@ PLACEHOLDERS = {
     "output_step": "seconds between rows, at most",
     "settings": "KEY=VALUE, an argument each; must stand alone",
 }
-"""Words that may stand in braces in an argument, and what replaces them."""
+"""Words that are replaced if they are in braces in an argument, and what replaces them."""
 RESERVED = {
     "dt",
     "rtol",
@@ -36,7 +36,7 @@ RESERVED = {
     FRICTION_SUPPLIED_BY,
     EVENTS_LOCATED_BY,
 }
-"""Settings of every trajectory, which no declaration may have."""
+"""Settings of every trajectory, which no declaration may define."""
 _BRACES = re.compile(r"\{(\w+)\}")
 _Words = Annotated[tuple[StrictStr, ...], Field(min_length=1)]
 

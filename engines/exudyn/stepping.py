@@ -433,7 +433,7 @@ class Stepper:
                 names = ", ".join(guide.name for guide in held)
                 raise Declined(
                     f"at t = {t:g} s the sliders of {names} stick and hold the same motion: their shares "
-                    "of the load are not determined, and the adapter holds each by a constraint of its own"
+                    "are open, and the adapter holds each by a constraint of its own"
                 )
             a, multipliers = self._start(t, q, on_constraints)
             overloaded = min(held, key=lambda guide: guide.margin(q, v), default=None)

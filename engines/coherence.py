@@ -174,6 +174,8 @@ def velocities(run: Examined) -> Iterator[str]:
         for i, body in enumerate(run.scene.bodies)
         for kind, low, high in (("vx, vy", 0, 2), ("omega", 2, 3))
     ]
+    # Per body: the way by its velocities, and the part of its change of position along them. They
+    # may differ by what the change of the velocity in each interval leaves unknown.
     speeds = [np.linalg.norm(mean[:, own], axis=1) for *_, own in bodies]
     small = ENGINES_OWN * (size + max(h @ speed for speed in speeds))
     for (body, kind, own), speed in zip(bodies, speeds):
@@ -193,6 +195,7 @@ def velocities(run: Examined) -> Iterator[str]:
 def displacements(run: Examined) -> Iterator[str]:
     """Displacements and slip velocities of guides are those of the states."""
     for part in run.parts:
+        # Displacements are compared with the largest coordinate, velocities with the largest of all.
         q, v = (
             stacked(run.trajectory.columns, part.body_names, labels)
             for labels in (POSITIONS, VELOCITIES)
@@ -508,6 +511,8 @@ def _load_within(run: Examined, name: str, chosen: np.ndarray) -> np.ndarray:
     """
     part = next(part for part in run.parts if name in part.guide_names)
     equations, guide = _Equations.of(run, part, chosen), run.scene.guides[name]
+    # The pseudo-inverse turns a change of the equations into the changes of row forces; magnitudes
+    # are added, as the signs of the changes are not known.
     places = np.arange(len(chosen))
     _, columns, _ = equations.remainder((equations.t, equations.q, equations.v), places)
     moved = np.einsum(
@@ -531,6 +536,7 @@ def _largest_force(run: Examined, part: Mechanism) -> float:
     trajectory, m = run.trajectory, part.arrays
     q, v, a = (stacked(trajectory.columns, part.body_names, labels) for labels in BODY_COLUMNS)
     columns, free = columns_of_rows(m, trajectory.t.astype(float), q, v)
+    # per coordinate, the largest of applied force, mass times acceleration, and row forces on it
     size = np.max(np.abs(np.stack([free, a])), axis=(0, 1)) / m.inverse_mass
     for row, name in enumerate(
         [*part.row_names, *(f"{name}.friction" for name in part.guide_names)]
@@ -616,6 +622,7 @@ def corner_forces(run: Examined) -> Iterator[str]:
         if guide.length is None:
             continue
         length, width = guide.length, guide.width or 0.0
+        # All in newtons: a moment is compared with the forces by the lever of half a length.
         F = [trajectory[f"{name}.F{corner}"] for corner in (1, 2, 3, 4)]
         R, T = trajectory[f"{name}.normal_force"], trajectory[f"{name}.moment"]
         size = max(map(_largest, (*F, R, 2 / length * T)))
@@ -747,6 +754,7 @@ def cone(run: Examined) -> Iterator[str]:
     trajectory, guides = run.trajectory, run.scene.frictional_guides
     if not guides or not run.keeps(trajectory.settings):
         return
+    # What rounding and tolerances leave of any force in this run
     loads = {name: _load(run, name) for name in guides}
     located, settings = bool(run.locates(trajectory.settings)), trajectory.settings
     fastest = max(
@@ -861,6 +869,7 @@ def _speed(run: Examined, v: np.ndarray) -> float:
 
 def _residuals(run: Examined, t: np.ndarray, q: np.ndarray, v: np.ndarray) -> np.ndarray:
     """Return the norms of Phi and Phi' over all parts, shape (2, n)."""
+    # A part has its bodies in an order of its own. Norms of parts add up as squares.
     place = {body: 3 * i for i, body in enumerate(run.scene.bodies)}
     total = np.zeros((2, len(t)))
     for part in run.parts:
@@ -878,6 +887,7 @@ def _residuals(run: Examined, t: np.ndarray, q: np.ndarray, v: np.ndarray) -> np
 
 def _agrees(reported: np.ndarray, residual: np.ndarray, size: float) -> np.ndarray:
     """Return flags of the residuals that are reported as they are."""
+    # A run that diverges has residuals that overflow here; a nan agrees with nothing.
     with np.errstate(over="ignore", invalid="ignore"):
         return np.abs(reported - residual) <= DRIFT * (size + residual)
 

@@ -75,6 +75,8 @@ class Examined:
     @property
     def step(self) -> float:
         """Step size by which the run may end before or after `t_end`, s."""
+        # The step that was requested, or one that the engine has chosen and reports: it must be
+        # short, or a run could end anywhere.
         own: Any = self.trajectory.settings.get("dt")
         if self.dt is not None:
             return self.dt
@@ -83,6 +85,7 @@ class Examined:
     @property
     def slack(self) -> float:
         """Seconds by which the run may end before or after `t_end`."""
+        # fixed steps end at the multiple of the step next to t_end, which may be on either side
         return self.step + ROUNDING * self.t_end
 
     @property

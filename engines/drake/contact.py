@@ -117,6 +117,8 @@ class Boxes:
         from pydrake.math import RigidTransform
 
         self._graph, self._source = graph, plant.get_source_id()
+        # Surfaces and corners of all guides. Those of frictional guides also change materials, and
+        # their forces are measured.
         self._boxes: list[_Box] = []
         for number, (guide, own) in enumerate(zip(scene.guides.values(), materials)):
             link, material = tree.link_of[guide.slider], own.properties()
@@ -190,6 +192,8 @@ class Boxes:
         from pydrake.geometry import Sphere
         from pydrake.math import RigidTransform, RotationMatrix
 
+        # The corner's place in the body is body^-1 box place: the box as it was at `position`, seen
+        # from the body at `start`.
         for link, _, _, corners, places in self._boxes:
             body, box = (
                 RigidTransform(RotationMatrix.MakeZRotation(angle), (x, y, 0.0))
@@ -210,6 +214,7 @@ class Boxes:
         """Set the coefficient of each frictional guide where it has changed."""
         from pydrake.geometry import RoleAssign
 
+        # An assignment is costly, so coefficients that have not changed are left alone.
         for i, coefficient in enumerate(coefficients):
             if coefficient != self._materials[i].kinetic:
                 self._materials[i] = replace(

@@ -146,6 +146,8 @@ class ExudynEngine(Engine):
         return settings.get("method") == LOCATED
 
     def refusal(self, scene: Scene, fidelity: str) -> str | None:
+        # At zero length the direction of a damper's force is the limit of the motion, and Exudyn
+        # divides by that length.
         for name, spring in scene.springs.items():
             if (
                 isinstance(spring, LinearSpring)

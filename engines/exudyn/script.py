@@ -121,6 +121,7 @@ def exudyn_script(
     guides = bristle_guides(model, options, dt, Assembly(scene).whole)
     model.assemble()
     redundant = rank(scene) < constraint_rows(scene)
+    # A row of the script's table of guides for each; see `_FRICTION` for its entries.
     rows = [
         _text(
             (
@@ -241,6 +242,8 @@ class _Written(Model):
         raise Refused(_NO_ITEM.format(f"springs.{name}"))
 
     def _function(self, element: str, item: str, name: str, law: Law, derivative: int) -> _Name:
+        # A function in the script, before the item that uses it. Exudyn calls functions of loads and
+        # of connectors with different arguments.
         if (value := law_expression(law, derivative)) is None:
             raise Refused(
                 f"{element}: a law by table is not written as a script; expected a constant, a line or a "

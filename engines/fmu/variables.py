@@ -146,6 +146,8 @@ class Variables:
                     f"{key} = {value:g} cannot be set in it: {variable.name} is {variable.start}, "
                     f"{variable.variability}, {variable.type}"
                 )
+        # The other columns follow from the motion. To report an event, accelerations and modes on both
+        # sides of it are needed, which the motion between samples does not give.
         needed = state_columns(scene)
         if self.map.capabilities.locates_events:
             needed += [f"{body}.{label}" for body in scene.bodies for label in BODY_COLUMNS[2]]
@@ -188,6 +190,8 @@ class Variables:
 
     def _numbers(self, scene: Scene) -> Iterator[tuple[str, ModelVariable, float]]:
         """Yield name in the scene, variable, and value in its unit of each parameter that the scene has too."""
+        # Numbers of the resolved scene by dotted keys, and parameters of the scene by name. Inputs
+        # and outputs of the FMU that have such a name are no parameters.
         for key, value in {**flattened(resolved_scene(scene)["scene"]), **scene.parameters}.items():
             variable = self.by_name.get(self.map.parameters.get(key, key))
             if (

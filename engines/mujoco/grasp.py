@@ -33,6 +33,7 @@ def creep_and_load(model: Mapping[str, Any], **options: Any) -> tuple[float, flo
     height = compiled.joint(compiled.body("capsule").jntadr[0]).qposadr[0] + 2
     data.ctrl[:] = model["target"]
     step = partial(mujoco.mj_step, compiled, data)
+    # The pads close and the capsule comes to its steady creep before anything is measured.
     for _ in range(round(model["settle"] / model["timestep"])):
         step()
     heights, loads, force = [data.qpos[height]], [], np.zeros(6)

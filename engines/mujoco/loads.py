@@ -91,6 +91,8 @@ def add_loads(
             **more,
         )
 
+    # Springs by what they are measured along: two points, joint coordinates, an axis of the ground.
+    # MJCF has no element for an axis of a moving body that is not a guide's.
     for name, spring in scene.springs.items():
         constants = {"stiffness": repr(spring.stiffness), "damping": repr(spring.damping)}
         if isinstance(spring, LinearSpring) and spring.axis is None:
@@ -142,6 +144,8 @@ def add_loads(
         loads.ctrl.append(float(evaluate_law(load.law, 0.0)[0]))
         if not isinstance(load.law, Constant):
             loads.to_set.append(f'ctrl of actuator "{name}": {_words(load.law)}')
+    # A drive of constant rate keeps it by its rotor alone. Others need a force on the rotor, which
+    # whoever steps the model has to compute.
     position, _ = tree.coordinates(scene)
     for name, drive in scene.drives.items():
         if isinstance(drive.law, (Constant, Linear)):

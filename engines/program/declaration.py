@@ -66,6 +66,8 @@ class Declaration(Model):
                 )
             if "{settings}" in word and word != "{settings}":
                 yield f"command.{i}", word, "expected {settings} as an argument of its own"
+        # The command has to pass on what the run depends on: a step or a tolerance, settings, and a
+        # file for events if the program is to locate these.
         can = self.capabilities
         refined, other = ("rtol", "dt") if can.adaptive else ("dt", "rtol")
         needed = {

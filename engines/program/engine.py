@@ -159,6 +159,7 @@ class ProgramEngine(DeclaredEngine):
                 **{key: str(path) for key, path in files.items()},
                 **{key: repr(float(value)) for key, value in numbers.items()},
             }
+            # Numbers are written so that they are read back exactly.
             words = [f"{key}={as_given(value)}" for key, value in chosen.items()]
             ended = self._ended([str(self._program), *declared.arguments(values, words)], place)
             if not files["result"].is_file():
@@ -188,6 +189,7 @@ class ProgramEngine(DeclaredEngine):
         ended = run_program(
             command, self.folder, self.declaration.environment, place / "printed.txt", most
         )
+        # A refusal is no failure: the program has judged the scene, and its message is the reason.
         if ended.code == REFUSAL:
             raise Refused(
                 ended.said

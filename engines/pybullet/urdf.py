@@ -36,6 +36,7 @@ def urdf(scene: Scene) -> str:
     root.append(
         xml.Comment(_HEADER.format(title=scene.title, missing=_missing(scene)).replace("--", "- -"))
     )
+    # The base is the ground. URDF requires it to be a link, and the parent of all others.
     _inertial(xml.SubElement(root, "link", name=BASE), (0.0, 0.0), 0.0, 0.0)
     names = [link.body or f"{link.joint or 'free'}-{i}" for i, link in enumerate(tree.links)]
     position, velocity = tree.coordinates(scene)

@@ -115,6 +115,7 @@ class ReferenceEngine(Engine):
     ) -> None:
         from stiction.reference_impl.compiled.compiling_ahead import compile_ahead, event_kernels
 
+        # The kernels of the other methods are compiled at their first call.
         if (method or _method(dt, rtol)) == "event":
             projects = scene.stabilization.method if stabilization == "scene" else stabilization
             compile_ahead(event_kernels(bool(scene.frictional_guides), projects == "projection"))
@@ -192,6 +193,8 @@ class ReferenceEngine(Engine):
                     sides=chosen["event_values"],
                 )
 
+        # Parts that do not act on each other are integrated one after the other, each with its own
+        # steps and events.
         with _linear_algebra().limit(limits=1):
             run = simulate_parts(scene, parts, simulate, t_end)
         rows = _rows_that_are_motion(run, max(part.arrays.length_scale for part in parts))
@@ -261,6 +264,7 @@ def _check(chosen: Mapping[str, Any], dt: float | None, rtol: float | None) -> N
             raise InputError(
                 f"reference: {key} = {chosen[key]!r}; expected one of {', '.join(words)}"
             )
+    # The textbook method is the paper's as written, without other solvers and stabilizations.
     if chosen["method"] == "textbook":
         for key in ("solver", "stabilization"):
             if chosen[key] != SETTINGS[key]:

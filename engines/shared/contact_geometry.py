@@ -17,6 +17,7 @@ REACH = 1e3
 
 def contact_refusal(scene: Scene) -> str | None:
     """Return why the scene's guides cannot be boxes between fixed surfaces; None if they can."""
+    # Surfaces are fixed in all engines, and the corners need a length and a width.
     if not scene.guides:
         return "contact fidelity needs sliders in guides, and the scene has no translational joint"
     for name, guide in scene.guides.items():
@@ -92,6 +93,7 @@ def slider_box(guide: Translational, clearance: float) -> list[tuple[float, floa
     The box is narrower than the guide by the clearance (m). The order of the corners is that of the corner forces F1 ..
     F4: lower rear, lower front, upper front, upper rear.
     """
+    # Corners along and across the box, turned into the axes of the slider
     angle = box_angle(guide)
     c, s = cos(angle), sin(angle)
     x0, y0 = guide.slider_point

@@ -88,6 +88,8 @@ class DeclaredEngine(Engine):
         return self.declared.locates_events
 
     def keeps_cone(self, fidelity: str, settings: Mapping[str, Any]) -> bool:
+        # Forces of a table without accelerations follow from differences of velocities, which are
+        # wrong by O(1) where a force jumps.
         return (
             super().keeps_cone(fidelity, settings)
             and not self.declared.regularized

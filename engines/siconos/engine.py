@@ -73,6 +73,8 @@ class SiconosEngine(ProgramEngine):
         settings: Mapping[str, Any],
         assembly: Assembly | None = None,
     ) -> Trajectory:
+        # The declaration gives the types of settings; their bounds are checked here, before the
+        # program starts. The start is checked too, as the program would correct it silently.
         settings_of(
             settings,
             {"block": BLOCKS, **{name: least for name, (least, _) in BOUNDS.items()}},

@@ -187,14 +187,16 @@ class Capabilities:
                 )
 
 
-def check_settings(given: Iterable[str], known: Iterable[str], engine: str, fidelity: str) -> None:
+def check_settings(
+    given: Iterable[str], settings: Iterable[str], engine: str, fidelity: str
+) -> None:
     """Raise InputError for names that are not among those of the engine's settings."""
-    known = list(known)
+    allowed = list(settings)
     for name in given:
-        if name not in known:
+        if name not in allowed:
             raise InputError(
                 f"{name}: {engine} has no such setting at {fidelity} fidelity; expected "
-                f"{'one of ' + ', '.join(known) if known else 'none: it has no settings'}"
+                f"{'one of ' + ', '.join(allowed) if allowed else 'none: it has no settings'}"
             )
 
 
@@ -380,9 +382,10 @@ class Engine(ABC):
                 f"fidelity: found {fidelity!r}; expected one of {', '.join(FIDELITIES)}"
             )
         if fidelity not in self.capabilities.fidelities:
-            first, *_ = known = self.capabilities.fidelities
+            available = self.capabilities.fidelities
+            first = available[0]
             raise Refused(
-                f"{self.name} has no {fidelity} fidelity; expected {' or '.join(known)}: add --fidelity "
+                f"{self.name} has no {fidelity} fidelity; expected {' or '.join(available)}: add --fidelity "
                 f'{first} to the command, fidelity="{first}" in Python'
             )
         self.check_arguments(dt=dt, rtol=rtol, fidelity=fidelity, settings=settings)

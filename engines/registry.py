@@ -143,9 +143,9 @@ def experiment(engine: str, name: str) -> Callable[..., Any]:
     """
     entry = entry_of(engine)
     if entry is None or name not in entry.experiments:
-        known = entry.experiments if entry else {}
+        available = entry.experiments if entry else {}
         raise UnknownEngine(
-            f"experiment of {engine!r}: found {name!r}; expected {', '.join(known) or 'none'}"
+            f"experiment of {engine!r}: found {name!r}; expected {', '.join(available) or 'none'}"
         )
     module, _, function = entry.experiments[name].partition(":")
     made: Callable[..., Any] = getattr(import_module(module), function)

@@ -88,7 +88,7 @@ class Variables:
 
     def problems(self) -> Iterator[Problem]:
         """Yield the names in the map that are no variables of the FMU, or no numbers."""
-        known = self.by_name
+        variables = self.by_name
         named = {
             f"columns.{key}": value
             for key, value in self.map.columns.items()
@@ -97,14 +97,16 @@ class Variables:
         named |= {f"parameters.{key}": value for key, value in self.map.parameters.items() if value}
         for key, value in named.items():
             name = value.removeprefix("-") if key.startswith("columns.") else value
-            if name not in known:
+            if name not in variables:
                 yield Problem(
                     key,
                     shown(value),
-                    f"expected a variable of the FMU: {names(known)}{did_you_mean(name, known)}",
+                    f"expected a variable of the FMU: {names(variables)}{did_you_mean(name, variables)}",
                 )
-            elif not _is_number(known[name]):
-                yield Problem(key, f"{shown(value)}, {known[name].type}", "expected a number alone")
+            elif not _is_number(variables[name]):
+                yield Problem(
+                    key, f"{shown(value)}, {variables[name].type}", "expected a number alone"
+                )
 
     def sources(self, scene: Scene) -> dict[str, tuple[str, float, float]]:
         """Return, by column of the scene that the FMU has: variable ("": none), factor and offset to SI units."""

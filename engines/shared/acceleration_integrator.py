@@ -262,7 +262,7 @@ class TreeAccelerations:
         solution by least squares in the metric of the masses, and of minimum norm.
         """
         balance = self._balance
-        balance.known[:] = friction
+        balance.given_friction[:] = friction
         row_forces(balance, a)
         rows = balance.m.friction["row"]
         return np.array([balance.force[rows], balance.force[rows + 1]])

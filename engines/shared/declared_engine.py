@@ -56,7 +56,7 @@ class Declared(Model):
     def inconsistencies(self) -> Iterator[tuple[str, Any, str]]:
         by = self.friction_supplied_by
         if self.friction_law and by == Supplier.NOBODY:
-            others = ", ".join(repr(str(one)) for one in Supplier if one != Supplier.NOBODY)
+            others = ", ".join(repr(str(each)) for each in Supplier if each != Supplier.NOBODY)
             yield (
                 FRICTION_SUPPLIED_BY,
                 str(by),

@@ -86,8 +86,8 @@ class Balance(Bundle):
 
     `mass`, `q`, `v` and `loads` (the applied forces without weight) are (3 * bodies,). `bodies` (rows + frictional, 2)
     are the bodies of each row, -1 where there is none. `force` (rows + frictional,) are row forces, then frictions, of
-    the last solution. `known` (frictional,) are frictions that are given, NaN where they are to be found. The rest is
-    scratch of `row_forces`.
+    the last solution. `given_friction` (frictional,) are frictions that are given, NaN where they are to be found. The
+    rest is scratch of `row_forces`.
     """
 
     m: Arrays
@@ -98,7 +98,7 @@ class Balance(Bundle):
     v: Reals
     loads: Reals
     force: Reals
-    known: Reals
+    given_friction: Reals
     excess: Reals
     right: Reals
     solution: Reals
@@ -119,7 +119,7 @@ class Balance(Bundle):
             w=workspace(m),
             mass=coordinates,
             bodies=(rows, 2),
-            known=frictional,
+            given_friction=frictional,
             unit=2 * rows,
             unknown=rows,
             system=(rows, rows),
@@ -274,11 +274,17 @@ def _row_product(balance, r, v):
 def row_forces(balance: Balance, a: Reals) -> None:
     """Solve G force = J (a - M^-1 Q) for the row forces of accelerations a.
 
-    The last rows are the frictions, which are solved for where `known` is NaN.
+    The last rows are the frictions, which are solved for where `given_friction` is NaN.
     """
-    m, w, force, known, right = balance.m, balance.w, balance.force, balance.known, balance.right
+    m, w, force, given_friction, right = (
+        balance.m,
+        balance.w,
+        balance.force,
+        balance.given_friction,
+        balance.right,
+    )
     rows = m.rows
-    size = rows + len(known)
+    size = rows + len(given_friction)
     # The right-hand side: J times the difference between the accelerations and those that the
     # applied forces alone would give. Where a run has diverged, all forces are NaN, which
     # `_set_caps` reports; the solvers below require finite numbers.
@@ -297,8 +303,8 @@ def row_forces(balance: Balance, a: Reals) -> None:
     solution, least_squares = balance.solution, balance.least_squares
     n = 0
     for r in range(size):
-        if r >= rows and not np.isnan(known[r - rows]):
-            force[r] = known[r - rows]
+        if r >= rows and not np.isnan(given_friction[r - rows]):
+            force[r] = given_friction[r - rows]
         else:
             force[r] = 0.0
             unknown[n] = r
@@ -401,7 +407,7 @@ def _judge(cap, a):
     for i in range(len(guides)):
         guide = guides[i]
         guide.stuck = int(guide.held < guide.cap * SATURATED)
-        balance.known[i] = np.nan if guide.stuck else -_sign(guide.slip_speed) * guide.cap
+        balance.given_friction[i] = np.nan if guide.stuck else -_sign(guide.slip_speed) * guide.cap
     # The reactions of this attempt give the caps of the next one.
     row_forces(balance, a)
     for i in range(len(guides)):

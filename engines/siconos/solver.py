@@ -61,6 +61,7 @@ class Law:
     def __init__(self, data: Scene) -> None:
         self.data, self.kind = data, data["type"]
         if self.kind == "table":
+            # x, y: the points of the table
             x, y = np.array(data["times"]), np.array(data["values"])
             bend, h = np.zeros(len(x)), np.diff(x)
             if data["interpolation"] == "cubic" and len(x) > 2:

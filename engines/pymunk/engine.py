@@ -440,7 +440,7 @@ class _JointStepper(_PymunkStepper):
                 self._space.add(pymunk.GearJoint(base, slider, guide.angle, 1.0))
             self._rubbing += friction
         # Gauss-Seidel visits constraints in the order in which they were added. Friction is last, so
-        # that no other constraint changes the slip after it. It has no place to return to.
+        # that no other constraint changes the slip after it. It corrects no position error.
         for row in self._rubbing:
             row.max_bias = 0.0
             self._space.add(row)
@@ -581,10 +581,9 @@ def between_steps(
     share = share_of_bias(error_bias, h)
     q, v = trial.bound.initial
     with_laws, without_laws = _least_accelerations(assembly.scene, trial.bound)
-    ahead, back = (
-        h / 2 * with_laws,
-        h / 2 * without_laws,
-    )  # of velocities; a position takes h times that
+    # changes of velocity in half a step; those of a position are h times these
+    ahead = h / 2 * with_laws
+    back = h / 2 * without_laws
     trial.correct(0.0)
     trial.begin(q - h * back, v + ahead)
     trial.step()

@@ -1,7 +1,8 @@
-"""The gate: a list of predicates that a trajectory fulfils before it is measured.
+"""The gate: a list of predicates that a trajectory has to fulfil before it is measured.
 
-An engine is code of others, and its result is not trusted: a trajectory of another scene, or with columns that
-contradict each other, would be measured as if it were a motion. The gate does not judge accuracy; the comparisons do.
+Engines are third-party code, so their results are validated before use: a trajectory of another scene, or with columns
+that contradict each other, would be measured as if it were a motion. The gate does not judge accuracy; the comparisons
+do.
 """
 
 from __future__ import annotations
@@ -28,9 +29,10 @@ from stiction.scenes.trajectory import stacked
 from stiction.scenes.wording import names
 
 GAP = 2.0
-"""Output steps between instants at most: an engine takes the nearest multiple of its step, less than twice the
-request."""
+"""Largest distance between instants, in requested output steps. An engine uses the nearest multiple of its step, which
+is less than twice the request."""
 KINDS = ("slip", "stick", "reversal", "corner")
+"""Kinds of events."""
 _FIELDS = (
     ("engine", str, "text"),
     ("version", str, "text"),
@@ -40,6 +42,7 @@ _FIELDS = (
     ("events", tuple, "a tuple of stiction.scenes.Event"),
 )
 _SHOWN = 4
+"""Number of names that a message lists at most."""
 
 
 def required_columns(scene: Scene) -> list[str]:
@@ -51,35 +54,36 @@ def required_columns(scene: Scene) -> list[str]:
 
 
 def problems(run: Examined) -> Iterator[str]:
-    """Yield each fault of the result of an engine, in words that go on from "the engine returned".
+    """Yield each fault of the result of an engine, as the continuation of a sentence with "the engine returned".
 
-    It is a `Trajectory`, and fulfils `PREDICATES` and `coherence.PREDICATES`. Take the first alone: each predicate
-    relies on those before it.
+    A result without faults is a `Trajectory` that fulfils `PREDICATES` and `coherence.PREDICATES`. Use the first fault
+    only: each predicate relies on those before it, and may fail itself where they do.
     """
-    if not isinstance(run.found, Trajectory):
-        yield f"{described(run.found)}; expected a stiction.scenes.Trajectory"
+    if not isinstance(run.trajectory, Trajectory):
+        yield f"{described(run.trajectory)}; expected a stiction.scenes.Trajectory"
         return
     for predicate in PREDICATES:
         yield from predicate(run)
-    if len(run.found.t) or run.found.events:
-        from stiction.engines import coherence  # compiles: not for what only lists engines
+    if len(run.trajectory.t) or run.trajectory.events:
+        # imported here because it compiles kernels, which commands that only list engines do not need
+        from stiction.engines import coherence
 
         for predicate in coherence.PREDICATES:
             yield from predicate(run)
 
 
 def fields(run: Examined) -> Iterator[str]:
-    """Fields of their types, of this scene and fidelity."""
-    found = run.found
+    """Fields have their types, and are those of this scene and fidelity."""
+    trajectory = run.trajectory
     for name, expected in (("scene", run.scene.name), ("fidelity", run.fidelity)):
-        if getattr(found, name) != expected:
-            yield f"{name} {described(getattr(found, name))}; expected {str(expected)!r}"
+        if getattr(trajectory, name) != expected:
+            yield f"{name} {described(getattr(trajectory, name))}; expected {str(expected)!r}"
     for name, kind, words in _FIELDS:
-        if not isinstance(getattr(found, name), kind):
-            yield f"{name} {described(getattr(found, name))}; expected {words}"
-    if not (isinstance(found.termination, str) and found.termination.strip()):
-        yield f"termination {described(found.termination)}; expected 'end' or why it stopped"
-    cost = found.cost
+        if not isinstance(getattr(trajectory, name), kind):
+            yield f"{name} {described(getattr(trajectory, name))}; expected {words}"
+    if not (isinstance(trajectory.termination, str) and trajectory.termination.strip()):
+        yield f"termination {described(trajectory.termination)}; expected 'end' or why it stopped"
+    cost = trajectory.cost
     seconds = (cost.setup_s, cost.compile_s, cost.stepping_s, cost.own_s)
     if not (
         all(is_number(value) and value >= 0 for value in seconds)
@@ -90,30 +94,31 @@ def fields(run: Examined) -> Iterator[str]:
 
 
 def breakdown(run: Examined) -> Iterator[str]:
-    """A breakdown, if any, within the time of the run, and with a termination that says so."""
-    stop, latest = run.found.breakdown, run.t_end + run.slack
+    """A breakdown, if there is one, is within the time of the run, and its termination is not 'end'."""
+    stop, latest = run.trajectory.breakdown, run.t_end + run.slack
     if stop is None:
         return
     if not (
         isinstance(stop, Breakdown) and is_number(stop.time) and -run.slack <= stop.time <= latest
     ):
         yield f"breakdown {described(stop)}; expected a stiction.scenes.Breakdown within 0 .. {run.t_end:g} s"
-    elif run.found.termination == "end":
+    elif run.trajectory.termination == "end":
         yield f"a breakdown ({described(stop.reason)}) and the termination 'end'; expected one of them"
 
 
 def times(run: Examined) -> Iterator[str]:
-    """Times that are finite, begin at 0, increase by two output steps at most, and reach the end that was requested.
+    """Times are finite, begin at 0, increase by two output steps at most, and reach the requested end.
 
-    There may be none, or an earlier end, where `termination` says why.
+    A trajectory may have none, or an earlier end, if `termination` gives the reason.
     """
-    t, t_end, ended = run.found.t, run.t_end, run.found.termination == "end"
+    t, t_end, ended = run.trajectory.t, run.t_end, run.trajectory.termination == "end"
     if not isinstance(t, np.ndarray) or t.dtype.kind not in "fiu" or t.ndim != 1:
         yield f"times {described(t)}; expected a one-dimensional array of numbers"
     if not len(t):
         if ended:
             yield "no instant at all; expected times from 0 to t_end, or a termination that says why there is no motion"
         return
+    # `run.step` may be longer than the output step, and rounding is that of sums of steps.
     if (i := first(~np.isfinite(t))) is not None:
         yield f"a time that is not finite, t[{i}]; expected seconds"
     if abs(t[0]) > ROUNDING * t_end:
@@ -134,54 +139,59 @@ def times(run: Examined) -> Iterator[str]:
 
 
 def columns(run: Examined) -> Iterator[str]:
-    """All required columns, with one finite number per time.
+    """All required columns are there, with one finite number per time.
 
-    Forces may be nan where the motion leaves them open, and with accelerations at a start at which a run breaks down.
+    Forces may be nan where the motion does not determine them. At a start at which a run breaks down, accelerations may
+    be nan too.
     """
-    found, scene = run.found, run.scene
-    if missing := [name for name in required_columns(scene) if name not in found.columns]:
+    trajectory, scene = run.trajectory, run.scene
+    if missing := [name for name in required_columns(scene) if name not in trajectory.columns]:
         others = f" and {len(missing) - _SHOWN} others" if len(missing) > _SHOWN else ""
         yield (
             f"no column {names(missing[:_SHOWN])}{others}; expected all columns that the scene calls for "
             "(stiction.reference_impl.multibody.reactions.recover_columns makes them from states)"
         )
-    known = {*run.columns(POSITIONS + VELOCITIES), "drift.position", "drift.velocity"}
-    unknown = {}
-    for name, values in found.columns.items():
+    # Columns of the state are always numbers. Values of the others that are not finite are collected
+    # first, because it is costly to find out which forces are open.
+    state_columns = {*run.columns(POSITIONS + VELOCITIES), "drift.position", "drift.velocity"}
+    not_finite = {}
+    for name, values in trajectory.columns.items():
         if (
             not isinstance(values, np.ndarray)
             or values.dtype.kind not in "fiub"
-            or values.shape != found.t.shape
+            or values.shape != trajectory.t.shape
         ):
             shape = (
                 f"an array of {values.dtype}, shape {values.shape}"
                 if isinstance(values, np.ndarray)
                 else described(values)
             )
-            yield f"column {name}: {shape}; expected numbers of shape {found.t.shape}, one per time"
+            yield f"column {name}: {shape}; expected numbers of shape {trajectory.t.shape}, one per time"
         elif not (finite := np.isfinite(values)).all() and not (
-            run.stopped_at_once and name not in known
+            run.stopped_at_once and name not in state_columns
         ):
-            unknown[name] = ~finite
-    left_open = _left_open(run, found.t, found.columns) if unknown else {}
-    for name, bad in unknown.items():
+            not_finite[name] = ~finite
+    left_open = _left_open(run, trajectory.t, trajectory.columns) if not_finite else {}
+    for name, bad in not_finite.items():
         if (i := first(bad & ~left_open.get(name, False))) is not None:
             yield (
-                f"column {name}: {found[name][i]} at t = {found.t[i]:.9g} s; expected finite numbers, or nan in "
-                "forces that the motion leaves open"
+                f"column {name}: {trajectory[name][i]} at t = {trajectory.t[i]:.9g} s; expected finite "
+                "numbers, or nan in forces that the motion leaves open"
             )
 
 
 def _left_open(
     run: Examined, t: np.ndarray, columns: Mapping[str, np.ndarray]
 ) -> dict[str, np.ndarray]:
-    """Instants by column at which its force is nan, and the motion and the known frictions leave it open."""
+    """Return, by column, the instants at which a force is nan and is determined neither by motion nor by friction."""
     from stiction.reference_impl.multibody.reactions import recover_columns
 
     left_open = dict[str, np.ndarray]()
     for part in run.parts:
         if not all(f"{body}.x" in columns for body in part.body_names):
-            continue  # an event has the columns of its own part
+            continue  # an event has the columns of its own part only
+        # Forces are recovered from the motion and from the frictions that the engine reports. What
+        # is nan there as well may be nan.
         motion = [stacked(columns, part.body_names, labels) for labels in BODY_COLUMNS]
         frictions = {f"{name}.friction": columns[f"{name}.friction"] for name in part.guide_names}
         if (
@@ -201,28 +211,28 @@ def _left_open(
 
 
 def events(run: Examined) -> Iterator[str]:
-    """Events with times in order, of guides of the scene, with the same finite columns on both sides."""
-    found, latest = run.found, run.t_end + run.slack
-    if odd := next((event for event in found.events if not isinstance(event, Event)), None):
+    """Events have times in order, are of guides of the scene, and have the same finite columns on both sides."""
+    trajectory, latest = run.trajectory, run.t_end + run.slack
+    if odd := next((event for event in trajectory.events if not isinstance(event, Event)), None):
         yield f"event {described(odd)}; expected a stiction.scenes.Event"
-    before = 0.0
-    for i, event in enumerate(found.events):
+    time_before = 0.0
+    for i, event in enumerate(trajectory.events):
         where = f"event {i}, {event.kind} of {event.joint}"
         if not is_number(event.time):
             yield f"{where}: time {described(event.time)}; expected finite seconds"
-        if not before <= event.time <= latest:
+        if not time_before <= event.time <= latest:
             yield (
-                f"{where}: t = {event.time:.9g} s after one at {before:.9g} s; expected events in order within "
-                f"0 .. {latest:.9g} s"
+                f"{where}: t = {event.time:.9g} s after one at {time_before:.9g} s; expected events in order "
+                f"within 0 .. {latest:.9g} s"
             )
-        before = event.time
+        time_before = event.time
         if event.kind not in KINDS or event.joint not in run.scene.guides:
             yield f"{where}; expected {', '.join(KINDS)} of a guide of the scene"
         for side, values in (("before", event.before), ("after", event.after)):
             if not isinstance(values, Mapping) or values.keys() != event.before.keys():
                 yield f"{where}: {side} {described(values)}; expected values of the same columns on both sides"
-            elif not values.keys() <= found.columns.keys():
-                unknown = sorted(map(str, values.keys() - found.columns.keys()))
+            elif not values.keys() <= trajectory.columns.keys():
+                unknown = sorted(map(str, values.keys() - trajectory.columns.keys()))
                 yield f"{where}: {side} has {names(unknown[:_SHOWN])}; expected columns of the trajectory"
             elif not _all_numbers(values.values()):
                 left_open = _left_open_at(run, event.time, values)
@@ -239,7 +249,7 @@ def events(run: Examined) -> Iterator[str]:
 
 
 def _left_open_at(run: Examined, t: float, values: Mapping[str, float]) -> set[str]:
-    """Columns of a side of an event whose force is nan, and is left open there."""
+    """Return the columns of one side of an event whose force is nan, and is not determined there."""
     if not all(
         is_number(value) or isinstance(value, float) and math.isnan(value)
         for value in values.values()
@@ -250,10 +260,11 @@ def _left_open_at(run: Examined, t: float, values: Mapping[str, float]) -> set[s
 
 
 def _all_numbers(values: Collection[Any]) -> bool:
+    """Return True if all values are finite numbers."""
+    # A sum is finite only if all its terms are, and costs a tenth of the check of each. It may
+    # overflow for numbers that are finite.
     try:
-        return math.isfinite(sum(values)) or all(
-            map(is_number, values)
-        )  # a finite sum costs a tenth of the check
+        return math.isfinite(sum(values)) or all(map(is_number, values))
     except TypeError:
         return False
 

@@ -21,6 +21,8 @@ SIDES = ("before", "after")
 EPS = np.finfo(float).eps
 SAMPLES = 2401
 """Instants at which the truth of a stored run is known, over the whole of its time: every 10 ms of 24 s."""
+_END_ROUNDING = 1e-12
+"""Part of its end by which a time may lie outside of a truth: some thousand roundings of sums of steps."""
 
 Columns = Callable[[np.ndarray, str], Mapping[str, np.ndarray]]
 """``columns(t, side)`` with t of shape (n,) and side of `SIDES`: the columns by name."""
@@ -82,9 +84,9 @@ class Truth:
         events it is relative to 1 s and `t_end`. `switches` are time, kind and guide of each event, None for a motion
         without friction.
         """
-        found = columns(np.linspace(0, t_end, samples), "after")
+        sampled = columns(np.linspace(0, t_end, samples), "after")
         uncertainty = {
-            name: rounding * float(1 + np.max(np.abs(values))) for name, values in found.items()
+            name: rounding * float(1 + np.max(np.abs(values))) for name, values in sampled.items()
         }
         if switches is not None:
             uncertainty["event time"] = rounding * max(t_end, 1.0)
@@ -100,7 +102,7 @@ class Truth:
         if side not in SIDES:
             raise ValueError(f"side: found {side!r}; expected one of {', '.join(SIDES)}")
         t = np.atleast_1d(np.asarray(t, dtype=float))
-        rounding = 1e-12 * self.t_end
+        rounding = _END_ROUNDING * self.t_end
         if not np.all((t >= -rounding) & (t <= self.t_end + rounding)):
             raise ValueError(
                 f"t: found {t.min():g} .. {t.max():g} s; expected times within 0 .. {self.t_end:g} s"
@@ -108,14 +110,23 @@ class Truth:
         return self.columns(np.clip(t, 0.0, self.t_end), side)
 
 
+def kind_of_change(before: int, after: int) -> str:
+    """Return the kind of event at which a guide's direction of slip, 0 in stick, changes to another one."""
+    if after == 0:
+        return "stick"
+    return "slip" if before == 0 else "reversal"
+
+
 def two_sided(switches: Sequence[tuple[float, str, str]], columns: Columns) -> tuple[Event, ...]:
-    """Return events, with the columns on both sides, of the time, kind and guide of each."""
+    """Return the events with the time, kind and guide of each switch, with the columns on both sides."""
     times = np.array([time for time, _, _ in switches])
-    sides = [columns(times, side) for side in SIDES]
-    values = [
-        [dict(zip(side, row)) for row in np.array(list(side.values())).T.tolist()] for side in sides
-    ]
-    return tuple(Event(*switch, *both) for switch, *both in zip(switches, *values))
+    before, after = (_rows(columns(times, side)) for side in SIDES)
+    return tuple(Event(*switch, *both) for switch, *both in zip(switches, before, after))
+
+
+def _rows(columns: Mapping[str, np.ndarray]) -> list[dict[str, float]]:
+    """Return a dict by column of each instant."""
+    return [dict(zip(columns, row)) for row in np.array(list(columns.values())).T.tolist()]
 
 
 def body_columns(body: str, *motion: Sequence[np.ndarray]) -> dict[str, np.ndarray]:

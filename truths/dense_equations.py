@@ -123,8 +123,8 @@ class Distances:
             self.direction, self.carrier = line / np.abs(line), np.array(carriers, dtype=int)
 
     def at(self, posture: Posture) -> Values:
-        # Both ends: arm from the body's centre, place, velocity, and the acceleration that does not contain q'',
-        # which is centripetal.
+        # Both ends: arm from the body's centre, place, velocity, and the acceleration that does not
+        # contain q'', which is centripetal.
         ends = []
         for body, point in zip(self.body, self.point):
             arm, spin = point * posture.turn[..., body], posture.spin[..., body]
@@ -141,7 +141,8 @@ class Distances:
             with np.errstate(divide="ignore", invalid="ignore"):
                 gamma = scalar_product(e, centripetal) + (np.abs(r_rate) ** 2 - rate**2) / value
         else:
-            # The direction turns with its carrier: e' = i W e, from which the Coriolis and centripetal terms follow.
+            # The direction turns with its carrier: e' = i W e, from which the Coriolis and
+            # centripetal terms follow.
             e = self.direction * posture.turn[..., self.carrier]
             turning = posture.spin[..., self.carrier]
             value = scalar_product(e, r)
@@ -152,8 +153,9 @@ class Distances:
                 - turning**2 * value
             )
 
-        # ds/dq: a coordinate moves with the points of both ends, and with the angle of the carrier of its direction.
-        # `+=` as the carrier may be one of the two bodies; the columns of the ground are dropped.
+        # ds/dq: a coordinate moves with the points of both ends, and with the angle of the carrier
+        # of its direction. `+=` as the carrier may be one of the two bodies; the columns of the
+        # ground are dropped.
         row = np.arange(len(self.body[0]))
         jacobian = np.zeros((*value.shape, 3 * posture.angle.shape[-1]))
         for body, lever, sign in zip(self.body, (arm, other_arm), (1, -1)):
@@ -195,7 +197,8 @@ class Coordinates:
         def places(element: Any) -> tuple[complex, complex]:
             return complex(*element.points[0]), complex(*element.points[1])
 
-        # Elements of one kind are evaluated together; `order` puts their rows back into the order of the scene.
+        # Elements of one kind are evaluated together; `order` puts their rows back into the order
+        # of the scene.
         turning = [e for e in elements if e.type in ("angle", "torsional")]
         straight = [e for e in elements if e.type in ("distance", "linear")]
         along = [e for e in straight if e.axis is not None]
@@ -210,7 +213,8 @@ class Coordinates:
             ),
             Distances([pair(e) for e in free], [places(e) for e in free]),
         ]
-        # an empty group of angles stands in where there are no elements at all: it has the right shapes
+        # an empty group of angles stands in where there are no elements at all: it has the right
+        # shapes
         kept = [bool(turning) or not straight, bool(along), bool(free)]
         self.groups = [group for group, keep in zip(groups, kept) if keep]
         grouped = [id(e) for e in (*turning, *along, *free)]
@@ -263,8 +267,8 @@ class DenseEquations:
         self.pins = {name: 2 * i for i, name in enumerate(pins)}
         self.normal_row = [2 * len(pins) + 2 * list(guides).index(name) for name in self.guides]
 
-        # One group of distances, as each group costs time: pins (along x and y of the ground), then across the guides,
-        # then along the guides with friction.
+        # One group of distances, as each group costs time: pins (along x and y of the ground), then
+        # across the guides, then along the guides with friction.
         pairs: list[tuple[int, int]] = []
         points: list[tuple[complex, complex]] = []
         lines: list[complex] = []
@@ -290,7 +294,8 @@ class DenseEquations:
         self._driven = Coordinates(list(scene.drives.values()), number)
         self._laws = [drive.law for drive in scene.drives.values()]
 
-        # Applied forces. A load that is a torque has no point and no direction: zeros in their place.
+        # Applied forces. A load that is a torque has no point and no direction: zeros in their
+        # place.
         springs = list(scene.springs.values())
         self._springs = Coordinates(springs, number)
         self._stiffness = np.array([spring.stiffness for spring in springs])

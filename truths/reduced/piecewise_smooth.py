@@ -41,7 +41,7 @@ _SHORTEST_STEP = 1e-9
 _JUNCTION = 1e-12
 """s; a root this close before a step belongs to it: rounding at the junction of two steps."""
 _PICARD_LIMIT = 60
-"""Picard iterations after which a step counts as too long; at a good length 10 to 20 suffice."""
+"""Picard iterations after which a step counts as too long."""
 _SAME = 1e-6
 """Relative; accelerations of two modes that are one motion (a tie of signs) differ by rounding only."""
 _ROUNDING = np.finfo(float).eps
@@ -60,15 +60,18 @@ _ROOT_XTOL, _ROOT_RTOL = 1e-15, 4 * _ROUNDING
 _TRIMMED = 4 * _ROUNDING
 """Relative size of leading coefficients that are dropped before eigenvalues are taken: they would be divided by."""
 _REAL = 1e-10
-"""Imaginary part below which an eigenvalue is a real root; pairs near a double root have one of sqrt(rounding)."""
+"""Imaginary part below which an eigenvalue is a real root: rounding of a simple root."""
 _HALVINGS = 12
 """After these, where bounds cannot separate a double root from none, eigenvalues decide."""
 _LONGER = 1.5
 """Ratio of a step to the one before, if that was accepted; a step that is too long is halved."""
 _SWITCH_LIMIT = 100_000
 """Changes of mode after which a motion is refused: they seem to accumulate."""
-_DRIFTED_RATE = 10.0
-"""1/s; rates of q'' relative to its size, by which the rounding of the time t moves q''."""
+_LATE = 10.0
+"""s; from here on the rounding of the time itself counts.
+
+Rates of q'' are some ten times its size per second, so that eps |t| moves it by 100 eps at this time, near `_NOISE`.
+"""
 
 
 class Undecided(TruthRefused):
@@ -201,21 +204,22 @@ class Collocation:
     def __init__(self, order: int = 24, longest_step: float = 0.25):
         self.order, self.longest_step = order, longest_step
         k = np.arange(order)
-        # Chebyshev points of the first kind, ascending. The polynomials are orthogonal over them, so that coefficients
-        # are sums over values (discrete cosine transform).
+        # Chebyshev points of the first kind, ascending. The polynomials are orthogonal over them,
+        # so that coefficients are sums over values (discrete cosine transform).
         self.nodes = -np.cos(np.pi * (k + 0.5) / order)
         values = chebyshev.chebvander(self.nodes, order - 1)
         self.to_coefficients = (values * np.where(k == 0, 1, 2) / order).T
 
-        # Matrices on the coefficients of q'': single and double integral from the start of the step, as coefficients
-        # and as values at the nodes.
+        # Matrices on the coefficients of q'': single and double integral from the start of the
+        # step, as coefficients and as values at the nodes.
         identity = np.eye(order)
         self._once = np.array([chebyshev.chebint(row, 1, lbnd=-1) for row in identity])
         self._twice = np.array([chebyshev.chebint(row, 2, lbnd=-1) for row in identity])
         self._velocity = chebyshev.chebval(self.nodes, self._once.T).T @ self.to_coefficients
         self._position = chebyshev.chebval(self.nodes, self._twice.T).T @ self.to_coefficients
 
-        # For the search of roots: the derivative of a series, and its coefficients on either half of the interval.
+        # For the search of roots: the derivative of a series, and its coefficients on either half
+        # of the interval.
         self._derivative = np.array([np.append(chebyshev.chebder(row), 0.0) for row in identity]).T
         self._halves = [
             np.array(
@@ -250,10 +254,10 @@ class Collocation:
             if not np.isfinite(new).all():
                 return None
             last_change, change = change, np.abs(new - a).max()
-            # rounding of t, eps |t|, moves the accelerations too
-            scale = (np.abs(new).max() + magnitude) * max(1.0, abs(t0) / _DRIFTED_RATE)
+            scale = (np.abs(new).max() + magnitude) * max(1.0, abs(t0) / _LATE)
             a = new
-            # Converged: changes are one rounding, or small and no longer decrease as those of a contraction do.
+            # Converged: changes are one rounding, or small and no longer decrease as those of a
+            # contraction do.
             stagnates = change <= _NOISE * scale and change >= last_change / 2
             if change <= _STALLED * scale or stagnates:
                 break
@@ -277,7 +281,8 @@ class Collocation:
         s = h / 2
         coefficients = a @ self.to_coefficients.T
         velocity = s * coefficients @ self._once
-        # the integrals vanish at x = -1; q0 + v0 (t - t0) in Chebyshev polynomials is q0 + s v0 + s v0 T1(x)
+        # the integrals vanish at x = -1; q0 + v0 (t - t0) in Chebyshev polynomials is q0 + s v0 + s
+        # v0 T1(x)
         position = s * s * coefficients @ self._twice
         velocity[:, 0] += v0
         position[:, 0] += q0 + s * v0
@@ -296,8 +301,8 @@ class Collocation:
         Guards as in `PiecewiseMechanism.guards`, by their values at the nodes.
         """
         series = guards @ self.to_coefficients.T
-        # |Tk| <= 1: where c0 exceeds the sum of all other |ck| a function is positive throughout, and with it its guard.
-        # This settles most guards of most steps without a search.
+        # |Tk| <= 1: where c0 exceeds the sum of all other |ck| a function is positive throughout,
+        # and so is its guard. No search is needed for these.
         positive = np.any(series[..., 0] > np.sum(np.abs(series[..., 1:]), axis=-1), axis=1)
         roots = (
             (self._first_negative(series[i], max(2 * ignore / h - 1, -1.0)), int(i))
@@ -310,7 +315,8 @@ class Collocation:
         noise = _NOISE * np.max(np.abs(group))
         if np.max(chebyshev.chebval(begin, group.T)) < -noise:
             return begin
-        # Between neighbouring roots of all functions none changes its sign: one value decides each stretch.
+        # Between neighbouring roots of all functions none changes its sign: one value decides each
+        # stretch.
         roots = sorted(
             root
             for series in group
@@ -332,13 +338,15 @@ class Collocation:
             return []
         slope = self._derivative @ series
         if abs(slope[0]) > np.sum(np.abs(slope[1:])):
-            # The same of the derivative: monotonic, so that the signs at the ends decide, and there is one root at most.
+            # The same for the derivative: the function is monotonic, and the signs at the ends
+            # decide.
             backwards = series[::-1].tolist()
             if _clenshaw(-1.0, backwards) * _clenshaw(1.0, backwards) > 0:
                 return []
             roots = [brentq(_clenshaw, -1.0, 1.0, (backwards,), xtol=_ROOT_XTOL, rtol=_ROOT_RTOL)]
         elif halvings:
-            # Neither bound decides; on a half both are closer, by a factor of two for each order of the term.
+            # Neither bound decides. They are closer on halves, where a term of order k is 2^k times
+            # smaller.
             middle = (low + high) / 2
             left, right = (half @ series for half in self._halves)
             return self._roots(left, low, middle, halvings - 1, zero) + self._roots(
@@ -409,7 +417,8 @@ def integrate(
                 "away",
                 t + limit[0],
             )
-        # The polynomials of the whole step stay as they are; the mode's part of them ends at the root.
+        # The polynomials of the whole step stay as they are; the mode's part of them ends at the
+        # root.
         end = t + (h if root is None else root[0])
         segments.append(collocation.segment(mode, t, q, v, h, min(end, t_end), solved[3]))
         t = segments[-1].end
@@ -452,7 +461,8 @@ def _next_mode(
                 values = mechanism.guards(instants, positions, velocities, accelerations, candidate)
                 if np.all(np.max(values, axis=1) >= 0):
                     consistent.append((candidate, velocity, solved[3][:, -1]))
-            # Several modes of one group may describe one motion (a corner force that is zero), but not several motions.
+            # Several modes of one group may describe one motion (a corner force that is zero), but
+            # not several motions.
             if consistent:
                 candidate, velocity, a = consistent[0]
                 for other, _, b in consistent[1:]:

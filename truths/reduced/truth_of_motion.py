@@ -97,8 +97,8 @@ def truth_of(
     )
     _require_same(scene, events, coarse_events)
 
-    # Columns are compared between the events. The start is left out: it is given, and a velocity of zero may have
-    # either sign there.
+    # Columns are compared between the events. The start is left out: it is given, and a velocity of
+    # zero may have either sign there.
     times = np.array([event.time for event in events])
     t = np.linspace(0.0, t_end, _SAMPLES)[1:]
     if len(times):

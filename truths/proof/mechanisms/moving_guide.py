@@ -116,7 +116,7 @@ class MovingGuide(OneSlider):
         vx, vy = balls(slider.velocity)
         cosine, sine = angle.ball.cos(), angle.ball.sin()
         at_rest = all(value.is_zero for value in (*slider.velocity, turn))
-        found = cls(
+        mechanism = cls(
             m=slider.mass.ball,
             slider=slider.inertia.ball,
             arm=arm.inertia.ball,
@@ -137,7 +137,7 @@ class MovingGuide(OneSlider):
             q=[x * cosine + y * sine, angle.ball],
             v=[ZERO.ball if at_rest else vx * cosine + vy * sine, turn.ball],
             t_end=reader.t_end,
-            joint=reader.found.name("guide"),
+            joint=reader.match.name("guide"),
         )
-        reader.require_start(found, arm.velocity)
-        return found
+        reader.require_start(mechanism, arm.velocity)
+        return mechanism

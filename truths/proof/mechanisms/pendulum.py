@@ -64,7 +64,7 @@ class Pendulum(ProvableMechanism):
             length=length.ball,
             g=-reader.gravity[1].ball,
             pivot=balls(pivot),
-            body=reader.found.bodies["mass"],
+            body=reader.match.bodies["mass"],
             q=[arb.atan2(arm[0].ball, -arm[1].ball)],
             v=[rate.ball],
             t_end=reader.t_end,

@@ -27,7 +27,7 @@ class Condition:
 
     @classmethod
     def of(cls, wanted: Any) -> Condition:
-        """The condition to be a condition, of a class, a value, or a tuple of these."""
+        """Make a condition from what is wanted: a condition itself, a class, a value, or a tuple of these."""
         if isinstance(wanted, Condition):
             return wanted
         if isinstance(wanted, type | UnionType):
@@ -47,7 +47,9 @@ class Condition:
     def misfit(self, name: str, value: Any) -> Iterator[str]:
         """Describe a value for which the condition does not hold."""
         if not self.holds(value):
-            yield f"{name}: found {getattr(value, 'type', None) or shown(value)}; expected {self.words}"
+            # a law is shown by its type: its numbers are not what is wrong
+            actual = getattr(value, "type", None) or shown(value)
+            yield f"{name}: found {actual}; expected {self.words}"
 
 
 ANY = Condition("any", lambda value: True)
@@ -67,6 +69,7 @@ PULLS_ALONG_X = Condition(
 """Condition on a spring between two points of the x axis."""
 
 ONE, OPTIONAL, SEVERAL = "one", "at most one", "any number"
+"""How often a part occurs in a mechanism."""
 
 
 class Part:
@@ -94,16 +97,19 @@ class Part:
         """Return the bodies by role, with those of an element; None where the element is another part."""
         if not isinstance(element, self.kind) or self.name not in (None, name):
             return None
-        found, bound = _bodies(element), dict(roles)
-        if self.any_order and found[0] != self.bodies[0]:
-            found = found[::-1]
-        for role, body in zip(self.bodies, found):
-            if (role == GROUND) != (body == GROUND) or bound.setdefault(role, body) != body:
+        bodies, bound = _bodies(element), dict(roles)
+        if self.any_order and bodies[0] != self.bodies[0]:
+            bodies = bodies[::-1]
+        for role, body in zip(self.bodies, bodies):
+            if (role == GROUND) != (body == GROUND):
+                return None
+            # a role that is already another body's: the element is that of another part
+            if bound.setdefault(role, body) != body:
                 return None
         return bound
 
     def misfits(self, name: str, element: Any) -> Iterator[str]:
-        """Describe what of an element is not as required."""
+        """Describe which fields of an element are not as required."""
         for field, condition in self.fields.items():
             yield from condition.misfit(f"{name}.{field}", getattr(element, field))
         if not self.where.holds(element):
@@ -144,9 +150,10 @@ class Structure:
 
     def match(self, scene: Scene) -> Match:
         """Find the parts in a scene; raises NotThisMechanism, naming everything that does not fit."""
-        roles: Mapping[str, str] = {
-            name: name for name in (GROUND, *(() if self.any_names else self.bodies))
-        }
+        # With fixed names every role is known; else the elements bind the roles to bodies one after
+        # the other.
+        fixed = () if self.any_names else self.bodies
+        roles: Mapping[str, str] = {name: name for name in (GROUND, *fixed)}
         faults = list(Condition.of(self.gravity).misfit("gravity", scene.gravity))
         if len(scene.bodies) != len(self.bodies) or not (
             self.any_names or set(scene.bodies) == set(self.bodies)
@@ -154,6 +161,7 @@ class Structure:
             faults.append(
                 f"bodies: found {', '.join(scene.bodies)}; expected {', '.join(self.bodies)}"
             )
+        # Each part takes its elements out of `others`; what remains there belongs to no part.
         others = {**scene.joints, **scene.drives, **scene.springs, **scene.forces}
         elements: dict[str, dict[str, Any]] = {label: {} for label in self.parts}
         for label, part in self.parts.items():

@@ -28,8 +28,10 @@ if TYPE_CHECKING:
 
 SOLVED, UNSOLVABLE = "solved", "no solution"
 STORED = "hard-problems-3.parquet"
-"""The set that comes with the suite, made by ``tests/support/collect_problems.py``; a changed set gets the next number, so that
-results name their set."""
+"""The set that comes with the suite, made by ``tests/support/collect_problems.py``.
+
+A changed set gets the next number, so that results name their set.
+"""
 COLUMNS = ["class", "scene", "t", "n", "A0", "A1", "b", "y", "x", "outcome", "lcp"]
 AT_REST = 1e-9
 """Slip speed, relative to the largest speed of the run, up to which a guide belongs to the stick set."""

@@ -105,8 +105,8 @@ def problems_met(
     """
     states = list(_states(scene, run, everywhere))
     speed = max((float(np.max(np.abs(v))) for _, _, v in states), default=0.0)
-    found = (problem_at(kind, scene, t, q, v, AT_REST * speed) for t, q, v in states)
-    return [problem for problem in found if problem is not None]
+    problems = (problem_at(kind, scene, t, q, v, AT_REST * speed) for t, q, v in states)
+    return [problem for problem in problems if problem is not None]
 
 
 def _states(
@@ -182,9 +182,9 @@ def read_problems(path: str | Path | None = None) -> Iterator[Problem]:
     try:
         rows = pd.read_parquet(where, columns=COLUMNS)
     except (OSError, pa.ArrowException) as error:
-        found = f"{type(error).__name__}: {str(error).splitlines()[0]}"
+        words = f"{type(error).__name__}: {str(error).splitlines()[0]}"
         raise InputError(
-            f"{where}: found {found}; expected a set of problems, a Parquet file with the columns "
+            f"{where}: found {words}; expected a set of problems, a Parquet file with the columns "
             f"{', '.join(COLUMNS)}"
         ) from None
     for kind, scene, t, n, A0, A1, *rest in rows.itertuples(index=False, name=None):

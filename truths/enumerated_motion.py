@@ -60,7 +60,7 @@ ADMISSIBLE = 1e-8
 """N or m/s^2 by which a mode may violate its conditions: ten times `NOISE`, as a reserve at events."""
 SAME = 1e-6
 """m/s^2, rad/s^2; accelerations that differ by less count as equal, as those of two modes at their common boundary."""
-CORNERS = tuple(product((1, -1), repeat=2))
+CORNERS = ((1, 1), (1, -1), (-1, 1), (-1, -1))
 """Signs of both corner forces of a guide."""
 AT_ONCE = 1e-11
 """Seconds within which events are one: what rounding leaves of a time."""

@@ -121,7 +121,10 @@ def two_sided(switches: Sequence[tuple[float, str, str]], columns: Columns) -> t
     """Return the events with the time, kind and guide of each switch, with the columns on both sides."""
     times = np.array([time for time, _, _ in switches])
     before, after = (_rows(columns(times, side)) for side in SIDES)
-    return tuple(Event(*switch, *both) for switch, *both in zip(switches, before, after))
+    return tuple(
+        Event(time, kind, guide, row_before, row_after)
+        for (time, kind, guide), row_before, row_after in zip(switches, before, after)
+    )
 
 
 def _rows(columns: Mapping[str, np.ndarray]) -> list[dict[str, float]]:

@@ -84,6 +84,8 @@ class Truth:
         events it is relative to 1 s and `t_end`. `switches` are time, kind and guide of each event, None for a motion
         without friction.
         """
+        # Rounding is proportional to a column's size; the 1 stands for columns that are nearly zero
+        # throughout.
         sampled = columns(np.linspace(0, t_end, samples), "after")
         uncertainty = {
             name: rounding * float(1 + np.max(np.abs(values))) for name, values in sampled.items()
@@ -101,6 +103,8 @@ class Truth:
         """
         if side not in SIDES:
             raise ValueError(f"side: found {side!r}; expected one of {', '.join(SIDES)}")
+        # Output times are sums of steps: they may pass the ends by rounding, and count as the ends
+        # then.
         t = np.atleast_1d(np.asarray(t, dtype=float))
         rounding = _END_ROUNDING * self.t_end
         if not np.all((t >= -rounding) & (t <= self.t_end + rounding)):

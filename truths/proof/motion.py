@@ -73,6 +73,7 @@ class ProvenMotion:
 
         Raises ValueError for a time that is not within the motion.
         """
+        # legs of which it is not proven that they lie elsewhere: two next to an event
         around = [leg for leg in self.legs if not (t - leg.t < 0 or t - leg.t > leg.end)]
         if not around:
             raise ValueError(

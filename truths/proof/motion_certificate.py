@@ -55,6 +55,7 @@ def motion_certificate(motion: ProvenMotion, scene: Scene, digits: int) -> Claim
         }
 
     with p.working():
+        # The claims themselves, in exact numbers.
         steps = [
             {
                 "t0": exact_text(step.t0),
@@ -67,6 +68,7 @@ def motion_certificate(motion: ProvenMotion, scene: Scene, digits: int) -> Claim
             }
             for step in motion.steps
         ]
+        # What is there to be read, in decimals.
         events = [
             {
                 "kind": event.kind,

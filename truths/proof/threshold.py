@@ -155,6 +155,8 @@ def _mechanism(scene: Scene, F0: Fraction, count: int) -> SlidingMass:
     loaded = _at_amplitude(scene, F0)
     numbers, [drive], [load] = exact_scene(loaded), scene.drives, scene.forces
     rate, frequency = numbers.drives[drive].law.rate, numbers.forces[load].law.frequency
+    # frequency/rate = p/q: the common period is that of q turns of the bar, 2 pi q / rate, as an
+    # exact number
     ratio = (frequency / rate).factors
     if ratio is None or ratio[1] != 0:
         raise NotProven(

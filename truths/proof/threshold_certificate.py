@@ -66,6 +66,7 @@ def threshold_certificate(threshold: ProvenThreshold, scene: Scene) -> Claims:
 def _claimed(end: ProvenSteadyState) -> ProvenSteadyState:
     """An end with somewhat less than was found, so that another proof of it finds as much."""
     with Precision.of(end.digits).working():
+        # Twice the radii, and a somewhat larger factor.
         state = tuple(
             read_ball([exact_text(x.mid()), exact_text((2 * x.rad()).upper())]) for x in end.state
         )
@@ -100,6 +101,7 @@ def _failures(claims: Claims) -> Iterator[Failure]:
         yield Failure(
             -1, f"the ends are none: stick phase at {low} N: {below}, at {high} N: {above}"
         )
+    # Both ends anew, then the sentences that follow from them.
     ends = []
     for number, (name, F0) in enumerate(zip(ENDS, (low, high))):
         try:

@@ -69,6 +69,7 @@ class ProvenTruth:
     @classmethod
     def of(cls, claims: Mapping[str, Any]) -> ProvenTruth:
         """Read the tables of a certificate."""
+        # legs have as many terms as they need; zeros make one array of them
         coefficients = {
             name: np.array([*zip_longest(*legs, fillvalue=0.0)]).T
             for name, legs in claims["coefficients"].items()
@@ -85,6 +86,7 @@ class ProvenTruth:
 
     def columns(self, t: np.ndarray, side: str) -> dict[str, np.ndarray]:
         """The columns at times t, by Horner's rule."""
+        # at the start of a leg both it and the one before hold, the two sides of an event
         leg = np.maximum(
             np.searchsorted(self.starts, t, side="right" if side == "after" else "left") - 1, 0
         )
@@ -177,6 +179,7 @@ def threshold_of_theorem(scene: Scene) -> StickThreshold | None:
         proven = SliderBar.from_scene(
             scene_from_dict(tomllib.loads(claims["file"]), claims["scene"])
         )
+        # all parameters but the amplitude, which is what the threshold is of
         if replace(mechanism, F0=proven.F0) == proven:
             low, high = (Fraction(claims[end]["F0 [N]"]) for end in ("low", "high"))
             return StickThreshold(

@@ -78,6 +78,8 @@ class MovingGuide(SingleSlider):
         return R, self.slider_inertia * alpha, force
 
     def acceleration(self, t, q, v, mode: Mode):
+        # Along the arm the slider is free or held; the arm turns alike in both cases, as friction
+        # does not enter th''.
         slip, signs = mode
         if slip == 0:
             radial = np.zeros_like(q[0])

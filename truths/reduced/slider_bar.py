@@ -191,7 +191,9 @@ class SliderBar(SingleSlider):
         """Positive while the accelerations are unique: in slip m > mu |B| (Painleve), at rest `_rest_limits`."""
         if self.contact.length is None:
             return np.empty((0, 1, len(t)))
-        B = 2 / self.contact.length * self.c * np.sin(self.theta(t))  # D = A - B x''
+        # D = A - B x''. In slip m x'' + s mu max(|R|, |D|) must grow with x'': its slope is at
+        # least m - mu |B|.
+        B = 2 / self.contact.length * self.c * np.sin(self.theta(t))
         if mode[0]:
             return np.array([[self.mass - sign * self.contact.mu * B] for sign in (1, -1)])
         return self._rest_limits(t, B, self.applied(t, q[0], v[0]))
@@ -211,6 +213,7 @@ class SliderBar(SingleSlider):
         for s in (1, -1):
             n1, n2 = self.contact.corners(R, self.torque(t, 0.0), -mus * s)
             for sign in (1, -1):
+                # D >= 0 and D < 0 by the two signs, with B counted along the direction s
                 A, b = sign * (n2 - n1), sign * s * B
                 limits.append(
                     [
@@ -229,6 +232,8 @@ class SliderBar(SingleSlider):
         (x,), (vx,), (ax,) = q, v, a
         zero, th = np.zeros_like(t), self.theta(t)
         sin, cos, half, w = np.sin(th), np.cos(th), self.L / 2, self.rate
+        # The bar's centre of mass goes round the pin at a constant rate: centripetal acceleration
+        # alone.
         bar_ax, bar_ay = ax - half * w * w * cos, -half * w * w * sin
         return {
             **body_columns(
@@ -258,6 +263,7 @@ class SliderBar(SingleSlider):
         """Return the common period of bar and load, s; raises InputError without one."""
         if self.rate == 0:
             return 2 * np.pi / self.frequency
+        # load over bar as p/q: q turns of the bar are p periods of the load
         ratio = Fraction(self.frequency / abs(self.rate)).limit_denominator(_MOST_TURNS)
         if abs(self.frequency / abs(self.rate) - ratio) > _RATIONAL or ratio == 0:
             raise InputError(

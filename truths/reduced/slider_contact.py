@@ -143,6 +143,8 @@ class Contact:
         """Return the columns of a guide: normal force, moment, corner and friction forces, mode, and others."""
         values = {"normal_force": R, "moment": M}
         n1, n2 = self.corners(R, M, phi)
+        # corners 1 and 2 are those of the lower surface, 4 and 3 the same of the upper one: only
+        # one of each pair presses
         F1, F2, F3, F4 = (np.maximum(n, 0) for n in (n1, n2, -n2, -n1))
         lower, upper = F1 + F2, F4 + F3
         if self.length is not None:

@@ -214,6 +214,7 @@ class Trammel(PiecewiseMechanism):
         sin, cos, zero = np.sin(p), np.cos(p), np.zeros_like(t)
         c2, s2 = self._second(p, rate, turn)
         c1, s1 = -sin * rate, cos * rate
+        # Bar's centre and both sliders lie at multiples of cos p and sin p.
         values = {"bar.angle": -p, "bar.omega": -rate, "bar.alpha": -turn}
         for name, x, y in (
             ("bar", self.ly, self.lx),
@@ -224,6 +225,7 @@ class Trammel(PiecewiseMechanism):
         rho = self.mobilization(t, p, mode) if mode.turn == 0 else 0.0
         c = self._friction(p, mode, rho)
         Rx, Ry, _, (Hx, Vx, Hy, Vy) = self._balance(t, p, rate, turn, *c)
+        # (H, V) act on the sliders; the columns of a pin are the force on its first body, the bar.
         values |= {"pin-x.fx": -Hx, "pin-x.fy": -Vx, "pin-y.fx": -Hy, "pin-y.fy": -Vy}
         along = ((self.L * cos, self.L * c1), (self.L * sin, self.L * s1))
         for i, (name, R) in enumerate((("guide-x", Rx), ("guide-y", Ry))):

@@ -123,6 +123,8 @@ class Arc:
 
     def remainder(self, groups: Mapping[Hashable, Sequence[arb_poly]]) -> arb:
         """The largest remainder of q, v and functions at the end of the stretch (upper bound)."""
+        # Lagrange's remainder: the last coefficient anywhere on the stretch, times its length to
+        # the order
         scale, functions = self.h**self.order, chain.from_iterable(groups.values())
         last = [f[self.order] for f in chain(self.wide.state, functions)]
         return max((abs(term) * scale for term in last), key=lambda ball: float(ball.upper()))

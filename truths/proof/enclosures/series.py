@@ -80,6 +80,7 @@ class Jet:
 
     def __truediv__(self, other: Value) -> Jet:
         if isinstance(other, Jet):
+            # (a/b)' = (a' - (a/b) b') / b
             ratio = self.value / other.value
             return Jet(
                 ratio,
@@ -118,6 +119,7 @@ def partials(
     function: Callable[..., Sequence[Value]], state: Sequence[arb_series]
 ) -> tuple[list[arb_series], list[tuple[arb_series, ...]]]:
     """Values of functions of (q, v) along power series, and their derivatives by the 2n components of the state."""
+    # seeds: the derivative of each component by itself is 1
     order, indices = state[0].prec, range(len(state))
     jets = [
         Jet(series, [arb_series([int(i == j)], order) for j in indices])

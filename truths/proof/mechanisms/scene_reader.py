@@ -76,6 +76,9 @@ class SceneReader:
 
     def require_start(self, mechanism: ProvableMechanism, zero: Iterable[Exact]) -> None:
         """Check, as far as balls show, that all bodies start where the mechanism has them and that numbers are zero."""
+        # Balls that contain zero are no proof of equality, but the start of a scene in floats has
+        # none: the mechanism's own start is what the proof is about, and this excludes scenes that
+        # start elsewhere.
         differences = [value.ball for value in zero]
         for column, ball in mechanism.bodies(arb(0), mechanism.q, mechanism.v).items():
             name, _, part = column.rpartition(".")

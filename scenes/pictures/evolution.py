@@ -107,10 +107,10 @@ def _usual(trajectory: Trajectory) -> list[tuple[list[str], str]]:
     units = dict.fromkeys(unit_of(name, trajectory.mechanism) for name in efforts)
     panels = []
     for pattern, label in (_PANELS if guides else _WITHOUT_GUIDES).items():
-        if names := [name for name in trajectory.columns if re.search(rf"{pattern}$", name)]:
-            panels.append(
-                (names, f"{label} [{', '.join(units)}]" if label == "driving effort" else label)
-            )
+        names = [name for name in trajectory.columns if re.search(rf"{pattern}$", name)]
+        heading = f"{label} [{', '.join(units)}]" if label == "driving effort" else label
+        if names:
+            panels.append((names, heading))
     return panels
 
 
@@ -119,6 +119,7 @@ def _stick(frame: pd.DataFrame) -> list[tuple[float, float]]:
     modes = [name for name in frame if name.endswith(".mode")]
     if len(modes) != 1:
         return []
+    # rises and falls of the condition, in pairs
     t, sticks = frame["t"].to_numpy(), frame[modes[0]].to_numpy() == 0
     edges = np.flatnonzero(np.diff(np.concatenate([[False], sticks, [False]]).astype(int)))
     return [

@@ -124,12 +124,13 @@ def _states(
     ]
     samples: list[tuple[float, Mapping[str, float]]] = list(zip(run.t, rows_of(run.columns)))
     events = run.events if everywhere else run.events[: PER_RUN - 2]
+    # An event of a part of the scene has not all coordinates: it gives no state of the whole.
     sides = [
         (event.time, side)
         for event in events
         for side in ((event.before, event.after) if everywhere else (event.before,))
         if side.keys() >= {*names[0], *names[1]}
-    ]  # not those of a part of the scene
+    ]
     for t, columns in sorted(
         [*(samples if everywhere else [samples[0], samples[-1]]), *sides], key=itemgetter(0)
     ):

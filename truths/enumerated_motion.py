@@ -51,8 +51,9 @@ STEPS = 60
 FRACTIONS = np.unique(np.concatenate([[0.0], 2.0 ** -np.arange(7, 31), np.arange(1, 66) / 64]))
 """Fractions of a step at which the margins are sampled.
 
-They are dense near the start, where a mode that follows an event may end at once (down to 2^-30, about 1e-9). The last
-one lies beyond the end, so that a minimum at the end lies between two samples.
+They are dense near the start, where a mode that follows an event may end at once (down to 2^-30,
+about 1e-9). The last one lies beyond the end, so that a minimum at the end lies between two
+samples.
 """
 NOISE = 1e-9
 """N or m/s; margins above minus this count as zero: the error of forty steps, times stiffnesses up to 60 N/m."""
@@ -78,7 +79,8 @@ _ZERO_XTOL, _ZERO_RTOL = 1e-15, 1e-14
 _RATE_FRACTION = 1e-6
 """Fraction of a step over which the rate of a margin is measured on both sides of its zero.
 
-The secant is of second order in it, and the rounding of the margins is divided by it: both errors are below 1e-9.
+The secant is of second order in it, and the rounding of the margins is divided by it: both errors
+are below 1e-9.
 """
 _AUDITED = np.linspace(0.05, 0.95, 9)
 """Fractions of a step at which `_audit` looks at Coulomb's law: off the ends, which are events of the search itself."""
@@ -102,7 +104,7 @@ class Instant:
 
 @dataclass(frozen=True)
 class Mode:
-    """What is frozen between events."""
+    """Contact mode: what does not change between two events."""
 
     slip: np.ndarray  # (guides,), the directions d, 0 at rest
     corner: np.ndarray  # (guides, 2), the signs s
@@ -110,7 +112,7 @@ class Mode:
 
 @dataclass(frozen=True)
 class Forces:
-    """Of a mode at instants, or of many modes at one; leading axes as those."""
+    """Forces of one mode at several instants, or of several modes at one instant, along the leading axes."""
 
     acceleration: np.ndarray  # (..., k)
     R: np.ndarray  # (..., guides), normal force on each slider
@@ -121,7 +123,11 @@ class Forces:
 
 @dataclass(frozen=True)
 class Margin:
-    """A condition of a mode, positive while it holds: of `guide`, ``"speed"``, ``"corner"`` j or ``"hold"`` along d."""
+    """A condition of a mode, positive while it holds.
+
+    `what` is ``"speed"``, ``"corner"`` (`which` is the number of the corner) or ``"hold"`` (`which`
+    is the direction in which the guide would break away).
+    """
 
     guide: int
     what: str
@@ -139,7 +145,7 @@ class Step:
 
 @dataclass(frozen=True)
 class Motion:
-    """The motion that was found; all of it up to the breakdown, where there is one."""
+    """The motion of a scene, up to its end or to the breakdown if there is one."""
 
     contact: Contact
     t: np.ndarray  # (n,), the ends of all steps
@@ -267,7 +273,8 @@ class Contact:
     def held_with(self, terms: Terms, stuck: Iterable[int]) -> set[int]:
         """Return the guides that cannot slip while the `stuck` ones do not slip.
 
-        Their directions of slip depend linearly on the constraints and on the directions of the stuck guides.
+        Their directions of slip depend linearly on the constraints and on the directions of the
+        stuck guides.
 
         In a dead point a direction depends on the constraints as well, but the motion carries the guide on through it:
         its slip has an acceleration.
@@ -743,8 +750,9 @@ def _changes(before: Mode, after: Mode) -> Iterator[tuple[int, str]]:
 def _audit(contact: Contact, mode: Mode, piece: DenseOutput, end: float) -> tuple[float, float]:
     """Return the largest violation of Coulomb's law and of the constraints inside a step, and the largest reaction.
 
-    The law is evaluated from the sign of the velocity and from R and T alone, without the corner signs of the mode. In
-    the middle of the step all modes are tried: there must be one motion, that of the mode.
+    The law is evaluated from the sign of the velocity and from R and T alone, without the corner
+    signs of the mode. In the middle of the step all modes are tried: there must be one motion, that
+    of the mode.
 
     Raises
     ------

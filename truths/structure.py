@@ -1,7 +1,7 @@
-"""Structures of scenes: the elements that a mechanism has, and how they lie.
+"""Structures of scenes: the elements of a mechanism, and their positions and directions.
 
-A truth declares the scenes it is for as a `Structure`. Its `match` finds the parts of the mechanism in a scene, or
-names everything that does not fit.
+A truth declares which scenes it applies to by a `Structure`. `Structure.match` finds the parts of
+the mechanism in a scene, or raises an error that lists everything that does not fit.
 """
 
 from __future__ import annotations
@@ -75,8 +75,9 @@ ONE, OPTIONAL, SEVERAL = "one", "at most one", "any number"
 class Part:
     """An element of a mechanism: its class, and the roles of the bodies that it connects or acts on, in their order.
 
-    Any name fits where `name` is None. With `any_order` the bodies may stand in either order. `where` is a condition on
-    the whole element; the requirement on each of the `fields` is as for `Condition.of`.
+    If `name` is None, the element may have any name. With `any_order` its bodies may be listed in
+    either order. `where` is a condition on the whole element; each of the `fields` is a requirement
+    in the sense of `Condition.of`.
     """
 
     def __init__(
@@ -136,10 +137,12 @@ class Match:
 
 @dataclass(frozen=True)
 class Structure:
-    """A mechanism (in messages: "a pendulum"), as the scenes that declare it.
+    """The structure of a mechanism, by which scenes of it are recognized.
 
-    `bodies` are the roles of its bodies, which are their names unless `any_names`; `parts` all its other elements by a
-    label; `gravity` is the requirement on the scene's, as on a field of a `Part`.
+    `mechanism` is its name in messages, such as "a pendulum". `bodies` are the roles of its bodies,
+    which are also their names unless `any_names` is set. `parts` contains all other elements by a
+    label. `gravity` is the requirement on the gravity of the scene, like that on a field of a
+    `Part`.
     """
 
     mechanism: str

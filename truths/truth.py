@@ -33,18 +33,20 @@ class TruthRefused(StictionError):
 
 
 class NotThisMechanism(TruthRefused, InputError):
-    """A scene is not the mechanism that a truth is of, or has parameters for which its form degenerates."""
+    """A scene has another structure than a truth requires, or parameters for which its closed form degenerates."""
 
 
 @dataclass(frozen=True)
 class Truth:
-    """A solution that owes nothing to the reference implementation, of a `scene`, for 0 <= t <= t_end (s).
+    """An independent solution of a `scene` for 0 <= t <= t_end (s).
 
-    `tier` is one of those above; of a proven truth the columns that no proof encloses, efforts and forces, have
-    `tier_below`. `uncertainty` is by column the largest error to be expected between events, and that of their times
-    under ``"event time"``. `events` are in order of time, with two-sided values; only those of `guides` count, all
-    where None. `jump_closed_form`, shape (events,), is the jump of the drive's effort at each event from its closed
-    form. `note` says why a better tier has no answer; it is empty where this is the best there could be.
+    `tier` is one of the tiers above. In a proven truth, columns that no proof encloses (efforts and
+    forces) have the tier `tier_below`. `uncertainty` contains, by column, the largest error to be
+    expected between events, and under ``"event time"`` the error of their times. `events` are
+    sorted by time and have the values of both sides; only events of `guides` count, or all of them
+    where `guides` is None. `jump_closed_form`, shape (events,), contains the jump of the drive's
+    effort at each event, computed from its closed form. `note` explains why a better tier has no
+    answer; it is empty for the best tier that is possible.
     """
 
     scene: str
@@ -80,9 +82,10 @@ class Truth:
     ) -> Truth:
         """Return the closed form of a motion as a Truth.
 
-        `rounding` is the error of a column relative to 1 and its largest size at `samples` instants. Of the times of
-        events it is relative to 1 s and `t_end`. `switches` are time, kind and guide of each event, None for a motion
-        without friction.
+        `rounding` is the error of a column, relative to one plus its largest size at `samples`
+        instants. For times of events it is relative to `t_end`, or to 1 s if that is more.
+        `switches` contains time, kind and guide of each event; it is None for a motion without
+        friction.
         """
         # Rounding is proportional to a column's size; the 1 stands for columns that are nearly zero
         # throughout.

@@ -38,11 +38,12 @@ def size_of(scene: Scene) -> float:
 
 
 def errors(trajectory: Trajectory | None, truth: Truth, size: float = math.inf) -> dict[str, Any]:
-    """Return the errors of one run; empty values where there is no run, or no truth (`truth note` says why).
+    """Return the errors of one run; without a run or a truth there are none (``truth_note`` gives the reason).
 
-    Position and velocity errors are the largest over all bodies and output times (both are continuous). The efforts of
-    drives jump: their error is the mean of |error| over time, the largest of all drives; empty where guides at rest
-    leave an effort open. The time covered is stated, also of a run that ended early.
+    Position and velocity are continuous: their errors are the largest ones over all bodies and
+    output times. The efforts of drives jump: their error is the mean of |error| over time, for the
+    drive with the largest mean. It is missing where guides at rest leave an effort undetermined.
+    ``time_covered`` is the end of the run, which may be early.
 
     Parameters
     ----------
@@ -137,14 +138,16 @@ def _event_errors(trajectory: Trajectory, truth: Truth) -> dict[str, Any]:
 def effort_error(trajectory: Trajectory, truth: Truth, name: str) -> Uncertain | None:
     """Return the mean of the effort's |error| over time, from the method's own values.
 
-    Stretches in which the truth leaves the effort open (nan), as where a motor holds against friction or several
-    efforts give one motion, are not charged for: the mean is over the others. None where there are none.
+    Intervals in which the truth leaves the effort undetermined (nan), as where a motor holds
+    against friction or several efforts give the same motion, are excluded from the mean. None if no
+    other interval is left.
 
-    Values are compared at the instants of the run and on both sides of its events, where they are its own. Between
-    them the error is interpolated, not the effort, so that the result depends on the output instants as little as the
-    error is curved. At an event of the truth the error of a run that locates events jumps by the truth's jump. Where
-    within an output interval a run without located events jumps is not known: there the uncertainty has the truth's
-    jump over the whole interval.
+    Values are compared at the instants of the run and on both sides of its events, where they are
+    its own. Between them the error is interpolated, not the effort, so that the result depends on
+    the output instants only through the curvature of the error. At an event of the truth the error
+    of a run that locates events jumps by the truth's jump. A run without located events jumps at an
+    unknown instant of an output interval: the uncertainty then contains the truth's jump over the
+    whole interval.
     """
     effort = graph(trajectory, name)
     t, error = effort.t, effort.values - truth(effort.t)[name]

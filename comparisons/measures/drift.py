@@ -22,14 +22,15 @@ SETTLED = 16
 EQUAL_ROOTS = 1e-8
 """Half the distance of the roots, relative to alpha, in place of none.
 
-The quotient for equal roots is a limit. An error of the square of this, and rounding over it, are both below 1e-7.
+The quotient for equal roots is a limit. An error of the square of this, and rounding over it, are
+both below 1e-7.
 """
 STATE_ROUNDING = 16
 """Roundings of a coordinate that a residual may have: it sums some squares of differences of some products."""
 
 
 def drift(trajectory: Trajectory | None) -> dict[str, Any]:
-    """Return size and growth of the residuals of the scene's constraints in a run; empty values where there is none.
+    """Return size and growth of the residuals of the scene's constraints in a run; without a run there are none.
 
     Residuals are recomputed from the states by the same constraint equations for every engine
     (`trajectory_columns.residual_norms`); the engine's own formulation may satisfy others better. At contact fidelity

@@ -59,13 +59,14 @@ _KEPT = 16
 
 
 def ground_truth(scene: Scene, t_end: float | None = None) -> Truth:
-    """Return the best truth there is for a scene; where a tier has no answer, the next with a note why.
+    """Return the best truth known for a scene; if a tier has no answer, the next one, with the reason as note.
 
-    An independent one if the scene has the structure of one of `stiction.truths`, proven where a certificate
-    is of it. Otherwise the reference implementation's own event-driven run at rtol 1e-12 with projection, tier "our own
-    run". Its uncertainty is the difference to its run at 1e-10. Where that one ends early too, or the equations have no
-    motion or several, the tier is "none": there is nothing to compare with. All tiers have the same events: those of
-    `rubbing_guides`. The truth of a scene is kept.
+    If the scene has the structure of one of `stiction.truths`, its truth is that independent
+    solution, or the proven one if a certificate for the scene exists. Otherwise it is the reference
+    implementation's own event-driven run at rtol 1e-12 with projection, with the tier "our own
+    run"; its uncertainty is the difference to the run at rtol 1e-10. If that run ends early, or if
+    the equations have no motion or several, the tier is "none" and nothing can be compared. In all
+    tiers only the events of `rubbing_guides` count. Truths are cached.
     """
     end = scene.t_end if t_end is None else t_end
     return _best_truth(_Request(scene_to_toml(scene), scene.name, end, scene))

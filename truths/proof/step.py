@@ -139,7 +139,7 @@ class ProvenEvent:
 
 @dataclass(frozen=True)
 class Leg:
-    """A stretch within a step in one mode, from t on for `end` seconds.
+    """The part of a step in one mode, from t on for `end` seconds.
 
     Polynomials in the time since t enclose the 2n components of the `state` and the columns of all `bodies`.
     """

@@ -9,9 +9,9 @@ root is overlooked, however short the guard is negative: a part of the step is p
 |p - c0| <= sum |ck| of a Chebyshev series shows that p has no zero there, or that p' has none and p the same sign at
 both ends; other parts are halved.
 
-The mode that follows is found by trial: of the candidates that the mechanism names, in its order of
-preference, the first that holds during a very short step. No rule is needed for ties, for a guard that starts at
-zero, or for break-away without a jump (mus = mu).
+The mode that follows an event is found by trial. The mechanism lists candidates in the order of
+their precedence; the first one that remains consistent during a very short step is taken. No rule
+is needed for ties, for a guard that starts at zero, or for break-away without a jump (mus = mu).
 """
 
 from __future__ import annotations
@@ -31,8 +31,9 @@ from stiction.truths.truth import TruthRefused
 TRIAL_STEPS = (1e-6, 1e-5)
 """Seconds; the longer where no mode holds for the shorter, as when a slider would stick for less than that.
 
-Two changes of mode closer than this are taken as one: the error of position is below 1e-10 (usually 1e-12) times the
-jump of q''. These and the times below hold for motions up to `_FAST`; for faster ones they are shorter in proportion.
+Two changes of mode closer than this are taken as one: the error of position is below 1e-10 (usually
+1e-12) times the jump of q''. These and the times below hold for motions up to `_FAST`; for faster
+ones they are shorter in proportion.
 """
 _FAST = 10.0
 """Angular frequency up to which the times of a search hold as they are given, rad/s."""
@@ -70,12 +71,13 @@ _SWITCH_LIMIT = 100_000
 _LATE = 10.0
 """s; from here on the rounding of the time itself counts.
 
-Rates of q'' are some ten times its size per second, so that eps |t| moves it by 100 eps at this time, near `_NOISE`.
+Rates of q'' are some ten times its size per second, so that eps |t| moves it by 100 eps at this
+time, near `_NOISE`.
 """
 
 
 class Undecided(TruthRefused):
-    """Rounding hides what happens: two integrations disagree on a grazing event, or no mode is consistent."""
+    """Rounding decides the result: two integrations disagree on a grazing event, or no mode is consistent."""
 
 
 class NoMotion(TruthRefused):
@@ -94,7 +96,7 @@ class PiecewiseMechanism(ABC):
 
     @property
     def magnitude(self) -> float:
-        """Size of the terms of q'' (and of the guards), however much of them cancels: their rounding stays in it."""
+        """Size of the terms of q'' and of the guards before they cancel, which determines their rounding."""
         return 1.0
 
     @property
@@ -125,10 +127,11 @@ class PiecewiseMechanism(ABC):
     def candidates(
         self, t: float, q: np.ndarray, v: np.ndarray, mode: Any, guard: int | None
     ) -> Iterator[list[tuple[Any, np.ndarray]]]:
-        """Modes that may follow when `guard` of `mode` reached zero, each with the velocity (n,) it starts with.
+        """Yield the modes that may follow when `guard` of `mode` has reached zero, each with its initial velocity (n,).
 
-        They come in groups, of which one is tried only if no mode of those before it holds; NoMotion is raised where
-        it would not be the only answer. At the start of the motion mode and guard are None.
+        Modes are yielded in groups; a group is tried only if no mode of the groups before it is
+        consistent. NoMotion is raised where the motion would not be unique. At the start of the
+        motion mode and guard are None.
         """
 
     @abstractmethod
@@ -367,8 +370,8 @@ def _on_half(row: np.ndarray, side: int, x: np.ndarray) -> Any:
 def _clenshaw(x: float, backwards: list[float]) -> float:
     """Value of a Chebyshev series whose coefficients are given from the last to the first.
 
-    Clenshaw's recurrence b[k] = c[k] + 2 x b[k+1] - b[k+2]; in plain floats, as Brent's method asks for one value at a
-    time and NumPy's calls would take longer than the sum itself.
+    Clenshaw's recurrence b[k] = c[k] + 2 x b[k+1] - b[k+2]; in plain floats, as Brent's method asks
+    for one value at a time and NumPy's calls would take longer than the sum itself.
     """
     b1 = b2 = 0.0
     for coefficient in backwards[:-1]:
@@ -444,8 +447,8 @@ def _next_mode(
 ) -> tuple[Hashable, np.ndarray, float]:
     """Find the mode from t on, its initial velocity, and the time from t on in which guards are known to be positive.
 
-    A candidate holds if its guards are positive in the second half of a short trial step: in the first half those that
-    start at zero are rounding.
+    A candidate holds if its guards are positive in the second half of a short trial step: in the
+    first half those that start at zero are rounding.
     """
     later = slice(collocation.order // 2, None)
     for trial in (mechanism.pace * seconds for seconds in TRIAL_STEPS):

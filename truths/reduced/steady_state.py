@@ -42,8 +42,9 @@ _RESIDUAL = 1e-11
 _DIFFERENCE = 1e-7
 """Step of the Jacobian by central differences, m and m/s.
 
-It is short, so that the sequence of events is the same on both sides. Rounding of the end state, some 1e-14, leaves
-1e-7 of a derivative: enough for multipliers, and for Newton's method to converge.
+It is short, so that the sequence of events is the same on both sides. Rounding of the end state,
+some 1e-14, leaves 1e-7 of a derivative: enough for multipliers, and for Newton's method to
+converge.
 """
 _MOST_NEWTON = 8
 """Newton iterations: from `_NEAR` the method converges fast or not at all."""
@@ -184,9 +185,9 @@ def _newton(mechanism: SliderBar, state: np.ndarray, n: int) -> SteadyState | No
 def _attracts(mechanism: SliderBar, fixed_point: SteadyState, state: np.ndarray) -> bool:
     """Check that the multipliers are within the unit circle, and that the orbit at `state` comes nearer at each pass.
 
-    A steady state without a stick phase attracts only from so near that no stick phase is met on the way. The orbit is
-    followed until, for `_PASSES` passes, its distances from a stick phase (`_left_until_rest`) are half to one and a
-    half times those of the steady state.
+    A steady state without a stick phase attracts only from so near that no stick phase is met on
+    the way. The orbit is followed until, for `_PASSES` passes, its distances from a stick phase
+    (`_left_until_rest`) are half to one and a half times those of the steady state.
     """
     if max(map(abs, fixed_point.multipliers)) >= 1:
         return False
@@ -210,7 +211,7 @@ def _attracts(mechanism: SliderBar, fixed_point: SteadyState, state: np.ndarray)
 
 @dataclass(frozen=True)
 class StickBands:
-    """What a scan above a threshold has seen.
+    """Result of a scan of amplitudes above a threshold.
 
     Attributes
     ----------
@@ -239,13 +240,15 @@ class StickBands:
 
 @dataclass(frozen=True)
 class StickThreshold:
-    """`DEFINITION`, or why there is none: F0 and its uncertainty in N, both None where there is none.
+    """The threshold of `DEFINITION`: F0 and its uncertainty in N, both None if there is no threshold.
 
-    The uncertainty is the sum of bracket or extrapolation, residual of the steady state and discretization; where the
-    steady state jumps, also the distance from the jump at which the motion from the start was followed. `bracket` are
-    the amplitudes with and without a stick phase between which the root was sought. `note` says what coexists with it,
-    or the reason where there is no threshold. `theorem` is the proof of it in words: then the uncertainty is a bound.
-    `above` is what a scan above it has seen, where one was made.
+    The uncertainty is the sum of the errors of bracket or extrapolation, of the residual of the
+    steady state, and of the discretization. Where the steady state jumps, the distance from the
+    jump at which the motion from the start was followed is added. `bracket` contains the amplitudes
+    with and without a stick phase between which the root was sought. `note` describes a coexisting
+    steady state, or gives the reason why there is no threshold. `theorem` is the proof in words;
+    with it the uncertainty is a bound. `above` is the result of a scan of larger amplitudes, if
+    any.
     """
 
     F0: float | None

@@ -143,7 +143,10 @@ def _read(name_or_path: str, folder: Path, derived: tuple[Path, ...]) -> dict[st
     asked_by, key = (str(derived[-1]), "base") if derived else (name_or_path, "scene")
     try:
         path = files.get(name_or_path, folder / name_or_path).resolve()
-        kind = "a folder" if path.is_dir() else "" if path.is_file() else "no such file"
+        if path.is_file():
+            kind = ""
+        else:
+            kind = "a folder" if path.is_dir() else "no such file"
     except (OSError, ValueError) as error:  # a name too long, a null byte
         path, kind = Path(), str(error)
     if kind:
@@ -313,6 +316,7 @@ def _reference_problems(raw: Mapping[str, Any]) -> Iterator[Problem]:
                         shown(body),
                         f"expected a body of the scene: {names_of_bodies}{did_you_mean(body, bodies)}",
                     )
+            # a slider on its own guide, or a joint of a body with itself
             if element.get("type") == "translational":
                 pair = [element.get("slider"), element.get("guide", GROUND)]
             if len(pair) == 2 and pair[0] == pair[1] and isinstance(pair[0], str):

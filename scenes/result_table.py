@@ -445,6 +445,9 @@ def _chosen(
         for mine in mapping
         if mine not in given
     ]
+    # Each column of the table is one of the scene's, twice given, wrongly mapped, probably
+    # misspelt, or none of them. If the time is mapped, a column of its usual name is another
+    # quantity.
     time_is_mapped = {TIME, f"-{TIME}"} & set(mapping.values())
     for number, mine in enumerate(given):
         column = mapping.get(mine, TIME if mine in TIME_NAMES and not time_is_mapped else mine)
@@ -475,6 +478,7 @@ def _chosen(
             )
         else:
             left_out.append(mine)
+    # so many are no typing errors: one problem in place of all
     if len(misspelt) > _TYPING_ERRORS:
         problems = []
         misspelt = [

@@ -260,6 +260,7 @@ def _not_asked(scene: Scene) -> list[Parameter]:
 
 def changed(scene: Scene, parameter: Parameter, factor: float) -> Scene:
     """Return the scene of a hypothesis; `factor` multiplies the coefficients of all guides, g, or a mass, .."""
+    # Copies of the models: a factor on a valid value needs no validation of the file again.
     hypothesis, name = parameter.hypothesis, parameter.element
     if hypothesis is Hypothesis.MASS:
         body = scene.bodies[name]
@@ -288,6 +289,7 @@ def changed(scene: Scene, parameter: Parameter, factor: float) -> Scene:
     if hypothesis is Hypothesis.GRAVITY:
         x, y = scene.gravity or (0.0, 0.0)
         return scene.model_copy(update={"gravity": (factor * x, factor * y)})
+    # All guides together; mus never falls below mu.
     joints = dict(scene.joints)
     for name, guide in scene.frictional_guides.items():
         kinetic, static = guide.kinetic_coefficient, guide.static_coefficient

@@ -36,6 +36,7 @@ def evolution(runs: Sequence[Trajectory], columns: Sequence[str] = ()) -> Pictur
 
     KeyError for a column that a run does not have.
     """
+    # a column that is missing raises its KeyError here, before anything is drawn
     first, several = runs[0], len(runs) > 1
     for run, name in product(runs, columns):
         run[name]

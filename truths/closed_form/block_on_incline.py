@@ -48,7 +48,8 @@ class _Phase(NamedTuple):
 def incline_truth(scene: Scene, t_end: float | None = None) -> Truth:
     """Return the motion of a block that nothing but gravity and a straight fixed guide with friction acts on."""
     match = INCLINE.match(scene)
-    name, guide, block = match.name("guide"), match["guide"], match.bodies["block"]
+    name, guide = match.name("guide"), match["guide"]
+    block = match.bodies["block"]
     body, contact = scene.bodies[block], Contact.of(guide)
     t_end = scene.t_end if t_end is None else t_end
     direction = np.array(guide.direction) / np.hypot(*guide.direction)

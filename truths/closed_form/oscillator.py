@@ -276,7 +276,8 @@ def oscillator_truth(scene: Scene, t_end: float | None = None) -> Truth:
     o = _read_oscillator(scene, structure, match)
     motion = phases(o, t_end)
     ends = [phase.end for phase in motion[:-1]]
-    mass, guide, belt = match.bodies["mass"], match.name("guide"), match.bodies.get("belt")
+    guide = match.name("guide")
+    mass, belt = match.bodies["mass"], match.bodies.get("belt")
     belt_x = scene.bodies[belt].position[0] if belt else 0.0
     origin = match["guide"].point[0] + belt_x
 

@@ -204,6 +204,9 @@ def _feasible(columns: list[list[fmpq]], right: fmpq_mat) -> tuple[list[fmpq], l
     the given rows, and l stands in the columns of the artificial variables.
     """
     count, n = right.nrows(), len(columns)
+    # Tableau with right sides made nonnegative and one artificial variable for each row, which form
+    # the first basis. The costs are the sum of the rows: phase 1 minimizes the sum of the
+    # artificial variables.
     signs = [-1 if right[r, 0] < 0 else 1 for r in range(count)]
     rows = [
         [sign * column[r] for column in columns]
@@ -214,6 +217,8 @@ def _feasible(columns: list[list[fmpq]], right: fmpq_mat) -> tuple[list[fmpq], l
     costs = [sum((row[j] for row in rows), fmpq(0)) for j in range(n + count + 1)]
     basis = list(range(n, n + count))
     while (enters := next((j for j in range(n) if costs[j] > 0), None)) is not None:
+        # ratio test; of equal ratios the row whose basic variable has the smallest number (Bland),
+        # so that it cannot cycle
         _, _, pivot = min(
             (rows[r][-1] / rows[r][enters], basis[r], r)
             for r in range(count)
@@ -227,6 +232,8 @@ def _feasible(columns: list[list[fmpq]], right: fmpq_mat) -> tuple[list[fmpq], l
                 for j, value in leading:
                     row[j] -= factor * value
         basis[pivot] = enters
+    # No cost can be reduced and artificial variables are left: the columns do not reach the right
+    # side. The multipliers of the rows, with their signs undone, are the vector of Farkas' lemma.
     if costs[-1] > 0:
         return [], [sign * value for sign, value in zip(signs, costs[n : n + count])]
     weights = [fmpq(0)] * n

@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Any, overload
 import numpy as np
 
 from stiction.scenes.base_errors import InputError
+from stiction.scenes.fidelity import Fidelity
 from stiction.scenes.wording import shortened
 
 if TYPE_CHECKING:
@@ -147,7 +148,7 @@ class Trajectory:
         Name of the engine.
     version : str
         Version of the engine.
-    fidelity : str
+    fidelity : Fidelity
         ``"joint"`` or ``"contact"``.
     t : ndarray
         Output times, s, increasing; shape (n,).
@@ -177,7 +178,7 @@ class Trajectory:
     scene: str
     engine: str
     version: str
-    fidelity: str
+    fidelity: Fidelity
     t: np.ndarray
     columns: Mapping[str, np.ndarray]
     events: tuple[Event, ...] = ()

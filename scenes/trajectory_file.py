@@ -13,6 +13,7 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 
 from stiction.scenes.base_errors import InputError
+from stiction.scenes.fidelity import fidelity_of
 from stiction.scenes.loading import scene_from_dict, tables_of
 from stiction.scenes.trajectory import Breakdown, Cost, Event, Trajectory
 
@@ -54,6 +55,7 @@ def load_trajectory(file: str | Path) -> Trajectory:
         name: np.array(values, dtype=float) for name, values in alternatives.items()
     }
     about["events"] = tuple(Event(**event) for event in about["events"])
+    about["fidelity"] = fidelity_of(about["fidelity"])
     about["cost"] = Cost(**about["cost"])
     if about["breakdown"]:
         about["breakdown"] = Breakdown(**about["breakdown"])

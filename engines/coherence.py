@@ -13,6 +13,7 @@ import numpy as np
 from stiction.engines.examined import (
     MODES,
     POSITIONS,
+    RESIDUALS,
     ROUNDING,
     VELOCITIES,
     Examined,
@@ -31,6 +32,7 @@ from stiction.reference_impl.multibody.trajectory_columns import (
 )
 from stiction.scenes import Event
 from stiction.scenes.columns import BODY_COLUMNS
+from stiction.scenes.event_values import Sides
 from stiction.scenes.trajectory import stacked
 
 START = 1e-6
@@ -103,9 +105,7 @@ def residuals(run: Examined) -> Iterator[str]:
             f"expected less than its size, {run.size:.3g} m"
         )
     sizes = (run.size, _speed(run, run.start[1]))
-    for name, residual, size, unit in zip(
-        ("drift.position", "drift.velocity"), found, sizes, ("m", "m/s")
-    ):
+    for name, residual, size, unit in zip(RESIDUALS, found, sizes, ("m", "m/s")):
         if not residual[0] <= START * size:
             yield f"a start that is {residual[0]:.3g} {unit} off the constraints; expected at most {START * size:.1g}"
         if (i := first(~_agrees(run.found[name], residual, size))) is not None:
@@ -121,22 +121,17 @@ def residuals_at_events(run: Examined) -> Iterator[str]:
     A drive's constraint has time in it, so that values of a neighbouring sample are noticed.
     """
     position, velocity = run.columns(POSITIONS), run.columns(VELOCITIES)
-    if not (sides := run.sides({*position, *velocity, "drift.position", "drift.velocity"})):
+    sides = run.sides.with_columns({*position, *velocity, *RESIDUALS})
+    if not len(sides):
         return
-    t = np.array([time for _, time, _ in sides], dtype=float)
-    q, v = (
-        np.array([[side[name] for name in labels] for *_, side in sides], dtype=float)
-        for labels in (position, velocity)
-    )
+    q, v = (np.stack([sides[name] for name in labels], axis=1) for labels in (position, velocity))
     sizes = (run.size, _speed(run, v))
-    for name, residual, size in zip(
-        ("drift.position", "drift.velocity"), _residuals(run, t, q, v), sizes
-    ):
-        reported = np.array([side[name] for *_, side in sides], dtype=float)
+    for name, residual, size in zip(RESIDUALS, _residuals(run, sides.t, q, v), sizes):
+        reported = sides[name]
         if (i := first(~_agrees(reported, residual, size))) is not None:
             yield (
-                f"{sides[i][0]}, {name} = {reported[i]:.6g}; expected {residual[i]:.6g}, the residual of its states "
-                "then"
+                f"{sides.label(i)}, {name} = {reported[i]:.6g}; expected {residual[i]:.6g}, the residual of its "
+                "states then"
             )
 
 
@@ -558,13 +553,11 @@ def balance(run: Examined) -> Iterator[str]:
                 for label in labels
             ),
         }
-        if not (sides := run.sides(needed)):
+        sides = run.sides.with_columns(needed)
+        if not len(sides):
             continue
-        joined = {
-            name: np.concatenate([found[name].astype(float), [side[name] for *_, side in sides]])
-            for name in needed
-        }
-        t = np.concatenate([found.t.astype(float), [time for _, time, _ in sides]])
+        joined = {name: np.concatenate([found[name].astype(float), sides[name]]) for name in needed}
+        t = np.concatenate([found.t.astype(float), sides.t])
         q, v, a = (
             np.ascontiguousarray(stacked(joined, part.body_names, labels))
             for labels in BODY_COLUMNS
@@ -575,7 +568,7 @@ def balance(run: Examined) -> Iterator[str]:
         left, size = imbalance(part.arrays, workspace(part.arrays), t, q, v, a, force)
         largest = np.max(size[np.isfinite(size)], initial=0.0)
         if (i := first(left > BALANCE * largest)) is not None:
-            where = f" ({sides[i - len(found.t)][0]})" if i >= len(found.t) else ""
+            where = f" ({sides.label(i - len(found.t))})" if i >= len(found.t) else ""
             yield (
                 f"forces and accelerations that do not balance at t = {t[i]:.9g} s{where}: {left[i] / largest:.2g} "
                 f"of the largest is left over; expected less than {BALANCE:g}"
@@ -636,20 +629,21 @@ def modes(run: Examined) -> Iterator[str]:
 def _chain(run: Examined, own: Sequence[Event], name: str, corners: bool) -> Iterator[str]:
     """Each event of a guide changes its mode by its kind, and begins in the mode in which the one before ended."""
     mode = f"{name}.mode"
-    for event in own:
-        old, new = event.before[mode], event.after[mode]
+    sides = Sides(own)
+    before, after = np.split(sides[mode].reshape(-1, 2), 2, axis=1)
+    for event, old, new in zip(own, before[:, 0], after[:, 0]):
         if not MODES[event.kind](old, new):
             yield (
                 f"{event.kind} of {name} at t = {event.time:.9g} s: mode {old:g} before and {new:g} after; expected "
                 f"those of a {event.kind}"
             )
-    for one, two in zip(own, own[1:]):
-        if (
-            one == two
-            or one.after[mode] != two.before[mode]
-            or corners
-            and _other_surfaces(run, name, one, two)
-        ):
+    # each event ends in the mode, and on the surfaces, in which the next one begins, and is reported once
+    is_broken = after[:-1, 0] != before[1:, 0]
+    if corners:
+        is_broken |= _other_surfaces(run, name, sides)
+    is_same_instant = np.diff(sides.t[::2]) == 0.0
+    for i, (one, two) in enumerate(zip(own, own[1:])):
+        if is_broken[i] or is_same_instant[i] and one == two:
             yield (
                 f"{one.kind} of {name} at t = {one.time:.9g} s, then {two.kind} at {two.time:.9g} s: the contact "
                 "mode behind the one is not that in front of the other; expected every event once"
@@ -660,7 +654,7 @@ def _modes_between(run: Examined, own: Sequence[Event], column: str) -> Iterator
     """Between two events of a guide the samples have its mode; one at the instant of an event may be of either side."""
     t, values = run.found.t, run.found[column]
     times = np.array([event.time for event in own])
-    mode = np.array([own[0].before[column], *(event.after[column] for event in own)])
+    mode = np.concatenate([[own[0].before[column]], Sides(own)[column][1::2]])
     earliest = np.searchsorted(times, t - ROUNDING * t[-1], "left")
     latest = np.searchsorted(times, t + ROUNDING * t[-1], "right")
     for i in np.flatnonzero((values != mode[earliest]) & (values != mode[latest])):
@@ -668,14 +662,15 @@ def _modes_between(run: Examined, own: Sequence[Event], column: str) -> Iterator
             yield f"{column} = {values[i]:g} at t = {t[i]:.9g} s; expected {mode[latest[i]]:g}, that between its events"
 
 
-def _other_surfaces(run: Examined, name: str, one: Event, two: Event) -> bool:
-    """Return True where a corner of a slipping guide has changed its surface between two events."""
-    if not one.after[f"{name}.mode"]:
-        return False
+def _other_surfaces(run: Examined, name: str, sides: Sides) -> np.ndarray:
+    """Flags of pairs of neighbouring events between which a corner of a slipping guide changes its surface."""
     F = [f"{name}.F{corner}" for corner in (1, 2, 3, 4)]
     size = SAME * max(_largest(run.found[corner]) for corner in F)
+    presses = [sides[corner] > size for corner in F]
+    slips = sides[f"{name}.mode"][1:-1:2] != 0
+    # the corners 1 and 4 are at the rear of a slider, 2 and 3 at its front, on opposite surfaces
     opposite = ((0, 3), (3, 0), (1, 2), (2, 1))
-    return any(one.after[F[i]] > size < two.before[F[j]] for i, j in opposite)
+    return slips & np.any([presses[i][1:-1:2] & presses[j][2::2] for i, j in opposite], axis=0)
 
 
 def unreported_events(run: Examined) -> Iterator[str]:
@@ -771,14 +766,15 @@ def continuity(run: Examined) -> Iterator[str]:
             ENGINES_OWN * max(float(np.max(np.abs(run.found[name]))) for name in columns)
             + SAME * run.size
         )
-        for event in run.found.events:
-            for name in columns:
-                if name in event.before and abs(event.after[name] - event.before[name]) > allowed:
-                    yield (
-                        f"{event.kind} of {event.joint} at t = {event.time:.9g} s: {name} = "
-                        f"{event.before[name]:.9g} before and {event.after[name]:.9g} after; expected no jump of a "
-                        "state"
-                    )
+        for name in columns:
+            sides = run.sides.with_columns({name})
+            before, after = sides[name][::2], sides[name][1::2]
+            if (i := first(np.abs(after - before) > allowed)) is not None:
+                event = sides.events[i]
+                yield (
+                    f"{event.kind} of {event.joint} at t = {event.time:.9g} s: {name} = {before[i]:.9g} before and "
+                    f"{after[i]:.9g} after; expected no jump of a state"
+                )
 
 
 def _while_moving(predicate: Predicate) -> Predicate:

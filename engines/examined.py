@@ -13,12 +13,15 @@ import numpy as np
 from stiction.engines.assembly import Assembly, assembly_of
 from stiction.scenes import Scene, Trajectory
 from stiction.scenes.columns import BODY_COLUMNS
+from stiction.scenes.event_values import Sides
 from stiction.scenes.trajectory import stacked
 
 if TYPE_CHECKING:
     from stiction.reference_impl.multibody.mechanism import Mechanism
 
 POSITIONS, VELOCITIES, ACCELERATIONS = BODY_COLUMNS
+RESIDUALS = ("drift.position", "drift.velocity")
+"""Columns of the residuals of the constraints."""
 ROUNDING = 1e-9
 """Accuracy of times, relative to the end of the run: sums of 1e6 steps are off by 1e6 eps = 2e-10."""
 OWN_STEP = 0.01
@@ -127,14 +130,10 @@ class Examined:
         """Names of the columns of all bodies with these labels."""
         return [f"{body}.{label}" for body in self.scene.bodies for label in labels]
 
-    def sides(self, needed: set[str]) -> list[tuple[str, float, Mapping[str, float]]]:
-        """Label, time and values of both sides of all events that have the needed columns."""
-        return [
-            (f"{event.kind} of {event.joint} at t = {event.time:.9g} s: {name}", event.time, side)
-            for event in self.found.events
-            for name, side in (("before", event.before), ("after", event.after))
-            if needed <= side.keys()
-        ]
+    @cached_property
+    def sides(self) -> Sides:
+        """Values on both sides of all events."""
+        return Sides(self.found.events)
 
     def differs(
         self, column: str, expected: np.ndarray, allowed: float | np.ndarray, source: str

@@ -44,7 +44,7 @@ from stiction.reference_impl.multibody.guide_freedom import DRIVEN
 from stiction.reference_impl.multibody.mechanism import NO_GUIDE, Arrays, Mechanism
 from stiction.reference_impl.multibody.trajectory_columns import build_columns
 from stiction.scenes import Breakdown, Cost, Event
-from stiction.scenes.trajectory import rows_of
+from stiction.scenes.event_values import rows_of
 
 SLIP, STICK, REVERSAL, CORNER = range(4)
 UNCHANGED = -1
@@ -208,7 +208,7 @@ def columns_and_events(
 
     instants, kinds, guides, others, *sided = log
     columns, alternatives = build(*samples)
-    rows: list[dict[str, float]] = [{} for _ in range(2 * len(instants))]
+    rows: Sequence[Mapping[str, float]] = [{}] * (2 * len(instants))
     if sides and columns and len(instants):
         two_sided, _ = build(
             np.repeat(instants, 2), *(part.reshape(-1, *part.shape[2:]) for part in sided)

@@ -17,8 +17,9 @@ from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components
 
 from stiction.reference_impl.multibody.mechanism import Mechanism
-from stiction.scenes import Cost, Scene
+from stiction.scenes import Cost, Event, Scene
 from stiction.scenes.errors import ELEMENTS
+from stiction.scenes.event_values import Sides, rows_of
 
 if TYPE_CHECKING:
     from stiction.reference_impl.integration.result import Run
@@ -112,12 +113,7 @@ def simulate_parts(
         if name.startswith(DRIFT):
             columns[name] = np.sqrt(sum(run.columns[name][:rows] ** 2 for run in runs))
     events = sorted(
-        (
-            replace(event, before=_without_drift(event.before), after=_without_drift(event.after))
-            for run in runs
-            for event in run.events
-            if event.time <= until
-        ),
+        (event for run in runs for event in _without_drift(run.events) if event.time <= until),
         key=lambda event: event.time,
     )
     alternatives = {
@@ -143,5 +139,18 @@ def simulate_parts(
     )
 
 
-def _without_drift(side):
-    return {name: value for name, value in side.items() if not name.startswith(DRIFT)}
+def _without_drift(events: Sequence[Event]) -> list[Event]:
+    """The events of a part without the columns of the drift, which is that of all parts."""
+    sides = Sides(events)
+    columns = {
+        name: sides[name]
+        for name in (events[0].before if events else ())
+        if not name.startswith(DRIFT)
+    }
+    if not columns:
+        return list(events)  # without values
+    rows = rows_of(columns)
+    return [
+        replace(event, before=before, after=after)
+        for event, before, after in zip(events, rows[::2], rows[1::2])
+    ]

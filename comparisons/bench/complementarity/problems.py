@@ -21,15 +21,15 @@ import numpy as np
 from stiction.scenes import InputError, Scene, Trajectory
 from stiction.scenes.atomic_files import whole_file
 from stiction.scenes.columns import BODY_COLUMNS
-from stiction.scenes.trajectory import rows_of
+from stiction.scenes.event_values import rows_of
 
 if TYPE_CHECKING:
     from stiction.reference_impl.integration.result import Run
 
 SOLVED, UNSOLVABLE = "solved", "no solution"
 STORED = "hard-problems-3.parquet"
-"""The set that comes with the suite, made by ``tests/support/collect_problems.py``; a changed set gets the next number, so that
-results name their set."""
+"""The set that comes with the suite, made by ``tests/support/collect_problems.py``; a changed set gets the next number,
+so that results name their set."""
 COLUMNS = ["class", "scene", "t", "n", "A0", "A1", "b", "y", "x", "outcome", "lcp"]
 AT_REST = 1e-9
 """Slip speed, relative to the largest speed of the run, up to which a guide belongs to the stick set."""

@@ -21,7 +21,6 @@ from stiction.engines.examined import (
     first,
 )
 from stiction.reference_impl.multibody.initial_state import CONSISTENT
-from stiction.reference_impl.multibody.kinematics import workspace
 from stiction.reference_impl.multibody.mechanism import TRANSLATIONAL, Arrays, Mechanism
 from stiction.reference_impl.multibody.reactions import columns_of_rows, parts_of_null_vectors
 from stiction.reference_impl.multibody.trajectory_columns import (
@@ -565,7 +564,7 @@ def balance(run: Examined) -> Iterator[str]:
         force = np.empty((len(t), len(rows)))  # a free body has no rows
         for column, name in enumerate(rows):
             force[:, column] = joined[name]
-        left, size = imbalance(part.arrays, workspace(part.arrays), t, q, v, a, force)
+        left, size = imbalance(part.arrays, part.workspace, t, q, v, a, force)
         largest = np.max(size[np.isfinite(size)], initial=0.0)
         if (i := first(left > BALANCE * largest)) is not None:
             where = f" ({sides.label(i - len(found.t))})" if i >= len(found.t) else ""
@@ -817,7 +816,7 @@ def _residuals(run: Examined, t: np.ndarray, q: np.ndarray, v: np.ndarray) -> np
         own = np.concatenate([np.arange(place[body], place[body] + 3) for body in part.body_names])
         norms = residual_norms(
             part.arrays,
-            workspace(part.arrays),
+            part.workspace,
             t,
             np.ascontiguousarray(q[:, own]),
             np.ascontiguousarray(v[:, own]),

@@ -84,8 +84,7 @@ from stiction.reference_impl.integration.several_motions import NEARLY_SEVERAL, 
 from stiction.reference_impl.integration.step_audit import audit
 from stiction.reference_impl.integration.step_limits import TOLERATED, excess, longest_step
 from stiction.reference_impl.multibody.dynamics import largest_speed, row_form
-from stiction.reference_impl.multibody.kinematics import workspace
-from stiction.reference_impl.multibody.mechanism import Arrays, Mechanism, Workspace
+from stiction.reference_impl.multibody.mechanism import Arrays, Mechanism, Workspace, workspace
 from stiction.reference_impl.multibody.projection import project
 from stiction.reference_impl.multibody.trajectory_columns import write_sample
 from stiction.scenes import Cost

@@ -12,7 +12,7 @@ row of W_T for a surface at lever -+b/2 is the tangential row +- b/2 times that 
 from __future__ import annotations
 
 from copy import copy
-from functools import lru_cache
+from functools import cached_property, lru_cache
 from math import dist, hypot
 from typing import Annotated, Any
 
@@ -29,7 +29,7 @@ from stiction.reference_impl.compiled.bundle import (
     Table,
 )
 from stiction.reference_impl.equations_of_motion import EquationsOfMotion
-from stiction.reference_impl.friction.solver_names import Counters
+from stiction.reference_impl.friction.solver_names import AUTOMATIC, Counters
 from stiction.reference_impl.multibody.baumgarte import PAPERS, coefficients
 from stiction.reference_impl.multibody.guide_freedom import guide_freedoms
 from stiction.scenes import Problem, Scene, SceneError
@@ -156,6 +156,54 @@ class Workspace(Bundle):
     separate: Bundles  # those of `Arrays.separate`; bodies, their rows and the counters are shared
 
 
+def workspace(arrays: Arrays, solver: int = AUTOMATIC) -> Workspace:
+    """Room for the kernels' results."""
+    coordinates, size = len(arrays.inverse_mass), arrays.rows + len(arrays.friction)
+    whole = Workspace.zeros(
+        rotation=(coordinates // 3, 2),
+        J=6 * size,
+        JM=6 * size,
+        phi=arrays.rows,
+        phi_dot=arrays.rows,
+        gamma=size,
+        free=coordinates,
+        solver=solver,
+        counters=(),
+        separate=(),
+        **_room(arrays),
+    )
+    if not arrays.separate:
+        return whole
+    cells = tuple(
+        whole.replaced(
+            **{
+                name: np.zeros(shape, getattr(whole, name).dtype)
+                for name, shape in _room(cell).items()
+            }
+        )
+        for cell in arrays.separate
+    )
+    return whole.replaced(separate=cells)
+
+
+def _room(m: Arrays) -> dict[str, Any]:
+    """Shapes of what the workspace of a cell does not share with the whole."""
+    nf, size = len(m.friction), m.rows + len(m.friction)
+    return {
+        "slip_speed": nf,
+        "G": (size, size),
+        "right": size,
+        "stabilizing": m.rows,
+        "held": size,
+        "A": (size, size),
+        "x": size,
+        "unit": 2 * size,
+        "response": (size, nf),
+        "force": size,
+        "event": 3 * nf,
+    }
+
+
 class Mechanism:
     """A scene assembled for the reference implementation.
 
@@ -208,6 +256,11 @@ class Mechanism:
         whole = Arrays(separate=(), **coefficients(alpha, beta), **parts, **_what_turns(parts))
         separate = _separate(whole)
         self.arrays = whole.replaced(separate=separate) if separate else whole
+
+    @cached_property
+    def workspace(self) -> Workspace:
+        """Room for evaluations of single states. An integration has its own, which lasts from step to step."""
+        return workspace(self.arrays)
 
     def stabilized(self, stabilization: str) -> Mechanism:
         """Return the same mechanism with another stabilization; the two share their arrays."""

@@ -13,8 +13,12 @@ from stiction.reference_impl.compiled.kernel import kernel
 from stiction.reference_impl.compiled.loops import copy
 from stiction.reference_impl.friction.coulomb import equal_mobilization, split_between_corners
 from stiction.reference_impl.multibody.dynamics import acceleration, largest_force, row_form
-from stiction.reference_impl.multibody.kinematics import workspace
-from stiction.reference_impl.multibody.mechanism import TRANSLATIONAL, Arrays, Mechanism, Workspace
+from stiction.reference_impl.multibody.mechanism import (
+    TRANSLATIONAL,
+    Arrays,
+    Mechanism,
+    Workspace,
+)
 from stiction.scenes import InputError
 from stiction.scenes.columns import BODY_COLUMNS
 from stiction.scenes.model import Translational
@@ -67,7 +71,7 @@ def build_columns(
             )
     if are_wanted("drift", DRIFT_COLUMNS):
         norms = residual_norms(
-            m, workspace(m), *(np.ascontiguousarray(values) for values in (t, q, v))
+            m, mechanism.workspace, *(np.ascontiguousarray(values) for values in (t, q, v))
         )
         columns.update(zip((f"drift.{label}" for label in DRIFT_COLUMNS), norms))
     return columns if names is None else {name: columns[name] for name in names}

@@ -65,8 +65,7 @@ def problem_at(
     from stiction.reference_impl.friction.outcomes import NONE
     from stiction.reference_impl.friction.outcomes import SOLVED as FOUND
     from stiction.reference_impl.multibody.dynamics import row_form
-    from stiction.reference_impl.multibody.kinematics import workspace
-    from stiction.reference_impl.multibody.mechanism import Mechanism
+    from stiction.reference_impl.multibody.mechanism import Mechanism, workspace
 
     m = Mechanism(scene, "none").arrays
     if not len(m.friction):

@@ -144,37 +144,81 @@ def velocities(run: Examined) -> Iterator[str]:
     positions by as much.
     """
     found, size = run.found, run.size
-    q, v, a = (values * np.tile([1.0, 1.0, size], len(run.scene.bodies)) for values in run.motion)
-    steps = np.diff(found.t.astype(float))
-    seen = _changes(steps, v, a) < np.linalg.norm(v[1:] + v[:-1], axis=1) / 2
+    h = np.diff(found.t.astype(float))
+    groups = [
+        _Moves.of(run, body, kind, labels, scale)
+        for body in run.scene.bodies
+        for kind, labels, scale in (("vx, vy", slice(0, 2), 1.0), ("omega", slice(2, 3), size))
+    ]
+    # where the velocities of all bodies change by less than themselves
+    change = _change(h, sum(one.jump for one in groups), sum(one.acceleration for one in groups))
+    seen = change < np.sqrt(sum(_square(one.mean) for one in groups))
     if not seen.any():
         return
-    h, begin, moved, mean = (
-        steps[seen],
-        found.t[:-1][seen],
-        np.diff(q, axis=0)[seen],
-        (v[1:] + v[:-1])[seen] / 2,
-    )
-    moved, mean = moved - np.outer(h, moved.sum(axis=0) / h.sum()), mean - h @ mean / h.sum()
-    bodies = [
-        (body, kind, slice(3 * i + low, 3 * i + high))
-        for i, body in enumerate(run.scene.bodies)
-        for kind, low, high in (("vx, vy", 0, 2), ("omega", 2, 3))
-    ]
-    speeds = [np.linalg.norm(mean[:, own], axis=1) for *_, own in bodies]
-    small = ENGINES_OWN * (size + max(h @ speed for speed in speeds))
-    for (body, kind, own), speed in zip(bodies, speeds):
-        by_position = np.sum(moved[:, own] * mean[:, own], axis=1) / np.where(speed > 0, speed, 1.0)
-        unknown = h * _changes(steps, v[:, own], a[:, own])[seen]
+    begin, h_seen = found.t[:-1][seen], h[seen]
+    means = []
+    for one in groups:
+        moved = [values[seen] for values in one.moved]
+        mean = [values[seen] for values in one.mean]
+        moved = [values - h_seen * (values.sum() / h_seen.sum()) for values in moved]
+        mean = [values - h_seen @ values / h_seen.sum() for values in mean]
+        means.append((moved, mean, np.sqrt(_square(mean))))
+    small = ENGINES_OWN * (size + max(h_seen @ speed for *_, speed in means))
+    for one, (moved, mean, speed) in zip(groups, means):
+        if h_seen @ speed <= small:
+            continue
+        along = sum(by * its for by, its in zip(moved, mean))
+        by_position = along / np.where(speed > 0, speed, 1.0)
+        unknown = h_seen * _change(h, one.jump, one.acceleration)[seen]
         allowed = np.sum(unknown) + small
-        if h @ speed > small and abs(np.sum(by_position) - h @ speed) > allowed:
-            i = int(np.argmax(np.abs(by_position - h * speed) - unknown))
-            scale, unit = (size, "rad") if kind == "omega" else (1.0, "m")
+        if abs(np.sum(by_position) - h_seen @ speed) > allowed:
+            i = int(np.argmax(np.abs(by_position - h_seen * speed) - unknown))
+            scale, unit = (size, "rad") if one.kind == "omega" else (1.0, "m")
             yield (
-                f"velocities of {body} ({kind}) that are not those of its positions: about their mean they move it "
-                f"by {h @ speed / scale:.4g} {unit}, its positions by {np.sum(by_position) / scale:.4g} {unit}, and "
-                f"differ most from t = {begin[i]:.9g} s on; expected the same within {allowed / scale:.2g} {unit}"
+                f"velocities of {one.body} ({one.kind}) that are not those of its positions: about their mean they "
+                f"move it by {h_seen @ speed / scale:.4g} {unit}, its positions by "
+                f"{np.sum(by_position) / scale:.4g} {unit}, and differ most from t = {begin[i]:.9g} s on; expected "
+                f"the same within {allowed / scale:.2g} {unit}"
             )
+
+
+class _Moves(NamedTuple):
+    """How a body moves between neighbouring instants, along the plane or about its centre; angles times a length.
+
+    Attributes
+    ----------
+    body, kind : str
+        The body, and the columns of its velocity.
+    moved, mean : list of ndarray, shape (n - 1,)
+        Changes of its coordinates, and means of its velocities.
+    jump : ndarray, shape (n - 1,)
+        Square of the change of its velocity.
+    acceleration : ndarray, shape (n,)
+        Square of its acceleration at the instants.
+    """
+
+    body: str
+    kind: str
+    moved: list[np.ndarray]
+    mean: list[np.ndarray]
+    jump: np.ndarray
+    acceleration: np.ndarray
+
+    @staticmethod
+    def of(run: Examined, body: str, kind: str, labels: slice, scale: float) -> _Moves:
+        """Read the columns of a body; `labels` chooses those of each of `BODY_COLUMNS`."""
+        q, v, a = (
+            [scale * run.found[f"{body}.{label}"].astype(float) for label in columns[labels]]
+            for columns in BODY_COLUMNS
+        )
+        return _Moves(
+            body,
+            kind,
+            [np.diff(values) for values in q],
+            [(values[1:] + values[:-1]) / 2 for values in v],
+            _square([np.diff(values) for values in v]),
+            _square(a),
+        )
 
 
 def displacements(run: Examined) -> Iterator[str]:
@@ -830,12 +874,17 @@ def _agrees(reported: np.ndarray, residual: np.ndarray, size: float) -> np.ndarr
         return np.abs(reported - residual) <= DRIFT * (size + residual)
 
 
-def _changes(h: np.ndarray, v: np.ndarray, a: np.ndarray) -> np.ndarray:
-    """Change of velocities between instants, by themselves or by the accelerations at either, shape (n - 1,)."""
-    second = np.linalg.norm(a, axis=1)
-    return np.maximum(
-        np.linalg.norm(np.diff(v, axis=0), axis=1), h * np.maximum(second[1:], second[:-1])
-    )
+def _square(vectors: Sequence[np.ndarray]) -> np.ndarray:
+    """Squares of the lengths of vectors, given by their components."""
+    return np.sum([component * component for component in vectors], axis=0)
+
+
+def _change(h: np.ndarray, jump: np.ndarray, acceleration: np.ndarray) -> np.ndarray:
+    """Change of velocities between instants h apart, by themselves or by the larger acceleration at either.
+
+    Squares of both are given: of the changes, (n - 1,), and of the accelerations, (n,).
+    """
+    return np.sqrt(np.maximum(jump, h * h * np.maximum(acceleration[1:], acceleration[:-1])))
 
 
 def _step(run: Examined) -> float:

@@ -299,7 +299,7 @@ def simulate_as_paper(
     stepped = clock()
     columns, found, alternatives = columns_and_events(
         mechanism,
-        [part[:written] for part in samples],
+        [part[:written] for part in (samples.t, samples.motion, samples.force, samples.slip)],
         [part[:events] for part in log],
         None,
         sides,

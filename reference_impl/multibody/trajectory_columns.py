@@ -25,9 +25,11 @@ from stiction.scenes.model import Translational
 
 CORNER_COLUMNS = ("F1", "F2", "F3", "F4", "friction_lower", "friction_upper")
 GUIDE_COLUMNS, DRIFT_COLUMNS = ("displacement", "slip_velocity"), ("position", "velocity")
+BLOCK = 512
+"""Rows that are transposed together: so many of some dozens of numbers fit into a processor's cache."""
 
 
-def build_columns(
+def build_columns(  # noqa: PLR0913 - the parts of samples
     mechanism: Mechanism,
     t: np.ndarray,
     q: np.ndarray,
@@ -36,12 +38,14 @@ def build_columns(
     force: np.ndarray,
     slip: np.ndarray | None = None,
     names: Collection[str] | None = None,
+    residual: np.ndarray | None = None,
 ) -> dict[str, np.ndarray]:
     """Columns of a trajectory (names: `stiction.scenes.Trajectory`); all where `names` is None.
 
     `q`, `v` and `a` are (n, 3 * bodies). `force`, (n, rows + frictional): multipliers in the order of
     `mechanism.row_names`, then the frictions on the sliders. `slip`, (n, frictional): contact modes (d; 0 = stick);
     without them the corner forces are those of equal mobilization throughout and there is no column ``mode``.
+    `residual`, (n, 2): norms of Phi and Phi'; computed where None.
     """
 
     def are_wanted(prefix: str, labels: Sequence[str]) -> bool:
@@ -49,18 +53,18 @@ def build_columns(
 
     m = mechanism.arrays
     read: dict[str, np.ndarray] = {}
+    motion = [_as_columns(values) for values in (q, v, a)]
     for i, name in enumerate(mechanism.body_names):
-        for values, labels in zip((q, v, a), BODY_COLUMNS):
-            read.update({f"{name}.{label}": values[:, 3 * i + k] for k, label in enumerate(labels)})
+        for values, labels in zip(motion, BODY_COLUMNS):
+            read.update({f"{name}.{label}": values[3 * i + k] for k, label in enumerate(labels)})
+    forces = _as_columns(force)
     for r, name in enumerate(mechanism.row_names):
-        read[name] = force[:, r]
+        read[name] = forces[r]
     for i, name in enumerate(mechanism.guide_names):
-        read[f"{name}.friction"] = force[:, m.rows + i]
+        read[f"{name}.friction"] = forces[m.rows + i]
         if slip is not None:
             read[f"{name}.mode"] = slip[:, i].astype(np.int8)
-    columns = {
-        name: values.copy() for name, values in read.items() if names is None or name in names
-    }
+    columns = {name: values for name, values in read.items() if names is None or name in names}
     for name, guide in mechanism.scene.guides.items():
         if guide.length is not None and are_wanted(name, CORNER_COLUMNS):
             columns.update(corner_columns(name, guide, read))
@@ -70,11 +74,26 @@ def build_columns(
                 zip((f"{name}.{label}" for label in GUIDE_COLUMNS), guide_motion(m, k, q, v))
             )
     if are_wanted("drift", DRIFT_COLUMNS):
-        norms = residual_norms(
-            m, mechanism.workspace, *(np.ascontiguousarray(values) for values in (t, q, v))
+        norms = (
+            residual_norms(
+                m, mechanism.workspace, *(np.ascontiguousarray(values) for values in (t, q, v))
+            )
+            if residual is None
+            else _as_columns(residual)
         )
         columns.update(zip((f"drift.{label}" for label in DRIFT_COLUMNS), norms))
     return columns if names is None else {name: columns[name] for name in names}
+
+
+def _as_columns(table: np.ndarray) -> np.ndarray:
+    """Return the columns of a table (n, k), each contiguous: an array (k, n) of its own.
+
+    They are copied block by block, as one column of a long table at a time reads each line of memory k times.
+    """
+    columns = np.empty(table.shape[::-1])
+    for begin in range(0, len(table), BLOCK):
+        columns[:, begin : begin + BLOCK] = table[begin : begin + BLOCK].T
+    return columns
 
 
 @kernel
@@ -127,11 +146,13 @@ def corner_columns(
     a, b = guide.length, guide.width or 0.0
     kappa = np.zeros_like(R)
     if guide.frictional:
-        kappa = equal_mobilization(R, T, columns[f"{name}.friction"], a, b)
-        if f"{name}.mode" in columns:
-            mode = columns[f"{name}.mode"]
-            kappa = np.where(mode != 0, -guide.kinetic_coefficient * mode, kappa)
-        kappa = np.where(np.isnan(columns[f"{name}.friction"]), np.nan, kappa)
+        # in slip the coefficient is the kinetic one; at rest it follows from the friction
+        friction = columns[f"{name}.friction"]
+        mode = columns.get(f"{name}.mode", np.zeros(len(R)))
+        kappa = -guide.kinetic_coefficient * mode
+        rests = mode == 0
+        kappa[rests] = equal_mobilization(R[rests], T[rests], friction[rests], a, b)
+        kappa[np.isnan(friction)] = np.nan
     N = (
         T - 0.5 * b * kappa * R if b else T
     )  # without a width an unknown friction leaves the corner forces known
@@ -150,11 +171,17 @@ def residual_norms(m: Arrays, w: Workspace, t: Reals, q: Table, v: Table) -> tup
     position, velocity = np.zeros(len(t)), np.zeros(len(t))
     for i in range(len(t)):
         row_form(m, w, t[i], q[i], v[i])
-        for r in range(m.rows):
-            position[i] += w.phi[r] ** 2
-            velocity[i] += w.phi_dot[r] ** 2
-        position[i], velocity[i] = np.sqrt(position[i]), np.sqrt(velocity[i])
+        position[i], velocity[i] = residual_norm(w.phi), residual_norm(w.phi_dot)
     return position, velocity
+
+
+@kernel
+def residual_norm(residuals):
+    """Return the root of the sum of squares of residuals in m and rad, summed as they are."""
+    total = 0.0
+    for residual in residuals:
+        total += residual**2
+    return np.sqrt(total)
 
 
 @kernel(allocates=True)

@@ -17,6 +17,7 @@ from stiction.engines.examined import (
     ROUNDING,
     VELOCITIES,
     Examined,
+    InEquations,
     Predicate,
     first,
 )
@@ -26,7 +27,6 @@ from stiction.reference_impl.multibody.reactions import columns_of_rows, parts_o
 from stiction.reference_impl.multibody.trajectory_columns import (
     GUIDE_COLUMNS,
     guide_motion,
-    imbalance,
     residual_norms,
 )
 from stiction.scenes import Event
@@ -96,8 +96,12 @@ def residuals(run: Examined) -> Iterator[str]:
     """States on the constraints at the start, near them later, with the residuals that the drift columns report."""
     if not len(t := run.found.t):
         return
-    q, v, _ = run.motion
-    found = _residuals(run, t.astype(float), q, v)
+    found = np.sqrt(
+        [
+            sum(np.square(part.position) for part in run.in_equations),
+            sum(np.square(part.velocity) for part in run.in_equations),
+        ]
+    )
     if (i := first(~(found[0] <= run.size))) is not None and run.scene.joints | run.scene.drives:
         yield (
             f"states that have left the mechanism: {found[0][i]:.3g} m off the constraints at t = {t[i]:.9g} s; "
@@ -584,38 +588,23 @@ def _lasting(flags: np.ndarray) -> Iterator[tuple[int, int]]:
 
 def balance(run: Examined) -> Iterator[str]:
     """Newton's and Euler's equations hold at samples and on both sides of events, where an engine reports these."""
-    found = run.found
-    for part in run.parts:
-        rows = [*part.row_names, *(f"{name}.friction" for name in part.guide_names)]
-        needed = {
-            *rows,
-            *(
-                f"{body}.{label}"
-                for body in part.body_names
-                for labels in BODY_COLUMNS
-                for label in labels
-            ),
-        }
-        sides = run.sides.with_columns(needed)
+    for part, samples in zip(run.parts, run.in_equations):
+        sides = run.sides.with_columns(InEquations.needed(part))
         if not len(sides):
             continue
-        joined = {name: np.concatenate([found[name].astype(float), sides[name]]) for name in needed}
-        t = np.concatenate([found.t.astype(float), sides.t])
-        q, v, a = (
-            np.ascontiguousarray(stacked(joined, part.body_names, labels))
-            for labels in BODY_COLUMNS
-        )
-        force = np.empty((len(t), len(rows)))  # a free body has no rows
-        for column, name in enumerate(rows):
-            force[:, column] = joined[name]
-        left, size = imbalance(part.arrays, part.workspace, t, q, v, a, force)
+        at_events = InEquations.of(part, sides.t, sides.__getitem__)
+        size = np.concatenate([samples.size, at_events.size])
         largest = np.max(size[np.isfinite(size)], initial=0.0)
-        if (i := first(left > BALANCE * largest)) is not None:
-            where = f" ({sides.label(i - len(found.t))})" if i >= len(found.t) else ""
-            yield (
-                f"forces and accelerations that do not balance at t = {t[i]:.9g} s{where}: {left[i] / largest:.2g} "
-                f"of the largest is left over; expected less than {BALANCE:g}"
-            )
+        for left, t, instants in (
+            (samples.left, run.found.t, None),
+            (at_events.left, sides.t, sides),
+        ):
+            if (i := first(left > BALANCE * largest)) is not None:
+                where = f" ({instants.label(i)})" if instants else ""
+                yield (
+                    f"forces and accelerations that do not balance at t = {t[i]:.9g} s{where}: "
+                    f"{left[i] / largest:.2g} of the largest is left over; expected less than {BALANCE:g}"
+                )
 
 
 def corner_forces(run: Examined) -> Iterator[str]:

@@ -6,7 +6,7 @@ import math
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import dataclass
 from functools import cached_property
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
@@ -126,6 +126,12 @@ class Examined:
             stacked(self.found.columns, self.scene.bodies, labels) for labels in BODY_COLUMNS
         )
 
+    @cached_property
+    def in_equations(self) -> list[InEquations]:
+        """The samples of each part, in its equations."""
+        t = self.found.t.astype(float)
+        return [InEquations.of(part, t, self.found.columns.__getitem__) for part in self.parts]
+
     def columns(self, labels: tuple[str, ...]) -> list[str]:
         """Names of the columns of all bodies with these labels."""
         return [f"{body}.{label}" for body in self.scene.bodies for label in labels]
@@ -142,6 +148,47 @@ class Examined:
         values = self.found[column]
         if (i := first(np.abs(values - expected) > allowed)) is not None:
             yield f"{column} = {values[i]:.9g} at t = {self.found.t[i]:.9g} s; expected {expected[i]:.9g}, {source}"
+
+
+class InEquations(NamedTuple):
+    """Instants of a part, put into its equations of motion and its constraints; arrays of shape (n,).
+
+    Attributes
+    ----------
+    left, size : ndarray
+        What is left of the equations of motion, and the largest term in them; see `imbalance`.
+    position, velocity : ndarray
+        Norms of Phi and Phi'.
+    """
+
+    left: np.ndarray
+    size: np.ndarray
+    position: np.ndarray
+    velocity: np.ndarray
+
+    @staticmethod
+    def needed(part: Mechanism) -> list[str]:
+        """Columns that this is made of: the forces of the rows, and the motion."""
+        motion = [
+            f"{body}.{label}"
+            for body in part.body_names
+            for labels in BODY_COLUMNS
+            for label in labels
+        ]
+        return [*part.row_names, *(f"{name}.friction" for name in part.guide_names), *motion]
+
+    @staticmethod
+    def of(part: Mechanism, t: np.ndarray, column: Callable[[str], np.ndarray]) -> InEquations:
+        """Evaluate at times t (n,), with the values of columns by their names."""
+        from stiction.reference_impl.multibody.trajectory_columns import imbalance
+
+        read = {name: column(name) for name in InEquations.needed(part)}
+        q, v, a = (stacked(read, part.body_names, labels) for labels in BODY_COLUMNS)
+        rows = [*part.row_names, *(f"{name}.friction" for name in part.guide_names)]
+        force = np.empty((len(t), len(rows)))  # a free body has no rows
+        for place, name in enumerate(rows):
+            force[:, place] = read[name]
+        return InEquations(*imbalance(part.arrays, part.workspace, t, q, v, a, force))
 
 
 Predicate = Callable[[Examined], Iterator[str]]

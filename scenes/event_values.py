@@ -63,24 +63,36 @@ class Sides:
         self.t = np.repeat(np.array([event.time for event in events], dtype=float), 2)
         # Rows of one table are read at once: by table, the places of its rows here and there. Engines may return any
         # other mappings, which are read one by one.
-        self._tables: dict[int, tuple[Mapping[str, np.ndarray], list[int], list[int]]] = {}
+        tables: dict[int, tuple[Mapping[str, np.ndarray], list[int], list[int]]] = {}
         self._others: list[tuple[int, Mapping[str, float]]] = []
         sides = [side for event in events for side in (event.before, event.after)]
         for here, side in enumerate(sides):
             if isinstance(side, Row):
-                table = self._tables.setdefault(id(side.columns), (side.columns, [], []))
-                table[1].append(here)
-                table[2].append(side.place)
+                _, its, theirs = tables.setdefault(id(side.columns), (side.columns, [], []))
+                its.append(here)
+                theirs.append(side.place)
             else:
                 self._others.append((here, side))
+        self._tables = [
+            (columns, np.array(its), np.array(theirs)) for columns, its, theirs in tables.values()
+        ]
+        # of the usual table, which has just these rows in their order, columns are read as they are
+        self._whole: Mapping[str, np.ndarray] | None = None
+        if len(self._tables) == 1 and not self._others:
+            columns, _, places = self._tables[0]
+            length = len(next(iter(columns.values()), ()))
+            if length == len(places) and np.array_equal(places, np.arange(length)):
+                self._whole = columns
 
     def __len__(self) -> int:
         return len(self.t)
 
     def __getitem__(self, name: str) -> np.ndarray:
         """Values of a column that all events have, shape (2 * events,): before and behind the events in turns."""
+        if self._whole is not None:
+            return np.asarray(self._whole[name], dtype=float)
         values = np.empty(len(self.t))
-        for columns, here, there in self._tables.values():
+        for columns, here, there in self._tables:
             values[here] = columns[name][there]
         for place, side in self._others:
             values[place] = side[name]
@@ -89,10 +101,11 @@ class Sides:
     def are_finite(self) -> np.ndarray:
         """Flags of the sides, (2 * events,), whose values are all finite numbers."""
         flags = np.ones(len(self.t), dtype=bool)
-        for columns, here, there in self._tables.values():
-            for values in columns.values():
-                is_real = values.dtype.kind in "fiub"
-                flags[here] &= np.isfinite(values[there]) if is_real else False
+        for columns, here, there in self._tables:
+            are_real = all(values.dtype.kind in "fiub" for values in columns.values())
+            if not (are_real and np.isfinite(np.array(list(columns.values()), dtype=float)).all()):
+                for values in columns.values():
+                    flags[here] &= np.isfinite(values[there]) if are_real else False
         for place, side in self._others:
             try:
                 # a sum is finite only if all terms are, but for an overflow, and costs a tenth of looking at each
@@ -103,9 +116,9 @@ class Sides:
 
     def with_columns(self, needed: Collection[str]) -> Sides:
         """Return the sides of the events that have all of these columns."""
-        tables = [columns for columns, *_ in self._tables.values()]
-        sides = [side for _, side in self._others]
-        if all(name in mapping for mapping in (*tables, *sides) for name in needed):
+        mappings: list[Mapping[str, object]] = [columns for columns, *_ in self._tables]
+        mappings += [side for _, side in self._others]
+        if all(name in mapping for mapping in mappings for name in needed):
             return self
         return Sides(
             [event for event in self.events if all(name in event.before for name in needed)]

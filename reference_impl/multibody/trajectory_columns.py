@@ -187,22 +187,25 @@ def residual_norm(residuals):
 @kernel(allocates=True)
 def imbalance(
     m: Arrays, w: Workspace, t: Reals, q: Table, v: Table, a: Table, force: Table
-) -> tuple[Reals, Reals]:
+) -> tuple[Reals, Reals, Reals, Reals]:
     """Remainder of Newton's and Euler's equations at times t (n,), and the largest term in them, sqrt(kg) m/s^2.
 
     q, v, a of shape (n, 3 * bodies); row forces as of `build_columns`. The largest over all coordinates, each in units
-    of the square root of its mobility, as in `dynamics.largest_force`: N and N m have no order.
+    of the square root of its mobility, as in `dynamics.largest_force`: N and N m have no order. Behind them the norms
+    of Phi and Phi', as of `residual_norms`, which come without further work.
     """
     left, size, balanced = np.zeros(len(t)), np.zeros(len(t)), np.zeros(q.shape[1])
+    position, velocity = np.zeros(len(t)), np.zeros(len(t))
     for i in range(len(t)):
         row_form(m, w, t[i], q[i], v[i])
+        position[i], velocity[i] = residual_norm(w.phi), residual_norm(w.phi_dot)
         acceleration(m, w, force[i], balanced)
         size[i] = largest_force(m, w, force[i])
         for k in range(len(balanced)):
             unit = 1.0 / np.sqrt(m.inverse_mass[k])
             left[i] = max(left[i], abs(a[i, k] - balanced[k]) * unit)
             size[i] = max(size[i], max(abs(a[i, k]), abs(w.free[k])) * unit)
-    return left, size
+    return left, size, position, velocity
 
 
 def guide_motion(m, k: int, q: np.ndarray, v: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

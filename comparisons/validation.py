@@ -10,13 +10,13 @@ from typing import Any
 from stiction.comparisons.bench.depth import Depth
 from stiction.comparisons.bench.environment import load
 from stiction.comparisons.bench.participants import extent, validation_campaign, variants
-from stiction.comparisons.bench.planned_runs import NOT_RUN
 from stiction.comparisons.bench.results import Results
 from stiction.comparisons.bench.runner import Comparison, make
 from stiction.comparisons.bench.study import Scope, Study, Tables, planned, union
 from stiction.comparisons.bench.timing.timed_runs import machine_while_timing
 from stiction.comparisons.studies import studies
 from stiction.engines.isolation import Isolate, Outcome
+from stiction.engines.status import Status
 
 TIMED_SECONDS = 0.25
 """CPU seconds that a timed run takes, roughly: for the estimate of the time that is left, and nothing else."""
@@ -127,7 +127,7 @@ class _Watch:
         study, place = awaited.pop(0) if (awaited := self._awaited[outcome.label]) else (None, 0)
         self._done += TIMED_SECONDS if study is None else study.seconds
         self._on_share(min(self._done / self._total, 1.0))  # rounds may be more than the least
-        self.interrupted |= outcome.status == NOT_RUN
+        self.interrupted |= outcome.status == Status.NOT_RUN
         if study is None:
             return
         outcomes, comparison = self._outcomes[study], self._plan[study]

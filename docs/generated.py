@@ -180,8 +180,9 @@ def _documented(name: str, thing: Any, level: str = "###") -> str:
 
 
 def _signature(thing: Any) -> str:
-    """One parameter a line where it is long."""
+    """One parameter a line where it is long; a default that is a member of an enum by its name."""
     text = str(inspect.signature(thing)).replace("'", "")
+    text = re.sub(r"<(\w+\.\w+): [^<>]*>", r"\1", text)
     return text if len(text) < 90 else re.sub(r", (?=[*\w]+:|\*,)", ",\n    ", text)
 
 

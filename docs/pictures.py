@@ -1,21 +1,29 @@
 """The pictures of README and pages; ``python docs/pictures.py [NAME ..]`` draws them anew.
 
 A picture is a function of this module that returns a matplotlib figure and is decorated by `picture`. The picture of
-the function ``driving_torque`` is ``docs/pictures/driving-torque.png``; tests hold the folder, the functions and the
+the function ``tutorial_run`` is ``docs/pictures/tutorial-run.png``; tests hold the folder, the functions and the
 pages to each other.
 """
 
 from __future__ import annotations
 
+import io
 import sys
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field
 from pathlib import Path
+from typing import Any
 
 import matplotlib.pyplot as plt
+import numpy as np
+from matplotlib.axes import Axes
 from matplotlib.figure import Figure
+from PIL import Image
 
+from stiction.comparisons.measures.accuracy import errors, truth_over_time
+from stiction.comparisons.measures.scene_truth import ground_truth
 from stiction.engines import load_engine
-from stiction.scenes import load_scene
+from stiction.scenes import Scene, load_scene
 
 FOLDER = Path(__file__).parent / "pictures"
 DOTS_PER_INCH = 160
@@ -31,18 +39,186 @@ def picture(draw: Callable[[], Figure]) -> Callable[[], Figure]:
     return draw
 
 
+# Pictures of README and tutorial
+
+ENGINE_STEPS = (4e-2, 2e-2, 1e-2, 5e-3, 2.5e-3, 1e-3)
+"""Steps of the refinement series of engines, s: the coarsest with which all of them follow the motion, to 1 ms."""
+
+
+@dataclass(frozen=True)
+class Series:
+    """A method with its refinement series, and how its line is drawn.
+
+    The label stands beside the last run, `raised` by so many points.
+    """
+
+    label: str
+    engine: str
+    parameter: str
+    values: tuple[float, ...]
+    colour: str
+    marker: str = "o"
+    raised: float = 0.0
+    settings: Mapping[str, Any] = field(default_factory=dict)
+
+
+REFINEMENTS = (
+    Series(
+        "reference: tolerance\n$10^{-6}$ to $10^{-12}$",
+        "reference",
+        "rtol",
+        (1e-6, 1e-7, 1e-8, 1e-9, 1e-10, 1e-11, 1e-12),
+        "black",
+        settings={"stabilization": "projection"},
+    ),
+    Series(
+        "paper's scheme",
+        "reference",
+        "dt",
+        (1e-2, 5e-3, 2.5e-3, 1e-3),
+        "tab:purple",
+        marker="s",
+        raised=-3.0,
+        settings={"method": "paper"},
+    ),
+    Series("", "pymunk", "dt", ENGINE_STEPS, "tab:blue"),
+    Series(
+        "pymunk, PyBullet",
+        "pybullet",
+        "dt",
+        ENGINE_STEPS,
+        "tab:blue",
+        marker="x",
+        raised=1.0,
+    ),
+    Series(
+        "Exudyn, bristle friction",
+        "exudyn",
+        "dt",
+        ENGINE_STEPS[1:],
+        "tab:green",
+        raised=3.0,
+        settings={"method": "bristles"},
+    ),
+    Series("Exudyn, events located\nby the adapter", "exudyn", "dt", ENGINE_STEPS, "tab:red"),
+)
+
+
 @picture
-def driving_torque() -> Figure:
-    """Position of the slider and torque of the motor over two periods of the first slider-bar."""
-    run = load_engine("reference").simulate(load_scene("slider-bar-case-1"), t_end=4.0)
-    figure, (position, torque) = plt.subplots(
-        2, 1, sharex=True, figsize=(7.0, 4.2), layout="constrained"
+def results() -> Figure:
+    """Position error over number of steps, and the driving torque at a reversal, of slider-bar-case-1.
+
+    The numbers do not depend on the speed of a machine: steps are counted. Errors are against a
+    motion that is enclosed by a proof.
+    """
+    scene = load_scene("slider-bar-case-1")
+    figure, (left, right) = plt.subplots(1, 2, figsize=(9.6, 4.2), layout="constrained")
+    draw_position_errors(left, scene)
+    draw_torque_at_reversal(right, scene)
+    return figure
+
+
+def draw_position_errors(axes: Axes, scene: Scene) -> None:
+    """Draw the largest position error of each method over 24 s, over the steps that it takes."""
+    truth = ground_truth(scene)
+    for series in REFINEMENTS:
+        steps, found = [], []
+        for value in series.values:
+            run = load_engine(series.engine).simulate(
+                scene, **{series.parameter: value}, **series.settings
+            )
+            steps.append(run.cost.counters["steps"])
+            found.append(errors(run, truth)["position_error"])
+        axes.loglog(steps, found, marker=series.marker, markersize=5, color=series.colour)
+        axes.annotate(
+            series.label,
+            (steps[-1], found[-1]),
+            (9.0, series.raised),
+            textcoords="offset points",
+            color=series.colour,
+            fontsize=9,
+            verticalalignment="center",
+        )
+    # lines of the slopes that a method of first or second order has
+    for order, steps_at, error_at in ((1, 1500.0, 0.2), (2, 500.0, 2e-4)):
+        span = np.array([steps_at, 8 * steps_at])
+        axes.loglog(span, error_at * (span / steps_at) ** -order, "--", color="gray", linewidth=1)
+        axes.annotate(
+            f"order {order}",
+            (span[0], error_at),
+            (-4.0, 0.0),
+            textcoords="offset points",
+            color="gray",
+            fontsize=9,
+            verticalalignment="center",
+            horizontalalignment="right",
+        )
+    axes.set_xlim(30, 4e6)
+    axes.set_ylim(3e-13, 1)
+    axes.grid(alpha=0.3)
+    axes.set_title("Position error over 24 s", fontsize=11)
+    axes.set_xlabel("number of steps")
+    axes.set_ylabel("largest position error [m]")
+
+
+def draw_torque_at_reversal(axes: Axes, scene: Scene) -> None:
+    """Draw the motor's torque where the slider reverses and the load moves to another corner."""
+    step, first, last = 2.5e-3, 2.61, 2.76
+    for label, colour, at, engine, settings in (
+        ("Exudyn, bristle friction", "tab:green", (2.643, -7.2), "exudyn", {"method": "bristles"}),
+        (
+            "PyBullet,\ncorners in contact",
+            "tab:blue",
+            (2.68, -10.0),
+            "pybullet",
+            {"fidelity": "contact"},
+        ),
+    ):
+        run = load_engine(engine).simulate(scene, t_end=last, dt=step, output_step=step, **settings)
+        shown = run.t >= first
+        axes.plot(run.t[shown], run["motor.effort"][shown], ".-", color=colour, linewidth=1)
+        axes.annotate(label, at, color=colour, fontsize=9)
+    exact = truth_over_time(ground_truth(scene), "motor.effort", np.linspace(first, last, 500))
+    axes.plot(*exact, color="black", linewidth=1.5)
+    axes.annotate(
+        "exact: a jump of \N{MINUS SIGN}0.99 N m\nat the reversal", (2.641, -6.5), fontsize=9
     )
-    position.plot(run.t, run["slider.x"])
-    position.set_ylabel("slider position x in m")
-    torque.plot(run.t, run["motor.effort"])
-    torque.set_ylabel("driving torque in N m")
-    torque.set_xlabel("time in s")
+    axes.grid(alpha=0.3)
+    axes.set_title(f"Driving torque at a reversal, steps of {1e3 * step:g} ms", fontsize=11)
+    axes.set_xlabel("time [s]")
+    axes.set_ylabel("driving torque [N m]")
+
+
+@picture
+def tutorial_run() -> Figure:
+    """The figure of ``stiction run mine.toml --t-end 12 --plot run.png`` in the tutorial."""
+    return load_engine("reference").simulate(load_scene("slider-bar-case-1"), t_end=12.0).plot()
+
+
+@picture
+def tutorial_loads() -> Figure:
+    """Slip velocity with the load amplitudes 3 N and 5 N, phases of stick marked."""
+    figure, axes = plt.subplots(figsize=(7.0, 3.0), layout="constrained")
+    for amplitude, colour in ((3.0, "black"), (5.0, "tab:red")):
+        scene = load_scene("slider-bar-case-1", {"F0": amplitude})
+        run = load_engine("reference").simulate(scene, t_end=24.0)
+        axes.plot(
+            run.t,
+            run["guide.slip_velocity"],
+            color=colour,
+            linewidth=1,
+            label=f"F0 = {amplitude:g} N",
+        )
+        # the slider is at rest at the start; each stick lasts until the next slip, or to the end
+        begins = [0.0, *(event.time for event in run.events if event.kind == "stick")]
+        ends = [*(event.time for event in run.events if event.kind == "slip"), run.t[-1]]
+        for begin, end in zip(begins, ends):
+            axes.plot([begin, end], [0.0, 0.0], color=colour, linewidth=5, solid_capstyle="butt")
+    axes.grid(alpha=0.3)
+    axes.set_xlabel("time [s]")
+    axes.set_ylabel("slip velocity [m/s]")
+    axes.legend(loc="lower right")
+    axes.set_title("Slip velocity; thick: the slider sticks", fontsize=11)
     return figure
 
 
@@ -51,8 +227,13 @@ def main(names: list[str]) -> None:
     FOLDER.mkdir(exist_ok=True)
     for name in names or sorted(PICTURES):
         figure = PICTURES[name]()
-        figure.savefig(FOLDER / f"{name}.png", dpi=DOTS_PER_INCH)
+        drawn_file = io.BytesIO()
+        figure.savefig(drawn_file, format="png", dpi=DOTS_PER_INCH)
         plt.close(figure)
+        # A palette of 256 colours is enough for line drawings, and takes a third of the bytes.
+        Image.open(drawn_file).convert("RGB").quantize(256).save(
+            FOLDER / f"{name}.png", optimize=True
+        )
 
 
 if __name__ == "__main__":

@@ -32,6 +32,7 @@ from stiction.reference_impl.multibody.trajectory_columns import (
 from stiction.scenes import Event
 from stiction.scenes.columns import BODY_COLUMNS
 from stiction.scenes.event_values import Sides
+from stiction.scenes.fidelity import Fidelity
 from stiction.scenes.trajectory import stacked
 
 START = 1e-6
@@ -322,7 +323,7 @@ def momentum_of_steps(run: Examined) -> Iterator[str]:
     found, t, step = run.found, run.found.t.astype(float), _step(run)
     if (
         run.locates(found.settings)
-        or run.fidelity != "joint"
+        or run.fidelity != Fidelity.JOINT
         or "accelerations" in found.settings
         or not step
         or run.scene.frictional_guides
@@ -662,20 +663,21 @@ def _chain(run: Examined, own: Sequence[Event], name: str, corners: bool) -> Ite
     """Each event of a guide changes its mode by its kind, and begins in the mode in which the one before ended."""
     mode = f"{name}.mode"
     sides = Sides(own)
-    before, after = np.split(sides[mode].reshape(-1, 2), 2, axis=1)
-    for event, old, new in zip(own, before[:, 0], after[:, 0]):
+    before, after = sides[mode][::2], sides[mode][1::2]
+    for event, old, new in zip(own, before.tolist(), after.tolist()):
         if not MODES[event.kind](old, new):
             yield (
                 f"{event.kind} of {name} at t = {event.time:.9g} s: mode {old:g} before and {new:g} after; expected "
                 f"those of a {event.kind}"
             )
     # each event ends in the mode, and on the surfaces, in which the next one begins, and is reported once
-    is_broken = after[:-1, 0] != before[1:, 0]
+    is_broken = after[:-1] != before[1:]
     if corners:
         is_broken |= _other_surfaces(run, name, sides)
     is_same_instant = np.diff(sides.t[::2]) == 0.0
-    for i, (one, two) in enumerate(zip(own, own[1:])):
-        if is_broken[i] or is_same_instant[i] and one == two:
+    for i in np.flatnonzero(is_broken | is_same_instant):
+        one, two = own[i], own[i + 1]
+        if is_broken[i] or one == two:
             yield (
                 f"{one.kind} of {name} at t = {one.time:.9g} s, then {two.kind} at {two.time:.9g} s: the contact "
                 "mode behind the one is not that in front of the other; expected every event once"

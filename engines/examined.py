@@ -14,6 +14,7 @@ from stiction.engines.assembly import Assembly, assembly_of
 from stiction.scenes import Scene, Trajectory
 from stiction.scenes.columns import BODY_COLUMNS
 from stiction.scenes.event_values import Sides
+from stiction.scenes.fidelity import Fidelity
 from stiction.scenes.trajectory import stacked
 
 if TYPE_CHECKING:
@@ -67,7 +68,7 @@ class Examined:
     t_end: float
     dt: float | None
     output_step: float
-    fidelity: str
+    fidelity: Fidelity
     locates: Callable[[Mapping[str, Any]], bool]
     keeps: Callable[[Mapping[str, Any]], bool]
     assembly: Assembly | None = None

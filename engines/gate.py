@@ -74,7 +74,7 @@ def fields(run: Examined) -> Iterator[str]:
     found = run.found
     for name, expected in (("scene", run.scene.name), ("fidelity", run.fidelity)):
         if getattr(found, name) != expected:
-            yield f"{name} {described(getattr(found, name))}; expected {expected!r}"
+            yield f"{name} {described(getattr(found, name))}; expected {str(expected)!r}"
     for name, kind, words in _FIELDS:
         if not isinstance(getattr(found, name), kind):
             yield f"{name} {described(getattr(found, name))}; expected {words}"

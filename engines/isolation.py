@@ -32,6 +32,7 @@ from typing import Any
 from stiction.child_processes import child_context, one_thread, undisturbed_end
 from stiction.engines.protocol import Refused
 from stiction.engines.registry import EngineMissing, absolute_name, load_engine
+from stiction.engines.status import Status
 from stiction.scenes import Scene, StictionError, Trajectory
 from stiction.scenes.wording import last_lines
 
@@ -71,10 +72,10 @@ class Outcome:
 
     Attributes
     ----------
-    status : str
-        ``"ok"``; ``"refused"`` (the engine cannot represent the scene); ``"failed"`` (an exception, or a value that
-        cannot be pickled); ``"timed out"``; ``"crashed"`` (the process ended by a signal or an exit); ``"missing"``
-        (the engine's package is not installed).
+    status : Status
+        How it ended, also as text: ``"ok"``; ``"refused"`` (the engine cannot represent the scene); ``"failed"`` (an
+        exception, or a value that cannot be pickled); ``"timed out"``; ``"crashed"`` (the process ended by a signal or
+        an exit); ``"missing"`` (the engine's package is not installed).
     value
         What the function returned (for a `Job`, the trajectory); None unless ok.
     reason, log : str
@@ -87,13 +88,16 @@ class Outcome:
     """
 
     label: str
-    status: str
+    status: Status
     value: Any = field(default=None, repr=False)
     reason: str = ""
     log: str = field(default="", repr=False)
     wall_s: float = 0.0
     cpu_s: float | None = None
     bug: bool = False
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "status", Status(self.status))
 
     @property
     def traceback(self) -> str:
@@ -138,7 +142,7 @@ def sealed(task: Task) -> Task:
 
 def unsealed(outcome: Outcome) -> Outcome:
     """Return an outcome of ``isolate(.., unpickle=False)`` with its value, or with the reason why there is none."""
-    return replace(outcome, **_unpickled(outcome.value)) if outcome.status == "ok" else outcome
+    return replace(outcome, **_unpickled(outcome.value)) if outcome.status == Status.OK else outcome
 
 
 def _call_sealed(call: bytes) -> Any:
@@ -175,7 +179,7 @@ def isolate(  # noqa: C901 - one loop of messages
     kept
         Children that an earlier call has left, used first; those of this call are left there. None to end them.
     unpickle
-        False to leave the values of outcomes with the status ``"ok"`` as bytes, for `unsealed`.
+        False to leave the values of outcomes with the status `Status.OK` as bytes, for `unsealed`.
 
     Returns
     -------
@@ -337,9 +341,12 @@ class _Child:
         log = self.log()
         shutil.rmtree(self._folder, ignore_errors=True)
         if timed_out:
-            status, reason = "timed out", f"no result within {self.deadline - self._started:g} s"
+            status, reason = (
+                Status.TIMED_OUT,
+                f"no result within {self.deadline - self._started:g} s",
+            )
         else:
-            status, reason = "crashed", _end_of_process(code)
+            status, reason = Status.CRASHED, _end_of_process(code)
             words = last_lines(log)
             reason = _shortened(f"{reason}: {words}" if words else reason)
         return {"status": status, "reason": reason, "log": log, "wall_s": wall}
@@ -436,7 +443,7 @@ def _end_of_process(code: int | None) -> str:
 def _read(message: bytes, unpickle: bool = True) -> dict[str, Any]:
     """The fields of an outcome in a child's message."""
     fields, value = pickle.loads(message)
-    if fields["status"] != "ok":
+    if fields["status"] != Status.OK:
         return fields
     return fields | (_unpickled(value) if unpickle else {"value": value})
 
@@ -448,7 +455,7 @@ def _unpickled(value: bytes) -> dict[str, Any]:
     except Exception as error:
         return {
             "value": None,
-            "status": "failed",
+            "status": Status.FAILED,
             "reason": _words(error, "result cannot be unpickled: "),
         }
 
@@ -500,7 +507,7 @@ def _leave_with_parent(folder: Path) -> None:
 
 def _answer(call: bytes) -> bytes:
     """Make the call: fields of an outcome, and separately the pickled value."""
-    fields: dict[str, Any] = {"status": "ok", "reason": ""}
+    fields: dict[str, Any] = {"status": Status.OK, "reason": ""}
     value = None
     wall, cpu = time.perf_counter(), time.process_time()
     try:
@@ -508,7 +515,11 @@ def _answer(call: bytes) -> bytes:
         value = function(*args)
     except BaseException as error:  # SystemExit too: nothing that a task does ends the child's loop
         traceback.print_exc()
-        kinds = {Refused: "refused", EngineMissing: "missing", BaseException: "failed"}
+        kinds = {
+            Refused: Status.REFUSED,
+            EngineMissing: Status.MISSING,
+            BaseException: Status.FAILED,
+        }
         fields = {
             "status": next(status for kind, status in kinds.items() if isinstance(error, kind)),
             "reason": _words(error),
@@ -518,7 +529,7 @@ def _answer(call: bytes) -> bytes:
     try:
         pickled = pickle.dumps(value)
     except Exception as error:
-        fields |= {"status": "failed", "reason": _words(error, "result cannot be pickled: ")}
+        fields |= {"status": Status.FAILED, "reason": _words(error, "result cannot be pickled: ")}
         pickled = pickle.dumps(None)
     sys.stdout.flush()
     return pickle.dumps((fields, pickled))

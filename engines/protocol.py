@@ -19,11 +19,10 @@ from stiction.engines.assembly import Assembly
 from stiction.engines.examined import Examined
 from stiction.engines.gate import problems
 from stiction.scenes import Cost, InputError, Scene, StictionError, Trajectory
+from stiction.scenes.fidelity import Fidelity, fidelity_of
 
 if TYPE_CHECKING:
     from packaging.specifiers import SpecifierSet
-
-FIDELITIES = ("joint", "contact")
 
 
 class Supplier(StrEnum):
@@ -122,9 +121,9 @@ class Capabilities:
 
     Attributes
     ----------
-    fidelities : tuple of str
-        ``"joint"`` (bilateral joints, friction bound from their reactions), ``"contact"`` (a box between
-        two surfaces, the engine's own contacts and friction).
+    fidelities : tuple of Fidelity
+        Their values may be given: ``"joint"`` (bilateral joints, friction bound from their reactions), ``"contact"`` (a
+        box between two surfaces, the engine's own contacts and friction).
     static_coefficient : Mapping[str, bool]
         By fidelity: whether mus > mu can be represented (by the engine or its adapter).
     friction_law : Mapping[str, str]
@@ -148,7 +147,7 @@ class Capabilities:
         For values of other types, or a fidelity that there is not.
     """
 
-    fidelities: tuple[str, ...]
+    fidelities: tuple[Fidelity, ...]
     static_coefficient: Mapping[str, bool]
     friction_law: Mapping[str, str] = field(repr=False)
     reactions: str
@@ -161,12 +160,13 @@ class Capabilities:
         if not (
             isinstance(self.fidelities, tuple)
             and self.fidelities
-            and set(self.fidelities) <= set(FIDELITIES)
+            and all(fidelity in tuple(Fidelity) for fidelity in self.fidelities)
         ):
             raise ValueError(
                 f"fidelities: found {self.fidelities!r}; expected a tuple of "
-                f"{' or '.join(map(repr, FIDELITIES))}"
+                f"{' or '.join(repr(str(one)) for one in Fidelity)}"
             )
+        object.__setattr__(self, "fidelities", tuple(map(Fidelity, self.fidelities)))
         for name in ("static_coefficient", "friction_law", "friction_by"):
             if not isinstance(found := getattr(self, name), Mapping):
                 raise TypeError(f"{name}: found {found!r}; expected a mapping by fidelity")
@@ -177,13 +177,15 @@ class Capabilities:
         for fidelity, supplier in self.friction_by.items():
             if fidelity not in self.fidelities or supplier not in tuple(Supplier):
                 raise ValueError(
-                    f"friction_by: found {fidelity!r}: {supplier!r}; expected one of "
-                    f"{', '.join(map(repr, self.fidelities))} and one of "
+                    f"friction_by: found {str(fidelity)!r}: {supplier!r}; expected one of "
+                    f"{', '.join(repr(str(one)) for one in self.fidelities)} and one of "
                     f"{', '.join(repr(str(one)) for one in Supplier)}"
                 )
 
 
-def check_settings(given: Iterable[str], known: Iterable[str], engine: str, fidelity: str) -> None:
+def check_settings(
+    given: Iterable[str], known: Iterable[str], engine: str, fidelity: Fidelity
+) -> None:
     """Raise InputError for names that are not among those of the engine's settings."""
     known = list(known)
     for name in given:
@@ -218,12 +220,17 @@ class Engine(ABC):
     def version(self) -> str:
         """Version of the engine itself."""
 
-    def default_settings(self, fidelity: str) -> Mapping[str, Any]:
+    def default_settings(self, fidelity: Fidelity) -> Mapping[str, Any]:
         """Default of each setting at this fidelity, by name; empty for an engine without settings."""
         return {}
 
     def check_arguments(
-        self, *, dt: float | None, rtol: float | None, fidelity: str, settings: Mapping[str, Any]
+        self,
+        *,
+        dt: float | None,
+        rtol: float | None,
+        fidelity: Fidelity,
+        settings: Mapping[str, Any],
     ) -> None:
         """Refuse a step or a tolerance that the engine does not have, and settings not in `default_settings`.
 
@@ -240,7 +247,7 @@ class Engine(ABC):
         check_settings(settings, self.default_settings(fidelity), self.name, fidelity)
 
     def settings_of_run(
-        self, given: Mapping[str, Any], *, fidelity: str, dt: float | None, rtol: float | None
+        self, given: Mapping[str, Any], *, fidelity: Fidelity, dt: float | None, rtol: float | None
     ) -> dict[str, Any]:
         """Return the settings that `run` gets: those given, and the defaults of all others.
 
@@ -248,29 +255,29 @@ class Engine(ABC):
         """
         return {**self.default_settings(fidelity), **given}
 
-    def friction_supplier(self, fidelity: str, settings: Mapping[str, Any]) -> Supplier:
+    def friction_supplier(self, fidelity: Fidelity, settings: Mapping[str, Any]) -> Supplier:
         """Return who supplies the friction law of a run with these settings.
 
         An engine whose methods differ in it overrides it.
         """
         return self.capabilities.friction_by.get(fidelity, Supplier.ENGINE)
 
-    def locates_events(self, fidelity: str, settings: Mapping[str, Any]) -> bool:
+    def locates_events(self, fidelity: Fidelity, settings: Mapping[str, Any]) -> bool:
         """Return True where runs with these settings of a trajectory report an event at each change of a guide's mode.
 
         A run that does not, where this is true, is a `BadTrajectory`.
         """
         return False
 
-    def keeps_cone(self, fidelity: str, settings: Mapping[str, Any]) -> bool:
+    def keeps_cone(self, fidelity: Fidelity, settings: Mapping[str, Any]) -> bool:
         """Return True where friction stays in Coulomb's cone by the forces of the columns.
 
         A run that leaves it, where this is true, is a `BadTrajectory`. False for regularized laws, and at contact
         fidelity: a box may press on both surfaces at once, and a motion does not determine by how much.
         """
-        return fidelity == "joint"
+        return fidelity == Fidelity.JOINT
 
-    def steps_by_impulses(self, fidelity: str, settings: Mapping[str, Any]) -> bool:
+    def steps_by_impulses(self, fidelity: Fidelity, settings: Mapping[str, Any]) -> bool:
         """Return True where steps exchange impulses between velocities.
 
         The theory of such schemes has motions where finite forces have none, with jumps of velocity (Moreau; Stewart
@@ -292,7 +299,7 @@ class Engine(ABC):
         """
 
     @abstractmethod
-    def refusal(self, scene: Scene, fidelity: str) -> str | None:
+    def refusal(self, scene: Scene, fidelity: Fidelity) -> str | None:
         """Why this engine cannot represent the scene at this fidelity; None if it can. Cheap."""
 
     @abstractmethod
@@ -303,7 +310,7 @@ class Engine(ABC):
         t_end: float,
         dt: float | None,
         rtol: float | None,
-        fidelity: str,
+        fidelity: Fidelity,
         output_step: float,
         settings: Mapping[str, Any],
     ) -> Trajectory:
@@ -322,7 +329,7 @@ class Engine(ABC):
         t_end: float | None = None,
         dt: float | None = None,
         rtol: float | None = None,
-        fidelity: str = "joint",
+        fidelity: str = Fidelity.JOINT,
         output_step: float = 0.01,
         **settings: Any,
     ) -> Trajectory:
@@ -335,7 +342,7 @@ class Engine(ABC):
         dt, rtol
             Step of a fixed-step method (s), relative tolerance of an adaptive one; the engine's default where None.
         fidelity
-            ``"joint"`` or ``"contact"``.
+            A `stiction.scenes.Fidelity`, or its value: ``"joint"`` or ``"contact"``.
         output_step
             Distance of output instants in seconds, at most; a fixed-step engine uses a multiple of dt, and the end is
             always one.
@@ -371,10 +378,7 @@ class Engine(ABC):
                 f"rtol: found {rtol!r}; expected at least the rounding of floats, "
                 f"{sys.float_info.epsilon:.2g}, and less than 1"
             )
-        if fidelity not in FIDELITIES:
-            raise InputError(
-                f"fidelity: found {fidelity!r}; expected one of {', '.join(FIDELITIES)}"
-            )
+        fidelity = fidelity_of(fidelity)
         if fidelity not in self.capabilities.fidelities:
             first, *_ = known = self.capabilities.fidelities
             raise Refused(
@@ -422,6 +426,7 @@ class Engine(ABC):
         }
         return replace(
             found,
+            fidelity=fidelity,
             mechanism=scene,
             settings={**found.settings, **{name: str(one) for name, one in suppliers.items()}},
             cost=found.cost if found.cost != Cost() else Cost(stepping_s=spent),

@@ -11,28 +11,28 @@ Baumgarte's stabilization.
 paper           here              what                                             unit   compiled
 =============== ================= ================================================ ====== =============================
 (1)-(2)         F_plus, F_minus   corner forces, >= 0, one of a pair is 0          N      lemke.lemke
-(3)             mubar, mus        Coulomb's law of a slipping, a sticking surface  1      coulomb.friction_coefficients
+(3)             mubar, mus        Coulomb's law: slipping, sticking surfaces       1      coulomb.friction_coefficients
 (4), (10)       H, G              normal force of each surface: FN = H F+ + G F-   1      hlcp.assemble
-(5), (13), (16) gH_plus, gH_minus of a sticking surface: gH'' = gH+ - gH-          m/s^2  hlcp.assemble
+(5), (13), (16) gH_plus, gH_minus sticking surfaces: gH'' = gH+ - gH-              m/s^2  hlcp.assemble
 (6), (14), (17) lH_plus, lH_minus lH+- = muH FN +- lambda_H, lH+ = 2 muH FN - lH-  1, N   hlcp.assemble
-(7), (15)       lemke             gH+, lH+ >= 0, one of them 0; gH-, lH- alike            lemke.lemke
-(8)             W, w              sliding of a guide: its velocity is W q'         1      kinematics.constraints_at
-(9)             W_T, w_T          that of its surfaces (+), (-): gT' = W_T q'      1, m   hlcp.assemble
-(11)            mubar, V          lambda_T = mubar FN + V lambda_H; V: which stick 1      hlcp.assemble
+(7), (15)       lemke             gH+, lH+ >= 0, one is 0; likewise gH-, lH-              lemke.lemke
+(8)             W, w              sliding velocity of a guide: W q'                1      kinematics.constraints_at
+(9)             W_T, w_T          slip of surfaces (+), (-): gT' = W_T q'          1, m   hlcp.assemble
+(11)            mubar, V          lambda_T = mubar FN + V lambda_H, V: sticking    1      hlcp.assemble
 (12)            M2, w_T           gH'' = W_H q'' + w_H, W_H = V^T W_T                     hlcp.assemble
 (18)-(20)       phi, J, gamma     constraints [CR; CT; D]; Phi'' = J q'' + gamma   m, rad kinematics.constraints_at
 (21)            M, QE             masses; applied and inertial forces              kg, N  dynamics.applied_forces
 (22)-(24)       J, W_T            M q'' = QE + J^T lambda_C + W_T^T lambda_T       N, N m dynamics.acceleration
 (25), (31)      correction        Baumgarte's stabilization, alpha and beta        m/s^2  baumgarte.required
-(26)            S, K              of a guide's reaction: lCT = S F+ + K F-, K = -S 1, m   hlcp.assemble
-(27)-(28)       l_plus, l_minus   lCR, lD as differences of positive parts         N, N m hlcp.assemble
-(29)-(30)       lemke             these parts >= 0, one of each pair 0                    lemke.lemke
+(26)            S, K              reaction of a guide: lCT = S F+ + K F-, K = -S   1, m   hlcp.assemble
+(27)-(28)       l_plus, l_minus   lCR, lD as differences of nonnegative parts      N, N m hlcp.assemble
+(29)-(30)       lemke             these parts >= 0, one of each pair is 0                 lemke.lemke
 (32), (35)      A0, A1, b         rows of the sticking surfaces                    m/s^2  hlcp.assemble
-(33)            solve             q'' of multipliers and frictions                 m/s^2  dynamics.acceleration
+(33)            solve             q'' from multipliers and frictions               m/s^2  dynamics.acceleration
 (34)            A0, A1, b         rows of the constraints                          m/s^2  hlcp.assemble
 (36)            hlcp              A0 y = A1 x + b, with the rows of (17)                  hlcp.assemble
 (37)            solve             y = (A0^-1 A1) x + A0^-1 b                              hlcp.solve
-(38)            lemke             y, x >= 0, y^T x = 0, pivot by pivot                    lemke.lemke
+(38)            lemke             y, x >= 0, y^T x = 0, by pivoting                       lemke.lemke
 =============== ================= ================================================ ====== =============================
 
 The compiled files are in ``friction`` and ``multibody``. `hlcp.solve` calls `lemke`, and `hlcp.read` takes its result:

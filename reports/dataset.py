@@ -17,8 +17,7 @@ from stiction.reports.markdown.tables import aligned
 from stiction.reports.run_folder.overwriting import run_folder, write_provenance
 from stiction.scenes import load_scene
 from stiction.scenes.columns import COLUMNS
-from stiction.truths import NO_TRUTH
-from stiction.truths.truth import OWN_RUN
+from stiction.truths import Tier
 
 MAIN = "README.md"
 """The file by which a folder is known as a data set; one of an earlier call is replaced."""
@@ -61,7 +60,7 @@ def write_dataset(
                 row["scene"],
                 row["what"],
                 f"{row['t_end [s]']:g}",
-                row["tier"],
+                Tier(row["tier"]).label,
                 str(row["events"]),
                 f"{row['position uncertainty [m]']:.1g}",
             )
@@ -92,7 +91,7 @@ def _write_scene(
 ) -> Iterator[dict[str, Any]]:
     scene = load_scene(name)
     truth = ground_truth(scene)
-    if truth.tier not in (OWN_RUN, NO_TRUTH):
+    if truth.tier not in (Tier.OWN_RUN, Tier.NONE):
         (folder / name).mkdir(parents=True)
         about = write_truth(scene, truth, folder / name)
         positions = [

@@ -13,9 +13,10 @@ from dataclasses import dataclass
 
 import pandas as pd
 
-from stiction.comparisons.bench.methods import MISSING_ENGINE, grouped_methods
+from stiction.comparisons.bench.methods import grouped_methods
 from stiction.comparisons.bench.presentation.cells import MISSING
 from stiction.comparisons.bench.results import Results
+from stiction.engines.status import Status
 from stiction.reports.markdown.failures import failed_runs
 from stiction.reports.markdown.tables import aligned
 from stiction.reports.recommendation import mechanism, recommendation
@@ -155,7 +156,7 @@ def _variables(
             dict.fromkeys(
                 record.variant.engine
                 for record in results.records
-                if record.outcome.status == MISSING_ENGINE
+                if record.outcome.status == Status.MISSING
             )
         ),
         SHOWN: numbers,
@@ -167,9 +168,9 @@ def _runs(results: Results) -> dict[str, object]:
     table = pd.DataFrame(
         [record.describe() for record in results.records], columns=["status", "reason"]
     )
-    made = table[table["status"] != MISSING_ENGINE]
-    is_early = (made["status"] == "ok") & (made["reason"] != "")
-    is_ok = (made["status"] == "ok") & ~is_early
+    made = table[table["status"] != Status.MISSING]
+    is_early = (made["status"] == Status.OK) & (made["reason"] != "")
+    is_ok = (made["status"] == Status.OK) & ~is_early
     failed = failed_runs(results)
     elsewhere = list(failed.loc[failed["table"] != "runs", "variant"].dropna().unique())
     if len(elsewhere) > MOST_NAMED:

@@ -12,9 +12,9 @@ from stiction.comparisons.bench.methods import grouped_methods, made_methods, me
 from stiction.comparisons.bench.participants import PAPERS_SCHEME, REFERENCE
 from stiction.comparisons.bench.presentation import row_of
 from stiction.comparisons.bench.results import Results
-from stiction.engines.protocol import FIDELITIES
 from stiction.engines.registry import own_methods
 from stiction.scenes import catalogue, load_scene
+from stiction.scenes.fidelity import Fidelity
 from stiction.uncertain import rounded_up
 
 POSITION = "position_error"
@@ -42,7 +42,7 @@ def mechanism(results: Results) -> dict[str, object] | None:
         "cases": len(scenes),
         "t_end": max(truth.t_end for truth in truths),
         "strokes": [float(np.ptp(each["slider.x"])) for each in motions if "slider.x" in each],
-        "tiers": list(dict.fromkeys(truth.tier for truth in truths)),
+        "tiers": list(dict.fromkeys(truth.tier.label for truth in truths)),
         "uncertainty": rounded_up(unsure),
     }
 
@@ -94,7 +94,7 @@ def _engines(
         found = row_of("accuracy", table, row)
         return {"variant": found["variant"], "error": found[POSITION]}
 
-    for fidelity in FIDELITIES:
+    for fidelity in Fidelity:
         parts: dict[str, list[dict[str, object]]] = defaultdict(list)
         has_engines = False
         for group, variants in grouped_methods(results, same_work):
@@ -114,7 +114,7 @@ def _engines(
                         "is_own": False,
                     }
                 )
-            if fidelity == "contact":
+            if fidelity == Fidelity.CONTACT:
                 parts[group.coefficients] += [
                     {"closest": named(row), "farthest": None, "is_own": True} for row in own
                 ]

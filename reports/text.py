@@ -37,11 +37,13 @@ from jinja2.runtime import Context
 
 from stiction.comparisons.bench.methods import scene_title
 from stiction.comparisons.bench.presentation import Figure, Headline, Presentation, TableView
-from stiction.comparisons.bench.presentation.cells import setting_of
+from stiction.comparisons.bench.presentation.cells import cell, intervals_in_words, setting_of
 from stiction.comparisons.bench.presentation.rows import Cell, Row
+from stiction.comparisons.bench.quantities import quantity_of
 from stiction.comparisons.bench.results import Results
 from stiction.comparisons.bench.study import Study
 from stiction.comparisons.bench.timing.intervals import Interval
+from stiction.scenes.fidelity import Fidelity
 from stiction.scenes.wording import names
 from stiction.uncertain import Uncertain, bounded, rounded_down, rounded_up, with_ends
 
@@ -224,8 +226,11 @@ def _environment() -> Environment:
         upper_bound=upper_bound,
         known_digits=known_digits,
         enclosure=enclosure,
+        in_words=in_words,
+        intervals=intervals,
         names=names,
     )
+    found.globals["Fidelity"] = Fidelity
     return found
 
 
@@ -233,6 +238,16 @@ def _noted(context: Context, text: str, written: Cell, factor: float = 1.0) -> s
     """Keep which cell a text is from."""
     context[SHOWN].append(Number(text, written, factor))
     return text
+
+
+def intervals(text: str, separator: str) -> str:
+    """Write the intervals in a cell: ``3.77 to 4.54 N and 5 to 6`` with the separator ``" N and "``."""
+    return separator.join(intervals_in_words(text))
+
+
+def in_words(value: str, key: str) -> str:
+    """Write the value of a category, such as a tier of truth, as tables do; `key` is that of the quantity."""
+    return cell(quantity_of(key), value)
 
 
 @pass_context

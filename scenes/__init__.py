@@ -2,6 +2,7 @@
 
 from stiction.scenes.base_errors import InputError, StictionError
 from stiction.scenes.errors import FileError, Problem, SceneError
+from stiction.scenes.fidelity import Fidelity
 from stiction.scenes.loading import (
     catalogue,
     load_scene,
@@ -19,6 +20,7 @@ __all__ = [
     "Breakdown",
     "Cost",
     "Event",
+    "Fidelity",
     "FileError",
     "InputError",
     "Problem",

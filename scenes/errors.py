@@ -143,7 +143,6 @@ _EXPECTED = {
     "greater_than_equal": "expected a number >= {ge:g}",
     "too_short": "expected at least {min_length}",
     "too_long": "expected a list of {max_length}",
-    "literal_error": "expected {expected}",
 }
 
 
@@ -188,7 +187,7 @@ def expectation(detail: Mapping[str, Any]) -> str:
     kind, context = detail["type"], detail.get("ctx", {})
     if kind == "value_error":
         return str(context["error"])
-    if kind == "literal_error":
+    if kind in ("literal_error", "enum"):
         options = context["expected"].split("'")[1::2]
         return f"expected {context['expected']}{did_you_mean(detail['input'], options)}"
     return _EXPECTED[kind].format(**context) if kind in _EXPECTED else detail["msg"]

@@ -32,6 +32,9 @@ class Row(Mapping[str, float]):
     def __getitem__(self, name: str) -> float:
         return float(self.columns[name][self.place])
 
+    def __contains__(self, name: object) -> bool:
+        return name in self.columns
+
     def __iter__(self) -> Iterator[str]:
         return iter(self.columns)
 

@@ -19,25 +19,19 @@ from stiction.truths.reduced.slider_bar import slider_bar_truth
 from stiction.truths.reduced.steady_state import StickThreshold, stick_threshold
 from stiction.truths.reduced.trammel import trammel_truth
 from stiction.truths.truth import (
-    CLOSED_FORM,
-    HIGH_PRECISION,
-    NO_TRUTH,
-    PROVEN,
-    PUBLISHED,
+    TIER_LABELS,
     NotThisMechanism,
+    Tier,
     Truth,
     TruthRefused,
 )
 
 __all__ = [
-    "CLOSED_FORM",
-    "HIGH_PRECISION",
-    "NO_TRUTH",
     "NoMotion",
     "NotThisMechanism",
-    "PROVEN",
-    "PUBLISHED",
     "StickThreshold",
+    "TIER_LABELS",
+    "Tier",
     "Truth",
     "TruthRefused",
     "Undecided",

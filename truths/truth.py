@@ -4,19 +4,49 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
+from enum import StrEnum
 
 import numpy as np
 
 from stiction.scenes import Event, InputError, Scene, StictionError
 from stiction.scenes.columns import BODY_COLUMNS
 
-PROVEN = "proven"
-CLOSED_FORM = "closed form"
-HIGH_PRECISION = "independent high-precision solution"
-PUBLISHED = "published"
-OWN_RUN = "our own run"
-NO_TRUTH = "none"
-"""Tier where nothing is known; the note says why."""
+
+class Tier(StrEnum):
+    """What a truth rests on, the best first.
+
+    The values are keys of stored files: baselines, histories of nights, folders of truths. What people read is in
+    `TIER_LABELS`.
+    """
+
+    PROVEN = "proven"
+    """Enclosed by ball arithmetic; a certificate that comes with the suite holds the bounds."""
+    CLOSED_FORM = "closed form"
+    """A formula, known up to rounding."""
+    HIGH_PRECISION = "independent high-precision solution"
+    """The equations of motion in minimal coordinates, integrated twice; the uncertainty is their difference."""
+    PUBLISHED = "published"
+    """A number from the literature, as exact as it is printed."""
+    OWN_RUN = "our own run"
+    """The reference implementation at its finest: not independent of it. Also of counters and times of a run."""
+    NONE = "none"
+    """Nothing is known; the note of the truth says why."""
+
+    @property
+    def label(self) -> str:
+        """What people read."""
+        return TIER_LABELS[self]
+
+
+TIER_LABELS: Mapping[Tier, str] = {
+    Tier.PROVEN: "proven",
+    Tier.CLOSED_FORM: "closed form",
+    Tier.HIGH_PRECISION: "independent high-precision solution",
+    Tier.PUBLISHED: "published",
+    Tier.OWN_RUN: "our own run",
+    Tier.NONE: "none",
+}
+"""Words for people; no result depends on them."""
 SIDES = ("before", "after")
 EPS = np.finfo(float).eps
 SAMPLES = 2401
@@ -38,33 +68,33 @@ class NotThisMechanism(TruthRefused, InputError):
 class Truth:
     """A solution that owes nothing to the reference implementation, of a `scene`, for 0 <= t <= t_end (s).
 
-    `tier` is one of those above; of a proven truth the columns that no proof encloses, efforts and forces, have
-    `tier_below`. `uncertainty` is by column the largest error to be expected between events, and that of their times
-    under ``"event time"``. `events` are in order of time, with two-sided values; only those of `guides` count, all
-    where None. `jump_closed_form`, shape (events,), is the jump of the drive's effort at each event from its closed
-    form. `note` says why a better tier has no answer; it is empty where this is the best there could be.
+    Of a proven truth the columns that no proof encloses, efforts and forces, have `tier_below`; it is None for others.
+    `uncertainty` is by column the largest error to be expected between events, and that of their times under
+    ``"event time"``. `events` are in order of time, with two-sided values; only those of `guides` count, all where
+    None. `jump_closed_form`, shape (events,), is the jump of the drive's effort at each event from its closed form.
+    `note` says why a better tier has no answer; it is empty where this is the best there could be.
     """
 
     scene: str
-    tier: str
+    tier: Tier
     t_end: float
     columns: Columns
     uncertainty: Mapping[str, float]
     events: tuple[Event, ...] = ()
     jump_closed_form: np.ndarray | None = None
     note: str = ""
-    tier_below: str = ""
+    tier_below: Tier | None = None
     guides: frozenset[str] | None = None
 
     @property
-    def effort_tier(self) -> str:
+    def effort_tier(self) -> Tier:
         """Tier of the efforts of the drives."""
         return self.tier_below or self.tier
 
     @classmethod
     def unknown(cls, scene: str, t_end: float, note: str) -> Truth:
         """Return a truth without columns and events, where no tier has an answer."""
-        return cls(scene, NO_TRUTH, t_end, lambda t, side: {}, {}, note=note)
+        return cls(scene, Tier.NONE, t_end, lambda t, side: {}, {}, note=note)
 
     @classmethod
     def of_formulas(
@@ -89,7 +119,12 @@ class Truth:
         if switches is not None:
             uncertainty["event time"] = rounding * max(t_end, 1.0)
         return cls(
-            scene.name, CLOSED_FORM, t_end, columns, uncertainty, two_sided(switches or (), columns)
+            scene.name,
+            Tier.CLOSED_FORM,
+            t_end,
+            columns,
+            uncertainty,
+            two_sided(switches or (), columns),
         )
 
     def __call__(self, t: np.ndarray | float, side: str = "after") -> Mapping[str, np.ndarray]:

@@ -35,7 +35,7 @@ from collections.abc import Iterator, Sequence
 from dataclasses import replace
 from importlib import resources
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any, Literal
+from typing import TYPE_CHECKING, Annotated, Any
 
 from pydantic import AfterValidator, BeforeValidator, Field, ValidationError, ValidationInfo
 
@@ -52,6 +52,7 @@ from stiction.engines.registry import (
 )
 from stiction.scenes import FileError, InputError, Scene, SceneError, catalogue, load_scene
 from stiction.scenes.errors import problems_of
+from stiction.scenes.fidelity import Fidelity
 from stiction.scenes.fields import Model, Positive
 from stiction.scenes.loading import read_toml
 from stiction.scenes.wording import did_you_mean, names
@@ -125,7 +126,7 @@ def _placed(engine: Any, info: ValidationInfo) -> Any:
 
 class _Variant(_Steps):
     engine: Annotated[str, BeforeValidator(_placed)]
-    fidelity: Literal["joint", "contact"] = "joint"
+    fidelity: Fidelity = Fidelity.JOINT
     settings: dict[str, Any] = {}
     effects: dict[str, dict[str, Any]] = {}
 
@@ -330,7 +331,9 @@ class Campaign(Model):
         steps, label = others.rtol if capabilities.adaptive else others.dt, label_of(name)
         return tuple(
             steps.variant(
-                label if fidelity == "joint" else f"{label}, {fidelity}", name, fidelity=fidelity
+                label if fidelity == Fidelity.JOINT else f"{label}, {fidelity}",
+                name,
+                fidelity=fidelity,
             )
             for fidelity in capabilities.fidelities
         )

@@ -28,6 +28,7 @@ from stiction.engines.isolation import (
     sealed,
     unsealed,
 )
+from stiction.engines.status import Status
 from stiction.scenes import InputError
 
 EXPECTED = "expected processes, dask (a cluster on this machine) or dask:ADDRESS such as dask:tcp://host:8786"
@@ -109,7 +110,7 @@ def _isolate_on(
             except KilledWorker as error:
                 reason = " ".join(f"workers died: {error}".split())
                 found[first] = [
-                    Outcome(task.label, "crashed", reason=reason)
+                    Outcome(task.label, Status.CRASHED, reason=reason)
                     for task in tasks[first : first + BATCH]
                 ]
             if on_result is not None:

@@ -17,14 +17,12 @@ from stiction.comparisons.bench.variants import (
     COMMON_STEP,
     EVENTS_BY,
     FRICTION_BY,
-    UNMADE,
     Record,
 )
 from stiction.engines.protocol import Supplier
+from stiction.engines.status import UNMADE, Status
 from stiction.scenes import catalogue, load_scene
-
-MISSING_ENGINE = "missing"
-"""Status of a run whose engine is not installed."""
+from stiction.scenes.fidelity import Fidelity
 
 
 def one_per_variant(records: Iterable[Record]) -> list[Record]:
@@ -90,7 +88,7 @@ class Group:
     `friction_by` and `events_by` are empty where the group is not for a ranking.
     """
 
-    fidelity: str
+    fidelity: Fidelity
     coefficients: str
     friction_by: str = ""
     events_by: str = ""
@@ -98,13 +96,13 @@ class Group:
     @property
     def label(self) -> str:
         """Heading of the group: ``joint, mus > mu``."""
-        return f"{self.fidelity}, {self.coefficients}"
+        return f"{self.fidelity.label}, {self.coefficients}"
 
 
 def groups(table: pd.DataFrame) -> Iterator[tuple[Group, pd.DataFrame]]:
     """The rows that answer one question: one fidelity, and mus > mu or, for engines without it, mus = mu."""
     for (fidelity, coefficients), rows in table.groupby(["fidelity", COEFFICIENTS], sort=False):
-        yield Group(fidelity, coefficients), rows
+        yield Group(Fidelity(fidelity), coefficients), rows
 
 
 def same_work(table: pd.DataFrame) -> Iterator[tuple[Group, pd.DataFrame]]:
@@ -144,7 +142,7 @@ def methods(results: Results) -> list[str]:
     failed = representatives(
         record
         for record in results.records
-        if record.outcome.status != MISSING_ENGINE
+        if record.outcome.status != Status.MISSING
         and (record.variant.engine, record.variant.fidelity) not in known
     )
     chosen = {record.variant.label for record in (*made, *failed)}
@@ -171,7 +169,7 @@ def grouped_methods(
 
 def succeeded(table: pd.DataFrame) -> pd.Series:
     """Rows of runs that reached their end: one that stopped early is cheap, and may not have met what is hard."""
-    return (table["status"] == "ok") & (table["reason"].fillna("") == "")
+    return (table["status"] == Status.OK) & (table["reason"].fillna("") == "")
 
 
 def with_columns(table: pd.DataFrame, *names: str) -> pd.DataFrame:

@@ -12,9 +12,10 @@ from typing import Any, Literal, get_args
 
 from stiction.comparisons.bench.variants import Variant, run_key
 from stiction.engines import Outcome
+from stiction.engines.status import Status
 from stiction.scenes import Scene
 from stiction.scenes.digest import scene_digest
-from stiction.truths.truth import OWN_RUN
+from stiction.truths.truth import Tier
 
 TRUTH = "truth"
 """Kind of the numbers that say what is true, and engine and variant of their rows."""
@@ -23,8 +24,6 @@ MOTION = "motion"
 Kind = Literal["accuracy", "motion", "event", "drift", "counter", "time"]
 KINDS: tuple[Kind, ...] = get_args(Kind)
 """Kinds of numbers that can be measured of a run."""
-NOT_RUN = "not run"
-"""Status of a run that the campaign had no time left for."""
 
 ULPS = 8
 """Units in the last place by which a number is moved at most: some operations' rounding."""
@@ -38,7 +37,7 @@ class Metric:
     """A number: `name` is its quantity's key, `kind` one of `KINDS` or `TRUTH`; None is unknown.
 
     The uncertainty of an error is that of the truth, of a time the distance of the second shortest repeat. `tier` is
-    that of the truth behind an error, ``our own run`` for counters and times. `rounding` is the largest change by
+    that of the truth behind an error, `Tier.OWN_RUN` for counters and times. `rounding` is the largest change by
     rounding alone (`tolerances.with_rounding`).
     """
 
@@ -46,14 +45,15 @@ class Metric:
     kind: str
     value: float
     uncertainty: float | None = None
-    tier: str = OWN_RUN
+    tier: Tier = Tier.OWN_RUN
     rounding: float | None = None
 
 
 @dataclass(frozen=True)
 class Row:
-    """A run, its status, and its numbers; of a truth, `variant` and `engine` are `TRUTH`, `parameter` is empty.
+    """A run, its status, and its numbers.
 
+    Of a truth, `variant` and `engine` are `TRUTH`, `fidelity` and `parameter` are empty.
     `key` and `identity` are those of a `PlannedRun`. `traceback` is that of a bug, which no history keeps. `other_ends`
     are the outcomes that the run has with other rounding, where that was measured.
     """
@@ -67,25 +67,25 @@ class Row:
     fidelity: str
     parameter: str
     step: float
-    status: str
+    status: Status
     reason: str
     settings: Mapping[str, Any] | None = None
     metrics: tuple[Metric, ...] = ()
     traceback: str = field(default="", compare=False, repr=False)
-    other_ends: tuple[str, ...] = ()
+    other_ends: tuple[Status, ...] = ()
 
     @property
     def label(self) -> str:
         return self.key
 
     @property
-    def outcome(self) -> str:
+    def outcome(self) -> Status:
         return outcome_of(self.status, self.reason)
 
 
-def outcome_of(status: str, reason: str) -> str:
-    """Return the status of a run, ``incomplete`` where it ended early or there is no truth for it."""
-    return "incomplete" if status == "ok" and reason else status
+def outcome_of(status: Status, reason: str) -> Status:
+    """Return the status of a run, `Status.INCOMPLETE` where it ended early or there is no truth for it."""
+    return Status.INCOMPLETE if status == Status.OK and reason else status
 
 
 @dataclass(frozen=True)
@@ -131,25 +131,25 @@ class PlannedRun:
     @property
     def row(self) -> Row:
         """Row before the run is made."""
-        variant = self.variant or Variant(TRUTH, TRUTH, "", (), fidelity="")
+        variant = self.variant
         return Row(
             self.key,
             self.identity,
             self.scene.name,
-            variant.label,
-            variant.engine,
+            variant.label if variant else TRUTH,
+            variant.engine if variant else TRUTH,
             None,
-            variant.fidelity,
-            variant.parameter,
+            variant.fidelity if variant else "",
+            variant.parameter if variant else "",
             self.step,
-            NOT_RUN,
+            Status.NOT_RUN,
             "",
         )
 
 
 def row_of(run: PlannedRun, outcome: Outcome) -> Row:
     """Return the row of a run whose task had an outcome."""
-    if outcome.status == "ok":
+    if outcome.status == Status.OK:
         return outcome.value
     return replace(
         run.row, status=outcome.status, reason=outcome.reason, traceback=outcome.traceback

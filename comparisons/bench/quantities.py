@@ -8,10 +8,15 @@ label or out of the name of a column: a label may be changed, and no number, ran
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from enum import StrEnum
+from types import MappingProxyType
+from typing import Any
 
+from stiction.engines.status import STATUS_LABELS
 from stiction.scenes.columns import unit_of
+from stiction.scenes.fidelity import FIDELITY_LABELS
+from stiction.truths.truth import TIER_LABELS
 
 
 class Kind(StrEnum):
@@ -39,6 +44,8 @@ class Kind(StrEnum):
     """True or False."""
     TEXT = "text"
     """Words for people."""
+    INTERVALS = "intervals"
+    """Intervals of a real number: pairs of a lower and an upper end, as a JSON list; empty for none."""
     JSON = "json"
     """Settings, as a JSON object."""
 
@@ -54,6 +61,8 @@ DIGITS: Mapping[Kind, int] = {
     Kind.COUNT: 6,
 }
 """Significant digits with which a number of a kind is written; whole numbers are written as they are."""
+NO_WORDS: Mapping[str, str] = MappingProxyType({})
+"""Of categories whose values are written as they are."""
 NUMERIC = frozenset(DIGITS)
 """Kinds of numbers."""
 
@@ -78,6 +87,8 @@ class Quantity:
         Symbol in formulas, as LaTeX; empty if there is none.
     description : str
         A sentence for who reads the data without the report; the label if empty.
+    words : Mapping
+        Of a category whose values are those of an enum: what is written for each. The data have the values.
     """
 
     key: str
@@ -87,6 +98,7 @@ class Quantity:
     uncertainty: str = ""
     symbol: str = ""
     description: str = ""
+    words: Mapping[Any, str] = field(default_factory=lambda: NO_WORDS, hash=False)
 
     @property
     def head(self) -> str:
@@ -98,9 +110,15 @@ class Quantity:
         return self.kind in NUMERIC
 
 
-def _category(key: str, label: str = "", description: str = "") -> Quantity:
+def _category(
+    key: str, label: str = "", description: str = "", words: Mapping[Any, str] = NO_WORDS
+) -> Quantity:
     return Quantity(
-        key, label or key.replace("_", " "), kind=Kind.CATEGORY, description=description
+        key,
+        label or key.replace("_", " "),
+        kind=Kind.CATEGORY,
+        description=description,
+        words=words,
     )
 
 
@@ -154,7 +172,8 @@ RUN = (
     _text("version", "version", "version of the engine"),
     _category(
         "fidelity",
-        description="joint: an ideal guide with a friction law; contact: two surfaces with clearance",
+        description="joint: an ideal guide with a friction law; contact: two surfaces",
+        words=FIDELITY_LABELS,
     ),
     _category("friction_by", "friction law supplied by"),
     _category("events_by", "events located by"),
@@ -169,7 +188,7 @@ RUN = (
         "step or tolerance",
         description="value of the parameter: s for dt, no unit for others",
     ),
-    _category("status"),
+    _category("status", words=STATUS_LABELS),
     _text("reason", description="why the run failed or ended early"),
     Quantity(
         "settings",
@@ -192,9 +211,9 @@ RUN = (
 
 TRUTHS = (
     _text("truth", "truth", "name of the truth that the row is compared with"),
-    _category("truth_tier", "tier of the truth"),
+    _category("truth_tier", "tier of the truth", words=TIER_LABELS),
     _text("truth_note", "remark on the truth"),
-    _category("tier", description="tier of the truth"),
+    _category("tier", description="tier of the truth", words=TIER_LABELS),
     _text("column", description="column of a trajectory"),
     Quantity(
         "uncertainty",
@@ -292,16 +311,16 @@ DRIFT = (
     _error(
         "position_drift",
         "position drift, largest",
-        "m",
-        "norm of the residuals of all constraints, m and rad",
+        "m, rad",
+        "norm of the residuals of all constraints",
     ),
-    _error("position_drift_end", "position drift at the end", "m"),
+    _error("position_drift_end", "position drift at the end", "m, rad"),
     _error("velocity_drift", "velocity drift, largest", "m/s"),
     _error("velocity_drift_end", "velocity drift at the end", "m/s"),
-    _error("position_drift_rms", "position drift, root mean square", "m"),
-    _error("position_drift_24s", "position drift up to 24 s, largest", "m"),
-    Quantity("drift_uncertainty", "rounding of the drift", "m", Kind.UNCERTAINTY),
-    Quantity("drift_rounding", "drift by rounding", "m", Kind.UNCERTAINTY),
+    _error("position_drift_rms", "position drift, root mean square", "m, rad"),
+    _error("position_drift_24s", "position drift up to 24 s, largest", "m, rad"),
+    Quantity("drift_uncertainty", "rounding of the drift", "m, rad", Kind.UNCERTAINTY),
+    Quantity("drift_rounding", "drift by rounding", "m, rad", Kind.UNCERTAINTY),
     _error("decay_error", "error of the decay to the joints", ""),
     _category("growth", "growth of the drift"),
     *_measured(
@@ -368,9 +387,13 @@ THRESHOLD = (
         description="empty: the figure is lost in the text that we have",
     ),
     _error("threshold_change", "change from the coarser step", "N"),
-    _text(
+    Quantity(
         "sticks_again",
-        description="amplitudes above the threshold at which the slider sticks again",
+        "sticks again, about",
+        "N",
+        Kind.INTERVALS,
+        description="bands of amplitudes above the threshold at which the slider sticks again: pairs of the smallest "
+        "and the largest amplitude seen to, as a JSON list",
     ),
     _value("scanned_to", "scanned up to F0", "N"),
     _value("mu", "mu", description="kinetic coefficient of friction", symbol=r"\mu"),

@@ -18,14 +18,14 @@ from pathlib import Path
 
 from stiction.comparisons.bench.identity import circumstances
 from stiction.comparisons.bench.packed_outcomes import NotAnOutcome, pack, unpack
-from stiction.comparisons.bench.planned_runs import NOT_RUN
 from stiction.comparisons.bench.timing.timed_runs import call_of
 from stiction.engines.isolation import Isolate, Outcome, Task, isolate
+from stiction.engines.status import Status
 from stiction.scenes import StictionError
 from stiction.scenes.atomic_files import NotWritten
 from stiction.scenes.digest import digest
 
-SETTLED = ("ok", "refused", "failed")
+SETTLED = (Status.OK, Status.REFUSED, Status.FAILED)
 """Statuses that running again would not change.
 
 With others a machine may have been busy, a process been killed from outside, a package be installed since."""
@@ -39,8 +39,8 @@ class KeptRuns:
     """`stiction.engines.isolate` with a memory.
 
     `kept` counts the outcomes in the file, `taken_over` those of an earlier call, `settled` all, made or taken over.
-    After an `interrupt` all runs that are left are `NOT_RUN`. The caller who needs the runs no more sets `finished`,
-    which removes them.
+    After an `interrupt` all runs that are left are `Status.NOT_RUN`. The caller who needs the runs no more sets
+    `finished`, which removes them.
     """
 
     def __init__(self, path: Path, connection: sqlite3.Connection, circumstances: str):
@@ -70,7 +70,7 @@ class KeptRuns:
 
         def settle(i: int, outcome: Outcome) -> None:
             outcomes[i] = replace(outcome, label=tasks[i].label)
-            self.settled += outcome.status != NOT_RUN
+            self.settled += outcome.status != Status.NOT_RUN
             if on_result is not None:
                 on_result(outcomes[i])
 
@@ -107,7 +107,7 @@ class KeptRuns:
             self._making = False
         for i in range(len(tasks)):
             if i not in outcomes:
-                settle(i, Outcome(tasks[i].label, NOT_RUN, reason="interrupted"))
+                settle(i, Outcome(tasks[i].label, Status.NOT_RUN, reason="interrupted"))
         return [outcomes[i] for i in range(len(tasks))]
 
     def end(self, interrupt: KeyboardInterrupt) -> None:

@@ -14,6 +14,7 @@ from stiction.engines.isolation import Job, Outcome
 from stiction.engines.protocol import EVENTS_LOCATED_BY, FRICTION_SUPPLIED_BY
 from stiction.engines.registry import EngineMissing, label_of, load_engine
 from stiction.scenes import Scene, Trajectory, catalogue
+from stiction.scenes.fidelity import Fidelity
 from stiction.scenes.laws import Linear, Sine
 from stiction.scenes.model import LinearSpring
 
@@ -23,9 +24,6 @@ PARAMETERS: tuple[Parameter, ...] = get_args(Parameter)
 
 OWN_CPU = "engine_time"
 """Column of tables: CPU seconds inside the engine's own calls (`stiction.scenes.Cost.own_s`), part of ``cpu_time``."""
-
-UNMADE = ("missing", "not run")
-"""Statuses of runs that were not made, which do not count: engine not installed, or campaign interrupted."""
 
 FRICTION_BY, EVENTS_BY = "friction_by", "events_by"
 """Columns of tables: who supplies the friction law of a run, and who locates its events (`Supplier`)."""
@@ -62,7 +60,7 @@ class Variant:
     engine: str
     parameter: str
     ladder: tuple[float, ...]
-    fidelity: str = "joint"
+    fidelity: Fidelity = Fidelity.JOINT
     settings: Mapping[str, Any] = field(default_factory=dict)
     stands_for: str = ""
     cost: tuple[float, ...] = ()
@@ -75,7 +73,7 @@ class Variant:
 
 @dataclass(frozen=True)
 class Record:
-    """One run of the campaign and its outcome, whose value is the trajectory, None unless the status is ``"ok"``.
+    """One run of the campaign and its outcome, whose value is the trajectory, None unless the status is `Status.OK`.
 
     The key ``"<scene>/<variant>/<parameter>=<step>"`` leads from a row of a table to the trajectory.
     """
@@ -258,7 +256,7 @@ def has_static_coefficient(variant: Variant) -> bool:
             variant.fidelity, False
         )
     except EngineMissing:
-        return True  # its runs will be rows with status "missing"; any truth will do
+        return True  # its runs will be rows with status `Status.MISSING`; any truth will do
 
 
 def coefficients_of(variant: Variant) -> dict[str, str]:

@@ -25,6 +25,7 @@ from stiction.comparisons.hard.case import HardCase
 from stiction.comparisons.hard.closed_forms import rod_normal_force, value
 from stiction.comparisons.measures.distances import match_events
 from stiction.scenes import Event, Scene, Trajectory
+from stiction.scenes.fidelity import Fidelity
 from stiction.truths import Truth
 from stiction.truths.enumerated_motion import Instant, Motion, simulate
 from stiction.truths.reduced.slider_bar import SliderBar
@@ -86,7 +87,7 @@ def carried(run: Trajectory, column: str) -> np.ndarray:
     A box between two surfaces begins without overlap, so without load; contacts take some steps to carry it. A method
     without a step has none to wait for.
     """
-    waits = run.fidelity == "contact" and column.endswith((".normal_force", ".friction"))
+    waits = run.fidelity == Fidelity.CONTACT and column.endswith((".normal_force", ".friction"))
     return run.t >= (FIRST_STEPS * run.settings.get("dt", 0.0) if waits else 0.0)
 
 

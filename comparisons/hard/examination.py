@@ -26,6 +26,7 @@ from stiction.comparisons.hard.case import (
 from stiction.engines.isolation import Outcome
 from stiction.engines.protocol import UNSETTLED, BadTrajectory, Declined, EngineFailure, Refused
 from stiction.engines.registry import load_engine, own_methods
+from stiction.engines.status import Status
 from stiction.scenes import Scene, SceneError, Trajectory
 
 RIGHT, DEGRADED, WRONG, FAILED = "right", "degraded", "wrong", "failed"
@@ -56,10 +57,10 @@ an unforeseen exception."""
 READER, ADAPTER, METHOD = "reader", "adapter", "method"
 """Origins of a refusal of the input."""
 WITHOUT_RESULT = {
-    "refused": INEXPRESSIBLE,
-    "missing": NOT_INSTALLED,
-    NOT_RUN: NOT_RUN,
-    "failed": FAILED,
+    Status.REFUSED: INEXPRESSIBLE,
+    Status.MISSING: NOT_INSTALLED,
+    Status.NOT_RUN: NOT_RUN,
+    Status.FAILED: FAILED,
 }
 """Verdict by the status of a child that returned nothing."""
 STOP = {"rtol": 1e-8, "dt": 2e-2}
@@ -213,7 +214,7 @@ def judge(case: HardCase, variant: Variant, outcome: Outcome) -> Verdict:
     """Judge the outcome of the child."""
     if outcome.status in WITHOUT_RESULT:
         return Verdict(WITHOUT_RESULT[outcome.status], outcome.reason)
-    if outcome.status != "ok":
+    if outcome.status != Status.OK:
         return Verdict(FAILED, f"{outcome.status}: {outcome.reason}")
     found: Examination = outcome.value
     if found.verdict is not None:

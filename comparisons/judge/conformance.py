@@ -16,6 +16,7 @@ from stiction.comparisons.measures.accuracy import size_of
 from stiction.engines.isolation import Task, isolate
 from stiction.engines.protocol import BadTrajectory
 from stiction.engines.registry import absolute_name, load_engine
+from stiction.engines.status import Status
 from stiction.scenes import Scene, Trajectory, load_scene, scene_from_dict, vary
 from stiction.truths.physics import physics_of
 
@@ -104,8 +105,12 @@ ADDED: Mapping[str, str] = {
 """New in a scene, and so the first suspect."""
 
 
+RIGHT = "right"
+"""Verdict on a scene whose motion and forces are those of the truth."""
+
+
 class Trial(NamedTuple):
-    """Verdict on one scene, ``"right"``, ``"wrong"`` or the status of an `Outcome` without a value, and why."""
+    """Verdict on one scene, `RIGHT`, `Status.WRONG` or the status of an `Outcome` without a value, and why."""
 
     scene: str
     verdict: str
@@ -136,7 +141,7 @@ def conformance(engine: str, timeout_s: float) -> Iterator[Trial]:
         )
         trial = outcome.value or Trial(scene.name, outcome.status, (outcome.reason,))
         yield trial
-        if trial.verdict not in ("right", "refused"):
+        if trial.verdict not in (RIGHT, Status.REFUSED):
             return
 
 
@@ -164,8 +169,8 @@ def _attempt(name: str, scene: Scene) -> Trial:
     found = judge(scene, run)
     stopped = [] if run.termination == "end" else [f"stopped: {run.termination}"]
     if faults := [*stopped, *_faults(found)] or against:
-        return Trial(scene.name, "wrong", tuple(faults))
-    return Trial(scene.name, "right", (f"position error {found.error:.2g} m",))
+        return Trial(scene.name, Status.WRONG, tuple(faults))
+    return Trial(scene.name, RIGHT, (f"position error {found.error:.2g} m",))
 
 
 def _faults(found: Judgement) -> Iterator[str]:

@@ -42,10 +42,11 @@ from stiction.reference_impl.multibody.trajectory_columns import build_columns
 from stiction.scenes import Event, InputError, Scene, Trajectory, load_scene, vary
 from stiction.scenes.column_file import Changed, ColumnFile, Joined, collected, in_parts
 from stiction.scenes.columns import columns_of, unit_of
+from stiction.scenes.fidelity import Fidelity
 from stiction.scenes.result_table import ResultTable, result_table
 from stiction.scenes.trajectory import stacked
-from stiction.truths import NO_TRUTH, Truth
-from stiction.truths.truth import OWN_RUN, Columns
+from stiction.truths import Tier, Truth
+from stiction.truths.truth import Columns
 
 FEW = 0.1
 """Part of the time of a scene that a step may take at most, for a table to cover it."""
@@ -184,7 +185,7 @@ class Judgement:
         tried = self.tables["other-parameters"]
         explained = tried.loc[tried["named"].astype(bool), ["hypothesis", "value"]]
         errors = self.worst[["column", "error", "uncertainty", "unit", "error_time", "hint"]]
-        title = f"{self.table.origin} on {self.scene.name}; truth: {self.truth.tier}"
+        title = f"{self.table.origin} on {self.scene.name}; truth: {self.truth.tier.label}"
         parts = [title, pd.Series(written).to_frame().to_string(header=False)]
         for name, part in (
             ("largest errors", errors),
@@ -256,7 +257,7 @@ def judge(
     compared = Compared(
         truth.columns,
         wanted,
-        RUN if truth.tier == OWN_RUN else SOLVED,
+        RUN if truth.tier == Tier.OWN_RUN else SOLVED,
         lambda share: done(READING + COMPARING * share),
     )
     truth = replace(truth, columns=compared)
@@ -267,7 +268,7 @@ def judge(
     done(READING + COMPARING)
     phases = (
         []
-        if truth.tier == NO_TRUTH
+        if truth.tier == Tier.NONE
         else [
             phase
             for guide in scene.frictional_guides
@@ -277,7 +278,7 @@ def judge(
     # a table that must be read in another way, or is a row late, is explained by that
     others = (
         []
-        if truth.tier == NO_TRUTH or (errors_of_columns["hint"] != "").any()
+        if truth.tier == Tier.NONE or (errors_of_columns["hint"] != "").any()
         else explanations(scene, table, truth)
     )
     summary = _summary(scene, table, replace(full, columns=Joined(derived, full.columns)), truth)
@@ -396,7 +397,7 @@ def _trajectory(scene: Scene, table: ResultTable, truth: Truth) -> Trajectory:
     if len(rows) < len(t):
         columns = _kept(len(rows), table.columns, lambda name: table.columns[name][rows])
     return Trajectory(
-        scene.name, "table", "", "joint", t[rows], columns, tuple(events), mechanism=scene
+        scene.name, "table", "", Fidelity.JOINT, t[rows], columns, tuple(events), mechanism=scene
     )
 
 
@@ -485,7 +486,7 @@ def prescribed(scene: Scene, truth: Truth) -> set[str]:
     t = np.linspace(0.0, min(scene.t_end, truth.t_end), PLACES)
     q = np.tile(start, (PLACES, 1))
     for place, name in enumerate(names):
-        if truth.tier != NO_TRUTH and name in (true := truth(t)):
+        if truth.tier != Tier.NONE and name in (true := truth(t)):
             q[:, place] = true[name]
     free: list[np.ndarray] = []
     scale = np.tile([1.0, 1.0, mechanism.arrays.length_scale], len(scene.bodies))
@@ -630,7 +631,7 @@ def _findings(scene: Scene, full: Trajectory, given: Collection[str]) -> Iterato
                 float(full.t[-1]),
                 None,
                 step,
-                "joint",
+                Fidelity.JOINT,
                 lambda _: bool(full.events),
                 lambda _: True,
             )

@@ -36,8 +36,7 @@ from stiction.comparisons.measures.result_errors import COARSE, UNDETERMINED
 from stiction.comparisons.measures.scene_truth import OWN_RTOL
 from stiction.reference_impl.energies import needed_columns
 from stiction.scenes.columns import unit_of
-from stiction.truths import NO_TRUTH
-from stiction.truths.truth import OWN_RUN
+from stiction.truths import Tier
 
 DRAWN, POINTS, LINES = 2000, 100, 6
 """Samples of a line in the figure, points of the table, and positions, those with the largest errors; at most."""
@@ -118,8 +117,8 @@ def _truth(judged: Judgement) -> dict[str, object]:
     if uncertainties.notna().any():
         least_known = row_of("errors", judged.tables["errors"], uncertainties.idxmax())
     return {
-        "exists": judged.truth.tier != NO_TRUTH,
-        "is_own_run": judged.truth.tier == OWN_RUN,
+        "exists": judged.truth.tier != Tier.NONE,
+        "is_own_run": judged.truth.tier == Tier.OWN_RUN,
         "rtol": OWN_RTOL,
         "note": judged.truth.note,
         "least_known": least_known,
@@ -251,7 +250,7 @@ def _not_judged(judged: Judgement) -> dict[str, object]:
 
 def _unknown(judged: Judgement) -> list[str]:
     """Columns that the truth does not have."""
-    if judged.truth.tier == NO_TRUTH:
+    if judged.truth.tier == Tier.NONE:
         return []
     known = set(judged.tables["errors"]["column"])
     return [
@@ -271,7 +270,7 @@ def _tables(judged: Judgement) -> Iterator[TableView]:
     errors = judged.tables["errors"]
     columns = (
         Column("column"),
-        Column("error", uncertainty="uncertainty"),
+        Column("error"),
         Column("unit"),
         Column("measure"),
         Column("error_time", form=".6g"),
@@ -314,7 +313,7 @@ def _tables(judged: Judgement) -> Iterator[TableView]:
                 Column("kind"),
                 Column("true_jump", form=".4g"),
                 Column("jump", form=".4g"),
-                Column("jump_error", uncertainty="jump_uncertainty"),
+                Column("jump_error"),
                 Column("time_error", form=".2g"),
                 Column("resolved", "read"),
                 Column("readable"),
@@ -325,7 +324,7 @@ def _tables(judged: Judgement) -> Iterator[TableView]:
 
 
 def _figures(judged: Judgement) -> Iterator[Chart]:
-    if judged.truth.tier == NO_TRUTH:
+    if judged.truth.tier == Tier.NONE:
         return
     true = judged.tables["stick-phases"].query("verdict != @INVENTED")
     shades = list(zip(true["begin"], true["end"]))

@@ -22,7 +22,7 @@ from stiction.scenes.motion_table import interpolated, with_sides
 from stiction.scenes.resolved import load_resolved, resolved_text
 from stiction.scenes.trajectory import events_frame, events_of
 from stiction.scenes.wording import shown
-from stiction.truths import Truth
+from stiction.truths import Tier, Truth
 from stiction.truths.proof.truth import certificate_of
 
 FORMAT, VERSION = "stiction truth", 1
@@ -133,13 +133,13 @@ def read_truth(folder: Path) -> tuple[Scene, Truth]:
     events = events_of(csv.read_csv(folder / EVENTS).to_pandas()) if about["events"] else ()
     return scene, Truth(
         scene.name,
-        about["tier"],
+        Tier(about["tier"]),
         about["t_end [s]"],
         interpolated(pd.read_parquet(folder / MOTION)),
         uncertainty,
         events,
         note=about["note"],
-        tier_below=about["tier of forces"],
+        tier_below=Tier(about["tier of forces"]),
         guides=frozenset(about["guides"]),
     )
 

@@ -11,9 +11,10 @@ from typing import Any
 import numpy as np
 
 from stiction.comparisons.measures.distances import Graph, l1, match_events, value_at
+from stiction.engines.status import Status
 from stiction.reference_impl.multibody.mechanism import Mechanism
 from stiction.scenes import Event, Scene, Trajectory
-from stiction.truths import NO_TRUTH, Truth
+from stiction.truths import Tier, Truth
 from stiction.uncertain import Uncertain
 
 EVENT_WINDOW = 0.05
@@ -25,9 +26,6 @@ KINDS = ("slip", "stick", "reversal", "corner")
 AT_ONCE = 2**17
 """Intervals whose area is found together: of a table of millions of rows there is memory for some of them at a time."""
 TORQUE_ERROR = "torque_error"
-WRONG = "wrong"
-"""Status of a run whose position error exceeds the size of the mechanism: it succeeded, but does not approximate the
-motion. Its row has that error as the reason and no numbers, so that nothing is fitted to it or ranked by it."""
 
 
 def size_of(scene: Scene) -> float:
@@ -46,10 +44,10 @@ def errors(trajectory: Trajectory | None, truth: Truth, size: float = math.inf) 
     ----------
     size
         The mechanism's, m, see `size_of`. A position error above it, and above the largest coordinate of the true
-        motion, is the ``reason`` of a row with the ``status`` `WRONG`, instead of those of `Record.describe`.
+        motion, is the ``reason`` of a row with the ``status`` `Status.WRONG`, instead of those of `Record.describe`.
     """
     row: dict[str, Any] = {"truth": truth.scene, "truth_tier": truth.tier, "truth_note": truth.note}
-    if trajectory is None or len(trajectory.t) < 2 or truth.tier == NO_TRUTH:
+    if trajectory is None or len(trajectory.t) < 2 or truth.tier == Tier.NONE:
         return row
     t = trajectory.t
     exact = truth(t)
@@ -65,7 +63,7 @@ def errors(trajectory: Trajectory | None, truth: Truth, size: float = math.inf) 
                 stopped = "" if trajectory.termination == "end" else f"; {trajectory.termination}"
                 return {
                     **row,
-                    "status": WRONG,
+                    "status": Status.WRONG,
                     "reason": f"position error {error:.2g} m, where the mechanism and its "
                     f"motion measure {reach:.2g} m{stopped}",
                 }

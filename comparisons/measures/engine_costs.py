@@ -14,6 +14,7 @@ from dataclasses import replace
 from stiction.comparisons.bench.participants import REFERENCE, cost_variants
 from stiction.comparisons.bench.variants import COMMON_STEP, OWN_CPU
 from stiction.comparisons.measures.work_precision import work_precision
+from stiction.engines.status import Status
 from stiction.scenes import Scene, load_scene
 
 SCENE = "slider-bar-case-1"
@@ -50,7 +51,7 @@ def engine_costs(scene: Scene) -> Iterator[str]:
     notes: dict[str, int] = {}
     for row in table.to_dict("records"):
         found = [f"{row['status']}: {row['reason']}", "", "", ""]
-        if row["status"] == "ok" and not row["reason"]:
+        if row["status"] == Status.OK and not row["reason"]:
             total, own = (
                 1e6 * row[name] / (PERIOD / COMMON_STEP) for name in ("cpu_time", OWN_CPU)
             )
@@ -61,7 +62,7 @@ def engine_costs(scene: Scene) -> Iterator[str]:
                 f"{total / own - 1:.1f}",
                 f"{row['position_error']:.1e}",
             ]
-        version = row["version"] if row["status"] == "ok" else ""
+        version = row["version"] if row["status"] == Status.OK else ""
         yield f"| {' | '.join([row['variant'], version, *found])} |"
     yield ""
     yield from (f"({number}) {note}" for note, number in notes.items())

@@ -45,6 +45,7 @@ from stiction.comparisons.measures.work_precision import (
     TOTAL_LOW,
 )
 from stiction.engines.protocol import FRICTION_SUPPLIED_BY, Supplier
+from stiction.scenes.fidelity import Fidelity
 from stiction.uncertain import Uncertain
 
 SCENES = (
@@ -339,7 +340,7 @@ def _level(
     found: str,
 ) -> tuple[str, str]:
     """Limit of an error that does not fall, and the evidence."""
-    if rows["fidelity"].iloc[0] == "contact":
+    if rows["fidelity"].iloc[0] == Fidelity.CONTACT:
         return MODEL, f"{found}; bodies in contact, with clearance or contacts that give way"
     if accelerations is not None:
         ours = _smallest(rows[rows["scene"].isin(accelerations["scene"])], quantity)

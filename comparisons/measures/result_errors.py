@@ -16,7 +16,7 @@ from stiction.scenes import Scene, Trajectory
 from stiction.scenes.column_file import in_parts
 from stiction.scenes.columns import BODY_COLUMNS, unit_of
 from stiction.scenes.result_table import ResultTable
-from stiction.truths import NO_TRUTH, Truth
+from stiction.truths import Tier, Truth
 
 CONTINUOUS = (*BODY_COLUMNS[0], *BODY_COLUMNS[1], "displacement", "slip_velocity")
 """Columns without jumps: their largest error counts; of the others, which a jump a step late makes large, the mean."""
@@ -69,7 +69,7 @@ def column_errors(
     whole turns. Of a column that jumps the error is the mean of |error| over time.
     """
     before, after = (
-        {} if truth.tier == NO_TRUTH else truth(table.t, side) for side in ("before", "after")
+        {} if truth.tier == Tier.NONE else truth(table.t, side) for side in ("before", "after")
     )
     single = np.isin(table.t, table.t[table.last[table.first == table.last]])
     rows = []

@@ -33,7 +33,7 @@ from stiction.truths import (
 )
 from stiction.truths.physics import physics_of, rubbing_guides
 from stiction.truths.proof.truth import with_proof
-from stiction.truths.truth import OWN_RUN
+from stiction.truths.truth import Tier
 
 INDEPENDENT = (
     slider_bar_truth,
@@ -173,5 +173,5 @@ def _own_truth(scene: Scene, t_end: float) -> Truth:
         for name in fine.columns
     }
     return Truth(
-        scene.name, OWN_RUN, t_end, columns, {**uncertainty, "event time": shift}, fine.events
+        scene.name, Tier.OWN_RUN, t_end, columns, {**uncertainty, "event time": shift}, fine.events
     )

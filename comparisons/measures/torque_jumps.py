@@ -12,10 +12,11 @@ import numpy as np
 import pandas as pd
 from scipy.stats import t as student
 
-from stiction.comparisons.bench.variants import UNMADE, Record
+from stiction.comparisons.bench.variants import Record
 from stiction.comparisons.measures.accuracy import has_two_sided_events
+from stiction.engines.status import UNMADE
 from stiction.scenes import Event, Trajectory
-from stiction.truths import NO_TRUTH, Truth
+from stiction.truths import Tier, Truth
 
 SAMPLES, GAP = (6, 10), 5
 """Samples on either side of a jump through which a parabola is laid: few, to stay within the smooth piece, or more, to
@@ -65,7 +66,7 @@ def torque_table(
     rows = []
     for record in records:
         truth = truths[record.key]
-        if truth.tier == NO_TRUTH or record.outcome.status in UNMADE:
+        if truth.tier == Tier.NONE or record.outcome.status in UNMADE:
             rows.append(
                 {
                     **record.describe(),

@@ -38,26 +38,25 @@ from datetime import UTC, datetime
 from importlib import resources
 from pathlib import Path
 from types import MappingProxyType
-from typing import TYPE_CHECKING, Annotated, Any, Final, Literal
+from typing import Annotated, Any, Final, Literal
 
-from pydantic import Field, ValidationError
+from pydantic import AfterValidator, Field, ValidationError
 
 from stiction.comparisons.bench.planned_runs import (
     KINDS,
-    NOT_RUN,
     TRUTH,
     Metric,
     Row,
     outcome_of,
 )
 from stiction.comparisons.regression.tolerances import not_judged
+from stiction.engines.status import Status
 from stiction.scenes import FileError, Problem, StictionError
 from stiction.scenes.atomic_files import write_text
 from stiction.scenes.errors import expectation, found_in
 from stiction.scenes.fields import Model
 from stiction.scenes.wording import shortened, shown
-from stiction.truths import CLOSED_FORM, HIGH_PRECISION, PROVEN, PUBLISHED
-from stiction.truths.truth import OWN_RUN
+from stiction.truths import Tier
 
 DEFAULT = Path(str(resources.files("stiction.comparisons") / "baselines" / "nightly.toml"))
 """The baseline of the suite's own campaign."""
@@ -80,16 +79,17 @@ class BaselineRefused(StictionError):
     """An update would touch a truth; the message names each, with what was found."""
 
 
-if TYPE_CHECKING:  # of which no literals are made by name
-    _Tier = str
-else:
-    _Tier = Literal[PROVEN, CLOSED_FORM, HIGH_PRECISION, PUBLISHED, OWN_RUN]
+def _of_a_truth(tier: Tier) -> Tier:
+    """Refuse the tier of what is not known."""
+    if tier == Tier.NONE:
+        raise ValueError("expected the tier of a truth")
+    return tier
 
 
 class _Number(Model):
     value: float
     uncertainty: float | None = None
-    tier: _Tier
+    tier: Annotated[Tier, AfterValidator(_of_a_truth)]
     rounding: Annotated[float, Field(allow_inf_nan=True)] | None = None
 
 
@@ -105,9 +105,9 @@ class Expected(Model):
     identity: str
     version: str = ""
     conditions: str = ""
-    status: str = "ok"
+    status: Status = Status.OK
     reason: str = ""
-    other_ends: tuple[str, ...] = ()
+    other_ends: tuple[Status, ...] = ()
     truth: _Numbers = {}
     accuracy: _Numbers = {}
     motion: _Numbers = {}
@@ -117,7 +117,7 @@ class Expected(Model):
     time: _Numbers = {}
 
     @property
-    def outcome(self) -> str:
+    def outcome(self) -> Status:
         return outcome_of(self.status, self.reason)
 
     @property
@@ -135,7 +135,7 @@ class Expected(Model):
         return {
             name: metric
             for name, metric in self.metrics.items()
-            if metric.kind == TRUTH and metric.tier != OWN_RUN
+            if metric.kind == TRUTH and metric.tier != Tier.OWN_RUN
         }
 
 
@@ -256,7 +256,7 @@ def updated(
     }
     moved: list[str] = []
     for row in rows:
-        if row.status in ("missing", NOT_RUN):
+        if row.status in (Status.MISSING, Status.NOT_RUN):
             continue  # says nothing about a run that comes again
         named = baseline.runs.get(row.key)
         if named is not None and named.identity != row.identity and named.fixed:
@@ -319,7 +319,7 @@ def moved_truths(row: Row, expected: Expected) -> Iterator[tuple[Metric, Metric 
     for name, fixed in expected.fixed.items():
         now = found.get(name)
         if now is None:
-            yield fixed, now, f"{fixed.tier}; found nothing: {row.reason or row.status}"
+            yield fixed, now, f"{fixed.tier.label}; found nothing: {row.reason or row.status}"
             continue
         allowed, moved = (
             (now.uncertainty or 0.0) + (fixed.uncertainty or 0.0),
@@ -330,7 +330,7 @@ def moved_truths(row: Row, expected: Expected) -> Iterator[tuple[Metric, Metric 
                 fixed,
                 now,
                 (
-                    f"{fixed.tier}, now {now.tier}: they differ by {moved:.2g}, "
+                    f"{fixed.tier.label}, now {now.tier.label}: they differ by {moved:.2g}, "
                     f"the uncertainties of both allow {allowed:.2g}"
                 ),
             )

@@ -26,7 +26,6 @@ from statistics import median
 from types import MappingProxyType
 
 from stiction.comparisons.bench.planned_runs import MOTION, TRUTH, Metric, Row
-from stiction.comparisons.measures.accuracy import WRONG
 from stiction.comparisons.regression.baseline import Baseline, Expected, moved_truths
 from stiction.comparisons.regression.older_code import TOTAL
 from stiction.comparisons.regression.tolerances import (
@@ -38,7 +37,8 @@ from stiction.comparisons.regression.tolerances import (
     tolerance,
 )
 from stiction.engines.registry import entry_of
-from stiction.truths.truth import OWN_RUN
+from stiction.engines.status import Status
+from stiction.truths.truth import Tier
 
 REGRESSION, COULD_NOT_RUN, BETTER, NOT_JUDGED, NEW = (
     "regression",
@@ -72,8 +72,16 @@ IN_TURNS = "over_older:{}"
 
 _RANKS = ("status", TRUTH, "event", "accuracy", MOTION, "drift", "counter", "time")
 """Kinds of findings in the order in which they are shown."""
-_STATUSES = ("ok", "incomplete", "refused", "failed", "timed out", "crashed", WRONG)
-"""From good to bad, silently wrong the worst; ``missing`` and ``not run`` are no property of a solver."""
+_STATUSES = (
+    Status.OK,
+    Status.INCOMPLETE,
+    Status.REFUSED,
+    Status.FAILED,
+    Status.TIMED_OUT,
+    Status.CRASHED,
+    Status.WRONG,
+)
+"""From good to bad, silently wrong the worst; `UNMADE` ones are no property of a solver."""
 _MORE_IS_BETTER = ("events_matched",)
 
 
@@ -174,10 +182,10 @@ def compared(rows: Iterable[Row], baseline: Baseline) -> int:
 def _of_status(row: Row, expected: Expected | None, baseline: Baseline) -> Finding | None:
     now, before = row.outcome, None if expected is None else expected.outcome
     entry = entry_of(row.engine)
-    if now == "missing" and entry and entry.optional:  # it need not be installed
+    if now == Status.MISSING and entry and entry.optional:  # it need not be installed
         severity, words = NOT_JUDGED, row.reason
     elif expected is None:
-        severity = NEW if now in ("ok", "refused") else COULD_NOT_RUN
+        severity = NEW if now in (Status.OK, Status.REFUSED) else COULD_NOT_RUN
         other = baseline.runs.get(row.key)
         words = "not in the baseline" + (
             f", where the name is that of another run ({other.identity})" if other else ""
@@ -275,7 +283,8 @@ def _gone(row: Row, old: Metric) -> Finding:
     severity, words = REGRESSION, "the baseline has it, this run has nothing"
     if tiers and old.tier not in tiers:
         severity = NOT_JUDGED
-        words = f"not judged: the baseline's truth ({old.tier}) has it, that of now ({', '.join(tiers)}) has not"
+        now = ", ".join(tier.label for tier in tiers)
+        words = f"not judged: the baseline's truth ({old.tier.label}) has it, that of now ({now}) has not"
     elif old.rounding == math.inf:
         severity, words = NOT_JUDGED, "not judged: with other rounding it is not there"
     return Finding(severity, old.kind, row.key, old.name, old.value, None, math.inf, words)
@@ -291,7 +300,7 @@ def _other_version(row: Row, expected: Expected) -> str:
 def _of_number(row: Row, old: Metric, new: Metric) -> Finding | None:
     """Compare a number that may change by its `tolerance`."""
     allowed, moved = tolerance(old, _uncertainty(old, new)), new.value - old.value
-    if abs(moved) <= allowed or old.kind == TRUTH and old.tier != OWN_RUN:
+    if abs(moved) <= allowed or old.kind == TRUTH and old.tier != Tier.OWN_RUN:
         return None
     severity, ratio = REGRESSION, _ratio(old.value, new.value)
     if old.kind == MOTION:
@@ -314,7 +323,7 @@ def _of_number(row: Row, old: Metric, new: Metric) -> Finding | None:
             if allowed
             else "counted exactly"
         )
-        words += f", against the truth ({new.tier})" if old.kind == "event" else ""
+        words += f", against the truth ({new.tier.label})" if old.kind == "event" else ""
         words = f"{'more' if moved > 0 else 'fewer'}; {words}"
     return Finding(severity, old.kind, row.key, old.name, old.value, new.value, ratio, words)
 
@@ -323,7 +332,7 @@ def _of_error(row: Row, old: Metric, new: Metric) -> Finding | None:
     """Compare an error or a drift, which has a hard `bound`."""
     margin, ratio = MARGIN[new.tier] * _uncertainty(old, new), _ratio(old.value, new.value)
     most, severity = bound(old.value, row.parameter, margin), REGRESSION
-    words = f"{ratio:.3g} times the baseline's, against the truth ({new.tier}); allowed up to {most:.2g}"
+    words = f"{ratio:.3g} times the baseline's, against the truth ({new.tier.label}); allowed up to {most:.2g}"
     if new.value <= most:
         severity, words = BETTER, f"the baseline's is {ratio:.3g} times this one"
         if old.value <= bound(new.value, row.parameter, margin):

@@ -14,8 +14,8 @@ One row per number (a failed run has one row without a number), with the columns
     key          ``<scene>/<variant>/<parameter>=<step>``; its name in the campaign
     identity     what is compared over the nights: `measurement.PlannedRun.identity`
     scene, variant, engine, version, fidelity, parameter, step
-    status       of `stiction.engines.isolation`: ``ok``, ``refused``, ``failed``, ``timed out``, ``crashed``,
-                 ``missing``; ``wrong`` (see `accuracy.WRONG`); or ``not run``
+    status       a `stiction.engines.status.Status`: ``ok``, ``refused``, ``failed``, ``timed out``, ``crashed``,
+                 ``missing``, ``wrong`` or ``not run``
     reason       why, in one line; empty where the run reached its end
     settings     JSON
     metric       the key of what was measured: ``position_error``
@@ -23,7 +23,8 @@ One row per number (a failed run has one row without a number), with the columns
                  (variant ``truth``)
     value        NULL where there is none
     uncertainty  of the value, in its unit; NULL where none is known
-    tier         of the truth behind the value: what an error was measured against; ``our own run`` for counters, times
+    tier         a `stiction.truths.Tier`, of the truth behind the value: what an error was measured against; ``our own
+                 run`` for counters, times
 
 Why SQLite: a run and its numbers are one transaction, so that a kill at any moment leaves all of them or nothing. The
 night and the key of a run are its primary key, so that nothing is in it twice. WAL lets others read while a night is
@@ -45,8 +46,10 @@ from typing import Any
 from stiction.comparisons.bench.planned_runs import Metric, Row
 from stiction.comparisons.bench.timing.calibration import TIME
 from stiction.comparisons.regression.night_changes import engine_versions
+from stiction.engines.status import Status
 from stiction.scenes import StictionError
 from stiction.scenes.atomic_files import NotWritten
+from stiction.truths import Tier
 
 PRIMARY_CODE = 0xFF
 """Bits of SQLite's extended codes of errors that are the code of the kind."""
@@ -160,25 +163,35 @@ class History:
         """
         found = self._connection.execute(
             "SELECT night, key FROM runs JOIN nights USING (night) WHERE identity = ? AND night < ? "
-            "AND finished IS NOT NULL AND status IN ('ok', 'refused') ORDER BY night LIMIT 1",
-            (identity, before),
+            "AND finished IS NOT NULL AND status IN (?, ?) ORDER BY night LIMIT 1",
+            (identity, before, Status.OK, Status.REFUSED),
         ).fetchone()
         return None if found is None else (found[0], self._rows("night = ? AND key = ?", *found)[0])
 
     def _rows(self, where: str, *values: str) -> list[Row]:
-        metrics: dict[str, list[Metric]] = {}
+        metrics: dict[str, list[tuple[Any, ...]]] = {}
         numbers = self._connection.execute(
             f"SELECT key, metric, kind, value, uncertainty, tier FROM metrics WHERE {where} ORDER BY rowid",
             values,
         )
         for key, *metric in numbers:
-            metrics.setdefault(key, []).append(Metric(*metric))
+            metrics.setdefault(key, []).append(metric)
         runs = self._connection.execute(
             f"SELECT {_RUN}, settings FROM runs WHERE {where} AND {NO_DRAW} ORDER BY rowid", values
         )
         return [
-            Row(*(*run, settings and json.loads(settings), tuple(metrics.get(run[0], ()))))
-            for *run, settings in runs
+            Row(
+                *(
+                    *run,
+                    Status(status),
+                    reason,
+                    settings and json.loads(settings),
+                    tuple(
+                        Metric(*(*metric, Tier(tier))) for *metric, tier in metrics.get(run[0], ())
+                    ),
+                )
+            )
+            for *run, status, reason, settings in runs
         ]
 
     def origin(self, night: str) -> dict[str, Any]:

@@ -34,8 +34,9 @@ from stiction.comparisons.measures.drift import DECAY_ERROR, ROUNDING, decay_err
 from stiction.comparisons.measures.scene_truth import ground_truth
 from stiction.engines import Task, load_engine
 from stiction.engines.reference.engine import compile_kernels
+from stiction.engines.status import Status
 from stiction.scenes import Scene, Trajectory, vary
-from stiction.truths import CLOSED_FORM, NO_TRUTH, Truth
+from stiction.truths import Tier, Truth
 from stiction.truths.physics import physics_of
 
 _ACCURACY = {
@@ -97,24 +98,26 @@ def _run_row(run: PlannedRun, variant: Variant, kinds: Collection[str], repeats:
     output_step = OUTPUT_STEP * (2 if run.way == GRID else 1)
     arguments = job(run.scene, variant, run.step, output_step=output_step).arguments
     trajectory = solver.simulate(given, **arguments)
-    status, reason = "ok", "" if trajectory.termination == "end" else trajectory.termination
+    status, reason = Status.OK, "" if trajectory.termination == "end" else trajectory.termination
     found, metrics = drift(trajectory), [*_motion(trajectory, scene, variant.parameter, run.step)]
     metrics += [
-        Metric(name, "drift", found[name], ROUNDING, CLOSED_FORM)
+        Metric(name, "drift", found[name], ROUNDING, Tier.CLOSED_FORM)
         for name in _DRIFT
         if name in found
     ]
     if (decay := decay_error(trajectory, scene)) is not None:
-        metrics.append(Metric(DECAY_ERROR, "drift", decay.value, decay.uncertainty, CLOSED_FORM))
+        metrics.append(
+            Metric(DECAY_ERROR, "drift", decay.value, decay.uncertainty, Tier.CLOSED_FORM)
+        )
     metrics += [Metric(name, "counter", count) for name, count in trajectory.cost.counters.items()]
     if {"accuracy", "event"} & set(kinds):
         truth = ground_truth(scene)
-        if truth.tier == NO_TRUTH:
+        if truth.tier == Tier.NONE:
             reason = reason or f"no truth to compare with: {truth.note}"
         found = errors(trajectory, truth, size_of(scene))
         status, reason = found.get("status", status), found.get("reason", reason)
         metrics = [*_errors(found, truth), *metrics]
-    if "time" in kinds and status == "ok" and trajectory.termination == "end":
+    if "time" in kinds and status == Status.OK and trajectory.termination == "end":
         metrics.append(
             Metric(TIME, "time", *relative_time(bare_run(solver, given, arguments), repeats))
         )
@@ -194,4 +197,4 @@ def _truth_row(run: PlannedRun) -> Row:
                 truth.tier,
             ),
         ]
-    return replace(run.row, status="ok", reason=truth.note, metrics=tuple(metrics))
+    return replace(run.row, status=Status.OK, reason=truth.note, metrics=tuple(metrics))

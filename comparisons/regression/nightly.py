@@ -17,7 +17,6 @@ from stiction.comparisons.bench.campaign import Campaign
 from stiction.comparisons.bench.environment import origin
 from stiction.comparisons.bench.identity import circumstances
 from stiction.comparisons.bench.planned_runs import (
-    NOT_RUN,
     TRUTH,
     WAYS,
     PlannedRun,
@@ -42,6 +41,7 @@ from stiction.comparisons.regression.older_code import times_in_turns
 from stiction.comparisons.regression.tolerances import with_rounding
 from stiction.engines.isolation import Isolate, Outcome, isolate
 from stiction.engines.registry import load_engine
+from stiction.engines.status import Status
 from stiction.scenes import StictionError
 from stiction.scenes.atomic_files import make_folder
 from stiction.scenes.digest import digest
@@ -247,9 +247,9 @@ def measured_rounding(
     found: dict[str, list[Row]] = defaultdict(list)
     for run, row in zip(again, _measure(again, untimed, isolate, on_start, on_result), strict=True):
         if row.status not in (
-            NOT_RUN,
-            "timed out",
-            "crashed",
+            Status.NOT_RUN,
+            Status.TIMED_OUT,
+            Status.CRASHED,
         ):
             # these are of a busy machine, and no rounding
             found[replace(run, way="").key].append(row)
@@ -292,7 +292,7 @@ def _measure(
         rows[outcome.label] = row_of(by_key[outcome.label], outcome)
         if on_row is not None:
             on_row(rows[outcome.label])
-        if time.monotonic() > end and outcome.status != NOT_RUN:
+        if time.monotonic() > end and outcome.status != Status.NOT_RUN:
             raise _Spent
 
     try:
@@ -300,7 +300,11 @@ def _measure(
         isolated(tasks, workers=campaign.workers, timeout_s=budget.run, on_result=keep)
     except _Spent:
         for key in [key for key in by_key if key not in rows]:
-            keep(Outcome(key, NOT_RUN, reason=f"the {budget.total:g} s of the campaign were over"))
+            keep(
+                Outcome(
+                    key, Status.NOT_RUN, reason=f"the {budget.total:g} s of the campaign were over"
+                )
+            )
     return [rows[key] for key in by_key]
 
 

@@ -27,7 +27,7 @@ def stiction_scene(request: pytest.FixtureRequest) -> Callable[..., dict[str, fl
     dt, rtol : float
         One of them: step (s) or relative tolerance.
     fidelity : str, optional
-        ``"joint"`` or ``"contact"``.
+        ``"joint"``, which is meant where it is not given, or ``"contact"``.
     overrides : Mapping, optional
         Values of the scene to replace, as ``--set`` does.
     timeout_s : float, optional
@@ -54,7 +54,7 @@ def _numbers(
     *,
     dt: float | None = None,
     rtol: float | None = None,
-    fidelity: str = "joint",
+    fidelity: str | None = None,
     overrides: Mapping[str, Any] | None = None,
     timeout_s: float = 120.0,
     **settings: Any,
@@ -65,7 +65,9 @@ def _numbers(
     from stiction.comparisons.regression.measurement import task_of
     from stiction.engines import isolate
     from stiction.engines.reference.engine import compile_kernels
-    from stiction.scenes import InputError, catalogue, load_scene
+    from stiction.engines.status import Status
+    from stiction.scenes import Fidelity, InputError, catalogue, load_scene
+    from stiction.scenes.fidelity import fidelity_of
 
     if dt is not None and rtol is None:
         parameter, step = "dt", dt
@@ -76,12 +78,14 @@ def _numbers(
             f"dt, rtol: found {dt}, {rtol}; expected one of them: a fixed step in seconds or a tolerance"
         )
     loaded = load_scene(scene if scene in catalogue() else folder / scene, overrides)
-    run = PlannedRun(loaded, Variant(engine, engine, parameter, (step,), fidelity, settings), step)
+    modelled = Fidelity.JOINT if fidelity is None else fidelity_of(fidelity)
+    variant = Variant(engine, engine, parameter, (step,), modelled, settings)
+    run = PlannedRun(loaded, variant, step)
     compile_kernels()  # here, lest the child does it within its time limit
     [outcome] = isolate(
         [task_of(run, ("accuracy", "event", "drift", "counter"), 1)], workers=1, timeout_s=timeout_s
     )
     row = row_of(run, outcome)
-    if row.status != "ok" or row.reason:
-        pytest.fail(f"{row.key}: {row.status}: {row.reason}", pytrace=False)
+    if row.status != Status.OK or row.reason:
+        pytest.fail(f"{row.key}: {row.status.label}: {row.reason}", pytrace=False)
     return {metric.name: metric.value for metric in row.metrics}

@@ -11,8 +11,7 @@ from collections.abc import Sequence
 from dataclasses import replace
 
 from stiction.comparisons.bench.planned_runs import MOTION, TRUTH, WAYS, Metric, Row
-from stiction.truths import CLOSED_FORM, HIGH_PRECISION, PROVEN, PUBLISHED
-from stiction.truths.truth import OWN_RUN
+from stiction.truths import Tier
 
 FACTOR = {"rtol": 30.0, "dt": 2.0}
 """Largest ratio of an error to the baseline's, by the parameter of a run.
@@ -22,7 +21,13 @@ changed by 1e-6 of itself moves errors by factors of up to 13 (Baumgarte on mass
 tests/comparisons/regression/test_check.py). At rtol 1e-9 it would be 54: there not the tolerance but the limit of
 stability sets Baumgarte's steps, and the errors are chance. Fixed steps stay where they are.
 """
-MARGIN = {PROVEN: 2.0, CLOSED_FORM: 2.0, HIGH_PRECISION: 2.0, PUBLISHED: 2.0, OWN_RUN: 10.0}
+MARGIN = {
+    Tier.PROVEN: 2.0,
+    Tier.CLOSED_FORM: 2.0,
+    Tier.HIGH_PRECISION: 2.0,
+    Tier.PUBLISHED: 2.0,
+    Tier.OWN_RUN: 10.0,
+}
 """Largest difference of an error by tier, in uncertainties of the truth, whatever the baseline says: that of now and
 that of then. Our own run has the difference of two tolerances of one method as its uncertainty, so ten times that."""
 
@@ -47,7 +52,7 @@ def tolerance(old: Metric, uncertainty: float) -> float:
     return {
         "event": 0.0,
         "counter": FURTHER["counter"] * (old.rounding or 0.0),
-        TRUTH: MARGIN[OWN_RUN] * uncertainty,
+        TRUTH: MARGIN[Tier.OWN_RUN] * uncertainty,
     }[old.kind]
 
 

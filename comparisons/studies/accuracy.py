@@ -24,6 +24,8 @@ from stiction.comparisons.bench.methods import (
 from stiction.comparisons.bench.participants import REFERENCE, variants
 from stiction.comparisons.bench.presentation import (
     LIMIT,
+    METHOD,
+    REFINED_BY,
     Axis,
     Chart,
     Column,
@@ -42,7 +44,6 @@ from stiction.comparisons.bench.study import Scope, Study, Tables
 from stiction.comparisons.bench.variants import (
     EVENTS_BY,
     FRICTION_BY,
-    UNMADE,
     Record,
     coefficients_of,
     scaled,
@@ -51,15 +52,15 @@ from stiction.comparisons.measures.accuracy import (
     EVENT_WINDOW,
     KINDS,
     TORQUE_ERROR,
-    WRONG,
     errors,
     missed,
     size_of,
 )
 from stiction.comparisons.measures.scene_truth import truth_for
-from stiction.engines.protocol import FIDELITIES
+from stiction.engines.status import UNMADE, Status
 from stiction.scenes import Trajectory
-from stiction.truths import NO_TRUTH, Truth
+from stiction.scenes.fidelity import Fidelity
+from stiction.truths import Tier, Truth
 from stiction.truths.truth import SAMPLES
 
 POSITION, UNCERTAINTY = "position_error", "position_uncertainty"
@@ -106,7 +107,7 @@ def plan(scope: Scope) -> Comparison[Tables]:
                 for record in records
             ]
         )
-        known = {truth.scene: truth for truth in truths.values() if truth.tier != NO_TRUTH}
+        known = {truth.scene: truth for truth in truths.values() if truth.tier != Tier.NONE}
         return Tables({"accuracy": table}, records, truths=known)
 
     return compared_runs(scope).then(tables)
@@ -169,7 +170,7 @@ def _by_error(table: pd.DataFrame, compared: Iterable[Method]) -> list[Method]:
 
 def _engines(table: pd.DataFrame, engines: Sequence[Method]) -> Iterator[dict[str, object]]:
     """The smallest and the largest error of engines in their worst case, by fidelity; no ranking."""
-    for fidelity in FIDELITIES:
+    for fidelity in Fidelity:
         alike = _by_error(table, (one for one in engines if one.fidelity == fidelity))
         if alike:
             yield {
@@ -213,7 +214,7 @@ def _closest(
             Column("of"),
             Column(FRICTION_BY),
             Column(EVENTS_BY),
-            Column(POSITION, "position error"),
+            Column(POSITION),
             Column("in"),
         )
         yield view("accuracy-closest", rows, columns, source="accuracy", group="group")
@@ -231,7 +232,7 @@ def _cell(table: pd.DataFrame, method: Method) -> str:
     if method.worst is not None:
         parts.append(str(_worst_error(table, method)))
     if len(method.failed):
-        word = "declined" if (method.failed["status"] == "refused").all() else "failed"
+        word = "declined" if (method.failed["status"] == Status.REFUSED).all() else Status.FAILED
         parts.append(f"{len(method.failed)} of {len(method.rows)} {word}")
     return ", ".join(parts)
 
@@ -264,8 +265,7 @@ def _by_method(results: Results, table: pd.DataFrame, made: Mapping[str, Method]
         Column(
             in_scene(POSITION, scene),
             scene_title(scene),
-            "m",
-            in_scene(UNCERTAINTY, scene),
+            uncertainty=in_scene(UNCERTAINTY, scene),
             of=POSITION,
         )
         for scene in dict.fromkeys(table["scene"])
@@ -321,8 +321,8 @@ def _by_scene(table: pd.DataFrame, scenes: Sequence[str]) -> Iterator[TableView]
     runs = table.assign(**{BY_KIND: missed_kinds})
     runs = runs[~runs["status"].isin(UNMADE)]
     columns = (
-        Column("variant", "method"),
-        Column("parameter", "refined by"),
+        METHOD,
+        REFINED_BY,
         Column("step", form="g"),
         Column("status"),
         Column(POSITION, "position"),
@@ -466,7 +466,7 @@ def largest_differences(
 def failures_of_reference(results: Results) -> Iterator[str]:
     """Yield the runs of the reference that are off by more than the mechanism's size."""
     for row in results.table("accuracy").itertuples():
-        if row.engine == REFERENCE and row.status == WRONG:
+        if row.engine == REFERENCE and row.status == Status.WRONG:
             yield f"{row.key}: {row.status}: {row.reason}"
 
 

@@ -58,8 +58,9 @@ from stiction.comparisons.studies.threshold import STUDY as THRESHOLD_STUDY
 from stiction.comparisons.studies.threshold import TRUTH
 from stiction.engines.isolation import Outcome, Task
 from stiction.engines.reference.engine import ReferenceEngine
+from stiction.engines.status import Status
 from stiction.scenes import Scene, Trajectory, load_scene, scene_to_toml, vary
-from stiction.truths import HIGH_PRECISION, NoMotion, StickThreshold, slider_bar_truth
+from stiction.truths import NoMotion, StickThreshold, Tier, slider_bar_truth
 from stiction.truths.reduced.slider_bar import SliderBar
 from stiction.truths.reduced.steady_state import NoSteadyState, stick_threshold
 
@@ -263,7 +264,7 @@ def claims_table(cases: Mapping[int, Scene], threshold: StickThreshold, about: s
                 "place": claim.place,
                 "claim": claim.words,
                 **_examine(claim, views),
-                "truth_tier": HIGH_PRECISION,
+                "truth_tier": Tier.HIGH_PRECISION,
             }
             for claim in chosen.values()
         ],
@@ -582,7 +583,7 @@ def plan(scope: Scope) -> Comparison[Tables]:
         motion, drift, general, *open_choices = found
         about_drift = pd.DataFrame(drift_claims(drift.tables["study"], scope.scenes[0].name))
         every = pd.concat(
-            [motion, about_drift.assign(status="ok", reason=""), general], ignore_index=True
+            [motion, about_drift.assign(status=Status.OK, reason=""), general], ignore_index=True
         )
         return Tables({"claims": every, **dict(zip(["sensitivity"], open_choices))})
 

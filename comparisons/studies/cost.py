@@ -10,7 +10,6 @@ import numpy as np
 import pandas as pd
 
 from stiction.comparisons.bench.methods import (
-    MISSING_ENGINE,
     groups,
     known_of,
     methods,
@@ -27,6 +26,8 @@ from stiction.comparisons.bench.participants import (
 )
 from stiction.comparisons.bench.presentation import (
     LIMIT,
+    METHOD,
+    REFINED_BY,
     Axis,
     Chart,
     Column,
@@ -58,7 +59,9 @@ from stiction.comparisons.measures.work_precision import ORDER, TIMING, TOTAL, T
 from stiction.comparisons.studies.accuracy import chart_by_case
 from stiction.engines.protocol import Supplier
 from stiction.engines.registry import own_methods
+from stiction.engines.status import Status
 from stiction.scenes import Scene, load_scene
+from stiction.scenes.fidelity import Fidelity
 from stiction.uncertain import bounded
 
 SET_UP, COMPILATION = "setup_time", "compile_time"
@@ -154,7 +157,7 @@ def plan(scope: Scope) -> Comparison[Tables]:
 def present(results: Results) -> Presentation:
     """CPU to a millimetre, the engine's part of it, what limits the error, and the times to other errors."""
     cost = with_columns(results.table("cost"), *NEEDED)
-    cost = cost[cost["status"] != MISSING_ENGINE]
+    cost = cost[cost["status"] != Status.MISSING]
     if cost.empty:
         return Presentation()
     if not _measured(cost).any():
@@ -169,8 +172,8 @@ def present(results: Results) -> Presentation:
         "first": first,
         "several_cases": cost["scene"].nunique() > 1,
         "own": _own(reached),
-        "joints": _ends(reached[reached["steps"] & (reached["fidelity"] == "joint")]),
-        "contacts": _ends(reached[reached["steps"] & (reached["fidelity"] == "contact")]),
+        "joints": _ends(reached[reached["steps"] & (reached["fidelity"] == Fidelity.JOINT)]),
+        "contacts": _ends(reached[reached["steps"] & (reached["fidelity"] == Fidelity.CONTACT)]),
         "any": _ends(reached),
         "without": _without(cost, reached, first),
         **_limited(cost, equal),
@@ -302,7 +305,7 @@ def _accelerations(cost: pd.DataFrame, first: str) -> dict[str, object] | None:
 
     With them are the largest of the errors under our integrator, and the smallest with own steps.
     """
-    rows = cost[_measured(cost) & (cost["scene"] == first) & (cost["fidelity"] == "joint")]
+    rows = cost[_measured(cost) & (cost["scene"] == first) & (cost["fidelity"] == Fidelity.JOINT)]
     rows = rows.assign(integrated=_method_of(rows).eq("accelerations"))
     closer = []
     for _, runs in rows.groupby("engine", sort=False):
@@ -401,7 +404,7 @@ def _table(cost: pd.DataFrame, here: pd.DataFrame, scene: str, first: str) -> Ta
     return view(
         "cost" if scene == first else f"cost-{scene.replace('/', '-')}",  # names files
         rows,
-        [Column("variant", "method"), *times_to],
+        [METHOD, *times_to],
         source="equal-error",
         group="group",
         in_report=scene == first or scene not in SCENES,
@@ -437,14 +440,14 @@ def _limits(cost: pd.DataFrame, equal: pd.DataFrame) -> TableView:
         }
         rows.append((row, runs))
     columns = (
-        Column("variant", "method"),
+        METHOD,
         Column(ERROR, "smallest_error"),
         Column("order", uncertainty="order uncertainty", interval=True),
         Column("limit"),
         Column("setup_cpu_time", "set-up", "ms", scale=MILLI),
         Column("compile_cpu_time", "compilation", "ms", scale=MILLI),
         Column("unsure", "timings unsure"),
-        Column(FRICTION_BY, "friction law supplied by"),
+        Column(FRICTION_BY),
         Column(EVENTS_BY),
         Column("why"),
     )
@@ -454,17 +457,17 @@ def _limits(cost: pd.DataFrame, equal: pd.DataFrame) -> TableView:
 def _every_run(cost: pd.DataFrame) -> TableView:
     columns = (
         Column("scene"),
-        Column("variant", "method"),
-        Column("parameter", "refined by"),
+        METHOD,
+        REFINED_BY,
         Column("step", form="g"),
         Column("status"),
         Column("reason"),
         Column(TOTAL, "CPU", "ms", scale=MILLI, second=OWN_CPU),
         Column(SET_UP, "set-up", "ms", scale=MILLI, form=".2g"),
-        Column(ERROR, "position error"),
+        Column(ERROR),
         Column(ORDER, "order"),
-        Column("torque_error", "torque error, mean"),
-        Column("event_time_error", "event time error"),
+        Column("torque_error"),
+        Column("event_time_error"),
         Column(TIMING),
     )
     return view("cost-all", cost, columns, source="cost", in_report=False)

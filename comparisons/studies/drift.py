@@ -19,6 +19,7 @@ from stiction.comparisons.bench.methods import (
 from stiction.comparisons.bench.participants import PAPERS_SCHEME
 from stiction.comparisons.bench.presentation import (
     LIMIT,
+    METHOD,
     Axis,
     Chart,
     Column,
@@ -33,13 +34,14 @@ from stiction.comparisons.bench.presentation import (
 from stiction.comparisons.bench.results import Results
 from stiction.comparisons.bench.runner import Comparison
 from stiction.comparisons.bench.study import Scope, Study, Tables
-from stiction.comparisons.bench.variants import UNMADE, Record
+from stiction.comparisons.bench.variants import Record
 from stiction.comparisons.measures.drift import ROUNDING, drift
 from stiction.comparisons.measures.drift_growth import BOUNDED, GROWS, INCONCLUSIVE, ROUNDED
 from stiction.comparisons.studies.accuracy import compared_runs
-from stiction.engines.protocol import FIDELITIES
 from stiction.engines.registry import EngineMissing, UnknownEngine, load_engine
 from stiction.engines.shared.tree_engine import TreeEngine
+from stiction.engines.status import UNMADE
+from stiction.scenes.fidelity import Fidelity
 from stiction.uncertain import Uncertain
 
 POSITION, VELOCITY = "position_drift", "velocity_drift"
@@ -111,20 +113,20 @@ def present(results: Results) -> Presentation:
     ]
     every = (
         Column("scene"),
-        Column("variant", "method"),
+        METHOD,
         Column("fidelity"),
         Column("step", form="g"),
-        Column(POSITION, "drift, max", "m, rad"),
-        Column("position_drift_end", "drift, end", "m, rad"),
-        Column(VELOCITY, "velocity drift, max", "m/s"),
-        Column("velocity_drift_end", "velocity drift, end", "m/s"),
+        Column(POSITION, "drift, max"),
+        Column("position_drift_end", "drift, end"),
+        Column(VELOCITY, "velocity drift, max"),
+        Column("velocity_drift_end", "velocity drift, end"),
         Column("growth"),
-        Column(EXPONENT, "power of time", uncertainty=INTERVAL, interval=True),
+        Column(EXPONENT, "power of time", interval=True),
         Column("status"),
         Column("reason"),
     )
     all_runs = view("drift-all", results.table("drift"), every, source="drift", in_report=False)
-    trees = runs[(runs["fidelity"] == "joint") & runs.get(JOINT_COORDINATES, False)]
+    trees = runs[(runs["fidelity"] == Fidelity.JOINT) & runs.get(JOINT_COORDINATES, False)]
     scheme = None
     if PAPERS_SCHEME in worst.index:
         scheme = row_of("drift", table, worst.at[PAPERS_SCHEME, POSITION])[POSITION]
@@ -157,7 +159,7 @@ def _largest(
     table: pd.DataFrame, measured: pd.DataFrame, worst: pd.DataFrame
 ) -> Iterator[dict[str, object]]:
     """The largest drift with joints and with contacts, and the methods that it prints alike for."""
-    for fidelity in FIDELITIES:
+    for fidelity in Fidelity:
         there = worst[worst.index.isin(measured.loc[measured["fidelity"] == fidelity, "variant"])]
         if there.empty:
             continue
@@ -221,12 +223,12 @@ def _by_method(table: pd.DataFrame, runs: pd.DataFrame, worst: pd.DataFrame) -> 
             )
         )
     columns = (
-        Column("variant", "method"),
+        METHOD,
         Column("fidelity"),
         Column("cases", "cases measured", brief=bool(runs[POSITION].isna().any())),
-        Column(POSITION, "drift", "m, rad"),
+        Column(POSITION, "drift"),
         Column("position in", "in"),
-        Column(VELOCITY, "velocity drift", "m/s"),
+        Column(VELOCITY, "velocity drift"),
         Column("velocity in", "in"),
         Column("growth", "growth of drift there"),
     )
@@ -263,13 +265,13 @@ def _figures(results: Results, chosen: Sequence[str]) -> list[Chart]:
             ),
             name,
             scene_title(scene),
-            f"{fidelity}s: {label}",
+            f"{fidelity.label}s: {label}",
         )
         for name, label in (
             ("drift.position", "drift [m, rad]"),
             ("drift.velocity", "velocity drift [m/s]"),
         )
-        for fidelity in FIDELITIES
+        for fidelity in Fidelity
         if any(record.variant.fidelity == fidelity for record in made)
         for scene in scenes
     ]

@@ -7,6 +7,7 @@ counters. A run that an engine refuses or cannot finish without an effect is a r
 
 from __future__ import annotations
 
+import json
 from collections import Counter
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
@@ -16,7 +17,6 @@ from typing import Any
 import numpy as np
 import pandas as pd
 
-from stiction.comparisons.bench.methods import MISSING_ENGINE
 from stiction.comparisons.bench.participants import extent
 from stiction.comparisons.bench.participants import variants as all_variants
 from stiction.comparisons.bench.presentation import (
@@ -43,13 +43,16 @@ from stiction.comparisons.measures.work_precision import (
     timed_comparison,
 )
 from stiction.engines.protocol import EVENTS_LOCATED_BY, Supplier
+from stiction.engines.reference.engine import SETTINGS
+from stiction.engines.status import Status
 from stiction.reference_impl.multibody.equation_summary import blocks, hlcp_size
 from stiction.scenes import Scene, Trajectory, vary
 from stiction.scenes.model import Baumgarte
 from stiction.uncertain import with_ends
 
 BASELINE = "all effects, projection"
-PROJECTION: Mapping[str, Any] = {"stabilization": {"method": "projection"}}
+PROJECTED = "projection"
+PROJECTION: Mapping[str, Any] = {"stabilization": {"method": PROJECTED}}
 NO_STABILIZATION, BAUMGARTE = "no stabilization", "Baumgarte"
 REFERENCE = Variant("reference", "reference", "rtol", (1e-9,))
 """The reference with the stabilization that an effect sets."""
@@ -61,8 +64,8 @@ RATIO, LOW, HIGH = (f"engine_time_ratio{end}" for end in ("", "_low", "_high"))
 """Ratio of times inside the engine's own calls, which are all of the reference's, and the ends of its interval."""
 LARGEST_ERROR = 1e-3
 """m; the largest error at which times to equal errors are compared."""
-WITH_PROJECTION, WITH_BAUMGARTE = "reference", "reference, Baumgarte"
-"""Variants of the study of cost whose times to equal errors are compared."""
+BY_EVENTS: Mapping[str, Any] = {name: SETTINGS[name] for name in ("method", "solver")}
+"""Settings of the reference's runs whose times to equal errors are compared, one stabilization with another."""
 NAMED = 3
 """Effects in the answer, at most: those without which a scene is fastest."""
 NOTHING: Mapping[str, object] = {
@@ -268,7 +271,7 @@ def _changes(timing: Timing | None, baseline: Timing | None, drive: str | None) 
     if common < 2 or not np.array_equal(t, other.t[:common]):
         return {
             **row,
-            "status": "failed",
+            "status": Status.FAILED,
             "reason": "output instants differ from those of the run with all effects, "
             "which has the same settings",
         }
@@ -317,7 +320,9 @@ def present(results: Results) -> Presentation:
     baumgarte = own.index[own[EFFECT_KIND] == EffectKind.BAUMGARTE]
     rows = {
         "faster": [row_of("effects", table, label) for label in faster.index[:NAMED]],
-        "baumgarte_at_equal_error": _at_equal_error(results.table("equal-error")),
+        "baumgarte_at_equal_error": _at_equal_error(
+            results.table("equal-error"), _by_stabilization(results.table("cost"))
+        ),
         "largest_error": LARGEST_ERROR,
         "baumgarte_at_same_tolerance": [row_of("effects", table, label) for label in baumgarte],
         "smallest_problem": _smallest_problem(table, faster),
@@ -328,16 +333,33 @@ def present(results: Results) -> Presentation:
 
 def _failed(table: pd.DataFrame) -> list[dict[str, object]]:
     """The effects with which a run failed, by variant; engines that are not installed are none of them."""
-    failures = table[~table["status"].isin(["ok", MISSING_ENGINE])]
+    failures = table[~table["status"].isin([Status.OK, Status.MISSING])]
     return [
         {"variant": variant, "effects": list(runs["effect"])}
         for variant, runs in failures.groupby("variant", sort=False)
     ]
 
 
-def _at_equal_error(equal: pd.DataFrame) -> dict[str, float] | None:
+def _by_stabilization(cost: pd.DataFrame) -> dict[str, str]:
+    """Variants of the event-driven reference, by the method of stabilization that their runs state."""
+    found: dict[str, str] = {}
+    if not {"engine", "variant", "settings"} <= set(cost):
+        return found
+    own = cost[(cost["engine"] == REFERENCE.engine) & cost["settings"].notna()]
+    for variant, settings in zip(own["variant"], map(json.loads, own["settings"])):
+        if all(settings.get(name) == value for name, value in BY_EVENTS.items()):
+            stated = settings.get("stabilization")
+            method = stated["method"] if isinstance(stated, Mapping) else stated
+            found.setdefault(str(method), variant)
+    return found
+
+
+def _at_equal_error(
+    equal: pd.DataFrame, by_stabilization: Mapping[str, str]
+) -> dict[str, float] | None:
     """The least and the largest ratio of the times of Baumgarte's terms and of projection, over scenes and errors."""
-    if equal.empty:
+    baumgarte, projection = map(by_stabilization.get, (PAPERS.method, PROJECTED))
+    if equal.empty or baumgarte is None or projection is None:
         return None
     times = equal[
         (equal["quantity"] == "position")
@@ -345,9 +367,9 @@ def _at_equal_error(equal: pd.DataFrame) -> dict[str, float] | None:
         & equal[TOTAL].notna()
         & ~equal["is_bound"].eq(True)
     ].pivot(index=["scene", "error"], columns="variant", values=TOTAL)
-    if not {WITH_BAUMGARTE, WITH_PROJECTION} <= set(times):
+    if not {baumgarte, projection} <= set(times):
         return None
-    ratios = (times[WITH_BAUMGARTE] / times[WITH_PROJECTION]).dropna()
+    ratios = (times[baumgarte] / times[projection]).dropna()
     return None if ratios.empty else {"least": ratios.min(), "largest": ratios.max()}
 
 
@@ -375,13 +397,13 @@ def _tables(table: pd.DataFrame) -> list[TableView]:
     columns = (
         Column("effect"),
         Column("ratio", "engine time, of baseline"),
-        Column(MOTION, "position change"),
+        Column(MOTION),
         Column("stick_events"),
         Column("counter:rhs", "right-hand sides"),
         Column(PAIRS, "HLCP pairs"),
         Column(LEFT_OUT, brief=False),
-        Column("velocity_change", "velocity change", brief=False),
-        Column("effort_change", "effort change, mean", brief=False),
+        Column("velocity_change", brief=False),
+        Column("effort_change", brief=False),
         Column("reason", brief=False),
     )
     shown = view(

@@ -8,6 +8,7 @@ import pandas as pd
 
 from stiction.comparisons.bench.participants import REFERENCE
 from stiction.comparisons.bench.presentation import (
+    METHOD,
     Column,
     Headline,
     HeatMap,
@@ -185,7 +186,7 @@ def _tables(
         view(
             "hard-counts",
             by_method,
-            (Column("variant", "method"), *map(Column, COUNTED)),
+            (METHOD, *map(Column, COUNTED)),
             source="hard",
         ),
         view(
@@ -199,7 +200,7 @@ def _tables(
             "hard-reasons",
             reasons,
             (
-                Column("variant", "method"),
+                METHOD,
                 Column("verdict"),
                 Column("cases"),
                 Column("reason", brief=False),

@@ -20,7 +20,9 @@ from stiction.comparisons.bench.methods import at_equal_step, rank, succeeded, w
 from stiction.comparisons.bench.participants import REFERENCE, variants
 from stiction.comparisons.bench.presentation import (
     CHOSEN,
+    METHOD,
     OTHER,
+    REFINED_BY,
     Axis,
     Chart,
     Column,
@@ -43,7 +45,6 @@ from stiction.comparisons.bench.variants import (
     COEFFICIENTS,
     FRICTION_BY,
     OWN_CPU,
-    UNMADE,
     Coefficients,
     Record,
     Variant,
@@ -59,18 +60,19 @@ from stiction.comparisons.measures.published_creep import (
     ENGINE,
     MATCHED,
     PUBLISHED,
-    UNCERTAINTY,
     published_creep,
 )
 from stiction.comparisons.measures.scene_truth import ground_truth
 from stiction.comparisons.studies.hold_data import FORMS, load_data
 from stiction.comparisons.studies.settings import DEFAULT, SETTING, SUBJECT
 from stiction.engines.isolation import Outcome, Task
-from stiction.engines.protocol import FIDELITIES, EngineFailure
+from stiction.engines.protocol import EngineFailure
 from stiction.engines.registry import load_engine, own_methods
+from stiction.engines.status import UNMADE
 from stiction.scenes import InputError, Scene, Trajectory, load_scene, vary
+from stiction.scenes.fidelity import Fidelity
 from stiction.scenes.wording import as_given
-from stiction.truths import NO_TRUTH
+from stiction.truths import Tier
 from stiction.uncertain import Uncertain
 
 PARAMETERS = ("part", "ramp", "v0", "limit", "mu", "mus")
@@ -229,7 +231,7 @@ def true_slip(scene: Scene, test: str) -> tuple[Slip, float]:
         If there is no truth.
     """
     truth, guide = ground_truth(scene), next(iter(scene.frictional_guides))
-    if truth.tier == NO_TRUTH:
+    if truth.tier == Tier.NONE:
         raise InputError(f"{scene.name}: found no truth: {truth.note}; expected one of its motion")
     t = np.linspace(0.0, scene.t_end, round(scene.t_end / TRUE_STEP) + 1)
     columns = truth(t)
@@ -274,7 +276,7 @@ def plan(scope: Scope) -> Comparison[Tables]:
         (
             scene,
             variant,
-            variant.fidelity == "joint" and has_static_coefficient(variant),
+            variant.fidelity == Fidelity.JOINT and has_static_coefficient(variant),
             held + moved,
         )
         for scene in one or map(load_scene, depth.scenes)
@@ -793,8 +795,8 @@ def _published_tables(published: pd.DataFrame) -> Iterator[TableView]:
     if PUBLISHED in published:
         columns = (
             Column("case"),
-            Column(PUBLISHED, "published", "um/s", form="g"),
-            Column(OURS, "ours", "um/s", UNCERTAINTY, interval=True),
+            Column(PUBLISHED, "published", form="g"),
+            Column(OURS, "ours", interval=True),
             Column("margin", form=".3g"),
             Column(MATCHED),
             Column("source", brief=False),
@@ -817,7 +819,10 @@ def _tables(
     """Creep by method and load, what is beyond the limit, settings, laws, and every run."""
     at_loads = [
         Column(
-            f"creep at {load:g}", f"{100 * load:g} %", "m/s", f"uncertainty at {load:g}", of=CREEP
+            f"creep at {load:g}",
+            f"{100 * load:g} %",
+            uncertainty=f"uncertainty at {load:g}",
+            of=CREEP,
         )
         for load in loads
     ]
@@ -825,9 +830,9 @@ def _tables(
         "hold",
         by_load,
         (
-            Column("variant", "method"),
+            METHOD,
             Column("fidelity"),
-            Column(FRICTION_BY, "friction law supplied by"),
+            Column(FRICTION_BY),
             *at_loads,
             Column("scene", "fastest on", brief=False),
             Column(HOLDS),
@@ -843,10 +848,10 @@ def _tables(
             usual.loc[[fastest(runs) for _, runs in usual.groupby(["variant", "step"], sort=False)]]
         ),
         (
-            Column("variant", "method"),
-            Column("parameter", "refined by"),
+            METHOD,
+            REFINED_BY,
             Column("step", form="g"),
-            Column(CREEP, "creep", "m/s", UNSURE),
+            Column(CREEP),
             Column(OF_STEP, "of g dt", form=".2g"),
             Column(OF_ZONE, "of the regularization", form=".2g"),
             Column("scene", "on"),
@@ -860,20 +865,19 @@ def _tables(
             "hold-limit",
             moved,
             (
-                Column("variant", "method"),
+                METHOD,
                 Column("fidelity"),
                 Column(LANDED, form=".2g"),
                 Column(
                     BREAK_AWAY,
                     "break-away, of the limit",
                     "%",
-                    BREAK_UNSURE,
                     interval=True,
                     scale=100,
                     bound="bound",
                 ),
                 Column(FASTER, "acceleration", "%", form=".2g", scale=100),
-                Column(STOPPED, "stop", "m", STOP_UNSURE),
+                Column(STOPPED, "stop"),
             ),
             source="hold",
         )
@@ -884,9 +888,9 @@ def _tables(
             (
                 Column(SUBJECT, "engine"),
                 Column(SETTING),
-                Column(CREEP, "creep", "m/s", UNSURE),
+                Column(CREEP),
                 Column(SLOWER, "of the default's", form=".2g"),
-                Column(TIME, "time, of the default's", form=".2g"),
+                Column(TIME, form=".2g"),
                 Column("failed"),
             ),
         )
@@ -898,8 +902,8 @@ def _tables(
                 Column(SUBJECT, "engine"),
                 Column("over"),
                 Column("kind"),
-                Column("law", "law", form="g"),
-                Column(FOUND, "found", "", FOUND_UNSURE, interval=True),
+                Column("law", form="g"),
+                Column(FOUND, interval=True),
                 Column("runs"),
                 Column("verdict"),
                 Column("source", brief=False),
@@ -971,7 +975,7 @@ def _beyond(table: pd.DataFrame, methods: pd.DataFrame) -> Rows:
 def _over_load(by_load: Rows, loads: Sequence[float]) -> Chart:
     """A panel a fidelity, a line a method."""
     panels = []
-    for fidelity in FIDELITIES:
+    for fidelity in Fidelity:
         series = []
         for row, _ in by_load:
             known = [load for load in loads if f"creep at {load:g}" in row]
@@ -988,7 +992,7 @@ def _over_load(by_load: Rows, loads: Sequence[float]) -> Chart:
                 )
         if series:
             panels.append(
-                Panel(f"{fidelity} fidelity", Axis("load [% of the limit]"), SPEEDS, series)
+                Panel(f"{fidelity.label} fidelity", Axis("load [% of the limit]"), SPEEDS, series)
             )
     return Chart("hold", panels, columns=2, height=2.8, share_y=True)
 

@@ -51,6 +51,7 @@ from stiction.comparisons.measures.drift_growth import BOUNDED, GROWS, INCONCLUS
 from stiction.comparisons.studies.drift import POSITION, VELOCITY, above_rounding
 from stiction.engines.isolation import Outcome, Task
 from stiction.engines.reference.engine import ReferenceEngine
+from stiction.engines.status import Status
 from stiction.scenes import Scene, Trajectory, vary
 from stiction.truths import slider_bar_truth
 from stiction.truths.reduced.slider_bar import SliderBar
@@ -506,11 +507,11 @@ def _all_runs(study: pd.DataFrame) -> TableView:
         Column("scene"),
         Column("choice"),
         Column("step", unit="s", form="g"),
-        Column("time", "time", "s", form="g"),
-        Column(IN_SHORT, "drift in 24 s", "m, rad"),
-        Column(POSITION, "drift", "m, rad"),
-        Column(VELOCITY, "velocity drift", "m/s"),
-        Column(ERROR, "position error in 24 s", "m"),
+        Column("time", form="g"),
+        Column(IN_SHORT, "drift in 24 s"),
+        Column(POSITION, "drift"),
+        Column(VELOCITY, "velocity drift"),
+        Column(ERROR, "position error in 24 s"),
         Column(DRIFT_RATIO, "drift / that without"),
         Column(ERROR_RATIO, "error / that without"),
         *laws,
@@ -537,7 +538,7 @@ def _figure(study: pd.DataFrame, octaves: pd.DataFrame, name: str) -> Chart:
         )
         if len(rows := octaves[(octaves["choice"] == choice.label) & (octaves["step"] == step)])
     ]
-    ended = study[(study["status"] == "ok") & (study["reason"] == "")].sort_values("step")
+    ended = study[(study["status"] == Status.OK) & (study["reason"] == "")].sort_values("step")
     over_step = [
         Series(
             choice.label,

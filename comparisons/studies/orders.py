@@ -28,13 +28,13 @@ from stiction.comparisons.bench.presentation import (
 from stiction.comparisons.bench.results import Results
 from stiction.comparisons.bench.runner import Comparison
 from stiction.comparisons.bench.study import Scope, Study, Tables
-from stiction.comparisons.bench.variants import UNMADE
 from stiction.comparisons.measures.accuracy import errors
 from stiction.comparisons.measures.power_law import fitted_exponent
 from stiction.comparisons.measures.scene_truth import ground_truth
 from stiction.comparisons.measures.work_precision import FLOOR
 from stiction.engines.isolation import Outcome, Task
 from stiction.engines.reference.engine import ReferenceEngine
+from stiction.engines.status import UNMADE
 from stiction.scenes import Scene, Trajectory, vary
 from stiction.truths import Truth, slider_bar_truth
 
@@ -288,7 +288,7 @@ def present(results: Results) -> Presentation:
     columns = (
         Column("method"),
         Column(ORDER, "order promised"),
-        Column(OBSERVED, "order observed (95 %)", uncertainty=HALF, interval=True),
+        Column(OBSERVED, "order observed (95 %)", interval=True),
         Column("runs"),
         Column("why_none"),
     )

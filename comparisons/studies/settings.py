@@ -40,7 +40,9 @@ from stiction.comparisons.bench.study import Scope, Study, Tables
 from stiction.comparisons.bench.variants import OWN_CPU, Variant, scaled
 from stiction.comparisons.measures.drift import rounding_over
 from stiction.comparisons.measures.work_precision import HIGH, LOW, Timed, work_precision
+from stiction.engines.status import Status
 from stiction.scenes import InputError, Trajectory, load_scene
+from stiction.scenes.fidelity import Fidelity
 
 DEFAULT = "default"
 ERROR, SUBJECT, SETTING, ON_FRONT = "position_error", "subject", "setting", "on_front"
@@ -82,7 +84,7 @@ class Subject:
     """
 
     engine: str
-    fidelity: str
+    fidelity: Fidelity
     choices: Mapping[str, Sequence[Any]]
     fixed: Mapping[str, Any] = field(default_factory=dict)
     name: str = ""
@@ -382,7 +384,7 @@ def present(results: Results) -> Presentation:
     defaults = table[table[SETTING] == DEFAULT]
     scenes = list(table["scene"].unique())
     rows = {
-        "compared": int((defaults["status"] == "ok").sum()),
+        "compared": int((defaults["status"] == Status.OK).sum()),
         "on_front": int(defaults[ON_FRONT].eq(True).sum()),
         "better": [
             {"subject": subject, "settings": list(better[SETTING])}
@@ -419,10 +421,10 @@ def _choices_view(choices: pd.DataFrame, table: pd.DataFrame) -> TableView:
     columns = (
         Column(SUBJECT, "engine"),
         Column(SETTING),
-        Column(TIME_RATIO, "time, of the default's", form=".2g"),
+        Column(TIME_RATIO, form=".2g"),
         Column(TIME_RATIO_ENDS[0], "least", form=".2g"),
         Column(TIME_RATIO_ENDS[1], "most", form=".2g"),
-        Column(ERROR_RATIO, "largest error, of the default's", form=".2g"),
+        Column(ERROR_RATIO, form=".2g"),
         Column(FAILED),
     )
     by_choice = [

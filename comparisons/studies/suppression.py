@@ -31,6 +31,7 @@ from stiction.comparisons.measures.work_precision import (
     timed_comparison,
 )
 from stiction.comparisons.studies.drift import POSITION, VELOCITY, above_rounding
+from stiction.engines.status import Status
 
 ERROR = "position_error"
 CHOICES = ("none", "baumgarte", "projection")
@@ -88,7 +89,7 @@ def plan(scope: Scope) -> Comparison[Tables]:
 def present(results: Results) -> Presentation:
     """The engine time that each stabilization takes, and the drift and the error that it leaves."""
     table = results.table("suppression")
-    failed = dict.fromkeys(table.loc[table["status"] != "ok", "variant"] if len(table) else ())
+    failed = dict.fromkeys(table.loc[table["status"] != Status.OK, "variant"] if len(table) else ())
     if POSITION not in table or LOW not in table:
         return Presentation(rows={"compared": [], "failed": list(failed)} if failed else {})
     table = above_rounding(table)
@@ -107,9 +108,9 @@ def present(results: Results) -> Presentation:
         Column("setting"),
         Column(OWN_CPU, "engine time", "ms", "half", interval=True, scale=1e3),
         Column("counter:rhs", "right-hand sides"),
-        Column(POSITION, "drift", "m, rad"),
-        Column(VELOCITY, "velocity drift", "m/s"),
-        Column(ERROR, "position error", "m", "position_uncertainty"),
+        Column(POSITION, "drift"),
+        Column(VELOCITY, "velocity drift"),
+        Column(ERROR),
         Column("reason", brief=False),
     )
     shown = view("suppression", table.assign(half=half, setting=settings), columns)

@@ -14,9 +14,10 @@ from typing import Any
 import numpy as np
 import pandas as pd
 
-from stiction.comparisons.bench.methods import MISSING_ENGINE, with_columns
+from stiction.comparisons.bench.methods import with_columns
 from stiction.comparisons.bench.participants import extent, threshold_variants
 from stiction.comparisons.bench.presentation import (
+    METHOD,
     Axis,
     Chart,
     Column,
@@ -27,7 +28,7 @@ from stiction.comparisons.bench.presentation import (
     row_of,
     view,
 )
-from stiction.comparisons.bench.presentation.cells import setting_of
+from stiction.comparisons.bench.presentation.cells import intervals_text, setting_of
 from stiction.comparisons.bench.results import Results
 from stiction.comparisons.bench.runner import Comparison
 from stiction.comparisons.bench.study import Scope, Study, Tables
@@ -42,9 +43,10 @@ from stiction.comparisons.measures.settling import (
 from stiction.engines.isolation import Outcome, Task
 from stiction.engines.protocol import EngineFailure
 from stiction.engines.registry import label_of, load_engine
+from stiction.engines.status import Status
 from stiction.scenes import Scene, Trajectory, vary
 from stiction.scenes.laws import Sine
-from stiction.truths import HIGH_PRECISION, NO_TRUTH, PROVEN, StickThreshold, stick_threshold
+from stiction.truths import StickThreshold, Tier, stick_threshold
 from stiction.truths.physics import physics_of
 from stiction.truths.proof.truth import threshold_of_theorem
 from stiction.truths.reduced.steady_state import StickBands, margin, steady_state, with_threshold
@@ -469,7 +471,9 @@ def threshold_table(
             true[has_mus],
             next(iter(physics_of(scene, has_mus).frictional_guides.values())),
         )
-        tier = NO_TRUTH if truth.F0 is None else PROVEN if truth.theorem else HIGH_PRECISION
+        tier = (
+            Tier.NONE if truth.F0 is None else Tier.PROVEN if truth.theorem else Tier.HIGH_PRECISION
+        )
         for step, found in zip(
             variant.ladder, outcome.value or [None] * len(variant.ladder), strict=True
         ):
@@ -488,7 +492,7 @@ def threshold_table(
                 "true_threshold_uncertainty": truth.uncertainty,
                 "theorem": truth.theorem,
                 "paper_threshold": PAPER_VALUE,
-                AGAIN: truth.above.words if truth.above else "",
+                AGAIN: intervals_text(truth.above.bands) if truth.above else "",
                 SCANNED: truth.above.end if truth.above else np.nan,
                 "mus": guide.static_coefficient,
                 "key": f"threshold/{run_key(scene, variant, step)}",
@@ -533,7 +537,7 @@ def present(results: Results) -> Presentation:
     measured = table[table[ERROR].notna()]
     finest = measured.loc[measured.groupby("variant", sort=False)["step"].idxmin()]
     clearly, may_vanish = _off(finest)
-    installed = table.loc[table["status"] != MISSING_ENGINE, "variant"].unique()
+    installed = table.loc[table["status"] != Status.MISSING, "variant"].unique()
     rows = {
         "truth": row_of("threshold", table, measured.index[0])[TRUE_THRESHOLD],
         "off": _errors(table, clearly),
@@ -541,7 +545,7 @@ def present(results: Results) -> Presentation:
         "without": [variant for variant in installed if variant not in set(finest["variant"])],
         "proven": [
             row_of("threshold", table, label)
-            for label in table[table[TIER] == PROVEN].drop_duplicates("mus").index
+            for label in table[table[TIER] == Tier.PROVEN].drop_duplicates("mus").index
         ],
         **_above(table),
         **CONSTANTS,
@@ -554,13 +558,13 @@ def present(results: Results) -> Presentation:
         },
     )
     columns = (
-        Column("variant", "method"),
+        METHOD,
         Column("fidelity"),
         Column("mus", form="g"),
         Column("setting"),
-        Column(WITH_STICK, "sticks at", "N", form=".6g", brief=False),
-        Column(WITHOUT_STICK, "slips at", "N", form=".6g", brief=False),
-        Column(ERROR, "F0 less truth", "N", UNCERTAINTY, interval=True),
+        Column(WITH_STICK, "sticks at", form=".6g", brief=False),
+        Column(WITHOUT_STICK, "slips at", form=".6g", brief=False),
+        Column(ERROR, "F0 less truth", interval=True),
         Column(AGAIN),
         Column("runs", brief=False),
         Column("reason", brief=False),

@@ -18,6 +18,8 @@ from stiction.comparisons.bench.methods import (
 )
 from stiction.comparisons.bench.participants import REFERENCE
 from stiction.comparisons.bench.presentation import (
+    METHOD,
+    REFINED_BY,
     TRUTH,
     Axis,
     Chart,
@@ -36,7 +38,6 @@ from stiction.comparisons.bench.runner import Comparison
 from stiction.comparisons.bench.study import Scope, Study, Tables
 from stiction.comparisons.bench.variants import (
     COEFFICIENTS,
-    UNMADE,
     Record,
     coefficients_of,
     time_factor,
@@ -50,9 +51,10 @@ from stiction.comparisons.measures.torque_jumps import (
     torque_table,
 )
 from stiction.comparisons.studies.accuracy import ROW_HEIGHT, compared_runs, in_scene, step_chart
-from stiction.engines.protocol import FIDELITIES
+from stiction.engines.status import UNMADE
 from stiction.scenes import Event, InputError, Scene
-from stiction.truths import NO_TRUTH, Truth
+from stiction.scenes.fidelity import Fidelity
+from stiction.truths import Tier, Truth
 from stiction.uncertain import rounded_up
 
 TRUE_JUMP, LATE = "true_jump", "time_error"
@@ -113,7 +115,7 @@ def plan(scope: Scope) -> Comparison[Tables]:
             windows.append(
                 windows_table(own, truths, efforts[scene.name], time_factor(scene, scope.t_end))
             )
-        known = {truth.scene: truth for truth in all_truths.values() if truth.tier != NO_TRUTH}
+        known = {truth.scene: truth for truth in all_truths.values() if truth.tier != Tier.NONE}
         tables = {
             "torque": pd.concat(jumps, ignore_index=True),
             WINDOWS: pd.concat(windows, ignore_index=True),
@@ -301,7 +303,7 @@ def _engines(table: pd.DataFrame, engines: pd.DataFrame) -> Iterator[dict[str, o
 
     Bounds that are written alike are one.
     """
-    for fidelity in FIDELITIES:
+    for fidelity in Fidelity:
         alike = engines[engines["fidelity"] == fidelity]
         if alike.empty:
             continue
@@ -342,9 +344,9 @@ def _by_method(table: pd.DataFrame, equal: pd.DataFrame, compared: pd.DataFrame)
         Column("run", brief=False),
         Column("read", "resolved", form=".0f"),
         Column("jumps", "of", form=".0f"),
-        Column("bound", unit="N m"),
+        Column("bound", "bound", of="jump_bound"),
         *(
-            Column(in_scene("read", scene), scene_title(scene), "N m")
+            Column(in_scene("read", scene), scene_title(scene), of="jump_bound")
             for scene in table["scene"].unique()
         ),
     )
@@ -354,13 +356,13 @@ def _by_method(table: pd.DataFrame, equal: pd.DataFrame, compared: pd.DataFrame)
 def _by_scene(table: pd.DataFrame) -> dict[str, TableView]:
     """Every run of a scene."""
     columns = (
-        Column("variant", "method"),
-        Column("parameter", "refined by"),
+        METHOD,
+        REFINED_BY,
         Column("step", form="g"),
         Column("read", "resolved", form=".0f"),
         Column("jumps", "of", form=".0f"),
-        Column("bound", unit="N m"),
-        Column(LATE, "largest time error", "s"),
+        Column("bound", "bound", of="jump_bound"),
+        Column(LATE, "largest time error"),
         Column("status"),
         Column("reason"),
     )

@@ -32,6 +32,7 @@ from stiction.reference_impl.multibody.initial_state import consistent_start, wi
 from stiction.reference_impl.multibody.mechanism import Mechanism
 from stiction.scenes import InputError, Scene, Trajectory
 from stiction.scenes.columns import BODY_COLUMNS
+from stiction.scenes.fidelity import Fidelity
 
 SAMPLE_STEP = 0.01
 """s; largest distance of the samples that a peak is taken from. Between two of them a peak of a sine of frequency w is
@@ -78,7 +79,7 @@ class SteadyRun:
     t_end: float
     rtol: float = 1e-6
     engine: str = "reference"
-    fidelity: str = "joint"
+    fidelity: Fidelity = Fidelity.JOINT
     dt: float | None = None
 
     @property

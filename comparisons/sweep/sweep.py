@@ -22,6 +22,7 @@ import pyarrow as pa
 
 from stiction.comparisons.bench.environment import source_digest, versions
 from stiction.comparisons.bench.identity import engine_identity
+from stiction.comparisons.bench.presentation.cells import intervals_text
 from stiction.comparisons.bench.runner import TIME_LIMIT, prepare
 from stiction.comparisons.bench.store import kept_runs
 from stiction.comparisons.measures.settling import NoCommonPeriod, NotSettled, common_period
@@ -45,6 +46,7 @@ from stiction.comparisons.sweep.steady_state_measures import (
     steady_window,
 )
 from stiction.engines import EngineMissing, Isolate, Outcome, Refused, Task, isolate, load_engine
+from stiction.engines.status import Status
 from stiction.reference_impl.multibody.initial_state import with_consistent_start
 from stiction.scenes import InputError, Scene, SceneError, scene_to_toml, vary
 from stiction.scenes.atomic_files import make_folder, whole_file, write_text
@@ -61,15 +63,13 @@ BRACKET = 2.5e-3
 PROBES = 9
 """Amplitudes from end to end of the search at which the band next to the scene's own amplitude is looked for before the
 bisection."""
-NO_STEADY_STATE = "no steady state"
-"""Status of a point whose motion neither rests nor repeats itself; it has no numbers."""
 FAILURES = {
-    NotSettled: NO_STEADY_STATE,
-    NoCommonPeriod: NO_STEADY_STATE,
-    SceneError: "refused",
-    Refused: "refused",
-    EngineMissing: "missing",
-    Exception: "failed",
+    NotSettled: Status.NO_STEADY_STATE,
+    NoCommonPeriod: Status.NO_STEADY_STATE,
+    SceneError: Status.REFUSED,
+    Refused: Status.REFUSED,
+    EngineMissing: Status.MISSING,
+    Exception: Status.FAILED,
 }
 USUAL_PERIODS = 30
 """Periods of loads and drives in a run without a given end: as many as a stick threshold takes at first."""
@@ -195,7 +195,7 @@ class Specification:
         engine, fidelity = load_engine(self.run.engine), self.run.fidelity
         if fidelity not in engine.capabilities.fidelities:
             has = " and ".join(engine.capabilities.fidelities)
-            raise InputError(f"fidelity: found {fidelity!r}; {engine.name} has {has}")
+            raise InputError(f"fidelity: found {str(fidelity)!r}; {engine.name} has {has}")
         engine.check_arguments(dt=self.run.dt, rtol=None, fidelity=fidelity, settings={})
         for measure in self.run_measures:
             if measure.needs and not getattr(scene, measure.needs):
@@ -307,7 +307,7 @@ def point_row(
             "status": next(status for kind, status in FAILURES.items() if isinstance(error, kind)),
             "reason": " ".join(f"{type(error).__name__}: {error}".split()),
         }
-    return {**point, "status": "ok", "reason": "", **found}
+    return {**point, "status": Status.OK, "reason": "", **found}
 
 
 def map_numbers(scene: Scene, run: SteadyRun, measures: Sequence[str]) -> dict[str, Any]:
@@ -341,14 +341,14 @@ def threshold_numbers(
         CONTRACTION * distance,
     )
     if found.with_stick is None or found.without_stick is None:
-        return {"status": "not found", "reason": found.remark}
+        return {"status": Status.NOT_FOUND, "reason": found.remark}
     middle = 0.5 * (found.with_stick + found.without_stick)
     above = bands_above(scene, middle)
     return {
         THRESHOLD_COLUMN: middle,
         WITH_STICK: found.with_stick,
         WITHOUT_STICK: found.without_stick,
-        AGAIN: above.words,
+        AGAIN: intervals_text(above.bands),
         SCANNED: above.end,
     }
 
@@ -358,8 +358,8 @@ class Sweep:
     """Tables with one row per point, in the order of the grid; None where no measure requires one.
 
     `map`: axes, ``status``, ``reason``, ``window_begin``, a column per measure. `threshold`: axes that are not F0,
-    ``status``, ``reason``, ``sticks_again`` (where above the threshold, in words), the bracket of the threshold and its
-    middle, and up to where the slider was seen not to stick again.
+    ``status``, ``reason``, ``sticks_again`` (bands above the threshold, as pairs of amplitudes), the bracket of the
+    threshold and its middle, and up to where the slider was seen not to stick again.
     """
 
     specification: Specification

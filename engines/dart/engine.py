@@ -37,11 +37,12 @@ from stiction.engines.shared.joint_coordinates import ContactStepper, TreeSteppe
 from stiction.engines.shared.link_tree import LinkTree
 from stiction.engines.shared.tree_engine import TreeEngine
 from stiction.scenes import Scene
+from stiction.scenes.fidelity import Fidelity
 from stiction.scenes.model import Translational
 
 _SETTINGS: Mapping[str, Defaults] = {
-    "joint": {"passes": 2, "erp": 1.0},
-    "contact": {
+    Fidelity.JOINT: {"passes": 2, "erp": 1.0},
+    Fidelity.CONTACT: {
         "iterations": 1000,
         "erp": 1.0,
         "shape": ("spheres", "box"),
@@ -83,15 +84,15 @@ class DartEngine(TreeEngine):
     """
 
     name, called, defaults = "dart", "DART", _SETTINGS
-    reach = {"joint": math.inf, "contact": REACH}
+    reach = {Fidelity.JOINT: math.inf, Fidelity.CONTACT: REACH}
 
     @property
     def version(self) -> str:
         import_module("dartpy")  # ImportError where it cannot be imported
         return accepted("dartpy", installed_version("dartpy"))
 
-    def refusal(self, scene: Scene, fidelity: str) -> str | None:
-        if (reason := super().refusal(scene, fidelity)) or fidelity == "joint":
+    def refusal(self, scene: Scene, fidelity: Fidelity) -> str | None:
+        if (reason := super().refusal(scene, fidelity)) or fidelity == Fidelity.JOINT:
             return reason
         for name, guide in scene.frictional_guides.items():
             for coefficient in (guide.kinetic_coefficient, guide.static_coefficient):
@@ -113,10 +114,12 @@ class DartEngine(TreeEngine):
 
     @contextmanager
     def stepper(
-        self, assembly: Assembly, h: float, options: Mapping[str, Any], fidelity: str
+        self, assembly: Assembly, h: float, options: Mapping[str, Any], fidelity: Fidelity
     ) -> Iterator[TreeStepper]:
         with _loops_closed_by(options["erp"]):
-            yield (_Stepper if fidelity == "joint" else _ContactStepper)(assembly, h, options)
+            yield (_Stepper if fidelity == Fidelity.JOINT else _ContactStepper)(
+                assembly, h, options
+            )
 
     @contextmanager
     def dynamics(self, scene: Scene, tree: LinkTree, clock: EngineClock) -> Iterator[Dynamics]:
@@ -236,7 +239,9 @@ class _Stepper(TreeStepper):
         super().__init__(assembly, h, options)
         scene = assembly.scene
         tree, mass = self.tree, sum(body.mass for body in scene.bodies.values())
-        self._unit = 2.0 ** round(math.log2(_MASS / mass)) if self.fidelity == "contact" else 1.0
+        self._unit = (
+            2.0 ** round(math.log2(_MASS / mass)) if self.fidelity == Fidelity.CONTACT else 1.0
+        )
         self._world = world = World()
         world.setTimeStep(h)
         world.setGravity(np.array([*(scene.gravity or (0.0, 0.0)), 0.0]))

@@ -34,6 +34,7 @@ from stiction.engines.shared.link_tree import LinkTree
 from stiction.engines.shared.step_kernels import Balance, applied_loads
 from stiction.reference_impl.compiled.kernel import link_kernels
 from stiction.scenes import Cost, InputError, Scene, Trajectory
+from stiction.scenes.fidelity import Fidelity
 from stiction.scenes.laws import Constant, Linear, evaluate_law
 
 METHOD = "continuous"
@@ -73,7 +74,7 @@ def run_continuous(
     t_end: float,
     dt: float | None,
     rtol: float | None,
-    fidelity: str,
+    fidelity: Fidelity,
     output_step: float,
     settings: Mapping[str, Any],
 ) -> Trajectory:
@@ -81,7 +82,7 @@ def run_continuous(
 
     BadTrajectory if static friction was lost, by too small a stiction tolerance for the steps and the loads.
     """
-    if dt is not None or fidelity != "contact":
+    if dt is not None or fidelity != Fidelity.CONTACT:
         raise InputError(
             f"method={METHOD}: found dt or joint fidelity; expected rtol and contact fidelity"
         )

@@ -35,11 +35,12 @@ from stiction.engines.shared.joint_coordinates import ContactStepper, TreeSteppe
 from stiction.engines.shared.link_tree import LinkTree
 from stiction.engines.shared.tree_engine import TreeEngine
 from stiction.scenes import InputError, Scene, Trajectory
+from stiction.scenes.fidelity import Fidelity
 from stiction.scenes.fields import GROUND
 
 _SETTINGS: Mapping[str, Defaults] = {
-    "joint": {"passes": 2},
-    "contact": {
+    Fidelity.JOINT: {"passes": 2},
+    Fidelity.CONTACT: {
         "approximation": ("lagged", "similar", "sap"),
         "near_rigid": 2.0,
         "dissipation": 0.0,
@@ -83,15 +84,15 @@ class DrakeEngine(TreeEngine):
         import_module("pydrake.multibody.plant")  # ImportError where it cannot be imported
         return accepted("drake", installed_version("drake"))
 
-    def friction_supplier(self, fidelity: str, settings: Mapping[str, Any]) -> Supplier:
-        if fidelity == "contact" and settings.get("method") == METHOD:
+    def friction_supplier(self, fidelity: Fidelity, settings: Mapping[str, Any]) -> Supplier:
+        if fidelity == Fidelity.CONTACT and settings.get("method") == METHOD:
             return Supplier.ENGINE
         return super().friction_supplier(fidelity, settings)
 
-    def refusal(self, scene: Scene, fidelity: str) -> str | None:
+    def refusal(self, scene: Scene, fidelity: Fidelity) -> str | None:
         if reason := super().refusal(scene, fidelity):
             return reason
-        if fidelity == "contact" and len(scene.guides) > _MOST_GUIDES:
+        if fidelity == Fidelity.CONTACT and len(scene.guides) > _MOST_GUIDES:
             return f"{len(scene.guides)} guides; with the surfaces of more than {_MOST_GUIDES} Drake ends the process"
         return None
 
@@ -112,10 +113,10 @@ class DrakeEngine(TreeEngine):
         return super().run(scene, assembly=assembly, **asked)
 
     def stepper(
-        self, assembly: Assembly, h: float, options: Mapping[str, Any], fidelity: str
+        self, assembly: Assembly, h: float, options: Mapping[str, Any], fidelity: Fidelity
     ) -> AbstractContextManager[TreeStepper]:
         return nullcontext(
-            (_JointStepper if fidelity == "joint" else _ContactStepper)(assembly, h, options)
+            (_JointStepper if fidelity == Fidelity.JOINT else _ContactStepper)(assembly, h, options)
         )
 
     @contextmanager

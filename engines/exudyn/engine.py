@@ -24,7 +24,6 @@ from stiction.engines.exudyn.script import exudyn_script
 from stiction.engines.exudyn.solver import INTEGRATORS
 from stiction.engines.exudyn.stepping import FRICTION_REPETITIONS, Sample, Stepper
 from stiction.engines.protocol import (
-    FIDELITIES,
     UNSETTLED,
     Capabilities,
     Engine,
@@ -40,6 +39,7 @@ from stiction.engines.shared.inconsistent_start import refuse_off
 from stiction.reference_impl.multibody.reactions import recover_columns
 from stiction.scenes import Breakdown, Cost, Event, InputError, Scene, Trajectory
 from stiction.scenes.event_values import rows_of
+from stiction.scenes.fidelity import Fidelity
 from stiction.scenes.model import LinearSpring
 
 _DEFAULT_STEP = 2e-3
@@ -55,9 +55,9 @@ _JOINT: Defaults = {
     "newton_tolerance": 1e-9,
 }
 _SETTINGS: Mapping[str, Defaults] = {
-    "joint": _JOINT,
+    Fidelity.JOINT: _JOINT,
     BRISTLES: {**_JOINT, "bristle_stiffness": 1e5, "bristle_damping": 1e3, "static_decay": 1.0},
-    "contact": {
+    Fidelity.CONTACT: {
         "integrator": _JOINT["integrator"],
         "spectral_radius": 0.3,
         "newton_tolerance": 1e-8,
@@ -92,17 +92,17 @@ class ExudynEngine(Engine):
 
     name = "exudyn"
     capabilities = Capabilities(
-        fidelities=FIDELITIES,
-        static_coefficient={"joint": True, "contact": False},
+        fidelities=tuple(Fidelity),
+        static_coefficient={Fidelity.JOINT: True, Fidelity.CONTACT: False},
         friction_law={
-            "joint": "Coulomb with located switches, bound mu (|n1| + |n2|) from the joint's multipliers "
+            Fidelity.JOINT: "Coulomb with located switches, bound mu (|n1| + |n2|) from the joint's multipliers "
             "(adapter, as Exudyn's loads); stick: Exudyn's constraint",
-            "contact": "Coulomb regularized below friction_zone, penalty contacts (engine)",
+            Fidelity.CONTACT: "Coulomb regularized below friction_zone, penalty contacts (engine)",
         },
         reactions="engine",
         order="2",
         event_location=Supplier.ADAPTER,
-        friction_by={"joint": Supplier.ADAPTER, "contact": Supplier.ENGINE},
+        friction_by={Fidelity.JOINT: Supplier.ADAPTER, Fidelity.CONTACT: Supplier.ENGINE},
     )
 
     @property
@@ -111,7 +111,7 @@ class ExudynEngine(Engine):
 
         return accepted("exudyn", exudyn.config.Version())
 
-    def default_settings(self, fidelity: str) -> Mapping[str, Any]:
+    def default_settings(self, fidelity: Fidelity) -> Mapping[str, Any]:
         return settings_of({}, _SETTINGS[fidelity], self.name, fidelity)
 
     def check_arguments(self, *, settings: Mapping[str, Any], **asked: Any) -> None:
@@ -120,23 +120,23 @@ class ExudynEngine(Engine):
         )  # each method has its own
 
     def settings_of_run(
-        self, given: Mapping[str, Any], *, fidelity: str, **_: Any
+        self, given: Mapping[str, Any], *, fidelity: Fidelity, **_: Any
     ) -> dict[str, Any]:
-        own = given.get("method") == BRISTLES and fidelity == "joint"
+        own = given.get("method") == BRISTLES and fidelity == Fidelity.JOINT
         return settings_of(given, _SETTINGS[BRISTLES if own else fidelity], self.name, fidelity)
 
-    def friction_supplier(self, fidelity: str, settings: Mapping[str, Any]) -> Supplier:
-        if fidelity == "joint" and settings.get("method") == BRISTLES:
+    def friction_supplier(self, fidelity: Fidelity, settings: Mapping[str, Any]) -> Supplier:
+        if fidelity == Fidelity.JOINT and settings.get("method") == BRISTLES:
             return Supplier.BOTH  # the law is Exudyn's, its bound is set by the adapter each step
         return super().friction_supplier(fidelity, settings)
 
-    def locates_events(self, fidelity: str, settings: Mapping[str, Any]) -> bool:
+    def locates_events(self, fidelity: Fidelity, settings: Mapping[str, Any]) -> bool:
         return settings.get("method") == LOCATED
 
-    def keeps_cone(self, fidelity: str, settings: Mapping[str, Any]) -> bool:
+    def keeps_cone(self, fidelity: Fidelity, settings: Mapping[str, Any]) -> bool:
         return settings.get("method") == LOCATED
 
-    def refusal(self, scene: Scene, fidelity: str) -> str | None:
+    def refusal(self, scene: Scene, fidelity: Fidelity) -> str | None:
         for name, spring in scene.springs.items():
             if (
                 isinstance(spring, LinearSpring)
@@ -155,7 +155,7 @@ class ExudynEngine(Engine):
                 f"{unknowns} coordinates and multipliers; expected at most {MOST_UNKNOWNS}: the adapter looks for "
                 "redundant constraints in a dense matrix"
             )
-        if fidelity == "contact":
+        if fidelity == Fidelity.CONTACT:
             return contact_refusal(scene) or next(
                 (
                     f"joints.{name}: Exudyn's contacts have one coefficient of friction; "
@@ -175,7 +175,7 @@ class ExudynEngine(Engine):
         t_end: float,
         dt: float | None,
         rtol: float | None,
-        fidelity: str,
+        fidelity: Fidelity,
         output_step: float,
         settings: Mapping[str, Any],
         assembly: Assembly | None = None,
@@ -248,9 +248,9 @@ def scene_as_script(scene: Scene, named: str = "SCENE") -> str:
 
     A command line has the scene `named` so. Refused if it cannot be expressed.
     """
-    if (reason := ExudynEngine().refusal(scene, "joint")) is not None:
+    if (reason := ExudynEngine().refusal(scene, Fidelity.JOINT)) is not None:
         raise Refused(reason)
-    options = settings_of({}, _SETTINGS[BRISTLES], ExudynEngine.name, "joint")
+    options = settings_of({}, _SETTINGS[BRISTLES], ExudynEngine.name, Fidelity.JOINT)
     return exudyn_script(scene, _step(scene.t_end), scene.t_end, options, named)
 
 

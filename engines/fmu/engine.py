@@ -23,6 +23,7 @@ from stiction.engines.registry import EngineMissing
 from stiction.engines.shared.declared_engine import DEFAULT_RTOL, DeclaredEngine, read_declaration
 from stiction.engines.shared.fixed_step import Grid, step_of
 from stiction.scenes import Cost, Event, FileError, InputError, Problem, Scene, Trajectory
+from stiction.scenes.fidelity import Fidelity
 from stiction.scenes.result_table import result_table
 from stiction.scenes.wording import last_lines, shortened, shown
 
@@ -84,11 +85,16 @@ class FmuEngine(DeclaredEngine):
         chosen = self.map_file.read_bytes() if self.map_file.is_file() else b""
         return self.file.read_bytes() + chosen + self.version.encode()
 
-    def default_settings(self, fidelity: str) -> Mapping[str, Any]:
+    def default_settings(self, fidelity: Fidelity) -> Mapping[str, Any]:
         return {LOGGING: False}
 
     def check_arguments(
-        self, *, dt: float | None, rtol: float | None, fidelity: str, settings: Mapping[str, Any]
+        self,
+        *,
+        dt: float | None,
+        rtol: float | None,
+        fidelity: Fidelity,
+        settings: Mapping[str, Any],
     ) -> None:
         """See `Engine.check_arguments`; co-simulation takes both, a step and a tolerance."""
         if self.interface == CO_SIMULATION:
@@ -97,7 +103,7 @@ class FmuEngine(DeclaredEngine):
         if not isinstance(chosen := settings.get(LOGGING, False), bool):
             raise InputError(f"{LOGGING}: found {chosen!r}; expected true or false")
 
-    def refusal(self, scene: Scene, fidelity: str) -> str | None:
+    def refusal(self, scene: Scene, fidelity: Fidelity) -> str | None:
         """See `Engine.refusal`: another scene than the FMU states, columns that it lacks, friction not declared."""
         if reason := self.variables.refusal(scene):
             return f"{self.name}: {reason}"
@@ -110,7 +116,7 @@ class FmuEngine(DeclaredEngine):
         t_end: float,
         dt: float | None,
         rtol: float | None,
-        fidelity: str,
+        fidelity: Fidelity,
         output_step: float,
         settings: Mapping[str, Any],
         assembly: Assembly | None = None,

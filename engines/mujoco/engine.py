@@ -36,12 +36,13 @@ from stiction.engines.shared.joint_coordinates import ContactStepper, TreeSteppe
 from stiction.engines.shared.link_tree import LinkTree
 from stiction.engines.shared.tree_engine import TreeEngine
 from stiction.scenes import InputError, Scene
+from stiction.scenes.fidelity import Fidelity
 from stiction.scenes.model import Translational
 
 DEEPEST = 495
 """Links in a chain: elements may be nested 500 deep (XML_ELEMENT_DEPTH_EXCEEDED)."""
 _SETTINGS: Mapping[str, Defaults] = {
-    "joint": {
+    Fidelity.JOINT: {
         "iterations": 20,
         "passes": 2,
         "impedance": HARDEST,
@@ -49,7 +50,7 @@ _SETTINGS: Mapping[str, Defaults] = {
         "noslip": ("on", "off"),
         "integrator": ("Euler", "implicitfast", "discrete", "RK4"),
     },
-    "contact": {
+    Fidelity.CONTACT: {
         "iterations": 100,
         "impedance": 2 / 3,
         "recovery": 0.8,
@@ -88,7 +89,10 @@ class MujocoEngine(TreeEngine):
     name, called, defaults = "mujoco", "MuJoCo", _SETTINGS
     capabilities = replace(
         TreeEngine.capabilities,
-        friction_law={"joint": CAPPED, "contact": f"{CONTACT}, and sets the damping of friction"},
+        friction_law={
+            Fidelity.JOINT: CAPPED,
+            Fidelity.CONTACT: f"{CONTACT}, and sets the damping of friction",
+        },
     )
 
     @property
@@ -97,10 +101,10 @@ class MujocoEngine(TreeEngine):
 
         return accepted("mujoco-core", mujoco.__version__)
 
-    def refusal(self, scene: Scene, fidelity: str) -> str | None:
+    def refusal(self, scene: Scene, fidelity: Fidelity) -> str | None:
         if reason := super().refusal(scene, fidelity):
             return reason
-        for name, guide in scene.frictional_guides.items() if fidelity == "contact" else ():
+        for name, guide in scene.frictional_guides.items() if fidelity == Fidelity.CONTACT else ():
             if guide.static_coefficient > _MOST_FRICTION:
                 return (
                     f"joints.{name}: found a coefficient of friction of {guide.static_coefficient:g}; above "
@@ -119,7 +123,7 @@ class MujocoEngine(TreeEngine):
 
     @contextlib.contextmanager
     def stepper(
-        self, assembly: Assembly, h: float, options: Mapping[str, Any], fidelity: str
+        self, assembly: Assembly, h: float, options: Mapping[str, Any], fidelity: Fidelity
     ) -> Iterator[TreeStepper]:
         for name, fits, expected in (
             (
@@ -143,7 +147,7 @@ class MujocoEngine(TreeEngine):
                 "nothing can move, as that out of the plane"
             )
         with _warnings() as said:
-            yield (_JointStepper if fidelity == "joint" else _ContactStepper)(
+            yield (_JointStepper if fidelity == Fidelity.JOINT else _ContactStepper)(
                 assembly, h, options, said
             )
 
@@ -151,7 +155,9 @@ class MujocoEngine(TreeEngine):
     def dynamics(self, scene: Scene, tree: LinkTree, clock: EngineClock) -> Iterator[Dynamics]:
         import mujoco
 
-        model, data = _model(scene, tree, 1.0, "joint", self.default_settings("joint"))
+        model, data = _model(
+            scene, tree, 1.0, Fidelity.JOINT, self.default_settings(Fidelity.JOINT)
+        )
         model.dof_armature[:] = 0.0  # rotors are for stepping
         mass = np.zeros((model.nv, model.nv))
 
@@ -184,7 +190,7 @@ def _warnings() -> Iterator[list[str]]:
         mujoco.set_mju_user_warning(before)
 
 
-def scene_as_mjcf(scene: Scene, timestep: float, fidelity: str = "joint") -> str:
+def scene_as_mjcf(scene: Scene, timestep: float, fidelity: Fidelity = Fidelity.JOINT) -> str:
     """The MJCF of a scene with springs, dampers, loads and drives; Refused if MuJoCo cannot represent it."""
     engine = MujocoEngine()
     if reason := engine.refusal(scene, fidelity):
@@ -200,7 +206,7 @@ def scene_as_mjcf(scene: Scene, timestep: float, fidelity: str = "joint") -> str
 
 
 def _model(
-    scene: Scene, tree: LinkTree, timestep: float, fidelity: str, options: Mapping[str, Any]
+    scene: Scene, tree: LinkTree, timestep: float, fidelity: Fidelity, options: Mapping[str, Any]
 ) -> tuple[Any, Any]:
     """MuJoCo's model and data at the scene's start; joint coordinates in the order of the tree's links."""
     import mujoco

@@ -11,6 +11,7 @@ from stiction.engines.mujoco.loads import ROTOR, Loads, add_loads, add_site
 from stiction.engines.shared.joint_coordinates import motor_link
 from stiction.engines.shared.link_tree import Link, LinkTree
 from stiction.scenes import Scene
+from stiction.scenes.fidelity import Fidelity
 from stiction.scenes.laws import evaluate_law
 
 HARDEST = 0.9999
@@ -45,7 +46,7 @@ def mjcf(
     scene: Scene,
     tree: LinkTree,
     timestep: float,
-    fidelity: str,
+    fidelity: Fidelity,
     options: Mapping[str, Any],
     *,
     loaded: bool = False,
@@ -64,7 +65,7 @@ def mjcf(
         True for springs, dampers, loads and drives in the model, with a header that says what is not; else they are the
         caller's to apply.
     """
-    contact = fidelity == "contact"
+    contact = fidelity == Fidelity.CONTACT
     impedance, integrator, noslip = (
         (HARDEST, "Euler", options["noslip_iterations"])
         if contact

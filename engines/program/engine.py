@@ -22,6 +22,7 @@ from stiction.engines.shared.declared_engine import DEFAULT_RTOL, DeclaredEngine
 from stiction.engines.shared.fixed_step import step_of
 from stiction.scenes import Cost, Event, Scene, Trajectory
 from stiction.scenes.errors import problems_of
+from stiction.scenes.fidelity import Fidelity
 from stiction.scenes.fields import Model
 from stiction.scenes.resolved import resolved_text
 from stiction.scenes.result_table import ResultTable, result_table
@@ -117,7 +118,7 @@ class ProgramEngine(DeclaredEngine):
             ]
         )
 
-    def default_settings(self, fidelity: str) -> Mapping[str, Any]:
+    def default_settings(self, fidelity: Fidelity) -> Mapping[str, Any]:
         return self.declaration.settings
 
     def run(
@@ -127,7 +128,7 @@ class ProgramEngine(DeclaredEngine):
         t_end: float,
         dt: float | None,
         rtol: float | None,
-        fidelity: str,
+        fidelity: Fidelity,
         output_step: float,
         settings: Mapping[str, Any],
         assembly: Assembly | None = None,

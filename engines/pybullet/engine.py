@@ -41,6 +41,7 @@ from stiction.engines.shared.joint_coordinates import ContactStepper, TreeSteppe
 from stiction.engines.shared.link_tree import LinkTree
 from stiction.engines.shared.tree_engine import TreeEngine
 from stiction.scenes import Scene
+from stiction.scenes.fidelity import Fidelity
 from stiction.scenes.model import Revolute, Translational
 
 _NO_LIMIT = 1e9
@@ -59,8 +60,8 @@ _PLACE_GAIN, _RATE_GAIN = 0.1, 1.0
 """PyBullet's own values for the optional arguments of velocity motors, so that all are given by place: names cost half
 a microsecond a call."""
 _SETTINGS: Mapping[str, Defaults] = {
-    "joint": {"iterations": 50, "passes": 2, "erp": 1.0},
-    "contact": {
+    Fidelity.JOINT: {"iterations": 50, "passes": 2, "erp": 1.0},
+    Fidelity.CONTACT: {
         "iterations": 200,
         "erp": 1.0,
         "contact_erp": 0.2,
@@ -82,17 +83,17 @@ class PybulletEngine(TreeEngine):
     """
 
     name, called, defaults = "pybullet", "PyBullet", _SETTINGS
-    reach = {"joint": math.inf, "contact": REACH}
+    reach = {Fidelity.JOINT: math.inf, Fidelity.CONTACT: REACH}
 
     @property
     def version(self) -> str:
         _ = _pybullet().connect  # another package of this name has none
         return accepted("pybullet", installed_version("pybullet"))
 
-    def refusal(self, scene: Scene, fidelity: str) -> str | None:
+    def refusal(self, scene: Scene, fidelity: Fidelity) -> str | None:
         return super().refusal(scene, fidelity) or (
             crowded(scene, MOST_GUIDES, "PyBullet") or several_guides(scene)
-            if fidelity == "contact"
+            if fidelity == Fidelity.CONTACT
             else None
         )
 
@@ -103,10 +104,10 @@ class PybulletEngine(TreeEngine):
 
     @contextlib.contextmanager
     def stepper(
-        self, assembly: Assembly, h: float, options: Mapping[str, Any], fidelity: str
+        self, assembly: Assembly, h: float, options: Mapping[str, Any], fidelity: Fidelity
     ) -> Iterator[TreeStepper]:
         with _client() as client:
-            yield (_Stepper if fidelity == "joint" else _ContactStepper)(
+            yield (_Stepper if fidelity == Fidelity.JOINT else _ContactStepper)(
                 assembly, h, options, client
             )
 

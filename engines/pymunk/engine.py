@@ -37,7 +37,7 @@ from typing import TYPE_CHECKING, Any, ClassVar, NamedTuple
 import numpy as np
 
 from stiction.engines.assembly import Assembly
-from stiction.engines.protocol import FIDELITIES, accepted, installed_version
+from stiction.engines.protocol import accepted, installed_version
 from stiction.engines.pymunk.correction import (
     Iteration,
     bias_of_share,
@@ -62,6 +62,7 @@ from stiction.engines.shared.step_kernels import (
 )
 from stiction.reference_impl.compiled.kernel import bound
 from stiction.scenes import Scene
+from stiction.scenes.fidelity import Fidelity
 from stiction.scenes.fields import GROUND
 from stiction.scenes.laws import Constant, Linear, evaluate_law
 from stiction.scenes.model import Drive
@@ -84,8 +85,8 @@ _SPARE = 2
 """Numbers for which a buffer that is not the library's own must have room left, or the library makes it longer with its
 own allocator."""
 _SETTINGS: Mapping[str, Defaults] = {
-    "joint": {"iterations": 50, "passes": 2, "error_bias": 0.0},
-    "contact": {
+    Fidelity.JOINT: {"iterations": 50, "passes": 2, "error_bias": 0.0},
+    Fidelity.CONTACT: {
         "iterations": 100,
         "error_bias": 0.0,
         "collision_slop": 1e-5,
@@ -111,7 +112,7 @@ class PymunkEngine(SteppedEngine):
     than its guide, m).
     """
 
-    name, defaults, reach = "pymunk", _SETTINGS, dict.fromkeys(FIDELITIES, _GROOVE)
+    name, defaults, reach = "pymunk", _SETTINGS, dict.fromkeys(Fidelity, _GROOVE)
 
     @property
     def version(self) -> str:
@@ -121,24 +122,24 @@ class PymunkEngine(SteppedEngine):
             "pymunk", installed_version("pymunk")
         )  # that of the wheel 7.0.0 says 2.0.0 of itself
 
-    def refusal(self, scene: Scene, fidelity: str) -> str | None:
-        if fidelity == "contact" and (
+    def refusal(self, scene: Scene, fidelity: Fidelity) -> str | None:
+        if fidelity == Fidelity.CONTACT and (
             reason := contact_refusal(scene)
             or crowded(scene, MOST_GUIDES, "pymunk")
             or unlike_guides(scene)
         ):
             return reason
-        fixed = non_turning(scene) if fidelity == "joint" else {GROUND}
+        fixed = non_turning(scene) if fidelity == Fidelity.JOINT else {GROUND}
         for name, drive in scene.drives.items():
             if drive.type == "angle" and fixed.issuperset(drive.bodies):
                 return f"drives.{name}: neither of its bodies can turn, their guides hold the angle that it drives"
         return None
 
     def stepper(
-        self, assembly: Assembly, h: float, options: Mapping[str, Any], fidelity: str
+        self, assembly: Assembly, h: float, options: Mapping[str, Any], fidelity: Fidelity
     ) -> AbstractContextManager[Stepper]:
         return nullcontext(
-            (_JointStepper if fidelity == "joint" else _ContactStepper)(assembly, h, options)
+            (_JointStepper if fidelity == Fidelity.JOINT else _ContactStepper)(assembly, h, options)
         )
 
 

@@ -16,6 +16,7 @@ from threadpoolctl import ThreadpoolController
 from stiction.engines.assembly import Assembly, assembly_of
 from stiction.engines.protocol import Capabilities, Engine, check_settings, installed_version
 from stiction.scenes import Cost, Event, InputError, Scene, Trajectory
+from stiction.scenes.fidelity import Fidelity
 
 if TYPE_CHECKING:
     from stiction.reference_impl.integration.result import Run
@@ -68,10 +69,10 @@ class ReferenceEngine(Engine):
 
     name = "reference"
     capabilities = Capabilities(
-        fidelities=("joint",),
-        static_coefficient={"joint": True},
+        fidelities=(Fidelity.JOINT,),
+        static_coefficient={Fidelity.JOINT: True},
         friction_law={
-            "joint": "Coulomb, set-valued, mu and mus, load of each corner force (engine)"
+            Fidelity.JOINT: "Coulomb, set-valued, mu and mus, load of each corner force (engine)"
         },
         reactions="engine",
         order="8 between events, events located (event); 4 between events, 1 across a break-away (paper, textbook)",
@@ -82,19 +83,19 @@ class ReferenceEngine(Engine):
     def version(self) -> str:
         return installed_version("stiction")
 
-    def default_settings(self, fidelity: str) -> Mapping[str, Any]:
+    def default_settings(self, fidelity: Fidelity) -> Mapping[str, Any]:
         return dict(SETTINGS)
 
     def settings_of_run(
-        self, given: Mapping[str, Any], *, fidelity: str, dt: float | None, rtol: float | None
+        self, given: Mapping[str, Any], *, fidelity: Fidelity, dt: float | None, rtol: float | None
     ) -> dict[str, Any]:
         return {**SETTINGS, "method": _method(dt, rtol), **given}
 
-    def check_arguments(self, *, fidelity: str, settings: Mapping[str, Any], **_: Any) -> None:
+    def check_arguments(self, *, fidelity: Fidelity, settings: Mapping[str, Any], **_: Any) -> None:
         # a step or a tolerance: each method has its own
         check_settings(settings, self.default_settings(fidelity), self.name, fidelity)
 
-    def locates_events(self, fidelity: str, settings: Mapping[str, Any]) -> bool:
+    def locates_events(self, fidelity: Fidelity, settings: Mapping[str, Any]) -> bool:
         return True
 
     def prepare_run(
@@ -113,7 +114,7 @@ class ReferenceEngine(Engine):
             projects = scene.stabilization.method if stabilization == "scene" else stabilization
             compile_ahead(event_kernels(bool(scene.frictional_guides), projects == "projection"))
 
-    def refusal(self, scene: Scene, fidelity: str) -> str | None:
+    def refusal(self, scene: Scene, fidelity: Fidelity) -> str | None:
         return None
 
     def run(
@@ -123,7 +124,7 @@ class ReferenceEngine(Engine):
         t_end: float,
         dt: float | None,
         rtol: float | None,
-        fidelity: str,
+        fidelity: Fidelity,
         output_step: float,
         settings: Mapping[str, Any],
         assembly: Assembly | None = None,
@@ -208,7 +209,7 @@ class ReferenceEngine(Engine):
                 "method": chosen["method"],
                 "solver": chosen["solver"],
                 "stabilization": parts[0].stabilization,
-                "friction_law": self.capabilities.friction_law["joint"],
+                "friction_law": self.capabilities.friction_law[Fidelity.JOINT],
                 "hyperstatic_split": _SPLIT,
                 **({"loads_left_open": stressed} if stressed else {}),
             },

@@ -11,6 +11,7 @@ from stiction.engines.protocol import Capabilities, Engine, installed_version
 from stiction.engines.reference.engine import compile_kernels
 from stiction.engines.shared.fixed_step import settings_of, step_of, steps_between_outputs
 from stiction.scenes import InputError, Scene, Trajectory
+from stiction.scenes.fidelity import Fidelity
 
 SETTINGS = {"clearance": 1e-6, "restitution": 0.0}
 
@@ -32,10 +33,10 @@ class MoreauEngine(Engine):
 
     name = "moreau"
     capabilities = Capabilities(
-        fidelities=("contact",),
-        static_coefficient={"contact": False},
+        fidelities=(Fidelity.CONTACT,),
+        static_coefficient={Fidelity.CONTACT: False},
         friction_law={
-            "contact": "Coulomb, set-valued, one coefficient mu, at each corner that touches (engine)"
+            Fidelity.CONTACT: "Coulomb, set-valued, one coefficient mu, at each corner that touches (engine)"
         },
         reactions="engine",
         order="1",
@@ -45,16 +46,16 @@ class MoreauEngine(Engine):
     def version(self) -> str:
         return installed_version("stiction")
 
-    def default_settings(self, fidelity: str) -> Mapping[str, Any]:
+    def default_settings(self, fidelity: Fidelity) -> Mapping[str, Any]:
         return dict(SETTINGS)
 
     def prepare(self) -> None:
         compile_kernels("moreau")
 
-    def steps_by_impulses(self, fidelity: str, settings: Mapping[str, Any]) -> bool:
+    def steps_by_impulses(self, fidelity: Fidelity, settings: Mapping[str, Any]) -> bool:
         return True
 
-    def refusal(self, scene: Scene, fidelity: str) -> str | None:
+    def refusal(self, scene: Scene, fidelity: Fidelity) -> str | None:
         return next(
             (
                 f"joints.{name}: Moreau's impact law has one coefficient of friction; mus = {guide.mus:g} is not "
@@ -72,7 +73,7 @@ class MoreauEngine(Engine):
         t_end: float,
         dt: float | None,
         rtol: float | None,
-        fidelity: str,
+        fidelity: Fidelity,
         output_step: float,
         settings: Mapping[str, Any],
         assembly: Assembly | None = None,

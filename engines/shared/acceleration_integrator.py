@@ -31,6 +31,7 @@ from stiction.reference_impl.friction.frozen_mode import ALL, choose_branches, e
 from stiction.reference_impl.multibody.mechanism import Mechanism
 from stiction.scenes import Cost, Event, Trajectory
 from stiction.scenes.event_values import rows_of
+from stiction.scenes.fidelity import Fidelity
 from stiction.scenes.laws import evaluate_law
 
 METHOD = "accelerations"
@@ -321,7 +322,7 @@ def integrate(
         scene=scene.name,
         engine=engine.name,
         version=engine.version,
-        fidelity="joint",
+        fidelity=Fidelity.JOINT,
         t=np.array([t for t, *_ in samples]),
         columns=_columns(mechanism, samples),
         events=tuple(events),

@@ -6,7 +6,7 @@ from collections.abc import Callable, Iterable, Iterator, Mapping
 from contextlib import contextmanager
 from functools import cached_property
 from pathlib import Path
-from typing import Any, ClassVar, Literal, TypeVar
+from typing import Any, ClassVar, TypeVar
 
 import numpy as np
 from pydantic import StrictBool, StrictStr, ValidationError
@@ -22,6 +22,7 @@ from stiction.engines.protocol import (
 )
 from stiction.scenes import Cost, Event, FileError, Scene, Trajectory
 from stiction.scenes.errors import problems_of
+from stiction.scenes.fidelity import Fidelity
 from stiction.scenes.fields import Model
 from stiction.scenes.loading import read_toml
 from stiction.scenes.result_table import ResultTable
@@ -41,7 +42,7 @@ class Declared(Model):
     engine without Coulomb's law, and computes the friction for it, is its adapter.
     """
 
-    fidelity: Literal["joint", "contact"] = "joint"
+    fidelity: Fidelity = Fidelity.JOINT
     friction_law: StrictStr = ""
     friction_supplied_by: Supplier = Supplier.ENGINE
     static_coefficient: StrictBool = False
@@ -82,20 +83,20 @@ class DeclaredEngine(Engine):
             friction_by={fidelity: declared.friction_supplied_by},
         )
 
-    def locates_events(self, fidelity: str, settings: Mapping[str, Any]) -> bool:
+    def locates_events(self, fidelity: Fidelity, settings: Mapping[str, Any]) -> bool:
         return self.declared.locates_events
 
-    def keeps_cone(self, fidelity: str, settings: Mapping[str, Any]) -> bool:
+    def keeps_cone(self, fidelity: Fidelity, settings: Mapping[str, Any]) -> bool:
         return (
             super().keeps_cone(fidelity, settings)
             and not self.declared.regularized
             and "accelerations" not in settings
         )
 
-    def steps_by_impulses(self, fidelity: str, settings: Mapping[str, Any]) -> bool:
+    def steps_by_impulses(self, fidelity: Fidelity, settings: Mapping[str, Any]) -> bool:
         return self.declared.impulses
 
-    def refusal(self, scene: Scene, fidelity: str) -> str | None:
+    def refusal(self, scene: Scene, fidelity: Fidelity) -> str | None:
         for name, guide in scene.frictional_guides.items():
             if not self.declared.friction_law and guide.static_coefficient > 0:
                 return f"joints.{name}: {self.name} declares no friction law"

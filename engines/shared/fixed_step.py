@@ -14,7 +14,6 @@ import numpy as np
 
 from stiction.engines.assembly import Assembly, assembly_of
 from stiction.engines.protocol import (
-    FIDELITIES,
     BadTrajectory,
     Capabilities,
     Engine,
@@ -30,6 +29,7 @@ from stiction.reference_impl.multibody.mechanism import Mechanism
 from stiction.reference_impl.multibody.reactions import recover_columns
 from stiction.reference_impl.multibody.trajectory_columns import guide_motion
 from stiction.scenes import Cost, InputError, Scene, Trajectory
+from stiction.scenes.fidelity import Fidelity
 
 DEFAULT_STEP, DEFAULT_SHARE = 1e-3, 0.01
 """The step where none is given: seconds, and the part of the run that it is at most."""
@@ -161,7 +161,7 @@ Defaults = Mapping[str, int | float | tuple[str, ...]]
 
 
 def settings_of(
-    given: Mapping[str, Any], defaults: Defaults, engine: str, fidelity: str
+    given: Mapping[str, Any], defaults: Defaults, engine: str, fidelity: Fidelity
 ) -> dict[str, Any]:
     """The engine's settings with those given put in; InputError for a name, a type or a value that it does not have.
 
@@ -224,25 +224,25 @@ class SteppedEngine(Engine):
     """
 
     capabilities = Capabilities(
-        fidelities=FIDELITIES,
-        static_coefficient={"joint": True, "contact": True},
-        friction_law={"joint": CAPPED, "contact": CONTACT},
+        fidelities=tuple(Fidelity),
+        static_coefficient={Fidelity.JOINT: True, Fidelity.CONTACT: True},
+        friction_law={Fidelity.JOINT: CAPPED, Fidelity.CONTACT: CONTACT},
         reactions="momentum balance",
         order="1",
-        friction_by={"joint": Supplier.ADAPTER, "contact": Supplier.BOTH},
+        friction_by={Fidelity.JOINT: Supplier.ADAPTER, Fidelity.CONTACT: Supplier.BOTH},
     )
     defaults: ClassVar[Mapping[str, Defaults]]
-    reach: ClassVar[Mapping[str, float]] = {"joint": math.inf, "contact": math.inf}
+    reach: ClassVar[Mapping[str, float]] = {Fidelity.JOINT: math.inf, Fidelity.CONTACT: math.inf}
 
-    def default_settings(self, fidelity: str) -> Mapping[str, Any]:
+    def default_settings(self, fidelity: Fidelity) -> Mapping[str, Any]:
         return settings_of({}, self.defaults[fidelity], self.name, fidelity)
 
-    def steps_by_impulses(self, fidelity: str, settings: Mapping[str, Any]) -> bool:
+    def steps_by_impulses(self, fidelity: Fidelity, settings: Mapping[str, Any]) -> bool:
         return "method" not in settings  # its steps
 
     @abstractmethod
     def stepper(
-        self, assembly: Assembly, h: float, options: Mapping[str, Any], fidelity: str
+        self, assembly: Assembly, h: float, options: Mapping[str, Any], fidelity: Fidelity
     ) -> AbstractContextManager[Stepper]:
         """Its steps of h seconds, for as long as they are taken; InputError for a setting out of its range."""
 
@@ -253,7 +253,7 @@ class SteppedEngine(Engine):
         t_end: float,
         dt: float | None,
         rtol: float | None,
-        fidelity: str,
+        fidelity: Fidelity,
         output_step: float,
         settings: Mapping[str, Any],
         assembly: Assembly | None = None,

@@ -29,6 +29,7 @@ from stiction.engines.shared.step_kernels import (
 )
 from stiction.reference_impl.compiled.kernel import bound, link_kernels
 from stiction.scenes import Scene
+from stiction.scenes.fidelity import Fidelity
 from stiction.scenes.laws import Constant, Law, Linear, evaluate_law
 from stiction.scenes.model import Drive
 
@@ -108,14 +109,14 @@ class TreeStepper(Stepper):
         Rates of the links that motors turn in the coming pass (m/s or rad/s).
     """
 
-    fidelity: ClassVar[str] = "joint"
+    fidelity: ClassVar[Fidelity] = Fidelity.JOINT
     ahead = 1
     friction: GuideFriction
 
     def __init__(self, assembly: Assembly, h: float, options: Mapping[str, Any]):
         super().__init__(h)
         scene = assembly.scene
-        tree, capped = LinkTree(scene, self.fidelity), self.fidelity == "joint"
+        tree, capped = LinkTree(scene, self.fidelity), self.fidelity == Fidelity.JOINT
         self.tree = tree
         self.loaded = bool(scene.springs or scene.forces)
         # of every scene: one that is too large for it is refused before the engine has it
@@ -206,7 +207,7 @@ class TreeStepper(Stepper):
 class ContactStepper(TreeStepper):
     """Steps of a tree whose sliders contacts hold; to be derived from together with an engine's `TreeStepper`."""
 
-    fidelity = "contact"
+    fidelity = Fidelity.CONTACT
     friction: CoefficientSwitch
 
     def __init__(self, assembly: Assembly, h: float, options: Mapping[str, Any], *engine: Any):

@@ -17,6 +17,7 @@ from scipy.cluster.hierarchy import DisjointSet
 from stiction.engines.shared.contact_geometry import direction_of
 from stiction.engines.shared.step_kernels import Tree, motion
 from stiction.scenes import Scene
+from stiction.scenes.fidelity import Fidelity
 from stiction.scenes.fields import GROUND
 from stiction.scenes.model import Revolute, Translational
 
@@ -63,8 +64,8 @@ class LinkTree:
         For `stiction.engines.shared.step_kernels.motion` and its relatives.
     """
 
-    def __init__(self, scene: Scene, fidelity: str = "joint"):
-        free = scene.guides if fidelity == "contact" else {}
+    def __init__(self, scene: Scene, fidelity: Fidelity = Fidelity.JOINT):
+        free = scene.guides if fidelity == Fidelity.CONTACT else {}
         roots = [guide.slider for guide in free.values()]
         driven = {
             frozenset(drive.bodies) for drive in scene.drives.values() if drive.type == "angle"

@@ -25,6 +25,7 @@ from stiction.engines.shared.inconsistent_start import refuse_off
 from stiction.engines.shared.joint_coordinates import motor_link
 from stiction.engines.shared.link_tree import LinkTree
 from stiction.scenes import InputError, Scene, Trajectory
+from stiction.scenes.fidelity import Fidelity
 from stiction.scenes.model import Translational
 
 
@@ -53,11 +54,11 @@ class TreeEngine(SteppedEngine):
             return dict(given)
         return super().settings_of_run(given, **asked)
 
-    def locates_events(self, fidelity: str, settings: Mapping[str, Any]) -> bool:
+    def locates_events(self, fidelity: Fidelity, settings: Mapping[str, Any]) -> bool:
         return settings.get("method") == METHOD
 
-    def refusal(self, scene: Scene, fidelity: str) -> str | None:
-        if fidelity == "contact" and (reason := contact_refusal(scene)):
+    def refusal(self, scene: Scene, fidelity: Fidelity) -> str | None:
+        if fidelity == Fidelity.CONTACT and (reason := contact_refusal(scene)):
             return reason
         tree, motors = LinkTree(scene, fidelity), dict[int, str]()
         for name in tree.loops:
@@ -89,7 +90,7 @@ class TreeEngine(SteppedEngine):
         t_end: float,
         dt: float | None,
         rtol: float | None,
-        fidelity: str,
+        fidelity: Fidelity,
         output_step: float,
         settings: Mapping[str, Any],
         assembly: Assembly | None = None,
@@ -105,7 +106,7 @@ class TreeEngine(SteppedEngine):
                 settings=settings,
                 assembly=assembly,
             )
-        if dt is not None or fidelity != "joint" or len(settings) > 1:
+        if dt is not None or fidelity != Fidelity.JOINT or len(settings) > 1:
             raise InputError(
                 f"method={METHOD}: found dt, contact fidelity or other settings; expected rtol alone"
             )

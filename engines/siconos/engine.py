@@ -13,6 +13,7 @@ from stiction.engines.registry import EngineBroken, EngineMissing
 from stiction.engines.shared.fixed_step import settings_of
 from stiction.engines.shared.inconsistent_start import refuse_off
 from stiction.scenes import InputError, Scene, Trajectory
+from stiction.scenes.fidelity import Fidelity
 
 DECLARATION = Path(__file__).with_name("siconos.toml")
 SYSTEM_PYTHON, PYTHON_VARIABLE = "/usr/bin/python3", "STICTION_SICONOS_PYTHON"
@@ -67,7 +68,7 @@ class SiconosEngine(ProgramEngine):
         t_end: float,
         dt: float | None,
         rtol: float | None,
-        fidelity: str,
+        fidelity: Fidelity,
         output_step: float,
         settings: Mapping[str, Any],
         assembly: Assembly | None = None,

@@ -47,6 +47,7 @@ from stiction.reports.figures.style import (
     width,
 )
 from stiction.scenes import load_scene
+from stiction.scenes.fidelity import Fidelity
 from stiction.scenes.pictures.mechanism import drawing as mechanism_drawing
 
 PLAIN = Look("#000000", "-", "o")
@@ -86,7 +87,7 @@ def drawn(figures: Sequence[Figure], results: Results) -> Iterator[Drawing]:
     for figure in figures:
         # series that are no variant's: settings of one method, say
         others = {
-            look: (look, "joint")
+            look: (look, Fidelity.JOINT)
             for look in _looks_used(figure)
             if look not in looks and look not in OWN_LOOKS
         }

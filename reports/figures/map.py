@@ -11,6 +11,7 @@ from matplotlib import patheffects
 from stiction.comparisons.bench.quantities import Quantity, quantity_of
 from stiction.comparisons.studies.threshold import AMPLITUDE
 from stiction.comparisons.sweep.sweep import THRESHOLD_COLUMN, Sweep
+from stiction.engines.status import Status
 from stiction.reports.figures.style import COLORS, Drawing, panels
 from stiction.scenes import Scene
 
@@ -65,10 +66,10 @@ def _caption(sweep: Sweep, table: pd.DataFrame, name: str, runs: str) -> str:
         if (step := run.step(scene)) is None
         else f"dt = {step:g} s at most"
     )
-    engine = "the reference" if run.engine == "reference" else f"{run.engine}, {run.fidelity}"
+    engine = "the reference" if run.engine == "reference" else f"{run.engine}, {run.fidelity.label}"
     caption = f"{scene.title or scene.name}: {name} in the steady state, {runs} runs of {engine}, {method}"
-    failed = table.loc[table["status"] != "ok", "status"].value_counts()
-    missing = [f"{count} {status}" for status, count in failed.items()]
+    failed = table.loc[table["status"] != Status.OK, "status"].value_counts()
+    missing = [f"{count} {Status(status).label}" for status, count in failed.items()]
     return caption + (f"; points without a number: {', '.join(missing)}" if missing else "")
 
 

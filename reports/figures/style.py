@@ -24,6 +24,7 @@ from stiction.child_processes import child_context
 from stiction.comparisons.bench.results import Results
 from stiction.scenes import InputError
 from stiction.scenes.atomic_files import whole_file
+from stiction.scenes.fidelity import Fidelity
 from stiction.scenes.pictures.picture import RC, Picture, fit_labels, write_figure
 
 COLUMNS = {"single": 84 / 25.4, "double": 174 / 25.4}
@@ -61,7 +62,7 @@ DASHES: Sequence[Any] = (
     ),
 )
 MARKERS = "osD^vPX<>*hpd8"
-FILLS = {"joint": ("full", "left"), "contact": ("none", "top")}
+FILLS = {Fidelity.JOINT: ("full", "left"), Fidelity.CONTACT: ("none", "top")}
 """Fills of markers, by fidelity: the second where the first has been used with all `MARKERS`."""
 
 _RC = {
@@ -140,7 +141,7 @@ def narrow() -> bool:
     return width() <= COLUMNS["single"]
 
 
-def looks_of(variants: Mapping[str, tuple[str, str]]) -> dict[str, Look]:
+def looks_of(variants: Mapping[str, tuple[str, Fidelity]]) -> dict[str, Look]:
     """Choose the look of each variant: colour by engine, dashes within a colour, fill by fidelity, marker in turn.
 
     No two have the same colour with the same dashes, nor the same marker with the same fill. `variants` has engine and
@@ -163,7 +164,7 @@ def looks_of(variants: Mapping[str, tuple[str, str]]) -> dict[str, Look]:
     return found
 
 
-def variants_of(results: Results) -> dict[str, tuple[str, str]]:
+def variants_of(results: Results) -> dict[str, tuple[str, Fidelity]]:
     """Return engine and fidelity of every variant of a run, by label, those that only a table has included."""
     found = {
         record.variant.label: (record.variant.engine, record.variant.fidelity)
@@ -173,7 +174,9 @@ def variants_of(results: Results) -> dict[str, tuple[str, str]]:
         if {"variant", "engine", "fidelity"} <= set(table):
             rows = table.drop_duplicates("variant")
             found = (
-                found | dict(zip(rows["variant"], zip(rows["engine"], rows["fidelity"]))) | found
+                found
+                | dict(zip(rows["variant"], zip(rows["engine"], map(Fidelity, rows["fidelity"]))))
+                | found
             )
     return found
 

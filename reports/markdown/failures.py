@@ -5,8 +5,9 @@ from __future__ import annotations
 import numpy as np
 import pandas as pd
 
-from stiction.comparisons.bench.methods import MISSING_ENGINE, succeeded
+from stiction.comparisons.bench.methods import succeeded
 from stiction.comparisons.bench.results import Results
+from stiction.engines.status import Status
 from stiction.reports.run_folder.data import tables_of
 
 ROWS_OF = {"choice": "variant", "method": "variant", "claim": "variant", "mean_step": "step"}
@@ -27,10 +28,10 @@ def failed_runs(results: Results) -> pd.DataFrame:
     for name, table in tables_of(results).items():
         if {"status", "reason"} <= set(table.columns):
             reason = table["reason"].fillna("")
-            failed = ~succeeded(table) & (table["status"] != MISSING_ENGINE)
+            failed = ~succeeded(table) & (table["status"] != Status.MISSING)
             rows = table if "variant" in table else table.rename(columns=ROWS_OF).replace(CHOICES)
             rows = rows.assign(
-                status=rows["status"].replace("ok", "incomplete"),
+                status=rows["status"].replace(Status.OK, Status.INCOMPLETE),
                 reason=reason.replace("", NO_REASON),
             )
             parts.append(

@@ -11,8 +11,7 @@ from typing import Any
 
 import pandas as pd
 
-from stiction.comparisons.bench.methods import MISSING_ENGINE
-from stiction.comparisons.bench.planned_runs import NOT_RUN, Row
+from stiction.comparisons.bench.planned_runs import Row
 from stiction.comparisons.bench.presentation.cells import cell
 from stiction.comparisons.bench.quantities import quantity_of
 from stiction.comparisons.regression.check import (
@@ -26,6 +25,7 @@ from stiction.comparisons.regression.check import (
     Finding,
 )
 from stiction.comparisons.regression.nightly import Result
+from stiction.engines.status import Status
 from stiction.reports.markdown.failures import grouped
 from stiction.reports.markdown.tables import markdown
 from stiction.scenes.atomic_files import make_folder, write_text
@@ -81,8 +81,8 @@ def _worst(findings: Sequence[Finding]) -> str:
 
 def _not_run(rows: Sequence[Row]) -> str:
     """Engines that are not installed, and runs that there was no time for or that were interrupted."""
-    missing = Counter(row.engine for row in rows if row.status == MISSING_ENGINE)
-    reasons = Counter(row.reason for row in rows if row.status == NOT_RUN)
+    missing = Counter(row.engine for row in rows if row.status == Status.MISSING)
+    reasons = Counter(row.reason for row in rows if row.status == Status.NOT_RUN)
     absent = ", ".join(f"{engine} ({runs(count)})" for engine, count in missing.items())
     parts = [f"not installed: {absent}"] if absent else []
     parts += [f"{runs(count)}: {reason}" for reason, count in reasons.items()]
@@ -99,7 +99,7 @@ def _is_absent(finding: Finding) -> bool:
     return (
         finding.severity == NOT_JUDGED
         and finding.kind == "status"
-        and finding.now == MISSING_ENGINE
+        and finding.now == Status.MISSING
     )
 
 
@@ -118,10 +118,10 @@ def night_report(result: Result) -> str:
                 "variant": row.variant,
                 "step": row.step,
                 "reason": row.reason,
-                "status": "incomplete" if row.status == "ok" else row.status,
+                "status": Status.INCOMPLETE if row.status == Status.OK else row.status,
             }
             for row in _failed(result)
-            if row.status != MISSING_ENGINE
+            if row.status != Status.MISSING
         ]
     )
     measured = [row for row in result.rows if row.metrics]
@@ -179,7 +179,7 @@ def changes(findings: Sequence[Finding]) -> str:
             # one row for all variants of an engine that is not installed
             about = (
                 finding.reason
-                if finding.now == MISSING_ENGINE
+                if finding.now == Status.MISSING
                 else finding.key.partition("/")[2].rpartition("/")[0]
             )
             groups.setdefault((finding.severity, finding.kind, finding.metric, about), []).append(
@@ -254,12 +254,12 @@ def write_night(result: Result, exit_code: int, folder: Path) -> None:
 
 
 def _failed(result: Result) -> list[Row]:
-    return [row for row in result.rows if row.status != "ok" or row.reason]
+    return [row for row in result.rows if row.status != Status.OK or row.reason]
 
 
 def _counts(result: Result) -> str:
     runs = ", ".join(
-        f"{count} {status}"
+        f"{count} {Status(status).label}"
         for status, count in Counter(row.status for row in result.rows).most_common()
     )
     text, first = (
@@ -277,9 +277,10 @@ def _counts(result: Result) -> str:
 
 def _tiers(row: Row) -> str:
     """The truths that its errors and events were measured against."""
-    return ", ".join(
-        dict.fromkeys(metric.tier for metric in row.metrics if metric.kind in ("accuracy", "event"))
+    tiers = dict.fromkeys(
+        metric.tier for metric in row.metrics if metric.kind in ("accuracy", "event")
     )
+    return ", ".join(tier.label for tier in tiers)
 
 
 def _value(finding: Finding, value: float | str | None) -> str:

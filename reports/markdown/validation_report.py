@@ -25,8 +25,7 @@ from stiction.reports.run_folder.overwriting import run_folder, write_provenance
 from stiction.reports.run_folder.provenance import commit_in_words, provenance
 from stiction.reports.run_folder.reproduce import FOLDER, write_reproduce
 from stiction.reports.text import template
-from stiction.truths import CLOSED_FORM, HIGH_PRECISION, NO_TRUTH, PROVEN, PUBLISHED
-from stiction.truths.truth import OWN_RUN
+from stiction.truths import Tier
 from stiction.uncertain import rounded_up
 
 REPORT, FAILURES = "report.md", "failures.md"
@@ -38,7 +37,7 @@ UNCERTAINTIES = {
     "event_time_uncertainty": "events [s]",
 }
 """Headings of the uncertainties of truths, by the columns of tables that compare runs with them."""
-BEST_FIRST = (PROVEN, CLOSED_FORM, HIGH_PRECISION, PUBLISHED, OWN_RUN)
+BEST_FIRST = (Tier.PROVEN, Tier.CLOSED_FORM, Tier.HIGH_PRECISION, Tier.PUBLISHED, Tier.OWN_RUN)
 
 
 def write_report(report: Report, folder: str | Path) -> Path:
@@ -81,7 +80,7 @@ def compose(
     )
     return template(TEMPLATE).render(
         page_one=page_one_markdown(report, picture, when),
-        tiers=BEST_FIRST,
+        tiers=[tier.label for tier in BEST_FIRST],
         missing=MISSING,
         sections=[study_section(study, said, by_name) for study, said in report.said.items()],
         failed=_failed(failed),
@@ -114,7 +113,7 @@ def _truths(results: Results) -> str:
         ]
         or [pd.DataFrame(columns=["truth", "truth_tier", *UNCERTAINTIES])]
     )
-    compared = compared[compared["truth"].notna() & (compared["truth_tier"] != NO_TRUTH)]
+    compared = compared[compared["truth"].notna() & (compared["truth_tier"] != Tier.NONE)]
     if compared.empty:
         return ""
     largest = compared.groupby(["truth", "truth_tier"], sort=False)[list(UNCERTAINTIES)].max()

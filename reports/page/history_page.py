@@ -14,12 +14,12 @@ from urllib.parse import quote
 import numpy as np
 import pandas as pd
 
-from stiction.comparisons.bench.methods import MISSING_ENGINE
 from stiction.comparisons.bench.presentation.cells import setting_of
 from stiction.comparisons.bench.quantities import quantity_of
 from stiction.comparisons.regression.check import BETTER, COULD_NOT_RUN, REGRESSION
 from stiction.comparisons.regression.history import NO_DRAW, History, open_history
 from stiction.comparisons.regression.night_changes import environment_changes
+from stiction.engines.status import Status
 from stiction.reports.markdown.regression_report import REPORT, SUMMARY
 from stiction.reports.page.document import View, chart, document, link, markdown, table
 from stiction.scenes.atomic_files import write_text
@@ -67,7 +67,7 @@ def write_history_page(history: Path, file: Path) -> None:
         names = list(nights["night"])
         changed = _changes(opened, names)
     told = {night: _read(history.parent / night.replace(":", "")) for night in names}
-    rows["failed"] = (rows["status"] != "ok") | (rows["reason"] != "")
+    rows[Status.FAILED] = (rows["status"] != Status.OK) | (rows["reason"] != "")
     sections: dict[str, list[str]] = {}
     if names:
         sections["The newest night"] = _newest(
@@ -201,7 +201,7 @@ def _nights_table(
 def _failures(rows: pd.DataFrame) -> list[str]:
     """Engines that are not installed, in a line; runs that failed for a reason, with the nights in which they did."""
     runs = rows.drop_duplicates(["night", "key"])
-    absent = runs[runs["status"] == MISSING_ENGINE]
+    absent = runs[runs["status"] == Status.MISSING]
     blocks = []
     if len(absent):
         words = [
@@ -209,7 +209,7 @@ def _failures(rows: pd.DataFrame) -> list[str]:
             for engine, part in absent.groupby("engine", sort=False)
         ]
         blocks.append(markdown(f"Not installed in some of the nights: {', '.join(words)}."))
-    failed = runs[runs["failed"] & (runs["status"] != MISSING_ENGINE)]
+    failed = runs[runs[Status.FAILED] & (runs["status"] != Status.MISSING)]
     if len(failed):
         lines = [
             (part["night"].max(), str(part["night"].nunique()), *names)

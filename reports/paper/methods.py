@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import json
 from collections.abc import Mapping
-from typing import Any
 
 import pandas as pd
 
@@ -14,7 +13,7 @@ from stiction.reports.markdown.failures import failed_runs
 from stiction.reports.run_folder.data import words
 from stiction.reports.run_folder.stored_run import StoredRun
 from stiction.reports.text import filled, one_line, paragraphs, template
-from stiction.truths import PROVEN
+from stiction.truths import Tier
 
 CITED = {
     "exudyn": "@exudyn; @chung1993; @arnold2007",
@@ -58,8 +57,8 @@ def _mentioned(run: StoredRun, results: Results) -> dict[str, object]:
             for name, version in origin["engines"].items()
             if name not in own_methods()
         ],
-        "tiers": tiers,
-        "proven": PROVEN in tiers,
+        "tiers": [tier.label for tier in tiers],
+        "proven": Tier.PROVEN in tiers,
         "samples": _samples(tables.get("cost", pd.DataFrame())),
         "depth": campaign.get("depth", ""),
         "interrupted": bool(campaign.get("interrupted")),
@@ -131,11 +130,11 @@ def _samples(cost: pd.DataFrame) -> dict[str, int] | None:
     }
 
 
-def _tiers(tables: Mapping[str, pd.DataFrame]) -> list[Any]:
+def _tiers(tables: Mapping[str, pd.DataFrame]) -> list[Tier]:
     """Tiers of the truths that errors and thresholds are measured against."""
     return list(
         dict.fromkeys(
-            tier
+            Tier(tier)
             for name in ("accuracy", "threshold")
             if "truth_tier" in tables.get(name, ())
             for tier in tables[name]["truth_tier"].dropna()

@@ -8,6 +8,7 @@ from typing import Any
 
 from stiction.comparisons.bench.environment import commit, machine, source_digest, versions
 from stiction.comparisons.bench.results import Results
+from stiction.engines.status import Status
 from stiction.reports.run_folder.reproduce import command
 
 CHOICES = {
@@ -29,7 +30,7 @@ def provenance(results: Results) -> dict[str, Any]:
     engines = {
         record.variant.engine: "unknown: none of its runs ended"
         for record in results.records
-        if record.outcome.status != "missing"
+        if record.outcome.status != Status.MISSING
     }
     engines |= {
         record.variant.engine: record.trajectory.version

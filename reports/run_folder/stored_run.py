@@ -17,9 +17,9 @@ from stiction.comparisons.bench.variants import OWN_CPU, Record, Variant
 from stiction.engines.isolation import Outcome
 from stiction.reports.run_folder.data import TRUTH, truth_file
 from stiction.reports.run_folder.overwriting import PROVENANCE
-from stiction.scenes import Cost, Event, InputError, Trajectory
+from stiction.scenes import Cost, Event, Fidelity, InputError, Trajectory
 from stiction.scenes.trajectory import events_of
-from stiction.truths import Truth
+from stiction.truths import Tier, Truth
 
 ABOUT_RUNS = ("runs", "variants", "parameters", "truths")
 """Tables of a run folder that are not of the comparisons."""
@@ -73,7 +73,9 @@ class StoredRun:
     def _record(
         self, row: Mapping[str, Any], steps: tuple[float, ...], events: tuple[Event, ...]
     ) -> Record:
-        variant = Variant(row["variant"], row["engine"], row["parameter"], steps, row["fidelity"])
+        variant = Variant(
+            row["variant"], row["engine"], row["parameter"], steps, Fidelity(row["fidelity"])
+        )
         reason, trajectory = row["reason"], None
         if isinstance(row[TRAJECTORY], str):
             t, columns = _samples(pd.read_parquet(self.folder / row[TRAJECTORY]), events)
@@ -108,7 +110,7 @@ class StoredRun:
 
         known = self.tables["truths"]
         uncertainty = known[known["truth"] == name].set_index("column")["uncertainty"].to_dict()
-        return Truth(name, frame["tier"].iloc[0], float(t[-1]), at, uncertainty, events)
+        return Truth(name, Tier(frame["tier"].iloc[0]), float(t[-1]), at, uncertainty, events)
 
 
 def read_run(folder: str | Path) -> StoredRun:

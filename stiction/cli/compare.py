@@ -238,7 +238,8 @@ def _show(
 
 
 def _print(said: Section, results: Results, table: pd.DataFrame) -> None:
-    from stiction.comparisons.bench.methods import MISSING_ENGINE, succeeded
+    from stiction.comparisons.bench.methods import succeeded
+    from stiction.engines.status import Status
 
     for part in (said.answer, *said.findings):
         if part:
@@ -253,8 +254,8 @@ def _print(said: Section, results: Results, table: pd.DataFrame) -> None:
     runs = _runs(results, table)
     if {"status", "reason", "variant"} <= set(runs):
         absent, failed = (
-            runs["status"] == MISSING_ENGINE,
-            runs[~succeeded(runs) & (runs["status"] != MISSING_ENGINE)],
+            runs["status"] == Status.MISSING,
+            runs[~succeeded(runs) & (runs["status"] != Status.MISSING)],
         )
         for reason, rows in runs[absent].groupby("reason", sort=False, dropna=False):
             print(f"not installed, {len(rows)} run{'s' * (len(rows) != 1)} not made: {reason}")
@@ -264,7 +265,7 @@ def _print(said: Section, results: Results, table: pd.DataFrame) -> None:
         ):
             print(
                 f"method {method}, {len(rows)} of {made[method]} run{'s' if made[method] != 1 else ''} "
-                f"{'ended early' if status == 'ok' else status}: {reason}"
+                f"{'ended early' if status == Status.OK else Status(status).label}: {reason}"
             )
 
 
@@ -281,11 +282,13 @@ def _runs(results: Results, table: pd.DataFrame) -> pd.DataFrame:
 
 def _check(rows: pd.DataFrame) -> None:
     """Fail where no run succeeded, or no engine to compare with the reference is installed."""
+    from stiction.engines.status import Status
+
     if "status" not in rows:
         return
     others = rows[rows["engine"] != "reference"] if "engine" in rows else rows[:0]
-    if len(others) and (others["status"] == "missing").all():
+    if len(others) and (others["status"] == Status.MISSING).all():
         reasons = "; ".join(others["reason"].unique())
         raise ended(FAILED, f"no engine to compare with the reference is installed; {reasons}")
-    if not (rows["status"] == "ok").any():
+    if not (rows["status"] == Status.OK).any():
         raise ended(FAILED, f"all runs failed: {rows['reason'].iloc[0]}")

@@ -177,21 +177,22 @@ def export(
     """Write the scene as a model that an engine's users know."""
     from stiction.engines.exudyn.engine import scene_as_script
     from stiction.engines.mujoco.engine import scene_as_mjcf
-    from stiction.engines.protocol import FIDELITIES
     from stiction.engines.pybullet.urdf import urdf
     from stiction.engines.shared.fixed_step import DEFAULT_STEP
+    from stiction.scenes import Fidelity
     from stiction.scenes.resolved import resolved_text
 
     named = shlex.join([scene, *(part for text in overrides for part in ("--set", text))])
     writers = {
-        "mjcf": lambda loaded: scene_as_mjcf(loaded, DEFAULT_STEP, fidelity),
+        "mjcf": lambda loaded: scene_as_mjcf(loaded, DEFAULT_STEP, Fidelity(fidelity)),
         "urdf": urdf,
         "exudyn": lambda loaded: scene_as_script(loaded, named),
         "resolved": resolved_text,
     }
     if to not in writers:
         raise typer.BadParameter(f"found {to!r}; expected {', '.join(writers)}", param_hint="--to")
-    if fidelity not in (can := FIDELITIES if to == "mjcf" else ("joint",)):
+    can = tuple(Fidelity) if to == "mjcf" else (Fidelity.JOINT,)
+    if fidelity not in can:
         raise typer.BadParameter(
             f"found {fidelity!r}; expected {' or '.join(can)} with --to {to}",
             param_hint="--fidelity",
@@ -200,12 +201,13 @@ def export(
 
 
 def _try(name: str, timeout: float) -> None:
-    from stiction.comparisons.judge.conformance import conformance
+    from stiction.comparisons.judge.conformance import RIGHT, conformance
+    from stiction.engines.status import Status
 
     announce(f"{name}: five scenes, up to {timeout:g} s each")
     for trial in conformance(name, timeout):
         print(f"{trial.scene}: {trial.verdict}: " + "\n  ".join(trial.words))
-    if trial.verdict not in ("right", "refused"):
+    if trial.verdict not in (RIGHT, Status.REFUSED):
         raise ended(FAILED, f"{name}: {trial.scene}: {trial.verdict}")
 
 

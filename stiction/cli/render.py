@@ -201,18 +201,18 @@ def show_table(table: pd.DataFrame) -> None:
 def show_truths(table: pd.DataFrame) -> None:
     """Print what errors are measured against, where that is not independent of us or has a note."""
     from stiction.comparisons.measures.scene_truth import OWN_RTOL
-    from stiction.truths.truth import OWN_RUN
+    from stiction.truths.truth import Tier
 
     for (tier, note), _ in (
         table.groupby(["truth_tier", "truth_note"]) if "truth_note" in table else ()
     ):
         own = (
             f"errors are against our own run at rtol {OWN_RTOL:g} (not independent)"
-            if tier == OWN_RUN
+            if tier == Tier.OWN_RUN
             else ""
         )
         if words := "; ".join(filter(None, (own, note))):
-            print(f"truth, {tier}: {words}")
+            print(f"truth, {Tier(tier).label}: {words}")
 
 
 def show_trajectory(trajectory: Trajectory) -> None:

@@ -142,6 +142,7 @@ def _in_child(
 ) -> Any:
     """Call a function in a child process; bad input is raised here, any other failure ends the command."""
     from stiction.engines import Task, isolate
+    from stiction.engines.status import Status
     from stiction.scenes import InputError
 
     with progress(title) as bar:
@@ -154,10 +155,10 @@ def _in_child(
         )
     if isinstance(outcome.value, InputError):
         raise outcome.value
-    if outcome.status != "ok":
+    if outcome.status != Status.OK:
         if traceback and outcome.log and not outcome.bug:  # of a bug it is printed already
             print(outcome.log, file=sys.stderr)
-        raise ended(FAILED, f"{title}: {outcome.status}: {outcome.reason}")
+        raise ended(FAILED, f"{title}: {outcome.status.label}: {outcome.reason}")
     return outcome.value
 
 
@@ -241,10 +242,11 @@ def sweep(
     from stiction.comparisons.bench.executors import check_executor, open_isolate
     from stiction.comparisons.sweep import sweep as sweeps
     from stiction.comparisons.sweep.steady_state_measures import SteadyRun
+    from stiction.scenes.fidelity import fidelity_of
 
     loaded = scene_of(scene, overrides)
     end = t_end or sweeps.usual_end(loaded)
-    steady = SteadyRun(settle or end / 3, end, rtol, engine, fidelity, dt)
+    steady = SteadyRun(settle or end / 3, end, rtol, engine, fidelity_of(fidelity), dt)
     axes = tuple(sweeps.parse_axis(text) for text in vary)
     specification = sweeps.Specification(loaded, axes, tuple(listed(measure)), steady, timeout)
     folder = out or Path("sweeps") / f"{loaded.name}-{specification.digest[:8]}"
@@ -273,6 +275,7 @@ def _show_sweep(result: Any, folder: Path) -> None:
     from stiction.comparisons.bench.quantities import quantity_of
     from stiction.comparisons.studies.threshold import WITH_STICK, WITHOUT_STICK
     from stiction.comparisons.sweep.sweep import THRESHOLD_COLUMN
+    from stiction.engines.status import Status
     from stiction.reports.figures.map import sweep_drawings
     from stiction.reports.figures.style import rc, save
 
@@ -316,27 +319,30 @@ def _show_sweep(result: Any, folder: Path) -> None:
         ],
     )
     for part, table in tables.items():
-        failed = table[table["status"] != "ok"]
+        failed = table[table["status"] != Status.OK]
         for reason, points in (
             (failed["status"] + ": " + failed["reason"]).value_counts()[:EVENTS_SHOWN].items()
         ):
             print(f"{part}: {points} {'point' if points == 1 else 'points'}: {reason}")
     if result.threshold is not None:
         _show_bands(result.threshold)
-    if all((table["status"] != "ok").all() for table in tables.values()):
+    if all((table["status"] != Status.OK).all() for table in tables.values()):
         raise ended(FAILED, "all points failed")
 
 
 def _show_bands(table: Any) -> None:
     """Print where the slider sticks again above its threshold, of the first rows at which it does."""
+    from stiction.comparisons.bench.presentation.cells import intervals_in_words
     from stiction.comparisons.studies.threshold import AGAIN
 
     again = table[table[AGAIN] != ""]
     keys = list(table.columns[: list(table.columns).index("status")])
     for row in again.to_dict("records")[:EVENTS_SHOWN]:
         point = ", ".join(f"{key} = {row[key]:g}" for key in keys)
+        bands = " N and ".join(intervals_in_words(row[AGAIN]))
         print(
-            f"threshold: above {row['threshold']:.6g} N the slider sticks again {row[AGAIN]} ({point})"
+            f"threshold: above {row['threshold']:.6g} N the slider sticks again at about {bands} N "
+            f"({point})"
         )
     if len(again) > EVENTS_SHOWN:
         print(f"threshold: .. and so at {len(again) - EVENTS_SHOWN} points more")

@@ -10,10 +10,10 @@ from stiction.cli.app import app
 from stiction.cli.exit_codes import FINE
 from stiction.comparisons.bench.depth import Depth
 from stiction.comparisons.bench.participants import variants as all_variants
-from stiction.comparisons.bench.planned_runs import NOT_RUN
 from stiction.comparisons.studies import accuracy
 from stiction.comparisons.validation import validate
 from stiction.engines import Outcome
+from stiction.engines.status import Status
 from stiction.reports import report_of, write_report
 
 MORTAL = """
@@ -79,7 +79,7 @@ def test_an_interrupted_validation_ends_at_once_with_a_report(
     )
 
     def not_run(tasks, *, on_result=None, **_):
-        outcomes = [Outcome(task.label, NOT_RUN, reason="interrupted") for task in tasks]
+        outcomes = [Outcome(task.label, Status.NOT_RUN, reason="interrupted") for task in tasks]
         for outcome in outcomes if on_result else ():
             on_result(outcome)
         return outcomes

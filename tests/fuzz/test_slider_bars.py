@@ -27,9 +27,9 @@ from stiction.reference_impl.friction.coulomb import equal_mobilization
 from stiction.scenes import load_scene, vary
 from stiction.scenes.trajectory import Breakdown
 from stiction.truths import (
-    NO_TRUTH,
     NoMotion,
     NotThisMechanism,
+    Tier,
     Undecided,
     incline_truth,
     oscillator_truth,
@@ -37,7 +37,6 @@ from stiction.truths import (
 )
 from stiction.truths.reduced.piecewise_smooth import Collocation
 from stiction.truths.reduced.slider_contact import Contact
-from stiction.truths.truth import OWN_RUN
 
 SELF_LOCKING = {
     "F0": 2.173292141249958,
@@ -240,11 +239,11 @@ def test_ground_truth_dispatches_on_types_only(fresh_truths, monkeypatch):
         monkeypatch.setattr(scene_truth, "INDEPENDENT", (raises,))
         return ground_truth(scene, 0.5)
 
-    assert truth(NotThisMechanism("another")).tier == OWN_RUN
+    assert truth(NotThisMechanism("another")).tier == Tier.OWN_RUN
     undecided = truth(Undecided("two integrations"))
-    assert undecided.tier == OWN_RUN and undecided.note == "two integrations"
+    assert undecided.tier == Tier.OWN_RUN and undecided.note == "two integrations"
     none = truth(NoMotion("several motions", 0.25))
-    assert none.tier == NO_TRUTH and "0.25" in none.note and none(0.1) == {}
+    assert none.tier == Tier.NONE and "0.25" in none.note and none(0.1) == {}
     for bug in (
         ValueError("operands could not be broadcast"),
         np.linalg.LinAlgError("singular"),

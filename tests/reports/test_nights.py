@@ -7,7 +7,7 @@ from types import SimpleNamespace
 
 import pytest
 
-from stiction.comparisons.bench.planned_runs import NOT_RUN, Metric, Row
+from stiction.comparisons.bench.planned_runs import Metric, Row
 from stiction.comparisons.regression import history
 from stiction.comparisons.regression.check import (
     COULD_NOT_RUN,
@@ -18,6 +18,7 @@ from stiction.comparisons.regression.check import (
 )
 from stiction.comparisons.regression.night_changes import engine_versions, environment_changes
 from stiction.comparisons.regression.nightly import Result
+from stiction.engines.status import Status
 from stiction.reports.markdown.regression_report import (
     check_report,
     night_report,
@@ -76,7 +77,7 @@ ROWS = (
     row("block", "pymunk"),
     row("sled", "drake", "missing", "drake: not installed", None),
     row("block", "drake", "missing", "drake: not installed", None),
-    row("block", "reference", NOT_RUN, "the 60 s of the campaign were over", None),
+    row("block", "reference", Status.NOT_RUN, "the 60 s of the campaign were over", None),
 )
 ABSENT = [
     Finding(

@@ -27,7 +27,7 @@ from numpy.polynomial.polynomial import polyder, polyval
 
 from stiction.scenes import Scene, StictionError, scene_from_dict, scene_to_toml
 from stiction.scenes.digest import SHORT, digest
-from stiction.truths import PROVEN, StickThreshold, Truth
+from stiction.truths import StickThreshold, Tier, Truth
 from stiction.truths.reduced.slider_bar import SliderBar
 
 DATA = Path(str(resources.files("stiction.comparisons") / "data"))
@@ -158,7 +158,7 @@ def with_proof(scene: Scene, truth: Truth) -> Truth:
 
     return replace(
         truth,
-        tier=PROVEN,
+        tier=Tier.PROVEN,
         tier_below=truth.tier,
         columns=columns,
         uncertainty={**truth.uncertainty, **errors, "event time": proven.event_time},

@@ -181,15 +181,6 @@ class StickBands:
     step: float
     unknown: tuple[float, ...] = ()
 
-    @property
-    def words(self) -> str:
-        """Where it sticks again, such as ``"at about 3.77 to 4.54 N"``; nothing where it does not."""
-        shown = [
-            f"{low:.3g} to {high:.3g}" if f"{low:.3g}" != f"{high:.3g}" else f"{low:.3g}"
-            for low, high in self.bands
-        ]
-        return f"at about {' N and '.join(shown)} N" if shown else ""
-
 
 @dataclass(frozen=True)
 class StickThreshold:

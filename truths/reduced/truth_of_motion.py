@@ -14,7 +14,7 @@ from stiction.truths.reduced.piecewise_smooth import (
     Undecided,
     integrate,
 )
-from stiction.truths.truth import HIGH_PRECISION, Truth, two_sided
+from stiction.truths.truth import Tier, Truth, two_sided
 
 FINE, COARSE = Collocation(order=24, longest_step=0.5), Collocation(order=16, longest_step=0.2)
 """Two discretizations whose difference is the uncertainty: they share neither nodes nor steps."""
@@ -112,7 +112,7 @@ def truth_of(
 
     return Truth(
         scene.name,
-        HIGH_PRECISION,
+        Tier.HIGH_PRECISION,
         t_end,
         lambda t, side: dict(columns(t.tobytes(), side)),
         uncertainty,

@@ -19,6 +19,7 @@ import pandas as pd
 
 from stiction.comparisons.bench.complementarity.problems import SOLVED, Problem, read_problems
 from stiction.engines.isolation import Outcome, Task, isolate
+from stiction.engines.status import Status
 from stiction.reference_impl.friction.hlcp import residual
 from stiction.scenes import InputError
 
@@ -150,5 +151,5 @@ def _row(kind: str, outcome: Outcome) -> dict[str, Any]:
             (each.residual for each in answers if each.outcome == "solved"), default=np.nan
         ),
         "median_time": 1e6 * float(np.median(timed)) if timed else np.nan,
-        "reason": outcome.reason if outcome.status != "ok" else next(iter(reasons), ""),
+        "reason": outcome.reason if outcome.status != Status.OK else next(iter(reasons), ""),
     }

@@ -20,14 +20,22 @@ from stiction.comparisons.bench.presentation.presentation import (
     Presentation,
 )
 from stiction.comparisons.bench.presentation.rows import Cell, Row, row_of
-from stiction.comparisons.bench.presentation.table_view import Column, TableView, view
+from stiction.comparisons.bench.presentation.table_view import (
+    METHOD,
+    REFINED_BY,
+    Column,
+    TableView,
+    view,
+)
 
 __all__ = [
     "ANSWER_LENGTH",
     "BETTER",
     "CHOSEN",
     "LIMIT",
+    "METHOD",
     "OTHER",
+    "REFINED_BY",
     "TRUTH",
     "Axis",
     "Cell",

@@ -19,7 +19,7 @@ BRIEF_ROWS = 30
 
 @dataclass(frozen=True)
 class Column:
-    """A column of a table as it is shown.
+    """A column of a table as it is shown: a quantity, and what this table shows of it in another way.
 
     Attributes
     ----------
@@ -91,6 +91,12 @@ class Column:
         if self.form:
             return format(self.scale * float(value), self.form)
         return cell(self.quantity, self.scale * value if self.scale != 1 else value)
+
+
+METHOD = Column("variant", "method")
+"""What a row is of, in the words of a reader."""
+REFINED_BY = Column("parameter", "refined by")
+"""The parameter along a refinement series."""
 
 
 @dataclass(frozen=True)

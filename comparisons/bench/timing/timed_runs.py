@@ -21,8 +21,10 @@ from stiction.comparisons.bench.timing.visits import (
 )
 from stiction.comparisons.bench.variants import OWN_CPU
 from stiction.engines.isolation import Isolate, Outcome, Task, is_simulation
+from stiction.engines.status import Status
 from stiction.scenes import Trajectory, vary
 from stiction.scenes.digest import digest, scene_digest
+from stiction.scenes.fidelity import Fidelity
 
 KERNEL, OTHERS = "kernel_time", "other_load"
 """Columns of `samples_table`."""
@@ -42,7 +44,7 @@ def computation(task: Task, run: Trajectory) -> str:
     content = vary(scene, {"stabilization": None}) if "stabilization" in settings else scene
     t_end = arguments.get("t_end") or scene.t_end
     return digest(
-        [engine, arguments.get("fidelity", "joint"), scene_digest(content), t_end, settings]
+        [engine, arguments.get("fidelity", Fidelity.JOINT), scene_digest(content), t_end, settings]
     )
 
 
@@ -61,7 +63,7 @@ def affordable(
     spent: dict[str, float] = defaultdict(float)
     steps: Counter[str] = Counter()
     for (task, outcome), name in zip(runs, series, strict=True):
-        if outcome.status == "ok":
+        if outcome.status == Status.OK:
             cost = outcome.value.cost  # an engine need not state one
             spent[name] += rounds * (cost.setup_s + cost.stepping_s or outcome.cpu_s or 0.0)
             steps[name] += 1
@@ -99,7 +101,7 @@ def time_runs(
         )
         cores = others(before, load())
         for key, outcome in zip(keys, outcomes, strict=True):
-            if outcome.status == "ok":
+            if outcome.status == Status.OK:
                 yield key, replace(outcome.value, others=cores)
             else:
                 failures[key] = f"while it was timed: {outcome.status}: {outcome.reason}"
@@ -126,7 +128,7 @@ def with_time(task: Task, outcome: Outcome, times: Mapping[str, Timing], is_time
 
     Of a comparison that is timed its value becomes its `Timing`.
     """
-    if outcome.status != "ok" or not is_simulation(task):
+    if outcome.status != Status.OK or not is_simulation(task):
         return outcome
     timing = times.get(computation(task, outcome.value), Timing(outcome.value))
     setup, stepping, own = (

@@ -30,6 +30,7 @@ from stiction.comparisons.bench.timing.intervals import CONFIDENCE, Interval, me
 from stiction.engines.protocol import Engine
 from stiction.engines.registry import load_engine
 from stiction.scenes import Cost, Scene, Trajectory
+from stiction.scenes.fidelity import Fidelity
 
 K = TypeVar("K")
 S = TypeVar("S")
@@ -98,7 +99,7 @@ def bare_run(
     t_end = settings.pop("t_end", None) or scene.t_end
     settings.pop("output_step", None)
     options = {name: settings.pop(name, None) for name in ("dt", "rtol")}
-    fidelity = settings.pop("fidelity", "joint")
+    fidelity = settings.pop("fidelity", Fidelity.JOINT)
     settings = engine.settings_of_run(settings, fidelity=fidelity, **options)
     return lambda: engine.run(
         scene, t_end=t_end, fidelity=fidelity, output_step=t_end, settings=settings, **options

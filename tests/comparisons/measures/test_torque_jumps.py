@@ -14,7 +14,7 @@ from stiction.comparisons.measures.torque_jumps import BOUND, estimate_jump, tor
 from stiction.engines import Outcome
 from stiction.engines.pymunk.engine import PymunkEngine
 from stiction.scenes import Event, Trajectory, load_scene
-from stiction.truths import CLOSED_FORM, Truth, slider_bar_truth
+from stiction.truths import Tier, Truth, slider_bar_truth
 
 EFFORT, AT, END = "motor.effort", 1.0, 2.0
 STEPS = st.sampled_from([5e-4, 1e-3, 2e-3, 5e-3, 1e-2])
@@ -146,7 +146,7 @@ def true_motion(*jumps):
         value = smooth(time) + before
         events.append(Event(time, "reversal", "guide", {EFFORT: value}, {EFFORT: value + size}))
         before += size
-    return Truth("made-up", CLOSED_FORM, END, lambda t, side: {}, {}, tuple(events))
+    return Truth("made-up", Tier.CLOSED_FORM, END, lambda t, side: {}, {}, tuple(events))
 
 
 def run(*jumps, end=END, step=2e-3):

@@ -54,8 +54,7 @@ from stiction.comparisons.regression.tolerances import FACTOR, FURTHER, MARGIN, 
 from stiction.engines import load_engine
 from stiction.reports.markdown.regression_report import changes
 from stiction.scenes import load_scene
-from stiction.truths import CLOSED_FORM, HIGH_PRECISION, PROVEN
-from stiction.truths.truth import OWN_RUN
+from stiction.truths import Tier
 
 HERE, ELSEWHERE_MADE = "a processor; a library 1.0", "another processor; a library 1.0"
 ORIGIN = {
@@ -78,10 +77,10 @@ RUN = Row(
     "",
     {},
     (
-        Metric("position_error", "accuracy", 1e-6, 1e-9, CLOSED_FORM),
-        Metric("events_missed", "event", 0.0, None, CLOSED_FORM),
-        Metric("events_matched", "event", 7.0, None, CLOSED_FORM),
-        Metric("position_drift", "drift", 2e-12, 1e-13, CLOSED_FORM),
+        Metric("position_error", "accuracy", 1e-6, 1e-9, Tier.CLOSED_FORM),
+        Metric("events_missed", "event", 0.0, None, Tier.CLOSED_FORM),
+        Metric("events_matched", "event", 7.0, None, Tier.CLOSED_FORM),
+        Metric("position_drift", "drift", 2e-12, 1e-13, Tier.CLOSED_FORM),
         Metric("rhs", "counter", 100.0),
         Metric(TIME, "time", 10.0, 0.1),
     ),
@@ -100,8 +99,8 @@ TRUE = Row(
     "",
     None,
     (
-        Metric("end:mass.x", TRUTH, 0.25, 1e-12, CLOSED_FORM),
-        Metric("end:mass.y", TRUTH, 0.5, 1e-12, OWN_RUN),
+        Metric("end:mass.x", TRUTH, 0.25, 1e-12, Tier.CLOSED_FORM),
+        Metric("end:mass.y", TRUTH, 0.5, 1e-12, Tier.OWN_RUN),
     ),
 )
 
@@ -463,17 +462,17 @@ def test_a_quantity_that_one_truth_lacks_is_compared_within_a_tier_only():
     other = replace(
         less,
         metrics=tuple(
-            replace(metric, tier=PROVEN) if metric.kind in ("accuracy", "event") else metric
+            replace(metric, tier=Tier.PROVEN) if metric.kind in ("accuracy", "event") else metric
             for metric in less.metrics
         ),
     )
     [finding] = found(other)
     assert (
         finding.severity == NOT_JUDGED
-        and CLOSED_FORM in finding.reason
-        and PROVEN in finding.reason
+        and Tier.CLOSED_FORM in finding.reason
+        and Tier.PROVEN in finding.reason
     )
-    gone = replace(TRUE, metrics=(replace(TRUE.metrics[1], tier=HIGH_PRECISION),))
+    gone = replace(TRUE, metrics=(replace(TRUE.metrics[1], tier=Tier.HIGH_PRECISION),))
     assert [
         finding.severity for finding in found(gone, TRUE) if finding.metric == "end:mass.x"
     ] == [NOT_JUDGED]
@@ -481,11 +480,13 @@ def test_a_quantity_that_one_truth_lacks_is_compared_within_a_tier_only():
         finding.severity
         for finding in found(
             replace(TRUE, metrics=TRUE.metrics[1:]),
-            replace(TRUE, metrics=(TRUE.metrics[0], replace(TRUE.metrics[1], tier=CLOSED_FORM))),
+            replace(
+                TRUE, metrics=(TRUE.metrics[0], replace(TRUE.metrics[1], tier=Tier.CLOSED_FORM))
+            ),
         )
         if finding.metric == "end:mass.x"
     ] == [NOT_JUDGED]
-    same = replace(TRUE, metrics=(replace(TRUE.metrics[1], tier=CLOSED_FORM),))
+    same = replace(TRUE, metrics=(replace(TRUE.metrics[1], tier=Tier.CLOSED_FORM),))
     assert REGRESSION in {finding.severity for finding in found(same, TRUE)}
 
 
@@ -706,12 +707,13 @@ class TestBaselineFile:
             replace(TRUE, metrics=TRUE.metrics[1:]),
             replace(TRUE, status="failed", reason="no motion", metrics=()),
             replace(
-                TRUE, metrics=(replace(TRUE.metrics[0], tier=OWN_RUN, value=0.3), TRUE.metrics[1])
+                TRUE,
+                metrics=(replace(TRUE.metrics[0], tier=Tier.OWN_RUN, value=0.3), TRUE.metrics[1]),
             ),
         ],
         ids=["moved", "gone", "failed", "of a lower tier"],
     )
-    @pytest.mark.parametrize("tier", [CLOSED_FORM, HIGH_PRECISION])
+    @pytest.mark.parametrize("tier", [Tier.CLOSED_FORM, Tier.HIGH_PRECISION])
     def test_update_refuses_to_touch_a_truth(self, row, tier):
         before = replace(TRUE, metrics=(replace(TRUE.metrics[0], tier=tier), TRUE.metrics[1]))
         with pytest.raises(BaselineRefused, match=rf"s/truth: end:mass.x: 0.25.*{tier}"):

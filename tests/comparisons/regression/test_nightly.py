@@ -31,7 +31,7 @@ from stiction.engines.registry import ENGINES
 from stiction.engines.shared.friction_bound import FrictionBound
 from stiction.reference_impl.multibody.mechanism import Mechanism
 from stiction.scenes import vary
-from stiction.truths import PROVEN
+from stiction.truths import Tier
 
 pytestmark = pytest.mark.usefixtures(
     "in_this_process"
@@ -125,7 +125,9 @@ def test_damage_is_caught_by_the_right_line(engine, what, folder, small_baseline
     if engine != "Slippery":  # which changes everything
         assert set(regressions) == what
     if engine == "LooseEvents":
-        assert "slider-bar-case-1/reference/rtol=1e-09" in ended.output and PROVEN in ended.output
+        assert (
+            "slider-bar-case-1/reference/rtol=1e-09" in ended.output and Tier.PROVEN in ended.output
+        )
 
 
 @pytest.mark.parametrize("engine", ["reference", "damaged_solvers:Undamaged"])
@@ -226,7 +228,7 @@ def test_update_refuses_to_touch_a_truth(folder, small_baseline):
     ended = invoke(
         "baseline update small.toml --file moved.toml --reason right", exit_code=REGRESSED
     )
-    assert "slider-bar-case-1/truth: end:slider.x" in ended.stderr and PROVEN in ended.stderr
+    assert "slider-bar-case-1/truth: end:slider.x" in ended.stderr and Tier.PROVEN in ended.stderr
     assert (folder / "moved.toml").read_text() == moved
     assert (
         "truth"

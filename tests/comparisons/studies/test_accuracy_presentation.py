@@ -13,7 +13,7 @@ from stiction.comparisons.bench.results import Results
 from stiction.comparisons.studies.accuracy import STUDY, in_scene, largest_differences, present
 from stiction.reports.text import section_of
 from stiction.scenes import Event, Trajectory
-from stiction.truths import CLOSED_FORM, Truth
+from stiction.truths import Tier, Truth
 
 ERRORS = {
     "reference": (1e-12, 2e-12, 3e-12),
@@ -46,7 +46,7 @@ def results(errors=ERRORS, lost=(), status="failed", reason="why"):
                 )
                 records.append(one)
                 rows.append({**about(one), **found})
-    truths = {case: Truth(case, CLOSED_FORM, 0.01, true_columns, {}) for case in CASES}
+    truths = {case: Truth(case, Tier.CLOSED_FORM, 0.01, true_columns, {}) for case in CASES}
     return Results(tuple(records), truths, {"accuracy": pd.DataFrame(rows)})
 
 
@@ -184,7 +184,11 @@ def test_events_are_counted_of_the_kinds_that_a_method_reports():
 def test_differences_are_taken_where_the_truth_is_stored():
     t = np.linspace(0.0, 24.0, 2401)
     truth = Truth(
-        "made-up", CLOSED_FORM, 24.0, lambda t, side: {"slider.x": np.sin(t), "slider.y": 0 * t}, {}
+        "made-up",
+        Tier.CLOSED_FORM,
+        24.0,
+        lambda t, side: {"slider.x": np.sin(t), "slider.y": 0 * t},
+        {},
     )
     off = np.where(np.arange(len(t)) % 20 == 7, 3e-3, 1e-3)
     run = Trajectory(

@@ -19,6 +19,7 @@ from stiction.comparisons.bench.results import Results
 from stiction.comparisons.bench.study import Scope, union
 from stiction.comparisons.bench.timing.visits import VisitTimes
 from stiction.comparisons.bench.variants import COEFFICIENTS, OWN_CPU, Coefficients
+from stiction.comparisons.measures.published_creep import UNCERTAINTY
 from stiction.comparisons.studies import hold
 from stiction.comparisons.studies.hold import (
     BROKEN,
@@ -559,7 +560,7 @@ def test_verdicts_on_laws_and_on_published_creep():
             "case": ["a", "b", "c", "d"],
             hold.PUBLISHED: [10.0, 20.0, 30.0, np.nan],
             hold.OURS: [11.0, 20.5, 90.0, 5.0],
-            hold.UNCERTAINTY: [0.5, 0.1, 1.0, 0.1],
+            UNCERTAINTY: [0.5, 0.1, 1.0, 0.1],
             hold.MATCHED: [False, False, True, False],
         }
     )

@@ -15,7 +15,7 @@ from stiction.comparisons.studies.accuracy import in_scene
 from stiction.comparisons.studies.torque import STUDY, plan, present, windows_table
 from stiction.reports.text import section_of
 from stiction.scenes import Event, InputError, Trajectory, load_scene
-from stiction.truths import CLOSED_FORM, Truth
+from stiction.truths import Tier, Truth
 
 EFFORT = "motor.effort"
 JUMPS = (-0.0636, 1.2, -2.5)
@@ -153,7 +153,7 @@ def true_motion(name, *events):
             Event(time, kind, "guide", {EFFORT: time + before}, {EFFORT: time + before + size})
         )
         before += size
-    return Truth(name, CLOSED_FORM, 10.0, columns, {}, tuple(made))
+    return Truth(name, Tier.CLOSED_FORM, 10.0, columns, {}, tuple(made))
 
 
 def windows():

@@ -14,6 +14,7 @@ from hypothesis import strategies as st
 
 from stiction.cli.exit_codes import BAD_INPUT
 from stiction.comparisons.bench.executors import open_isolate
+from stiction.comparisons.bench.presentation.cells import intervals_of
 from stiction.comparisons.bench.store import kept_file
 from stiction.comparisons.measures.settling import NotSettled
 from stiction.comparisons.sweep.steady_state_measures import MEASURES, SteadyRun, steady_window
@@ -289,10 +290,7 @@ def test_thresholds_say_where_the_slider_sticks_again(tmp_path):
         "--vary", "mu=0.01,0.015,0.03", "--measure", "threshold", "--out", str(tmp_path / "out")
     )
     table = pd.read_parquet(tmp_path / "out" / "threshold.parquet")
-    bands = [
-        [float(word) for word in words.split() if word[0].isdigit()]
-        for words in table["sticks_again"]
-    ]
+    bands = [[end for band in intervals_of(text) for end in band] for text in table["sticks_again"]]
     assert (
         bands[0] == pytest.approx([4.33, 4.71], abs=0.03)
         and bands[1] == pytest.approx([3.77, 4.55], abs=0.03)

@@ -12,8 +12,9 @@ from conftest import installed
 
 from stiction.comparisons.hard.scaled_scenes import Units, scaled
 from stiction.engines import BadTrajectory, EngineFailure, Refused
-from stiction.engines.protocol import FIDELITIES, Declined
+from stiction.engines.protocol import Declined
 from stiction.scenes import InputError, load_scene, scene_from_dict, vary
+from stiction.scenes.fidelity import Fidelity
 from stiction.truths import (
     moving_guide_truth,
     oscillator_truth,
@@ -167,7 +168,7 @@ class TestSliderBar:
             > 0.8
         )
 
-    @pytest.mark.parametrize("fidelity", FIDELITIES)
+    @pytest.mark.parametrize("fidelity", Fidelity)
     def test_repeats_to_the_bit(self, engine, fidelity):
         one, two = (
             engine.simulate(load_scene("slider-bar-case-1"), t_end=1.0, dt=5e-3, fidelity=fidelity)

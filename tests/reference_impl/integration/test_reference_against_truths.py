@@ -21,7 +21,7 @@ from stiction.reference_impl.integration.event_driven import simulate_event_driv
 from stiction.reference_impl.multibody.mechanism import Mechanism
 from stiction.scenes import load_scene, vary
 from stiction.truths import (
-    HIGH_PRECISION,
+    Tier,
     incline_truth,
     moving_guide_truth,
     oscillator_truth,
@@ -30,7 +30,6 @@ from stiction.truths import (
     slider_crank_truth,
     trammel_truth,
 )
-from stiction.truths.truth import OWN_RUN
 
 CASES = ["slider-bar-case-1", "slider-bar-case-2", "slider-bar-case-3"]
 VARIETIES = [
@@ -206,7 +205,7 @@ def test_a_damped_slider_bar_has_an_independent_truth():
         load_scene("slider-bar-case-1"), {"spring.damping": 0.3, "spring.axis": [1, 0], "t_end": 2}
     )
     assert (
-        slider_bar_truth(scene).tier == ground_truth(scene).tier == HIGH_PRECISION
+        slider_bar_truth(scene).tier == ground_truth(scene).tier == Tier.HIGH_PRECISION
     )  # no certificate is of it
 
 
@@ -219,4 +218,4 @@ def test_own_truth_whose_events_depend_on_the_tolerance_knows_no_times(monkeypat
 
     monkeypatch.setattr(scene_truth, "simulate_event_driven", less)
     truth = ground_truth(random_scene(0, 0), 0.5)
-    assert truth.tier == OWN_RUN and truth.uncertainty["event time"] == 0.5
+    assert truth.tier == Tier.OWN_RUN and truth.uncertainty["event time"] == 0.5

@@ -12,7 +12,7 @@ from stiction.engines.reference.engine import ReferenceEngine
 from stiction.scenes import load_scene, scene_from_dict, vary
 from stiction.truths import slider_bar_truth
 from stiction.truths.enumerated_motion import STEPS, TOLERANCE, simulate
-from stiction.truths.truth import OWN_RUN
+from stiction.truths.truth import Tier
 
 RTOLS = (1e-9, 1e-12)
 
@@ -153,7 +153,7 @@ def test_own_truth_states_its_tier_and_is_the_motion():
     """Two frictional guides and a chain: no independent truth has them. The second method does, to its own tolerance."""
     (scene, other), bound = drawn(0), RESERVE * TOLERANCE
     truth = ground_truth(scene, T_END)
-    assert truth.tier == OWN_RUN and len(truth.events) == len(other.events)
+    assert truth.tier == Tier.OWN_RUN and len(truth.events) == len(other.events)
     np.testing.assert_allclose(
         [event.time for event in truth.events],
         [event.time for event in other.events],

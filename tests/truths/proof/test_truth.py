@@ -19,7 +19,7 @@ from stiction.comparisons.regression.measurement import _errors
 from stiction.engines import Outcome
 from stiction.engines.reference.engine import ReferenceEngine
 from stiction.scenes import catalogue, load_scene, scene_to_toml, vary
-from stiction.truths import CLOSED_FORM, HIGH_PRECISION, PROVEN, slider_bar_truth
+from stiction.truths import Tier, slider_bar_truth
 from stiction.truths.physics import physics_of
 from stiction.truths.proof.truth import Contradiction, certificates, motion_digest, with_proof
 
@@ -62,7 +62,7 @@ def test_rows_are_the_same_with_and_without_ball_arithmetic(compiled):
     with redirect_stdout(StringIO()) as printed:
         exec(ROWS, {})
     assert without == printed.getvalue()
-    assert without.count(f"tier={PROVEN!r}") > 20 and without.count("/truth") == 4
+    assert without.count(f"tier={Tier.PROVEN!r}") > 20 and without.count("/truth") == 4
 
 
 def digest_of(scene):
@@ -119,17 +119,17 @@ def test_a_digest_is_of_the_motion_alone(scene):
 
 
 def test_a_changed_scene_has_the_tier_below(scene):
-    assert ground_truth(vary(scene, {"F0": 3.0001})).tier == HIGH_PRECISION
+    assert ground_truth(vary(scene, {"F0": 3.0001})).tier == Tier.HIGH_PRECISION
     longer = load_scene("slider-bar-case-1", {"t_end": 25})  # the certificate ends at 24 s
-    assert ground_truth(longer).tier == HIGH_PRECISION
-    assert ground_truth(load_scene("slider-crank", {"t_end": 0.1})).tier == CLOSED_FORM
+    assert ground_truth(longer).tier == Tier.HIGH_PRECISION
+    assert ground_truth(load_scene("slider-crank", {"t_end": 0.1})).tier == Tier.CLOSED_FORM
 
 
 def test_a_part_of_a_proven_motion_is_proven(scene, truth):
     """Columns and events of a truth that ends earlier are those of the whole one."""
     whole, t = ground_truth(load_scene("slider-bar-case-1")), np.linspace(0, 6, 100)
-    assert truth.tier == whole.tier == PROVEN
-    assert truth.effort_tier == HIGH_PRECISION  # no proof encloses the motor's torque
+    assert truth.tier == whole.tier == Tier.PROVEN
+    assert truth.effort_tier == Tier.HIGH_PRECISION  # no proof encloses the motor's torque
     assert [event.time for event in truth.events] == [
         event.time for event in whole.events if event.time < 6
     ]
@@ -144,14 +144,14 @@ def test_each_number_of_a_run_says_its_own_tier(truth):
     run = ReferenceEngine().simulate(load_scene("slider-bar-case-1"), t_end=6.0, rtol=1e-9)
     tiers = {metric.name: metric.tier for metric in _errors(errors(run, truth, 1.0), truth)}
     assert (
-        tiers.pop(TORQUE_ERROR) == HIGH_PRECISION
+        tiers.pop(TORQUE_ERROR) == Tier.HIGH_PRECISION
         and len(tiers) > 3
-        and set(tiers.values()) == {PROVEN}
+        and set(tiers.values()) == {Tier.PROVEN}
     )
     variant = Variant("reference", "reference", "rtol", (1e-9,))
     record = Record("key", "slider-bar-case-1", variant, 1e-9, Outcome("key", "ok", run))
     jumps = torque_table([record], {"key": truth})
-    assert len(jumps) and set(jumps["truth_tier"]) == {HIGH_PRECISION}
+    assert len(jumps) and set(jumps["truth_tier"]) == {Tier.HIGH_PRECISION}
 
 
 @pytest.mark.parametrize("overrides", [{}, {"guide.mu": 0.0, "guide.mus": 0.0}])
@@ -161,7 +161,7 @@ def test_a_guide_without_friction_has_no_events_in_any_tier(overrides, compiled)
     scene = load_scene(name, {**overrides, "t_end": 8.0})
     below = slider_bar_truth(scene)
     assert Counter(event.kind for event in below.events)["corner"] > 0
-    assert ground_truth(scene).tier == (HIGH_PRECISION if overrides else PROVEN)
+    assert ground_truth(scene).tier == (Tier.HIGH_PRECISION if overrides else Tier.PROVEN)
     found = errors(ReferenceEngine().simulate(scene, rtol=1e-9), ground_truth(scene))
     assert found["position_error"] < 1e-8
     assert not any(found.get(f"events {what}") for what in ("matched", "missed", "spurious"))

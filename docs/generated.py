@@ -16,7 +16,6 @@ import typer
 from pydantic import BaseModel
 from pydantic.fields import FieldInfo
 
-import stiction
 from stiction.cli.app import app
 from stiction.cli.describe import fidelities_of, table_of_defaults
 from stiction.comparisons.regression import history
@@ -79,7 +78,7 @@ def scene_format() -> str:
     return "\n".join(
         f"### {title}\n\n{_text(model)}\n\n"
         + _table(
-            ("key", "if not given", "what"),
+            ("key", "default", "description"),
             (
                 (f"`{key}`", _default(field), field.description or "")
                 for key, field in model.model_fields.items()
@@ -95,9 +94,9 @@ def _default(field: FieldInfo) -> str:
     default = field.default
     if isinstance(default, BaseModel):
         return f'`method = "{default.method}"`'
-    return {type(None): "none", str: "empty", dict: "none"}.get(
-        type(default)
-    ) or f"`{_toml(default)}`"
+    if isinstance(default, str):
+        return f'`"{default}"`' if default else "empty"
+    return "none" if default is None or default == {} else f"`{_toml(default)}`"
 
 
 def _toml(value: Any) -> str:
@@ -127,18 +126,38 @@ def engine(name: str) -> str:
         _table(heading, [[cell and f"`{cell}`" for cell in row] for row in rows]) if rows else ""
     )
     return (
-        f"### {name}\n\nOrder {built.capabilities.order}, reactions from {built.capabilities.reactions}.\n\n"
-        + _table(("fidelity", "friction law, and who supplies it", "mus"), fidelities)
+        f"### {name}\n\nOrder of convergence: {built.capabilities.order}. "
+        f"Reactions are taken from the {built.capabilities.reactions}.\n\n"
+        + _table(("fidelity", "friction law (supplied by)", "mus"), fidelities)
         + f"\n{_text(type(built))}\n\n{settings}"
     )
 
 
 def _commands(command: Any, name: str) -> Iterator[str]:
-    if hasattr(command, "list_commands"):
-        context = command.context_class(command, info_name=name)
-        for part in sorted(command.list_commands(context)):
-            yield from _commands(command.get_command(context, part), f"{name} {part}")
+    """A heading, the help and a table of options for every command.
+
+    The studies of ``compare`` have the same options: they share one table.
+    """
+    if not hasattr(command, "list_commands"):
+        yield f"### {name}\n\n{command.help}\n\n{_options(command, name)}"
         return
+    context = command.context_class(command, info_name=name)
+    parts = {
+        part: command.get_command(context, part) for part in sorted(command.list_commands(context))
+    }
+    tables = {_options(part, name) for part in parts.values() if not hasattr(part, "list_commands")}
+    if len(parts) > 1 and len(tables) == 1:
+        studies = _table(
+            ("command", "question"),
+            [(f"`{name} {study}`", part.help or "") for study, part in parts.items()],
+        )
+        yield f"### {name}\n\n{command.help}\n\n{studies}\nAll of them have these options:\n\n{tables.pop()}"
+        return
+    for part, inner in parts.items():
+        yield from _commands(inner, f"{name} {part}")
+
+
+def _options(command: Any, name: str) -> str:
     context = command.make_context(name, [], resilient_parsing=True)
     rows = []
     for parameter in command.params:
@@ -159,31 +178,7 @@ def _commands(command: Any, name: str) -> Iterator[str]:
             else f"`{default}`"
         )
         rows.append((f"`{label}`", shown, parameter.help or ""))
-    options = _table(("argument, option", "if not given", "what"), rows) if rows else ""
-    yield f"### {name}\n\n{command.help}\n\n{options}"
-
-
-def _documented(name: str, thing: Any, level: str = "###") -> str:
-    shown = f"{level} {name.rpartition('.')[2]}\n\n"
-    if not inspect.isclass(thing) or not issubclass(thing, (Exception, BaseModel)):
-        shown += f"```text\n{name}{_signature(thing)}\n```\n\n"
-    shown += _text(thing) + "\n"
-    if inspect.isclass(thing):
-        for key, value in vars(thing).items():
-            if key.startswith("_") or key == "inconsistencies" or not inspect.getdoc(value):
-                continue
-            if inspect.isfunction(value):
-                shown += "\n" + _documented(f"{name}.{key}", value, "####")
-            elif isinstance(value, property):
-                shown += f"\n#### {key}\n\n{_text(value)}\n"
-    return shown
-
-
-def _signature(thing: Any) -> str:
-    """One parameter a line where it is long; a default that is a member of an enum by its name."""
-    text = str(inspect.signature(thing)).replace("'", "")
-    text = re.sub(r"<(\w+\.\w+): [^<>]*>", r"\1", text)
-    return text if len(text) < 90 else re.sub(r", (?=[*\w]+:|\*,)", ",\n    ", text)
+    return _table(("argument or option", "default", "description"), rows) if rows else ""
 
 
 def _text(thing: Any) -> str:
@@ -224,7 +219,7 @@ GENERATED: dict[str, Callable[..., str]] = {
         *(", ".join(f"`{name}`" for name in names) for names in (CONSTANTS, FUNCTIONS))
     ),
     "columns": lambda: _table(
-        ("column", "unit", "what", "of"),
+        ("column", "unit", "meaning", "present"),
         [
             (
                 f"`{entry.owner}.{entry.names[0]}`"
@@ -237,7 +232,7 @@ GENERATED: dict[str, Callable[..., str]] = {
         ],
     ),
     "scenes": lambda: _table(
-        ("scene", "what"),
+        ("scene", "title"),
         [(f"`{name}`", load_scene(name).title) for name in (*catalogue(), *catalogue("hard"))],
     ),
     "breakdowns": lambda: _table(
@@ -245,10 +240,6 @@ GENERATED: dict[str, Callable[..., str]] = {
         dict.fromkeys((f"`{kind}`", words) for kind, words in BREAKDOWNS.values()),
     ),
     "command_line": lambda: "\n".join(_commands(typer.main.get_command(app), "stiction")),
-    "python": lambda: "\n".join(
-        _documented(name, getattr(stiction, name))
-        for name in sorted(stiction.__all__, key=lambda name: (name[0].isupper(), name))
-    ),
     "night_history": lambda: f"```text\n{inspect.getdoc(history)}\n```\n",
     "placeholders": lambda: _table(
         ("in an argument", "is replaced by"),

@@ -58,7 +58,19 @@ class Task:
 
 @dataclass(frozen=True)
 class Job:
-    """A simulation to make in a child process; `arguments` are those of `Engine.simulate`."""
+    """A simulation to be run in a child process.
+
+    Attributes
+    ----------
+    label : str
+        Name of the job in its outcome.
+    engine : str
+        Name of the engine, as for `load_engine`.
+    scene : Scene
+        The scene.
+    arguments : Mapping[str, Any]
+        Keyword arguments of `Engine.simulate`.
+    """
 
     label: str
     engine: str
@@ -68,23 +80,28 @@ class Job:
 
 @dataclass(frozen=True)
 class Outcome:
-    """Result of a task, or why there is none.
+    """Result of a task in a child process, or the reason why there is none.
 
     Attributes
     ----------
+    label : str
+        Label of the task or job.
     status : Status
-        How it ended, also as text: ``"ok"``; ``"refused"`` (the engine cannot represent the scene); ``"failed"`` (an
-        exception, or a value that cannot be pickled); ``"timed out"``; ``"crashed"`` (the process ended by a signal or
-        an exit); ``"missing"`` (the engine's package is not installed).
+        ``"ok"``; ``"refused"`` (the engine cannot represent the scene); ``"failed"`` (an exception, or a value that
+        cannot be pickled); ``"timed out"``; ``"crashed"`` (the process was ended by a signal or an exit);
+        ``"missing"`` (the engine's package is not installed).
     value
-        What the function returned (for a `Job`, the trajectory); None unless ok.
-    reason, log : str
-        One line, the engine's own words where it had any; the end of what was printed, tracebacks included.
-    wall_s, cpu_s : float
-        Seconds from the start of the call to its end; of CPU, None if the child did not live to tell.
+        The return value (for a `Job`, the trajectory); None unless the status is ``"ok"``.
+    reason : str
+        The reason in one line, in the engine's own words where available.
+    log : str
+        The end of the printed output, including tracebacks.
+    wall_s : float
+        Wall-clock time of the call, s.
+    cpu_s : float or None
+        CPU time of the call, s; None if the child ended before reporting it.
     bug : bool
-        Whether the task failed with an exception that is no `StictionError`: neither the suite nor the engine meant it,
-        and `log` ends with its traceback.
+        Whether the task failed with an exception other than `StictionError`; `log` then ends with its traceback.
     """
 
     label: str
@@ -101,7 +118,7 @@ class Outcome:
 
     @property
     def traceback(self) -> str:
-        """End of what was printed by a bug, its traceback included; empty for others."""
+        """`log` if the task failed because of a bug, otherwise empty."""
         return self.log if self.bug else ""
 
 
@@ -112,7 +129,34 @@ def run_isolated(
     timeout_s: float,
     on_result: Callable[[Outcome], None] | None = None,
 ) -> list[Outcome]:
-    """Simulate each job in a child process; the values of the outcomes are trajectories. See `isolate`."""
+    """Run simulations in child processes, so that a crash or a hang ends one job only.
+
+    Parameters
+    ----------
+    jobs
+        The simulations.
+    workers
+        Number of child processes that work at the same time; the number of CPUs if None.
+    timeout_s
+        Wall-clock time after which the child of a job is killed, s.
+    on_result
+        Called in this process with each outcome as it arrives. An exception raised by it ends all jobs.
+
+    Returns
+    -------
+    list of Outcome
+        In the order of the jobs; the values are trajectories.
+
+    Raises
+    ------
+    ValueError
+        If `workers` or `timeout_s` is not positive.
+    pickle.PicklingError, TypeError, AttributeError
+        If a job cannot be pickled; nothing has been started then.
+    RuntimeError
+        If child processes cannot be started. They import the main module, so a script must call this function under
+        ``if __name__ == "__main__":``.
+    """
     return isolate(
         [simulation(job) for job in jobs], workers=workers, timeout_s=timeout_s, on_result=on_result
     )

@@ -84,7 +84,7 @@ def check_steps(t_end: float, dt: float) -> None:
 
 
 class Refused(StictionError):
-    """The engine cannot represent this scene, or not in this way; the message says why."""
+    """The engine cannot represent the scene, or not with these arguments; the message contains the reason."""
 
 
 class Declined(Refused):
@@ -112,7 +112,7 @@ class Unsettled(EngineFailure):
 
 
 class BadTrajectory(EngineFailure):
-    """The result of the engine is no motion of this mechanism, or no trajectory of the run."""
+    """The result of the engine is not a trajectory of the run, or not a motion of the mechanism."""
 
 
 @dataclass(frozen=True)
@@ -122,29 +122,29 @@ class Capabilities:
     Attributes
     ----------
     fidelities : tuple of Fidelity
-        Their values may be given: ``"joint"`` (bilateral joints, friction bound from their reactions), ``"contact"`` (a
-        box between two surfaces, the engine's own contacts and friction).
+        The supported models of a slider: ``"joint"`` (a bilateral joint whose friction is bounded by its reactions),
+        ``"contact"`` (a box between two surfaces, with the engine's own contacts and friction).
     static_coefficient : Mapping[str, bool]
-        By fidelity: whether mus > mu can be represented (by the engine or its adapter).
+        By fidelity: whether a static coefficient mus > mu can be represented, by the engine or its adapter.
     friction_law : Mapping[str, str]
         By fidelity: the friction law, in words.
     reactions : str
-        Where multipliers come from: ``"engine"`` or ``"momentum balance"``.
+        Source of the constraint reactions: ``"engine"`` or ``"momentum balance"``.
     order : str
-        The order of convergence that the method promises across events.
+        The expected order of convergence across events.
     adaptive : bool
-        Whether a run is given a tolerance, ``rtol``, instead of a step, ``dt``; the other one is refused
-        (`Engine.check_arguments`).
+        Whether the accuracy of a run is set by a tolerance, ``rtol``, instead of a step, ``dt``. The other argument is
+        rejected by `Engine.check_arguments`.
     event_location : Supplier
-        Who locates events in runs that have them located: the engine or the adapter.
+        Who locates events, in runs with event location: the engine or the adapter.
     friction_by : Mapping[str, Supplier]
-        By fidelity: who supplies the friction law; the engine where nothing is given. Only runs with the
-        same supplier are ranked together.
+        By fidelity: who supplies the friction law; by default the engine. Only runs with the same supplier are ranked
+        together.
 
     Raises
     ------
     TypeError, ValueError
-        For values of other types, or a fidelity that there is not.
+        If a value has the wrong type, or a fidelity does not exist.
     """
 
     fidelities: tuple[Fidelity, ...]
@@ -207,21 +207,24 @@ OBLIGATORY = ("name", "capabilities", "version", "refusal", "run")
 
 
 class Engine(ABC):
-    """Base of the adapters. Simulations share nothing: one engine object can run many scenes.
+    """Base class of the adapters of engines.
 
-    A class defines all of `OBLIGATORY`; all else has a default.
+    Simulations do not share any state, so one object can run many scenes. A subclass must define ``name``,
+    ``capabilities``, ``version``, `refusal` and `run`; all other methods have defaults.
     """
 
     name: str
+    """Name of the engine in tables and commands"""
     capabilities: Capabilities
+    """What the engine can represent"""
 
     @property
     @abstractmethod
     def version(self) -> str:
-        """Version of the engine itself."""
+        """Version of the engine itself, not of its adapter."""
 
     def default_settings(self, fidelity: Fidelity) -> Mapping[str, Any]:
-        """Default of each setting at this fidelity, by name; empty for an engine without settings."""
+        """Return the default of each setting at this fidelity, by name; empty for an engine without settings."""
         return {}
 
     def check_arguments(
@@ -232,13 +235,26 @@ class Engine(ABC):
         fidelity: Fidelity,
         settings: Mapping[str, Any],
     ) -> None:
-        """Refuse a step or a tolerance that the engine does not have, and settings not in `default_settings`.
+        """Reject arguments that the engine does not have.
 
-        An engine whose methods differ in them overrides it.
+        The default accepts `rtol` for adaptive engines and `dt` for all others, and the settings in `default_settings`.
+        Engines with several methods that take different arguments override it.
+
+        Parameters
+        ----------
+        dt
+            Step as passed to `simulate`, s; None if not given.
+        rtol
+            Relative tolerance as passed to `simulate`; None if not given.
+        fidelity
+            ``"joint"`` or ``"contact"``.
+        settings
+            Settings as passed to `simulate`.
 
         Raises
         ------
         InputError
+            If an argument is not accepted.
         """
         if rtol is not None and not self.capabilities.adaptive:
             raise InputError(f"rtol: found {rtol!r}; {self.name} has a fixed step, expected dt")
@@ -249,58 +265,67 @@ class Engine(ABC):
     def settings_of_run(
         self, given: Mapping[str, Any], *, fidelity: Fidelity, dt: float | None, rtol: float | None
     ) -> dict[str, Any]:
-        """Return the settings that `run` gets: those given, and the defaults of all others.
+        """Return the settings that are passed to `run`: those given, and the defaults of all others.
 
-        An engine whose methods have other settings, or other defaults, overrides it.
+        Engines with several methods that have different settings or defaults override it.
         """
         return {**self.default_settings(fidelity), **given}
 
     def friction_supplier(self, fidelity: Fidelity, settings: Mapping[str, Any]) -> Supplier:
         """Return who supplies the friction law of a run with these settings.
 
-        An engine whose methods differ in it overrides it.
+        The default is that of `Capabilities.friction_by`. Engines with several methods that differ in it override it.
         """
         return self.capabilities.friction_by.get(fidelity, Supplier.ENGINE)
 
     def locates_events(self, fidelity: Fidelity, settings: Mapping[str, Any]) -> bool:
-        """Return True where runs with these settings of a trajectory report an event at each change of a guide's mode.
+        """Return True if runs with these settings report an event at each change of a guide's mode.
 
-        A run that does not, where this is true, is a `BadTrajectory`.
+        A run that lacks one of these events is then rejected with `BadTrajectory`.
         """
         return False
 
     def keeps_cone(self, fidelity: Fidelity, settings: Mapping[str, Any]) -> bool:
-        """Return True where friction stays in Coulomb's cone by the forces of the columns.
+        """Return True if friction stays within Coulomb's cone of the reported normal forces.
 
-        A run that leaves it, where this is true, is a `BadTrajectory`. False for regularized laws, and at contact
-        fidelity: a box may press on both surfaces at once, and a motion does not determine by how much.
+        A run whose friction leaves the cone is then rejected with `BadTrajectory`. It is False for regularized friction
+        laws, and at contact fidelity, where a box may press on both surfaces at once and the motion does not determine
+        the two normal forces.
         """
         return fidelity == Fidelity.JOINT
 
     def steps_by_impulses(self, fidelity: Fidelity, settings: Mapping[str, Any]) -> bool:
-        """Return True where steps exchange impulses between velocities.
+        """Return True for time-stepping schemes, whose steps are formulated in impulses and velocities.
 
-        The theory of such schemes has motions where finite forces have none, with jumps of velocity (Moreau; Stewart
+        These schemes have solutions with jumps of velocity where no solution with finite forces exists (Moreau; Stewart
         2000, SIAM Review 42, 3-39).
         """
         return False
 
     def content(self) -> bytes:
-        """Return what numbers depend on besides name and version: the code of the adapter's module."""
+        """Return what the results depend on besides name and version: the source code of the adapter's module."""
         return Path(inspect.getfile(type(self))).read_bytes()
 
     def prepare(self) -> None:  # noqa: B027 - most have nothing to do
-        """Compile what the engine keeps on disk; called before any run has a time limit. Nothing to do for most."""
+        """Compile code that is cached on disk. Called before runs with a time limit; by default it does nothing."""
 
     def prepare_run(self, scene: Scene, **arguments: Any) -> None:  # noqa: B027 - most have nothing to do
-        """Compile what the run of a scene calls for and is not on disk yet; arguments as of `simulate`.
+        """Compile code that a run of this scene needs and that is not cached yet; by default it does nothing.
 
-        Nothing to do for most.
+        Parameters
+        ----------
+        scene
+            The scene.
+        **arguments
+            Arguments of `simulate`.
         """
 
     @abstractmethod
     def refusal(self, scene: Scene, fidelity: Fidelity) -> str | None:
-        """Why this engine cannot represent the scene at this fidelity; None if it can. Cheap."""
+        """Return the reason why the engine cannot represent the scene at this fidelity, or None if it can.
+
+        It should take much less time than a run.
+        """
 
     @abstractmethod
     def run(
@@ -314,12 +339,28 @@ class Engine(ABC):
         output_step: float,
         settings: Mapping[str, Any],
     ) -> Trajectory:
-        """Simulate a scene that was not refused.
+        """Simulate a scene that was not refused; called by `simulate`, which checks arguments and result.
 
-        The settings are all of `settings_of_run`, defaults among them. The columns that the
-        trajectory must have: `gate.required_columns`. An engine whose `run` has a parameter `assembly` besides gets the
-        `stiction.engines.assembly.Assembly` of this run, with the scene's mechanism; None where `run` is called by
-        itself.
+        The trajectory must have the columns of `stiction.engines.gate.required_columns`. If `run` of a subclass has a
+        further parameter `assembly`, `simulate` passes the `stiction.engines.assembly.Assembly` of this run, which
+        contains the mechanism of the scene; its default must be None.
+
+        Parameters
+        ----------
+        scene
+            The scene.
+        t_end
+            End of the run, s.
+        dt
+            Step of a fixed-step method, s; None for the engine's default.
+        rtol
+            Relative tolerance of an adaptive method; None for the engine's default.
+        fidelity
+            ``"joint"`` or ``"contact"``.
+        output_step
+            Largest distance between output times, s.
+        settings
+            All settings, as returned by `settings_of_run`.
         """
 
     def simulate(
@@ -333,32 +374,41 @@ class Engine(ABC):
         output_step: float = 0.01,
         **settings: Any,
     ) -> Trajectory:
-        """Simulate from t = 0. A cost that the engine does not state is the CPU time of the whole run.
+        """Simulate a scene from t = 0.
 
         Parameters
         ----------
+        scene
+            The scene.
         t_end
-            Seconds; the scene's own where None.
-        dt, rtol
-            Step of a fixed-step method (s), relative tolerance of an adaptive one; the engine's default where None.
+            End of the run, s; that of the scene if None.
+        dt
+            Step of a fixed-step method, s; the engine's default if None.
+        rtol
+            Relative tolerance of an adaptive method; the engine's default if None.
         fidelity
             A `stiction.scenes.Fidelity`, or its value: ``"joint"`` or ``"contact"``.
         output_step
-            Distance of output instants in seconds, at most; a fixed-step engine uses a multiple of dt, and the end is
-            always one.
+            Largest distance between output times, s. A fixed-step engine uses a multiple of `dt`; the end is always an
+            output time.
         **settings
-            The engine's own; those it does not have are an error (`check_arguments`).
+            Settings of the engine, see `default_settings`.
+
+        Returns
+        -------
+        Trajectory
+            Its cost is that reported by the engine or, failing that, the CPU time of the whole run.
 
         Raises
         ------
         InputError
-            For arguments that no run can have: not positive, a step longer than the run, an unknown setting.
+            If an argument cannot be used: not positive, a step longer than the run, an unknown setting.
         Refused
-            Before anything is run, if the engine cannot represent the scene.
+            If the engine cannot represent the scene; nothing has been run then.
         EngineFailure
             If the engine gave up.
         BadTrajectory
-            If the result is not a trajectory of this run; see `gate.problems`.
+            If the result is not a trajectory of this run; see `stiction.engines.gate.problems`.
         """
         t_end = scene.t_end if t_end is None else t_end
         for name, value in (("t_end", t_end), ("dt", dt), ("output_step", output_step)):

@@ -106,16 +106,16 @@ _OWN_PACKAGE = "stiction"
 
 
 class UnknownEngine(InputError):
-    """Nothing has this name, or what has it is not an engine."""
+    """There is no engine of this name, or the object of this name is not an engine."""
 
 
 class EngineMissing(StictionError):
-    """The engine's package cannot be imported on this machine; the message says why.
+    """The engine's package cannot be imported on this machine; the message contains the reason.
 
     Attributes
     ----------
     state : str
-        In the words of a table.
+        The status that tables show: ``"not installed"`` or ``"broken"``.
     """
 
     state = "not installed"
@@ -160,7 +160,7 @@ def own_methods() -> list[str]:
 
 
 def engine_names() -> list[str]:
-    """Names that `load_engine` knows: the suite's engines, then those of entry points."""
+    """Return the names of all known engines: those of the suite, then those announced by other packages."""
     own = [entry.name for entry in ENGINES]
     return [*own, *sorted(_announced(tuple(sys.path)).keys() - set(own))]
 
@@ -192,24 +192,32 @@ def _announced(path: tuple[str, ...]) -> Mapping[str, str]:
 
 
 def load_engine(name: str) -> Engine:
-    """An engine by name.
+    """Return an engine by name.
 
     Parameters
     ----------
     name
-        One of `engine_names()`, or ``"module:Class"``; the class derives from `Engine` and takes no arguments. Other
-        packages announce theirs in the entry point group ``stiction.engines``; the suite's own names come first. Or the
-        path of the declaration of a program, ``"mysolver.toml"``, or of an FMU, ``"model.fmu"``.
+        One of:
+
+        - a name of `engine_names`. Other packages announce engines in the entry point group ``stiction.engines``; if
+          they use a name of the suite, the suite's engine is returned.
+        - ``"module:Class"``, a subclass of `Engine` whose constructor takes no arguments.
+        - the path of the declaration of a program, ``"mysolver.toml"``, or of an FMU, ``"model.fmu"``.
+
+    Returns
+    -------
+    Engine
+        An instance of the engine's adapter.
 
     Raises
     ------
     UnknownEngine
-        If nothing has this name, or what has it is not an `Engine`, or lacks something that is `OBLIGATORY`.
+        If there is no such engine, or if the object of this name is not a complete subclass of `Engine`.
     InputError
-        If the declaration of a program or an FMU cannot be used; it lists all problems.
+        If the declaration of a program or an FMU cannot be used; the message lists all problems.
     EngineMissing
-        If the engine's package is not installed, too old, broken or cannot be imported; the message says what to
-        install. Of an engine that another package announces whatever its adapter raises is one.
+        If the engine's package is not installed, too old or broken; the message says what to install. Any exception
+        raised by the adapter of an engine that another package announces is reported in this way as well.
     """
     if is_file(name):
         if not Path(name).is_file():

@@ -22,17 +22,28 @@ AT_ONCE = 2**15
 
 
 def energies(run: Trajectory) -> pd.DataFrame:
-    """Return kinetic and potential energy of a run, and work by its source: a row per output time, two per event.
+    """Return the energies of a run and the work of each load, drive, damper and frictional guide.
 
-    All in J, all works from the first row on. ``potential`` is of weight and springs; ``NAME.work`` that of each load
-    and drive on the mechanism; ``NAME.dissipated`` that of each damper and frictional guide; ``balance``: kinetic and
-    potential energy less their first values, less the works, plus what was dissipated. It is zero for an exact motion,
-    but for the trapezoidal rule by which powers are integrated.
+    Parameters
+    ----------
+    run
+        A trajectory with its scene.
+
+    Returns
+    -------
+    DataFrame
+        One row per output time and two per event, all columns but ``t`` in J:
+
+        - ``kinetic``, ``potential``: energies of the mechanism; potential energy is that of weight and springs;
+        - ``NAME.work``: work done on the mechanism by each load and drive since the first row;
+        - ``NAME.dissipated``: energy dissipated by each damper and frictional guide since the first row;
+        - ``balance``: change of kinetic and potential energy, minus the work, plus the dissipated energy. It is zero
+          for an exact motion, up to the error of the trapezoidal rule by which powers are integrated.
 
     Raises
     ------
     InputError
-        For a trajectory without its scene, or without the columns of states, efforts or frictions.
+        If the trajectory lacks its scene, or columns of states, efforts or frictions.
     """
     if run.mechanism is None:
         raise InputError(

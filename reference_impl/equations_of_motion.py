@@ -78,20 +78,30 @@ class Moving:
 
 @dataclass(frozen=True)
 class Terms:
-    """The terms at instants, leading axes as those of the states they were made for; k coordinates.
+    """Terms of the equations of motion, in the notation of the paper.
+
+    The leading axes are those of the states that were passed to `EquationsOfMotion.at`; k is the number of coordinates.
 
     Attributes
     ----------
-    QE : ndarray, shape (..., k)
-        Applied forces. (The coordinates are of centres of mass: there are no inertial forces beside M q''.)
-    phi, phi_dot, gamma : ndarray, shape (..., rows)
-        Phi, Phi' and gamma of the constraints.
-    J : ndarray, shape (..., rows, k)
-    W : ndarray, shape (..., guides, k)
-        Tangential direction of the slider's point in each frictional guide; W_T of its surfaces (+), (-) is this row
-        +- b/2 times the row of J of the slider's angle.
-    w, slip_speed : ndarray, shape (..., guides)
-        g_T'' = W q'' + w, and g_T', at the slider's point.
+    QE : ndarray
+        Applied forces, N and N m, shape (..., k). The coordinates are those of centres of mass, so M q'' is the only
+        inertial term.
+    phi : ndarray
+        Residuals Phi of the constraints (m, rad), shape (..., rows).
+    phi_dot : ndarray
+        Their rates Phi', shape (..., rows).
+    gamma : ndarray
+        Remainder in Phi'' = J q'' + gamma, shape (..., rows).
+    J : ndarray
+        Jacobian of the constraints, shape (..., rows, k).
+    W : ndarray
+        Tangential direction of the slider's point in each frictional guide, shape (..., guides, k). W_T of the surfaces
+        (+) and (-) is this row plus or minus b/2 times the row of J that belongs to the slider's angle.
+    w : ndarray
+        Remainder of the slip acceleration at the slider's point, g_T'' = W q'' + w, m/s², shape (..., guides).
+    slip_speed : ndarray
+        Slip velocity g_T' at the slider's point, m/s, shape (..., guides).
     """
 
     QE: np.ndarray
@@ -105,16 +115,25 @@ class Terms:
 
 
 class EquationsOfMotion:
-    """The equations of a scene; rows in the paper's order, eq. (20): revolute joints, guides, drives.
+    """The equations of motion of a scene, in dense NumPy.
+
+    The coordinates are x, y and angle of each body. Constraint rows are in the order of eq. (20) of the paper: revolute
+    joints, guides, drives.
+
+    Parameters
+    ----------
+    scene
+        The scene.
 
     Attributes
     ----------
     rows : list of str
-        Names of the constraint rows: ``pin.fx``, ``guide.normal_force``, ``guide.moment``, ``motor.effort``.
+        Names of the constraint rows, for example ``pin.fx``, ``guide.normal_force``, ``guide.moment``,
+        ``motor.effort``.
     guides : dict of str to Translational
         The frictional guides, in the order of the scene.
-    mass : ndarray, shape (k,)
-        The diagonal of M.
+    mass : ndarray
+        The diagonal of M, kg and kg m², shape (k,).
     """
 
     def __init__(self, scene: Scene):
@@ -137,7 +156,7 @@ class EquationsOfMotion:
         ]
 
     def start(self) -> tuple[np.ndarray, np.ndarray]:
-        """q and v at t = 0 as the scene gives them."""
+        """Return the coordinates q and velocities v at t = 0 as given by the scene, each of shape (k,)."""
         bodies = self.scene.bodies.values()
         return (
             np.array([x for body in bodies for x in (*body.position, body.angle)], dtype=float),
@@ -147,12 +166,16 @@ class EquationsOfMotion:
         )
 
     def at(self, t: float | np.ndarray, q: np.ndarray, v: np.ndarray) -> Terms:
-        """The terms at an instant or, with leading axes, at many.
+        """Return the terms at one instant or, with leading axes, at many.
 
         Parameters
         ----------
-        t : float or ndarray, shape (...,)
-        q, v : ndarray, shape (..., k)
+        t : float or ndarray
+            Time, s, shape (...,).
+        q : ndarray
+            Coordinates (m, rad), shape (..., k).
+        v : ndarray
+            Velocities (m/s, rad/s), shape (..., k).
         """
         motion = Motion(list(self.scene.bodies), np.asarray(t, dtype=float), q, v)
         scene, rows, tangents = self.scene, [], []

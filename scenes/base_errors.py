@@ -4,12 +4,16 @@ from __future__ import annotations
 
 
 class StictionError(Exception):
-    """Expected failure that its message explains: bad input, a refusal, a run or a file that failed."""
+    """Base class of the errors that the suite raises on purpose; the message is written for the user.
+
+    Examples are unusable input, a scene that an engine refuses, and a run that failed. Every other exception is a bug.
+    """
 
 
 class InputError(StictionError, ValueError):
-    """Input that cannot be used; the message names it, what was found and what was expected.
+    """Unusable input; the message states the argument or key, the value found and what was expected.
 
-    It is a ValueError, as Python has it for bad arguments. The suite never catches ValueError to find it: numpy's shape
-    errors are ValueErrors as well, and they are bugs.
+    It is also a ValueError, Python's exception for arguments with a wrong value.
     """
+
+    # The suite never catches ValueError in its place: NumPy's shape errors are ValueErrors too, and they are bugs.

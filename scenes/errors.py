@@ -47,7 +47,7 @@ class FileError(InputError):
 
 
 class SceneError(FileError):
-    """A scene that cannot be used."""
+    """A scene that cannot be used; the message lists all of its problems."""
 
 
 def _tables(kind: Any) -> dict[str, type[BaseModel]]:

@@ -13,55 +13,55 @@ from stiction.scenes.fields import Model, Number
 
 
 class Constant(Model):
-    """`value` at all times."""
+    """The constant `value`."""
 
     type: Literal["constant"]
-    """The same at all times"""
+    """A constant"""
     value: Number
-    """In the unit of what follows the law, as all values here"""
+    """The value, in the unit of the quantity that follows the law"""
 
 
 class Linear(Model):
-    """`offset + rate t`."""
+    """The linear function `offset + rate t`."""
 
     type: Literal["linear"]
-    """`offset + rate t`"""
+    """A linear function"""
     offset: Number = 0.0
     """Value at t = 0"""
     rate: Number
-    """Per second"""
+    """Rate, per second"""
 
 
 class Sine(Model):
-    """`offset + amplitude sin(frequency t + phase)`; frequency in rad/s."""
+    """The harmonic function `offset + amplitude sin(frequency t + phase)`."""
 
     type: Literal["sine"]
-    """`offset + amplitude sin(frequency t + phase)`"""
+    """A harmonic function"""
     offset: Number = 0.0
     """Mean value"""
     amplitude: Number
-    """Of either sign"""
+    """Amplitude, of either sign"""
     frequency: Number
-    """rad/s"""
+    """Angular frequency; rad/s"""
     phase: Number = 0.0
-    """rad"""
+    """Phase at t = 0; rad"""
 
 
 class Table(Model):
-    """Values at given times: joined by straight lines, or by a natural cubic spline.
+    """Values at given times, interpolated linearly or by a natural cubic spline.
 
-    Before the first time and after the last the law keeps the end value (linear) or
-    continues the end's tangent (cubic, whose second derivative is zero there).
+    Outside of the given times, a linear table is constant, and a cubic table continues along the tangent at its end,
+    where its second derivative is zero.
     """
 
     type: Literal["table"]
-    """Values at given times"""
+    """A table"""
     times: tuple[Number, ...] = Field(min_length=2)
-    """At least two, increasing; s"""
+    """At least two times, increasing; s"""
     values: tuple[Number, ...] = Field(min_length=2)
-    """As many as times"""
+    """Values, as many as times"""
     interpolation: Literal["linear", "cubic"] = "linear"
-    """By straight lines, or by a natural cubic spline"""
+    """`"linear"`, or `"cubic"` for a natural cubic spline"""
 
     def inconsistencies(self) -> Iterator[tuple[str, Any, str]]:
         if len(self.times) != len(self.values):
@@ -111,9 +111,20 @@ def evaluate_law(
 
 
 def evaluate_law(law: Law, t: Any) -> Any:
-    """Value, first and second derivative of a law at time t, s; of a linear table the derivative from the right.
+    """Evaluate a law of time and its first and second derivative.
 
-    A law that is no table is evaluated at several times, too, shape (n,).
+    Parameters
+    ----------
+    law
+        The law of a drive, a force or a torque of a scene.
+    t : float or ndarray
+        Time, s; an array has the shape (n,). Tables are evaluated at one time only.
+
+    Returns
+    -------
+    tuple
+        Value, first and second derivative, in the unit of the law, per s and per s². At a point of a linear table the
+        first derivative is the one from the right. Derivatives that are constant are returned as one number.
     """
     if isinstance(law, Constant):
         return law.value, 0.0, 0.0

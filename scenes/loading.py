@@ -72,22 +72,27 @@ def new_scene_text() -> str:
 def load_scene(name_or_path: str | Path, overrides: Mapping[str, Any] | None = None) -> Scene:
     """Read a scene from the catalogue (by name) or from a TOML file (by path).
 
-    A file may be another scene with a few changes: ``base`` names a scene of the catalogue or a file
-    (relative to this one), ``set`` holds overrides, ``unset`` lists keys to remove.
+    A file may describe a scene by its differences from another one: ``base`` names a scene of the catalogue or a file
+    (relative to this one), ``set`` contains overrides, and ``unset`` lists keys to remove.
 
     Parameters
     ----------
     name_or_path
-        A name of the catalogue such as ``"slider-bar-case-1"``, or a path.
+        The name of a scene of the catalogue, such as ``"slider-bar-case-1"``, or the path of a TOML file.
     overrides
-        Values that replace those of the file, by key: a parameter (``"F0"``), an element's key
-        (``"motor.rate"``, ``"guide.mu"``, ``"bar.position.0"``) or a full path
-        (``"bodies.bar.mass"``, ``"gravity.1"``). None removes what is there.
+        Values that replace those of the file, by key: a parameter (``"F0"``), a key of an element
+        (``"motor.rate"``, ``"guide.mu"``, ``"bar.position.0"``) or a full path (``"bodies.bar.mass"``,
+        ``"gravity.1"``). The value None removes the key.
+
+    Returns
+    -------
+    Scene
+        The validated scene; all quantities are in SI units, angles in radians.
 
     Raises
     ------
     SceneError
-        With all problems of the file at once.
+        If the scene cannot be used. The message lists all problems of the file.
     """
     origin = str(name_or_path)
     return scene_from_dict(_read(origin, Path(), ()), origin, overrides, Path(origin).stem)
@@ -99,7 +104,29 @@ def scene_from_dict(
     overrides: Mapping[str, Any] | None = None,
     name: str | None = None,
 ) -> Scene:
-    """Make a scene from nested dictionaries, as a TOML file would give them; see `load_scene`. None means absent."""
+    """Create a scene from nested dictionaries with the structure of a TOML file.
+
+    Parameters
+    ----------
+    raw
+        The tables of the scene. Keys whose value is None are ignored. NumPy arrays and scalars are accepted.
+    origin
+        What error messages call the scene, such as a file name.
+    overrides
+        Values that replace those of `raw`, by key, as in `load_scene`.
+    name
+        The name of the scene; `origin` if None.
+
+    Returns
+    -------
+    Scene
+        The validated scene.
+
+    Raises
+    ------
+    SceneError
+        If the scene cannot be used. The message lists all problems.
+    """
     plain: dict[str, Any] = _plain(raw, origin)
     _apply(plain, overrides or {}, origin)
     parameters: dict[str, float] = {}
@@ -131,7 +158,18 @@ def tables_of(scene: Scene) -> dict[str, Any]:
 
 
 def scene_to_toml(scene: Scene) -> str:
-    """The scene as the text of a file, parameters and arithmetic included; loading it gives an equal scene."""
+    """Return the scene as the text of a TOML file, with its parameters and arithmetic expressions.
+
+    Parameters
+    ----------
+    scene
+        A scene.
+
+    Returns
+    -------
+    str
+        TOML. Loading it gives an equal scene.
+    """
     return tomli_w.dumps(tables_of(scene))
 
 

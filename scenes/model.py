@@ -34,67 +34,67 @@ class Body(Model):
     """A rigid body and its state at t = 0."""
 
     mass: Inertial
-    """kg, > 0"""
+    """Mass; kg, > 0"""
     inertia: Inertial
-    """About the centre of mass; kg m², > 0"""
+    """Moment of inertia about the centre of mass; kg m², > 0"""
     position: Vector = (0.0, 0.0)
-    """Place of the centre of mass, in ground axes; m"""
+    """Position of the centre of mass in ground axes; m"""
     angle: Number = 0.0
-    """Angle of the body's axes against those of the ground; rad"""
+    """Angle of the body's axes relative to those of the ground; rad"""
     velocity: Vector = (0.0, 0.0)
     """Velocity of the centre of mass; m/s"""
     angular_velocity: Number = 0.0
-    """Rate of the angle; rad/s"""
+    """Angular velocity; rad/s"""
 
 
 class Revolute(Model):
-    """A smooth pin: `points[0]` of `bodies[0]` coincides with `points[1]` of `bodies[1]`.
+    """A frictionless pin: `points[0]` of `bodies[0]` coincides with `points[1]` of `bodies[1]`.
 
-    Reported force `fx`, `fy` (ground axes) acts on `bodies[0]`.
+    The reported force `fx`, `fy` (in ground axes) is the force on `bodies[0]`.
     """
 
     type: Literal["revolute"]
-    """A pin without friction"""
+    """A frictionless pin"""
     bodies: tuple[Name, Name]
-    """Two names of bodies, or one and `"ground"`"""
+    """Names of two bodies; one of them may be `"ground"`"""
     points: tuple[Vector, Vector] = ((0.0, 0.0), (0.0, 0.0))
-    """`[[x, y], [x, y]]`, one in each body, that coincide; m"""
+    """`[[x, y], [x, y]]`, the coinciding points in the axes of the two bodies; m"""
 
 
 class Translational(Model):
     """A slider on a guide.
 
-    The slider's point `slider_point` stays on the line through `point` along `direction` (both in the axes of the
-    guide). The slider's angle minus the guide's stays `angle`. The normal is `direction` turned by +90 degrees; the
-    lower surface (+) pushes the slider along it, the upper surface (-) against it.
+    The point `slider_point` of the slider stays on the line through `point` along `direction` (both in the axes of the
+    guide), and the angle of the slider minus that of the guide is always `angle`. The normal is `direction` turned by
+    +90 degrees. The lower surface (+) pushes the slider along the normal, the upper surface (-) against it.
 
-    `length` (along the guide) resolves the normal force into corner forces, `width` (across)
-    gives the friction of the two surfaces its lever. `mu` declares dry friction; `mus`, the
-    static coefficient, is `mu` where it is not given (Coulomb's law with one coefficient).
+    With a `length` (along the guide) the normal force is resolved into corner forces. With a `width` (across the guide)
+    the friction of the two surfaces has a lever arm. `mu` declares dry friction. Without `mus`, the static coefficient
+    equals `mu` (Coulomb's law with one coefficient).
     """
 
     type: Literal["translational"]
     """A slider on a guide"""
     slider: Name
-    """The body that slides; not the ground"""
+    """The sliding body; not the ground"""
     guide: Name = GROUND
-    """The body that it slides on"""
+    """The body on which it slides"""
     direction: Direction = (1.0, 0.0)
-    """Direction of the guide's line, in the axes of the guide; of any length but 0"""
+    """Direction of the line in the axes of the guide; any length except 0"""
     point: Vector = (0.0, 0.0)
-    """A point of the guide's line, in the axes of the guide; m"""
+    """A point of the line in the axes of the guide; m"""
     slider_point: Vector = (0.0, 0.0)
-    """The point of the slider that stays on the line; m"""
+    """The point of the slider that stays on the line, in the axes of the slider; m"""
     angle: Number = 0.0
     """Angle of the slider minus that of the guide; rad"""
     length: Positive | None = None
-    """Length of the slider along the guide: resolves the normal force into corner forces; m, > 0"""
+    """Length of the slider along the guide, needed for corner forces; m, > 0"""
     width: NonNegative | None = None
-    """Width of the slider across the guide: the lever of surface friction, needs a `length`; m"""
+    """Width of the slider across the guide, the lever arm of surface friction; requires `length`; m"""
     mu: NonNegative | None = None
-    """Kinetic coefficient of friction; none is no friction"""
+    """Kinetic coefficient of friction; without it the guide is frictionless"""
     mus: NonNegative | None = None
-    """Static coefficient, at least `mu`; `mu` if not given"""
+    """Static coefficient of friction, at least `mu`; default: `mu`"""
 
     @property
     def bodies(self) -> tuple[str, str]:
@@ -136,23 +136,24 @@ Joint = Annotated[Revolute | Translational, Field(discriminator="type")]
 
 
 class Drive(Model):
-    """A coordinate between two bodies that follows a law of time; the motor gives what it takes.
+    """A motor: a coordinate between two bodies follows a law of time, whatever torque or force this requires.
 
-    `angle`: the angle of `bodies[0]` minus that of `bodies[1]`; effort = torque on `bodies[0]`.
-    `distance`: from `points[1]` of `bodies[1]` to `points[0]` of `bodies[0]`, along `axis` of
-    `bodies[1]` (signed) if that is given; effort = force on `bodies[0]` in that direction.
+    `angle`: the angle of `bodies[0]` minus that of `bodies[1]`. The reported effort is the torque on `bodies[0]`.
+
+    `distance`: the distance from `points[1]` of `bodies[1]` to `points[0]` of `bodies[0]` or, with an `axis`, the
+    signed coordinate along it. The reported effort is the force on `bodies[0]` in that direction.
     """
 
     type: Literal["angle", "distance"]
-    """`"angle"` of `bodies[0]` minus that of `bodies[1]`, or `"distance"` of two points"""
+    """`"angle"` between two bodies, or `"distance"` of two points"""
     bodies: tuple[Name, Name]
-    """Two names of bodies, or one and `"ground"`"""
+    """Names of two bodies; one of them may be `"ground"`"""
     points: tuple[Vector, Vector] = ((0.0, 0.0), (0.0, 0.0))
-    """One in each body; distance only; m"""
+    """The two points in the axes of their bodies; distance only; m"""
     axis: Direction | None = None
-    """Direction in the axes of `bodies[1]`, whose signed coordinate is driven, not the distance; distance only"""
+    """Direction in the axes of `bodies[1]`: the signed coordinate along it is driven; distance only"""
     law: Law
-    """The coordinate over time, rad or m; a table must be cubic"""
+    """The coordinate as a function of time; rad or m; a table must be cubic"""
 
     def inconsistencies(self) -> Iterator[tuple[str, Any, str]]:
         if isinstance(self.law, Table) and self.law.interpolation != "cubic":
@@ -181,27 +182,26 @@ class Drive(Model):
 
 
 class LinearSpring(Model):
-    """Spring and damper between two points: tension `stiffness (d - rest_length) + damping d'`.
+    """A spring and damper between two points, with the tension `stiffness (d - rest_length) + damping d'`.
 
-    `d` is the distance of the points or, if `axis` (in the axes of `bodies[1]`) is given, the
-    signed coordinate of `points[0]` seen from `points[1]` along it. With `rest_length = 0` and
-    no axis the force is `-stiffness` times the vector between the points.
+    `d` is the distance of the points or, with an `axis`, the signed coordinate of `points[0]` relative to `points[1]`
+    along it. With `rest_length = 0` and without axis, the force is `-stiffness` times the vector between the points.
     """
 
     type: Literal["linear"]
     """A spring and damper between two points"""
     bodies: tuple[Name, Name]
-    """Two names of bodies, or one and `"ground"`"""
+    """Names of two bodies; one of them may be `"ground"`"""
     points: tuple[Vector, Vector] = ((0.0, 0.0), (0.0, 0.0))
-    """One in each body; m"""
+    """The two points in the axes of their bodies; m"""
     axis: Direction | None = None
-    """Direction in the axes of `bodies[1]`; `d` is the signed coordinate along it, not the distance"""
+    """Direction in the axes of `bodies[1]`: `d` is the signed coordinate along it"""
     stiffness: NonNegative = 0.0
-    """N/m"""
+    """Stiffness; N/m"""
     damping: NonNegative = 0.0
-    """N s/m"""
+    """Damping coefficient; N s/m"""
     rest_length: Number = 0.0
-    """`d` of the spring without tension; m"""
+    """Value of `d` without tension; m"""
 
     def inconsistencies(self) -> Iterator[tuple[str, Any, str]]:
         if self.axis is None and self.rest_length < 0:
@@ -213,108 +213,117 @@ class LinearSpring(Model):
 
 
 class TorsionalSpring(Model):
-    """Torque `-(stiffness (angle - rest_angle) + damping angle')` on `bodies[0]`, opposite on `bodies[1]`.
+    """A torsional spring and damper between two bodies.
 
-    `angle` is the angle of `bodies[0]` minus that of `bodies[1]`.
+    The torque on `bodies[0]` is `-(stiffness (angle - rest_angle) + damping angle')`, with the opposite torque on
+    `bodies[1]`. `angle` is the angle of `bodies[0]` minus that of `bodies[1]`.
     """
 
     type: Literal["torsional"]
-    """A spring and damper of the angle between two bodies"""
+    """A torsional spring and damper"""
     bodies: tuple[Name, Name]
-    """Two names of bodies, or one and `"ground"`"""
+    """Names of two bodies; one of them may be `"ground"`"""
     stiffness: NonNegative = 0.0
-    """N m/rad"""
+    """Stiffness; N m/rad"""
     damping: NonNegative = 0.0
-    """N m s/rad"""
+    """Damping coefficient; N m s/rad"""
     rest_angle: Number = 0.0
-    """Angle without torque; rad"""
+    """Value of `angle` without torque; rad"""
 
 
 Spring = Annotated[LinearSpring | TorsionalSpring, Field(discriminator="type")]
 
 
 class Force(Model):
-    """A force `law(t) * direction/|direction|` (ground axes) at `point` of `body`."""
+    """The force `law(t) * direction/|direction|` at `point` of `body`."""
 
     type: Literal["force"]
-    """A force with a direction that does not turn"""
+    """A force with constant direction in ground axes"""
     body: Name
-    """The body that it acts on; not the ground"""
+    """The body on which it acts; not the ground"""
     point: Vector = (0.0, 0.0)
     """Point of application, in the axes of the body; m"""
     direction: Direction
-    """Direction in ground axes; of any length but 0"""
+    """Direction in ground axes; any length except 0"""
     law: Law
-    """The force over time; N"""
+    """The force as a function of time; N"""
 
 
 class Torque(Model):
-    """A torque `law(t)` on `body`."""
+    """The torque `law(t)` on `body`."""
 
     type: Literal["torque"]
     """A torque"""
     body: Name
-    """The body that it acts on; not the ground"""
+    """The body on which it acts; not the ground"""
     law: Law
-    """The torque over time; N m"""
+    """The torque as a function of time; N m"""
 
 
 Load = Annotated[Force | Torque, Field(discriminator="type")]
 
 
 class Baumgarte(Model):
-    """`Phi'' + 2 alpha Phi' + beta^2 Phi = 0` instead of `Phi'' = 0` (Zhuang & Wang 2014, eq. 25)."""
+    """Baumgarte's stabilization: `Phi'' + 2 alpha Phi' + beta^2 Phi = 0` instead of `Phi'' = 0`.
+
+    This is eq. (25) of Zhuang & Wang (2014).
+    """
 
     method: Literal["baumgarte"] = "baumgarte"
-    """Feedback of the residuals"""
+    """Baumgarte's stabilization"""
     alpha: NonNegative
-    """Half the gain of the residuals' rate; 1/s"""
+    """Half the feedback gain of `Phi'`; 1/s"""
     beta: NonNegative
-    """Root of the gain of the residuals; 1/s"""
+    """Square root of the feedback gain of `Phi`; 1/s"""
 
 
 class Projection(Model):
-    """State projected back onto the constraints after each step, in the metric of the mass matrix."""
+    """After each step the state is projected onto the constraints, in the metric of the mass matrix."""
 
     method: Literal["projection"] = "projection"
-    """After each step"""
+    """Projection after each step"""
 
 
 class NoStabilization(Model):
-    """Constraints hold at acceleration level only."""
+    """No stabilization: constraints are satisfied at acceleration level only."""
 
     method: Literal["none"]
-    """Nothing"""
+    """No stabilization"""
 
 
 Stabilization = Annotated[Baumgarte | Projection | NoStabilization, Field(discriminator="method")]
 
 
 class Scene(Model):
-    """A planar mechanism and only the effects it declares."""
+    """A planar mechanism: its bodies, joints, drives, springs and loads.
+
+    A scene has only the effects that it declares: without ``gravity`` there is no weight, and a guide without a
+    coefficient of friction is frictionless. The keys are described in the scene format. Quantities are in SI units,
+    angles in radians.
+    """
 
     title: str = ""
-    """The mechanism in a line"""
+    """A one-line description of the mechanism"""
     source: str = ""
-    """Where its numbers come from"""
+    """Where the numbers come from, such as a publication"""
     t_end: Positive = 10.0
-    """Seconds that are simulated; > 0"""
+    """Simulated time, s; > 0"""
     parameters: dict[Name, Number] = {}
-    """Names and numbers for arithmetic; each may use those above it"""
+    """Named numbers for use in arithmetic expressions; each may use the parameters above it"""
     gravity: Vector | None = None
-    """`[gx, gy]`, m/s²; none is no weight"""
+    """Gravitational acceleration `[gx, gy]`, m/s²; without it, bodies have no weight"""
     bodies: dict[Name, Body] = Field(min_length=1)
     """The bodies by name; at least one"""
     joints: dict[Name, Joint] = {}
-    """Pins and sliders on guides"""
+    """Revolute joints (pins) and translational joints (sliders on guides) by name"""
     drives: dict[Name, Drive] = {}
-    """Motors: coordinates that follow a law of time"""
+    """Motors by name: coordinates that follow a law of time"""
     springs: dict[Name, Spring] = {}
-    """Springs and dampers"""
+    """Springs and dampers by name"""
     forces: dict[Name, Load] = {}
-    """Forces and torques"""
+    """Applied forces and torques by name"""
     stabilization: Stabilization = Projection()
-    """Against constraint drift, of the reference implementation; projection where nothing is said"""
+    """How the reference implementation limits constraint drift"""
     _raw: dict[str, Any] = PrivateAttr(default_factory=dict)
     _origin: str = PrivateAttr(default="<scene>")
     _name: str = PrivateAttr(default="<scene>")
@@ -332,7 +341,7 @@ class Scene(Model):
 
     @property
     def name(self) -> str:
-        """The name of the file without its ending."""
+        """The name of the scene: the file name without its extension."""
         return self._name
 
     @property
@@ -353,7 +362,13 @@ class Scene(Model):
         return {name: guide for name, guide in self.guides.items() if guide.frictional}
 
     def draw(self) -> Picture:
-        """Draw the mechanism at t = 0; ``draw().write("scene.svg")`` makes a file (.svg, .pdf, .png)."""
+        """Draw the mechanism at t = 0.
+
+        Returns
+        -------
+        Picture
+            It is displayed by Jupyter; its method ``write("scene.svg")`` writes a file (.svg, .pdf or .png).
+        """
         from stiction.scenes.pictures.mechanism import drawing
 
         return drawing(self)

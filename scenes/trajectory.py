@@ -23,18 +23,25 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class Event:
-    """An instant, s, at which the contact mode of a joint, a guide, changes.
+    """A change of the contact mode of a guide.
 
     Attributes
     ----------
+    time : float
+        Instant of the change, s.
     kind : str
-        ``"slip"`` (stick ends), ``"stick"`` (slip ends), ``"reversal"`` (slip changes its direction), ``"corner"`` (a
-        corner force passes zero and the other surface takes over).
-    before, after : Mapping[str, float]
-        The two-sided values of the columns of the trajectory: all, or those of the joint's part of the scene where an
-        engine integrates parts that do not act on each other separately.
+        ``"slip"`` (a stick phase ends), ``"stick"`` (a slip phase ends), ``"reversal"`` (the slip velocity changes its
+        sign) or ``"corner"`` (a corner force reaches zero and contact passes to the opposite surface).
+    joint : str
+        Name of the guide.
+    before : Mapping[str, float]
+        Left limits of the columns of the trajectory at this instant. An engine that integrates mechanically independent
+        parts of a scene separately gives the columns of the part with this joint.
+    after : Mapping[str, float]
+        Right limits of the same columns.
     other_modes : int
-        How many other modes would have obeyed Coulomb's law: of several guides at rest, any may break away.
+        Number of other modes that are consistent with Coulomb's law at this instant. It is positive, for example, if
+        several guides are at rest and any one of them could break away.
     """
 
     time: float
@@ -45,7 +52,7 @@ class Event:
     other_modes: int = 0
 
     def jump(self, column: str) -> float:
-        """Value after minus value before."""
+        """Return the right limit of a column minus its left limit."""
         return self.after[column] - self.before[column]
 
 
@@ -59,17 +66,21 @@ def stacked(
 
 @dataclass(frozen=True)
 class Breakdown:
-    """Why a solver stopped before its time, s.
+    """The reason why a solver stopped before the end of the run.
 
     Attributes
     ----------
     kind : str
-        In one or two words, the same for the same cause, such as ``"no solution"``, ``"several solutions"``; `reason`
-        has it in full.
+        The cause in one or two words, such as ``"no solution"`` or ``"several solutions"``.
+    time : float
+        Instant at which the solver stopped, s.
+    reason : str
+        The cause in a sentence.
     guide : str
-        The one whose friction comes closest to losing its solution, or whose signs cycle; empty if none.
-    solutions : int, optional
-        How many motions can follow, where that was counted.
+        The guide whose friction problem is closest to losing its solution, or whose friction signs cycle; empty if
+        there is none.
+    solutions : int or None
+        Number of possible continuations, if the solver counted them.
     """
 
     kind: str
@@ -87,12 +98,20 @@ class Breakdown:
 
 @dataclass(frozen=True)
 class Cost:
-    """CPU time of the process (s), and counters by name.
+    """CPU time of a run, in seconds of the process, and counters.
 
-    `setup_s`: from the scene to something that can step, without compiling. `compile_s`: just-in-time compilation.
-    `stepping_s`: from the first step to the last, with the requested output. `counters`: e.g. ``steps``, ``rhs``,
-    ``hlcp``, ``pivots``, ``events``. `engine_s`: the share of `stepping_s` inside the engine's own calls, without its
-    adapter; None where it is not measured, and then the engine is counted whole.
+    Attributes
+    ----------
+    setup_s : float
+        Time from the scene to a model that is ready to step, without compilation.
+    compile_s : float
+        Just-in-time compilation.
+    stepping_s : float
+        Time from the first step to the last, including the requested output.
+    counters : Mapping[str, int]
+        Counters by name, for example ``steps``, ``rhs``, ``hlcp``, ``pivots``, ``events``.
+    engine_s : float or None
+        The part of `stepping_s` spent in the engine's own calls, without the adapter; None if it was not measured.
     """
 
     setup_s: float = 0.0
@@ -103,7 +122,7 @@ class Cost:
 
     @property
     def own_s(self) -> float:
-        """Seconds by which engines are compared: `engine_s`, or all of `stepping_s`."""
+        """CPU time by which engines are compared, s: `engine_s`, or `stepping_s` if that was not measured."""
         return self.stepping_s if self.engine_s is None else self.engine_s
 
 
@@ -111,31 +130,41 @@ class Cost:
 class Trajectory:
     """States, accelerations, reactions and events of one run.
 
+    ``trajectory["guide.friction"]`` returns a column, ``trajectory[["slider.x", "bar.angle"]]`` a DataFrame.
+
     Attributes
     ----------
-    scene, engine, version, fidelity : str
-        What was simulated by what; fidelity ``"joint"`` or ``"contact"``.
-    t : ndarray, shape (n,)
-        Output times, increasing.
+    scene : str
+        Name of the scene.
+    engine : str
+        Name of the engine.
+    version : str
+        Version of the engine.
+    fidelity : str
+        ``"joint"`` or ``"contact"``.
+    t : ndarray
+        Output times, s, increasing; shape (n,).
     columns : Mapping[str, ndarray]
-        By name, such as ``guide.friction``, each of shape (n,); `stiction.scenes.columns.COLUMNS` lists them with
-        their units and meanings.
+        Columns by name, such as ``guide.friction``, each of shape (n,). Names, units and sign conventions are listed in
+        `stiction.scenes.columns.COLUMNS`.
     events : tuple of Event
-        In order of time; empty for an engine that does not locate any.
+        Events in order of time; empty for an engine that does not locate events.
     settings : Mapping
-        Everything that influences the numbers, defaults included: step or tolerance, iterations,
-        stabilization, friction law and who supplies it.
+        All settings that influence the numbers, including defaults: step or tolerance, iterations, stabilization,
+        friction law and who supplies it.
     cost : Cost
+        CPU time and counters.
     termination : str
-        ``"end"`` when t_end was reached; otherwise why the solver stopped earlier.
-    breakdown : Breakdown, optional
-        The same in data, where the engine knows it.
+        ``"end"`` if t_end was reached; otherwise the reason why the solver stopped earlier.
+    breakdown : Breakdown or None
+        The same reason in machine-readable form, if the engine knows it.
     alternatives : Mapping[str, ndarray]
-        By the name of a column, shape (n, k): all values of a force that Coulomb's law allows for the same motion,
-        where there are several. The column is NaN there, this is NaN elsewhere and behind the last value. Empty where
-        all forces are determined, and for engines that do not look for other solutions.
-    mechanism : Scene, optional
-        Added by `Engine.simulate`; None for one of a run folder, which cannot be drawn.
+        By the name of a column, shape (n, k): all values of a force that are consistent with the motion and Coulomb's
+        law, in rows where there are several. In these rows the column itself is NaN; all other rows, and unused places
+        of these rows, are NaN here. Empty if all forces are determined, and for engines that do not search for other
+        solutions.
+    mechanism : Scene or None
+        The scene, added by `Engine.simulate`. None for a trajectory read from a run folder, which cannot be drawn.
     """
 
     scene: str
@@ -187,17 +216,26 @@ class Trajectory:
         return column == "t" or column in self.columns
 
     def plot(self, *columns: str, against: Iterable[Trajectory] = ()) -> Picture:
-        """A figure with a panel for each column over time; without columns, for what such a mechanism is judged by.
+        """Plot columns over time, one panel per column.
 
-        It shows itself in Jupyter; ``plot().write("run.svg")`` makes a file (.svg, .pdf, .png). With other runs
-        `against` this one each panel has a line for each of them.
+        Parameters
+        ----------
+        *columns
+            Names of columns. If none are given, the columns by which such a mechanism is judged.
+        against
+            Other runs to draw in the same panels.
+
+        Returns
+        -------
+        Picture
+            It is displayed by Jupyter; its method ``write("run.svg")`` writes a file (.svg, .pdf or .png).
 
         Raises
         ------
         KeyError
-            For a column that is not there.
+            If the trajectory has no such column.
         InputError
-            For other runs without columns.
+            If other runs are given without columns.
         """
         from stiction.scenes.pictures.evolution import evolution
 
@@ -207,33 +245,52 @@ class Trajectory:
         return evolution(runs, columns)
 
     def save(self, file: str | Path) -> None:
-        """Write all of it to a Parquet file, which `load` reads; nothing is rounded."""
+        """Write the whole trajectory to a Parquet file, without rounding.
+
+        Parameters
+        ----------
+        file
+            Path of the file, which `load` reads.
+        """
         from stiction.scenes.trajectory_file import save_trajectory
 
         save_trajectory(self, file)
 
     @staticmethod
     def load(file: str | Path) -> Trajectory:
-        """Read a file of `save`.
+        """Read a trajectory written by `save`.
+
+        Parameters
+        ----------
+        file
+            Path of the file.
 
         Raises
         ------
         InputError
-            For a file that is not there, or is none of `save`.
+            If the file does not exist or was not written by `save`.
         """
         from stiction.scenes.trajectory_file import load_trajectory
 
         return load_trajectory(file)
 
     def animate(self, file: str | Path) -> int:
-        """Write a film of the mechanism with its corner forces; returns the number of frames.
+        """Write a film of the mechanism with its corner forces.
 
-        The name ends in .gif, .html, or .mp4 where ffmpeg is installed.
+        Parameters
+        ----------
+        file
+            Path of the film, with the extension .gif, .html, or .mp4 (which needs ffmpeg).
+
+        Returns
+        -------
+        int
+            Number of frames.
 
         Raises
         ------
         InputError
-            If the film cannot be written under this name, or if the mechanism is not known.
+            If the film cannot be written to this path, or if `mechanism` is None.
         """
         from pathlib import Path
 
@@ -252,12 +309,17 @@ class Trajectory:
         return trajectory_html(self)
 
     def to_frame(self, events: bool = False, interpolated: bool = False) -> pd.DataFrame:
-        """A table with one row per output time.
+        """Return the trajectory as a DataFrame with one row per output time.
 
-        With `events`, two more rows per event, the values before and after it, so that a
-        jump is a vertical line and not an interpolation; see `stiction.scenes.motion_table.with_sides`. An event of one
-        of several independent parts of a scene has no values of the others: they are NaN in its rows or, if
-        `interpolated`, polynomials between the rows of their own, which obey the equations of motion less exactly.
+        Parameters
+        ----------
+        events
+            Add two rows per event, with the left and right limits, so that a plot shows a jump as a vertical line; see
+            `stiction.scenes.motion_table.with_sides`.
+        interpolated
+            How to fill the rows of an event in columns that the event does not contain, because they belong to an
+            independent part of the scene: False for NaN, True for polynomial interpolation between output times, which
+            satisfies the equations of motion less accurately.
         """
         import pandas as pd
 

@@ -3,7 +3,9 @@
 import gc
 import os
 import pickle
+import shutil
 import signal
+from collections.abc import Iterator
 from contextlib import contextmanager, redirect_stderr, redirect_stdout
 from dataclasses import replace
 from functools import partial
@@ -248,3 +250,23 @@ def report_folder(validation, tmp_path_factory):
 # the same examples in every run: a failure that comes and goes helps nobody who changes something else
 settings.register_profile("suite", derandomize=True, deadline=None, database=None)
 settings.load_profile("suite")
+
+
+BROWSERS = ("chromium", "chromium-browser", "google-chrome", "chrome")
+
+
+@pytest.fixture(scope="module")
+def browser() -> Iterator:
+    """The system's browser; a test that needs one is skipped without it."""
+    api = pytest.importorskip(
+        "playwright.sync_api", reason="playwright is not installed (pip install '.[test]')"
+    )
+    executable = next(filter(None, map(shutil.which, BROWSERS)), None)
+    if executable is None:
+        pytest.skip(f"no browser on the path: none of {', '.join(BROWSERS)}")
+    with api.sync_playwright() as playwright:
+        opened = playwright.chromium.launch(
+            executable_path=executable, args=["--no-sandbox"]
+        )  # where tests run as root
+        yield opened
+        opened.close()

@@ -256,16 +256,20 @@ def page(found: dict[str, Answer]) -> str:
         "",
         "<!-- made by tests/mutations.py -->",
         "",
-        "Damages of one line each, and what finds them: the tests that are named for it in `tests/mutations.toml`, the part of",
-        "`stiction check` that runs through the file, and, asked where both find nothing, a night. `python tests/mutations.py` makes",
-        "this table; `pytest -m long tests/test_mutations.py` tries them all.",
+        "A mutation is a deliberate error in one line of the code, such as a wrong coefficient, a wrong sign or a missing",
+        "term. The tables show what detects each of them: the tests listed for it in `tests/mutations.toml`, the part of",
+        "`stiction check` whose runs use the file, and, if neither detects it, a nightly campaign. The entry is the first test",
+        "or number that reports the error. *Not asked* means that the mutation had been detected before.",
+        "",
+        "`python tests/mutations.py` applies the mutations and writes this page; `pytest -m long tests/test_mutations.py` tests",
+        "all of them.",
     ]
     for part in PARTS:
         lines += [
             "",
             f"## {part.capitalize()}",
             "",
-            "| what is damaged | file | tests | check | night |",
+            "| mutation | file | tests | check | night |",
             "|---|---|---|---|---|",
         ]
         for mutation in (each for each in mutations() if each.part == part):

@@ -5,6 +5,7 @@ script, every line of a ``sh`` block is a command. Commands that take long run i
 run their options are looked up.
 """
 
+import inspect
 import json
 import re
 import runpy
@@ -14,6 +15,7 @@ import sys
 import tomllib
 import warnings
 from contextlib import redirect_stderr, redirect_stdout
+from dataclasses import fields, is_dataclass
 from importlib.util import find_spec
 from io import StringIO
 from pathlib import Path
@@ -270,30 +272,55 @@ def test_every_page_is_in_the_navigation():
     }
 
 
-def test_site_is_built_without_a_warning_and_needs_no_network(tmp_path):
-    pytest.importorskip("mkdocs", reason="the extra docs is not installed")
+@pytest.fixture(scope="module")
+def site(tmp_path_factory):
+    """Folder of the built site; a warning of the build is an error."""
+    for package in ("mkdocs", "material", "mkdocstrings_handlers.python"):
+        pytest.importorskip(package, reason="the extra docs is not installed")
+    folder = tmp_path_factory.mktemp("site")
+    build = ["build", "--strict", "--config-file", str(ROOT / "mkdocs.yml")]
     ended = subprocess.run(
-        [
-            sys.executable,
-            "-m",
-            "mkdocs",
-            "build",
-            "--strict",
-            "--config-file",
-            str(ROOT / "mkdocs.yml"),
-            "--site-dir",
-            str(tmp_path / "site"),
-        ],
+        [sys.executable, "-m", "mkdocs", *build, "--site-dir", str(folder)],
         capture_output=True,
         text=True,
         timeout=600,
     )
     assert ended.returncode == 0, ended.stderr
-    pages = list((tmp_path / "site").rglob("*.html"))
+    return folder
+
+
+def test_site_is_built_without_a_warning_and_needs_no_network(site):
+    pages = list(site.rglob("*.html"))
     assert len(pages) > len(TEXT) - 3
     for page in pages:
         text = page.read_text(encoding="utf-8")
-        assert not re.findall(r"""<(?:script|link|img)[^>]+(?:src|href)=["']https?://""", text)
+        loaded = r"""<(?:script|link|img|iframe|source)[^>]+(?:src|href)=["']?(?:https?:)?//"""
+        assert not re.findall(loaded, text), page
+        assert "unpkg.com" not in text, page  # scripts that a theme loads later
+    for sheet in site.rglob("*.css"):
+        assert not re.findall(r"""url\(["']?(?:https?:)?//""", sheet.read_text(encoding="utf-8"))
+
+
+def test_site_has_a_heading_for_every_public_name(site):
+    reference = (site / "reference" / "python.html").read_text(encoding="utf-8")
+    assert {*re.findall(r'id="(stiction\.\w+)"', reference)} == {
+        f"stiction.{name}" for name in stiction.__all__
+    }
+
+
+def test_site_is_searched_from_a_folder(site, browser):
+    """In a browser, without a server; nothing but files is asked for."""
+    page = browser.new_page()
+    asked = []
+    page.on("request", lambda request: asked.append(request.url))
+    page.goto((site / "engines" / "siconos.html").as_uri())
+    page.locator("input[data-md-component=search-query]").click()
+    page.keyboard.type("MoreauJeanOSI")  # the page searches at each key
+    result = page.locator("a.md-search-result__link").first
+    result.wait_for(timeout=60_000)
+    assert "siconos.html" in result.get_attribute("href")
+    assert asked and all(url.startswith(("file:", "data:", "blob:")) for url in asked)
+    page.close()
 
 
 @pytest.mark.parametrize("page", [page for page in TEXT if page.startswith("docs/")])
@@ -337,10 +364,28 @@ class TestReference:
         trajectory = load_engine("reference").simulate(load_scene("slider-bar-case-1"), t_end=0.1)
         assert {name.rpartition(".")[2] for name in trajectory.columns} == named
 
-    def test_every_public_name_has_a_docstring(self):
-        for name in stiction.__all__:
-            assert getattr(stiction, name).__doc__ if name != "app" else True, name
-            assert name in ("app", "main") or f"### {name}\n" in TEXT["docs/reference/python.md"]
+    def test_every_public_name_is_on_its_page_once(self):
+        named = re.findall(r"^::: stiction\.(\w+)$", TEXT["docs/reference/python.md"], re.MULTILINE)
+        assert sorted(named) == sorted(stiction.__all__)
+
+    @pytest.mark.parametrize("name", stiction.__all__)
+    def test_public_name_is_described_with_its_parameters(self, name):
+        """Those of a function below Parameters, the fields of a dataclass below Attributes."""
+        thing = getattr(stiction, name)
+        assert inspect.getdoc(thing)
+        if inspect.isfunction(thing):
+            assert described(thing, "Parameters") == {*inspect.signature(thing).parameters}
+        elif is_dataclass(thing):
+            assert described(thing, "Attributes") == {field.name for field in fields(thing)}
+
+
+def described(thing, section):
+    """Names in a section of a docstring of NumPy's style."""
+    found = re.search(
+        rf"^{section}\n-+\n(.*?)(?=^\w+\n-+\n|\Z)", inspect.getdoc(thing), re.DOTALL | re.MULTILINE
+    )
+    entries = re.findall(r"^(\S[^:\n]*)", found[1], re.MULTILINE) if found else []
+    return {name.strip("* ") for entry in entries for name in entry.split(",")}
 
 
 @pytest.mark.parametrize(

@@ -80,13 +80,23 @@ PHASE = ["guide", "begin", "end", "duration", "samples", "verdict", "fastest_sli
 
 @dataclass(frozen=True)
 class Judgement:
-    """What a table of results is worth.
+    """The judgement of a table of results. Printing it shows a summary.
 
-    `tables`: ``errors`` (a row per column), ``summary`` (one row), ``stick-phases``, ``jumps``, ``findings``,
-    ``other-parameters`` (a row per hypothesis that was tried, see `explanations`); there may be no rows. `truth`: at
-    more than some ten thousand instants it has only the table's columns, and those that follow from them. `trajectory`:
-    the table, one row per instant, both sides of jumps as events, with displacements, slip velocities and drift that
-    follow from its columns.
+    Attributes
+    ----------
+    scene : Scene
+        The scene.
+    table : ResultTable
+        The table as it was read, in SI units.
+    truth : Truth
+        The solution with which the table was compared. If the table has more than some ten thousand instants, it
+        contains only the table's columns and those that can be computed from them.
+    tables : Mapping[str, DataFrame]
+        ``errors`` (one row per column of the table), ``summary`` (one row), ``stick-phases``, ``jumps``, ``findings``
+        and ``other-parameters`` (one row per hypothesis that was tested). A table without findings has no rows.
+    trajectory : Trajectory
+        The table with one row per instant; both sides of a jump are an event. Displacements, slip velocities and drift
+        computed from its columns are added.
     """
 
     scene: Scene
@@ -97,12 +107,12 @@ class Judgement:
 
     @property
     def error(self) -> float | None:
-        """Largest error of positions, m, angles times the size of the mechanism; None where none is known."""
+        """Largest error of positions, m; angles count times the size of the mechanism. None if no error is known."""
         return self._largest("error")
 
     @property
     def uncertainty(self) -> float | None:
-        """Uncertainty of the truth of those positions, m."""
+        """Largest uncertainty of the truth at these positions, m; None if none is known."""
         return self._largest("uncertainty")
 
     def _largest(self, column: str) -> float | None:
@@ -110,32 +120,35 @@ class Judgement:
         return None if metres.isna().all() else float(metres.max())
 
     def in_metres(self, column: str) -> pd.Series:
-        """Return a column of ``errors``, angles times the size of the mechanism; nan for what is no position."""
+        """Return a column of the table ``errors`` in m, with angles multiplied by the size of the mechanism.
+
+        Rows of quantities other than positions and angles are NaN.
+        """
         table = self.tables["errors"]
         return table[column] * table["unit"].map({"m": 1.0, "rad": size_of(self.scene)})
 
     @property
     def is_complete(self) -> bool:
-        """True where the table goes from 0 to the end of the scene, but for a step."""
+        """Whether the table covers the run from 0 to the end of the scene, up to one step."""
         t, end = self.trajectory.t, self.scene.t_end
         step = (1 + 1e-6) * min(_step(t), FEW * end)
         return bool(t[0] <= step and t[-1] + step >= end)
 
     @property
     def widest_gap(self) -> float:
-        """Longest time between two instants of the table, s."""
+        """Longest interval between two consecutive instants of the table, s."""
         return float(np.max(np.diff(self.trajectory.t)))
 
     @property
     def is_covered(self) -> bool:
-        """True where no two instants of the table are further apart than `FEW` of the scene's time."""
+        """Whether no interval between consecutive instants exceeds a tenth of the scene's time."""
         return self.widest_gap <= FEW * self.scene.t_end * (1 + 1e-6)
 
     @cached_property
     def held(self) -> tuple[str, ...]:
-        """Columns of positions that drives and joints alone prescribe, whatever forces act, among those judged.
+        """The judged position columns that drives and joints prescribe whatever forces act.
 
-        None where they prescribe the whole motion: then positions can be wrong by nothing else.
+        Empty if they prescribe the whole motion, because positions are then the only thing that can be wrong.
         """
         known = self.in_metres("error").notna()
         judged = list(self.tables["errors"].loc[known, "column"])
@@ -143,14 +156,14 @@ class Judgement:
 
     @property
     def says_nothing(self) -> bool:
-        """True where all positions that are judged are `held`."""
+        """Whether all judged positions are in `held`, so that the table shows nothing about the solver."""
         return set(self.tables["errors"].loc[self.in_metres("error").notna(), "column"]) <= {
             *self.held
         }
 
     @property
     def hints(self) -> dict[str, list[str]]:
-        """Columns by the likely cause of their errors."""
+        """Names of columns, grouped by the likely cause of their errors."""
         table = self.tables["errors"]
         return {
             str(cause): list(rows["column"])
@@ -160,12 +173,12 @@ class Judgement:
 
     @property
     def is_misread(self) -> bool:
-        """True where columns seem to have other units, signs or origins than the scene: the numbers mean little."""
+        """Whether columns seem to have other units, signs or origins than the scene; errors then mean little."""
         return bool(self.tables["errors"]["is_input"].any())
 
     @property
     def worst(self) -> pd.DataFrame:
-        """The row of ``errors`` with the largest error of each kind of column, which its unit tells."""
+        """For each unit, the row of the table ``errors`` with the largest error."""
         table = self.tables["errors"]
         return table.loc[table.dropna(subset="error").groupby("unit", sort=False)["error"].idxmax()]
 
@@ -205,29 +218,35 @@ def judge(
     t_end: float | None = None,
     tell: Callable[[float], None] | None = None,
 ) -> Judgement:
-    """Judge the results of anybody's program on a scene.
+    """Judge a table of results of any program against the truth of a scene.
 
     Parameters
     ----------
     scene
-        A scene, the name of one of the catalogue, a TOML file, or the folder of a scene in a data set of truths, whose
-        truth is then read and not solved.
+        A scene, the name of a scene of the catalogue, the path of a TOML file, or the folder of a scene in a data set
+        of truths; in the last case the truth is read from the folder instead of being computed.
     frame
-        A CSV or Parquet file, a DataFrame, a mapping of arrays or a Trajectory: a time column ``t`` and one or more of
-        the scene's columns.
+        The results: the path of a CSV or Parquet file, a DataFrame, a mapping of arrays or a Trajectory, with a time
+        column ``t`` and one or more of the scene's columns.
     mapping
-        Name in the table -> the scene's column, ``"-slider.x"`` with the other sign, ``""`` to leave it out.
+        Columns of the scene by their names in the table; ``"-slider.x"`` reverses the sign, ``""`` ignores the column.
     units
-        Size in SI by what is measured: ``{"length": 1e-3, "angle": pi/180}``; also ``"time"`` and ``"force"``.
+        Units of the table in SI units, by quantity: ``{"length": 1e-3, "angle": pi/180}`` for millimetres and degrees;
+        also ``"time"`` and ``"force"``.
     t_end
-        Seconds that the results should cover; the scene's own if None.
+        Time that the results should cover, s; that of the scene if None.
     tell
-        Is called with the part of the work that is done, above 0, up to 1.
+        Called with the completed fraction of the work, greater than 0 and at most 1.
+
+    Returns
+    -------
+    Judgement
+        Errors of all columns, and other findings.
 
     Raises
     ------
     InputError
-        For a scene that cannot be used, and for a table that cannot be a result of it.
+        If the scene cannot be used, or if the table cannot be a result of this scene.
     """
     truth = None
     if not isinstance(scene, Scene):

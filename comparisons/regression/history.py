@@ -1,36 +1,38 @@
-"""The history of the nights: what every run measured, in one SQLite file that pandas reads in one line.
+"""The history of nightly runs: the results of all runs, in one SQLite file.
+
+pandas reads it in one line::
 
     pd.read_sql("SELECT * FROM history", sqlite3.connect("nightly/history.sqlite"))
 
-One row per number (a failed run has one row without a number), with the columns
+There is one row per number, with the following columns. A failed run has one row, without a number.
 
-    night        UTC time at which it began, ISO 8601; its name, and the order of the nights
+    night        start of the night (UTC, ISO 8601); it identifies the night and defines the order
     campaign     name of the campaign
-    machine      `environment.conditions`: processor, interpreter, numerical libraries; only times under the same ones
-                 are compared
-    commit_hash  of the checkout, ``-dirty`` where files differ; NULL outside of one
-    finished     UTC time; NULL while the night runs, or where it was cut off and not resumed
-    verdict      ``fine``, ``regression``, ``could not run``; NULL until it is finished
-    key          ``<scene>/<variant>/<parameter>=<step>``; its name in the campaign
-    identity     what is compared over the nights: `measurement.PlannedRun.identity`
+    machine      `environment.conditions`: processor, interpreter and numerical libraries. Only times with equal
+                 conditions are compared
+    commit_hash  commit of the checkout, with ``-dirty`` if files differ from it; NULL outside a checkout
+    finished     end of the night (UTC); NULL while it runs, or if it was interrupted and not resumed
+    verdict      ``fine``, ``regression`` or ``could not run``; NULL until the night is finished
+    key          ``<scene>/<variant>/<parameter>=<step>``, the name of the run in the campaign
+    identity     identifies the same run in different nights: `measurement.PlannedRun.identity`
     scene, variant, engine, version, fidelity, parameter, step
     status       a `stiction.engines.status.Status`: ``ok``, ``refused``, ``failed``, ``timed out``, ``crashed``,
                  ``missing``, ``wrong`` or ``not run``
-    reason       why, in one line; empty where the run reached its end
-    settings     JSON
-    metric       the key of what was measured: ``position_error``
-    kind         ``accuracy``, ``motion``, ``event``, ``drift``, ``counter``, ``time``; ``truth`` in the rows of truths
+    reason       reason for the status in one line; empty if the run reached its end
+    settings     settings of the run, as JSON
+    metric       key of the measured quantity, for example ``position_error``
+    kind         ``accuracy``, ``motion``, ``event``, ``drift``, ``counter`` or ``time``; ``truth`` in rows of truths
                  (variant ``truth``)
-    value        NULL where there is none
-    uncertainty  of the value, in its unit; NULL where none is known
-    tier         a `stiction.truths.Tier`, of the truth behind the value: what an error was measured against; ``our own
-                 run`` for counters, times
+    value        the number; NULL if there is none
+    uncertainty  uncertainty of the value, in the same unit; NULL if unknown
+    tier         a `stiction.truths.Tier`, of the truth with which the value was computed; ``our own run`` for counters
+                 and times
 
-Why SQLite: a run and its numbers are one transaction, so that a kill at any moment leaves all of them or nothing. The
-night and the key of a run are its primary key, so that nothing is in it twice. WAL lets others read while a night is
-being written. ``synchronous = FULL`` has every transaction on the disk before it counts as written, lest a power cut
-takes what a kill cannot. A folder of files written one by one would need all of this made by hand. The file must lie on
-a disk of this machine: WAL does not work over a network.
+Why SQLite: a run and its numbers are written in one transaction, so that a process killed at any moment leaves either
+all of them or none. The night and the key of a run are the primary key, so that no run is stored twice. With
+write-ahead logging (WAL), other processes can read the file while a night is written. With ``synchronous = FULL`` a
+transaction is on the disk before it counts as written, so that it also survives a power failure. The file must be on
+a local disk, because WAL does not work over a network.
 """
 
 from __future__ import annotations

@@ -75,12 +75,15 @@ _DEPTH = 0.5
 
 
 class DartEngine(TreeEngine):
-    """Adapter of DART; see the module for what becomes of each element.
+    """Adapter of DART; the module describes how each element of a scene is modelled.
 
-    Settings, both fidelities: `erp` (share of a position error of loops that is corrected in one step). Joint fidelity:
-    `passes` at a step where stick is undecided. Contact fidelity: `iterations` of the solver a step at most, `shape`
-    (spheres, box: whether the slider touches its guide with spheres at its corners or with the faces of a box),
-    `detector` (ODE, FCL, Bullet, DART: who finds the contacts).
+    Setting at both fidelities: `erp`, the fraction of the position error of loops that is corrected in one step.
+
+    Further setting at joint fidelity: `passes`, repetitions of a step in which sticking is undecided.
+
+    Further settings at contact fidelity: `iterations`, the largest number of iterations of the solver per step;
+    `shape`, spheres at the corners of the slider or the faces of a box; `detector`, the collision detector: ODE, FCL,
+    Bullet or DART.
     """
 
     name, called, defaults = "dart", "DART", _SETTINGS

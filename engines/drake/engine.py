@@ -65,16 +65,18 @@ each, at the default stiffness."""
 
 
 class DrakeEngine(TreeEngine):
-    """Adapter of Drake; see the module for what becomes of each element.
+    """Adapter of Drake; the module describes how each element of a scene is modelled.
 
-    Setting, joint fidelity: `passes` at a step where stick is undecided. Contact fidelity: `approximation` (lagged,
-    similar, sap: Drake's convex models of contact; in the last two friction lifts what it slides on), `near_rigid` (a
-    contact's stiffness is (2 pi/near_rigid)^2 of its inertia a step squared), `dissipation` (Hunt and Crossley's, s/m),
-    `stiction_tolerance` (m/s, of regularized friction).
+    Setting at joint fidelity: `passes`, repetitions of a step in which sticking is undecided.
 
-    ``method="continuous"``, contact fidelity, mechanisms without loops, motors of constant rate:
-    `stiction.engines.drake.continuous`, to `rtol`. Settings: `stiffness` of contacts (N/m), `dissipation`,
-    `stiction_tolerance`, `longest_step` (s).
+    Settings at contact fidelity: `approximation`, one of Drake's convex approximations of contact: lagged, similar or
+    sap (in the last two, friction lifts the sliding body from its surface); `near_rigid`: the stiffness of a contact
+    is (2 pi/near_rigid)^2 times its effective mass divided by the square of the step; `dissipation` of Hunt and
+    Crossley (s/m); `stiction_tolerance` of regularized friction (m/s).
+
+    ``method="continuous"``, at contact fidelity, for mechanisms without loops and with motors of constant rate, is
+    `stiction.engines.drake.continuous`, with the tolerance `rtol`. Its settings are `stiffness` of contacts (N/m),
+    `dissipation`, `stiction_tolerance` and `longest_step` (s).
     """
 
     name, called, defaults = "drake", "Drake", _SETTINGS

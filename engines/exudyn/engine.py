@@ -77,17 +77,18 @@ _SHORTEST = 1e-8
 class ExudynEngine(Engine):
     """Adapter of Exudyn.
 
-    Settings: `spectral_radius` of generalized alpha (0 .. 1: damping of high frequencies, 1 = none),
-    `newton_tolerance` (relative to the first residual, and absolute). Contact fidelity also: `contact_stiffness`
-    (N/m) and `contact_damping` (N s/m) of each corner, `friction_zone` (m/s; below it friction is proportional to the
-    speed, so a sticking slider creeps). At contact fidelity Exudyn divides steps in which a contact changes.
+    Settings at both fidelities: `integrator`, generalized-alpha (index 3), newmark (index 3) or trapezoidal (index
+    2); `spectral_radius` of generalized alpha, from 0 (strongest damping of high frequencies) to 1 (none);
+    `newton_tolerance`, relative to the first residual, and absolute. Exudyn refuses constrained systems with its
+    explicit integrators (rk44, dopri5, velocity-verlet).
 
-    `integrator`: generalized-alpha (index 3), newmark (index 3), trapezoidal (index 2); Exudyn refuses systems with
-    constraints to its explicit ones (rk44, dopri5, velocity-verlet).
+    Further settings at contact fidelity: `contact_stiffness` (N/m) and `contact_damping` (N s/m) of each corner;
+    `friction_zone` (m/s), the slip speed below which friction is proportional to the speed, so that a sticking slider
+    creeps. Exudyn subdivides steps in which a contact changes.
 
-    ``method="bristles"``, joint fidelity: friction is Exudyn's own (`bristles`), also with `bristle_stiffness` (N/m),
-    `bristle_damping` (N s/m) and `static_decay` (the speed at which 37 % of the static excess are left, over what the
-    excess changes the slip speed by in a step).
+    ``method="bristles"``, at joint fidelity, uses Exudyn's own friction model (`bristles`). It has the further settings
+    `bristle_stiffness` (N/m), `bristle_damping` (N s/m) and `static_decay`, the speed at which 37 % of the excess of
+    static over kinetic friction remain, divided by the change of slip speed that this excess causes in one step.
     """
 
     name = "exudyn"

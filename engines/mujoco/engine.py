@@ -70,20 +70,26 @@ it is stopped."""
 
 
 class MujocoEngine(TreeEngine):
-    """Adapter of MuJoCo; see the module for what becomes of each element.
+    """Adapter of MuJoCo; the module describes how each element of a scene is modelled.
 
-    Settings, both fidelities: `iterations` of the solver a step, `solver` (Newton, CG, at joint fidelity PGS). Joint
-    fidelity: `passes` at a step where stick is undecided, `impedance` of friction and loops (share of the force that
-    would hold them, at most 0.9999), `noslip` (on, off: whether frictions are then solved for as if they were hard),
-    `integrator` (Euler, implicitfast, discrete, RK4; bounds and loads stay what they are over a step). Contact
-    fidelity: `impedance` of contacts, `recovery` (share of their overlap that hard contacts make good in one step),
-    `friction_damping` (adapted: what opposes slip with at most `slip_reference` times the acceleration that its bound
-    and the last step show; step: what ends it within a step), `clearance` between a slider and both surfaces together,
-    in metres; and what MuJoCo's manual names against slow slip: `cone` (elliptic, pyramidal), `impratio` (hardness of
-    friction over that of the normal direction; a sticking slider creeps with its inverse), `noslip_iterations` (sweeps
-    that solve for frictions as if they were hard; with pyramidal cones), `time_constant` (s; above 0 contacts and their
-    friction are damped as MuJoCo's ``solref`` has it, and `recovery`, `friction_damping` and `slip_reference` have no
-    effect). A user's plain contacts are ``time_constant=0.02 impedance=0.95 impratio=1 cone=pyramidal``.
+    Settings at both fidelities: `iterations` of the solver per step; `solver`, Newton, CG or, at joint fidelity, PGS.
+
+    Further settings at joint fidelity: `passes`, repetitions of a step in which sticking is undecided; `impedance` of
+    friction and loops, the fraction of the force that would hold them rigidly, at most 0.9999; `noslip` (on, off),
+    whether MuJoCo's noslip solver then computes friction as a hard constraint; `integrator`, Euler, implicitfast,
+    discrete or RK4. Friction bounds and loads are constant during a step.
+
+    Further settings at contact fidelity: `impedance` of contacts; `recovery`, the fraction of their overlap that hard
+    contacts correct in one step; `friction_damping`, which opposes slip, either ``adapted``, with at most
+    `slip_reference` times the acceleration that follows from its bound and the last step, or ``step``, such that slip
+    ends within one step; `clearance` between a slider and both surfaces together, in m.
+
+    Four settings are those that MuJoCo's manual recommends against slow slip: `cone`, elliptic or pyramidal;
+    `impratio`, the ratio of frictional to normal impedance, to which the creep of a sticking slider is inversely
+    proportional; `noslip_iterations`, iterations of the noslip solver (with pyramidal cones); `time_constant` (s). If
+    the time constant is positive, contacts and their friction are damped as specified by MuJoCo's ``solref``, and
+    `recovery`, `friction_damping` and `slip_reference` have no effect. The contacts of an ordinary MuJoCo model are
+    ``time_constant=0.02 impedance=0.95 impratio=1 cone=pyramidal``.
     """
 
     name, called, defaults = "mujoco", "MuJoCo", _SETTINGS

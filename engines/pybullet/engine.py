@@ -73,13 +73,16 @@ _SETTINGS: Mapping[str, Defaults] = {
 
 
 class PybulletEngine(TreeEngine):
-    """Adapter of PyBullet; see the module for what becomes of each element.
+    """Adapter of PyBullet; the module describes how each element of a scene is modelled.
 
-    Settings, both fidelities: `iterations` of the solver a step, `erp` (share of a position error of loops that is
-    corrected in one step). Joint fidelity: `passes` at a step where stick is undecided. Contact fidelity: `contact_erp`
-    (as `erp`, for overlap), `contact_slop` (overlap in metres that is let be), `cone_friction` (on, off: whether
-    frictions in two directions have one bound together, or each its own), `friction_anchor` (off, on: whether friction
-    also pulls a contact back to where it began).
+    Settings at both fidelities: `iterations` of the solver per step; `erp`, the fraction of the position error of loops
+    that is corrected in one step.
+
+    Further setting at joint fidelity: `passes`, repetitions of a step in which sticking is undecided.
+
+    Further settings at contact fidelity: `contact_erp`, as `erp`, for overlap; `contact_slop`, the overlap that is not
+    corrected, in m; `cone_friction` (on, off), whether the friction forces in two directions have a common bound or one
+    each; `friction_anchor` (off, on), whether friction also pulls a contact back to the point where it began.
     """
 
     name, called, defaults = "pybullet", "PyBullet", _SETTINGS

@@ -101,15 +101,16 @@ rounding."""
 
 
 class PymunkEngine(SteppedEngine):
-    """Adapter of pymunk; see the module for what becomes of each element.
+    """Adapter of pymunk; the module describes how each element of a scene is modelled.
 
-    Settings, joint fidelity: `iterations` of the solver a step, `passes` at a step where stick is
-    undecided, `error_bias` (share of a joint's position error left after one second, as Chipmunk
-    has it; 0: each step corrects as much of it as the iterations bear, all of it where masses are
-    alike, see `stiction.engines.pymunk.correction`). Contact fidelity: `iterations`, `error_bias`
-    (0: each step corrects all of it), `collision_slop` (overlap in metres that is let be),
-    `collision_bias` (as `error_bias`, for overlap), `clearance` (by how much the box is narrower
-    than its guide, m).
+    Settings at joint fidelity: `iterations` of the solver per step; `passes`, repetitions of a step in which sticking
+    is undecided; `error_bias`, the fraction of a joint's position error that remains after one second, as in
+    Chipmunk. With the value 0, each step corrects as much as the iterations allow, which is the whole error for
+    similar masses; see `stiction.engines.pymunk.correction`.
+
+    Settings at contact fidelity: `iterations`; `error_bias`, where 0 means that each step corrects the whole error;
+    `collision_slop`, the overlap that is not corrected, in m; `collision_bias`, as `error_bias`, for overlap;
+    `clearance`, the guide's width minus that of the box, in m.
     """
 
     name, defaults, reach = "pymunk", _SETTINGS, dict.fromkeys(Fidelity, _GROOVE)

@@ -44,27 +44,40 @@ _SPLIT = (
 
 
 class ReferenceEngine(Engine):
-    """Zhuang & Wang (2014): HLCP, in three ways.
+    """The method of Zhuang & Wang (2014), which formulates friction as an HLCP.
 
-    ``method="event"``: contact modes frozen between located events, DOP853 to `rtol`. ``method="paper"``: fixed step
-    `dt`, HLCP at every evaluation. Giving `dt` alone means the paper's way. ``method="textbook"``: the same as written,
-    in dense NumPy (`stiction.reference_impl.paper`), hundreds of times slower, to be read and compared with. In all,
-    parts of a scene that do not act on each other are integrated on their own; an event has the values of its part.
+    ``method`` selects the integrator:
 
-    How contact forces are found, in the first two: ``solver="lemke"``, the paper's; ``"enumeration"``, by trying all
-    contact modes; ``"trial"``, by trial and error on the signs of the normal forces, as before complementarity (Klepp
-    1996). Where one of these finds no solution the run ends, and `Trajectory.breakdown` says when and where.
-    ``"automatic"``: Lemke's method, and all contact modes where it ends without a solution; a large mechanism, whose
-    contact forces are known to be unique, first by trial and error. The counters ``lemke_rays``, ``enumerations`` and
-    ``trial_fallbacks`` say how often one took the place of another.
+    - ``"event"``: DOP853 with relative tolerance `rtol`; contact modes are fixed between located events.
+    - ``"paper"``: the scheme of the paper, with a fixed step `dt` and an HLCP in every evaluation. It is also used if
+      `dt` is given without a method.
+    - ``"textbook"``: the same scheme in dense NumPy (`stiction.reference_impl.paper`). It is hundreds of times
+      slower, and exists to be read and compared with the compiled code.
 
-    ``audit="sampled"``: every step of the event-driven method is verified against Coulomb's law at an instant that no
-    method chose. Where it is violated the run ends with a breakdown. ``"dense"``: at 32 instants; ``"none"``: never.
+    Mechanically independent parts of a scene are integrated separately; an event contains the values of its part.
 
-    ``stabilization``: ``"scene"`` does what the scene declares; ``"none"``, ``"baumgarte"`` and ``"projection"`` take
-    its place. ``assemble=True`` moves a start that violates the constraints onto them.
+    ``solver`` selects how contact forces are found, for ``"event"`` and ``"paper"``:
 
-    ``event_values=False``: events have their time, kind and guide but no values, for runs of very many events.
+    - ``"lemke"``: Lemke's method, as in the paper.
+    - ``"enumeration"``: all contact modes are tried.
+    - ``"trial"``: trial and error on the signs of the normal forces (Klepp 1996), the usual method before
+      complementarity problems.
+    - ``"automatic"``: Lemke's method and, if it ends without a solution, enumeration. Large mechanisms whose contact
+      forces are known to be unique are solved by trial and error first. The counters ``lemke_rays``, ``enumerations``
+      and ``trial_fallbacks`` report how often one method replaced another.
+
+    If the selected solver finds no solution the run ends, and `Trajectory.breakdown` contains the time and the guide.
+
+    ``audit`` selects how steps of the event-driven method are verified against Coulomb's law: ``"sampled"``, each
+    step at an instant that does not depend on the integrator; ``"dense"``, each step at 32 instants; ``"none"``. A
+    step that violates the law ends the run with a breakdown.
+
+    ``stabilization``: ``"scene"`` uses the stabilization declared by the scene; ``"none"``, ``"baumgarte"`` and
+    ``"projection"`` replace it.
+
+    ``assemble``: if true, an initial state that violates the constraints is projected onto them.
+
+    ``event_values``: if false, events contain time, kind and guide but no values, for runs with very many events.
     """
 
     name = "reference"

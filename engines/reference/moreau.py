@@ -17,18 +17,19 @@ SETTINGS = {"clearance": 1e-6, "restitution": 0.0}
 
 
 class MoreauEngine(Engine):
-    """Flores, Leine & Glocker (2010).
+    """Moreau's time-stepping scheme for planar sliders, after Flores, Leine & Glocker (2010).
 
-    Unilateral contacts of the sliders' corners, impulses, fixed step (`stiction.reference_impl.integration.moreau`).
+    It has unilateral contacts at the corners of the sliders, and a fixed step that is formulated in impulses
+    (`stiction.reference_impl.integration.moreau`). A guide without length has the point of its slider between two
+    surfaces, and a fixed angle.
 
-    Settings: `clearance` between a slider in the middle of its guide and each surface, in parts of the mechanism's size
-    (`Arrays.length_scale`; the settings of a trajectory have it in metres too); `restitution`, Newton's coefficient. A
-    guide without length has its slider's point between two surfaces and its angle held.
+    Settings: `clearance`, the distance between a centred slider and each surface relative to the size of the mechanism
+    (`Arrays.length_scale`; the settings of a trajectory also contain it in metres); `restitution`, Newton's coefficient
+    of restitution.
 
-    No scene is refused, guides on moving bodies included, but for static coefficients above the
-    kinetic ones. A run may still end before its end: where Lemke's method finds no solution of a
-    step's complementarity problem (it ends on a ray), and no contact mode is one or they are too
-    many to try.
+    Scenes are refused only for static coefficients above the kinetic ones; guides may be on moving bodies. A run ends
+    early if Lemke's method ends on a ray in the complementarity problem of a step, and either no contact mode solves
+    this problem or there are too many to try.
     """
 
     name = "moreau"

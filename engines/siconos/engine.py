@@ -31,12 +31,12 @@ BOUNDS = {
 
 
 class SiconosEngine(ProgramEngine):
-    """Siconos's kernel (Moreau-Jean, unilateral contacts with friction), run by the Python of the system.
+    """The kernel of Siconos (Moreau-Jean scheme, unilateral contacts with friction), run by the system's Python.
 
-    `solver.py` next to this module is the program, ``siconos.toml`` its declaration with the settings: `theta` of
-    MoreauJeanOSI; `clearance` in parts of the mechanism's size and `restitution`, as of
-    `stiction.engines.reference.moreau.MoreauEngine`; `tolerance` of a step, in parts of its largest speed;
-    `iterations` of Gauss-Seidel; `block`, the solver of one contact in an iteration: nsgs, cpg, lemke or enum.
+    The program is `solver.py` next to this module; its declaration ``siconos.toml`` contains the settings: `theta` of
+    MoreauJeanOSI; `clearance`, relative to the size of the mechanism, and `restitution`, as for
+    `stiction.engines.reference.moreau.MoreauEngine`; `tolerance` of a step, relative to its largest speed; `iterations`
+    of Gauss-Seidel; `block`, the solver of one contact within an iteration: nsgs, cpg, lemke or enum.
     """
 
     name, reactions = "siconos", "engine"

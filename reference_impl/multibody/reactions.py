@@ -37,32 +37,40 @@ def recover_columns(
     reactions: Mapping[str, ArrayLike] | None = None,
     mechanism: Mechanism | None = None,
 ) -> dict[str, np.ndarray]:
-    """Return all columns of a trajectory from states and accelerations.
+    """Compute all columns of a trajectory from states and accelerations.
+
+    Reactions and friction follow from the equations of motion, whatever friction law the engine used.
 
     Parameters
     ----------
-    t : array_like, shape (n,)
-    q, v, a : array_like, shape (n, 3 * bodies)
-        x, y, angle per body in the order of the scene, their rates and accelerations. Accelerations may be NaN: forces
-        are NaN with them.
-    reactions : mapping of str to array_like of shape (n,), optional
-        Columns that the engine itself reports, e.g. ``"motor.effort"``, ``"guide.normal_force"``; they replace the
-        recovered ones, and corner forces follow from them. A guide's ``friction`` is taken as known where it is not
-        NaN and the others follow from it.
-    mechanism : Mechanism, optional
-        That of the scene, where there is one already.
+    scene
+        The scene.
+    t : array_like
+        Time, s, shape (n,).
+    q : array_like
+        x, y and angle of each body in the order of the scene (m, rad), shape (n, 3 * bodies).
+    v : array_like
+        Their velocities (m/s, rad/s), of the same shape.
+    a : array_like
+        Their accelerations (m/s², rad/s²), of the same shape. Where an acceleration is NaN, the forces are NaN.
+    reactions : mapping of str to array_like
+        Columns of shape (n,) that the engine itself reports, for example ``"motor.effort"`` or
+        ``"guide.normal_force"``. They replace the computed ones, and the corner forces are computed from them. Values
+        of a guide's ``friction`` that are not NaN are taken as known, and the other forces are computed with them.
+    mechanism : Mechanism
+        The compiled mechanism of the scene, if it exists already.
 
     Returns
     -------
-    dict of str to ndarray, shape (n,)
-        Columns as in `stiction.scenes.Trajectory`; friction is the tangential force that the motion needs,
-        whatever law the engine used. Corner forces: equal mobilization of both surfaces. NaN where the motion and the
-        known frictions do not determine a force, as in a mechanism with more guides at rest than freedoms.
+    dict of str to ndarray
+        Columns of shape (n,) as in `stiction.scenes.Trajectory`. Friction that is split between both surfaces is split
+        with equal mobilization. A force is NaN where the motion and the known friction do not determine it, for example
+        in a mechanism with more guides at rest than degrees of freedom.
 
     Raises
     ------
     InputError
-        For an argument of another shape, with other things than numbers or with numbers that are not finite.
+        If an argument has the wrong shape, or contains values that are not finite numbers.
     """
     if mechanism is None:
         mechanism = Mechanism(scene, stabilization="none")

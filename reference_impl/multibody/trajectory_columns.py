@@ -109,26 +109,26 @@ def write_sample(
 
 
 def corner_forces(guide: Translational, normal_force: ArrayLike, moment: ArrayLike) -> np.ndarray:
-    """Split the normal forces of a slider between its four corners, by eqs. (1) and (2) of the paper.
+    """Split the normal force of a slider between its four corners by eqs. (1) and (2) of the paper.
 
     Parameters
     ----------
     guide : Translational
-        With a `length`.
+        A guide of a scene, with a ``length``.
     normal_force : array_like
-        Resultant on the slider along the guide's normal, N.
+        Resultant force on the slider along the guide's normal, N.
     moment : array_like
-        Moment of the normal forces alone on the slider about its point, N m: without that of the surface frictions.
+        Moment of the normal forces on the slider about its point, N m, without the moment of surface friction.
 
     Returns
     -------
-    ndarray, shape (4, ..)
-        F1 lower rear, F2 lower front, F3 upper front, F4 upper rear; N, none is negative.
+    ndarray
+        F1 (lower rear), F2 (lower front), F3 (upper front) and F4 (upper rear), N, shape (4, ...); none is negative.
 
     Raises
     ------
     InputError
-        For a guide without a length.
+        If the guide has no length.
     """
     if guide.length is None:
         raise InputError("guide.length: found none; expected a guide with corners")

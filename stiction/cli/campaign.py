@@ -53,7 +53,9 @@ if TYPE_CHECKING:
 KEPT_RUNS_BYTES = 200e6
 """Free bytes below which `validate` says what it needs: twice what it takes with --quick and one engine, and more."""
 commands = typer.Typer()
-baselines = typer.Typer(cls=Commands, no_args_is_help=True, help="What runs are held to.")
+baselines = typer.Typer(
+    cls=Commands, no_args_is_help=True, help="The baseline with which runs are compared."
+)
 
 
 @commands.command()
@@ -65,10 +67,10 @@ def validate(
     executor: ExecutorName = "processes",
     out: Annotated[
         Path | None,
-        typer.Option(metavar="DIR", help="Folder of the report; runs/<date-time> if not given."),
+        typer.Option(metavar="DIR", help="Folder of the report. Default: runs/<date-time>."),
     ] = None,
 ) -> None:
-    """Compare reference and engines with the truth on the paper's three cases, and write a report."""
+    """Compare the reference and the engines with the truth in the three cases of the paper, and write a report."""
     from stiction.comparisons.bench.depth import Depth
     from stiction.comparisons.bench.executors import open_isolate
     from stiction.comparisons.bench.store import kept_runs
@@ -170,10 +172,10 @@ def nightly(
     executor: ExecutorName = "processes",
     out: Annotated[
         Path,
-        typer.Option(metavar="DIR", help="Folder of history.sqlite and of a folder per night."),
+        typer.Option(metavar="DIR", help="Folder for history.sqlite and one subfolder per night."),
     ] = Path("nightly"),
 ) -> None:
-    """Run a campaign, or the rest of an interrupted night, add it to the history, and report what changed."""
+    """Run a campaign, or resume an interrupted night, add the results to the history, and report changes."""
     from stiction.comparisons.bench.executors import open_isolate
     from stiction.comparisons.regression.history import HistoryRefused
     from stiction.comparisons.regression.nightly import run_night
@@ -223,19 +225,21 @@ def check(
         Path | None,
         typer.Option(
             metavar="FILE",
-            help="History of this machine's nights, for times; nightly/history.sqlite if it is there.",
+            help="History of nightly runs on this machine, used to judge times. Default: "
+            "nightly/history.sqlite if it exists.",
         ),
     ] = None,
     control: Annotated[
         Path | None,
         typer.Option(
             metavar="DIR",
-            help="Checkout of the code before (git worktree add DIR main): runs are timed in turns "
-            "with it. Without it no verdict rests on time.",
+            help="Checkout of the code before the change (git worktree add DIR main). Runs "
+            "of both versions are timed in alternation; without it, times do not "
+            "affect the verdict.",
         ),
     ] = None,
 ) -> None:
-    """Run the fast part of a campaign and print what changed beyond noise, worst first, as Markdown."""
+    """Run the fast part of a campaign and print all changes beyond noise as Markdown, worst first."""
     from stiction.comparisons.regression.history import HistoryRefused
     from stiction.comparisons.regression.nightly import HISTORY, run_check
     from stiction.comparisons.regression.older_code import ControlRefused
@@ -261,7 +265,10 @@ def check(
 @baselines.command("update")
 def baseline_update(
     reason: Annotated[
-        str, typer.Option(metavar="TEXT", help="Why the numbers changed; it is kept in the file.")
+        str,
+        typer.Option(
+            metavar="TEXT", help="Reason why the numbers changed; it is stored in the baseline."
+        ),
     ],
     campaign: CampaignFile = None,
     engine: OneEngine = None,
@@ -271,7 +278,8 @@ def baseline_update(
         typer.Option(
             "--file",
             metavar="FILE",
-            help="The baseline; the suite's own if not given. Made if missing.",
+            help="Baseline to update; it is created if it does not exist. Default: the "
+            "baseline of the suite.",
         ),
     ] = None,
     night: Annotated[
@@ -279,18 +287,21 @@ def baseline_update(
         typer.Option(
             "--night",
             metavar="HISTORY",
-            help="Take the last finished night of this history; if not given, the part "
-            "of the campaign for checks is run.",
+            help="Take the numbers of the last finished night of this history. Default: "
+            "run the part of the campaign that `check` runs.",
         ),
     ] = None,
     whole: Annotated[
-        bool, typer.Option("--whole", help="Run the whole campaign, not only the part for checks.")
+        bool,
+        typer.Option(
+            "--whole", help="Run the whole campaign instead of the part that `check` runs."
+        ),
     ] = False,
 ) -> None:
-    """Make what the runs give now what is expected of them. Truths of a tier above our own run are never touched.
+    """Replace the expected numbers by those of the current code.
 
-    Each run is then made again in five ways that change nothing but rounding; what that moves beyond its tolerance
-    is not judged.
+    Truths of a tier above our own run are never changed. Each run is then repeated in five variants that differ only in
+    rounding; numbers that these change by more than their tolerance are not judged.
     """
     from stiction.comparisons.bench.environment import origin
     from stiction.comparisons.regression import baseline as files

@@ -40,7 +40,9 @@ if TYPE_CHECKING:
 Repeats = Annotated[
     int | None,
     typer.Option(
-        metavar="N", parser=count, help="Timed repeats of a run, at least; times are medians."
+        metavar="N",
+        parser=count,
+        help="Minimum number of timed repetitions of a run; reported times are medians.",
     ),
 ]
 Plot = Annotated[
@@ -49,13 +51,14 @@ Plot = Annotated[
         "--plot",
         metavar="FILE",
         callback=written(*PICTURES),
-        help="Draw the study's first figure: .svg, .pdf or .png.",
+        help="Draw the first figure of the study to this file (.svg, .pdf or .png).",
     ),
 ]
 Drive = Annotated[
     str | None,
     typer.Option(
-        metavar="NAME", help="The drive whose effort is compared; the scene's first if not given."
+        metavar="NAME",
+        help="Drive whose effort is compared. Default: the first drive of the scene.",
     ),
 ]
 Problems = Annotated[
@@ -63,8 +66,8 @@ Problems = Annotated[
     typer.Option(
         metavar="FILE",
         callback=written(".parquet"),
-        help="Write the complementarity problems that the reference met, for "
-        "`stiction replay`: .parquet.",
+        help="Write the complementarity problems solved by the reference to this file "
+        "(.parquet), for `stiction replay`.",
     ),
 ]
 HELP = "Answer one question on a scene, for the engines and the reference."

@@ -24,10 +24,15 @@ commands = typer.Typer()
 @commands.command("scenes")
 def list_scenes(
     folder: Annotated[
-        str, typer.Argument(metavar="[FOLDER]", help="hard: the scenes of `stiction compare hard`.")
+        str,
+        typer.Argument(
+            metavar="[FOLDER]",
+            help="Folder of the catalogue, for example hard, which contains the scenes of "
+            "`stiction compare hard`.",
+        ),
     ] = "",
 ) -> None:
-    """List the scenes of the catalogue, or of a folder of it, and the effects that they declare."""
+    """List the scenes of the catalogue, or of one of its folders, and the effects that they contain."""
     from stiction.reference_impl.multibody.equation_summary import blocks
     from stiction.scenes import catalogue, load_scene
 
@@ -52,21 +57,21 @@ def list_engines(
         str | None,
         typer.Argument(
             metavar="[NAME]",
-            help="One of them, module:Class, a program's FILE.toml or a FILE.fmu: its settings, their "
-            "defaults and what they mean.",
+            help="Describe this engine (a name, module:Class, FILE.toml or FILE.fmu): its "
+            "settings, their defaults and meaning.",
         ),
     ] = None,
     try_it: Annotated[
         bool,
         typer.Option(
             "--try",
-            help="Try it on five scenes, from a free body to the slider-bar, and say what is wrong in the "
-            "first that is.",
+            help="Run the engine on five scenes, from a free body to the slider-bar, and "
+            "report what is wrong in the first failing one.",
         ),
     ] = False,
     timeout: Timeout = 120,
 ) -> None:
-    """List the engines: version or why it is missing, fidelities, friction law and who supplies it."""
+    """List the engines with version (or why it is missing), fidelities, friction law and who supplies it."""
     if try_it:
         _try(name or "", timeout)
     elif name is not None:
@@ -88,7 +93,7 @@ def list_engines(
 
 @commands.command()
 def explain(scene: SceneName, overrides: Overrides = []) -> None:
-    """Show what the reference assembles for a scene, the size of its complementarity problem, and who refuses it."""
+    """Show what the reference assembles for a scene: equations, complementarity problem, and engines that refuse it."""
     from stiction.reference_impl.multibody.equation_summary import (
         blocks,
         constraint_components,
@@ -154,14 +159,16 @@ def export(
         typer.Option(
             "--to",
             metavar="FORMAT",
-            help="mjcf (MuJoCo), urdf, exudyn (a Python script), or resolved (JSON for "
-            "programs: numbers evaluated, every key there; see `stiction schema --resolved`).",
+            help="Format: mjcf (MuJoCo), urdf, exudyn (a Python script), or resolved (JSON "
+            "with all keys present and all expressions evaluated; see `stiction "
+            "schema --resolved`).",
         ),
     ] = "mjcf",
     fidelity: Annotated[
         str,
         typer.Option(
-            metavar="joint|contact", help="Bilateral joints, or (mjcf) a box between surfaces."
+            metavar="joint|contact",
+            help="Model of sliders: bilateral joints, or (mjcf only) boxes between two surfaces.",
         ),
     ] = "joint",
     out: Annotated[
@@ -170,11 +177,11 @@ def export(
             "--out",
             metavar="FILE",
             callback=written(),
-            help="Where to write it; shown if not given.",
+            help="File to write. Default: standard output.",
         ),
     ] = None,
 ) -> None:
-    """Write the scene as a model that an engine's users know."""
+    """Write the scene in the model format of an engine."""
     from stiction.engines.exudyn.engine import scene_as_script
     from stiction.engines.mujoco.engine import scene_as_mjcf
     from stiction.engines.pybullet.urdf import urdf

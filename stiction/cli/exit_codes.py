@@ -23,17 +23,17 @@ FINE, FAILED, BAD_INPUT, REGRESSED, COULD_NOT_RUN, NOT_COMPARED, INTERRUPTED, TE
     143,
 )
 EXIT_CODES = (
-    "Exit codes: 0 done (in validate, compare and sweep, what failed is a row of the result); 1 the run failed: the "
-    "engine failed, refused, crashed, is not installed or ran out of time, or in validate a run of the reference did, "
-    "or in compare and sweep all runs did; 2 bad input: scene, override, option, engine, campaign, baseline or output; "
-    "3 regression (nightly, check), a truth has moved (baseline "
-    "update), or an error beyond --max-error (judge); 4 no regression, but not everything could "
-    "run (nightly, check); 5 nothing was compared, for want of a baseline (nightly, check); 130 interrupted; 143 ended "
-    "by SIGTERM. A bug ends with its traceback, and 1."
+    "Exit codes: 0 success (in validate, compare and sweep, failed runs are rows of the result); 1 the run failed: the "
+    "engine failed, refused the scene, crashed, is not installed or exceeded the time limit; in validate, a run of the "
+    "reference failed; in compare and sweep, all runs failed; 2 invalid input: scene, override, option, engine, "
+    "campaign, baseline or output; 3 a regression (nightly, check), a changed truth (baseline "
+    "update), or an error above --max-error (judge); 4 no regression, but not all runs could be "
+    "made (nightly, check); 5 nothing was compared, because there is no baseline (nightly, check); 130 interrupted; "
+    "143 ended by SIGTERM. An internal error prints a traceback and exits with 1."
 )
 IN_BRIEF = (
-    "Exit codes: 0 done, 1 failed, 2 bad input, 3 regression, 4 not all could be run, 5 nothing compared; "
-    "`stiction --help` says more."
+    "Exit codes: 0 success, 1 failed, 2 invalid input, 3 regression, 4 not all runs made, 5 nothing compared; "
+    "see `stiction --help`."
 )
 SAME_SIGNAL_S = 1.0
 """The same signal again within it is the same one: GNU ``timeout`` signals the command and then its group."""

@@ -23,16 +23,18 @@ def judge(
         str,
         typer.Argument(
             metavar="SCENE",
-            help="Name of the catalogue, a TOML file, or the folder of a scene in a data set of "
-            "truths, which are then read and not solved.",
+            help="Name of a scene of the catalogue, path of a TOML file, or folder of a "
+            "scene in a data set of truths. In the last case the truth is read "
+            "instead of computed.",
         ),
     ],
     result: Annotated[
         Path,
         typer.Argument(
             metavar="RESULT",
-            help="A table, .csv or .parquet: a column t, and one or more of the scene's columns. "
-            "Two rows of one time are both sides of a jump.",
+            help="Table of results (.csv or .parquet) with a column t and one or more "
+            "columns of the scene. Two rows with the same time are the two sides of a "
+            "jump.",
         ),
     ],
     names: Annotated[
@@ -40,16 +42,16 @@ def judge(
         typer.Option(
             "--map",
             metavar="MINE=COLUMN",
-            help="Name of a column in RESULT and in the scene: x1=slider.x, "
-            "x1=-slider.x for the other sign, x1= to leave it out. Repeatable.",
+            help="Column MINE of RESULT is COLUMN of the scene: x1=slider.x. x1=-slider.x "
+            "reverses the sign; x1= ignores the column. Repeatable.",
         ),
     ] = [],
     units: Annotated[
         str,
         typer.Option(
             metavar="A,B,..",
-            help="Units of RESULT that are not SI: mm, cm; deg; ms, us; kN, mN. Of all columns: "
-            "with mm velocities are mm/s and moments N mm.",
+            help="Units of RESULT other than SI: mm, cm; deg; ms, us; kN, mN. They apply "
+            "to all columns: with mm, velocities are in mm/s and moments in N mm.",
         ),
     ] = "",
     max_error: Annotated[
@@ -58,8 +60,9 @@ def judge(
             "--max-error",
             metavar="M",
             parser=positive,
-            help="Exit with 3 where a position is off by more metres "
-            "(an angle: times the mechanism's size), or RESULT begins late or ends early.",
+            help="Exit with code 3 if the error of a position exceeds M metres (angles are "
+            "multiplied by the size of the mechanism), or if RESULT does not cover "
+            "the whole run.",
         ),
     ] = None,
     t_end: EndTime = None,
@@ -68,11 +71,12 @@ def judge(
         Path | None,
         typer.Option(
             metavar="FOLDER",
-            help="Write a page, a figure and the tables: new, empty, or of an earlier call.",
+            help="Write a page, a figure and the tables to this folder, which must be new, "
+            "empty, or written by an earlier call.",
         ),
     ] = None,
 ) -> None:
-    """Judge a table of results of any program: errors against the truth, stick phases, jumps, drift, energy."""
+    """Judge a table of results of any program: errors against the truth, stick phases, jumps, drift and energy."""
     from stiction.comparisons.judge.judgement import judge as judged_by
     from stiction.comparisons.judge.truth_folder import is_truth_folder
     from stiction.reports.judgement_page import MAIN, judgement_section, write_judgement
@@ -108,16 +112,21 @@ def judge(
 @commands.command()
 def dataset(
     folder: Annotated[
-        Path, typer.Argument(metavar="FOLDER", help="New, empty, or of an earlier call.")
+        Path,
+        typer.Argument(
+            metavar="FOLDER",
+            help="Folder to write, which must be new, empty, or written by an earlier call.",
+        ),
     ],
     scenes: Annotated[
         list[str] | None,
-        typer.Option(
-            "--scenes", metavar="A,B,..", help="Scenes of the catalogue; all if not given."
-        ),
+        typer.Option("--scenes", metavar="A,B,..", help="Scenes of the catalogue. Default: all."),
     ] = None,
 ) -> None:
-    """Write the truths of the catalogue's scenes for people without stiction: tables, events, proofs, a README."""
+    """Write the truths of the catalogue's scenes as a data set that does not require stiction.
+
+    It contains tables, events, proofs and a README.
+    """
     from stiction.reports.dataset import MAIN, write_dataset
     from stiction.reports.run_folder.overwriting import check_folder
     from stiction.scenes import catalogue, scene_text

@@ -169,7 +169,7 @@ SceneName = Annotated[
     typer.Argument(
         metavar="SCENE",
         autocompletion=_scene_names,
-        help="Name of the catalogue (see `stiction scenes`) or a TOML file.",
+        help="Name of a scene of the catalogue (see `stiction scenes`), or path of a TOML file.",
     ),
 ]
 SceneNames = Annotated[
@@ -177,8 +177,8 @@ SceneNames = Annotated[
     typer.Argument(
         metavar="SCENE",
         autocompletion=_scene_names,
-        help="Names of the catalogue (see `stiction scenes`) or TOML files; "
-        "several where the study compares them.",
+        help="Names of scenes of the catalogue (see `stiction scenes`), or paths of "
+        "TOML files. Some studies compare several scenes.",
     ),
 ]
 Overrides = Annotated[
@@ -186,8 +186,9 @@ Overrides = Annotated[
     typer.Option(
         "--set",
         metavar="KEY=VALUE",
-        help="Replace a value of the scene: F0=4, motor.rate=pi/2, guide.mu=0.1, "
-        "bar.position.0=1, gravity=[0,-1.62]; without a value, remove it. Repeatable.",
+        help="Override a value of the scene, for example F0=4, motor.rate=pi/2, "
+        "guide.mu=0.1, bar.position.0=1 or gravity=[0,-1.62]. KEY= without a "
+        "value removes the key. Repeatable.",
     ),
 ]
 Settings = Annotated[
@@ -195,7 +196,7 @@ Settings = Annotated[
     typer.Option(
         "--setting",
         metavar="KEY=VALUE",
-        help="A setting of the engine, e.g. stabilization=projection. Repeatable.",
+        help="Setting of the engine, for example stabilization=projection. Repeatable.",
     ),
 ]
 EngineName = Annotated[
@@ -204,13 +205,16 @@ EngineName = Annotated[
         "--engine",
         metavar="NAME",
         callback=_engine,
-        help="See `stiction engines`; or module:Class, or a program's FILE.toml, a FILE.fmu.",
+        help="An engine listed by `stiction engines`, a class as module:Class, the "
+        "declaration of a program (FILE.toml) or an FMU (FILE.fmu).",
     ),
 ]
 Fidelity = Annotated[
     str,
     typer.Option(
-        "--fidelity", metavar="joint|contact", help="Bilateral joints, or a box between surfaces."
+        "--fidelity",
+        metavar="joint|contact",
+        help="Model of sliders: bilateral joints, or boxes between two surfaces.",
     ),
 ]
 Engines = Annotated[
@@ -219,8 +223,8 @@ Engines = Annotated[
         "--engines",
         metavar="A,B,..",
         callback=_engines,
-        help="Engines to compare with the reference; all known ones if not given. Names, module:Class, FILE.toml or "
-        "FILE.fmu.",
+        help="Engines to compare with the reference, as names, module:Class, FILE.toml "
+        "or FILE.fmu. Default: all known engines.",
     ),
 ]
 Workers = Annotated[
@@ -228,7 +232,7 @@ Workers = Annotated[
     typer.Option(
         metavar="N",
         parser=count,
-        help="Child processes at a time; the number of CPUs if not given.",
+        help="Number of parallel child processes. Default: the number of CPUs.",
     ),
 ]
 ExecutorName = Annotated[
@@ -236,18 +240,20 @@ ExecutorName = Annotated[
     typer.Option(
         "--executor",
         metavar="processes|dask[:ADDRESS]",
-        help="Processes of this machine, or a Dask cluster: one on this "
-        "machine, or that of the scheduler at ADDRESS. What is timed stays here.",
+        help="Where runs are made: in processes of this machine, in a local Dask "
+        "cluster (dask), or in the cluster of the Dask scheduler at ADDRESS. "
+        "Timed runs are always made on this machine.",
     ),
 ]
 Timeout = Annotated[
     float,
-    typer.Option(
-        metavar="S", parser=positive, help="Seconds that one run may take before it is given up."
-    ),
+    typer.Option(metavar="S", parser=positive, help="Time limit of one run, s."),
 ]
 Assemble = Annotated[
-    bool, typer.Option("--assemble", help="Move a start that violates the constraints onto them.")
+    bool,
+    typer.Option(
+        "--assemble", help="Project an initial state that violates the constraints onto them."
+    ),
 ]
 EndTime = Annotated[
     float | None,
@@ -255,16 +261,17 @@ EndTime = Annotated[
         "--t-end",
         metavar="S",
         parser=positive,
-        help="Seconds to simulate; the scene's own if not given.",
+        help="Simulated time, s. Default: that of the scene.",
     ),
 ]
-Quick = Annotated[bool, typer.Option("--quick", help="Fewer and coarser steps.")]
+Quick = Annotated[bool, typer.Option("--quick", help="Fewer runs with larger steps.")]
 Full = Annotated[
     bool,
     typer.Option(
         "--full",
-        help="Fine steps, long drift, every hard case, what the paper leaves open, settings of the engines: "
-        "an hour or more.",
+        help="Also small steps, long runs for drift, all hard cases, parameters that "
+        "the paper leaves open, and settings of the engines. Takes an hour or "
+        "more.",
     ),
 ]
 TableFile = Annotated[
@@ -273,16 +280,16 @@ TableFile = Annotated[
         "--out",
         metavar="FILE",
         callback=written(".csv", ".parquet"),
-        help="Write all columns and rows: .csv or .parquet.",
+        help="Write all columns and rows to this file (.csv or .parquet).",
     ),
 ]
 RunFolder = Annotated[
-    Path, typer.Argument(metavar="RUN", help="Folder that `stiction validate` has written.")
+    Path, typer.Argument(metavar="RUN", help="Folder written by `stiction validate`.")
 ]
 CampaignFile = Annotated[
     Path | None,
     typer.Argument(
-        metavar="[CAMPAIGN.toml]", help="What is run; the suite's own campaign if not given."
+        metavar="[CAMPAIGN.toml]", help="Campaign to run. Default: the campaign of the suite."
     ),
 ]
 BaselineFile = Annotated[
@@ -290,8 +297,9 @@ BaselineFile = Annotated[
     typer.Option(
         "--baseline",
         metavar="REF",
-        help="A file, a commit (its version of the suite's own baseline), or COMMIT:PATH; "
-        "the suite's own if neither this nor a campaign is given.",
+        help="Baseline to compare with: a file, a commit (the suite's baseline in that "
+        "commit), or COMMIT:PATH. Default: the baseline of the suite, unless "
+        "a campaign is given.",
     ),
 ]
 OneEngine = Annotated[
@@ -300,8 +308,8 @@ OneEngine = Annotated[
         "--engine",
         metavar="NAME",
         callback=_engine,
-        help="This engine alone: a name, module:Class or a program's "
-        "FILE.toml, a FILE.fmu. A class derived from an engine of the campaign takes its place.",
+        help="Run only this engine: a name, module:Class, FILE.toml or FILE.fmu. A "
+        "subclass of an engine of the campaign replaces that engine.",
     ),
 ]
 OtherScenes = Annotated[
@@ -309,6 +317,6 @@ OtherScenes = Annotated[
     typer.Option(
         "--scenes",
         metavar="A,B,..",
-        help="Scenes of the catalogue or TOML files in place of the campaign's.",
+        help="Scenes of the catalogue, or TOML files, instead of those of the campaign.",
     ),
 ]

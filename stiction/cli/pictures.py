@@ -42,8 +42,8 @@ Plot = Annotated[
         "--plot",
         metavar="FILE",
         callback=written(*PICTURES),
-        help="Plot displacement, slip velocity, corner forces, "
-        "friction and motor effort: .svg, .pdf or .png.",
+        help="Plot displacement, slip velocity, corner forces, friction and motor "
+        "effort to this file (.svg, .pdf or .png).",
     ),
 ]
 Animation = Annotated[
@@ -52,8 +52,8 @@ Animation = Annotated[
         "--animate",
         metavar="FILE",
         callback=_film,
-        help="Make a film of the mechanism and the forces on its sliders: "
-        ".gif, .html, or .mp4 where ffmpeg is installed.",
+        help="Write a film of the mechanism and the forces on its sliders (.gif, "
+        ".html, or .mp4, which needs ffmpeg).",
     ),
 ]
 
@@ -65,19 +65,19 @@ def new(
         typer.Argument(
             metavar="FILE",
             callback=written(".toml"),
-            help="The scene to write: .toml, not there yet.",
+            help="Scene file to write (.toml); it must not exist yet.",
         ),
     ],
     like: Annotated[
         str | None,
         typer.Option(
             metavar="SCENE",
-            help="A copy of this scene of the catalogue; a small one with friction that explains "
-            "itself if not given.",
+            help="Copy this scene of the catalogue. Default: a small scene with friction "
+            "and explanatory comments.",
         ),
     ] = None,
 ) -> None:
-    """Begin a scene of your own: a scene file, and the schema by which an editor completes and checks it."""
+    """Create a scene file, and the schema with which an editor completes and checks it."""
     from stiction.scenes import new_scene_text, scene_text
     from stiction.scenes.atomic_files import write_text
     from stiction.scenes.schema import SCHEMA_FILE, scene_schema_text
@@ -105,12 +105,12 @@ def draw(
             "-o",
             metavar="FILE",
             callback=written(*PICTURES),
-            help="The picture: .svg, .pdf or .png.",
+            help="Picture to write (.svg, .pdf or .png).",
         ),
     ],
     overrides: Overrides = [],
 ) -> None:
-    """Draw a scene at t = 0: bodies, pins, guides with numbered corners of their sliders, drives, springs, loads."""
+    """Draw a scene at t = 0: bodies, pins, guides, sliders with numbered corners, drives, springs and loads."""
     from stiction.scenes.atomic_files import whole_file
 
     loaded = scene_of(scene, overrides)
@@ -124,18 +124,22 @@ def schema(
     out: Annotated[
         Path | None,
         typer.Option(
-            "--out", metavar="FILE", callback=written(".json"), help="Write it to a file: .json."
+            "--out",
+            metavar="FILE",
+            callback=written(".json"),
+            help="File to write (.json). Default: standard output.",
         ),
     ] = None,
     resolved: Annotated[
         bool,
         typer.Option(
             "--resolved",
-            help="That of the JSON which programs read: numbers evaluated, every key there.",
+            help="Print the schema of resolved scenes, the JSON with all keys present and "
+            "all expressions evaluated that programs read.",
         ),
     ] = False,
 ) -> None:
-    """Print the JSON schema of the scene format, for editors, or of resolved scenes, for programs."""
+    """Print the JSON schema of the scene format (for editors) or of resolved scenes (for programs)."""
     from stiction.scenes.resolved import resolved_schema
     from stiction.scenes.schema import scene_schema_text
 

@@ -37,8 +37,8 @@ def prove(
         str,
         typer.Argument(
             metavar="SCENE",
-            help="Name of the catalogue or a TOML file; with --check a file that `stiction prove` "
-            "has written.",
+            help="Name of a scene of the catalogue, or path of a TOML file; with --check, "
+            "a file written by `stiction prove`.",
         ),
     ],
     digits: Annotated[
@@ -46,14 +46,14 @@ def prove(
         typer.Option(
             metavar="N",
             parser=_up_to(1000),
-            help="Decimal places of positions, velocities and times of events.",
+            help="Decimal places of positions, velocities and event times.",
         ),
     ] = 12,
     overrides: Overrides = [],
     t_end: Annotated[
         str | None,
         typer.Option(
-            "--t-end", metavar="S", help="Seconds to prove; the scene's own if not given."
+            "--t-end", metavar="S", help="End of the proven motion, s. Default: that of the scene."
         ),
     ] = None,
     out: Annotated[
@@ -61,11 +61,11 @@ def prove(
         typer.Option(
             metavar="FILE",
             callback=written(".json"),
-            help="Write the proof: .json, to be checked with --check.",
+            help="Write the proof to this file (.json), which --check verifies.",
         ),
     ] = None,
     check: Annotated[
-        bool, typer.Option("--check", help="Prove anew every claim of a file.")
+        bool, typer.Option("--check", help="Verify every claim of a proof file.")
     ] = False,
     threshold: Annotated[
         int | None,
@@ -73,12 +73,16 @@ def prove(
             "--threshold",
             metavar="N",
             parser=_up_to(11),
-            help="Instead: prove to N decimal places where the band "
-            "of F0 with a stick phase, next to the scene's own F0, ends (slider-bar).",
+            help="Prove the stick threshold to N decimal places instead: the upper end of "
+            "the band of F0 with a stick phase next to the scene's F0 (slider-bar "
+            "only).",
         ),
     ] = None,
 ) -> None:
-    """Enclose a motion with a proof: contact modes, events, existence, uniqueness; the scene's numbers as written."""
+    """Prove enclosures of a motion, its contact modes and events, and its existence and uniqueness.
+
+    The proof is for the numbers of the scene as written, not for their rounded values.
+    """
     _require_library()
     if t_end is not None:  # as text: the number as it is written
         overrides = [*overrides, f"t_end={t_end}"]

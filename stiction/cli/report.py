@@ -18,20 +18,27 @@ def paper(
     run: RunFolder,
     out: Annotated[
         Path,
-        typer.Option(metavar="DIR", help="Folder to write: new, empty, or of an earlier call."),
+        typer.Option(
+            metavar="DIR",
+            help="Folder to write, which must be new, empty, or written by an earlier call.",
+        ),
     ],
     width: Annotated[
         str,
         typer.Option(
             metavar="double|single",
-            help="Of the figures: both columns of a journal page, 174 mm, or one, 84 mm.",
+            help="Width of the figures: two columns of a journal page (174 mm) or one (84 mm).",
         ),
     ] = "double",
     author: Annotated[
-        list[str] | None, typer.Option(metavar="NAME", help="Below the title; once for each.")
+        list[str] | None,
+        typer.Option(metavar="NAME", help="Author, printed below the title. Repeatable."),
     ] = None,
 ) -> None:
-    """Write a run as vector figures, LaTeX and CSV tables, methods, references and a PDF; reproducible to the byte."""
+    """Write a run as vector figures, LaTeX and CSV tables, methods, references and a PDF.
+
+    The files are reproducible byte for byte.
+    """
     from stiction.reports import check_folder
     from stiction.reports.figures.style import COLUMNS
     from stiction.reports.paper import AUTHORS, MAIN, write_paper
@@ -54,17 +61,18 @@ def page(
     source: Annotated[
         Path,
         typer.Argument(
-            metavar="RUN|HISTORY", help="Folder of a run, or the history of `stiction nightly`."
+            metavar="RUN|HISTORY", help="Folder of a run, or history written by `stiction nightly`."
         ),
     ],
     out: Annotated[
         Path | None,
         typer.Option(
-            metavar="FILE", help="The name of RUN or HISTORY with .html added, if not given."
+            metavar="FILE",
+            help="File to write. Default: the name of RUN or HISTORY with .html appended.",
         ),
     ] = None,
 ) -> None:
-    """Write a run, or the history of the nights, as a page for a browser; it needs no network."""
+    """Write a run, or the history of nightly runs, as an HTML page that needs no network."""
     from stiction.reports.page import write_history_page, write_run_page
     from stiction.reports.run_folder.stored_run import read_run
 
@@ -89,10 +97,13 @@ def page(
 def trace(
     run: RunFolder,
     key: Annotated[
-        str, typer.Argument(metavar="KEY", help="In the last column of a table: accuracy:12.")
+        str,
+        typer.Argument(
+            metavar="KEY", help="Key from the last column of a table, for example accuracy:12."
+        ),
     ],
 ) -> None:
-    """Show where a number in a table of `paper` or `page` comes from: row, trajectory, truth, settings, versions."""
+    """Show the origin of a number in a table of `paper` or `page`: row, trajectory, truth, settings and versions."""
     from stiction.reports.report import report_of
     from stiction.reports.run_folder.stored_run import read_run
     from stiction.reports.run_folder.trace import described, resolve

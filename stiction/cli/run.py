@@ -58,7 +58,7 @@ def run(
     t_end: EndTime = None,
     dt: Annotated[
         float | None,
-        typer.Option(metavar="H", parser=positive, help="Step in seconds of a fixed-step method."),
+        typer.Option(metavar="H", parser=positive, help="Step of a fixed-step method, s."),
     ] = None,
     rtol: Annotated[
         float | None,
@@ -68,7 +68,7 @@ def run(
     ] = None,
     output_step: Annotated[
         float,
-        typer.Option(metavar="S", parser=positive, help="Seconds between the rows of the result."),
+        typer.Option(metavar="S", parser=positive, help="Interval between output times, s."),
     ] = 0.01,
     overrides: Overrides = [],
     settings: Settings = [],
@@ -77,7 +77,7 @@ def run(
     events: Annotated[
         bool,
         typer.Option(
-            "--events", help="In FILE two more rows per event: values before and after it."
+            "--events", help="Add two rows per event to FILE, with the values before and after it."
         ),
     ] = False,
     plot: Plot = None,
@@ -87,12 +87,12 @@ def run(
         bool,
         typer.Option(
             "--traceback",
-            help="If the run fails, print the end of what the engine printed, its traceback included. "
-            "Of a bug it is always printed.",
+            help="If the run fails, print the end of the engine's output, including its "
+            "traceback. The traceback of a bug is always printed.",
         ),
     ] = False,
 ) -> None:
-    """Simulate a scene in a child process; without --out print end state, efforts, events and cost."""
+    """Simulate a scene in a child process; without --out, print final state, efforts, events and cost."""
     from stiction.engines.command_run import run_as_asked
 
     loaded, chosen = scene_of(scene, overrides), settings_of(settings)
@@ -170,8 +170,8 @@ def sweep(
         typer.Option(
             "--vary",
             metavar="KEY=FROM:TO:COUNT|KEY=A,B,..",
-            help="An axis of the grid: F0=0.5:6:100, "
-            "guide.mu=0.01,0.03. Repeatable; one axis is drawn as a curve, two as a map.",
+            help="Axis of the grid, for example F0=0.5:6:100 or guide.mu=0.01,0.03. "
+            "Repeatable; one axis is drawn as a curve, two as a map.",
         ),
     ],
     measure: Annotated[
@@ -179,9 +179,9 @@ def sweep(
         typer.Option(
             "--measure",
             metavar="A,B,..",
-            help="stick-fraction, peak-torque, peak-speed, event-count, of another "
-            "guide, drive or body as peak-speed:NAME; threshold: upper end of the band of F0, next to the scene's "
-            "own, with a stick phase.",
+            help="stick-fraction, peak-torque, peak-speed or event-count, for a given "
+            "guide, drive or body as peak-speed:NAME; or threshold, the upper end of "
+            "the band of F0 with a stick phase next to the scene's F0.",
         ),
     ],
     engine: EngineName = "reference",
@@ -195,8 +195,8 @@ def sweep(
             "--t-end",
             metavar="S",
             parser=positive,
-            help="End of every run; twice the scene's own, or 30 periods of "
-            "its loads and drives if that is more, if not given.",
+            help="End of every run, s. Default: twice that of the scene, or 30 periods of "
+            "its loads and drives if that is longer.",
         ),
     ] = None,
     settle: Annotated[
@@ -204,7 +204,8 @@ def sweep(
         typer.Option(
             metavar="S",
             parser=positive,
-            help="What the motion does before is not looked at; a third of the end if not given.",
+            help="Length of the transient at the start, which is not evaluated, s. "
+            "Default: a third of the run.",
         ),
     ] = None,
     dt: Annotated[
@@ -212,8 +213,8 @@ def sweep(
         typer.Option(
             metavar="H",
             parser=positive,
-            help="Largest step in seconds of a fixed-step method; of engines that have "
-            "no other 1 ms, less where the scene is fast, if not given.",
+            help="Largest step of a fixed-step method, s. Default for fixed-step engines: "
+            "1 ms, less for fast scenes.",
         ),
     ] = None,
     rtol: Annotated[
@@ -221,8 +222,8 @@ def sweep(
         typer.Option(
             metavar="R",
             parser=positive,
-            help="Relative tolerance of an adaptive method; a steady motion repeats "
-            "itself to 1000 times that.",
+            help="Relative tolerance R of an adaptive method. A motion counts as steady if "
+            "it is periodic to within 1000 R.",
         ),
     ] = 1e-6,
     overrides: Overrides = [],
@@ -230,14 +231,15 @@ def sweep(
         Path | None,
         typer.Option(
             metavar="DIR",
-            help="Folder; sweeps/<scene>-<digest> if not given. The same command goes on with what is "
-            "there.",
+            help="Folder of the results. Default: sweeps/<scene>-<digest>. If it contains "
+            "points of the same sweep, the command resumes it.",
         ),
     ] = None,
 ) -> None:
-    """Measure the steady state over a grid of parameters; starts are moved onto the constraints.
+    """Measure the steady state over a grid of parameters.
 
-    A motion that neither rests nor repeats itself has none, and its point no number.
+    Initial states are projected onto the constraints. A motion that neither comes to rest nor becomes periodic has no
+    steady state, and its point has no value.
     """
     from stiction.comparisons.bench.executors import check_executor, open_isolate
     from stiction.comparisons.sweep import sweep as sweeps
@@ -354,20 +356,22 @@ def replay(
         str,
         typer.Option(
             metavar="MODULE:FUNCTION",
-            help="solve(M, q) -> (w, z) or solve(A0, A1, b) -> (y, x); None where it finds none.",
+            help="Solver: a function solve(M, q) -> (w, z) or solve(A0, A1, b) -> (y, x), "
+            "which returns None if it finds no solution.",
         ),
     ] = "stiction.comparisons.bench.complementarity.replay:lemke",
     problems: Annotated[
         Path | None,
-        typer.Option(metavar="FILE", help="A stored set; that of the suite if not given."),
+        typer.Option(metavar="FILE", help="Stored set of problems. Default: the set of the suite."),
     ] = None,
     run: Annotated[
         str | None,
         typer.Option(
             "--run",
             metavar="SCENE",
-            help="Instead of a stored set: the problems of a run of the reference at the "
-            "ends of its steps, at the audits in them and on both sides of its events.",
+            help="Instead of a stored set, use the problems of a run of the reference: at "
+            "the ends of its steps, at the audited instants within them, and on both "
+            "sides of its events.",
         ),
     ] = None,
     overrides: Overrides = [],
@@ -375,22 +379,23 @@ def replay(
         bool,
         typer.Option(
             "--verify",
-            help="Prove of each problem that it has a solution or none, and judge the solver by that "
-            "(takes the extra stiction[proof]).",
+            help="Prove for each problem whether it has a solution, and judge the solver "
+            "by that (needs the extra stiction[proof]).",
         ),
     ] = False,
     export: Annotated[
         Path | None,
         typer.Option(
             metavar="FOLDER",
-            help="Write the set as Matrix Market files instead; --problems reads them back.",
+            help="Write the set as Matrix Market files to this folder instead of running a "
+            "solver; --problems reads them.",
         ),
     ] = None,
     workers: Workers = None,
     timeout: Timeout = 60,
     out: TableFile = None,
 ) -> None:
-    """Run any solver of (horizontal) linear complementarity problems over a set of them; a row per class."""
+    """Run a solver of (horizontal) linear complementarity problems on a set of problems; one row per class."""
     distinct("--out", out, problems)
     if run is None and overrides:
         raise typer.BadParameter(

@@ -2,9 +2,8 @@
 
 import json
 import re
-import shutil
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 
 import numpy as np
 import pandas as pd
@@ -24,7 +23,6 @@ from stiction.reports.page.time_series import SAMPLE, VISIBLE, decimated
 from stiction.reports.run_folder.stored_run import read_run
 from stiction.scenes.pictures.web import LONG, SHORT, Columns
 
-BROWSERS = ("chromium", "chromium-browser", "google-chrome", "chrome")
 NIGHTS = [f"2026-03-{day:02d}T02:00:00.000Z" for day in (1, 2, 3)]
 CASES = ("slider-bar-case-1", "slider-bar-case-2")
 
@@ -90,22 +88,6 @@ def history_file(tmp_path_factory):
 def history_page(history_file):
     write_history_page(history_file, file := history_file.with_suffix(".html"))
     return file
-
-
-@pytest.fixture(scope="module")
-def browser() -> Iterator:
-    api = pytest.importorskip(
-        "playwright.sync_api", reason="playwright is not installed (pip install '.[test]')"
-    )
-    executable = next(filter(None, map(shutil.which, BROWSERS)), None)
-    if executable is None:
-        pytest.skip(f"no browser on the path: none of {', '.join(BROWSERS)}")
-    with api.sync_playwright() as playwright:
-        opened = playwright.chromium.launch(
-            executable_path=executable, args=["--no-sandbox"]
-        )  # where tests run as root
-        yield opened
-        opened.close()
 
 
 @pytest.fixture

@@ -7,8 +7,12 @@ pages to each other.
 
 from __future__ import annotations
 
+import contextlib
 import io
+import re
+import sqlite3
 import sys
+import tempfile
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -16,18 +20,43 @@ from typing import Any
 
 import matplotlib.pyplot as plt
 import numpy as np
+import pandas as pd
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from PIL import Image
 
+from stiction.comparisons.bench.campaign import load_campaign
+from stiction.comparisons.bench.complementarity.replay import replay
+from stiction.comparisons.bench.depth import Depth
+from stiction.comparisons.bench.results import Results
+from stiction.comparisons.bench.runner import make
+from stiction.comparisons.bench.study import Scope, planned, union
+from stiction.comparisons.judge.judgement import judge
 from stiction.comparisons.measures.accuracy import errors, truth_over_time
 from stiction.comparisons.measures.scene_truth import ground_truth
-from stiction.engines import load_engine
-from stiction.scenes import Scene, load_scene
+from stiction.comparisons.regression.baseline import Baseline
+from stiction.comparisons.regression.nightly import run_night
+from stiction.comparisons.studies import studies
+from stiction.comparisons.sweep.steady_state_measures import SteadyRun
+from stiction.comparisons.sweep.sweep import Specification, parse_axis, sweep, usual_end
+from stiction.engines import isolate, load_engine
+from stiction.reports.figures.charts import drawn
+from stiction.reports.figures.map import sweep_drawings
+from stiction.reports.figures.style import rc
+from stiction.reports.judgement_page import judgement_section
+from stiction.reports.text import section_of
+from stiction.scenes import Scene, load_scene, new_scene_text
+from stiction.scenes.pictures.geometry import poses_at, view_of
+from stiction.scenes.pictures.mechanism import canvas, draw_mechanism
+from stiction.scenes.pictures.web import force_columns, largest_force
 
 FOLDER = Path(__file__).parent / "pictures"
+SOLVERS = Path(__file__).parent / "examples" / "solvers"
 DOTS_PER_INCH = 160
 """Sharp on a display of high resolution at the width of a page, and some tens of kilobytes each."""
+
+SECONDS_A_POINT = 60.0
+"""Limit for a point of a sweep, which takes a few hundredths of a second; a hang is then an error."""
 
 PICTURES: dict[str, Callable[[], Figure]] = {}
 """The function that draws a picture, by the picture's name."""
@@ -37,6 +66,16 @@ def picture(draw: Callable[[], Figure]) -> Callable[[], Figure]:
     """Register a function that draws a picture, under its name with hyphens."""
     PICTURES[draw.__name__.replace("_", "-")] = draw
     return draw
+
+
+def figure_of_study(name: str, scene: str, *engines: str) -> Figure:
+    """The figure of ``stiction compare NAME SCENE --quick --engines ENGINES --plot FILE``."""
+    [study] = [study for study in studies() if study.name == name]
+    scope = Scope((load_scene(scene),), Depth.QUICK, engines)
+    results = union(make([planned(scope, [study])[study]], timed_by=isolate))
+    with rc():
+        [drawing] = drawn(section_of(study, results).figures[:1], results)
+    return drawing.figure
 
 
 # Pictures of README and tutorial
@@ -219,6 +258,162 @@ def tutorial_loads() -> Figure:
     axes.set_ylabel("slip velocity [m/s]")
     axes.legend(loc="lower right")
     axes.set_title("Slip velocity; thick: the slider sticks", fontsize=11)
+    return figure
+
+
+# Pictures of the how-to pages
+
+
+@picture
+def new_scene() -> Figure:
+    """The scene that ``stiction new`` writes, as ``stiction draw`` shows it."""
+    with tempfile.TemporaryDirectory() as folder:
+        file = Path(folder) / "sled.toml"
+        file.write_text(new_scene_text(), encoding="utf-8")
+        return load_scene(file).draw()
+
+
+@picture
+def trammel_run() -> Figure:
+    """The figure of ``stiction run elliptic-trammel --t-end 2 --plot trammel.png``."""
+    return load_engine("reference").simulate(load_scene("elliptic-trammel"), t_end=2.0).plot()
+
+
+@picture
+def film_frame() -> Figure:
+    """One frame of ``stiction run elliptic-trammel --t-end 2 --animate trammel.gif``."""
+    scene = load_scene("elliptic-trammel")
+    run = load_engine("reference").simulate(scene, t_end=2.0)
+    row = len(run.t) // 2
+    view = view_of(scene, [poses_at(scene, run, i) for i in range(len(run.t))])
+    forces = {name: float(run[name][row]) for name in force_columns(scene)}
+    with rc():
+        figure, axes = canvas(scene, view)
+        draw_mechanism(
+            axes,
+            scene,
+            poses_at(scene, run, row),
+            view,
+            float(run.t[row]),
+            forces,
+            largest_force(scene, run),
+        )
+    axes.set_title(f"{scene.name}: t = {run.t[row]:.3f} s", fontsize=8)
+    return figure
+
+
+@picture
+def two_engines() -> Figure:
+    """The figure of the page on looking at runs that has the reference and pymunk in it."""
+    scene = load_scene("slider-bar-case-1")
+    exact = load_engine("reference").simulate(scene, t_end=8.0)
+    coarse = load_engine("pymunk").simulate(scene, t_end=8.0, dt=0.1)
+    return exact.plot("motor.effort", "guide.slip_velocity", against=[coarse])
+
+
+@picture
+def judgement() -> Figure:
+    """The figure of ``stiction judge slider-bar-case-1 mine.csv --out judged``, of pymunk at 1 ms."""
+    scene = load_scene("slider-bar-case-1")
+    run = load_engine("pymunk").simulate(scene, dt=1e-3)
+    section = judgement_section(judge(scene, run.to_frame()))
+    with rc():
+        [drawing] = drawn(section.figures, Results((), {}, {}))
+    return drawing.figure
+
+
+@picture
+def sweep_map() -> Figure:
+    """The map of the first command of the page on sweeps: the part of a period in which the slider sticks."""
+    scene = load_scene("slider-bar-case-1", {"mus": "4/3*mu"})
+    end = usual_end(scene)
+    specification = Specification(
+        scene,
+        (parse_axis("F0=3:6:8"), parse_axis("mu=0.02:0.06:8")),
+        ("stick-fraction",),
+        SteadyRun(end / 3, end),
+        SECONDS_A_POINT,
+    )
+    with tempfile.TemporaryDirectory() as folder:
+        result = sweep(specification, Path(folder) / "sweep")
+    with rc():
+        [drawing] = sweep_drawings(result)
+    return drawing.figure
+
+
+@picture
+def lemke_outcomes() -> Figure:
+    """The table of ``stiction replay`` for Lemke's method, as bars: one for each class of problems."""
+    table = replay().set_index("class")
+    outcomes = {
+        "solved": "#009E73",
+        "rightly none": "#0072B2",
+        "none found": "#E69F00",
+        "wrong": "#D55E00",
+        "not an LCP": "#CCCCCC",
+    }
+    figure, axes = plt.subplots(figsize=(7.0, 4.2), layout="constrained")
+    left = np.zeros(len(table))
+    for outcome, color in outcomes.items():
+        axes.barh(table.index, table[outcome], left=left, color=color, label=outcome)
+        left += table[outcome].to_numpy()
+    axes.invert_yaxis()
+    axes.tick_params(labelsize=8)
+    axes.set_xlabel("problems")
+    figure.legend(loc="outside upper center", ncols=len(outcomes), fontsize=8)
+    return figure
+
+
+@picture
+def compare_accuracy() -> Figure:
+    """The figure of ``stiction compare accuracy slider-bar-case-1 --quick --engines pymunk``."""
+    return figure_of_study("accuracy", "slider-bar-case-1", "pymunk")
+
+
+@picture
+def program_accuracy() -> Figure:
+    """The figure of ``compare accuracy`` for the solver in Python of the page on programs."""
+    return figure_of_study("accuracy", "slider-bar-case-1", str(SOLVERS / "python.toml"))
+
+
+@picture
+def history_of_nights() -> Figure:
+    """Position error over four nights of a campaign; the engine is changed before the third and after it."""
+    page = (Path(__file__).parent / "how-to" / "engine.md").read_text(encoding="utf-8")
+    files = dict(re.findall(r"^```\w+\n(?=# ([\w.]+)\n)(.*?)^```$", page, re.MULTILINE | re.DOTALL))
+    campaign = (
+        'scenes = ["ball.toml"]\nmeasure = ["accuracy", "motion"]\n'
+        '[variants.flight]\nengine = "free_flight:FreeFlight"\ndt = [1e-2]\n'
+    )
+    with tempfile.TemporaryDirectory() as folder, contextlib.chdir(folder):
+        Path("ball.toml").write_text(files["ball.toml"])
+        Path("campaign.toml").write_text(campaign)
+        sys.path.insert(0, folder)
+        for night in range(4):
+            factor = "0.5001 * t" if night == 2 else "0.5 * t"
+            Path("free_flight.py").write_text(files["free_flight.py"].replace("0.5 * t", factor))
+            chosen = load_campaign("campaign.toml")
+            run_night(chosen, Path("nights"), Baseline(format=2), lambda result: None)
+        with contextlib.closing(sqlite3.connect("nights/history.sqlite")) as connection:
+            history = pd.read_sql("SELECT * FROM history", connection)
+        sys.path.remove(folder)
+    error = history[history["metric"] == "position_error"]
+    is_regression = error["verdict"] == "regression"
+    figure, axes = plt.subplots(figsize=(7.0, 2.8), layout="constrained")
+    axes.semilogy(range(1, len(error) + 1), error["value"], "o-", color="black")
+    axes.semilogy(
+        1 + np.flatnonzero(is_regression),
+        error["value"][is_regression],
+        "o",
+        markersize=14,
+        markerfacecolor="none",
+        markeredgecolor="red",
+        label="regression",
+    )
+    axes.set_xticks(range(1, len(error) + 1))
+    axes.set_xlabel("night")
+    axes.set_ylabel("position error in m")
+    axes.legend()
     return figure
 
 

@@ -367,8 +367,8 @@ def _of_time(key: str, old: Metric, times: Times, alike: bool) -> Finding | None
         before,
         now,
         ratio,
-        f"{ratio:.2f} times as {'slow' if slow else 'fast'} at least in {len(times.now)}; reported from "
-        f"{factor:.2f} times {words}; no verdict: {why}, `stiction check --control` decides",
+        f"at least {ratio:.2f} times as {'slow' if slow else 'fast'}; reported from {factor:.2f} times "
+        f"{words}; no verdict: {why}, `stiction check --control` decides",
     )
 
 

@@ -38,6 +38,7 @@ from stiction.comparisons.bench.presentation import (
     view,
 )
 from stiction.comparisons.bench.presentation.cells import setting_of
+from stiction.comparisons.bench.quantities import quantity_of
 from stiction.comparisons.bench.results import Results
 from stiction.comparisons.bench.runner import Comparison, records_comparison, side_by_side
 from stiction.comparisons.bench.study import Scope, Study, Tables
@@ -140,7 +141,7 @@ def present(results: Results) -> Presentation:
     headline = Headline(
         "position [m]", {variant: _cell(table, method) for variant, method in made.items()}
     )
-    over_step = step_chart("accuracy", table, list(made), POSITION, "position_error")
+    over_step = step_chart("accuracy", table, list(made), POSITION, quantity_of(POSITION).head)
     return Presentation(
         rows=rows,
         headlines=[headline],

@@ -39,6 +39,7 @@ from stiction.comparisons.bench.presentation import (
     row_of,
     view,
 )
+from stiction.comparisons.bench.quantities import quantity_of
 from stiction.comparisons.bench.results import Results
 from stiction.comparisons.bench.runner import Comparison, side_by_side
 from stiction.comparisons.bench.study import Scope, Study, Tables
@@ -506,7 +507,7 @@ def _figure(cost: pd.DataFrame) -> Chart:
         return [*lines, Series("", ends, np.full(len(ends), TARGET), look=LIMIT)]
 
     x = Axis("total CPU time [s]", log=True)
-    return chart_by_case("work-precision", drawn, x, "position_error", series)
+    return chart_by_case("work-precision", drawn, x, quantity_of("position_error").head, series)
 
 
 STUDY = Study(

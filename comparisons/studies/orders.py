@@ -25,6 +25,7 @@ from stiction.comparisons.bench.presentation import (
     row_of,
     view,
 )
+from stiction.comparisons.bench.quantities import quantity_of
 from stiction.comparisons.bench.results import Results
 from stiction.comparisons.bench.runner import Comparison
 from stiction.comparisons.bench.study import Scope, Study, Tables
@@ -306,7 +307,12 @@ def _chart(known: pd.DataFrame) -> Chart:
             Series(method, step, error, look=look, line=False, points=True),
             Series("", step, promised, look=LIMIT),
         ]
-    panel = Panel("", Axis(STEP, log=True), Axis(ERROR, log=True), series)
+    panel = Panel(
+        "",
+        Axis(quantity_of(STEP).head, log=True),
+        Axis(quantity_of(ERROR).head, log=True),
+        series,
+    )
     return Chart("convergence", [panel], columns=1, height=3.0)
 
 

@@ -380,8 +380,8 @@ def measure_of(text: str) -> Measure:
     name, colon, element = text.partition(":")
     if name not in MEASURES or (colon and not (element and MEASURES[name].needs)):
         raise InputError(
-            f"measures: found {text!r}; expected some of {', '.join(MEASURES)}, each but event-count also "
-            "with the name of an element, as peak-speed:NAME"
+            f"measures: found {text!r}; expected some of {', '.join(MEASURES)}, threshold; the first "
+            "three also with the name of an element, as peak-speed:NAME"
         )
     return replace(MEASURES[name], element=element)
 

@@ -19,6 +19,7 @@ from stiction.comparisons.bench.presentation import (
     row_of,
     view,
 )
+from stiction.comparisons.bench.quantities import QUANTITIES
 from stiction.comparisons.bench.study import Study
 from stiction.comparisons.bench.timing.intervals import ratio_interval
 from stiction.comparisons.studies import studies
@@ -148,6 +149,19 @@ def test_paragraphs_and_items_are_what_was_written(texts):
 def test_every_study_has_a_template_of_known_blocks(study):
     known = {"answer", "beside", "findings", "figures", "tables", "notes"}
     assert set(template(f"studies/{study.name}.md").blocks) <= known
+
+
+def test_axes_are_labelled_with_words_and_not_with_the_keys_of_columns(validation):
+    labels = [
+        axis.label
+        for study in studies()
+        for figure in section_of(study, validation).figures
+        if isinstance(figure, Chart)
+        for panel in figure.panels
+        for axis in (panel.x, panel.y)
+    ]
+    assert "position error [m]" in labels
+    assert not [label for label in labels if label in QUANTITIES]
 
 
 def test_conditions_leave_no_space_before_a_full_stop_and_none_out_between_words(validation):

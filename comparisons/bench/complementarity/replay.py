@@ -99,7 +99,11 @@ def answer(solver: Solver, problem: Problem) -> Answer:
             "raised" if reason else "none found" if problem.outcome == SOLVED else "rightly none"
         )
         return Answer(problem.kind, outcome, seconds=seconds, reason=reason)
-    y, x = (np.asarray(part, dtype=float) for part in found)
+    try:
+        y, x = (np.asarray(part, dtype=float) for part in found)
+    except (TypeError, ValueError):  # not two parts, or parts that are no numbers
+        reason = f"returned {type(found).__name__}; expected None or a pair of vectors (w, z)"
+        return Answer(problem.kind, "wrong", np.inf, seconds, reason)
     complete = y.shape == x.shape == problem.b.shape and np.all(np.isfinite([y, x]))
     left = residual(problem.A0, problem.A1, problem.b, y, x) if complete else np.inf
     return Answer(problem.kind, "solved" if left <= ACCURATE else "wrong", left, seconds)

@@ -93,12 +93,21 @@ def unit_problem(**changes):
         (lambda M, q: (q + 1, np.ones(2)), "wrong"),  # equations and signs hold, w z > 0
         (lambda M, q: (np.array([0.0, np.nan]), np.zeros(2)), "wrong"),
         (lambda M, q: (np.zeros(3), np.zeros(3)), "wrong"),
+        (lambda M, q: np.zeros(3), "wrong"),  # one vector, not two
+        (lambda M, q: np.zeros(2), "wrong"),  # two numbers, not two vectors
+        (lambda M, q: ("no", "numbers"), "wrong"),
+        (lambda M, q: 1.0, "wrong"),
         (lambda M, q: None, "none found"),
         (lambda M, q: 1 / 0, "raised"),
     ],
 )
 def test_answers_are_judged_by_the_problem_alone(solver, outcome):
     assert answer(solver, unit_problem()).outcome == outcome
+
+
+def test_an_answer_that_is_no_pair_of_vectors_says_what_was_expected():
+    found = answer(lambda M, q: np.zeros(3), unit_problem())
+    assert "ndarray" in found.reason and "pair" in found.reason
 
 
 def test_no_solution_is_rightly_not_found_and_singular_is_no_lcp():

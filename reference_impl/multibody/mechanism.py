@@ -28,7 +28,7 @@ from stiction.reference_impl.compiled.bundle import (
     Reals,
     Table,
 )
-from stiction.reference_impl.equations_of_motion import EquationsOfMotion
+from stiction.reference_impl.equations_of_motion import start_of
 from stiction.reference_impl.friction.solver_names import AUTOMATIC, Counters
 from stiction.reference_impl.multibody.baumgarte import PAPERS, coefficients
 from stiction.reference_impl.multibody.guide_freedom import guide_freedoms
@@ -281,7 +281,7 @@ class Mechanism:
 
     def initial_state(self) -> tuple[np.ndarray, np.ndarray]:
         """Coordinates and velocities at t = 0 as the scene gives them, each of shape (3 * bodies,)."""
-        return EquationsOfMotion(self.scene).start()
+        return start_of(self.scene)
 
     def kinks(self, t_end: float) -> np.ndarray:
         """Times in (0, t_end) at which a law is not smooth, in order; see `stiction.scenes.laws.law_kinks`."""

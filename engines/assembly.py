@@ -14,11 +14,10 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class Assembly:
-    """A scene and its mechanisms, without stabilization, each made where it is first asked for.
+    """A scene and its mechanisms, without stabilization, each created when it is first used.
 
-    `stiction.engines.Engine.simulate` makes one for each run and hands it to `run` of an engine
-    that has a parameter of this name. Nothing may write into the arrays of a mechanism: all that
-    have the assembly share them.
+    `stiction.engines.Engine.simulate` makes one for each run and passes it to `run` of engines with a parameter of this
+    name. The arrays of a mechanism must not be written to: engine, adapter and gate share them.
     """
 
     scene: Scene
@@ -26,7 +25,7 @@ class Assembly:
     @cached_property
     def parts(self) -> list[Mechanism]:
         """Mechanisms of the independent parts; one of many parts may be too large as a whole."""
-        # imported here: it compiles, which is not for what only lists engines
+        # imported here because it compiles kernels, which commands that only list engines do not need
         from stiction.reference_impl.multibody.mechanism import Mechanism
         from stiction.reference_impl.multibody.subsystems import independent_parts
 
@@ -34,7 +33,7 @@ class Assembly:
 
     @cached_property
     def whole(self) -> Mechanism:
-        """The mechanism of the whole scene: the only part's, if there is one."""
+        """The mechanism of the whole scene, which is that of its part if there is only one."""
         from stiction.reference_impl.multibody.mechanism import Mechanism
 
         if len(self.parts) == 1:
@@ -48,15 +47,18 @@ class Assembly:
 
 
 def assembly_of(scene: Scene, given: Assembly | None) -> Assembly:
-    """Return the assembly that a run was given, or a new one where it was given none.
+    """Return the assembly that a run was given, or a new one if it was given none.
 
-    ValueError for one of another scene.
+    Raises
+    ------
+    ValueError
+        If the assembly is that of another scene.
     """
     if given is None:
         return Assembly(scene)
     if given.scene is not scene:
         raise ValueError(
             f"assembly: found that of scene {given.scene.name!r}; expected that of {scene.name!r}, "
-            "of the same object"
+            "the same object"
         )
     return given

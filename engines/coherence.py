@@ -1,6 +1,6 @@
 """Coherence of a trajectory: its states fit the mechanism, and its columns and events fit each other.
 
-None of it says that a motion is right, only that the parts of a trajectory belong to one motion at the same instants.
+A trajectory that passes need not be right; but its parts belong to one motion at the same instants.
 """
 
 from __future__ import annotations
@@ -40,21 +40,22 @@ START = 1e-6
 second or the largest speed at the start). Scene files meet their constraints to 1e-9 (`CONSISTENT`); engines that
 compute in single precision (eps = 6e-8) round what they are given."""
 DRIFT = 1e-6
-"""Relative accuracy to which an engine must know the residuals of its own states, and, times the mechanism's size,
-absolute."""
+"""Accuracy to which a trajectory has to report the residuals of its own states: relative, and absolute in units of the
+mechanism's size."""
 SAME = 1e-6
-"""Relative accuracy of a column that others define, to the largest of its kind: engines of single precision have it."""
+"""Accuracy, relative to the largest of its kind, of a column that is a function of others. Engines of single precision
+reach it."""
 ENGINES_OWN = 1e-2
 """Relative accuracy of what an engine measures in two ways: the forces of its contacts and of its joints, and the state
-on both sides of an event, which one of fixed step has from two steps. Steps of a hundredth of a second leave a
+on both sides of an event, which engines of fixed step take from two steps. Steps of a hundredth of a second differ by a
 thousandth."""
 BALANCE = 1e-4
 """Part of the largest force that the forces of an instant may leave unbalanced. Engines that locate events leave 1e-8,
-one with masses unlike by 1e8 leaves 1e-5; a column that is a sample late, or has the wrong sign, leaves a hundredth and
-more."""
+and 1e-5 in a mechanism whose masses differ by a factor of 1e8. A column that is a sample late, or has the wrong sign,
+leaves a hundredth and more."""
 CAP = 1e-2
 """Part of the largest friction bound of a run by which a friction may exceed its own bound at fixed step size: the
-engine holds the bound of the step before, and samples some steps from each other do not show every change of it."""
+engine holds the bound of the step before, and samples that are some steps apart do not show every change of it."""
 LASTING = 5
 """Samples in a row that must contradict themselves for a fault of forces at fixed step size. Friction and acceleration
 may be those of neighbouring steps, which disagree where a force jumps: at one sample, or two."""
@@ -63,21 +64,24 @@ CONTRADICTED = 0.1
 step, forces contradict the motion. A wrong sign leaves twice a force, a wrong factor most of it; a solver of first
 order, with some hundred steps to a motion, a hundredth. Accuracy is not for the gate to judge."""
 SINGLE = 2.0**-23
-"""Rounding of velocities whose differences are accelerations, relative: of single precision, the worst there is."""
+"""Relative rounding of velocities whose differences are accelerations: that of single precision, the worst case."""
+TEN_TOLERANCES = 10.0
+"""Error of a state in units of the tolerance of an engine that locates events: local errors add up."""
 WITHIN = (-1.0, -0.618, -0.382, 0.309, 0.691, 1.0)
-"""Instants about a sample at which the forces of its step may have been evaluated, in steps. None is a simple fraction
-of another, so that what turns several times in a step does not look the same at all of them."""
+"""Instants before and after a sample at which the forces of its step may have been evaluated, in steps. None is a
+simple fraction of another, so that a force that rotates several times in a step differs between them."""
 FIRST_STEPS = 20
-"""Steps of fixed size in which friction is not judged. The first has no step before whose reactions its bound could
-have, and up to 16 (Drake's, of mechanisms with loops) settle, whose samples have the friction of the one behind
+"""Number of first steps of fixed size in which friction is not judged. The first step has no reactions of a step before
+for its bound. In mechanisms with loops, up to 16 steps settle, and their samples have the friction of the step after
 them."""
 
 
 def start(run: Examined) -> Iterator[str]:
-    """The first state is the scene's start where that meets the constraints; else the engine may assemble."""
-    if not len(run.found.t):
+    """The first state is the scene's start if that meets the constraints; otherwise the engine may assemble."""
+    if not len(run.trajectory.t):
         return
-    (q, v, _), (start_q, start_v) = run.motion, run.start
+    q, v, _ = run.motion
+    start_q, start_v = run.start
     [position], [velocity] = _residuals(run, np.zeros(1), start_q[None], start_v[None])
     speed = _speed(run, start_v)
     if position > CONSISTENT * run.size or velocity > CONSISTENT * speed:
@@ -94,27 +98,27 @@ def start(run: Examined) -> Iterator[str]:
 
 
 def residuals(run: Examined) -> Iterator[str]:
-    """States on the constraints at the start, near them later, with the residuals that the drift columns report."""
-    if not len(t := run.found.t):
+    """States are on the constraints at the start, near them later, with the residuals that the drift columns report."""
+    if not len(t := run.trajectory.t):
         return
-    found = np.sqrt(
+    norms = np.sqrt(
         [
             sum(np.square(part.position) for part in run.in_equations),
             sum(np.square(part.velocity) for part in run.in_equations),
         ]
     )
-    if (i := first(~(found[0] <= run.size))) is not None and run.scene.joints | run.scene.drives:
+    if (i := first(~(norms[0] <= run.size))) is not None and run.scene.joints | run.scene.drives:
         yield (
-            f"states that have left the mechanism: {found[0][i]:.3g} m off the constraints at t = {t[i]:.9g} s; "
+            f"states that have left the mechanism: {norms[0][i]:.3g} m off the constraints at t = {t[i]:.9g} s; "
             f"expected less than its size, {run.size:.3g} m"
         )
     sizes = (run.size, _speed(run, run.start[1]))
-    for name, residual, size, unit in zip(RESIDUALS, found, sizes, ("m", "m/s")):
+    for name, residual, size, unit in zip(RESIDUALS, norms, sizes, ("m", "m/s")):
         if not residual[0] <= START * size:
             yield f"a start that is {residual[0]:.3g} {unit} off the constraints; expected at most {START * size:.1g}"
-        if (i := first(~_agrees(run.found[name], residual, size))) is not None:
+        if (i := first(~_agrees(run.trajectory[name], residual, size))) is not None:
             yield (
-                f"{name} = {run.found[name][i]:.6g} at t = {t[i]:.9g} s; expected {residual[i]:.6g}, the residual "
+                f"{name} = {run.trajectory[name][i]:.6g} at t = {t[i]:.9g} s; expected {residual[i]:.6g}, the residual "
                 "of its states"
             )
 
@@ -122,7 +126,7 @@ def residuals(run: Examined) -> Iterator[str]:
 def residuals_at_events(run: Examined) -> Iterator[str]:
     """Residuals on both sides of events are those of the states there.
 
-    A drive's constraint has time in it, so that values of a neighbouring sample are noticed.
+    The constraint of a drive depends on time, so that values of a neighbouring sample are noticed.
     """
     position, velocity = run.columns(POSITIONS), run.columns(VELOCITIES)
     sides = run.sides.with_columns({*position, *velocity, *RESIDUALS})
@@ -142,14 +146,17 @@ def residuals_at_events(run: Examined) -> Iterator[str]:
 def velocities(run: Examined) -> Iterator[str]:
     """Velocities are the derivatives of positions.
 
-    Both move each body along its velocity by the same, with their means removed. Between two instants a velocity is
-    known to the change that it shows there: half of it for the trapezoidal rule, half for engines that move with the
-    velocity at the end of a step. Where all of it changes, nothing is known, nor is a mean: what vibrates once between
-    two instants stays. Motions that are small against the mechanism and the longest way are not judged: engines correct
-    positions by as much.
+    The integral of the velocities and the positions move each body by the same distance along its velocity, with the
+    means removed. Between two instants a velocity is known up to its change there: half of the change for the
+    trapezoidal rule, half for engines that move with the velocity at the end of a step. Intervals in which the velocity
+    changes by its own size are not judged. The means are removed because a vibration with a period of one interval
+    would bias them. Motions that are small against the mechanism and the longest way are not judged either: engines
+    correct positions by as much.
     """
-    found, size = run.found, run.size
-    h = np.diff(found.t.astype(float))
+    trajectory, size = run.trajectory, run.size
+    # Angles are multiplied by the size, so that all coordinates are lengths. Translation and rotation of
+    # each body are judged apart.
+    h = np.diff(trajectory.t.astype(float))
     groups = [
         _Moves.of(run, body, kind, labels, scale)
         for body in run.scene.bodies
@@ -160,7 +167,7 @@ def velocities(run: Examined) -> Iterator[str]:
     seen = change < np.sqrt(sum(_square(one.mean) for one in groups))
     if not seen.any():
         return
-    begin, h_seen = found.t[:-1][seen], h[seen]
+    begin, h_seen = trajectory.t[:-1][seen], h[seen]
     means = []
     for one in groups:
         moved = [values[seen] for values in one.moved]
@@ -213,7 +220,7 @@ class _Moves(NamedTuple):
     def of(run: Examined, body: str, kind: str, labels: slice, scale: float) -> _Moves:
         """Read the columns of a body; `labels` chooses those of each of `BODY_COLUMNS`."""
         q, v, a = (
-            [scale * run.found[f"{body}.{label}"].astype(float) for label in columns[labels]]
+            [scale * run.trajectory[f"{body}.{label}"].astype(float) for label in columns[labels]]
             for columns in BODY_COLUMNS
         )
         return _Moves(
@@ -229,8 +236,9 @@ class _Moves(NamedTuple):
 def displacements(run: Examined) -> Iterator[str]:
     """Displacements and slip velocities of guides are those of the states."""
     for part in run.parts:
+        # Displacements are compared with the largest coordinate, velocities with the largest of all.
         q, v = (
-            stacked(run.found.columns, part.body_names, labels)
+            stacked(run.trajectory.columns, part.body_names, labels)
             for labels in (POSITIONS, VELOCITIES)
         )
         sizes = [max(part.arrays.length_scale, float(np.max(np.abs(values)))) for values in (q, v)]
@@ -248,18 +256,18 @@ def displacements(run: Examined) -> Iterator[str]:
 def dissipation(run: Examined) -> Iterator[str]:
     """Friction takes energy from a guide that slips: friction times slip velocity is at most 0.
 
-    Asked at each sample of engines that keep Coulomb's cone, so that nothing is taken for granted between samples.
-    Not judged are a guide that the engine says sticks, one whose slip may begin, end or turn around within a step of
-    the sample, and a slip that the largest friction would stop in less than a step, which may be what an iteration has
-    left of stick: there friction may be that of another direction.
-    What is left must be there at `LASTING` samples in a row. Forces that are nan are not judged, nor forces that are
-    rounding of the mechanism's largest, or as small as what Baumgarte's terms accelerate.
+    It is checked at each sample of engines that keep Coulomb's cone, so that nothing is assumed about the motion
+    between samples. The friction may be that of another direction, and is not judged, if the engine reports stick, if
+    slip may begin, end or reverse within a step of the sample, or if the largest friction would stop the slip in less
+    than a step, which may be what an iteration has left of stick. A fault has to last for `LASTING` samples in a row.
+    Forces that are nan are not judged, nor forces that are rounding of the mechanism's largest, or as small as the
+    force of Baumgarte's terms.
     """
-    found = run.found
-    if not run.keeps(found.settings):
+    trajectory = run.trajectory
+    if not run.keeps(trajectory.settings):
         return
-    t, step = found.t.astype(float), _step(run)
-    accuracy = max(SAME, 10.0 * float(found.settings.get("rtol") or 0.0))
+    t, step = trajectory.t.astype(float), _step(run)
+    accuracy = max(SAME, TEN_TOLERANCES * float(trajectory.settings.get("rtol") or 0.0))
     for part in run.parts:
         frictional = {
             name: guide
@@ -268,14 +276,16 @@ def dissipation(run: Examined) -> Iterator[str]:
         }
         if not frictional:
             continue
-        q, v, a = (stacked(found.columns, part.body_names, labels) for labels in BODY_COLUMNS)
+        q, v, a = (stacked(trajectory.columns, part.body_names, labels) for labels in BODY_COLUMNS)
         slow = accuracy * _speed(run, v)
         for name, guide in frictional.items():
             friction, speed = (
-                found[f"{name}.{label}"].astype(float) for label in ("friction", "slip_velocity")
+                trajectory[f"{name}.{label}"].astype(float)
+                for label in ("friction", "slip_velocity")
             )
             k = list(part.scene.joints).index(name)
-            sticks = found.columns.get(f"{name}.mode", np.ones(len(t))) == 0
+            sticks = trajectory.columns.get(f"{name}.mode", np.ones(len(t))) == 0
+            # samples at which friction drives the slider, from which those that may be are removed
             drives = (
                 (friction * speed > 0.0) & (np.abs(speed) > slow) & (t >= _settled(run)) & ~sticks
             )
@@ -284,18 +294,20 @@ def dissipation(run: Examined) -> Iterator[str]:
             drives &= np.abs(friction) > accuracy * _largest_force(run, part) + _baumgarte_force(
                 run
             )
-            # slip that may have another direction within a step, or that friction stops in one
-            if step and len(some := np.flatnonzero(drives)):
+            if step and len(suspects := np.flatnonzero(drives)):
+                motion = t[suspects], q[suspects], v[suspects], a[suspects]
+                # slip that may have another direction within a step
                 for share in WITHIN:
-                    _, there, rate = _moved(share * step, t[some], q[some], v[some], a[some])
-                    drives[some] &= guide_motion(part.arrays, k, there, rate)[1] * speed[some] > 0.0
-                columns, _ = columns_of_rows(part.arrays, t[some], q[some], v[some])
+                    _, moved_q, moved_v = _moved(share * step, *motion)
+                    slip = guide_motion(part.arrays, k, moved_q, moved_v)[1]
+                    drives[suspects] &= slip * speed[suspects] > 0.0
+                # slip that the largest friction stops within a step
+                columns, _ = columns_of_rows(part.arrays, *motion[:3])
                 along = columns[:, :, part.arrays.rows + part.guide_names.index(name)]
                 mobility = np.sum(along**2 * part.arrays.inverse_mass, axis=1)
-                most = np.maximum(np.abs(friction), guide.static_coefficient * _load(run, name))[
-                    some
-                ]
-                drives[some] &= np.abs(speed[some]) > step * mobility * most
+                bound = guide.static_coefficient * _load(run, name)
+                largest = np.maximum(np.abs(friction), bound)[suspects]
+                drives[suspects] &= np.abs(speed[suspects]) > step * mobility * largest
             for begin, behind in _lasting(drives):
                 work = np.trapezoid((friction * speed)[begin:behind], t[begin:behind])
                 i = begin + int(np.argmax(np.abs(friction * speed)[begin:behind]))
@@ -310,24 +322,26 @@ def dissipation(run: Examined) -> Iterator[str]:
 def momentum_of_steps(run: Examined) -> Iterator[str]:
     """Newton's and Euler's equations hold at the samples of a fixed step, and friction is what they need along a guide.
 
-    Asked of engines at joint fidelity that keep Coulomb's cone, give accelerations of their own and locate no events;
-    of the others `balance`, or nothing, holds. It takes each sample for itself, whatever happens between two.
+    This is checked for engines at joint fidelity that keep Coulomb's cone, give accelerations of their own and locate
+    no events. The others are checked by `balance`, or not at all. Each sample is judged by itself, whatever happens
+    between two.
 
-    What an engine of fixed step reports of an instant is made of states up to a step before and behind it. What the
-    equations change by with time, with positions and with velocities between these (`WITHIN`), extrapolated from the
-    sample, is allowed, and the change of the forces to the samples beside it. So are `CONTRADICTED` of the largest
-    force on the body, or of the largest friction of the guide, and what rounding of the velocities moves the
-    accelerations by. Not judged are fewer than `LASTING` samples in a row, instants at which a guide of the part turns
-    around within a step, and forces that are nan or that the motion leaves open.
+    The values that an engine of fixed step reports for an instant come from states up to a step before and after it.
+    Therefore the change of the equations with time, with positions and with velocities between these states (`WITHIN`),
+    extrapolated from the sample, is allowed, and the change of the forces to the neighbouring samples. Also allowed are
+    `CONTRADICTED` of the largest force on the body, or of the largest friction of the guide, and the effect of rounding
+    of the velocities on the accelerations. Faults at fewer than `LASTING` samples in a row are not reported, nor at
+    instants at which a guide of the part reverses within a step, nor of forces that are nan or that the motion does not
+    determine.
     """
-    found, t, step = run.found, run.found.t.astype(float), _step(run)
+    trajectory, t, step = run.trajectory, run.trajectory.t.astype(float), _step(run)
     if (
-        run.locates(found.settings)
+        run.locates(trajectory.settings)
         or run.fidelity != Fidelity.JOINT
-        or "accelerations" in found.settings
+        or "accelerations" in trajectory.settings
         or not step
         or run.scene.frictional_guides
-        and not run.keeps(found.settings)
+        and not run.keeps(trajectory.settings)
     ):
         return
     chosen = np.flatnonzero(t >= _settled(run))
@@ -342,28 +356,27 @@ def momentum_of_steps(run: Examined) -> Iterator[str]:
                 break
         wrong = np.abs(left.force) > left.allowed
         for begin, behind in _lasting(wrong.any(axis=1)):
-            i, k = (
-                begin,
-                int(np.argmax(wrong[begin] * np.abs(left.force[begin]) / left.allowed[begin])),
-            )
+            # the coordinate that exceeds what is allowed by the largest factor
+            excess = wrong[begin] * np.abs(left.force[begin]) / left.allowed[begin]
+            k = int(np.argmax(excess))
             yield (
-                f"forces and accelerations that do not balance from t = {t[chosen[i]]:.9g} to "
-                f"{t[chosen[behind - 1]]:.9g} s: {left.force[i, k]:.4g} {'N m' if k % 3 == 2 else 'N'} on "
-                f"{part.body_names[k // 3]} are left over; expected less than {left.allowed[i, k]:.2g}"
+                f"forces and accelerations that do not balance from t = {t[chosen[begin]]:.9g} to "
+                f"{t[chosen[behind - 1]]:.9g} s: {left.force[begin, k]:.4g} {'N m' if k % 3 == 2 else 'N'} on "
+                f"{part.body_names[k // 3]} are left over; expected less than {left.allowed[begin, k]:.2g}"
             )
             break
 
 
 class _LeftOver(NamedTuple):
-    """What accelerations and forces of a part leave of Newton's and Euler's equations.
+    """Residuals of Newton's and Euler's equations with accelerations and forces of a part.
 
     Attributes
     ----------
     force, allowed : ndarray, shape (n, 3 * bodies)
-        Force (N) or moment (N m) left over at each sample, and as much of it as says nothing.
+        Force (N) or moment (N m) left over at each sample, and the largest one that is no fault.
     frictions : list of tuple
-        For each guide with friction its column, its values, those that the motion needs, and where they contradict
-        these.
+        For each guide with friction: its column, its values, the values that the motion needs, and flags of the samples
+        at which these contradict each other.
     """
 
     force: np.ndarray
@@ -395,20 +408,21 @@ class _Equations(NamedTuple):
     def of(run: Examined, part: Mechanism, chosen: np.ndarray) -> _Equations:
         """Take the chosen samples of a run."""
         rows = [*part.row_names, *(f"{name}.friction" for name in part.guide_names)]
-        force = np.empty((len(chosen), len(rows)))  # a free body has no rows
+        force = np.empty((len(chosen), len(rows)))  # not stacked: a free body has no rows
         for column, name in enumerate(rows):
-            force[:, column] = run.found[name][chosen]
+            force[:, column] = run.trajectory[name][chosen]
         q, v, a = (
-            stacked(run.found.columns, part.body_names, labels)[chosen] for labels in BODY_COLUMNS
+            stacked(run.trajectory.columns, part.body_names, labels)[chosen]
+            for labels in BODY_COLUMNS
         )
-        return _Equations(part.arrays, run.found.t.astype(float)[chosen], q, v, a, force)
+        return _Equations(part.arrays, run.trajectory.t.astype(float)[chosen], q, v, a, force)
 
     def remainder(
         self, state: Sequence[np.ndarray], of: np.ndarray | slice
     ) -> tuple[np.ndarray, ...]:
-        """Put accelerations and forces `of` samples into the equations at (t, q, v).
+        """Put accelerations and forces `of` samples into the equations at another state (t, q, v).
 
-        Returns what is left, the columns of the rows, and the applied forces.
+        Return what is left of M a = Q + J^T force, the columns of J^T, and the applied forces Q.
         """
         mass = 1.0 / self.arrays.inverse_mass
         columns, free = columns_of_rows(self.arrays, *state)
@@ -416,21 +430,21 @@ class _Equations(NamedTuple):
         return left, columns, mass * free
 
     def within(self, of: np.ndarray, step: float) -> np.ndarray:
-        """By how much the equations `of` samples change within a step (s) before and behind these, N or N m.
+        """Return the largest change of the equations `of` samples within a step (s) before and after these, N or N m.
 
-        The sum of the changes with time, with positions and with velocities: an engine may take each from another
+        It is the sum of the changes with time, with positions and with velocities: an engine may take each from another
         instant of its step.
         """
-        here = self.t[of], self.q[of], self.v[of]
-        left, total = (
-            self.remainder(here, of)[0] if len(of) else None,
-            np.zeros((len(of), self.q.shape[1])),
-        )
-        for alone in range(3) if len(of) else ():
+        total = np.zeros((len(of), self.q.shape[1]))
+        if not len(of):
+            return total
+        sampled = self.t[of], self.q[of], self.v[of]
+        left, *_ = self.remainder(sampled, of)
+        for varied in range(3):  # time, positions or velocities alone
             changed = np.zeros_like(total)
             for share in WITHIN:
-                state = list(here)
-                state[alone] = _moved(share * step, *here, self.a[of])[alone]
+                state = list(sampled)
+                state[varied] = _moved(share * step, *sampled, self.a[of])[varied]
                 changed = np.fmax(changed, np.abs(self.remainder(state, of)[0] - left))
             total += changed
         return total
@@ -442,7 +456,9 @@ def _left_over(run: Examined, part: Mechanism, chosen: np.ndarray, step: float) 
     m, t, q, v, a, force = equations
     mass = 1.0 / m.inverse_mass
     left, columns, applied = equations.remainder((t, q, v), slice(None))
-    # the largest force and moment on each body; a moment that is rounding of a force counts for nothing
+    # First, an allowance that is the same at all samples: a part of the largest force and moment on
+    # each body, what the largest force of all leaves as rounding, also as a moment, and what
+    # rounding of the velocities does to the accelerations.
     terms = (
         np.abs(mass * a),
         np.abs(applied),
@@ -460,14 +476,16 @@ def _left_over(run: Examined, part: Mechanism, chosen: np.ndarray, step: float) 
     allowed = np.tile(CONTRADICTED * size + floor + rounding, (len(t), 1))
     suspicious = (np.abs(left) > allowed).any(axis=1)
 
-    # friction: by how much it, with all other row forces, would have to change to leave nothing
+    # Friction: the change of each, together with changes of all other row forces, by which nothing
+    # would be left over. It is compared with the larger of the given and the needed friction.
     inverse = np.linalg.pinv(columns)[:, m.rows :]
     missing = np.einsum("nki,ni->nk", inverse, left)
-    needed = force[:, m.rows :] + missing
+    given = force[:, m.rows :]
+    needed = given + missing
     most = np.array(
         [
-            CONTRADICTED * max(_largest(one), _largest(other))
-            for one, other in zip(force[:, m.rows :].T, needed.T)
+            CONTRADICTED * max(_largest(given_values), _largest(needed_values))
+            for given_values, needed_values in zip(given.T, needed.T)
         ]
     )
     allowed_friction = (
@@ -477,17 +495,21 @@ def _left_over(run: Examined, part: Mechanism, chosen: np.ndarray, step: float) 
     )
     suspicious |= (np.abs(missing) > allowed_friction).any(axis=1)
 
-    # what the equations change by within a step, and forces to the samples beside it: only where it matters
+    # Only at samples that exceed this allowance, the costly one is computed: the change of the
+    # equations within a step, and that of forces to the neighbouring samples.
     change = np.empty_like(force)
     for column in range(force.shape[1]):
         change[:, column] = _nearby_change(force[:, column])
     i = np.flatnonzero(suspicious)
-    turns, at_rest = np.zeros(len(i), dtype=bool), SAME * _speed(run, v)
+    # A guide that reverses within a step has one friction before and another one after.
+    turns = np.zeros(len(i), dtype=bool)
+    at_rest = SAME * _speed(run, v)
     for share in WITHIN if len(i) else ():
-        there = _moved(share * step, t[i], q[i], v[i], a[i])
+        _, moved_q, moved_v = _moved(share * step, t[i], q[i], v[i], a[i])
         for name in part.guide_names:
             k = list(part.scene.joints).index(name)
-            now, then = (guide_motion(m, k, *state)[1] for state in ((q[i], v[i]), there[1:]))
+            now = guide_motion(m, k, q[i], v[i])[1]
+            then = guide_motion(m, k, moved_q, moved_v)[1]
             turns |= (then * now <= 0.0) & (np.abs(then - now) > at_rest)
     unknown = equations.within(i, step) + np.sum(np.abs(columns[i]) * change[i, None, :], axis=2)
     unknown[turns] = np.inf
@@ -497,6 +519,7 @@ def _left_over(run: Examined, part: Mechanism, chosen: np.ndarray, step: float) 
         np.inf,
         np.einsum("nki,ni->nk", np.abs(inverse[i]), np.where(turns[:, None], 0.0, unknown)),
     )
+    # Frictions that are part of a null vector are not determined by the motion.
     if part.guide_names and len(i):
         missing[i] = np.where(
             parts_of_null_vectors(columns[i], m.rows)[:, m.rows :], np.nan, missing[i]
@@ -514,21 +537,23 @@ def _left_over(run: Examined, part: Mechanism, chosen: np.ndarray, step: float) 
 
 
 def _load(run: Examined, name: str) -> np.ndarray:
-    """Load of a guide, whose times the coefficient bounds friction: the sum of its corner forces, N."""
+    """Return the load of a guide, by which Coulomb's law bounds friction: the sum of its corner forces, N."""
     corners = (
         ("F1", "F2", "F3", "F4") if run.scene.guides[name].length is not None else ("normal_force",)
     )
-    return np.sum([np.abs(run.found[f"{name}.{force}"]) for force in corners], axis=0)
+    return np.sum([np.abs(run.trajectory[f"{name}.{force}"]) for force in corners], axis=0)
 
 
 def _load_within(run: Examined, name: str, chosen: np.ndarray) -> np.ndarray:
-    """By how much the load of a guide may change within a step of chosen samples, N.
+    """Return the largest change of the load of a guide within a step of chosen samples, N.
 
-    Its reactions R and T change by what `_Equations.within` leaves for them. The load is max(|R|, 2 |N| / length) with
-    N = T - width/2 kappa R, and |kappa| is the static coefficient at most (paper, Sect. 5).
+    Its reactions R and T change by as much as they have to for the changes of `_Equations.within`. The load is max(|R|,
+    2 |N| / length) with N = T - width/2 kappa R, and |kappa| is at most the static coefficient (paper, Sect. 5).
     """
     part = next(part for part in run.parts if name in part.guide_names)
     equations, guide = _Equations.of(run, part, chosen), run.scene.guides[name]
+    # The pseudo-inverse turns a change of the equations into the changes of row forces; magnitudes
+    # are added, as the signs of the changes are not known.
     places = np.arange(len(chosen))
     _, columns, _ = equations.remainder((equations.t, equations.q, equations.v), places)
     moved = np.einsum(
@@ -544,19 +569,22 @@ def _load_within(run: Examined, name: str, chosen: np.ndarray) -> np.ndarray:
 
 
 def _largest_force(run: Examined, part: Mechanism) -> float:
-    """Return the largest force in a part, N: what forces that are zero are the rounding of.
+    """Return the largest force in a part, N, which is the scale of rounding of forces that are zero.
 
-    Those of joints and drives on each body and the applied ones, masses times accelerations, and m v^2/size. A moment
-    counts as the force that it makes on a lever: the mechanism's size, or half the length of the shortest guide.
+    Forces are those of joints and drives on each body, the applied ones, masses times accelerations, and m v^2/size. A
+    moment is divided by a lever: the mechanism's size, or half the length of the shortest guide.
     """
-    found, m = run.found, part.arrays
-    q, v, a = (stacked(found.columns, part.body_names, labels) for labels in BODY_COLUMNS)
-    columns, free = columns_of_rows(m, found.t.astype(float), q, v)
+    trajectory, m = run.trajectory, part.arrays
+    q, v, a = (stacked(trajectory.columns, part.body_names, labels) for labels in BODY_COLUMNS)
+    columns, free = columns_of_rows(m, trajectory.t.astype(float), q, v)
+    # per coordinate, the largest of applied force, mass times acceleration, and row forces on it
     size = np.max(np.abs(np.stack([free, a])), axis=(0, 1)) / m.inverse_mass
     for row, name in enumerate(
         [*part.row_names, *(f"{name}.friction" for name in part.guide_names)]
     ):
-        size = np.maximum(size, np.max(np.abs(columns[:, :, row]), axis=0) * _largest(found[name]))
+        size = np.maximum(
+            size, np.max(np.abs(columns[:, :, row]), axis=0) * _largest(trajectory[name])
+        )
     lever = min(
         [
             m.length_scale,
@@ -578,12 +606,12 @@ def _largest_force(run: Examined, part: Mechanism) -> float:
 def _moved(
     time: float, t: np.ndarray, q: np.ndarray, v: np.ndarray, a: np.ndarray
 ) -> tuple[np.ndarray, ...]:
-    """Times and states that are so many seconds from others, by their accelerations."""
+    """Return times and states that are so many seconds from others, extrapolated by their accelerations."""
     return t + time, q + time * v + time**2 / 2 * a, v + time * a
 
 
 def _lasting(flags: np.ndarray) -> Iterator[tuple[int, int]]:
-    """First place and place behind the last of stretches of at least `LASTING` true flags."""
+    """Yield first and end place of stretches of at least `LASTING` true flags; the end is after the last."""
     return ((begin, behind) for begin, behind in _stretches(flags) if behind - begin >= LASTING)
 
 
@@ -597,7 +625,7 @@ def balance(run: Examined) -> Iterator[str]:
         size = np.concatenate([samples.size, at_events.size])
         largest = np.max(size[np.isfinite(size)], initial=0.0)
         for left, t, instants in (
-            (samples.left, run.found.t, None),
+            (samples.left, run.trajectory.t, None),
             (at_events.left, sides.t, sides),
         ):
             if (i := first(left > BALANCE * largest)) is not None:
@@ -610,16 +638,17 @@ def balance(run: Examined) -> Iterator[str]:
 
 def corner_forces(run: Examined) -> Iterator[str]:
     """Corner forces and surface friction have the resultant and the moment of the guide, S F+ + K F- (paper, (21))."""
-    found = run.found
+    trajectory = run.trajectory
     for name, guide in run.scene.guides.items():
         if guide.length is None:
             continue
         length, width = guide.length, guide.width or 0.0
-        F = [found[f"{name}.F{corner}"] for corner in (1, 2, 3, 4)]
-        R, T = found[f"{name}.normal_force"], found[f"{name}.moment"]
+        # All in newtons: a moment is compared with the forces by the lever of half a length.
+        F = [trajectory[f"{name}.F{corner}"] for corner in (1, 2, 3, 4)]
+        R, T = trajectory[f"{name}.normal_force"], trajectory[f"{name}.moment"]
         size = max(map(_largest, (*F, R, 2 / length * T)))
         friction = (
-            found[f"{name}.friction_lower"] - found[f"{name}.friction_upper"]
+            trajectory[f"{name}.friction_lower"] - trajectory[f"{name}.friction_upper"]
             if guide.frictional
             else 0.0
         )
@@ -638,23 +667,23 @@ def corner_forces(run: Examined) -> Iterator[str]:
 
 
 def modes(run: Examined) -> Iterator[str]:
-    """Modes are -1, 0 or 1, change at events as their kinds say, and do not change between a guide's events.
+    """Modes are -1, 0 or 1, change at events according to their kinds, and do not change between a guide's events.
 
-    Nor, where corner events are located, do the surfaces that the corners of a slipping guide touch.
+    If corner events are located, the surfaces that the corners of a slipping guide touch do not change either.
     """
-    found = run.found
+    trajectory = run.trajectory
     for name in run.scene.frictional_guides:
         mode = f"{name}.mode"
-        if mode not in found.columns:
+        if mode not in trajectory.columns:
             continue
-        column, t = found[mode], found.t
+        column, t = trajectory[mode], trajectory.t
         if (i := first(~np.isin(column, (-1, 0, 1)))) is not None:
             yield f"{mode} = {column[i]} at t = {t[i]:.9g} s; expected -1, 0 or 1"
-        own = [event for event in found.events if event.joint == name and mode in event.before]
+        own = [event for event in trajectory.events if event.joint == name and mode in event.before]
         if own:
             # a table of a few columns may have the mode of a guide and not all of its corner forces
-            has_corners = all(f"{name}.F{corner}" in found.columns for corner in (1, 2, 3, 4))
-            locates_corners = any(event.kind == "corner" for event in found.events)
+            has_corners = all(f"{name}.F{corner}" in trajectory.columns for corner in (1, 2, 3, 4))
+            locates_corners = any(event.kind == "corner" for event in trajectory.events)
             yield from _chain(run, own, name, has_corners and locates_corners)
             yield from _modes_between(run, own, mode)
 
@@ -676,17 +705,20 @@ def _chain(run: Examined, own: Sequence[Event], name: str, corners: bool) -> Ite
         is_broken |= _other_surfaces(run, name, sides)
     is_same_instant = np.diff(sides.t[::2]) == 0.0
     for i in np.flatnonzero(is_broken | is_same_instant):
-        one, two = own[i], own[i + 1]
-        if is_broken[i] or one == two:
+        event, following = own[i], own[i + 1]
+        if is_broken[i] or event == following:
             yield (
-                f"{one.kind} of {name} at t = {one.time:.9g} s, then {two.kind} at {two.time:.9g} s: the contact "
-                "mode behind the one is not that in front of the other; expected every event once"
+                f"{event.kind} of {name} at t = {event.time:.9g} s, then {following.kind} at "
+                f"{following.time:.9g} s: the contact mode after the first is not that before the second; "
+                "expected every event once"
             )
 
 
 def _modes_between(run: Examined, own: Sequence[Event], column: str) -> Iterator[str]:
     """Between two events of a guide the samples have its mode; one at the instant of an event may be of either side."""
-    t, values = run.found.t, run.found[column]
+    # `mode` between events; at an instant within rounding of one, `earliest` and `latest` are those
+    # before and after it.
+    t, values = run.trajectory.t, run.trajectory[column]
     times = np.array([event.time for event in own])
     mode = np.concatenate([[own[0].before[column]], Sides(own)[column][1::2]])
     earliest = np.searchsorted(times, t - ROUNDING * t[-1], "left")
@@ -699,7 +731,7 @@ def _modes_between(run: Examined, own: Sequence[Event], column: str) -> Iterator
 def _other_surfaces(run: Examined, name: str, sides: Sides) -> np.ndarray:
     """Flags of pairs of neighbouring events between which a corner of a slipping guide changes its surface."""
     F = [f"{name}.F{corner}" for corner in (1, 2, 3, 4)]
-    size = SAME * max(_largest(run.found[corner]) for corner in F)
+    size = SAME * max(_largest(run.trajectory[corner]) for corner in F)
     presses = [sides[corner] > size for corner in F]
     slips = sides[f"{name}.mode"][1:-1:2] != 0
     # the corners 1 and 4 are at the rear of a slider, 2 and 3 at its front, on opposite surfaces
@@ -708,24 +740,25 @@ def _other_surfaces(run: Examined, name: str, sides: Sides) -> np.ndarray:
 
 
 def unreported_events(run: Examined) -> Iterator[str]:
-    """Each change of a guide's mode that lasts two instants on either side has an event, where events are located."""
-    found = run.found
-    if not run.locates(found.settings):
+    """Each change of a guide's mode between two instants on either side has an event, if events are located."""
+    trajectory = run.trajectory
+    if not run.locates(trajectory.settings):
         return
     for name, guide in run.scene.frictional_guides.items():
         if guide.static_coefficient <= 0.0:
             continue
-        if (mode := found.columns.get(f"{name}.mode")) is None:
-            speed = found[f"{name}.slip_velocity"]
+        if (mode := trajectory.columns.get(f"{name}.mode")) is None:
+            speed = trajectory[f"{name}.slip_velocity"]
             mode = np.where(np.abs(speed) > SAME * np.max(np.abs(speed)), np.sign(speed), 0.0)
-        times = np.array([event.time for event in found.events if event.joint == name])
+        times = np.array([event.time for event in trajectory.events if event.joint == name])
+        # two equal modes, then two others: a mode at a single sample may be one of two at an event
         changed = (mode[:-3] == mode[1:-2]) & (mode[1:-2] != mode[2:-1]) & (mode[2:-1] == mode[3:])
         for i in 1 + np.flatnonzero(changed):
-            if not np.any((times >= found.t[i - 1]) & (times <= found.t[i + 2])):
+            if not np.any((times >= trajectory.t[i - 1]) & (times <= trajectory.t[i + 2])):
                 yield (
-                    f"no event of {name} between t = {found.t[i]:.9g} and {found.t[i + 1]:.9g} s, where its mode "
-                    f"goes from {mode[i]:g} to {mode[i + 1]:g}; expected one there, as the engine says that it "
-                    "locates events"
+                    f"no event of {name} between t = {trajectory.t[i]:.9g} and {trajectory.t[i + 1]:.9g} s, "
+                    f"where its mode goes from {mode[i]:g} to {mode[i + 1]:g}; expected one there, as the "
+                    "engine says that it locates events"
                 )
 
 
@@ -734,33 +767,40 @@ def cone(run: Examined) -> Iterator[str]:
 
     |friction| <= mus load at rest, friction = -mode mu load in slip.
 
-    Where events are located, both hold to `SAME` of the largest force, or of m v^2/size where there is none, or to ten
-    times the tolerance, by which states are wrong; what Baumgarte's terms accelerate is allowed. At fixed step size
-    friction has the bound of a step before: it must lie within the coefficient times the load, and the change of that
-    within a step or to the sample before or behind; with the larger coefficient, unless the guide slips faster than its
-    speed changes there. Forces that are nan are not judged.
+    If events are located, both hold to `SAME` of the largest force, or of m v^2/size if that is larger, or to ten times
+    the tolerance, which is the error of states; the force of Baumgarte's terms is allowed besides. At fixed step size
+    friction has the bound of a step before. It must lie within the coefficient times the load, plus the change of that
+    within a step or to the sample before or after. The coefficient is the larger one, unless the guide slips faster
+    than its speed changes there. Forces that are nan are not judged.
     """
-    found, guides = run.found, run.scene.frictional_guides
-    if not guides or not run.keeps(found.settings):
+    trajectory, guides = run.trajectory, run.scene.frictional_guides
+    if not guides or not run.keeps(trajectory.settings):
         return
+    # What rounding and tolerances leave of any force in this run
     loads = {name: _load(run, name) for name in guides}
-    located, settings = bool(run.locates(found.settings)), found.settings
+    located, settings = bool(run.locates(trajectory.settings)), trajectory.settings
     fastest = max(
-        _largest(found[f"{body}.{label}"]) for body in run.scene.bodies for label in ("vx", "vy")
+        _largest(trajectory[f"{body}.{label}"])
+        for body in run.scene.bodies
+        for label in ("vx", "vy")
     )
     force = max(
         *map(_largest, loads.values()),
         max(body.mass for body in run.scene.bodies.values()) * fastest**2 / run.size,
     )
-    allowed = _baumgarte_force(run) + max(SAME, 10.0 * float(settings.get("rtol") or 0.0)) * force
+    accuracy = max(SAME, TEN_TOLERANCES * float(settings.get("rtol") or 0.0))
+    allowed = _baumgarte_force(run) + accuracy * force
     begins = 0.0 if located else _settled(run)
     if not located:
         allowed += CAP * max(
             guide.static_coefficient * _largest(loads[name]) for name, guide in guides.items()
         )
     for name, guide in guides.items():
-        friction, speed = found[f"{name}.friction"].astype(float), found[f"{name}.slip_velocity"]
-        mode = found.columns.get(f"{name}.mode", np.zeros(len(found.t)))
+        friction, speed = (
+            trajectory[f"{name}.friction"].astype(float),
+            trajectory[f"{name}.slip_velocity"],
+        )
+        mode = trajectory.columns.get(f"{name}.mode", np.zeros(len(trajectory.t)))
         slips = (mode != 0) & (located or np.abs(speed) > _nearby_change(speed))
         bound = np.where(slips, guide.kinetic_coefficient, guide.static_coefficient) * loads[name]
         if not located:
@@ -768,28 +808,33 @@ def cone(run: Examined) -> Iterator[str]:
         excess = np.where(
             located & slips, np.abs(friction + mode * bound), np.abs(friction) - bound
         )
-        if not located and len(beyond := np.flatnonzero((excess > allowed) & (found.t >= begins))):
-            excess[beyond] -= guide.static_coefficient * _load_within(run, name, beyond)
-        if (i := first((excess > allowed) & (found.t >= begins))) is not None:
+        # The change of the load within a step is costly, and computed only where it may matter.
+        if not located:
+            beyond = np.flatnonzero((excess > allowed) & (trajectory.t >= begins))
+            if len(beyond):
+                excess[beyond] -= guide.static_coefficient * _load_within(run, name, beyond)
+        if (i := first((excess > allowed) & (trajectory.t >= begins))) is not None:
             expected = (
                 f"{-mode[i] * bound[i]:.9g} in slip"
                 if located and slips[i]
                 else f"at most {bound[i]:.9g}"
             )
             yield (
-                f"{name}.friction = {friction[i]:.9g} at t = {found.t[i]:.9g} s, outside Coulomb's cone; expected "
+                f"{name}.friction = {friction[i]:.9g} at t = {trajectory.t[i]:.9g} s, outside Coulomb's cone; expected "
                 f"{expected}, by the load of its corners, within {allowed[i]:.2g} N"
             )
 
 
 def _baumgarte_force(run: Examined) -> np.ndarray:
-    """Force of Baumgarte's terms, all masses times 2 alpha Phi' + beta^2 Phi (paper, eq. 25), N."""
-    law = run.found.settings.get("stabilization")
+    """Return the force of Baumgarte's terms, all masses times 2 alpha Phi' + beta^2 Phi (paper, eq. 25), N."""
+    law = run.trajectory.settings.get("stabilization")
     if not isinstance(law, Mapping) or law.get("method") != "baumgarte":
-        return np.zeros(len(run.found.t))
+        return np.zeros(len(run.trajectory.t))
     alpha, beta = (float(law.get(name) or 0.0) for name in ("alpha", "beta"))
     mass = sum(body.mass for body in run.scene.bodies.values())
-    return mass * (2 * alpha * run.found["drift.velocity"] + beta**2 * run.found["drift.position"])
+    return mass * (
+        2 * alpha * run.trajectory["drift.velocity"] + beta**2 * run.trajectory["drift.position"]
+    )
 
 
 def continuity(run: Examined) -> Iterator[str]:
@@ -797,7 +842,7 @@ def continuity(run: Examined) -> Iterator[str]:
     for labels in (POSITIONS, VELOCITIES):
         columns = run.columns(labels)
         allowed = (
-            ENGINES_OWN * max(float(np.max(np.abs(run.found[name]))) for name in columns)
+            ENGINES_OWN * max(float(np.max(np.abs(run.trajectory[name]))) for name in columns)
             + SAME * run.size
         )
         for name in columns:
@@ -812,8 +857,10 @@ def continuity(run: Examined) -> Iterator[str]:
 
 
 def _while_moving(predicate: Predicate) -> Predicate:
-    """Skip a predicate where there is no motion."""
-    return lambda run: iter(()) if run.stopped_at_once or not len(run.found.t) else predicate(run)
+    """Return a predicate that is skipped if there is no motion."""
+    return lambda run: (
+        iter(()) if run.stopped_at_once or not len(run.trajectory.t) else predicate(run)
+    )
 
 
 PREDICATES: tuple[Predicate, ...] = (
@@ -839,12 +886,13 @@ PREDICATES: tuple[Predicate, ...] = (
 
 
 def _speed(run: Examined, v: np.ndarray) -> float:
-    """Scale of velocities: the size per second, or the largest of these."""
+    """Return the scale of velocities: the size per second, or the largest of these."""
     return max(run.size, float(np.max(np.abs(v))))
 
 
 def _residuals(run: Examined, t: np.ndarray, q: np.ndarray, v: np.ndarray) -> np.ndarray:
-    """Norms of Phi and Phi' over all parts, shape (2, n)."""
+    """Return the norms of Phi and Phi' over all parts, shape (2, n)."""
+    # A part has its bodies in an order of its own. Norms of parts add up as squares.
     place = {body: 3 * i for i, body in enumerate(run.scene.bodies)}
     total = np.zeros((2, len(t)))
     for part in run.parts:
@@ -861,6 +909,8 @@ def _residuals(run: Examined, t: np.ndarray, q: np.ndarray, v: np.ndarray) -> np
 
 
 def _agrees(reported: np.ndarray, residual: np.ndarray, size: float) -> np.ndarray:
+    """Return flags of the residuals that are reported as they are."""
+    # A run that diverges has residuals that overflow here; a nan agrees with nothing.
     with np.errstate(over="ignore", invalid="ignore"):
         return np.abs(reported - residual) <= DRIFT * (size + residual)
 
@@ -879,24 +929,24 @@ def _change(h: np.ndarray, jump: np.ndarray, acceleration: np.ndarray) -> np.nda
 
 
 def _step(run: Examined) -> float:
-    """Fixed step of the engine, s; 0 where it has none."""
-    return float(run.found.settings.get("dt") or 0.0)
+    """Return the fixed step of the engine, s; 0 if it has none."""
+    return float(run.trajectory.settings.get("dt") or 0.0)
 
 
 def _settled(run: Examined) -> float:
-    """Time from which on forces are judged, s: that of `FIRST_STEPS` of a fixed step."""
+    """Return the time from which on forces are judged, s: that of `FIRST_STEPS` of a fixed step."""
     return FIRST_STEPS * _step(run)
 
 
 def _stretches(flags: np.ndarray) -> np.ndarray:
-    """First place and place behind the last of each stretch of true flags, shape (stretches, 2)."""
+    """Return first and end place of each stretch of true flags, shape (stretches, 2); the end is after the last."""
     return np.flatnonzero(np.diff(np.concatenate([[False], flags, [False]]).astype(int))).reshape(
         -1, 2
     )
 
 
 def _nearby_change(values: np.ndarray) -> np.ndarray:
-    """Change of values to the sample before or behind, the larger one; 0 where neither is known."""
+    """Return the larger change of values to the sample before or after; 0 where neither is known."""
     change = np.abs(np.diff(values, prepend=np.nan, append=np.nan))
     return np.fmax(np.fmax(change[1:], change[:-1]), 0.0)
 

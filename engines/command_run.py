@@ -12,15 +12,17 @@ from stiction.scenes import InputError, Scene, Trajectory
 def run_as_asked(
     engine: str, scene: Scene, assemble: bool, arguments: Mapping[str, Any]
 ) -> Trajectory | InputError:
-    """Return a trajectory, or the error where the fault is the input's and not a failure.
+    """Return a trajectory, or the error if the input is wrong, which is not a failure of the task.
 
-    `assemble`: move the start of the scene onto its constraints first. The arguments are those of `Engine.simulate`.
+    If `assemble` is true, the start of the scene is moved onto its constraints first. The arguments are those of
+    `Engine.simulate`.
     """
     from stiction.reference_impl.multibody.initial_state import with_consistent_start
 
     try:
         chosen = load_engine(engine)
-        # before the start is looked at, which compiles already, a kernel at a time
+        # The engine compiles its kernels together, in parallel. Assembling the start would compile
+        # some of them first, one at a time.
         chosen.prepare_run(scene, **arguments)
         return chosen.simulate(with_consistent_start(scene, assemble), **arguments)
     except InputError as error:

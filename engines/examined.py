@@ -1,4 +1,4 @@
-"""A trajectory that an engine returned, with all that it is held to."""
+"""A trajectory that an engine returned, together with the run that was requested."""
 
 from __future__ import annotations
 
@@ -26,7 +26,10 @@ RESIDUALS = ("drift.position", "drift.velocity")
 ROUNDING = 1e-9
 """Accuracy of times, relative to the end of the run: sums of 1e6 steps are off by 1e6 eps = 2e-10."""
 OWN_STEP = 0.01
-"""Part of a run up to which a step that the engine has chosen itself excuses an end that was not requested."""
+"""Largest part of a run that a step which the engine has chosen itself may be, to excuse an end that was not
+requested."""
+LONGEST_DESCRIPTION = 60
+"""Characters of a value in a message."""
 
 MODES = {
     "slip": lambda old, new: old == 0 != new,
@@ -53,17 +56,17 @@ class Examined:
 
     Attributes
     ----------
-    found : Trajectory
+    trajectory : Trajectory
         Returned by `Engine.run`.
     t_end, dt, output_step : float
         As requested, s; `dt` may be None.
     locates, keeps : callable
         `Engine.locates_events` and `Engine.keeps_cone` at this fidelity, by the settings of the trajectory.
     assembly : Assembly
-        Of the run; a new one where None.
+        That of the run; a new one if None.
     """
 
-    found: Trajectory
+    trajectory: Trajectory
     scene: Scene
     t_end: float
     dt: float | None
@@ -76,7 +79,9 @@ class Examined:
     @property
     def step(self) -> float:
         """Step size by which the run may end before or after `t_end`, s."""
-        own: Any = self.found.settings.get("dt")
+        # The step that was requested, or one that the engine has chosen and reports: it must be
+        # short, or a run could end anywhere.
+        own: Any = self.trajectory.settings.get("dt")
         if self.dt is not None:
             return self.dt
         return own if is_number(own) and 0 < own <= OWN_STEP * self.t_end * (1 + ROUNDING) else 0.0
@@ -84,12 +89,13 @@ class Examined:
     @property
     def slack(self) -> float:
         """Seconds by which the run may end before or after `t_end`."""
+        # fixed steps end at the multiple of the step next to t_end, which may be on either side
         return self.step + ROUNDING * self.t_end
 
     @property
     def stopped_at_once(self) -> bool:
-        """True where there is no motion: the state at the start is known, accelerations and forces are not."""
-        stop, t = self.found.breakdown, self.found.t
+        """True if there is no motion: the state at the start is known, accelerations and forces are not."""
+        stop, t = self.trajectory.breakdown, self.trajectory.t
         return stop is not None and len(t) == 1 and stop.time == t[0]
 
     @property
@@ -110,28 +116,31 @@ class Examined:
     @cached_property
     def start(self) -> tuple[np.ndarray, np.ndarray]:
         """Coordinates and velocities of the scene's start, each (3 * bodies,)."""
-        bodies = {
-            body: state
-            for part in self.parts
-            for body, *state in zip(
-                part.body_names, *(values.reshape(-1, 3) for values in part.initial_state())
-            )
-        }
-        q, v = (np.concatenate([bodies[body][k] for body in self.scene.bodies]) for k in range(2))
-        return q, v
+        # Parts have their bodies in an order of their own, so states are collected by body.
+        q_of: dict[str, np.ndarray] = {}
+        v_of: dict[str, np.ndarray] = {}
+        for part in self.parts:
+            q, v = part.initial_state()
+            q_of |= zip(part.body_names, q.reshape(-1, 3))
+            v_of |= zip(part.body_names, v.reshape(-1, 3))
+        bodies = self.scene.bodies
+        return (
+            np.concatenate([q_of[body] for body in bodies]),
+            np.concatenate([v_of[body] for body in bodies]),
+        )
 
     @cached_property
     def motion(self) -> tuple[np.ndarray, ...]:
         """Coordinates, velocities and accelerations of all bodies, each (n, 3 * bodies)."""
         return tuple(
-            stacked(self.found.columns, self.scene.bodies, labels) for labels in BODY_COLUMNS
+            stacked(self.trajectory.columns, self.scene.bodies, labels) for labels in BODY_COLUMNS
         )
 
     @cached_property
     def in_equations(self) -> list[InEquations]:
         """The samples of each part, in its equations."""
-        t = self.found.t.astype(float)
-        return [InEquations.of(part, t, self.found.columns.__getitem__) for part in self.parts]
+        t = self.trajectory.t.astype(float)
+        return [InEquations.of(part, t, self.trajectory.columns.__getitem__) for part in self.parts]
 
     def columns(self, labels: tuple[str, ...]) -> list[str]:
         """Names of the columns of all bodies with these labels."""
@@ -140,15 +149,18 @@ class Examined:
     @cached_property
     def sides(self) -> Sides:
         """Values on both sides of all events."""
-        return Sides(self.found.events)
+        return Sides(self.trajectory.events)
 
     def differs(
         self, column: str, expected: np.ndarray, allowed: float | np.ndarray, source: str
     ) -> Iterator[str]:
         """Report the first sample of a column that is further from the expected values than allowed."""
-        values = self.found[column]
+        values = self.trajectory[column]
         if (i := first(np.abs(values - expected) > allowed)) is not None:
-            yield f"{column} = {values[i]:.9g} at t = {self.found.t[i]:.9g} s; expected {expected[i]:.9g}, {source}"
+            yield (
+                f"{column} = {values[i]:.9g} at t = {self.trajectory.t[i]:.9g} s; expected "
+                f"{expected[i]:.9g}, {source}"
+            )
 
 
 class InEquations(NamedTuple):
@@ -193,13 +205,13 @@ class InEquations(NamedTuple):
 
 
 Predicate = Callable[[Examined], Iterator[str]]
-"""Yields each fault that it finds, in words that go on from "the engine returned"."""
+"""Yields each fault that it finds, as the continuation of a sentence that begins with "the engine returned"."""
 
 
 def first(wrong: np.ndarray) -> int | None:
     """Return the index of the first true element; None if there is none."""
-    found = np.flatnonzero(wrong)
-    return int(found[0]) if found.size else None
+    places = np.flatnonzero(wrong)
+    return int(places[0]) if places.size else None
 
 
 def is_number(value: Any) -> bool:
@@ -208,6 +220,8 @@ def is_number(value: Any) -> bool:
 
 
 def described(value: Any) -> str:
-    """Type and value in at most 60 characters."""
+    """Return the type of a value, and the value in at most `LONGEST_DESCRIPTION` characters."""
     text = repr(value)
-    return f"{type(value).__name__} {text if len(text) <= 60 else text[:57] + '...'}"
+    if len(text) > LONGEST_DESCRIPTION:
+        text = text[: LONGEST_DESCRIPTION - 3] + "..."
+    return f"{type(value).__name__} {text}"

@@ -1,7 +1,8 @@
-"""The gate: a list of predicates that a trajectory fulfils before it is measured.
+"""The gate: a list of predicates that a trajectory has to fulfil before it is measured.
 
-An engine is code of others, and its result is not trusted: a trajectory of another scene, or with columns that
-contradict each other, would be measured as if it were a motion. The gate does not judge accuracy; the comparisons do.
+Engines are third-party code, so their results are validated before use: a trajectory of another scene, or with columns
+that contradict each other, would be measured as if it were a motion. The gate does not judge accuracy; the comparisons
+do.
 """
 
 from __future__ import annotations
@@ -29,9 +30,10 @@ from stiction.scenes.trajectory import stacked
 from stiction.scenes.wording import names
 
 GAP = 2.0
-"""Output steps between instants at most: an engine takes the nearest multiple of its step, less than twice the
-request."""
+"""Largest distance between instants, in requested output steps. An engine uses the nearest multiple of its step, which
+is less than twice the request."""
 KINDS = ("slip", "stick", "reversal", "corner")
+"""Kinds of events."""
 _FIELDS = (
     ("engine", str, "text"),
     ("version", str, "text"),
@@ -41,6 +43,7 @@ _FIELDS = (
     ("events", tuple, "a tuple of stiction.scenes.Event"),
 )
 _SHOWN = 4
+"""Number of names that a message lists at most."""
 
 
 def required_columns(scene: Scene) -> list[str]:
@@ -52,35 +55,36 @@ def required_columns(scene: Scene) -> list[str]:
 
 
 def problems(run: Examined) -> Iterator[str]:
-    """Yield each fault of the result of an engine, in words that go on from "the engine returned".
+    """Yield each fault of the result of an engine, as the continuation of a sentence with "the engine returned".
 
-    It is a `Trajectory`, and fulfils `PREDICATES` and `coherence.PREDICATES`. Take the first alone: each predicate
-    relies on those before it.
+    A result without faults is a `Trajectory` that fulfils `PREDICATES` and `coherence.PREDICATES`. Use the first fault
+    only: each predicate relies on those before it, and may fail itself where they do.
     """
-    if not isinstance(run.found, Trajectory):
-        yield f"{described(run.found)}; expected a stiction.scenes.Trajectory"
+    if not isinstance(run.trajectory, Trajectory):
+        yield f"{described(run.trajectory)}; expected a stiction.scenes.Trajectory"
         return
     for predicate in PREDICATES:
         yield from predicate(run)
-    if len(run.found.t) or run.found.events:
-        from stiction.engines import coherence  # compiles: not for what only lists engines
+    if len(run.trajectory.t) or run.trajectory.events:
+        # imported here because it compiles kernels, which commands that only list engines do not need
+        from stiction.engines import coherence
 
         for predicate in coherence.PREDICATES:
             yield from predicate(run)
 
 
 def fields(run: Examined) -> Iterator[str]:
-    """Fields of their types, of this scene and fidelity."""
-    found = run.found
+    """Fields have their types, and are those of this scene and fidelity."""
+    trajectory = run.trajectory
     for name, expected in (("scene", run.scene.name), ("fidelity", run.fidelity)):
-        if getattr(found, name) != expected:
-            yield f"{name} {described(getattr(found, name))}; expected {str(expected)!r}"
+        if getattr(trajectory, name) != expected:
+            yield f"{name} {described(getattr(trajectory, name))}; expected {str(expected)!r}"
     for name, kind, words in _FIELDS:
-        if not isinstance(getattr(found, name), kind):
-            yield f"{name} {described(getattr(found, name))}; expected {words}"
-    if not (isinstance(found.termination, str) and found.termination.strip()):
-        yield f"termination {described(found.termination)}; expected 'end' or why it stopped"
-    cost = found.cost
+        if not isinstance(getattr(trajectory, name), kind):
+            yield f"{name} {described(getattr(trajectory, name))}; expected {words}"
+    if not (isinstance(trajectory.termination, str) and trajectory.termination.strip()):
+        yield f"termination {described(trajectory.termination)}; expected 'end' or why it stopped"
+    cost = trajectory.cost
     seconds = (cost.setup_s, cost.compile_s, cost.stepping_s, cost.own_s)
     if not (
         all(is_number(value) and value >= 0 for value in seconds)
@@ -91,30 +95,31 @@ def fields(run: Examined) -> Iterator[str]:
 
 
 def breakdown(run: Examined) -> Iterator[str]:
-    """A breakdown, if any, within the time of the run, and with a termination that says so."""
-    stop, latest = run.found.breakdown, run.t_end + run.slack
+    """A breakdown, if there is one, is within the time of the run, and its termination is not 'end'."""
+    stop, latest = run.trajectory.breakdown, run.t_end + run.slack
     if stop is None:
         return
     if not (
         isinstance(stop, Breakdown) and is_number(stop.time) and -run.slack <= stop.time <= latest
     ):
         yield f"breakdown {described(stop)}; expected a stiction.scenes.Breakdown within 0 .. {run.t_end:g} s"
-    elif run.found.termination == "end":
+    elif run.trajectory.termination == "end":
         yield f"a breakdown ({described(stop.reason)}) and the termination 'end'; expected one of them"
 
 
 def times(run: Examined) -> Iterator[str]:
-    """Times that are finite, begin at 0, increase by two output steps at most, and reach the end that was requested.
+    """Times are finite, begin at 0, increase by two output steps at most, and reach the requested end.
 
-    There may be none, or an earlier end, where `termination` says why.
+    A trajectory may have none, or an earlier end, if `termination` gives the reason.
     """
-    t, t_end, ended = run.found.t, run.t_end, run.found.termination == "end"
+    t, t_end, ended = run.trajectory.t, run.t_end, run.trajectory.termination == "end"
     if not isinstance(t, np.ndarray) or t.dtype.kind not in "fiu" or t.ndim != 1:
         yield f"times {described(t)}; expected a one-dimensional array of numbers"
     if not len(t):
         if ended:
             yield "no instant at all; expected times from 0 to t_end, or a termination that says why there is no motion"
         return
+    # `run.step` may be longer than the output step, and rounding is that of sums of steps.
     if (i := first(~np.isfinite(t))) is not None:
         yield f"a time that is not finite, t[{i}]; expected seconds"
     if abs(t[0]) > ROUNDING * t_end:
@@ -135,54 +140,59 @@ def times(run: Examined) -> Iterator[str]:
 
 
 def columns(run: Examined) -> Iterator[str]:
-    """All required columns, with one finite number per time.
+    """All required columns are there, with one finite number per time.
 
-    Forces may be nan where the motion leaves them open, and with accelerations at a start at which a run breaks down.
+    Forces may be nan where the motion does not determine them. At a start at which a run breaks down, accelerations may
+    be nan too.
     """
-    found, scene = run.found, run.scene
-    if missing := [name for name in required_columns(scene) if name not in found.columns]:
+    trajectory, scene = run.trajectory, run.scene
+    if missing := [name for name in required_columns(scene) if name not in trajectory.columns]:
         others = f" and {len(missing) - _SHOWN} others" if len(missing) > _SHOWN else ""
         yield (
             f"no column {names(missing[:_SHOWN])}{others}; expected all columns that the scene calls for "
             "(stiction.reference_impl.multibody.reactions.recover_columns makes them from states)"
         )
-    known = {*run.columns(POSITIONS + VELOCITIES), *RESIDUALS}
-    unknown = {}
-    for name, values in found.columns.items():
+    # Columns of the state are always numbers. Values of the others that are not finite are collected
+    # first, because it is costly to find out which forces are open.
+    state_columns = {*run.columns(POSITIONS + VELOCITIES), *RESIDUALS}
+    not_finite = {}
+    for name, values in trajectory.columns.items():
         if (
             not isinstance(values, np.ndarray)
             or values.dtype.kind not in "fiub"
-            or values.shape != found.t.shape
+            or values.shape != trajectory.t.shape
         ):
             shape = (
                 f"an array of {values.dtype}, shape {values.shape}"
                 if isinstance(values, np.ndarray)
                 else described(values)
             )
-            yield f"column {name}: {shape}; expected numbers of shape {found.t.shape}, one per time"
+            yield f"column {name}: {shape}; expected numbers of shape {trajectory.t.shape}, one per time"
         elif not (finite := np.isfinite(values)).all() and not (
-            run.stopped_at_once and name not in known
+            run.stopped_at_once and name not in state_columns
         ):
-            unknown[name] = ~finite
-    left_open = _left_open(run, found.t, found.columns) if unknown else {}
-    for name, bad in unknown.items():
+            not_finite[name] = ~finite
+    left_open = _left_open(run, trajectory.t, trajectory.columns) if not_finite else {}
+    for name, bad in not_finite.items():
         if (i := first(bad & ~left_open.get(name, False))) is not None:
             yield (
-                f"column {name}: {found[name][i]} at t = {found.t[i]:.9g} s; expected finite numbers, or nan in "
-                "forces that the motion leaves open"
+                f"column {name}: {trajectory[name][i]} at t = {trajectory.t[i]:.9g} s; expected finite "
+                "numbers, or nan in forces that the motion leaves open"
             )
 
 
 def _left_open(
     run: Examined, t: np.ndarray, columns: Mapping[str, np.ndarray]
 ) -> dict[str, np.ndarray]:
-    """Instants by column at which its force is nan, and the motion and the known frictions leave it open."""
+    """Return, by column, the instants at which a force is nan and is determined neither by motion nor by friction."""
     from stiction.reference_impl.multibody.reactions import recover_columns
 
     left_open = dict[str, np.ndarray]()
     for part in run.parts:
         if not all(f"{body}.x" in columns for body in part.body_names):
-            continue  # an event has the columns of its own part
+            continue  # an event has the columns of its own part only
+        # Forces are recovered from the motion and from the frictions that the engine reports. What
+        # is nan there as well may be nan.
         motion = [stacked(columns, part.body_names, labels) for labels in BODY_COLUMNS]
         frictions = {f"{name}.friction": columns[f"{name}.friction"] for name in part.guide_names}
         if (
@@ -203,8 +213,8 @@ def _left_open(
 
 def events(run: Examined) -> Iterator[str]:
     """Events with times in order, of guides of the scene, with the same finite columns on both sides."""
-    found = run.found
-    if odd := next((event for event in found.events if not isinstance(event, Event)), None):
+    trajectory = run.trajectory
+    if odd := next((event for event in trajectory.events if not isinstance(event, Event)), None):
         yield f"event {described(odd)}; expected a stiction.scenes.Event"
     yield from _instants(run)
     yield from _sides(run)
@@ -213,7 +223,7 @@ def events(run: Examined) -> Iterator[str]:
 def _instants(run: Examined) -> Iterator[str]:
     """Events of known kinds and guides, in order of time within the run."""
     before, latest, guides = 0.0, run.t_end + run.slack, run.scene.guides
-    for i, event in enumerate(run.found.events):
+    for i, event in enumerate(run.trajectory.events):
         if not is_number(event.time):
             yield f"{_named(run, i)}: time {described(event.time)}; expected finite seconds"
         if not before <= event.time <= latest:
@@ -228,9 +238,9 @@ def _instants(run: Examined) -> Iterator[str]:
 
 def _sides(run: Examined) -> Iterator[str]:
     """Both sides of each event have values of the same columns of the trajectory, which are finite."""
-    columns = run.found.columns.keys()
+    columns = run.trajectory.columns.keys()
     checked = set[int]()
-    for i, event in enumerate(run.found.events):
+    for i, event in enumerate(run.trajectory.events):
         before, after = event.before, event.after
         if isinstance(before, Row) and isinstance(after, Row) and before.columns is after.columns:
             # the events of a run share a table, whose names are looked at once
@@ -259,12 +269,12 @@ def _sides(run: Examined) -> Iterator[str]:
 
 def _named(run: Examined, i: int) -> str:
     """Number, kind and guide of an event."""
-    event = run.found.events[i]
+    event = run.trajectory.events[i]
     return f"event {i}, {event.kind} of {event.joint}"
 
 
 def _left_open_at(run: Examined, t: float, values: Mapping[str, float]) -> set[str]:
-    """Columns of a side of an event whose force is nan, and is left open there."""
+    """Return the columns of one side of an event whose force is nan, and is not determined there."""
     if not all(
         is_number(value) or isinstance(value, float) and math.isnan(value)
         for value in values.values()

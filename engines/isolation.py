@@ -1,8 +1,8 @@
-"""Work in child processes: a crash, a hang or an exception there ends one task alone, and its own words are kept.
+"""Work in child processes: a crash, a hang or an exception ends one task alone, and its messages are kept.
 
-Each child has a pipe of its own and one task at a time. So the end of a child, whatever its cause, concerns exactly one
-task. (A pool whose workers share a queue and its locks does not survive the kill of a worker that holds one.) Children
-are reused, because importing an engine takes longer than most runs; one that dies is replaced.
+Each child has a pipe of its own and one task at a time, so that the end of a child, whatever its cause, concerns
+exactly one task. (A pool whose workers share a queue and its locks does not survive the kill of a worker that holds a
+lock.) Children are reused, because importing an engine takes longer than most runs; a child that dies is replaced.
 """
 
 from __future__ import annotations
@@ -36,15 +36,25 @@ from stiction.engines.status import Status
 from stiction.scenes import Scene, StictionError, Trajectory
 from stiction.scenes.wording import last_lines
 
-_START_S = 120.0  # a child that takes longer to import the main module will never be there
-_FAILED_STARTS = 5  # in a row: then the cause is the machine or the caller's script, not chance
-_GRACE_S = 2.0  # between the end of a child's pipe and the end of the child
-_NOTE = b"note "  # begins a message that is none of a task's own
-_LOG_BYTES = 4000  # of what a task printed, the end is kept
+_START_S = 120.0
+"""Seconds in which a child has to import the main module. One that takes longer is taken for hanging."""
+_FAILED_STARTS = 5
+"""Failed starts in a row after which the cause is taken to be the machine or the caller's script, and not chance."""
+_GRACE_S = 2.0
+"""Seconds between the end of a child's pipe and the end of the child, whose exit code is then known."""
+_LONGEST_WAIT_S = 3600.0
+"""Longest time of one wait for messages: without deadlines the wait would be infinite, which `wait` does not accept."""
+_NOTE = b"note "
+"""Beginning of a message that a child sends while it works, and that is not the result of a task."""
+_LOG_BYTES = 4000
+"""Number of bytes that are kept of the end of what a task printed."""
+_LONGEST_REASON = 500
+"""Number of characters of a reason in an outcome."""
 _PROCESSES = threading.Lock()
-"""Held while a process is started or waited for: `multiprocessing` is made for one thread.
+"""Held while a process is started or waited for, because `multiprocessing` is made for one thread.
 
-Two threads that wait for the same process lose its exit code, and each start asks for the end of all processes."""
+Of two threads that wait for the same process, one does not get its exit code, and each start of a process also waits
+for all that have ended."""
 
 
 @dataclass(frozen=True)
@@ -177,15 +187,16 @@ def _simulate(engine: str, scene: Scene, arguments: Mapping[str, Any]) -> Trajec
 
 
 def sealed(task: Task) -> Task:
-    """Return a task that does the same, whose function and arguments are bytes for all but the child.
+    """Return an equivalent task whose function and arguments are bytes for all processes but the child.
 
-    Who passes it on then imports no module of theirs. Raises what pickle does if the task cannot be pickled.
+    A process that passes it on does not import the modules of the function and its arguments. Raises the exceptions of
+    `pickle.dumps` if the task cannot be pickled.
     """
     return Task(task.label, _call_sealed, (pickle.dumps((task.function, task.args)),))
 
 
 def unsealed(outcome: Outcome) -> Outcome:
-    """Return an outcome of ``isolate(.., unpickle=False)`` with its value, or with the reason why there is none."""
+    """Return an outcome of ``isolate(.., unpickle=False)`` with its value, or with the reason why it has none."""
     return replace(outcome, **_unpickled(outcome.value)) if outcome.status == Status.OK else outcome
 
 
@@ -195,7 +206,7 @@ def _call_sealed(call: bytes) -> Any:
 
 
 class ChildrenEnded(StictionError):
-    """`IdleChildren.end_all` was called while, or before, tasks were to be made in them."""
+    """`IdleChildren.end_all` was called before or while children were used for tasks."""
 
 
 def isolate(  # noqa: C901 - one loop of messages
@@ -213,15 +224,16 @@ def isolate(  # noqa: C901 - one loop of messages
     Parameters
     ----------
     workers
-        Children at work at the same time; the number of CPUs where None.
+        Number of children at work at the same time; the number of CPUs if None.
     timeout_s
         Seconds that a task may take before its child is killed.
     on_result
-        Called in this process with each outcome as it comes in. What it raises ends the campaign.
+        Called in this process with each outcome when it arrives. An exception that it raises ends this call.
     on_note
         Called in this process with each line that a child logs on the way, such as what it has to compile.
     kept
-        Children that an earlier call has left, used first; those of this call are left there. None to end them.
+        Children that an earlier call has left; they are used first, and the children of this call are left there. If
+        None, the children of this call are ended.
     unpickle
         False to leave the values of outcomes with the status `Status.OK` as bytes, for `unsealed`.
 
@@ -242,15 +254,14 @@ def isolate(  # noqa: C901 - one loop of messages
         If children cannot be started. They import the main module, so a script must call this under
         ``if __name__ == "__main__":``.
 
-    Notes
-    -----
-    Whatever ends this call, an interrupt included, and another one behind it, no child outlives it, unless it is idle
-    and `kept`. If this process
-    itself is killed, its children leave as soon as their engine lets Python run.
+    Notes ----- No child outlives this call, unless it is idle and `kept`. This holds for any exception, also for an
+    interrupt that is followed by another one. If this process itself is killed, its children exit as soon as their
+    engine lets Python run.
     """
     workers = (os.cpu_count() or 1) if workers is None else workers
     if workers < 1 or not timeout_s > 0:
         raise ValueError(f"workers, timeout_s: found {workers}, {timeout_s}; expected numbers > 0")
+    # Pickled before any child starts, so that a task that cannot be pickled is the caller's error.
     calls = [pickle.dumps((task.function, task.args)) for task in tasks]
     waiting = deque(range(len(tasks)))
     outcomes: dict[int, Outcome] = {}
@@ -258,10 +269,12 @@ def isolate(  # noqa: C901 - one loop of messages
     failed_starts = 0
 
     def feed(child: _Child) -> None:
+        """Give an idle child the next task, which remains the next one if the child has just ended."""
         if child.idle and waiting and child.give(waiting[0], calls[waiting[0]], timeout_s):
             waiting.popleft()
 
     def settle(index: int, **result: Any) -> None:
+        """Record the outcome of a task."""
         outcomes[index] = Outcome(tasks[index].label, **result)
         if on_result is not None:
             on_result(outcomes[index])
@@ -272,13 +285,16 @@ def isolate(  # noqa: C901 - one loop of messages
     ):
         try:
             while len(outcomes) < len(tasks):
+                # As many children as there is work for; those that have ended are replaced.
                 while len(children) < min(workers, len(tasks) - len(outcomes)):
                     children.append(_Child(Path(folder)) if kept is None else kept.start())
                 for child in children:
                     feed(child)
+                # Wait until a child has sent something or has ended, or until the first deadline.
                 patience = min(child.deadline for child in children) - time.monotonic()
                 arrived = wait(
-                    [child.connection for child in children], min(max(patience, 0.0), 3600.0)
+                    [child.connection for child in children],
+                    min(max(patience, 0.0), _LONGEST_WAIT_S),
                 )
                 for child in list(children):
                     if child.connection in arrived and (message := child.receive()) is not None:
@@ -286,18 +302,25 @@ def isolate(  # noqa: C901 - one loop of messages
                             if on_note is not None:
                                 on_note(message[len(_NOTE) :].decode())
                             continue
-                        failed_starts, log = 0, child.log()  # which the next task empties
+                        # A child that is ready, or has the result of its task. The log is read
+                        # first, because the next task empties it.
+                        failed_starts, log = 0, child.log()
                         if (index := child.take()) is not None:
+                            # With several children, the next task starts before the outcome is
+                            # handled, so that no core is idle meanwhile. A single child waits, as
+                            # it would compete with the handling for its core.
                             if workers > 1:
-                                # no core waits for what is made of the outcome; one child alone has none
                                 feed(child)
                             settle(index, **_read(message, unpickle), log=log)
                     elif child.connection in arrived or (
                         time.monotonic() >= child.deadline and not child.connection.poll()
                     ):
-                        # it may have come since
+                        # The child has ended, or its time is over and no result has arrived since
+                        # the wait.
                         children.remove(child)
                         result = child.end(timed_out=child.connection not in arrived)
+                        # A child that ends before it is ready has not failed in a task. After some
+                        # such starts there is no point in further ones.
                         if child.task is not None:
                             settle(child.task, **result)
                         elif (
@@ -350,7 +373,10 @@ class _Child:
         return self.ready and self.task is None
 
     def give(self, task: int, call: bytes, timeout_s: float) -> bool:
-        """Start a task, with an empty log; False if the child ended while it was idle (its connection will tell)."""
+        """Start a task, with an empty log; return False if the child ended while it was idle.
+
+        The end of such a child is noticed later, by its connection.
+        """
         os.truncate(self._log, 0)
         try:
             self.connection.send_bytes(call)
@@ -362,20 +388,20 @@ class _Child:
         return True
 
     def receive(self) -> bytes | None:
-        """The next message; None if the child has ended."""
+        """Return the next message; None if the child has ended."""
         try:
             return self.connection.recv_bytes()
         except (EOFError, OSError):
             return None
 
     def take(self) -> int | None:
-        """The task that the last message settles; None if it said that the child is ready."""
+        """Return the task of which the last message is the result; None if the message was that the child is ready."""
         task, self.task = self.task, None
         self.ready, self.deadline = True, math.inf
         return task
 
     def end(self, timed_out: bool) -> dict[str, Any]:
-        """End the process; how its task ended, as fields of an outcome."""
+        """End the process; return how its task ended, as fields of an outcome."""
         wall = time.monotonic() - self._started
         with _PROCESSES:
             if not timed_out:
@@ -396,7 +422,7 @@ class _Child:
         return {"status": status, "reason": reason, "log": log, "wall_s": wall}
 
     def log(self) -> str:
-        """The end of what the current task has printed."""
+        """Return the end of what the current task has printed."""
         with self._log.open("rb") as file:
             file.seek(max(0, self._log.stat().st_size - _LOG_BYTES))
             return file.read().decode(errors="replace").strip()
@@ -408,7 +434,7 @@ class _Child:
         self.connection.close()
 
     def stop(self) -> None:
-        """Send the process the signal that ends it; whoever waits for its messages is told by its connection."""
+        """Send the process the signal that ends it; whoever waits for its messages notices by its connection."""
         self._process.kill()
 
 
@@ -476,6 +502,7 @@ class IdleChildren:
 
 
 def _end_of_process(code: int | None) -> str:
+    """Describe the end of a process by its exit code, None if it has none yet."""
     if code is None:
         return "closed its pipe"
     if code >= 0:
@@ -485,7 +512,7 @@ def _end_of_process(code: int | None) -> str:
 
 
 def _read(message: bytes, unpickle: bool = True) -> dict[str, Any]:
-    """The fields of an outcome in a child's message."""
+    """Return the fields of an outcome from a child's message."""
     fields, value = pickle.loads(message)
     if fields["status"] != Status.OK:
         return fields
@@ -493,7 +520,7 @@ def _read(message: bytes, unpickle: bool = True) -> dict[str, Any]:
 
 
 def _unpickled(value: bytes) -> dict[str, Any]:
-    """The field ``value`` of an outcome; what cannot be unpickled here is a failure."""
+    """Return the field ``value`` of an outcome, or the fields of a failure if the value cannot be unpickled here."""
     try:
         return {"value": pickle.loads(value)}
     except Exception as error:
@@ -505,18 +532,21 @@ def _unpickled(value: bytes) -> dict[str, Any]:
 
 
 def _serve(connection: Connection, folder: Path, log: Path) -> None:
-    """The life of a child: say that it is ready, then answer call by call, all output going to the log.
+    """Run a child: report that it is ready, then answer call by call, with all output going to the log.
 
-    Its temporary files lie in the folder, which whoever ends it removes.
+    Its temporary files are in the folder, which is removed by the process that ends the child.
     """
     tempfile.tempdir = str(folder)
+    # A terminal sends these signals to all processes of a command at once. The parent handles them,
+    # and then kills its children.
     for number in (signal.SIGINT, signal.SIGTERM):
-        # what ends all processes of a command at once reaches the parent, which then kills
         signal.signal(number, signal.SIG_IGN)
     threading.Thread(target=_leave_with_parent, args=(folder.parent,), daemon=True).start()
+    # Redirected as file descriptors, because engines print from C code.
     descriptor = os.open(log, os.O_WRONLY | os.O_APPEND)
     os.dup2(descriptor, 1)
     os.dup2(descriptor, 2)
+    # Line by line, so that the log is complete up to a crash.
     if isinstance(sys.stdout, io.TextIOWrapper):
         sys.stdout.reconfigure(line_buffering=True)
     notes = logging.getLogger("stiction")
@@ -532,7 +562,7 @@ def _serve(connection: Connection, folder: Path, log: Path) -> None:
 
 
 class _Notes(logging.Handler):
-    """Sends what is logged to the parent."""
+    """Sends log records to the parent."""
 
     def __init__(self, connection: Connection):
         super().__init__()
@@ -543,6 +573,7 @@ class _Notes(logging.Handler):
 
 
 def _leave_with_parent(folder: Path) -> None:
+    """Wait for the end of the parent, then remove its folder and exit without any clean-up of Python."""
     if (parent := multiprocessing.parent_process()) is not None:
         parent.join()
     shutil.rmtree(folder, ignore_errors=True)
@@ -550,14 +581,19 @@ def _leave_with_parent(folder: Path) -> None:
 
 
 def _answer(call: bytes) -> bytes:
-    """Make the call: fields of an outcome, and separately the pickled value."""
+    """Make the call; return the pickled pair of the fields of an outcome and the value.
+
+    The value is pickled by itself, so that the parent can pass it on unread, and can report that it cannot be
+    unpickled.
+    """
     fields: dict[str, Any] = {"status": Status.OK, "reason": ""}
     value = None
     wall, cpu = time.perf_counter(), time.process_time()
     try:
         function, args = pickle.loads(call)
         value = function(*args)
-    except BaseException as error:  # SystemExit too: nothing that a task does ends the child's loop
+    except BaseException as error:
+        # SystemExit included: no exception of a task ends the child's loop
         traceback.print_exc()
         kinds = {
             Refused: Status.REFUSED,
@@ -580,16 +616,13 @@ def _answer(call: bytes) -> bytes:
 
 
 def _words(error: BaseException, prefix: str = "") -> str:
-    """An exception in one line; its type is left out where it was meant to be read: in errors of the suite's family."""
-    return _shortened(
-        prefix
-        + (
-            str(error)
-            if isinstance(error, StictionError) and str(error)
-            else f"{type(error).__name__}: {error}"
-        )
-    )
+    """Return an exception in one line, with its type unless it is an error of the suite, whose message is enough."""
+    message = f"{type(error).__name__}: {error}"
+    if isinstance(error, StictionError) and str(error):
+        message = str(error)
+    return _shortened(prefix + message)
 
 
 def _shortened(text: str) -> str:
-    return textwrap.shorten(text, 500, placeholder=" ...")
+    """Return a text in one line of at most `_LONGEST_REASON` characters."""
+    return textwrap.shorten(text, _LONGEST_REASON, placeholder=" ...")

@@ -26,29 +26,30 @@ if TYPE_CHECKING:
 
 
 class Supplier(StrEnum):
-    """Who does a part of the work of a run."""
+    """Who does a part of the work in a run."""
 
     ENGINE = "engine"
     ADAPTER = "adapter"
-    """Our adapter of the engine. Of the friction law: the engine has no Coulomb law, and holds or drives with the
-    forces that the adapter's law allows."""
+    """Our adapter of the engine. For a friction law this means that the engine has no Coulomb law, and holds or drives
+    with the forces that the adapter's law allows."""
     BOTH = "engine + adapter"
-    """The engine's own, with numbers that the adapter sets anew on the way, such as a coefficient of friction."""
+    """The engine's own, with numbers that the adapter changes during the run, such as a coefficient of friction."""
     NOBODY = "nobody"
 
 
 FRICTION_SUPPLIED_BY = "friction_supplied_by"
-"""Setting of every trajectory: the `Supplier` of its friction law; nobody where the scene has no friction."""
+"""Setting of every trajectory: the `Supplier` of its friction law; nobody if the scene has no friction."""
 EVENTS_LOCATED_BY = "events_located_by"
 """Setting of every trajectory: the `Supplier` of its located events."""
 UNSETTLED = "friction does not settle"
-"""Kind of the `stiction.scenes.Breakdown` of an engine that stops where friction and reactions have no solution that it
-finds."""
+"""Kind of the `stiction.scenes.Breakdown` of an engine that stops because it finds no solution for friction and
+reactions."""
 MOST_OUTPUTS = 10_000_000
-"""Instants of a trajectory: 35 columns of the slider-bar are 2.8 GB then."""
+"""Largest number of instants of a trajectory: the 35 columns of the slider-bar are 2.8 GB then."""
 
 MOST_STEPS = 1_000_000_000
-"""Steps of a fixed-step run: at the 2 to 200 microseconds that engines take for one, this is half an hour to days."""
+"""Largest number of steps of a fixed-step run: engines take 2 to 200 microseconds for a step, so that this is half an
+hour to days."""
 
 installed_version = cache(version)
 """Version of an installed distribution; reading it takes longer than a short simulation."""
@@ -56,21 +57,24 @@ installed_version = cache(version)
 
 @cache
 def required(package: str) -> SpecifierSet:
-    """Versions of an engine's package that the suite takes, by its own metadata; any, where that lacks the engine."""
-    # imported here: most commands ask for no bound, and it takes a twentieth of what `stiction.engines` does
+    """Return the versions of an engine's package that the suite's metadata accept; any, if they do not mention it."""
+    # Imported here because most commands need no bound, and the import takes a twentieth of the time
+    # of that of `stiction.engines`.
     from packaging.requirements import Requirement
     from packaging.specifiers import SpecifierSet
 
-    return {one.name: one.specifier for one in map(Requirement, requires("stiction") or ())}.get(
-        package, SpecifierSet()
-    )
+    requirements = map(Requirement, requires("stiction") or ())
+    bounds = {requirement.name: requirement.specifier for requirement in requirements}
+    return bounds.get(package, SpecifierSet())
 
 
-def accepted(package: str, found: str) -> str:
-    """Return the version found of an engine's package; ImportError if the suite takes others only."""
-    if not required(package).contains(found, prereleases=True):
-        raise ImportError(f"found {package} {found}; expected {required(package)}", name=package)
-    return found
+def accepted(package: str, installed: str) -> str:
+    """Return the installed version of an engine's package; raise ImportError if the suite does not accept it."""
+    if not required(package).contains(installed, prereleases=True):
+        raise ImportError(
+            f"found {package} {installed}; expected {required(package)}", name=package
+        )
+    return installed
 
 
 def check_steps(t_end: float, dt: float) -> None:
@@ -98,7 +102,7 @@ class EngineFailure(StictionError):
 class Unsettled(EngineFailure):
     """Friction and reactions do not settle at an instant.
 
-    They have no solution there, or several, or this engine's way does not find it.
+    They have no solution there, or several, or this engine's method does not find it.
 
     Attributes
     ----------
@@ -168,8 +172,8 @@ class Capabilities:
             )
         object.__setattr__(self, "fidelities", tuple(map(Fidelity, self.fidelities)))
         for name in ("static_coefficient", "friction_law", "friction_by"):
-            if not isinstance(found := getattr(self, name), Mapping):
-                raise TypeError(f"{name}: found {found!r}; expected a mapping by fidelity")
+            if not isinstance(value := getattr(self, name), Mapping):
+                raise TypeError(f"{name}: found {value!r}; expected a mapping by fidelity")
         if self.event_location not in (Supplier.ENGINE, Supplier.ADAPTER):
             raise ValueError(
                 f"event_location: found {self.event_location!r}; expected 'engine' or 'adapter'"
@@ -178,21 +182,21 @@ class Capabilities:
             if fidelity not in self.fidelities or supplier not in tuple(Supplier):
                 raise ValueError(
                     f"friction_by: found {str(fidelity)!r}: {supplier!r}; expected one of "
-                    f"{', '.join(repr(str(one)) for one in self.fidelities)} and one of "
-                    f"{', '.join(repr(str(one)) for one in Supplier)}"
+                    f"{', '.join(repr(str(each)) for each in self.fidelities)} and one of "
+                    f"{', '.join(repr(str(supplier)) for supplier in Supplier)}"
                 )
 
 
 def check_settings(
-    given: Iterable[str], known: Iterable[str], engine: str, fidelity: Fidelity
+    given: Iterable[str], settings: Iterable[str], engine: str, fidelity: Fidelity
 ) -> None:
     """Raise InputError for names that are not among those of the engine's settings."""
-    known = list(known)
+    allowed = list(settings)
     for name in given:
-        if name not in known:
+        if name not in allowed:
             raise InputError(
                 f"{name}: {engine} has no such setting at {fidelity} fidelity; expected "
-                f"{'one of ' + ', '.join(known) if known else 'none: it has no settings'}"
+                f"{'one of ' + ', '.join(allowed) if allowed else 'none: it has no settings'}"
             )
 
 
@@ -430,9 +434,10 @@ class Engine(ABC):
             )
         fidelity = fidelity_of(fidelity)
         if fidelity not in self.capabilities.fidelities:
-            first, *_ = known = self.capabilities.fidelities
+            available = self.capabilities.fidelities
+            first = available[0]
             raise Refused(
-                f"{self.name} has no {fidelity} fidelity; expected {' or '.join(known)}: add --fidelity "
+                f"{self.name} has no {fidelity} fidelity; expected {' or '.join(available)}: add --fidelity "
                 f'{first} to the command, fidelity="{first}" in Python'
             )
         self.check_arguments(dt=dt, rtol=rtol, fidelity=fidelity, settings=settings)
@@ -443,7 +448,7 @@ class Engine(ABC):
         started = time.process_time()
         complete = self.settings_of_run(settings, fidelity=fidelity, dt=dt, rtol=rtol)
         assembly = Assembly(scene)
-        found = self.run(
+        trajectory = self.run(
             scene,
             t_end=t_end,
             dt=dt,
@@ -454,8 +459,10 @@ class Engine(ABC):
             **({"assembly": assembly} if _takes_assembly(type(self)) else {}),
         )
         spent = time.process_time() - started
+        # An engine's result is validated before anybody uses it. The first problem is reported:
+        # later ones may be consequences.
         examined = Examined(
-            found,
+            trajectory,
             scene,
             t_end,
             dt,
@@ -467,17 +474,20 @@ class Engine(ABC):
         )
         for problem in problems(examined):
             raise BadTrajectory(f"{self.name} returned {problem}")
-        locates = self.locates_events(fidelity, found.settings)
+        # What all trajectories have, whatever the engine reports: who supplies friction law and
+        # events, and a cost.
+        locates = self.locates_events(fidelity, trajectory.settings)
         suppliers = {
-            FRICTION_SUPPLIED_BY: self.friction_supplier(fidelity, found.settings)
+            FRICTION_SUPPLIED_BY: self.friction_supplier(fidelity, trajectory.settings)
             if scene.frictional_guides
             else Supplier.NOBODY,
             EVENTS_LOCATED_BY: self.capabilities.event_location if locates else Supplier.NOBODY,
         }
+        by_name = {name: str(supplier) for name, supplier in suppliers.items()}
         return replace(
-            found,
+            trajectory,
             fidelity=fidelity,
             mechanism=scene,
-            settings={**found.settings, **{name: str(one) for name, one in suppliers.items()}},
-            cost=found.cost if found.cost != Cost() else Cost(stepping_s=spent),
+            settings={**trajectory.settings, **by_name},
+            cost=trajectory.cost if trajectory.cost != Cost() else Cost(stepping_s=spent),
         )

@@ -1,8 +1,8 @@
 """Engines by name: those of the suite, those that other packages announce, any class by its address, and files.
 
-A program is named by the path of its declaration, which ends in ``.toml``, an FMU by its own, which ends in ``.fmu``.
-Nothing but such a name runs a program or what an FMU contains. Of an engine that comes with the suite, its entry in
-`ENGINES` is what the rest of the code knows of it by name.
+A program is named by the path of its declaration, which ends in ``.toml``, an FMU by its own path, which ends in
+``.fmu``. Only such a name runs a program or the code in an FMU. The rest of the code knows the engines of the suite by
+their entries in `ENGINES` alone.
 """
 
 from __future__ import annotations
@@ -33,21 +33,19 @@ class EngineEntry:
     Attributes
     ----------
     name : str
-        What commands, tables and the extra of an optional engine call it.
+        Its name in commands and tables, and the name of the extra of an optional engine.
     address : str
         ``"module:Class"`` of its adapter, a class that takes no arguments.
     package : str
-        The package that it needs, as pip knows it; empty for none.
+        The package that it needs, by its name in pip; empty for none.
     optional : bool
-        An installation may lack the package; the extra of the engine's name brings it.
+        Whether an installation may lack the package, which the extra of the engine's name installs.
     own_method : bool
-        The suite is its author: what it refuses, the method refuses, and no adapter.
+        Whether the suite is its author, so that a refusal is that of the method and not of an adapter.
     run_by_system : bool
-        The suite ships its declaration, and the system has its program. It takes part in
-        comparisons where it is named.
+        Whether the suite contains its declaration, and the system its program. Comparisons include it if it is named.
     experiments : mapping of str to str
-        Experiments of its own, outside of any scene, that others published of it: the
-        ``"module:function"`` by the experiment's name.
+        Published experiments with this engine, outside of any scene: ``"module:function"`` by the experiment's name.
     """
 
     name: str
@@ -66,11 +64,11 @@ class FileEntry:
     Attributes
     ----------
     ending : str
-        Of the file's name, with the dot.
+        End of the file's name, with the dot.
     address : str
         ``"module:Class"`` of its adapter, a class that takes the absolute path.
     package : str
-        The package that it needs, as pip knows it; empty for none.
+        The package that it needs, by its name in pip; empty for none.
     """
 
     ending: str
@@ -96,7 +94,7 @@ ENGINES: tuple[EngineEntry, ...] = (
     EngineEntry("dart", f"{_HERE}.dart.engine:DartEngine", "dartpy", optional=True),
     EngineEntry("siconos", f"{_HERE}.siconos.engine:SiconosEngine", run_by_system=True),
 )
-"""The engines that come with the suite, in the order of tables: one entry is all that makes an engine known."""
+"""The engines that come with the suite, in the order of tables. A new engine is registered by an entry here."""
 FILES: tuple[FileEntry, ...] = (
     FileEntry(".toml", f"{_HERE}.program.engine:ProgramEngine"),
     FileEntry(".fmu", f"{_HERE}.fmu.engine:FmuEngine", "fmpy"),
@@ -122,9 +120,9 @@ class EngineMissing(StictionError):
 
 
 class EngineBroken(EngineMissing):
-    """The engine's package, or an adapter that another package announces, is there and fails before any run.
+    """The engine's package, or an adapter that another package announces, is installed and fails before any run.
 
-    The message says how.
+    The message is the error.
     """
 
     state = "broken"
@@ -145,9 +143,9 @@ def experiment(engine: str, name: str) -> Callable[..., Any]:
     """
     entry = entry_of(engine)
     if entry is None or name not in entry.experiments:
-        known = entry.experiments if entry else {}
+        available = entry.experiments if entry else {}
         raise UnknownEngine(
-            f"experiment of {engine!r}: found {name!r}; expected {', '.join(known) or 'none'}"
+            f"experiment of {engine!r}: found {name!r}; expected {', '.join(available) or 'none'}"
         )
     module, _, function = entry.experiments[name].partition(":")
     made: Callable[..., Any] = getattr(import_module(module), function)
@@ -176,7 +174,7 @@ def absolute_name(name: str) -> str:
 
 
 def label_of(name: str) -> str:
-    """Return the name of an engine for tables and legends: of a file the one that it declares, if it is there."""
+    """Return the name of an engine for tables and legends; for a file, the name that it declares, if it exists."""
     if not is_file(name):
         return name
     try:
@@ -187,7 +185,7 @@ def label_of(name: str) -> str:
 
 @lru_cache(maxsize=1)
 def _announced(path: tuple[str, ...]) -> Mapping[str, str]:
-    """Addresses by name of the engines that packages on `path` announce; reading them takes 7 ms."""
+    """Return addresses by name of the engines that packages on `path` announce; reading them takes 7 ms."""
     return {entry.name: entry.value for entry in entry_points(group=ENTRY_POINT_GROUP)}
 
 
@@ -267,7 +265,7 @@ def _of_file(path: Path) -> Engine:
 
 @contextmanager
 def _packaged(shown: str, package: str) -> Iterator[None]:
-    """Say of an engine's package that cannot be imported what brings it."""
+    """Turn the ImportError of an engine's package into an `EngineMissing` that names what to install."""
     try:
         yield
     except ImportError as error:
@@ -277,14 +275,16 @@ def _packaged(shown: str, package: str) -> Iterator[None]:
 
 
 def _made(name: str, module: str, attribute: str, package: str) -> Engine:
-    """The engine, which has said what its version and its capabilities are."""
+    """Create an engine, and make sure that it has a version and capabilities."""
     engine = _class(name, import_module(module), attribute)()
     try:
         str(engine.version)  # asks the engine's own package, which adapters import late
     except Exception as error:
-        # whatever a broken package raises, or another one of its name: the other engines go on
+        # A package that is not installed is handled by the caller, and a mistake in somebody else's
+        # adapter is shown with its traceback. Any other exception is that of a broken package, or of
+        # another package of that name, and must not end a command about all engines.
         if isinstance(error, ImportError) or not package:
-            raise  # not installed, or a mistake in an adapter of others
+            raise
         raise EngineBroken(
             f"{name}: its package is broken: {type(error).__name__}: "
             f"{error}{_remedy(package, ' --force-reinstall --no-deps')}"
@@ -298,7 +298,7 @@ def _made(name: str, module: str, attribute: str, package: str) -> Engine:
 
 
 def _class(name: str, module: ModuleType, attribute: str) -> type[Engine]:
-    """The class of this name in a module, complete."""
+    """Return the class of this name in a module, after checking that it is a complete engine."""
     if not hasattr(module, attribute):
         close = did_you_mean(
             attribute,
@@ -312,20 +312,20 @@ def _class(name: str, module: ModuleType, attribute: str) -> type[Engine]:
             f"engine {name!r}: module {module.__name__} has no class {attribute}{close}; expected a "
             "class derived from stiction.engines.Engine"
         )
-    found = getattr(module, attribute)
-    if not (isinstance(found, type) and issubclass(found, Engine)):
+    cls = getattr(module, attribute)
+    if not (isinstance(cls, type) and issubclass(cls, Engine)):
         raise UnknownEngine(
-            f"engine {name!r}: {attribute!r} of {module.__name__!r} is {found!r}; expected a class "
+            f"engine {name!r}: {attribute!r} of {module.__name__!r} is {cls!r}; expected a class "
             "derived from stiction.engines.Engine"
         )
     if missing := [
-        part for part in OBLIGATORY if part in found.__abstractmethods__ or not hasattr(found, part)
+        part for part in OBLIGATORY if part in cls.__abstractmethods__ or not hasattr(cls, part)
     ]:
         raise UnknownEngine(
             f"engine {name!r}: class {attribute} has no {names(missing)}; expected a class that "
             f"defines {names(OBLIGATORY)}"
         )
-    return found
+    return cls
 
 
 def _remedy(package: str, option: str = "") -> str:

@@ -5,9 +5,9 @@ joints that close loops are ball joint constraints, corrected by `erp` of their 
 prescribed velocity. Friction: the Coulomb friction of DART's joints at the bound.
 
 Contact fidelity. The slider has four small spheres between two half-spaces, without clearance. Their outer points are
-the corners of a box of the guide's length and width; or it is that box, between two fixed boxes. Contacts are solved by
-DART's projected Gauss-Seidel to convergence: of contacts in the plane Dantzig's matrix is singular, and where it is
-not, his friction is bound by the normal forces without friction.
+the corners of a box of the guide's length and width; or the slider is that box, between two fixed boxes. DART's
+projected Gauss-Seidel solves for the contacts to convergence. For contacts in the plane the matrix of Dantzig's method
+is singular; where it is not, that method bounds friction by the normal forces without friction.
 """
 
 from __future__ import annotations
@@ -50,23 +50,25 @@ _SETTINGS: Mapping[str, Defaults] = {
     },
 }
 _AT_REST = 1e-9
-"""Part of the largest rate of a joint below which a slider rests while others move. What friction holds has 1e-14."""
+"""Part of the largest rate of a joint below which a slider rests while others move. A slider that friction holds has
+1e-14 of it."""
 _MIXING = 1e-9
-"""DART's constraint force mixing of joint friction (DART_CFM). A joint that it holds keeps this share of a rate: of
-what its friction alone would give it in a step."""
+"""DART's constraint force mixing of joint friction (DART_CFM). A joint that friction holds keeps this share of the rate
+that its friction alone would cause in a step."""
 _LEAST_FRICTION = 1e-3
 """Coefficient of friction up to which DART's contacts have none (DART_FRICTION_COEFF_THRESHOLD)."""
 _ROUGH = 1e9
-"""Coefficient of friction of surfaces. DART gives a contact the smaller one of two, so that the slider's is the
-contact's; it takes no infinite one."""
+"""Coefficient of friction of surfaces. DART's contacts have the smaller coefficient of their two shapes, so that the
+slider's is the contact's. An infinite one is not allowed."""
 _CONVERGED = 1e-12
-"""Relative change of an impulse in a sweep of Gauss-Seidel at which it ends. DART's own is 1e-3, after which contacts
-let go and hit."""
+"""Relative change of an impulse in a sweep of Gauss-Seidel at which the iteration ends. DART's default is 1e-3, with
+which contacts open and hit again."""
 _MASS = 1e6
-"""About that of all bodies together, in the unit that DART is given at contact fidelity, a power of 2: its Gauss-Seidel
-takes any impulse below 1e-8 for converged (PGS_EPSILON)."""
+"""Approximate mass of all bodies together, in the unit of mass that DART is given at contact fidelity. The unit is a
+power of 2, so that the conversion is exact. DART's Gauss-Seidel takes any impulse below 1e-8 for converged
+(PGS_EPSILON), and in this unit impulses are far above that."""
 _NO_MOBILITY = 1e-9
-"""Part of the inverse of all masses below which a direction of a contact cannot be moved. Those out of the plane
+"""Part of the inverse of all masses below which a direction of a contact cannot be moved. Directions out of the plane
 cannot, to rounding."""
 _RADIUS = 0.25
 """Radius of the spheres, in widths of the guide. Nothing depends on it while the slider is parallel to the guide."""
@@ -154,9 +156,10 @@ class DartEngine(TreeEngine):
 
 @contextmanager
 def _loops_closed_by(erp: float) -> Iterator[None]:
-    """Have this share of a loop's error corrected in a step, at any speed; DART has one value for the whole process."""
+    """Correct this share of a loop's error in a step, at any speed, within this context."""
     from dartpy.constraint import BallJointConstraint as Loop
 
+    # DART has one value for the whole process, so that of the caller is restored.
     before = Loop.getErrorReductionParameter(), Loop.getMaxErrorReductionVelocity()
     Loop.setErrorReductionParameter(erp)
     Loop.setMaxErrorReductionVelocity(math.inf)
@@ -170,7 +173,10 @@ def _loops_closed_by(erp: float) -> Iterator[None]:
 def _skeletons(
     scene: Scene, tree: LinkTree, unit: float = 1.0
 ) -> tuple[list[tuple[Any, slice]], dict[int, Any], dict[int, Any]]:
-    """Skeletons with the places of their coordinates, joints and bodies by link."""
+    """Return the skeletons with the places of their coordinates, and joints and bodies by link.
+
+    Each branch from the ground is a skeleton. Masses are multiplied by `unit`.
+    """
     from dartpy.dynamics import (
         Inertia,
         PlanarJointProperties,
@@ -187,22 +193,20 @@ def _skeletons(
             first = i
             skeleton = skeletons[i] = Skeleton(f"skeleton-{i}")
         if link.body is None:
-            # half of a free body's joint: DART has one for all of it, and no links without mass
+            # Part of a free body's joint. DART has a planar joint of three coordinates for all of
+            # it, and no links without mass.
             continue
         if link.joint is None:
-            properties, create = PlanarJointProperties(), skeleton.createPlanarJointAndBodyNodePair
+            properties = PlanarJointProperties()
+            create = skeleton.createPlanarJointAndBodyNodePair
         elif link.slides:
-            properties, create = (
-                PrismaticJointProperties(),
-                skeleton.createPrismaticJointAndBodyNodePair,
-            )
+            properties = PrismaticJointProperties()
             properties.mAxis = np.array((*link.axis, 0.0))
+            create = skeleton.createPrismaticJointAndBodyNodePair
         else:
-            properties, create = (
-                RevoluteJointProperties(),
-                skeleton.createRevoluteJointAndBodyNodePair,
-            )
+            properties = RevoluteJointProperties()
             properties.mAxis = np.array((0.0, 0.0, 1.0))
+            create = skeleton.createRevoluteJointAndBodyNodePair
         properties.mName = f"joint-{i}"
         joint, body = create(bodies.get(link.parent), properties)
         joint.setTransformFromParentBodyNode(_placed(tree.place(i)[:2], link.angle))
@@ -211,9 +215,10 @@ def _skeletons(
             Inertia(unit * data.mass, tree.centre(i), np.eye(3) * (unit * data.inertia))
         )
         joints[i], bodies[i] = joint, body
-        if (found := first + joint.getIndexInSkeleton(joint.getNumDofs() - 1)) != i:
+        # Arrays of coordinates are exchanged by place, so DART's order has to be that of the links.
+        if (place := first + joint.getIndexInSkeleton(joint.getNumDofs() - 1)) != i:
             raise RuntimeError(
-                f"DART numbers the coordinate of link {i} as {found}; expected them as they were made"
+                f"DART gives the coordinate of link {i} the number {place}; expected the order of creation"
             )
     places = [
         (skeleton, slice(first, first + skeleton.getNumDofs()))
@@ -223,7 +228,7 @@ def _skeletons(
 
 
 def _placed(point: Sequence[float] | np.ndarray, angle: float) -> Any:
-    """A place and an angle in the plane, as DART's transform."""
+    """Return DART's transform of a place and an angle in the plane."""
     from dartpy.math import Isometry3
 
     place, c, s = Isometry3(), math.cos(angle), math.sin(angle)
@@ -242,14 +247,16 @@ class _Stepper(TreeStepper):
         super().__init__(assembly, h, options)
         scene = assembly.scene
         tree, mass = self.tree, sum(body.mass for body in scene.bodies.values())
+        # Masses and forces go to DART in this unit; accelerations do not depend on it.
         self._unit = (
             2.0 ** round(math.log2(_MASS / mass)) if self.fidelity == Fidelity.CONTACT else 1.0
         )
         self._world = world = World()
         world.setTimeStep(h)
         world.setGravity(np.array([*(scene.gravity or (0.0, 0.0)), 0.0]))
+        # By default DART stops bodies that hardly move.
         sleep = world.getDeactivationOptions()
-        sleep.mEnabled = False  # on by default: what hardly moves is stopped
+        sleep.mEnabled = False
         world.setDeactivationOptions(sleep)
         self._skeletons, self._joints, self._links = _skeletons(scene, tree, self._unit)
         for drive in scene.drives.values():
@@ -269,9 +276,11 @@ class _Stepper(TreeStepper):
         )
 
     def _close_loop(self, scene: Scene, name: str) -> None:
+        """Add the constraint of a revolute joint that closes a loop."""
         from dartpy.constraint import BallJointConstraint
 
         pin, tree, links = scene.pins[name], self.tree, self._links
+        # The ground, if it is one of the two, is link -1 and so comes first in this order.
         (other, _), (first, p) = sorted(
             (tree.link_of[body], point) for body, point in zip(pin.bodies, pin.points)
         )
@@ -292,7 +301,8 @@ class _Stepper(TreeStepper):
     def advance(self, caps: Sequence[float]) -> None:
         for link, cap in zip(self.friction_links, caps):
             self._joints[link].setCoulombFriction(0, cap)
-        for link, rate in self.rates.items():  # a step forgets commands and loads
+        # DART sets commands and loads to zero in each step.
+        for link, rate in self.rates.items():
             self._joints[link].setCommand(0, rate)
         if self.loaded:
             loads = (self._unit * self.loads).tolist()
@@ -303,16 +313,21 @@ class _Stepper(TreeStepper):
                 if torque:
                     body.addExtTorque((0.0, 0.0, torque), False)
         self.clock.call(self._world.step, True)
-        self.position[:], self.velocity[:] = (
-            self._of_all("getPositions"),
-            self._of_all("getVelocities"),
-        )
-        if self.tree.loops:  # whose forces DART has in one sum with those of friction
+        self.position[:] = self._of_all("getPositions")
+        self.velocity[:] = self._of_all("getVelocities")
+        self._read_friction(caps)
+
+    def _read_friction(self, caps: Sequence[float]) -> None:
+        """Set `held` from the last pass, which had these bounds of friction (N)."""
+        if self.tree.loops:
+            # DART reports the forces of a joint as one sum, in which those of loops are too. But
+            # a joint that friction holds keeps a small rate, proportional to the friction.
             slip_speed = np.abs(self.velocity[self.friction_links])
             moves = slip_speed > _AT_REST * np.abs(self.velocity).max(initial=0.0)
             self.held[:] = 0.0
             if moves.any():
-                # 1/kg of each guide's joint, as DART has it: other joints are free, and loops open
+                # The mobility (1/kg) by which DART scales the mixing: that of each guide's joint
+                # with all other joints free, and loops open.
                 mobility = np.concatenate(
                     [np.diagonal(skeleton.getInvMassMatrix()) for skeleton, _ in self._skeletons]
                 )
@@ -322,7 +337,7 @@ class _Stepper(TreeStepper):
             self.held[:] = np.abs(self._of_all("getConstraintForces")[self.friction_links])
 
     def _of_all(self, what: str) -> np.ndarray:
-        """Coordinates of each skeleton, in one array."""
+        """Return the values of a method of all skeletons, in one array."""
         parts = [getattr(skeleton, what)() for skeleton, _ in self._skeletons]
         return parts[0] if len(parts) == 1 else np.concatenate(parts)
 
@@ -340,6 +355,8 @@ class _ContactStepper(ContactStepper, _Stepper):
             getattr(CollisionDetectorType, options["detector"].upper())
         )
         self._solve_by_gauss_seidel(options["iterations"])
+        # The surfaces of each guide are a body of its own, fixed to the ground, so that contacts can
+        # be told apart.
         ground = Skeleton("guides")
         surfaces, self._guides = [], []
         for number, guide in enumerate(scene.guides.values()):
@@ -358,12 +375,13 @@ class _ContactStepper(ContactStepper, _Stepper):
         self._world.addSkeleton(ground)
         self._keep_apart(surfaces)
         self._alone = len(surfaces) == 1
-        # of a root, x is two links before its angle
+        # Of each guide: its name, the coordinate x of its slider, which is that of two links before
+        # the link itself, and its point.
         self._ends = [
             (name, self.tree.link_of[guide.slider] - 2, guide.point)
             for name, guide in scene.guides.items()
         ]
-        self._set: Sequence[float] = []
+        self._coefficients: Sequence[float] = []
 
     def _solve_by_gauss_seidel(self, iterations: int) -> None:
         from dartpy.constraint import BoxedLcpConstraintSolver, PgsBoxedLcpSolverOption
@@ -372,8 +390,10 @@ class _ContactStepper(ContactStepper, _Stepper):
             self._world.getConstraintSolver(),
             PgsBoxedLcpSolverOption(iterations, 0.0, _CONVERGED, _NO_MOBILITY / _MASS),
         )
-        # Python can make none, but takes that of another: DART will not have one solver for both, and forgets what the
-        # first has not finished
+        # Both solvers of the world are to be Gauss-Seidel: where the first does not converge, DART
+        # discards its result and asks the second. Python cannot create one, but each constraint
+        # solver has one as its second, so the first is that of another. DART does not accept the
+        # same object for both.
         first, second = (
             each.getSecondaryBoxedLcpSolver() for each in (BoxedLcpConstraintSolver(), solver)
         )
@@ -383,7 +403,8 @@ class _ContactStepper(ContactStepper, _Stepper):
 
     def _keep_apart(self, surfaces: Sequence[tuple[Any, Any]]) -> None:
         """Let each slider touch the surfaces of its own guide only."""
-        # of which Python has a copy: another one is not heeded
+        # Python gets a copy of the option, whose filter is the world's own. A new filter would have
+        # no effect.
         uncollided = self._world.getConstraintSolver().getCollisionOption().collisionFilter
         for (surface, slider), (other_surface, other_slider) in combinations(surfaces, 2):
             for pair in (
@@ -395,8 +416,8 @@ class _ContactStepper(ContactStepper, _Stepper):
                 uncollided.addBodyNodePairToBlackList(*pair)
 
     def rub(self, coefficients: Sequence[float]) -> None:
-        if coefficients != self._set:
-            self._set = coefficients
+        if coefficients != self._coefficients:
+            self._coefficients = coefficients
             for (_, touching, _, _), coefficient in zip(self._guides, coefficients):
                 for aspect in touching:
                     aspect.setFrictionCoeff(coefficient)
@@ -404,8 +425,8 @@ class _ContactStepper(ContactStepper, _Stepper):
     def advance(self, caps: Sequence[float]) -> None:
         super().advance(caps)
         for name, x, point in self._ends:
+            # Not left to the end of the run: with a body much farther away, ODE ends the process.
             if (distance := math.dist(self.position[x : x + 2], point)) > REACH:
-                # much farther, and ODE ends the process
                 raise BadTrajectory(
                     f"dart: {name} is {distance:g} m from its guide's point; guides end at {REACH:g} m"
                 )
@@ -413,10 +434,12 @@ class _ContactStepper(ContactStepper, _Stepper):
     def contact_forces(self) -> tuple[list[float], list[float]]:
         contacts, normals, frictions = self._world.getLastCollisionResult().getContacts(), [], []
         for number, _, ux, uy in self._guides:
+            # Shapes have the number of their guide in their names. With one guide, they need not be
+            # looked up.
             forces = [
                 contact.force.tolist()
                 for contact in contacts
-                if self._alone  # whose shapes have its number
+                if self._alone
                 or int(contact.collisionObject1.getShapeFrame().getName().split()[0]) == number
             ]
             normals.append(sum([abs(ux * fy - uy * fx) for fx, fy, _ in forces]) / self._unit)
@@ -425,7 +448,7 @@ class _ContactStepper(ContactStepper, _Stepper):
 
 
 def _touch(body: Any, number: int, shape: Any, place: Any) -> Any:
-    """Give a body a shape that touches, named by its guide's number; returns its dynamics, of friction 1 until set."""
+    """Add a colliding shape to a body, named by its guide's number; return its dynamics, with friction 1 until set."""
     node = body.createShapeNode(shape, f"{number} {body.getNumShapeNodes()}")
     node.setRelativeTransform(place)
     node.createCollisionAspect()
@@ -436,9 +459,9 @@ def _touch(body: Any, number: int, shape: Any, place: Any) -> Any:
 def _spheres(
     guide: Translational, along: np.ndarray
 ) -> tuple[list[tuple[Any, Any]], list[tuple[Any, Any]]]:
-    """Shapes of the slider and of the guide's two surfaces, with their places.
+    """Return shapes of the slider and of the guide's two surfaces, with their places.
 
-    Those of the slider count from its centre of mass, which is the origin of the root of a tree.
+    Places of the slider's shapes are relative to its centre of mass, which is the origin of a root of the tree.
     """
     from dartpy.dynamics import PlaneShape, SphereShape
 
@@ -459,13 +482,11 @@ def _spheres(
 def _boxes(
     guide: Translational, along: np.ndarray
 ) -> tuple[list[tuple[Any, Any]], list[tuple[Any, Any]]]:
-    """Shapes and places as of `_spheres`."""
+    """Return boxes as the shapes of the slider and of the surfaces, with their places, as `_spheres`."""
     from dartpy.dynamics import BoxShape
 
-    away, angle = (
-        np.array([-along[1], along[0]]) * (guide.extent[1] / 2 + _DEPTH),
-        math.atan2(along[1], along[0]),
-    )
+    away = np.array([-along[1], along[0]]) * (guide.extent[1] / 2 + _DEPTH)
+    angle = math.atan2(along[1], along[0])
     return (
         [
             (

@@ -1,8 +1,8 @@
 """A slider as a box between two surfaces, for Drake's contacts of points with half-spaces.
 
-The corners are spheres of radius zero, each guide's surfaces the half-spaces beyond them, without clearance. So a
-contact is where a corner is, two of them carry a box whether it lies flat or is wedged, and none moves along an edge as
-the deepest point of a box would.
+The corners are spheres of radius zero, and each guide's surfaces are the half-spaces beyond them, without clearance. So
+a contact is where a corner is. Two contacts carry a box whether it lies flat or is wedged, and no contact moves along
+an edge, as the deepest point of a box would.
 """
 
 from __future__ import annotations
@@ -25,13 +25,14 @@ from stiction.scenes import Scene
 def corner_inertias(
     scene: Scene, tree: LinkTree, position: np.ndarray, mass: np.ndarray, driven: Sequence[int]
 ) -> list[float]:
-    """Least inertia of each guide against which a corner of its slider moves across the guide, at the start (kg).
+    """Return, per guide, the least effective mass (kg) of its slider's corners across the guide at the start.
 
-    1/(J M^-1 J^T) with J the rate of the corner, as Drake measures contacts (Castro et al. 2022, Sect. V.B); `driven`
-    links are held, loops open. `position` is (links,), `mass` (links, links).
+    It is 1/(J M^-1 J^T) with J the rate of the corner, Drake's measure of contacts (Castro et al. 2022, Sect. V.B);
+    `driven` links are held, loops open. `position` is (links,), `mass` (links, links).
     """
     free = np.setdiff1d(np.arange(len(tree.links)), driven)
     mobility = np.linalg.inv(mass[np.ix_(free, free)])
+    # Rates of all bodies by a unit rate of each free joint, shape (free, bodies, 3)
     still = np.zeros(len(tree.links))
     rates = np.array(
         [
@@ -39,8 +40,10 @@ def corner_inertias(
             for unit in np.eye(len(tree.links))[free]
         ]
     )
-    found, places = [], {name: i for i, name in enumerate(scene.bodies)}
+    inertias = []
+    places = {name: i for i, name in enumerate(scene.bodies)}
     for guide in scene.guides.values():
+        # J of each corner: the component across the guide of its velocity, v + omega x r
         vx, vy, omega = rates[:, places[guide.slider]].T
         ux, uy = direction_of(guide)
         angle = scene.bodies[guide.slider].angle
@@ -49,17 +52,17 @@ def corner_inertias(
             -uy * (vx - omega * (s * x + c * y)) + ux * (vy + omega * (c * x - s * y))
             for x, y in slider_box(guide, 0.0)
         ]
-        found.append(1 / max(J @ mobility @ J for J in across))
-    return found
+        inertias.append(1 / max(J @ mobility @ J for J in across))
+    return inertias
 
 
 @dataclass(frozen=True)
 class Material:
     """A corner and a surface that touch each other.
 
-    `stiffness` of the contact, N/m (Drake adds up the compliances of both); `static`, `kinetic` coefficients of
-    friction (in discrete steps Drake knows the kinetic one alone); `dissipation` of Hunt and Crossley, s/m;
-    `relaxation_time` of Kelvin and Voigt, s, which the approximation `sap` takes instead.
+    `stiffness` is that of the contact, N/m; `static` and `kinetic` are coefficients of friction, of which discrete
+    steps use the kinetic one alone; `dissipation` is Hunt and Crossley's, s/m; `relaxation_time` is Kelvin and Voigt's,
+    s, which the approximation `sap` uses instead.
     """
 
     stiffness: float
@@ -73,15 +76,16 @@ class Material:
         from pydrake.geometry import AddContactMaterial, ProximityProperties
         from pydrake.multibody.plant import CoulombFriction
 
-        found = ProximityProperties()
+        # Drake adds up the compliances of both shapes, so each has twice the stiffness.
+        properties = ProximityProperties()
         AddContactMaterial(
-            found,
+            properties,
             dissipation=self.dissipation,
             point_stiffness=2 * self.stiffness,
             friction=CoulombFriction(self.static, self.kinetic),
         )
-        found.AddProperty("material", "relaxation_time", self.relaxation_time)
-        return found
+        properties.AddProperty("material", "relaxation_time", self.relaxation_time)
+        return properties
 
 
 class _Box(NamedTuple):
@@ -97,7 +101,7 @@ class _Box(NamedTuple):
 class Boxes:
     """The sliders' corners and the guides' surfaces, added to a plant that is not finalized.
 
-    `bodies` are Drake's of the links of the tree, `materials` by guide.
+    `bodies` are Drake's bodies of the links of the tree; there is one of the `materials` for each guide.
     """
 
     def __init__(
@@ -113,19 +117,19 @@ class Boxes:
         from pydrake.math import RigidTransform
 
         self._graph, self._source = graph, plant.get_source_id()
+        # Surfaces and corners of all guides. Those of frictional guides also change materials, and
+        # their forces are measured.
         self._boxes: list[_Box] = []
         for number, (guide, own) in enumerate(zip(scene.guides.values(), materials)):
             link, material = tree.link_of[guide.slider], own.properties()
             ux, uy = direction_of(guide)
-            normal, half, point = (
-                np.array([-uy, ux, 0.0]),
-                guide.extent[1] / 2,
-                np.array([*guide.point, 0.0]),
-            )
+            normal = np.array([-uy, ux, 0.0])
+            half_width = guide.extent[1] / 2
+            point = np.array([*guide.point, 0.0])
             surfaces = [
                 plant.RegisterCollisionGeometry(
                     plant.world_body(),
-                    HalfSpace.MakePose(inward, point - inward * half),
+                    HalfSpace.MakePose(inward, point - inward * half_width),
                     HalfSpace(),
                     f"surface-{number}-{side}",
                     material,
@@ -170,24 +174,26 @@ class Boxes:
             )
 
     def begin(self, root: Any) -> None:
-        """Refer to this context of the diagram from now on."""
+        """Use this context of the diagram from now on."""
         self._context = self._graph.GetMyMutableContextFromRoot(root)
 
     def sink(self, position: np.ndarray, after: np.ndarray) -> None:
-        """Take each slider's place across its guide and its angle from other coordinates of the links."""
+        """Change each slider's place across its guide, and its angle, to those of other coordinates of the links."""
         for link, normal, *_ in self._boxes:
-            place = slice(link - 2, link)  # of the links that slide along x and y
+            place = slice(link - 2, link)  # coordinates of the links that slide along x and y
             position[place] += normal * (normal @ (after[place] - position[place]))
             position[link] = after[link]
 
     def move(self, start: np.ndarray, position: np.ndarray) -> None:
         """Move each guide's box within its body.
 
-        With the links' coordinates at the start it is where it was with them at the position.
+        With the links' coordinates `start` the box is then where it was with those of `position`.
         """
         from pydrake.geometry import Sphere
         from pydrake.math import RigidTransform, RotationMatrix
 
+        # The corner's place in the body is body^-1 box place: the box as it was at `position`, seen
+        # from the body at `start`.
         for link, _, _, corners, places in self._boxes:
             body, box = (
                 RigidTransform(RotationMatrix.MakeZRotation(angle), (x, y, 0.0))
@@ -201,13 +207,14 @@ class Boxes:
                     Sphere(0.0),
                     RigidTransform(body.inverse() @ box @ place),
                 )
-        # of a shape that is changed Drake forgets what it does not touch
+        # Drake drops the filters of a shape that is changed.
         self._keep_apart(self._graph.collision_filter_manager(self._context))
 
     def rub(self, coefficients: Sequence[float]) -> None:
-        """Give each frictional guide its coefficient; what it has already costs nothing."""
+        """Set the coefficient of each frictional guide where it has changed."""
         from pydrake.geometry import RoleAssign
 
+        # An assignment is costly, so coefficients that have not changed are left alone.
         for i, coefficient in enumerate(coefficients):
             if coefficient != self._materials[i].kinetic:
                 self._materials[i] = replace(
@@ -221,6 +228,7 @@ class Boxes:
 
     def forces(self, results: Any) -> tuple[list[float], list[float]]:
         """Return per frictional guide the sums of the magnitudes of its contacts' normal and tangential forces (N)."""
+        # Only corners are looked up: a contact is of a corner, on either side, and a surface.
         normals, frictions = [0.0] * len(self._frictional), [0.0] * len(self._frictional)
         for k in range(results.num_point_pair_contacts()):
             contact = results.point_pair_contact_info(k)

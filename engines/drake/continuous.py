@@ -3,12 +3,12 @@
 Corners on half-spaces, both coefficients of friction, integrated with error control by CENIC.
 
 CENIC (Kurtz & Castro 2025, https://arxiv.org/abs/2511.08771) solves the convex contact problem of a discrete step for a
-step and for its two halves. It takes the halves. It chooses steps so that the two differ by less than `rtol` in any
-coordinate (m, rad). The contacts are those of `stiction.engines.drake.contact`, of a stiffness that does not depend on
-steps. Friction goes by the normal force and the slip speed at the start of a step; it is static up to a few times
-`stiction_tolerance`, kinetic beyond. Loads are evaluated by the adapter whenever Drake asks for them; a motor is one of
-them, a torque against what its rate is off by, which CENIC solves for with the step. The plant does not know the forces
-of CENIC, so that an acceleration is that over a short time behind its sample.
+step and for its two halves, and keeps the result of the halves. It chooses steps so that the two results differ by less
+than `rtol` in any coordinate (m, rad). The contacts are those of `stiction.engines.drake.contact`, with a stiffness
+that does not depend on steps. Friction follows from the normal force and the slip speed at the start of a step; it is
+static up to a few times `stiction_tolerance`, kinetic beyond. The adapter evaluates loads whenever Drake asks for them.
+A motor is one of them, a torque proportional to the error of its rate, which CENIC solves for with the step. The plant
+does not know the forces of CENIC, so that the acceleration of a sample is the mean one over a short time after it.
 """
 
 from __future__ import annotations
@@ -41,6 +41,7 @@ METHOD = "continuous"
 """The setting `method` of contact fidelity."""
 FRICTION_LAW = "Coulomb at each contact, both coefficients, regularized (engine)"
 DEFAULT_TOLERANCE = 1e-5
+"""Tolerance (m, rad) where none is given."""
 SETTINGS: Mapping[str, Any] = {
     "stiffness": 1e7,
     "dissipation": 100.0,
@@ -48,23 +49,28 @@ SETTINGS: Mapping[str, Any] = {
     "longest_step": 1e-3,
 }
 _STICKS = 10
-"""Stiction tolerances at which friction is half-way from static to kinetic, see `_coefficients`."""
+"""Slip speed, in stiction tolerances, at which friction is half-way from static to kinetic; see `_coefficients`."""
+_TRANSITION_SPEEDS = 1000
+"""Slip speeds in the transition at which `_coefficients` searches the peak of friction, which is smooth there."""
 _BY_STEP = 1.3e-3
-"""Part of the speed that static friction takes from a slider in a step: CENIC regularizes friction up to the stiction
-tolerance, or 2.65e-3 of what one contact takes, whichever is more, but goes over to kinetic friction by the first. Two
-contacts have a half each."""
+"""Least stiction tolerance, as part of the speed that static friction takes from a slider in a step. CENIC regularizes
+friction up to the stiction tolerance or 2.65e-3 of the speed that one contact takes, whichever is more; but the
+transition to kinetic friction depends on the stiction tolerance alone. Two contacts take half of the speed each."""
 _GAIN = 1e8
-"""Gain of motors: inertias of their joint a second."""
+"""Gain of motors, in inertias of their joint per second."""
 _TOUCHING, _LANDING = 16, 16
-"""Attempts at a step in which boxes sink into their surfaces. First short ones: in the time of sqrt(m/k) a body that
-nothing holds yet falls as far as it will sink, so that no corner leaves the surface that it will press on. In each of
-ten times that what is missing of a load falls to a hundredth or less."""
+"""Numbers of short and of long attempts at a step in which boxes sink into their surfaces. A short one takes sqrt(m/k):
+a body that nothing holds yet then falls as far as it will sink, so that no corner leaves the surface that it will press
+on. A long one takes `_LONG_ATTEMPT` times as long, and the part of a load that the surfaces do not carry yet decreases
+to a hundredth or less."""
+_LONG_ATTEMPT = 10
+"""Ratio of the duration of long attempts at landing to that of short ones."""
 _LANDED = 0.01
-"""Part of how far boxes have sunk that the last attempt may still move them by."""
+"""Part of the depth to which boxes have sunk by which the last attempt may still move them."""
 _ROUNDING = 1e-12
-"""m or rad, of mechanisms within a metre of the origin: what a box may still move by that carries nothing."""
+"""Distance (m or rad) that a box which carries nothing may still move, in mechanisms within a metre of the origin."""
 _LEAST_MASS = 1e-9
-"""Least mass, in masses of the lightest body: CENIC takes no links without mass."""
+"""Least mass of a link, in masses of the lightest body: CENIC does not accept links without mass."""
 
 
 def run_continuous(
@@ -78,9 +84,12 @@ def run_continuous(
     output_step: float,
     settings: Mapping[str, Any],
 ) -> Trajectory:
-    """Integrate from t = 0 to t_end; arguments, errors as of `Engine.run`.
+    """Integrate from t = 0 to t_end; arguments and further exceptions as of `Engine.run`.
 
-    BadTrajectory if static friction was lost, by too small a stiction tolerance for the steps and the loads.
+    Raises
+    ------
+    BadTrajectory
+        If the stiction tolerance is too small for the steps and the loads, so that static friction was lost.
     """
     if dt is not None or fidelity != Fidelity.CONTACT:
         raise InputError(
@@ -95,8 +104,13 @@ def run_continuous(
     for name in ("stiffness", "stiction_tolerance", "longest_step"):
         if not options[name] > 0:
             raise InputError(f"{name}: found {options[name]!r}; expected a number > 0")
-    scene, rtol = assembly.scene, DEFAULT_TOLERANCE if rtol is None else rtol
-    started, t, instant, samples = time.process_time(), output_times(t_end, output_step), 0.0, []
+    scene = assembly.scene
+    rtol = DEFAULT_TOLERANCE if rtol is None else rtol
+    started = time.process_time()
+    t = output_times(t_end, output_step)
+    instant = 0.0
+    samples = []
+    # accelerations are mean ones over this time after a sample, and before the next sample
     over = min(options["longest_step"], np.diff(t).min() / 2)
     try:
         simulation = _Simulation(assembly, LinkTree(scene, fidelity), options, rtol)
@@ -106,11 +120,8 @@ def run_continuous(
             q, v = simulation.at(instant)
             normals = simulation.normals()
             samples.append((q, v, (simulation.at(instant + over)[1] - v) / over, normals))
-    except (
-        RuntimeError,
-        SystemExit,
-    ) as error:
-        # the second is what Drake's assertions are in Python
+    except (RuntimeError, SystemExit) as error:
+        # Drake's exceptions, and its assertions, which are a SystemExit in Python
         raise EngineFailure(
             f"{engine.name}: {str(error).partition('. ')[0]}, after t = {instant:g} s with rtol = "
             f"{rtol:g}"
@@ -121,6 +132,8 @@ def run_continuous(
     bodies, tolerance = list(scene.bodies), options["stiction_tolerance"]
     modes, frictions = np.zeros(forces.shape, dtype=np.int8), np.zeros(forces.shape)
     for i, ((name, guide), normal) in enumerate(zip(scene.frictional_guides.items(), forces.T)):
+        # With a smaller stiction tolerance the regularized friction would reach its static value
+        # only at speeds at which the coefficient is kinetic already. See `_BY_STEP`.
         least = (
             _BY_STEP
             * guide.static_coefficient
@@ -135,6 +148,8 @@ def run_continuous(
                 f"{normal.max():.3g} N, with steps of up to {options['longest_step']:g} s: below, "
                 "static friction is lost"
             )
+        # Drake reports no friction here: of a guide that slips it is Coulomb's, of one that sticks
+        # the balance of momentum gives it.
         slip = v[:, 3 * bodies.index(guide.slider) :][:, :2] @ direction_of(guide)
         modes[:, i] = np.where(np.abs(slip) < _STICKS * tolerance, 0, np.sign(slip))
         frictions[:, i] = np.where(
@@ -153,11 +168,12 @@ def run_continuous(
 
 
 def _coefficients(mu: float, mus: float) -> tuple[float, float]:
-    """Static and kinetic coefficient for CENIC with which its friction has mus at its peak and mu in the end.
+    """Return the coefficients for CENIC with which the peak of its friction is mus and its limit at high speeds mu.
 
-    At a slip speed of s stiction tolerances it has (kinetic + (static - kinetic) g) s/sqrt(1 + s^2), with g = (1 - f(s
-    - 10)/f(10))/2 and f(x) = x/sqrt(1 + x^2) (Drake's `patch_constraints_pool.cc`): where the first factor falls the
-    second still rises, and what is given is not reached.
+    At a slip speed of s stiction tolerances, CENIC's friction is (kinetic + (static - kinetic) g) s/sqrt(1 + s^2) of
+    the normal force, with g = (1 - f(s - 10)/f(10))/2 and f(x) = x/sqrt(1 + x^2) (Drake's `patch_constraints_pool.cc`).
+    The first factor falls where the second still rises, so that the given static coefficient is not reached. And g does
+    not tend to 0, so that friction does not tend to the given kinetic one.
     """
 
     def f(x: Any) -> Any:
@@ -165,11 +181,13 @@ def _coefficients(mu: float, mus: float) -> tuple[float, float]:
 
     if mus == mu:
         return mus, mu
-    s = np.linspace(1.0, _STICKS, 1000)
-    last = (1 - 1 / f(_STICKS)) / 2
-    g = ((1 - f(s - _STICKS) / f(_STICKS)) / 2 - last) / (1 - last)  # from 1 to 0
+    s = np.linspace(1.0, _STICKS, _TRANSITION_SPEEDS)
+    # g, shifted and scaled so that it falls from 1 to 0 at high speeds, where g itself is `g_end`
+    g_end = (1 - 1 / f(_STICKS)) / 2
+    g = ((1 - f(s - _STICKS) / f(_STICKS)) / 2 - g_end) / (1 - g_end)
+    # The friction is at most mus if (mu + (static - mu) g) f <= mus at all speeds.
     static = float((mu + (mus / f(s) - mu) / g).min())
-    return static, (mu - last * static) / (1 - last)
+    return static, (mu - g_end * static) / (1 - g_end)
 
 
 class _Simulation:
@@ -226,59 +244,61 @@ class _Simulation:
         simulator.Initialize()
 
     def _land(self, boxes: Boxes, start: np.ndarray, velocity: np.ndarray, period: float) -> None:
-        """Place the boxes in their bodies as deep in the surfaces as these carry them at the start.
+        """Place the boxes in their bodies so deep in the surfaces that these carry them at the start.
 
-        After each trial step all is as before but how deep the bodies are; then the bodies go back and the boxes stay.
+        After each trial step everything is reset except how deep the bodies are in the surfaces. At the end the bodies
+        are moved back, and the boxes stay. `period` is the duration (s) of short trial steps.
         """
         from pydrake.systems.analysis import ResetIntegratorFromFlags
 
         simulator, position = self.simulator, start.copy()
-        for step in (*[period] * _TOUCHING, *[10 * period] * _LANDING):
-            # an old one takes what it has found at this time for what is there
+        for step in (*[period] * _TOUCHING, *[_LONG_ATTEMPT * period] * _LANDING):
+            # A new integrator for each attempt: an old one would reuse its solution for this time.
             ResetIntegratorFromFlags(simulator, "cenic", step).set_fixed_step_mode(True)
             self._begin(position, velocity)
             simulator.AdvanceTo(step)
             before = position.copy()
             boxes.sink(position, self._links.state()[0])
+        # The last attempt has to have moved the boxes by little, compared with how far they sank.
         rounding = _ROUNDING * max(1.0, np.abs(start).max())
-        if (left := float(np.abs(position - before).max())) > _LANDED * np.abs(
-            position - start
-        ).max() + rounding:
+        last_move = float(np.abs(position - before).max())
+        if last_move > _LANDED * np.abs(position - start).max() + rounding:
             raise EngineFailure(
                 f"drake: boxes do not come to rest in their surfaces at the start: after "
-                f"{_TOUCHING + _LANDING} attempts they still move by {left:.2g} m or rad in one"
+                f"{_TOUCHING + _LANDING} attempts they still move by {last_move:.2g} m or rad in one"
             )
         boxes.move(start, position)
         self._begin(start, velocity)
 
     def _begin(self, position: np.ndarray, velocity: np.ndarray) -> None:
+        """Begin at t = 0 with these coordinates and rates of the links."""
         self._links.put(position, velocity)
         self._links.root.SetTime(0.0)
         self.simulator.Initialize()
 
     def at(self, t: float) -> tuple[np.ndarray, np.ndarray]:
-        """Coordinates and velocities of the bodies at an instant, not before the last one asked for."""
-        if t > 0:  # a step of no length is against an assertion of Drake's
+        """Advance to an instant, not before the last one; return coordinates and velocities of the bodies."""
+        if t > 0:  # a step of length zero violates an assertion of Drake's
             self.clock.call(self.simulator.AdvanceTo, t)
         return self._tree.motion(*self._links.state(), self._still)[:2]
 
     def normals(self) -> list[float]:
-        """Sum of the contacts' normal forces of each frictional guide now, N; the plant and CENIC agree."""
+        """Return the sum of the contacts' normal forces (N) of each frictional guide now.
+
+        They follow from the state, so that those of the plant are those of CENIC.
+        """
         return self._boxes.forces(
             self._links.plant.get_contact_results_output_port().Eval(self._links.context)
         )[0]
 
     def _add_loads(self, assembly: Assembly, builder: Any) -> None:
-        """Connect loads and motors."""
+        """Add loads and motors to the diagram, as a system whose input is the state and whose output are forces."""
         from pydrake.common.value import Value
         from pydrake.systems.framework import LeafSystem
 
-        links, tree, motors, balance = (
-            self._links,
-            self._tree,
-            self._motors(assembly.scene),
-            Balance.of(assembly.whole),
-        )
+        links, tree = self._links, self._tree
+        motors = self._motors(assembly.scene)
+        balance = Balance.of(assembly.whole)
         link_kernels(applied_loads)
 
         def evaluate(context: Any, output: Any) -> None:
@@ -306,8 +326,10 @@ class _Simulation:
         )
 
     def _motors(self, scene: Scene) -> list[tuple[int, float, float, list[tuple[int, int]]]]:
-        """Return each drive's link, rate (rad/s), gain (N m s), and its torque's places among the loads."""
-        mass, names, found = start_mass(scene, self._tree), list(scene.bodies), []
+        """Return each drive's link, rate (rad/s), gain (N m s), and its torque's places among the loads with signs."""
+        mass = start_mass(scene, self._tree)
+        names = list(scene.bodies)
+        motors = []
         for name, drive in scene.drives.items():
             if not isinstance(drive.law, (Constant, Linear)):
                 raise Refused(
@@ -315,6 +337,7 @@ class _Simulation:
                     "constant rate here"
                 )
             place, sign = motor_link(scene, self._tree, drive)
+            # The torque acts on the link's body and, reversed, on the parent's, if it is not the ground.
             link = self._tree.links[place]
             parent = self._tree.links[link.parent].body if link.parent >= 0 else None
             sides = [
@@ -322,12 +345,6 @@ class _Simulation:
                 for body, way in ((link.body, 1), (parent, -1))
                 if body is not None
             ]
-            found.append(
-                (
-                    place,
-                    sign * evaluate_law(drive.law, 0.0)[1],
-                    _GAIN * float(mass[place, place]),
-                    sides,
-                )
-            )
-        return found
+            rate = sign * evaluate_law(drive.law, 0.0)[1]
+            motors.append((place, rate, _GAIN * float(mass[place, place]), sides))
+        return motors

@@ -3,10 +3,10 @@
 Discrete steps by its convex solver SAP ("lagged"), semi-implicit Euler.
 
 Joint fidelity. The bodies are those of `stiction.engines.shared.link_tree.LinkTree`, in prismatic and revolute joints;
-joints that close loops are ball constraints. Drake has no Coulomb friction of joints. Its actuators have a servo,
-solved for implicitly with the step, and an effort limit: friction is a servo at rest with the limit at the bound, a
-drive one without limit. Drake limits a servo's gain: a sticking slider creeps with 1/3948 of the speed that its load
-would give it in a step.
+joints that close loops are ball constraints. Drake has no Coulomb friction of joints. Its actuators have a servo, which
+is solved for implicitly with the step, and an effort limit. Friction is a servo of rate zero whose limit is the bound;
+a drive is a servo without a limit. Drake limits a servo's gain, so that a sticking slider creeps with 1/3948 of the
+speed that its load would give it in a step.
 
 Contact fidelity. The corners of a slider touch half-spaces (`stiction.engines.drake.contact`). The continuous plant:
 `stiction.engines.drake.continuous`.
@@ -48,20 +48,20 @@ _SETTINGS: Mapping[str, Defaults] = {
     },
 }
 _GAIN = 1e6
-"""Gain of servos: inertias of the joint a step. Drake takes at most (2 pi/0.1)^2 = 3948 of them (`near-rigid` regime of
-its servos' constraint)."""
+"""Gain of servos in inertias of the joint per step, larger than what Drake uses: at most (2 pi/0.1)^2 = 3948 (the
+near-rigid regime of its servos' constraint)."""
 _LEAST = 1e-12
-"""N, N m: Drake takes no effort limit of zero."""
+"""Least effort limit (N, N m): Drake does not accept zero."""
 _SLIPS = 0.999
-"""Part of the bound above which friction slips. Drake's is v/sqrt(v^2 + e^2) of it at speed v, with e the tolerance,
-or a thousandth of the speed that the bound takes from the slider in a step, whichever is more
-(`SapHuntCrossleyConstraint`): what sticks creeps with up to 22 e."""
+"""Part of the bound above which friction slips. At the speed v, Drake's friction is v/sqrt(v^2 + e^2) of the bound.
+Here e is the stiction tolerance, or a thousandth of the speed that the bound takes from the slider in a step, whichever
+is more (`SapHuntCrossleyConstraint`). A slider that counts as sticking creeps with up to 22 e."""
 _MOST_GUIDES = 7
-"""At contact fidelity: with the 15th half-space on the ground Drake 1.51 ends the process, in its tree of the boxes
-that bound shapes."""
+"""Largest number of guides at contact fidelity: with a 15th half-space on the ground Drake 1.51 ends the process, in
+its tree of bounding boxes."""
 _LANDING = 16
-"""Attempts at the first step in which boxes sink into their surfaces: what is missing of a load falls to a tenth in
-each, at the default stiffness."""
+"""Attempts at the first step in which boxes sink into their surfaces. At the default stiffness, the part of a load that
+the surfaces do not carry yet decreases to a tenth in each."""
 
 
 class DrakeEngine(TreeEngine):
@@ -149,13 +149,15 @@ class _DrakeStepper(TreeStepper):
         tree, self._options = self.tree, options
         self._links = Plant(scene, tree, h)
         self._plant = plant = self._links.plant
-        plant.SetUseSampledOutputPorts(False)
+        plant.SetUseSampledOutputPorts(False)  # outputs are those of the present state
         for name in tree.loops:
             pin = scene.pins[name]
             (first, p), (second, q) = (
                 self._side(body, point) for body, point in zip(pin.bodies, pin.points)
             )
             plant.AddBallConstraint(first, p, second, q)
+        # A servo for each guide with friction, then one for each drive, so that the first efforts
+        # are the frictions.
         self._mass = start_mass(scene, tree)
         driven = [motor_link(scene, tree, drive)[0] for drive in scene.drives.values()]
         self._servos = {link: place for place, link in enumerate([*self.friction_links, *driven])}
@@ -169,34 +171,35 @@ class _DrakeStepper(TreeStepper):
                 self._brakes.append(servo)
         self._links.finalize(self._surround(scene))
         self._context = self._links.context
-        self._wished = np.zeros((2, len(self._servos)))
-        plant.get_actuation_input_port().FixValue(self._context, self._wished[0])
-        self._given = plant.get_desired_state_input_port(default_model_instance()).FixValue(
-            self._context, self._wished.reshape(-1)
+        # Input ports with fixed values, which are changed in place: the desired positions and rates
+        # of the servos (positions have no gain), and the loads.
+        self._desired = np.zeros((2, len(self._servos)))
+        plant.get_actuation_input_port().FixValue(self._context, self._desired[0])
+        self._desired_state = plant.get_desired_state_input_port(default_model_instance()).FixValue(
+            self._context, self._desired.reshape(-1)
         )
         self._pushed = plant.get_applied_spatial_force_input_port().FixValue(
             self._context, self._links.loads if self.loaded else []
         )
         self.put(self.position, self.velocity)
-        self.settling = (
-            self.settling or 1
-        )  # in which servos settle at the speed error that their load leaves
+        # In the first step servos settle at the speed error that their load leaves.
+        self.settling = self.settling or 1
 
     @abstractmethod
     def _surround(self, scene: Scene) -> Any:
         """Add to the plant before it is finalized; returns the builder of its diagram, or None for a plant alone."""
 
     def _side(self, body: str, point: tuple[float, float]) -> tuple[Any, np.ndarray]:
+        """Return Drake's body, and a point of it in Drake's frame of the body."""
         place, link = np.array((*point, 0.0)), self.tree.link_of[body]
-        return (
-            (self._plant.world_body(), place)
-            if link < 0
-            else (self._links.bodies[link], self.tree.centre(link) + place)
-        )
+        if link < 0:
+            return self._plant.world_body(), place
+        return self._links.bodies[link], self.tree.centre(link) + place
 
     def drive_rate(self, link: int, rate: float) -> None:
-        self._wished[1, self._servos[link]] = rate
-        self._given.GetMutableData().get_mutable_value().SetFromVector(self._wished.reshape(-1))
+        self._desired[1, self._servos[link]] = rate
+        values = self._desired_state.GetMutableData().get_mutable_value()
+        values.SetFromVector(self._desired.reshape(-1))
 
     def advance(self, caps: Sequence[float]) -> None:
         if self.loaded:
@@ -206,11 +209,14 @@ class _DrakeStepper(TreeStepper):
         self.position[:], self.velocity[:] = self._links.state()
 
     def _step(self) -> Any:
-        """The engine's step; returns the plant's output in it."""
+        """Make the engine's step; return the plant's output in it."""
         try:
             after = self._plant.EvalUniquePeriodicDiscreteUpdate(self._context)
-        except RuntimeError as error:  # Drake's word for a state that is not finite any more
+        except RuntimeError as error:
+            # Drake's exception for a state that is not finite any more
             raise FloatingPointError(str(error).partition(". ")[0]) from error
+        # Outputs belong to the state before the step and are evaluated before that is replaced.
+        # Drake keeps the solution of the step for both.
         values = self._output.Eval(self._context)
         self._context.SetDiscreteState(after)
         return values
@@ -266,6 +272,8 @@ class _ContactStepper(ContactStepper, _DrakeStepper):
             f"k{options['approximation'].capitalize()}"
         ]
         plant.set_discrete_contact_approximation(approximation)
+        # The stiffness of a contact such that its corner vibrates with a period of `near_rigid`
+        # steps: any stiffer one would not be resolved by them.
         rate = 2 * math.pi / (options["near_rigid"] * self.h)
         driven = [motor_link(scene, self.tree, drive)[0] for drive in scene.drives.values()]
         materials = [
@@ -278,16 +286,17 @@ class _ContactStepper(ContactStepper, _DrakeStepper):
     def compile(self) -> None:
         super().compile()
         self._boxes.begin(self._links.root)
+        # Loops would pull the boxes about while they land. With loops, they sink in during the first
+        # steps of the run.
         if not self.tree.loops:
-            # which would pull them about; with loops they sink in during the first steps
             self._land()
 
     def _land(self) -> None:
-        """Place the boxes in their bodies as deep in the surfaces as these carry them at the start.
+        """Place the boxes in their bodies so deep in the surfaces that these carry them at the start.
 
-        After each trial step all is as before but how deep the bodies are; then the bodies go back and the boxes stay.
-        Frictions of these steps are forgotten: a slider that its surfaces do not carry yet slips, and would begin with
-        the kinetic coefficient.
+        After each trial step everything is reset except how deep the bodies are in the surfaces. At the end the bodies
+        are moved back, and the boxes stay. Frictions of these steps are discarded: a slider that its surfaces do not
+        carry yet slips, and would begin with the kinetic coefficient.
         """
         start, position, velocity = self.position.copy(), self.position.copy(), self.velocity.copy()
         for _ in range(_LANDING):
@@ -298,7 +307,7 @@ class _ContactStepper(ContactStepper, _DrakeStepper):
         self._begin_again(start, velocity)
 
     def _begin_again(self, position: np.ndarray, velocity: np.ndarray) -> None:
-        """Begin the first step here, with the stick of all guides that do not slip left open."""
+        """Begin the first step at this state, with stick undecided in all guides that do not slip."""
         self.k = 0
         self.position[:], self.velocity[:] = position, velocity
         self.put(position, velocity)
@@ -312,6 +321,8 @@ class _ContactStepper(ContactStepper, _DrakeStepper):
         self._boxes.rub(coefficients)
 
     def contact_forces(self) -> tuple[list[float], list[float]]:
+        # Drake's friction ("lagged") is bounded by the normal force of the step before, and reaches
+        # its bound only asymptotically. A friction close to it counts as at it, which is slip.
         before = self._normals
         self._normals, frictions = self._boxes.forces(self._values)
         bounds = [

@@ -1,6 +1,6 @@
-"""Exudyn's own friction of a coordinate.
+"""Exudyn's own friction of a coordinate: bristles that hold a slider with a bounded force.
 
-Bristles that hold a slider with a largest force, which the adapter renews before each step.
+The adapter renews the bound before each step.
 
 `ObjectConnectorCoordinateSpringDamperExt` sticks as a spring between the slider and the place where it came to rest,
 and slips with the force F_d + F_s exp(-|v|/v_s). Exudyn has no force there that depends on a joint's reactions, so that
@@ -31,11 +31,12 @@ FRICTION_LAW = (
 )
 
 LEAST = 1e-12
-"""N, and m/s of v_s where there is no static excess: without a force above zero Exudyn leaves the bristles out when it
-assembles the system, and Newton's method fails later."""
+"""Least friction force (N), and least v_s (m/s), which is zero without a static excess. If the force is zero when
+Exudyn assembles the system, it leaves the bristles out, and Newton's method fails later."""
 
 HELD = 1e-9
-"""Part of the slider's own mobility up to which constraints hold it: rounding of a difference."""
+"""Part of the slider's own mobility (1/kg) up to which constraints hold it. The mobility is a difference, and what is
+left of it is rounding."""
 
 
 class BristleGuide(SlidingGuide):
@@ -59,10 +60,10 @@ class BristleGuide(SlidingGuide):
         super().__init__(model, name, joint)
         self.decay = options["static_decay"] * step / moved_mass(mechanism, name)
         items = model.items
+        # The initial state of the bristles: direction of slip, and place at which they stick. A
+        # slider in motion that began as sticking would be braked by the damping of the bristles.
         q, v = model.initial_state()
         speed = self.slip_speed(q, v)
-        # whether it slides, and where it sticks: one that begins in motion as sticking would be braked by the bristles'
-        # damping
         slides = copysign(1.0, speed) if abs(speed) > REST_SPEED else 0.0
         self.node = self.system.AddNode(
             items.NodeGenericData(
@@ -84,9 +85,10 @@ class BristleGuide(SlidingGuide):
         )
 
     def renew(self, multipliers: np.ndarray) -> None:
-        """Largest forces and the surface moment from multipliers; nothing of them changes within a step."""
+        """Set the largest forces and the surface moment from multipliers; they are constant within a step."""
         R = self.measure_load(multipliers)
         self.mode, self.friction, _ = self.record()
+        # F_d, F_s and v_s of the module's docstring
         excess = max(self.mus - self.coefficient, 0.0) * self.load
         for parameter, value in (
             ("dynamicFrictionForce", max(self.coefficient * self.load, LEAST)),
@@ -118,10 +120,18 @@ def bristle_guides(
 
 
 def moved_mass(mechanism: Mechanism, name: str) -> float:
-    """Return the mass (kg) that slip moves at the start, constraints included; where they hold it, the slider's."""
-    m, w = mechanism.arrays, workspace(mechanism.arrays)
-    row_form(m, w, 0.0, *mechanism.initial_state())
-    row, held = m.rows + mechanism.guide_names.index(name), slice(m.rows)
-    alone = w.G[row, row]
-    mobility = alone - w.G[row, held] @ np.linalg.lstsq(w.G[held, held], w.G[held, row])[0]
-    return 1.0 / (mobility if mobility > HELD * alone else alone)
+    """Return the mass (kg) that slip moves at the start: 1/(acceleration of slip by a unit force along the guide).
+
+    Where constraints hold the slider along its guide, this is the mass of the slider without them.
+    """
+    arrays, work = mechanism.arrays, workspace(mechanism.arrays)
+    row_form(arrays, work, 0.0, *mechanism.initial_state())
+    # G = J M^-1 J^T has the rows of the constraints first, then those along the guides. What the
+    # constraints take from the mobility along the guide is the Schur complement of their block.
+    along = arrays.rows + mechanism.guide_names.index(name)
+    constraints = slice(arrays.rows)
+    without_constraints = work.G[along, along]
+    reactions = np.linalg.lstsq(work.G[constraints, constraints], work.G[constraints, along])[0]
+    mobility = without_constraints - work.G[along, constraints] @ reactions
+    can_slip = mobility > HELD * without_constraints
+    return 1.0 / (mobility if can_slip else without_constraints)

@@ -35,6 +35,7 @@ class ContactGuide:
         self.name, self.joint = name, joint
         self._model = model
         items, system = model.items, model.system
+        # `u` along the guide and `n` across it, in the axes of the body that has the guide
         u = np.array(unit(joint.direction))
         n = np.array([-u[1], u[0]])
         c, s = cos(joint.angle), sin(joint.angle)
@@ -44,12 +45,15 @@ class ContactGuide:
         plane = model.rigid(joint.guide, joint.point)
         self._contacts = []
         for along, across in CORNERS:
+            # A sphere inside the slider that touches the surface at the corner itself. Exudyn's
+            # surfaces are triangles; this one is large, and extends out of the plane too.
             centre = to_slider @ (0.5 * along * length * u + across * (0.5 * width - radius) * n)
             surface = 0.5 * across * width * n
             points = [
                 [*(surface + x * reach * u), z * reach]
                 for x, z in ((-1.0, -1.0), (1.0, -1.0), (0.0, 1.0))
             ]
+            # Exudyn keeps the state variables of a contact in a node of its own.
             data = system.AddNode(
                 items.NodeGenericData(initialCoordinates=[0.0] * 4, numberOfDataCoordinates=4)
             )
@@ -84,6 +88,8 @@ class ContactGuide:
     def columns(self, forces: np.ndarray, q: np.ndarray, _: Any) -> dict[str, np.ndarray]:
         """The guide's columns from forces of shape (n, 4, 2) and states of shape (n, 3 * bodies)."""
         joint = self.joint
+        # Forces are measured along and across the slider's own direction at each instant: the
+        # corner forces of the other columns are those of the slider's corners.
         angle = q[:, 3 * self._model.index[joint.slider] + 2] - joint.angle
         c, s = np.cos(angle), np.sin(angle)
         u = np.array(unit(joint.direction))
@@ -94,6 +100,8 @@ class ContactGuide:
             np.einsum("nki,ni->nk", forces, normal),
         )
         places = 0.5 * np.array(CORNERS) * joint.extent
+        # A corner force is positive where it presses: across the guide on the lower surface,
+        # against it on the upper one.
         columns = {
             f"{self.name}.normal_force": across.sum(axis=1),
             f"{self.name}.moment": across @ places[:, 0] - along @ places[:, 1],

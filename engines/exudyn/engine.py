@@ -22,7 +22,12 @@ from stiction.engines.exudyn.friction import FrictionalGuide
 from stiction.engines.exudyn.model import Model
 from stiction.engines.exudyn.script import exudyn_script
 from stiction.engines.exudyn.solver import INTEGRATORS
-from stiction.engines.exudyn.stepping import FRICTION_REPETITIONS, Sample, Stepper
+from stiction.engines.exudyn.stepping import (
+    DISCONTINUOUS_TOLERANCE,
+    FRICTION_REPETITIONS,
+    Sample,
+    Stepper,
+)
 from stiction.engines.protocol import (
     UNSETTLED,
     Capabilities,
@@ -43,7 +48,7 @@ from stiction.scenes.fidelity import Fidelity
 from stiction.scenes.model import LinearSpring
 
 _DEFAULT_STEP = 2e-3
-"""Seconds."""
+"""Step in seconds where none is given; twice that of the engines of first order, as Exudyn's methods are of second."""
 LOCATED, BRISTLES = "located", "bristles"
 """The setting `method` of joint fidelity: the adapter's friction with located switches, or Exudyn's own."""
 _EXPLICIT = {"rk44": "RK44", "dopri5": "DOPRI5", "velocity-verlet": "VelocityVerlet"}
@@ -66,12 +71,17 @@ _SETTINGS: Mapping[str, Defaults] = {
         "friction_zone": 1e-4,
     },
 }
-"""Settings by fidelity; those of joint fidelity with Exudyn's own friction by that method."""
+"""Settings by fidelity; those of joint fidelity with Exudyn's own friction by the name of that method."""
 MOST_UNKNOWNS = 5000
-"""Rows of the dense matrix in which redundant constraints are looked for, 200 MB. Exudyn's own sparse solvers take many
-more."""
+"""Largest number of rows of the dense matrix that is searched for redundant constraints, which then takes 200 MB.
+Exudyn's own sparse solvers would take many more."""
 _SHORTEST = 1e-8
-"""Seconds: below it Exudyn gives up dividing a step, as its contacts ask for where they close, open or reverse."""
+"""Shortest step (s) at contact fidelity. Contacts that close, open or reverse ask Exudyn to divide a step; below this
+it gives up."""
+_RECOVERY_STEPS = 2
+"""Steps at contact fidelity after which Exudyn lengthens a divided step again: few, as contacts change at instants."""
+_LONGEST_MESSAGE = 1000
+"""Characters of a message from Exudyn; a matrix that it prints may be much longer."""
 
 
 class ExudynEngine(Engine):
@@ -116,9 +126,8 @@ class ExudynEngine(Engine):
         return settings_of({}, _SETTINGS[fidelity], self.name, fidelity)
 
     def check_arguments(self, *, settings: Mapping[str, Any], **asked: Any) -> None:
-        super().check_arguments(
-            settings={} if "method" in settings else settings, **asked
-        )  # each method has its own
+        # Each method has settings of its own, which `settings_of_run` checks.
+        super().check_arguments(settings={} if "method" in settings else settings, **asked)
 
     def settings_of_run(
         self, given: Mapping[str, Any], *, fidelity: Fidelity, **_: Any
@@ -128,7 +137,7 @@ class ExudynEngine(Engine):
 
     def friction_supplier(self, fidelity: Fidelity, settings: Mapping[str, Any]) -> Supplier:
         if fidelity == Fidelity.JOINT and settings.get("method") == BRISTLES:
-            return Supplier.BOTH  # the law is Exudyn's, its bound is set by the adapter each step
+            return Supplier.BOTH  # the law is Exudyn's; the adapter sets its bound before each step
         return super().friction_supplier(fidelity, settings)
 
     def locates_events(self, fidelity: Fidelity, settings: Mapping[str, Any]) -> bool:
@@ -138,6 +147,8 @@ class ExudynEngine(Engine):
         return settings.get("method") == LOCATED
 
     def refusal(self, scene: Scene, fidelity: Fidelity) -> str | None:
+        # At zero length the direction of a damper's force is the limit of the motion, and Exudyn
+        # divides by that length.
         for name, spring in scene.springs.items():
             if (
                 isinstance(spring, LinearSpring)
@@ -183,7 +194,6 @@ class ExudynEngine(Engine):
     ) -> Trajectory:
         h = step_of(_step(t_end) if dt is None else dt, t_end)
         options = self.settings_of_run(settings, fidelity=fidelity)
-        own = options.get("method") == BRISTLES
         if options["spectral_radius"] > 1:
             raise InputError(
                 f"spectral_radius: found {options['spectral_radius']!r}; expected 0 .. 1"
@@ -191,10 +201,12 @@ class ExudynEngine(Engine):
         start = time.process_time()
         assembly = assembly_of(scene, assembly)
         refuse_off(assembly)
-        with _own_words():
+        with _captured_messages():
             simulation = _Simulation(assembly, h, options, options.get("method"))
             stepper = simulation.stepper
             started = time.process_time()
+            # Friction that does not settle ends the motion, and is no failure of the run: it has
+            # the samples before that.
             stop = None
             stepper.solver.clock.start()
             try:
@@ -203,6 +215,7 @@ class ExudynEngine(Engine):
                 stop = Breakdown(UNSETTLED, error.time, str(error))
         ended, engine_s = time.process_time(), stepper.solver.clock.engine_s
         samples = stepper.samples
+        # Columns are computed for arrays of samples: here for both sides of all switches at once.
         events = []
         if stepper.switches:
             rows = rows_of(
@@ -214,6 +227,19 @@ class ExudynEngine(Engine):
                 Event(switch.before.t, switch.kind, switch.guide, before, after)
                 for switch, before, after in zip(stepper.switches, rows[::2], rows[1::2])
             ]
+        reported = {
+            "dt": h,
+            **options,
+            "linear_solver": "EigenDense, singular matrices borne"
+            if stepper.solver.redundant
+            else "EXUdense",
+        }
+        if scene.frictional_guides:
+            reported["friction_law"] = (
+                FRICTION_LAW
+                if options.get("method") == BRISTLES
+                else self.capabilities.friction_law[fidelity]
+            )
         return Trajectory(
             scene=scene.name,
             engine=self.name,
@@ -222,22 +248,7 @@ class ExudynEngine(Engine):
             t=np.array([sample.t for sample in samples]),
             columns=simulation.columns(samples),
             events=tuple(events),
-            settings={
-                "dt": h,
-                **options,
-                "linear_solver": "EigenDense, singular matrices borne"
-                if stepper.solver.redundant
-                else "EXUdense",
-                **(
-                    {
-                        "friction_law": FRICTION_LAW
-                        if own
-                        else self.capabilities.friction_law[fidelity]
-                    }
-                    if scene.frictional_guides
-                    else {}
-                ),
-            },
+            settings=reported,
             cost=Cost(started - start, 0.0, ended - started, stepper.counters, engine_s),
             termination="end" if stop is None else stop.reason,
             breakdown=stop,
@@ -245,9 +256,14 @@ class ExudynEngine(Engine):
 
 
 def scene_as_script(scene: Scene, named: str = "SCENE") -> str:
-    """The model as a script for Exudyn, with the adapter's default step and settings; see `exudyn_script`.
+    """Return the model as a script for Exudyn, with the adapter's default step and settings; see `exudyn_script`.
 
-    A command line has the scene `named` so. Refused if it cannot be expressed.
+    Its comments call the scene `named` in a command line.
+
+    Raises
+    ------
+    Refused
+        If Exudyn cannot express the scene.
     """
     if (reason := ExudynEngine().refusal(scene, Fidelity.JOINT)) is not None:
         raise Refused(reason)
@@ -256,7 +272,7 @@ def scene_as_script(scene: Scene, named: str = "SCENE") -> str:
 
 
 def _step(t_end: float) -> float:
-    """The step where none is given."""
+    """Return the step (s) where none is given."""
     return min(_DEFAULT_STEP, DEFAULT_SHARE * t_end)
 
 
@@ -272,11 +288,10 @@ class _Simulation:
         scene, self._mechanism = assembly.scene, assembly.whole
         self.scene, self.model = scene, Model(scene, joints=method is not None)
         self._zone = options.get("friction_zone", 0.0)
-        located, bristles, boxes = (
-            list[FrictionalGuide](),
-            list[BristleGuide](),
-            list[ContactGuide](),
-        )
+        # One of three models of the guides; the other two lists remain empty.
+        located: list[FrictionalGuide] = []
+        bristles: list[BristleGuide] = []
+        boxes: list[ContactGuide] = []
         if method is None:
             boxes = [
                 ContactGuide(self.model, name, guide, options)
@@ -293,11 +308,14 @@ class _Simulation:
         self.model.assemble()
         settings = _solver_settings(self.model, h, options)
         if method is None:
+            # Stiff contacts close and open within a step, which then is divided. A Jacobian of
+            # another state of the contacts is useless, so each Newton iteration computes its own.
             settings.timeIntegration.adaptiveStep = True
             settings.timeIntegration.minimumStepSize = _SHORTEST
-            settings.timeIntegration.adaptiveStepRecoverySteps = 2
+            settings.timeIntegration.adaptiveStepRecoverySteps = _RECOVERY_STEPS
             settings.timeIntegration.newton.useModifiedNewton = False
-        # a Jacobian of the step, where its solution is repeated for the friction; else one from before costs less
+        # Where the solution of a step is repeated for the friction, a Jacobian of this step pays;
+        # otherwise one of a step before costs less.
         settings.timeIntegration.newton.modifiedNewtonJacUpdatePerStep = bool(located)
         self._guides: list[Any] = [*located, *bristles, *boxes]
         self.stepper = Stepper(
@@ -311,9 +329,10 @@ class _Simulation:
         )
 
     def columns(self, samples: list[Sample]) -> dict[str, np.ndarray]:
-        """All columns of a trajectory; reactions are Exudyn's multipliers and forces.
+        """Return all columns of a trajectory; reactions are Exudyn's multipliers and forces.
 
-        At contact fidelity a slider sticks where its friction is in the zone that is proportional to the speed.
+        At contact fidelity a slider counts as sticking while its speed is in the zone in which friction is proportional
+        to it.
         """
         t, q, v, a, multipliers = (
             np.array([getattr(sample, name) for sample in samples])
@@ -337,7 +356,13 @@ class _Simulation:
 
 
 def _solver_settings(model: Model, h: float, options: Mapping[str, Any]) -> Any:
-    """Return Exudyn's settings; Refused if the integrator is an explicit one."""
+    """Return Exudyn's settings for steps of h seconds.
+
+    Raises
+    ------
+    Refused
+        If the integrator is an explicit one, with Exudyn's own reason if it has one.
+    """
     import exudyn
 
     settings = exudyn.SimulationSettings()
@@ -350,15 +375,16 @@ def _solver_settings(model: Model, h: float, options: Mapping[str, Any]) -> Any:
     integration.newton.relativeTolerance = integration.newton.absoluteTolerance = options[
         "newton_tolerance"
     ]
-    integration.discontinuous.iterationTolerance = 0.5  # the friction hook answers 0 or 1
+    integration.discontinuous.iterationTolerance = DISCONTINUOUS_TOLERANCE
     integration.discontinuous.maxIterations = FRICTION_REPETITIONS
     integration.discontinuous.ignoreMaxIterations = False
     if (name := options["integrator"]) in _EXPLICIT:
+        # Exudyn itself says why it does not integrate constraints explicitly.
         integration.solverType = exudyn.DynamicSolverType.__members__[_EXPLICIT[name]]
         try:
             exudyn.MainSolverExplicit().InitializeSolver(model.system, settings)
         except exudyn.ModelError as error:
-            raise Refused(f"integrator={name}: {_short(str(error), '')}") from None
+            raise Refused(f"integrator={name}: {_shortened(str(error), '')}") from None
         raise Refused(f"integrator={name}: the adapter restarts implicit methods only")
     integration.generalizedAlpha.useNewmark, integration.generalizedAlpha.useIndex2Constraints = (
         INTEGRATORS[name]
@@ -367,22 +393,22 @@ def _solver_settings(model: Model, h: float, options: Mapping[str, Any]) -> Any:
 
 
 @contextlib.contextmanager
-def _own_words() -> Iterator[None]:
-    """Keep what Exudyn prints from the terminal; if it fails, its words become the failure's."""
-    said = io.StringIO()
+def _captured_messages() -> Iterator[None]:
+    """Keep Exudyn's messages from the terminal; append them to the message of a failure."""
+    printed = io.StringIO()
     try:
-        with contextlib.redirect_stdout(said), contextlib.redirect_stderr(said):
+        with contextlib.redirect_stdout(printed), contextlib.redirect_stderr(printed):
             yield
     except EngineFailure as failure:
-        raise EngineFailure(_short(str(failure), said.getvalue())) from failure
+        raise EngineFailure(_shortened(str(failure), printed.getvalue())) from failure
     except RuntimeError as error:
-        raise EngineFailure(_short(str(error), said.getvalue())) from error
+        raise EngineFailure(_shortened(str(error), printed.getvalue())) from error
 
 
-def _short(message: str, said: str) -> str:
-    """The lines that say something, each once, without Exudyn's banners and the places in files they name."""
+def _shortened(message: str, printed: str) -> str:
+    """Join the lines of a message and of what was printed, each once, without banners and names of source files."""
     text = re.sub(
-        r"(Python WARNING )?\[(Python )?file '[^']*', line \d+\]:?", "", message + "\n" + said
+        r"(Python WARNING )?\[(Python )?file '[^']*', line \d+\]:?", "", message + "\n" + printed
     )
     lines = [line.strip() for line in text.splitlines() if line.strip(" *=-+\t")]
-    return "; ".join(dict.fromkeys(lines))[:1000]
+    return "; ".join(dict.fromkeys(lines))[:_LONGEST_MESSAGE]

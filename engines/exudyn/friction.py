@@ -21,10 +21,17 @@ from stiction.scenes.model import Translational
 
 REST_SPEED = 1e-9
 """Speed (m/s) below which a slider is at rest at the start: above the rounding of initial states, below any motion."""
+DIFFERENCE_STEP = 1e-5
+"""Half the interval (s) of the central difference that gives the acceleration of slip. Only its sign is used, so that
+the error of the difference, of the order of the square of this value, may be far above rounding."""
 
 
 class SlidingGuide:
-    """A frictional guide in Exudyn: coefficients, geometry, the moment of surface friction as loads."""
+    """A frictional guide in Exudyn: coefficients, geometry, the moment of surface friction as loads.
+
+    `slider` and `guide` are the places of the bodies' coordinates, `guide` None for the ground; `lever` is 2/a, or 0
+    for a guide without a length, and `half_width` is b/2.
+    """
 
     def __init__(self, model: Model, name: str, joint: Translational):
         self.name, self.joint = name, joint
@@ -39,6 +46,8 @@ class SlidingGuide:
         self.along = model.along(
             joint.guide, joint.point, joint.direction, joint.slider, joint.slider_point
         )
+        # Friction acts on the surfaces, half a width from the line of the guide, so it also has a
+        # moment. It acts on the slider and, reversed, on the body that has the guide.
         self.moments = []
         if self.half_width:
             for body, sign in ((joint.slider, 1.0), (joint.guide, -1.0)):
@@ -53,13 +62,14 @@ class SlidingGuide:
         self.reaction_rows = model.rows[self.name]
 
     def measure_load(self, multipliers: np.ndarray) -> float:
-        """Set `load`, N = |n1| + |n2|, from multipliers; returns the normal force R, N."""
+        """Set `load`, N = |n1| + |n2|, from multipliers; return the normal force R, N."""
         R, moment = multipliers[self.reaction_rows[0]], -multipliers[self.reaction_rows[1]]
+        # |n1| + |n2| = max(|n1 + n2|, |n2 - n1|), with the sum and the difference of the module's docstring
         self.load = max(abs(R), self.lever * abs(moment))
         return R
 
     def apply_surface_moment(self, friction: float, R: float) -> float:
-        """Load the surfaces' moment of a friction, with the normal force R (N); returns its change (N m)."""
+        """Apply the moment of a friction on the surfaces, with the normal force R (N); return its change (N m)."""
         if not self.moments:
             return 0.0
         before = self.surface_moment
@@ -69,13 +79,14 @@ class SlidingGuide:
         return abs(self.surface_moment - before)
 
     def slip_speed(self, q: np.ndarray, v: np.ndarray) -> float:
-        """Velocity of the slider's point along the guide, m/s."""
+        """Velocity of the slider's point along the guide, relative to the guide, m/s."""
         i, j = self.slider, self.guide
         px, py = turned(self.joint.slider_point, q[i + 2])
         vx, vy = v[i] - v[i + 2] * py, v[i + 1] + v[i + 2] * px
         if j is None:
             ux, uy = self.direction
         else:
+            # relative to the velocity of the point of the guide's body that is at the slider's point
             ux, uy = turned(self.direction, q[j + 2])
             gx, gy = q[i] + px - q[j], q[i + 1] + py - q[j + 1]
             vx, vy = vx - v[j] + v[j + 2] * gy, vy - v[j + 1] - v[j + 2] * gx
@@ -84,7 +95,7 @@ class SlidingGuide:
     def columns(
         self, recorded: np.ndarray, _: Any, reactions: Mapping[str, np.ndarray]
     ) -> dict[str, np.ndarray]:
-        """The guide's columns from what `record` gave, shape (n, 3), and the joint's reactions."""
+        """Return the guide's columns from the values of `record`, shape (n, 3), and the joint's reactions."""
         modes, friction, surface_moments = recorded.T
         return {
             f"{self.name}.mode": modes.astype(np.int8),
@@ -120,7 +131,8 @@ class FrictionalGuide(SlidingGuide):
         (self.hold_row,) = model.multipliers(self._connector)
 
     def switch(self, mode: int, q: np.ndarray) -> None:
-        """Slip against (-1) or along (1) the direction, or stick (0) at the place that q gives."""
+        """Let the slider slip against (-1) or along (1) the direction, or stick (0) at its place in q."""
+        # Stick is a constraint of Exudyn at the present displacement, and needs no friction load.
         self.mode = mode
         self.system.SetObjectParameter(self._connector, "activeConnector", mode == 0)
         if mode == 0:
@@ -132,13 +144,16 @@ class FrictionalGuide(SlidingGuide):
         return self.mode, self.friction, self.surface_moment
 
     def _apply(self, friction: float) -> float:
-        """Load a friction in the model; returns by how much it has changed there, N."""
+        """Apply a friction in the model; return its change, N."""
         before, self._loaded = self._loaded, friction
         self.system.SetLoadParameter(self._force, "load", friction)
         return abs(friction - before)
 
     def renew(self, multipliers: np.ndarray) -> float:
-        """Loads from multipliers; returns the change of friction (N), and sets `load`."""
+        """Set `load` and apply the friction from multipliers; return the change of friction, N.
+
+        The change of the surfaces' moment counts too, as the force at the corners that it is equivalent to.
+        """
         R = self.measure_load(multipliers)
         if self.mode:
             friction = -self.coefficient * self.mode * self.load
@@ -146,20 +161,24 @@ class FrictionalGuide(SlidingGuide):
         else:
             friction, change = -multipliers[self.hold_row], 0.0
         self.friction, bound = friction, self.mus * self.load
-        # a slider that is held by more is let go; until then its surfaces have what they can hold: with more, friction
-        # and load need not settle
+        # A slider that needs a larger force to hold it than static friction can give is released
+        # later. Until then the moment is that of the largest friction: with a larger one, friction
+        # and load need not settle.
         change_of_moment = self.apply_surface_moment(min(max(friction, -bound), bound), R)
         return max(change, self.lever * change_of_moment)
 
     def margin(self, q: np.ndarray, v: np.ndarray) -> float:
-        """Distance of the mode from its end: speed in its direction (m/s), or friction left (N); negative beyond."""
+        """Return the distance of the mode from its end, negative beyond it.
+
+        In slip, this is the speed in the direction of the mode (m/s); in stick, the friction that is left (N).
+        """
         if self.mode:
             return self.mode * self.slip_speed(q, v)
         return self.mus * self.load - abs(self.friction)
 
     def slip_acceleration(self, q: np.ndarray, v: np.ndarray, a: np.ndarray) -> float:
-        """Rate of `slip_speed` by a central difference over 2e-5 s: its sign is what matters."""
-        return (
-            self.slip_speed(q + 1e-5 * v, v + 1e-5 * a)
-            - self.slip_speed(q - 1e-5 * v, v - 1e-5 * a)
-        ) / 2e-5
+        """Rate of `slip_speed` (m/s^2) by a central difference."""
+        h = DIFFERENCE_STEP
+        return (self.slip_speed(q + h * v, v + h * a) - self.slip_speed(q - h * v, v - h * a)) / (
+            2 * h
+        )

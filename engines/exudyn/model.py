@@ -34,7 +34,7 @@ class Model:
     ----------
     scene : Scene
     joints : bool
-        Whether translational joints become prismatic joints (else the caller adds what guides the sliders).
+        Whether translational joints become prismatic joints; if not, the caller adds what guides the sliders.
 
     Attributes
     ----------
@@ -42,7 +42,7 @@ class Model:
     constraints : dict of str to int
         By joint or drive: the number of its object.
     rows : dict of str to list of int
-        By joint or drive: the indices of its multipliers among the algebraic coordinates; once it is assembled.
+        By joint or drive: the indices of its multipliers among the algebraic coordinates. Set by `assemble`.
     """
 
     def __init__(self, scene: Scene, joints: bool = True):
@@ -64,12 +64,12 @@ class Model:
             self._load(name, load)
 
     def assemble(self) -> None:
-        """End the system, to which nothing is added from now on."""
+        """Complete the system; nothing can be added to it afterwards."""
         self.system.Assemble()
         self.rows = {name: self.multipliers(number) for name, number in self.constraints.items()}
 
     def _open(self) -> None:
-        """An empty system, and the items to add to it."""
+        """Create an empty system, and the items to add to it."""
         import exudyn
         from exudyn import itemInterface
 
@@ -94,8 +94,9 @@ class Model:
     def reactions(self, multipliers: np.ndarray) -> dict[str, np.ndarray]:
         """Columns of joints and drives from multipliers of shape (n, algebraic coordinates).
 
-        Exudyn's residual is M a + C_q^T lambda - f, so the force on what raises C is -lambda. `moment` is that of the
-        joint itself: the friction of the surfaces, a load to Exudyn, is not in it.
+        Exudyn's residual is M a + C_q^T lambda - f, so that -C_q^T lambda is the force on the coordinates: a positive
+        lambda acts against what raises C. `moment` is the moment of the joint itself, without the friction of the
+        surfaces, which is a load in Exudyn.
         """
         columns = {}
         for name, rows in self.rows.items():
@@ -144,7 +145,7 @@ class Model:
         )
 
     def _angles(self, bodies: tuple[str, str]) -> list[int]:
-        """Markers of the two angles in Exudyn's order: its connectors take the second minus the first."""
+        """Markers of the two angles in Exudyn's order: its connectors measure the second minus the first."""
         return [self._coordinate(name, 0 if name == GROUND else 2) for name in reversed(bodies)]
 
     def _add_bodies(self) -> None:
@@ -179,6 +180,8 @@ class Model:
             return self.system.AddObject(
                 self.items.ObjectJointRevolute2D(name=name, markerNumbers=markers)
             )
+        # Exudyn takes the direction in the axes of the slider (marker 0) and the normal in those of
+        # the guide (marker 1). The slider is turned by `joint.angle` against the guide.
         ux, uy = unit(joint.direction)
         c, s = cos(joint.angle), sin(joint.angle)
         return self.system.AddObject(
@@ -194,6 +197,8 @@ class Model:
         )
 
     def _drive(self, name: str, drive: Drive) -> int:
+        # Exudyn's own items for a difference of angles, a coordinate along an axis of the ground,
+        # and a constant distance; a user function for the others (see the module).
         first, second = drive.bodies
         if drive.type == "angle":
             markers = self._angles(drive.bodies)
@@ -227,14 +232,15 @@ class Model:
         )
 
     def _general_drive(self, name: str, drive: Drive) -> int:
+        """Add a drive of a distance, or of a coordinate along an axis of a moving body, as user functions."""
         measure = PointDistance(drive)
 
         def residual(
             system: Any, t: float, item: int, q: Any, rates: Any, velocity_level: bool
         ) -> list[float]:
-            value, row = measure(q)
+            value, gradient = measure(q)
             law, law_rate, _ = evaluate_law(drive.law, t)
-            return [float(row @ rates) - law_rate if velocity_level else value - law]
+            return [float(gradient @ rates) - law_rate if velocity_level else value - law]
 
         def jacobian(
             system: Any, t: float, item: int, q: Any, rates: Any, velocity_level: bool
@@ -286,7 +292,9 @@ class Model:
                         markerNumbers=markers, referenceLength=spring.rest_length, **coefficients
                     )
                 )
-            else:  # no damping: refused, as it has no direction where the points coincide
+            else:
+                # Exudyn's spring divides by its length, which may be zero here; one for each
+                # axis does not. It has no damping: that would need a direction, and is refused.
                 add(
                     items.ObjectConnectorCartesianSpringDamper(
                         name=name, markerNumbers=markers, stiffness=[spring.stiffness] * 2 + [0.0]
@@ -294,13 +302,14 @@ class Model:
                 )
 
     def _spring_along_moving_axis(self, name: str, spring: LinearSpring) -> None:
+        """Add a spring along an axis of a moving body, as a user function."""
         measure = PointDistance(spring)
 
         def force(system: Any, t: float, item: int, q: Any, rates: Any) -> np.ndarray:
-            value, row = measure(q)
-            return row * -(
+            value, gradient = measure(q)
+            return gradient * -(
                 spring.stiffness * (value - spring.rest_length)
-                + spring.damping * float(row @ rates)
+                + spring.damping * float(gradient @ rates)
             )
 
         nodes = [self.nodes[body] for body in spring.bodies if body != GROUND]
@@ -310,16 +319,18 @@ class Model:
 
     def _load(self, name: str, load: Any) -> None:
         if isinstance(load, Force):
-            marker, vector, item = (
-                self.rigid(load.body, load.point),
-                [*unit(load.direction), 0.0],
-                "LoadForceVector",
-            )
+            marker = self.rigid(load.body, load.point)
+            vector = [*unit(load.direction), 0.0]
+            item = "LoadForceVector"
         else:
-            marker, vector, item = self.rigid(load.body), [0.0, 0.0, 1.0], "LoadTorqueVector"
+            marker = self.rigid(load.body)
+            vector = [0.0, 0.0, 1.0]
+            item = "LoadTorqueVector"
+        # A constant law goes into the vector; of another one the vector is the direction, which a
+        # user function multiplies in each step.
         varying = {}
         if isinstance(load.law, Constant):
-            vector = [load.law.value * x for x in vector]
+            vector = [load.law.value * component for component in vector]
         else:
             varying["loadVectorUserFunction"] = self._function(
                 name, item, "loadVectorUserFunction", load.law, 0
@@ -329,9 +340,11 @@ class Model:
         )
 
     def _function(self, element: str, item: str, name: str, law: Law, derivative: int) -> Any:
-        """The law (or its rate) as a user function, compiled by Exudyn, or in Python for tables."""
+        """Return the law (or its rate) as a user function, compiled by Exudyn, or in Python for tables."""
         from exudyn.utilities import CreateSymbolicUserFunction
 
+        # Exudyn compiles what it can record by calling the function with symbols. A table has
+        # branches, which symbols cannot take.
         symbolic = isinstance(law, (Constant, Linear, Sine))
 
         def value(t: Any) -> Any:
@@ -355,7 +368,7 @@ class Model:
         return function
 
     def _expression(self, law: Any, t: Any, derivative: int) -> Any:
-        """The law (derivative 0) or its rate (1) in Exudyn's symbols."""
+        """Return the law (derivative 0) or its rate (1) in Exudyn's symbols."""
         symbols = self._symbolic
         if isinstance(law, Constant):
             return symbols.Real((law.value, 0.0)[derivative])
@@ -368,10 +381,10 @@ class Model:
 
 
 class PointDistance:
-    """Distance of two points of a drive or spring, along its axis if it has one, and the row of its gradient.
+    """Distance of two points of a drive or spring, along its axis if it has one, and its gradient.
 
-    Called with the coordinates of the bodies that are not the ground, `bodies[0]` first; returns the value and
-    d(value)/dq.
+    It is called with the coordinates of the bodies that are not the ground, `bodies[0]` first. It returns the value
+    and d(value)/dq.
     """
 
     def __init__(self, element: Drive | LinearSpring):
@@ -380,11 +393,14 @@ class PointDistance:
         self.axis = None if element.axis is None else unit(element.axis)
 
     def __call__(self, q: Any) -> tuple[float, np.ndarray]:
+        # Place and angle of both bodies; the ground is in none of Exudyn's coordinates.
         states = iter(np.reshape(q, (-1, 3)))
         (x0, y0, th0), (x1, y1, th1) = (
             next(states) if moving else (0.0, 0.0, 0.0) for moving in self.moving
         )
-        (rx0, ry0), (rx1, ry1) = turned(self.points[0], th0), turned(self.points[1], th1)
+        # Levers of the two points, and the vector from the second point to the first
+        rx0, ry0 = turned(self.points[0], th0)
+        rx1, ry1 = turned(self.points[1], th1)
         dx, dy = x0 + rx0 - x1 - rx1, y0 + ry0 - y1 - ry1
         if self.axis is None:
             value = hypot(dx, dy)
@@ -392,10 +408,14 @@ class PointDistance:
         else:
             ux, uy = turned(self.axis, th1)
             value = ux * dx + uy * dy
-        # an axis turns with bodies[1], so its angle moves the difference of the points against it too;
-        # for the plain distance that term is zero
+        # An axis turns with bodies[1], and the derivative of u . d by that angle has the term
+        # (du/d angle) . d = ux dy - uy dx. For the distance of two points, u is parallel to d, and
+        # the term is zero.
         rows = ((ux, uy, uy * rx0 - ux * ry0), (-ux, -uy, ux * ry1 - uy * rx1 + ux * dy - uy * dx))
-        return value, np.array([x for row, moving in zip(rows, self.moving) if moving for x in row])
+        gradient = [
+            derivative for row, moving in zip(rows, self.moving) if moving for derivative in row
+        ]
+        return value, np.array(gradient)
 
 
 def unit(vector: tuple[float, float]) -> tuple[float, float]:

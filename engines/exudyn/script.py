@@ -1,8 +1,8 @@
 """A scene as a Python script for Exudyn, the model that its users would write by hand.
 
-The script adds the very items that the adapter's `Model` adds, in its order: a recorder takes the place of the system,
-and each item becomes a line. Friction is Exudyn's bristles (`bristles`), since the located switches of `stepping` are
-no model but a program of the adapter.
+The script adds the same items as the adapter's `Model`, in the same order: a recorder takes the place of Exudyn's
+system, and each item becomes a line. Friction is that of Exudyn's bristles (`bristles`), because the located switches
+of `stepping` are a program of the adapter, and cannot be part of a model.
 """
 
 from __future__ import annotations
@@ -20,7 +20,11 @@ from stiction.engines.assembly import Assembly
 from stiction.engines.exudyn.bristles import LEAST, bristle_guides
 from stiction.engines.exudyn.model import Model
 from stiction.engines.exudyn.solver import INTEGRATORS
-from stiction.engines.exudyn.stepping import FRICTION_REPETITIONS
+from stiction.engines.exudyn.stepping import (
+    DISCONTINUOUS_TOLERANCE,
+    FRICTION_REPETITIONS,
+    GRID_ROUNDING,
+)
 from stiction.engines.protocol import Refused
 from stiction.engines.shared.law_expression import law_expression
 from stiction.reference_impl.multibody.equation_summary import constraint_rows, rank
@@ -54,7 +58,7 @@ integration.adaptiveStep = integration.automaticStepSize = False
 integration.generalizedAlpha.useNewmark, integration.generalizedAlpha.useIndex2Constraints = {newmark}, {index_2}
 integration.generalizedAlpha.spectralRadius = {spectral_radius!r}
 integration.newton.relativeTolerance = integration.newton.absoluteTolerance = {newton_tolerance!r}
-integration.discontinuous.iterationTolerance = 0.5
+integration.discontinuous.iterationTolerance = {discontinuous_tolerance!r}
 integration.discontinuous.maxIterations = {repetitions}
 integration.discontinuous.ignoreMaxIterations = False
 mbs.SolveDynamic(settings)
@@ -104,18 +108,20 @@ def exudyn_script(
 ) -> str:
     """Return a script that builds and runs the scene with Exudyn alone, and prints the states at the end.
 
-    Where `t_end` is no multiple of `dt`, all steps are a little shorter. `options` are all settings of the adapter's
-    ``method="bristles"``; a command line has the scene `named` so.
+    If `t_end` is no multiple of `dt`, all steps are a little shorter. `options` are all settings of the adapter's
+    ``method="bristles"``; `named` is the scene's name in the command line of the script's docstring.
 
     Raises
     ------
     Refused
         If the scene has a law by table, or a drive or a spring that Exudyn has no item for.
     """
+    # Building the model records its lines; what the friction needs of each guide follows from it.
     model = _Written(scene)
     guides = bristle_guides(model, options, dt, Assembly(scene).whole)
     model.assemble()
     redundant = rank(scene) < constraint_rows(scene)
+    # A row of the script's table of guides for each; see `_FRICTION` for its entries.
     rows = [
         _text(
             (
@@ -133,6 +139,7 @@ def exudyn_script(
     ]
     newmark, index_2 = INTEGRATORS[options["integrator"]]
     nodes = [(name, model.nodes[name]) for name in scene.bodies]
+    # Functions are surrounded by two empty lines each; neighbours share them.
     items = re.sub(r"\n{4,}", "\n\n\n", "\n".join(model.system.lines))
     return _SCRIPT.format(
         title=scene.title,
@@ -154,10 +161,11 @@ def exudyn_script(
         redundant=redundant,
         newmark=newmark,
         index_2=index_2,
+        discontinuous_tolerance=DISCONTINUOUS_TOLERANCE,
         repetitions=FRICTION_REPETITIONS,
         dt=dt,
         t_end=t_end,
-        steps=math.ceil(t_end / dt - 1e-9),
+        steps=math.ceil(t_end / dt - GRID_ROUNDING),
         nodes=_text(tuple(nodes)),
         **{key: options[key] for key in ("spectral_radius", "newton_tolerance")},
     )
@@ -167,13 +175,13 @@ _NO_ITEM = "{}: Exudyn has no item for it, and the adapter's function is not wri
 
 
 class _Name(str):
-    """A variable of the script."""
+    """A variable of the script, whose representation is its name without quotes."""
 
     __repr__ = str.__str__
 
 
 class _Items:
-    """Stand-in for `exudyn.itemInterface`: any item, with what it is made of; `used` are those asked for."""
+    """Stand-in for `exudyn.itemInterface`: makes any item a dict of its arguments; `used` are the items made."""
 
     def __init__(self) -> None:
         self.used: set[str] = set()
@@ -184,7 +192,7 @@ class _Items:
 
 
 class _System:
-    """Stand-in for Exudyn's system: what is added becomes one of `lines`, and its number a variable."""
+    """Stand-in for Exudyn's system: each item that is added becomes one of `lines`, its number a variable."""
 
     def __init__(self) -> None:
         self.lines: list[str] = []
@@ -206,25 +214,25 @@ class _System:
         self.lines.append("mbs.Assemble()")
 
     def variable(self, name: str, kind: str) -> _Name:
-        """A name that the script does not have yet."""
-        wish = "_".join(part for part in (re.sub(r"\W", "_", name), kind) if part)
-        free = next(
-            variable
-            for number in range(len(self._taken) + 1)
-            if (variable := wish + (f"_{number + 1}" if number else "")) not in self._taken
-        )
+        """Return a variable's name that the script does not have yet, numbered from the second one on."""
+        wanted = "_".join(part for part in (re.sub(r"\W", "_", name), kind) if part)
+        free = wanted
+        number = 1
+        while free in self._taken:
+            number += 1
+            free = f"{wanted}_{number}"
         self._taken.add(free)
         return _Name(free)
 
 
 class _Written(Model):
-    """The adapter's model as lines of a script, in which variables stand for the numbers of objects."""
+    """The adapter's model as lines of a script, in which variables hold the numbers of objects."""
 
     def _open(self) -> None:
         self.items, self.system = _Items(), _System()
 
     def multipliers(self, item: int) -> list[int]:
-        """None: the script looks them up."""
+        """Return none: the script looks them up, when the system has been assembled."""
         return []
 
     def _general_drive(self, name: str, drive: Drive) -> Any:
@@ -234,6 +242,8 @@ class _Written(Model):
         raise Refused(_NO_ITEM.format(f"springs.{name}"))
 
     def _function(self, element: str, item: str, name: str, law: Law, derivative: int) -> _Name:
+        # A function in the script, before the item that uses it. Exudyn calls functions of loads and
+        # of connectors with different arguments.
         if (value := law_expression(law, derivative)) is None:
             raise Refused(
                 f"{element}: a law by table is not written as a script; expected a constant, a line or a "
@@ -248,7 +258,7 @@ class _Written(Model):
 
 
 def _text(value: Any) -> str:
-    """Python of a value that may hold variables and numbers of numpy."""
+    """Return a value, which may contain variables and numbers of NumPy, as Python source."""
     if isinstance(value, np.ndarray):
         value = value.tolist()
     if isinstance(value, tuple):

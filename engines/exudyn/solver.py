@@ -22,10 +22,11 @@ INTEGRATORS = {
     "newmark": (True, False),
     "trapezoidal": (True, True),
 }
-"""Exudyn's implicit methods: True for Newmark's (beta 1/4, gamma 1/2), and for constraints met by velocities (index
-2)."""
+"""Exudyn's implicit methods: whether they use Newmark's parameters (beta 1/4, gamma 1/2), and whether velocities meet
+the constraints (index 2) instead of positions (index 3)."""
 OPEN = 1e-9
-"""Component of a null vector of unit length: larger ones are of reactions that redundant constraints leave open."""
+"""Components of null vectors of unit length above which the reactions of redundant constraints are not determined:
+smaller ones are rounding."""
 
 
 class Solver:
@@ -34,11 +35,11 @@ class Solver:
     Attributes
     ----------
     redundant : bool
-        True where constraints are redundant at the start: then Exudyn's solver for singular matrices is used.
+        True if constraints are redundant at the start: then Exudyn's solver for singular matrices is used.
     open_rows : ndarray of int
-        Multipliers that redundant constraints leave open.
+        Multipliers that redundant constraints do not determine.
     coordinates, constraints : int
-        Numbers of them.
+        Number of coordinates and of constraints.
     engine : exudyn.MainSolverImplicitSecondOrder
     clock : EngineClock
         CPU time of Exudyn's steps and initial accelerations, without callbacks.
@@ -52,14 +53,16 @@ class Solver:
         self._system, self._data = model.system, model.system.systemData
         self._initial = exudyn.ConfigurationType.Initial
         self._start_of_step = exudyn.ConfigurationType.StartOfStep
+        # drives whose law has a second derivative, which `initial_accelerations` has to add
         self._accelerated = [
             (model.rows[name][0], drive.law)
             for name, drive in model.scene.drives.items()
             if not isinstance(drive.law, (Constant, Linear))
         ]
         self.engine = exudyn.MainSolverImplicitSecondOrder()
+        # Begin with the linear solver that accepts singular matrices, in order to look for
+        # redundant constraints. Without any, the faster solver takes its place.
         linear = settings.linearSolver
-        # a solver that accepts redundant constraints first, to look for them; the other is faster
         linear.solverType, linear.ignoreSingularJacobian = exudyn.LinearSolverType.EigenDense, True
         self._initialize_solver()
         self.coordinates = len(self._data.GetODE2Coordinates())
@@ -77,12 +80,20 @@ class Solver:
             raise EngineFailure(self.failure("the solver could not be initialized"))
 
     def _open_rows(self) -> tuple[bool, np.ndarray]:
-        """Return True where constraints are redundant, and the multipliers that they leave open."""
+        """Return whether constraints are redundant, and the multipliers that they do not determine."""
+        # rows of connectors that are not active are zero, and no constraints
         jacobian = self.jacobian()
         active = np.flatnonzero(jacobian.any(axis=1))
-        if not len(active) or (rank := np.linalg.matrix_rank(jacobian[active])) == len(active):
+        if not len(active):
+            return False, active
+        rank = np.linalg.matrix_rank(jacobian[active])
+        if rank == len(active):
             return False, active[:0]
-        return True, active[np.abs(np.linalg.svd(jacobian[active])[0][:, rank:]).max(axis=1) > OPEN]
+        # The left null vectors of the Jacobian are the sets of reactions that do not act on the
+        # motion. A multiplier that is part of any of them may have any value.
+        left_singular_vectors = np.linalg.svd(jacobian[active])[0]
+        null_vectors = left_singular_vectors[:, rank:]
+        return True, active[np.abs(null_vectors).max(axis=1) > OPEN]
 
     @property
     def t(self) -> float:
@@ -116,7 +127,7 @@ class Solver:
         )
 
     def before_step(self, bristles: list[BristleGuide]) -> None:
-        """Have the bounds of bristles renewed before each step, with the multipliers of the one before."""
+        """Renew the bounds of bristles before each step, with the multipliers of the step before."""
 
         def renew() -> bool:
             for each in bristles:
@@ -126,11 +137,15 @@ class Solver:
         self._system.SetPreStepUserFunction(lambda system, t: self.clock.call_back(renew))
 
     def after_newton(self, judge: Callable[[], list[float]]) -> None:
-        """Call a function after each Newton solution of a step: [error, recommended step]; an error repeats it."""
+        """Call a function after each Newton solution of a step.
+
+        It returns ``[error, recommended step size]``; see `stiction.engines.exudyn.stepping.REPEAT_STEP`.
+        """
         self._system.SetPostNewtonUserFunction(lambda system, t: self.clock.call_back(judge))
 
     def steps(self, t0: float, t1: float, count: int) -> tuple[bool, int]:
-        """Make steps of equal length; return True where none failed, and their number."""
+        """Make steps of equal length; return whether all succeeded, and their number."""
+        # Exudyn keeps time in `it`, a copy of which is changed and given back, and in its settings.
         iteration = self.engine.it
         iteration.startTime = iteration.currentTime = t0
         iteration.endTime, iteration.maxStepSize = t1, (t1 - t0) / count
@@ -147,9 +162,11 @@ class Solver:
         self._data.SetTime(t, self._initial)
 
     def initial_accelerations(self, t: float) -> tuple[np.ndarray, np.ndarray]:
-        """Return accelerations and multipliers of the initial state, by Exudyn, which leaves out those of drives."""
+        """Return the accelerations and multipliers of the initial state."""
         self._initialize()
         a, multipliers = np.array(self._data.GetODE2Coordinates_tt()), self.multipliers
+        # Exudyn takes the second derivative of a drive's law for zero. The equations are linear, so
+        # the solution for these derivatives alone is added.
         if self._accelerated:
             change = self._solve({row: evaluate_law(law, t)[2] for row, law in self._accelerated})
             a, multipliers = (
@@ -159,7 +176,8 @@ class Solver:
         return a, multipliers
 
     def keep_accelerations(self, a: np.ndarray) -> None:
-        """Start the next step with these accelerations where Exudyn's own lack those of drives."""
+        """Start the next step with these accelerations if Exudyn's own lack those of drives."""
+        # Exudyn would compute its own accelerations again, unless it is told not to for this once.
         if self._accelerated:
             self._data.SetODE2Coordinates_tt(a, configuration=self._initial)
             self._integration.generalizedAlpha.computeInitialAccelerations = False
@@ -175,21 +193,22 @@ class Solver:
         """Return the velocities that meet all constraints but the idle ones, changed least in kinetic energy."""
         self.set_state(t, q, v)
         self._initialize()
+        # The change dv of least dv' M dv with C_q dv = -(residual of the velocity constraints) is the
+        # solution of the matrix of `_solve` with that right-hand side.
         self.engine.ComputeAlgebraicEquations(self._system, True)
         residual = np.array(self.engine.GetSystemResidual())[self.coordinates :]
-        return (
-            v
-            + self._solve({row: -value for row, value in enumerate(residual) if row not in idle})[
-                : self.coordinates
-            ]
-        )
+        wanted = {row: -value for row, value in enumerate(residual) if row not in idle}
+        return v + self._solve(wanted)[: self.coordinates]
 
     def jacobian(self) -> np.ndarray:
         """Return C_q at the present state, shape (constraints, coordinates)."""
         return self._matrix()[self.coordinates :, : self.coordinates]
 
     def _solve(self, right: dict[int, float]) -> np.ndarray:
-        """x of [M C_q^T; C_q 0] x = [0; right] at the present state; least squares if constraints are redundant."""
+        """Solve [M C_q^T; C_q 0] x = [0; right] at the present state; least squares if constraints are redundant.
+
+        `right` are the values of the right-hand side that are not zero, by constraint.
+        """
         system = self._matrix()
         vector = np.zeros(len(system))
         for row, value in right.items():
@@ -197,7 +216,8 @@ class Solver:
         return np.linalg.lstsq(system, vector, rcond=None)[0]
 
     def _matrix(self) -> np.ndarray:
-        """[M C_q^T; C_q 0], with 1 on the diagonal for connectors that are not active."""
+        """Return [M C_q^T; C_q 0], with 1 on the diagonal for connectors that are not active."""
+        # Exudyn adds to the matrix that is there, so it is cleared first.
         self.engine.SetSystemJacobian(np.zeros_like(np.array(self.engine.GetSystemJacobian())))
         self.engine.ComputeJacobianAE(self._system, 1.0, 1.0, 1.0, False)
         system = np.array(self.engine.GetSystemJacobian())
@@ -206,5 +226,5 @@ class Solver:
         return system
 
     def failure(self, what: str) -> str:
-        """Say what failed, with Exudyn's own words."""
+        """Return a message of what failed, with Exudyn's own error message."""
         return f"{what}; {self.engine.GetErrorString()}".rstrip("; ")

@@ -30,6 +30,12 @@ from stiction.scenes.wording import last_lines, shortened, shown
 MAP = ".map.toml"
 LOGGING = "logging"
 _LIBRARIES = (".so", ".dylib", ".dll")
+_QUOTIENT_ROUNDING = 1e-9
+"""Rounding of t_end divided by an output step, which may be just above a whole number."""
+_LONGEST_VERSION = 40
+"""Characters of the version that an FMU states."""
+_LONGEST_ERROR = 160
+"""Characters of fmpy's message about a model description, which may quote it."""
 
 
 class FmuEngine(DeclaredEngine):
@@ -59,20 +65,24 @@ class FmuEngine(DeclaredEngine):
         self.variables, self.interface = _read(file, chosen, self.map_file)
         about = self.variables.description
         own = about.version or about.generationDateAndTime or about.guid
-        self.version = f"{shortened(own, 40)} (FMI {about.fmiVersion}, fmpy {used})"
+        self.version = f"{shortened(own, _LONGEST_VERSION)} (FMI {about.fmiVersion}, fmpy {used})"
         folder = fmpy.platform_tuple if about.fmiMajorVersion == 3 else fmpy.platform
         with ZipFile(file) as archive:
-            found = [
+            binaries = [
                 name
                 for name in archive.namelist()
                 if name.startswith("binaries/") and name.endswith(_LIBRARIES)
             ]
-        if not any(name.startswith(f"binaries/{folder}/") for name in found):
+        if not any(name.startswith(f"binaries/{folder}/") for name in binaries):
             raise EngineMissing(
-                f"{self.name}: found {', '.join(found) or 'no binaries'}; expected one in "
+                f"{self.name}: found {', '.join(binaries) or 'no binaries'}; expected one in "
                 f"binaries/{folder}"
             )
-        self.solver = "" if self.interface == CO_SIMULATION else "CVode" if has_cvode() else "Euler"
+        # A model by co-simulation has a solver of its own. Only CVode adapts its steps and locates
+        # events, whatever the map declares.
+        self.solver = ""
+        if self.interface == MODEL_EXCHANGE:
+            self.solver = "CVode" if has_cvode() else "Euler"
         by_cvode = self.solver == "CVode"
         self.declared = chosen.capabilities.model_copy(
             update={
@@ -122,9 +132,11 @@ class FmuEngine(DeclaredEngine):
         assembly: Assembly | None = None,
     ) -> Trajectory:
         by_steps = self.solver != "CVode"
+        # A run to a tolerance is recorded at the outputs; other runs have steps, of which each
+        # `grid.every`-th is an output.
         if not by_steps or self.declared.adaptive and dt is None:
             rtol = rtol or DEFAULT_RTOL
-            dt = t_end / math.ceil(t_end / output_step - 1e-9)
+            dt = t_end / math.ceil(t_end / output_step - _QUOTIENT_ROUNDING)
         grid = Grid.of(t_end, step_of(dt, t_end), output_step)
         values, logging = self.variables.settable(scene), settings.get(LOGGING, False)
         rows, setup, stepping = self._simulate(scene, grid, rtol, values, logging)
@@ -174,11 +186,11 @@ class FmuEngine(DeclaredEngine):
         values: Mapping[str, float],
         logging: bool,
     ) -> tuple[np.ndarray, float, float]:
-        """Rows that fmpy has recorded, and CPU seconds before the first step and from there on."""
+        """Return the rows that fmpy has recorded, and CPU seconds before the first step and from there on."""
         from fmpy import extract, instantiate_fmu, simulate_fmu
 
         description, began = self.variables.description, process_time()
-        said: list[str] = []
+        logged: list[str] = []
         failures: list[BaseException] = []
         by_steps = self.interface == CO_SIMULATION
         kind = "CoSimulation" if by_steps else "ModelExchange"
@@ -186,7 +198,7 @@ class FmuEngine(DeclaredEngine):
             try:
                 extract(self.file, folder)
                 fmu = instantiate_fmu(
-                    folder, description, kind, debug_logging=logging, logger=_logger(said)
+                    folder, description, kind, debug_logging=logging, logger=_logger(logged)
                 )
                 started = process_time()
                 with _noting(failures):
@@ -208,17 +220,19 @@ class FmuEngine(DeclaredEngine):
                     )
                 if failures:
                     raise failures[0]
-                fmu.freeInstance()  # only here: after an error nothing is safe to call
+                fmu.freeInstance()  # only here: after an error no function is safe to call
             except Exception as error:  # fmpy raises Exception itself
-                first, words = next(iter(failures), error), last_lines("\n".join(said))
-                logged = (
-                    f"It logged: {words}"
-                    if words
-                    else "It logged nothing"
-                    + ("" if logging else f"; --setting {LOGGING}=true may bring more")
-                )
+                # The cause is an exception in a callback, if there was one; the FMU's own log may
+                # explain it.
+                cause, words = next(iter(failures), error), last_lines("\n".join(logged))
+                if words:
+                    log = f"It logged: {words}"
+                elif logging:
+                    log = "It logged nothing"
+                else:
+                    log = f"It logged nothing; --setting {LOGGING}=true may bring more"
                 raise EngineFailure(
-                    f"{self.name}: {str(first) or type(first).__name__} {logged}"
+                    f"{self.name}: {str(cause) or type(cause).__name__} {log}"
                 ) from error
         if self.solver == "Euler":
             rows = rows[:: grid.every]
@@ -226,7 +240,7 @@ class FmuEngine(DeclaredEngine):
 
 
 def has_cvode() -> bool:
-    """Return True where fmpy has a library of CVode for this machine."""
+    """Return True if fmpy has a library of CVode for this machine."""
     try:
         return bool(import_module("fmpy.sundials"))
     except OSError:
@@ -234,7 +248,7 @@ def has_cvode() -> bool:
 
 
 def _read(file: Path, chosen: Map, map_file: Path) -> tuple[Variables, str]:
-    """Variables and interface of an FMU; FileError where it cannot be used."""
+    """Return the variables and the interface of an FMU; raise FileError if it cannot be used."""
     from fmpy import read_model_description
 
     try:
@@ -243,10 +257,10 @@ def _read(file: Path, chosen: Map, map_file: Path) -> tuple[Variables, str]:
             CO_SIMULATION: description.coSimulation,
             MODEL_EXCHANGE: description.modelExchange,
         }
-        have = [name for name, found in interfaces.items() if found is not None]
-        if description.fmiMajorVersion not in (2, 3) or not have:
+        offered = [name for name, interface in interfaces.items() if interface is not None]
+        if description.fmiMajorVersion not in (2, 3) or not offered:
             raise EngineFailure(
-                f"FMI {description.fmiVersion}, {' and '.join(have) or 'no interface'}"
+                f"FMI {description.fmiVersion}, {' and '.join(offered) or 'no interface'}"
             )
     except Exception as error:  # fmpy raises Exception itself, for versions and references
         raise FileError(
@@ -254,24 +268,24 @@ def _read(file: Path, chosen: Map, map_file: Path) -> tuple[Variables, str]:
             [
                 Problem(
                     "modelDescription.xml",
-                    shortened(str(error), 160),
+                    shortened(str(error), _LONGEST_ERROR),
                     "expected an FMU: an archive with the description of a model of FMI 2 or "
                     "3, for co-simulation or model exchange",
                 )
             ],
         ) from None
-    interface, variables = (
-        chosen.interface or have[0],
-        Variables(description, chosen, map_file.name),
-    )
+    chosen_interface = chosen.interface or offered[0]
+    variables = Variables(description, chosen, map_file.name)
     problems = list(variables.problems())
-    if interface not in have:
+    if chosen_interface not in offered:
         problems.append(
             Problem(
-                "interface", shown(interface), f"expected {' or '.join(have)}: the FMU has no other"
+                "interface",
+                shown(chosen_interface),
+                f"expected {' or '.join(offered)}: the FMU has no other",
             )
         )
-    elif chosen.capabilities.locates_events and interface == CO_SIMULATION:
+    elif chosen.capabilities.locates_events and chosen_interface == CO_SIMULATION:
         problems.append(
             Problem(
                 "capabilities.locates_events",
@@ -281,17 +295,18 @@ def _read(file: Path, chosen: Map, map_file: Path) -> tuple[Variables, str]:
         )
     if problems:
         raise FileError(str(map_file), problems)
-    return variables, interface
+    return variables, chosen_interface
 
 
-def _logger(said: list[str]) -> Callable[..., None]:
-    """Collect what an FMU logs, and print it: an FMU that ends the process has said it."""
+def _logger(logged: list[str]) -> Callable[..., None]:
+    """Return a logger that collects the messages of an FMU, and prints them in case it ends the process."""
 
-    def log(*arguments: Any) -> None:  # FMI 2 has the name of the instance too
+    def log(*arguments: Any) -> None:
+        # FMI 2 also gives the name of the instance, before these three. A status of 0 is no trouble.
         status, _, message = arguments[-3:]
         text = message.decode(errors="replace").strip() if message else ""
-        if status and text:  # 0: ok
-            said.append(text)
+        if status and text:
+            logged.append(text)
             print(text, file=sys.stderr, flush=True)
 
     return log
@@ -299,7 +314,7 @@ def _logger(said: list[str]) -> Callable[..., None]:
 
 @contextmanager
 def _noting(failures: list[BaseException]) -> Iterator[None]:
-    """Note what is raised in a callback of C, behind which nobody else sees it."""
+    """Collect exceptions that are raised in callbacks from C, which ctypes does not pass on."""
 
     def note(lost: Any) -> None:
         if "ctypes" in str(lost.err_msg):
@@ -315,7 +330,7 @@ def _noting(failures: list[BaseException]) -> Iterator[None]:
 
 
 def _thinned(every: int) -> Callable[[float, Any], bool]:
-    """Keep every so many steps of what fmpy records; RuntimeError where a step does not advance."""
+    """Return a callback that keeps each `every`-th row of fmpy, and raises RuntimeError if a step does not advance."""
     latest, step = -math.inf, 0
 
     def finished(time: float, recorder: Any) -> bool:

@@ -1,8 +1,8 @@
 """Variables of an FMU by the columns and parameters of a scene, and the file that renames them.
 
 A variable with the name of a column, such as ``slider.x``, is that column; one with the name of a parameter of the
-scene, or of a number in it, such as ``joints.guide.mu``, is set. What is named otherwise, and what the FMU can do,
-stands in ``model.map.toml`` next to ``model.fmu``: `Map`; docs/how-to/fmu.md shows one.
+scene, or of a number in it, such as ``joints.guide.mu``, is set. Other names, and the capabilities of the FMU, are in
+``model.map.toml`` next to ``model.fmu``: `Map`; docs/how-to/fmu.md shows one.
 """
 
 from __future__ import annotations
@@ -31,37 +31,38 @@ SCENE = "stiction.scene"
 """Text variable by which an FMU states the scenes that it is made for: names or patterns such as ``slider-bar-*``."""
 CO_SIMULATION, MODEL_EXCHANGE = "co-simulation", "model exchange"
 _NUMBERS = ("Real", "Integer", "Boolean", "Enumeration", "Float", "Int", "UInt")
-_SAME = 1e-12  # relative: a number that a model description has as text
+"""Beginnings of the types of variables that are numbers, in FMI 2 and 3."""
+_SAME = 1e-12
+"""Relative difference of a number of the scene from one that a model description contains as text."""
 
 
 def flattened(tables: Any) -> Any:
-    """Values of nested tables by dotted keys; anything else as it is."""
+    """Return the values of nested tables by dotted keys; anything else as it is."""
     if not isinstance(tables, Mapping):
         return tables
-    found: dict[str, Any] = {}
+    values: dict[str, Any] = {}
     for key, value in tables.items():
-        found |= (
-            {f"{key}.{rest}": one for rest, one in flattened(value).items()}
-            if isinstance(value, Mapping)
-            else {key: value}
-        )
-    return found
+        if isinstance(value, Mapping):
+            values |= {f"{key}.{rest}": inner for rest, inner in flattened(value).items()}
+        else:
+            values[key] = value
+    return values
 
 
 class FmuDeclared(Declared):
-    """Capabilities of an FMU. It is made for its scenes, so that it has their friction unless it says otherwise."""
+    """Capabilities of an FMU. It is made for its scenes, so that it has their friction unless it states otherwise."""
 
     friction_law: StrictStr = "the FMU's own"
     static_coefficient: StrictBool = True
 
 
 class Map(Model):
-    """Names in an FMU that are not the scene's, and what it can do.
+    """Names in an FMU that are not the scene's, and its capabilities.
 
-    `scene`: its scenes, as `SCENE` has them. `interface`: of an FMU that has both, else co-simulation. `columns`:
-    column -> ``"variable"``, ``"-variable"``, or a number where the FMU has none. `parameters`: name of a parameter or
-    number of the scene -> ``"variable"``; ``""`` sets nothing. Of the capabilities `locates_events` says that events of
-    model exchange change the variables ``GUIDE.mode``.
+    `scene`: its scenes, in the format of `SCENE`. `interface`: the one to use of an FMU that has both; the default is
+    co-simulation. `columns`: column -> ``"variable"``, ``"-variable"``, or a number if the FMU has no variable for it.
+    `parameters`: name of a parameter or number of the scene -> ``"variable"``; ``""`` sets nothing. The capability
+    `locates_events` means that events of model exchange change the variables ``GUIDE.mode``.
     """
 
     scene: StrictStr = ""
@@ -86,8 +87,8 @@ class Variables:
         return {variable.name: variable for variable in self.description.modelVariables}
 
     def problems(self) -> Iterator[Problem]:
-        """Yield what the map names and the FMU does not have."""
-        known = self.by_name
+        """Yield the names in the map that are no variables of the FMU, or no numbers."""
+        variables = self.by_name
         named = {
             f"columns.{key}": value
             for key, value in self.map.columns.items()
@@ -96,41 +97,47 @@ class Variables:
         named |= {f"parameters.{key}": value for key, value in self.map.parameters.items() if value}
         for key, value in named.items():
             name = value.removeprefix("-") if key.startswith("columns.") else value
-            if name not in known:
+            if name not in variables:
                 yield Problem(
                     key,
                     shown(value),
-                    f"expected a variable of the FMU: {names(known)}{did_you_mean(name, known)}",
+                    f"expected a variable of the FMU: {names(variables)}{did_you_mean(name, variables)}",
                 )
-            elif not _is_number(known[name]):
-                yield Problem(key, f"{shown(value)}, {known[name].type}", "expected a number alone")
+            elif not _is_number(variables[name]):
+                yield Problem(
+                    key, f"{shown(value)}, {variables[name].type}", "expected a number alone"
+                )
 
     def sources(self, scene: Scene) -> dict[str, tuple[str, float, float]]:
-        """Variable ("": none), factor and offset to SI units by column of the scene, for the columns that there are."""
-        found: dict[str, tuple[str, float, float]] = {}
+        """Return, by column of the scene that the FMU has: variable ("": none), factor and offset to SI units."""
+        sources: dict[str, tuple[str, float, float]] = {}
         for column in columns_of(scene):
             source = self.map.columns.get(column, column)
             if not isinstance(source, str):
-                found[column] = "", 0.0, float(source)
-            elif (
-                variable := self.by_name.get(source.removeprefix("-"))
-            ) is not None and _is_number(variable):
+                # a constant of the map: zero times any variable, plus the number
+                sources[column] = "", 0.0, float(source)
+                continue
+            variable = self.by_name.get(source.removeprefix("-"))
+            if variable is not None and _is_number(variable):
                 sign = -1 if source.startswith("-") else 1
                 factor, offset = self._unit(variable)
-                found[column] = variable.name, sign * factor, sign * offset
-        return found
+                sources[column] = variable.name, sign * factor, sign * offset
+        return sources
 
     def refusal(self, scene: Scene) -> str | None:
-        """Why the FMU is not of this scene: another one stated, another constant, a column that it lacks."""
-        said, known, found = self.by_name.get(SCENE), columns_of(scene), self.sources(scene)
-        stated = (self.map.scene or (said.start if said is not None else "") or "").split()
+        """Return why the FMU is not of this scene: another scene stated, another constant, a missing column."""
+        variable_of_scenes = self.by_name.get(SCENE)
+        stated_in_fmu = variable_of_scenes.start if variable_of_scenes is not None else ""
+        stated = (self.map.scene or stated_in_fmu or "").split()
         if stated and not any(fnmatchcase(scene.name, pattern) for pattern in stated):
             return f"made for {' or '.join(stated)}; found {scene.name}"
-        if unknown := [column for column in self.map.columns if column not in known]:
+        columns, sources = columns_of(scene), self.sources(scene)
+        if unknown := [column for column in self.map.columns if column not in columns]:
             return (
                 f"{self.file}: columns.{unknown[0]}: {scene.name} has no such column"
-                f"{did_you_mean(unknown[0], known)}"
+                f"{did_you_mean(unknown[0], columns)}"
             )
+        # A number that the FMU has as a constant has to be that of the scene.
         for key, variable, value in self._numbers(scene):
             if (
                 not _can_be_set(variable, value)
@@ -141,11 +148,13 @@ class Variables:
                     f"{key} = {value:g} cannot be set in it: {variable.name} is {variable.start}, "
                     f"{variable.variability}, {variable.type}"
                 )
+        # The other columns follow from the motion. To report an event, accelerations and modes on both
+        # sides of it are needed, which the motion between samples does not give.
         needed = state_columns(scene)
         if self.map.capabilities.locates_events:
             needed += [f"{body}.{label}" for body in scene.bodies for label in BODY_COLUMNS[2]]
             needed += [f"{guide}.mode" for guide in scene.frictional_guides]
-        if missing := [column for column in needed if column not in found]:
+        if missing := [column for column in needed if column not in sources]:
             return (
                 f"no variable {names(missing)}; expected positions and velocities of all bodies (to locate events, "
                 f"accelerations and modes too), by these names or in {self.file}"
@@ -153,7 +162,7 @@ class Variables:
         return None
 
     def settable(self, scene: Scene) -> dict[str, float]:
-        """Values of the scene by the FMU's parameters, in the units of these."""
+        """Return values of the scene by the FMU's parameters, in the units of these."""
         return {
             variable.name: value
             for _, variable, value in self._numbers(scene)
@@ -161,20 +170,18 @@ class Variables:
         }
 
     def names(self, scene: Scene) -> list[str]:
-        """Names of the variables that are columns of the scene."""
+        """Return the names of the variables that are columns of the scene."""
         return [name for name, *_ in self.sources(scene).values() if name]
 
     def undefined_units(self, scene: Scene) -> list[str]:
-        """Names of units that the FMU uses and does not define: its numbers are taken as they are."""
-        used = [self.by_name[name] for name in self.names(scene)] + [
-            one for _, one, _ in self._numbers(scene)
-        ]
-        return sorted(
-            {unit for variable in used if (unit := _unit_name(variable))} - self._units.keys()
-        )
+        """Return the names of units that the FMU uses without a definition; their numbers are taken as SI."""
+        read = [self.by_name[name] for name in self.names(scene)]
+        written = [variable for _, variable, _ in self._numbers(scene)]
+        units = {_unit_name(variable) for variable in read + written} - {""}
+        return sorted(units - self._units.keys())
 
     def columns(self, scene: Scene, rows: np.ndarray) -> dict[str, np.ndarray]:
-        """Columns of the scene in SI units, from what fmpy has recorded, with the time as ``t``."""
+        """Return columns of the scene in SI units from the rows of fmpy, with the time as ``t``."""
         return {
             "t": rows["time"].astype(float),
             **{
@@ -184,7 +191,9 @@ class Variables:
         }
 
     def _numbers(self, scene: Scene) -> Iterator[tuple[str, ModelVariable, float]]:
-        """Name in the scene, variable, and value in its unit of each parameter that the scene has too."""
+        """Yield name in the scene, variable, and value in its unit of each parameter that the scene has too."""
+        # Numbers of the resolved scene by dotted keys, and parameters of the scene by name. Inputs
+        # and outputs of the FMU that have such a name are no parameters.
         for key, value in {**flattened(resolved_scene(scene)["scene"]), **scene.parameters}.items():
             variable = self.by_name.get(self.map.parameters.get(key, key))
             if (
@@ -210,18 +219,18 @@ class Variables:
 
 
 def _unit_name(variable: ModelVariable) -> str:
-    return (
-        variable.unit
-        or (variable.declaredType.unit if variable.declaredType is not None else None)
-        or ""
-    )
+    """Return the unit of a variable, its own or that of its type; empty if there is none."""
+    of_type = variable.declaredType.unit if variable.declaredType is not None else None
+    return variable.unit or of_type or ""
 
 
 def _is_number(variable: ModelVariable) -> bool:
+    """Return True for a variable that is a single number."""
     return variable.type.startswith(_NUMBERS) and not variable.shape
 
 
 def _can_be_set(variable: ModelVariable, value: float) -> bool:
+    """Return True if a variable is a parameter whose type has this value."""
     is_whole = not variable.type.startswith(("Real", "Float"))
     return (
         variable.causality == "parameter"

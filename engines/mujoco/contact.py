@@ -1,16 +1,16 @@
 """Sliders as boxes between two planes, in MJCF.
 
-Four corners, a plane for each surface, a pair of geoms for each contact that there can be.
+Four corners, a plane for each surface, a pair of geoms for each possible contact.
 
-A corner is a small sphere, as MuJoCo's own box has four corners on a plane where a planar mechanism needs two. Contacts
-have elliptic cones and parameters of their own (``pair``): a plane touches its slider's corners alone.
+A corner is a small sphere, because MuJoCo's own box has four corners on a plane where a planar mechanism needs two.
+Contacts have elliptic cones and parameters of their own (``pair``): a plane touches its slider's corners alone.
 
-MuJoCo's law of contact is convex: with x = a - aref + R f, the normal and the tangential part of it satisfy x_n >= mu
-|x_t|, so that a contact which slides with v_t separates the bodies by mu b_t v_t, where b_t is the damping of its
-friction (``solreffriction``). That is what pumps a slider between two surfaces: with b_t = 1/h, which brings it to rest
-in a step, by 100 m/s^2 at 0.1 m/s, mu = 1 and h = 1 ms. `slip_damping` gives b_t no more than slip takes to be opposed,
-and the contacts are soft enough to take up the rest (`slip_reference`). What a load adds to v_t recruits as mu b_t v_t
-does: v_t that grows by itself needs no damping to be opposed.
+MuJoCo's law of contact is convex: with x = a - aref + R f, its normal and tangential parts satisfy x_n >= mu |x_t|, so
+that a contact which slides with v_t separates the bodies with the acceleration mu b_t v_t, where b_t is the damping of
+its friction (``solreffriction``). This drives a slider from one of two surfaces to the other: with b_t = 1/h, which
+brings it to rest in a step, with 100 m/s^2 at 0.1 m/s, mu = 1 and h = 1 ms. `slip_damping` makes b_t no larger than is
+needed to oppose slip, and the contacts are soft enough to take up the rest (`slip_reference`). What a load adds to v_t
+recruits normal force as mu b_t v_t does: a v_t that grows by itself needs no damping to be opposed.
 """
 
 from __future__ import annotations
@@ -26,13 +26,16 @@ from stiction.scenes import Scene
 from stiction.scenes.model import Translational
 
 SIDES = {"lower": 1.0, "upper": -1.0}
-"""The surfaces of a guide, and the side of them on which its slider is, across the guide's direction."""
+"""The surfaces of a guide, with the sign of the direction from them to the slider, across the guide's direction."""
 _CORNERS = {"lower": (0, 1), "upper": (2, 3)}
 """Corners of `slider_box` that a surface can touch."""
 _ROUNDING = 1e-3
 """Radius of a corner, in widths of the slider. Nothing depends on it while the slider is parallel to the guide."""
 _RECRUITED = 0.2
-"""Largest part that slip may recruit of the normal force that a contact's softness takes up."""
+"""Largest part of the normal force that a contact's softness takes up which slip may recruit."""
+SOLIMP_SHAPE = (0.001, 0.5, 2.0)
+"""MuJoCo's defaults of the last three numbers of ``solimp``: width, midpoint and power of the transition from one
+impedance to another. They have no effect, as both impedances are equal."""
 
 
 def numbers(*values: float) -> str:
@@ -46,19 +49,20 @@ def add(parent: xml.Element, tag: str, **attributes: str) -> xml.Element:
 
 
 def surface(guide: str, side: str) -> str:
-    """Name of the plane of a guide's surface, of its contacts and of their sensor."""
+    """Return the name of the plane of a guide's surface, of its contacts and of their sensor."""
     return f"{guide}.{side}"
 
 
 def slip_damping(wanted: float, speed: float, h: float) -> float:
-    """Damping of friction, 1/s: ends slip in a step of h seconds, or opposes it with the wanted m/s^2 if less."""
+    """Return the damping of friction, 1/s: ends slip in a step of h s, or opposes it with the wanted m/s^2 if less."""
     return 1.0 / h if abs(speed) <= wanted * h else wanted / abs(speed)
 
 
 def slip_reference(most: float, impedance: float, coefficient: float) -> float:
-    """Ratio of the reference acceleration of friction to that which it opposes.
+    """Return the ratio n of the reference acceleration of friction to the acceleration that it opposes, mu N/m.
 
-    Of n times mu N/m, (n - 1) mu^2 N/m is recruited of the normal direction, whose softness takes up (1 - d)/d N/m.
+    The excess of the reference recruits the normal acceleration (n - 1) mu^2 N/m. With the impedance d, the softness of
+    the normal direction takes up (1 - d)/d N/m. So n is limited where friction is large, to at most `most`.
     """
     limit = _RECRUITED * (1.0 - impedance) / impedance
     above, square = most - 1.0, coefficient**2
@@ -73,12 +77,12 @@ def add_guides(
     options: Mapping[str, Any],
     timestep: float,
 ) -> None:
-    """Give each guide its planes and its slider its corners, with their contacts and what measures their force.
+    """Add the planes of each guide and the corners of its slider, with their contacts and the sensors of their forces.
 
-    `elements` are the model's bodies by link, the world's at -1; `options` the adapter's settings.
+    `elements` are the model's bodies by link, that of the world at -1; `options` are the adapter's settings.
     """
     contact, sensor = xml.SubElement(root, "contact"), xml.SubElement(root, "sensor")
-    untouched = {"contype": "0", "conaffinity": "0"}  # nothing touches but pairs
+    untouched = {"contype": "0", "conaffinity": "0"}  # geoms touch only as pairs
     for name, guide in scene.guides.items():
         _, width = guide.extent
         radius = _ROUNDING * width
@@ -102,6 +106,7 @@ def add_guides(
                 zaxis=numbers(-sign * uy, sign * ux, 0.0),
                 **untouched,
             )
+            # The sphere touches the surface at the corner, so its centre is a radius inside the box.
             for k in _CORNERS[side]:
                 (x, y), inset = corners[k], sign * radius
                 add(
@@ -139,17 +144,19 @@ def _pair(guide: Translational, options: Mapping[str, Any], timestep: float) -> 
 
     Two contacts together lose all of their velocity in a step.
     """
-    d, time_constant, found = options["impedance"], options["time_constant"], {"condim": "1"}
+    d, time_constant = options["impedance"], options["time_constant"]
+    attributes = {"condim": "1"}
     if guide.frictional:
-        found = {
+        attributes = {
             "condim": "3",
             "friction": numbers(*[guide.kinetic_coefficient] * 2, 0.0, 0.0, 0.0),
         }
         if not time_constant:
-            found["solreffriction"] = numbers(-1.0, -d / timestep)
-    # the direct format counts what a contact alone does with its impedance; two of them carry a flat box
+            attributes["solreffriction"] = numbers(-1.0, -d / timestep)
+    # MuJoCo's direct format (negative numbers) is the effect of a single contact with its impedance,
+    # but two contacts carry a flat box.
     reference = (-d * options["recovery"] / timestep**2, -(1.0 + d) / 2 / timestep)
-    return found | {
+    return attributes | {
         "solref": numbers(*(time_constant, 1.0) if time_constant else reference),
-        "solimp": numbers(d, d, 0.001, 0.5, 2.0),
+        "solimp": numbers(d, d, *SOLIMP_SHAPE),
     }

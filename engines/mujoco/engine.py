@@ -2,10 +2,10 @@
 
 Joint fidelity. The scene is written as MJCF (`stiction.engines.mujoco.mjcf`): the tree of links of
 `stiction.engines.shared.link_tree`, joints that close loops as `connect` constraints. Drives: a rotor of huge inertia
-in the joint and, each step, the force that ends the step on the law. Friction: `frictionloss` of the joint at the
-bound, with a reference that brings the slider to rest within a step. It is soft: of the force that would hold a slider
-the share `impedance` is applied, and a sticking slider would creep; MuJoCo's `noslip` sweeps find the frictions once
-more without that.
+in the joint and, in each step, the force that ends the step on the law. Friction: `frictionloss` of the joint at the
+bound, with a reference that brings the slider to rest within a step. It is soft: only the share `impedance` of the
+force that would hold a slider is applied, and a sticking slider would creep. MuJoCo's `noslip` sweeps solve for the
+frictions once more without this softness.
 
 Contact fidelity. The slider is a box between two planes, without clearance (`stiction.engines.mujoco.contact`);
 contacts have elliptic cones. The adapter also sets the damping of a guide's friction before each step.
@@ -40,7 +40,8 @@ from stiction.scenes.fidelity import Fidelity
 from stiction.scenes.model import Translational
 
 DEEPEST = 495
-"""Links in a chain: elements may be nested 500 deep (XML_ELEMENT_DEPTH_EXCEEDED)."""
+"""Largest number of links in a chain. A link is an element in that of its parent, and MuJoCo's reader accepts 500
+nested elements (XML_ELEMENT_DEPTH_EXCEEDED), some of which are the file's own."""
 _SETTINGS: Mapping[str, Defaults] = {
     Fidelity.JOINT: {
         "iterations": 20,
@@ -65,8 +66,8 @@ _SETTINGS: Mapping[str, Defaults] = {
     },
 }
 _MOST_FRICTION = 1.5
-"""Up to which a sliding box of 3 : 1 is braked right to 1 %; by 1.08 and 1.25 times as much at 1.75 and 2, and at 2.5
-it is stopped."""
+"""Largest coefficient of friction at contact fidelity: up to it a sliding box of 3 : 1 is braked with an error of 1 %.
+At 1.75 and 2 it is braked 1.08 and 1.25 times as much, and at 2.5 it is stopped."""
 
 
 class MujocoEngine(TreeEngine):
@@ -121,10 +122,13 @@ class MujocoEngine(TreeEngine):
     def refusal_of_tree(self, scene: Scene, tree: LinkTree) -> str | None:
         depth: dict[int, int] = {}
         for i, link in enumerate(tree.links):
-            # the joints of a free body are in its own element
+            # A free body's three joints are in one element, so its other two links do not count.
             depth[i] = depth.get(link.parent, 0) + (link.body is not None)
         if (deepest := max(depth.values(), default=0)) > DEEPEST:
-            return f"{deepest} links hang on each other; MuJoCo's reader of XML takes {DEEPEST}, which are nested"
+            return (
+                f"{deepest} links hang on each other; MuJoCo's reader of XML takes {DEEPEST}, as their elements "
+                "are nested"
+            )
         return None
 
     @contextlib.contextmanager
@@ -152,9 +156,9 @@ class MujocoEngine(TreeEngine):
                 "cone=pyramidal, as noslip leaves an elliptic contact alone with a direction in which "
                 "nothing can move, as that out of the plane"
             )
-        with _warnings() as said:
+        with _captured_warnings() as warnings:
             yield (_JointStepper if fidelity == Fidelity.JOINT else _ContactStepper)(
-                assembly, h, options, said
+                assembly, h, options, warnings
             )
 
     @contextlib.contextmanager
@@ -164,7 +168,7 @@ class MujocoEngine(TreeEngine):
         model, data = _model(
             scene, tree, 1.0, Fidelity.JOINT, self.default_settings(Fidelity.JOINT)
         )
-        model.dof_armature[:] = 0.0  # rotors are for stepping
+        model.dof_armature[:] = 0.0  # without the rotors of drives, which are a means of stepping
         mass = np.zeros((model.nv, model.nv))
 
         def compute() -> None:
@@ -183,21 +187,21 @@ class MujocoEngine(TreeEngine):
 
 
 @contextlib.contextmanager
-def _warnings() -> Iterator[list[str]]:
-    """Warnings of MuJoCo, which it otherwise writes to the error stream and to a file in the working directory."""
+def _captured_warnings() -> Iterator[list[str]]:
+    """Collect warnings of MuJoCo, which otherwise go to the error stream and to a file in the working directory."""
     import mujoco
 
-    said: list[str] = []
+    warnings: list[str] = []
     before = mujoco.get_mju_user_warning()
-    mujoco.set_mju_user_warning(said.append)
+    mujoco.set_mju_user_warning(warnings.append)
     try:
-        yield said
+        yield warnings
     finally:
         mujoco.set_mju_user_warning(before)
 
 
 def scene_as_mjcf(scene: Scene, timestep: float, fidelity: Fidelity = Fidelity.JOINT) -> str:
-    """The MJCF of a scene with springs, dampers, loads and drives; Refused if MuJoCo cannot represent it."""
+    """Return the MJCF of a scene with springs, dampers, loads and drives; Refused if MuJoCo cannot represent it."""
     engine = MujocoEngine()
     if reason := engine.refusal(scene, fidelity):
         raise Refused(reason)
@@ -214,17 +218,18 @@ def scene_as_mjcf(scene: Scene, timestep: float, fidelity: Fidelity = Fidelity.J
 def _model(
     scene: Scene, tree: LinkTree, timestep: float, fidelity: Fidelity, options: Mapping[str, Any]
 ) -> tuple[Any, Any]:
-    """MuJoCo's model and data at the scene's start; joint coordinates in the order of the tree's links."""
+    """Return MuJoCo's model and data at the scene's start; joint coordinates are in the order of the tree's links."""
     import mujoco
 
     try:
         model = mujoco.MjModel.from_xml_string(mjcf(scene, tree, timestep, fidelity, options))
-    except ValueError as error:  # MuJoCo's own limits, as of masses
+    except ValueError as error:
+        # MuJoCo's own limits, for example of masses
         raise EngineFailure(f"mujoco: {error}") from error
-    found = [model.joint(i).name for i in range(model.njnt)]
+    names = [model.joint(i).name for i in range(model.njnt)]
     expected = [joint_name(tree, i) for i in range(len(tree.links))]
-    if found != expected:
-        raise RuntimeError(f"MuJoCo numbers the joints {found}; expected {expected}")
+    if names != expected:
+        raise RuntimeError(f"MuJoCo numbers the joints {names}; expected {expected}")
     data = mujoco.MjData(model)
     mujoco.mj_resetDataKeyframe(model, data, model.key(START).id)
     return model, data
@@ -243,8 +248,8 @@ class _Stepper(TreeStepper):
         self._advance_engine, self._warnings = mujoco.mj_step, warnings
         self.model, self.data = model, data = _model(scene, self.tree, h, self.fidelity, options)
         self._drive_force = data.qfrc_applied
-        self.joints_are(data.qpos, data.qvel)
-        # force x, force y, torque z of each body among the six numbers that MuJoCo has of each
+        self.share_joint_state(data.qpos, data.qvel)
+        # places of force x, force y, torque z of each body among MuJoCo's six numbers of each
         self._pushed = data.xfrc_applied.reshape(-1)
         self._places = np.array(
             [6 * model.body(name).id + k for name in scene.bodies for k in (0, 1, 5)]
@@ -254,11 +259,14 @@ class _Stepper(TreeStepper):
         self.position[:], self.velocity[:] = position, velocity
 
     def advance(self, caps: Sequence[float]) -> None:
+        # The rotor's inertia dwarfs that of the mechanism, so this force gives the joint its rate
+        # within the step, whatever the mechanism does.
         for link, rate in self.rates.items():
             self._drive_force[link] = ROTOR * (rate - self.velocity[link]) / self.h
         if self.loaded:
             self._pushed[self._places] = self.loads
         self.clock.call(self._advance_engine, self.model, self.data)
+        # MuJoCo warns of a state that is not finite, and goes on with another one.
         if self._warnings:
             raise FloatingPointError(self._warnings[0])
 
@@ -277,7 +285,8 @@ class _JointStepper(_Stepper):
         for link, cap in zip(self.friction_links, caps):
             self._loss[link] = cap
         super().advance(caps)
-        # rows of friction stand behind those of loops, by joint; none where the bound is 0
+        # Among MuJoCo's constraint forces, those of friction follow those of loops, in the order of
+        # the joints. A joint whose bound is 0 has none.
         row, force = self.data.ne, self.data.efc_force
         for i in self._by_link:
             self.held[i] = abs(force[row]) if caps[i] > 0.0 else 0.0
@@ -294,10 +303,13 @@ class _ContactStepper(ContactStepper, _Stepper):
         scene = assembly.scene
         model, self._impedance = self.model, options["impedance"]
         self._adapted = options["friction_damping"] == "adapted"
-        self._damped = not options["time_constant"]  # else MuJoCo's own
-        self._times = partial(slip_reference, options["slip_reference"], self._impedance)
+        self._damped = not options["time_constant"]  # otherwise the damping is MuJoCo's own
+        self._reference_ratio = partial(slip_reference, options["slip_reference"], self._impedance)
+        # views of the model's memory: single numbers are written faster than to an array
         self._bounds = model.pair_friction.reshape(-1).data
         self._references = model.pair_solreffriction.reshape(-1).data
+        # Of each frictional guide: its pairs of geoms, the places of its surfaces' measured forces,
+        # its direction, and the mass that moves along it.
         self._guides = []
         for name, guide in scene.frictional_guides.items():
             surfaces = [model.geom(surface(name, side)).id for side in SIDES]
@@ -312,10 +324,15 @@ class _ContactStepper(ContactStepper, _Stepper):
         self._slip = [
             ux * vx + uy * vy for (_, _, ux, uy, _), (vx, vy) in zip(self._guides, velocities)
         ]
+        # Deceleration of slip (m/s^2) that the damping of friction is to produce. With none at the
+        # start, slip is not damped in the first step.
         self._wanted = [0.0] * len(self._guides)
 
     def _mass_along(self, guide: Translational) -> float:
-        """Mass that a force along the guide accelerates at the start (kg): the slider with what hangs on it."""
+        """Return the mass (kg) that a force along the guide accelerates at the start: 1/(J M^-1 J^T).
+
+        It is that of the slider and of all that hangs on it.
+        """
         import mujoco
 
         model, data = self.model, self.data
@@ -327,24 +344,28 @@ class _ContactStepper(ContactStepper, _Stepper):
         return float(1.0 / (push @ np.linalg.solve(mass, push)))
 
     def rub(self, coefficients: Sequence[float]) -> None:
-        bounds, references, h, self._coefficients = (
-            self._bounds,
-            self._references,
-            self.h,
-            coefficients,
-        )
+        bounds, references, h = self._bounds, self._references, self.h
+        self._coefficients = coefficients
         for i, (pairs, *_) in enumerate(self._guides):
+            # The least damping that opposes slip, for the reason in `stiction.engines.mujoco.contact`.
+            # MuJoCo's direct format of a reference has a minus sign.
             damping = -self._impedance * (
                 slip_damping(self._wanted[i], self._slip[i], h) if self._adapted else 1.0 / h
             )
             for pair in pairs:
-                # of five: two directions, and rotations, which have none
+                # Of the five coefficients of a pair, the two of tangential directions; those of
+                # rotations are zero.
                 bounds[5 * pair] = bounds[5 * pair + 1] = coefficients[i]
                 if self._damped:
                     references[2 * pair + 1] = damping
 
     def contact_forces(self) -> tuple[list[float], list[float]]:
-        measured, normals, frictions, self._along = self.data.sensordata.tolist(), [], [], []
+        # A sensor for each surface has the resultant force of its contacts. `_along` keeps the
+        # friction with its sign, for the next damping.
+        measured = self.data.sensordata.tolist()
+        normals: list[float] = []
+        frictions: list[float] = []
+        self._along: list[float] = []
         for _, (lower, upper), ux, uy, _ in self._guides:
             (ax, ay), (bx, by) = measured[lower : lower + 2], measured[upper : upper + 2]
             normals.append(abs(ux * ay - uy * ax) + abs(ux * by - uy * bx))
@@ -356,11 +377,14 @@ class _ContactStepper(ContactStepper, _Stepper):
         super().advance(caps)
         guides, before = self.friction.guides, self._slip
         bounds, self._slip = guides["cap"].tolist(), guides["slip_speed"].tolist()
+        # The deceleration that the damping of the next step is to produce: `slip_reference` times
+        # what friction can do by its bound, or has just done.
         for i, (*_, mass) in enumerate(self._guides):
-            sense, bound = copysign(1.0, self._slip[i]), bounds[i] / mass
+            sense = copysign(1.0, self._slip[i])
+            bound = bounds[i] / mass
             gained = sense * (self._slip[i] - before[i]) / self.h
-            # of itself: it recruits of the normal force what a reference of its size does
+            # What a load adds to the slip needs no damping to be opposed: by itself it recruits as
+            # much normal force as a reference of its size does.
             driven = max(gained - sense * self._along[i] / mass, 0.0)
-            self._wanted[i] = max(
-                self._times(self._coefficients[i]) * max(bound, -gained) - driven, 0.0
-            )
+            ratio = self._reference_ratio(self._coefficients[i])
+            self._wanted[i] = max(ratio * max(bound, -gained) - driven, 0.0)

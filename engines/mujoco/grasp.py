@@ -1,4 +1,4 @@
-"""A capsule that two pads grasp: the model of which users of MuJoCo published the creep."""
+"""A capsule that two pads grasp: a model whose creep users of MuJoCo have published."""
 
 from __future__ import annotations
 
@@ -8,11 +8,15 @@ from typing import Any
 
 import numpy as np
 
+_MICROMETRES = 1e6
+"""Micrometres in a metre."""
+
 
 def creep_and_load(model: Mapping[str, Any], **options: Any) -> tuple[float, float, float]:
     """Measure the creep of the capsule downwards and its uncertainty, um/s, and the mean load of both pads, N.
 
-    The uncertainty is the difference between ends and least squares of the same time, which is what rocks.
+    The creep is the mean speed between the ends of the measured time. The uncertainty is its difference from the slope
+    by least squares, which is caused by rocking of the capsule.
 
     Parameters
     ----------
@@ -24,12 +28,12 @@ def creep_and_load(model: Mapping[str, Any], **options: Any) -> tuple[float, flo
     import mujoco
 
     compiled = _grasp(model, **options)
-    data, height = (
-        mujoco.MjData(compiled),
-        compiled.joint(compiled.body("capsule").jntadr[0]).qposadr[0] + 2,
-    )
+    data = mujoco.MjData(compiled)
+    # z is the third coordinate of the capsule's free joint
+    height = compiled.joint(compiled.body("capsule").jntadr[0]).qposadr[0] + 2
     data.ctrl[:] = model["target"]
     step = partial(mujoco.mj_step, compiled, data)
+    # The pads close and the capsule comes to its steady creep before anything is measured.
     for _ in range(round(model["settle"] / model["timestep"])):
         step()
     heights, loads, force = [data.qpos[height]], [], np.zeros(6)
@@ -42,7 +46,11 @@ def creep_and_load(model: Mapping[str, Any], **options: Any) -> tuple[float, flo
             loads[-1] += force[0]
     t = model["timestep"] * np.arange(len(heights))
     between_ends, fitted = (heights[0] - heights[-1]) / t[-1], -np.polyfit(t, heights, 1)[0]
-    return 1e6 * between_ends, 1e6 * abs(between_ends - fitted), float(np.mean(loads))
+    return (
+        _MICROMETRES * between_ends,
+        _MICROMETRES * abs(between_ends - fitted),
+        float(np.mean(loads)),
+    )
 
 
 def _grasp(
@@ -54,7 +62,7 @@ def _grasp(
     condim: int | None = None,
     stiff: bool = False,
 ) -> Any:
-    """The model compiled: pads on slides along x, squeezed by position actuators, and a free capsule along y."""
+    """Compile the model: pads on slides along x, squeezed by position actuators, and a free capsule along y."""
     import mujoco
 
     spec = mujoco.MjSpec()
@@ -69,10 +77,8 @@ def _grasp(
     if stiff:
         surface["solref"] = [model["stiff_time_constant"], 1.0]
     for side in (-1.0, 1.0):
-        pad, name = (
-            spec.worldbody.add_body(pos=[side * model["pad_distance"], 0.0, 0.0]),
-            f"slide{side:+g}",
-        )
+        pad = spec.worldbody.add_body(pos=[side * model["pad_distance"], 0.0, 0.0])
+        name = f"slide{side:+g}"
         pad.add_joint(
             name=name,
             type=mujoco.mjtJoint.mjJNT_SLIDE,

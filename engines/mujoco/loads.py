@@ -1,9 +1,9 @@
-"""Springs, dampers, forces, torques and drives in MJCF, with what a file of MJCF cannot hold.
+"""Springs, dampers, forces, torques and drives in MJCF, and what MJCF cannot express of them.
 
-A spring between two points is a spatial tendon of two sites, one along a guide or about hinges a fixed tendon of their
-joints; one along an axis of the ground is an actuator with an affine bias. A force or a torque is an actuator whose
-``ctrl`` is its law in N or N m. ``refsite`` names the frame that the actuator's direction belongs to. MuJoCo turns that
-frame without the moment of its turning, so that it has to be the ground's (mj_transmission,
+A spring between two points is a spatial tendon of two sites, one along a guide or about hinges is a fixed tendon of
+their joints, and one along an axis of the ground is an actuator with an affine bias. A force or a torque is an actuator
+whose ``ctrl`` is its law in N or N m. ``refsite`` names the frame that the actuator's direction belongs to. When that
+frame turns, MuJoCo leaves out the moment on it, so that it has to be the frame of the ground (mj_transmission,
 https://mujoco.readthedocs.io/en/stable/XMLreference.html#actuator-general-refsite).
 """
 
@@ -24,15 +24,15 @@ from stiction.scenes.laws import Constant, Law, Linear, evaluate_law
 from stiction.scenes.model import LinearSpring, Torque, TorsionalSpring
 
 ROTOR = 1e10
-"""Inertia (kg m^2, kg) of the rotors of drives, whose motion nothing in a mechanism of human size changes. MuJoCo's
-equality constraints hold a joint at a place, not at a rate."""
+"""Inertia (kg m^2, kg) of the rotors of drives, so large that nothing in a mechanism of human size changes their
+motion. A constraint would not do: MuJoCo's equality constraints hold a joint at a place, not at a rate."""
 _WORLD = "world-axes"
-"""Name of the site in the origin of the ground; all other sites have a dot in theirs."""
+"""Name of the site in the origin of the ground. All other sites have a dot in their names."""
 
 
 @dataclass
 class Loads:
-    """Values of the actuators at the start, what is to be set before each step, and what the file does not hold."""
+    """Values of the actuators at the start, what is to be set before each step, and what the file does not contain."""
 
     ctrl: list[float] = field(default_factory=list)
     to_set: list[str] = field(default_factory=list)
@@ -63,9 +63,9 @@ def add_loads(
     tree: LinkTree,
     joints: list[str],
 ) -> Loads:
-    """Give a model, whose `elements` are its bodies by link, the springs, dampers, forces, torques and drives.
+    """Add the springs, dampers, forces, torques and drives to a model, whose `elements` are its bodies by link.
 
-    The world's element is at -1; `joints` are the names of the links' joints.
+    The element of the world is at -1; `joints` are the names of the links' joints.
     """
     loads = Loads()
     tendons, actuators = xml.Element("tendon"), xml.Element("actuator")
@@ -80,7 +80,7 @@ def add_loads(
         torque: float = 0.0,
         **more: str,
     ) -> None:
-        """Add one that acts on a body's point in the axes of the ground."""
+        """Add an actuator that acts on a body's point in the axes of the ground."""
         add(
             actuators,
             kind,
@@ -91,6 +91,8 @@ def add_loads(
             **more,
         )
 
+    # Springs by what they are measured along: two points, joint coordinates, an axis of the ground.
+    # MJCF has no element for an axis of a moving body that is not a guide's.
     for name, spring in scene.springs.items():
         constants = {"stiffness": repr(spring.stiffness), "damping": repr(spring.damping)}
         if isinstance(spring, LinearSpring) and spring.axis is None:
@@ -101,19 +103,22 @@ def add_loads(
                 xml.SubElement(
                     tendon, "site", site=add_site(elements, tree, f"{name}.{number}", body, point)
                 )
-        elif (found := _coordinate(scene, tree, spring)) is not None:
-            terms, rest = found
-            turned = (
-                -1.0 if rest < 0 else 1.0
-            )  # a length of -1 is MuJoCo's word for that at joint coordinates 0
-            tendon = add(tendons, "fixed", name=name, springlength=repr(turned * rest), **constants)
+        elif (joint_coordinate := _coordinate(scene, tree, spring)) is not None:
+            terms, rest = joint_coordinate
+            # A negative length at rest is measured in the other direction: MuJoCo reads a length of
+            # -1 as the length at joint coordinates 0.
+            direction = -1.0 if rest < 0 else 1.0
+            tendon = add(
+                tendons, "fixed", name=name, springlength=repr(direction * rest), **constants
+            )
             for link, sign in terms:
-                xml.SubElement(tendon, "joint", joint=joints[link], coef=repr(turned * sign))
+                xml.SubElement(tendon, "joint", joint=joints[link], coef=repr(direction * sign))
         elif (
             isinstance(spring, LinearSpring)
             and spring.axis is not None
             and spring.bodies[1] == GROUND
         ):
+            # The actuator measures from the origin of the ground, not from the spring's point of it.
             (px, py), (ax, ay), length = spring.points[1], spring.axis, hypot(*spring.axis)
             rest = spring.rest_length + (ax * px + ay * py) / length
             add_actuator(
@@ -139,6 +144,8 @@ def add_loads(
         loads.ctrl.append(float(evaluate_law(load.law, 0.0)[0]))
         if not isinstance(load.law, Constant):
             loads.to_set.append(f'ctrl of actuator "{name}": {_words(load.law)}')
+    # A drive of constant rate keeps it by its rotor alone. Others need a force on the rotor, which
+    # whoever steps the model has to compute.
     position, _ = tree.coordinates(scene)
     for name, drive in scene.drives.items():
         if isinstance(drive.law, (Constant, Linear)):
@@ -159,18 +166,23 @@ def add_loads(
 def _coordinate(
     scene: Scene, tree: LinkTree, spring: LinearSpring | TorsionalSpring
 ) -> tuple[list[tuple[int, int]], float] | None:
-    """Links and signs whose joint coordinates add up to the spring's, and their sum at rest; None if there are none."""
+    """Return links and signs whose joint coordinates add up to the spring's, and their sum at rest.
+
+    None if there are none.
+    """
     if isinstance(spring, TorsionalSpring):
         terms = tree.hinge_between(*spring.bodies)
         return terms, spring.rest_angle - sum(sign * tree.links[link].angle for link, sign in terms)
-    if (
-        spring.axis is None
-        or (found := link_along(scene, tree, spring.bodies, spring.axis)) is None
-    ):
+    if spring.axis is None:
         return None
-    link, sign = found
+    parallel = link_along(scene, tree, spring.bodies, spring.axis)
+    if parallel is None:
+        return None
+    link, sign = parallel
     if (name := tree.links[link].joint) is None:
         return None
+    # The spring's points are not those of the guide. The distance between both pairs of points is
+    # constant along the axis, as the slider does not turn in its guide.
     guide, (p, q), length = scene.guides[name], spring.points, hypot(*spring.axis)
     c, s = cos(guide.angle), sin(guide.angle)
     x, y = p[0] - guide.slider_point[0], p[1] - guide.slider_point[1]
@@ -181,4 +193,5 @@ def _coordinate(
 
 
 def _words(law: Law) -> str:
+    """Return a law as an expression of t, or the mention of a table."""
     return law_expression(law) or "the table of the scene"

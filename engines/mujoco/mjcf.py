@@ -6,7 +6,7 @@ from collections.abc import Mapping
 from typing import Any
 from xml.etree import ElementTree as xml
 
-from stiction.engines.mujoco.contact import add, add_guides, numbers
+from stiction.engines.mujoco.contact import SOLIMP_SHAPE, add, add_guides, numbers
 from stiction.engines.mujoco.loads import ROTOR, Loads, add_loads, add_site
 from stiction.engines.shared.joint_coordinates import motor_link
 from stiction.engines.shared.link_tree import Link, LinkTree
@@ -15,9 +15,9 @@ from stiction.scenes.fidelity import Fidelity
 from stiction.scenes.laws import evaluate_law
 
 HARDEST = 0.9999
-"""Impedance of what is to be hard: MuJoCo's own limit."""
+"""Impedance of constraints that are to be hard: MuJoCo's own limit."""
 _NOSLIP = 5
-"""Sweeps over the frictions alone; they settle in one where none feeds on another."""
+"""Number of sweeps over the frictions alone. One is enough where no friction depends on another."""
 START = "start"
 """Name of the keyframe with the scene's start."""
 _HEADER = """
@@ -39,7 +39,7 @@ _COEFFICIENTS = (
 )
 _DAMPING = "; solreffriction: less damping while it slides, see the adapter"
 _PLACEHOLDER = 1.0
-"""Newtons of friction of a guide until its bound is set: without any MuJoCo leaves the row out."""
+"""Friction of a guide (N) until its bound is set: with zero MuJoCo leaves the row out."""
 
 
 def mjcf(
@@ -62,15 +62,16 @@ def mjcf(
     options : Mapping
         All settings of the adapter at this fidelity.
     loaded : bool
-        True for springs, dampers, loads and drives in the model, with a header that says what is not; else they are the
-        caller's to apply.
+        True to include springs, dampers, loads and drives in the model, with a header that lists what is missing. If
+        False, the caller applies them.
     """
     contact = fidelity == Fidelity.CONTACT
-    impedance, integrator, noslip = (
-        (HARDEST, "Euler", options["noslip_iterations"])
-        if contact
-        else (options["impedance"], options["integrator"], _NOSLIP * (options["noslip"] == "on"))
-    )
+    if contact:
+        impedance, integrator = HARDEST, "Euler"
+        noslip = options["noslip_iterations"]
+    else:
+        impedance, integrator = options["impedance"], options["integrator"]
+        noslip = _NOSLIP if options["noslip"] == "on" else 0
     driven = {
         link: sign * evaluate_law(drive.law, 0.0)[1]
         for drive in scene.drives.values()
@@ -90,24 +91,27 @@ def mjcf(
         noslip_tolerance="0",
         noslip_iterations=str(noslip),
     )
-    # without eulerdamp: dampers act as all loads do, at the start of a step
+    # Without autoreset, a state that is not finite is reported instead of replaced by the start.
+    # Without eulerdamp, dampers act at the start of a step, as all loads do.
     flag = xml.SubElement(option, "flag", autoreset="disable", eulerdamp="disable")
     if contact:
-        # by bodies alone, a slider on a driven bar counts as lighter than its contacts find it
+        # The softness of contacts is scaled by the mobility of their bodies. MuJoCo's approximation
+        # takes a slider on a driven bar for lighter than it is for its contacts.
         flag.set("diagexact", "enable")
         option.set("cone", options["cone"])
         option.set("impratio", repr(options["impratio"]))
     else:
         flag.set("contact", "disable")
+    # Friction and loops: errors of place and of rate are to vanish within a step (direct format).
     stiffness, damping = -1.0 / timestep**2, -1.0 / timestep
     soft = {
         "solref": numbers(stiffness, damping),
-        "solimp": numbers(impedance, impedance, 0.001, 0.5, 2.0),
+        "solimp": numbers(impedance, impedance, *SOLIMP_SHAPE),
     }
     elements: dict[int, xml.Element] = {-1: xml.SubElement(root, "worldbody")}
     for i, link in enumerate(tree.links):
         if link.body is None:
-            # half of a free body's joint: MuJoCo puts all joints of a body into it
+            # Part of a free body's joint: in MuJoCo all joints of a body are in its element.
             continue
         free = link.joint is None
         parent = -1 if free else link.parent
@@ -159,6 +163,7 @@ def mjcf(
 
 
 def _header(scene: Scene, timestep: float, loads: Loads, line: str) -> str:
+    """Return the comment of a file; `line` is the template of what is to be set for a frictional guide."""
     friction = [
         line.format(name=name, guide=guide, placeholder=_PLACEHOLDER)
         for name, guide in scene.frictional_guides.items()
@@ -175,16 +180,19 @@ def _header(scene: Scene, timestep: float, loads: Loads, line: str) -> str:
         to_set=to_set,
         missing=missing,
     )
-    return header.replace("--", "- -")  # which would end a comment
+    return header.replace("--", "- -")  # two hyphens are not allowed in a comment of XML
 
 
 def joint_name(tree: LinkTree, i: int) -> str:
-    """Name of a link's joint: the scene's, or what it moves of a free body."""
+    """Return the name of a link's joint: the scene's, or the coordinate of a free body that it moves."""
     link = tree.links[i]
     if link.joint is not None:
         return link.joint
+    # the two links that slide along x and y precede the link of their body
     body = next(other.body for other in tree.links[i:] if other.body)
-    return f"{body}.{'angle' if link.body else 'x' if link.axis[0] else 'y'}"
+    if link.body:
+        return f"{body}.angle"
+    return f"{body}.{'x' if link.axis[0] else 'y'}"
 
 
 def _joint(

@@ -26,7 +26,7 @@ PLACEHOLDERS = {
     "output_step": "seconds between rows, at most",
     "settings": "KEY=VALUE, an argument each; must stand alone",
 }
-"""Words that may stand in braces in an argument, and what replaces them."""
+"""Words that are replaced if they are in braces in an argument, and what replaces them."""
 RESERVED = {
     "dt",
     "rtol",
@@ -36,7 +36,7 @@ RESERVED = {
     FRICTION_SUPPLIED_BY,
     EVENTS_LOCATED_BY,
 }
-"""Settings of every trajectory, which no declaration may have."""
+"""Settings of every trajectory, which no declaration may define."""
 _BRACES = re.compile(r"\{(\w+)\}")
 _Words = Annotated[tuple[StrictStr, ...], Field(min_length=1)]
 
@@ -66,6 +66,8 @@ class Declaration(Model):
                 )
             if "{settings}" in word and word != "{settings}":
                 yield f"command.{i}", word, "expected {settings} as an argument of its own"
+        # The command has to pass on what the run depends on: a step or a tolerance, settings, and a
+        # file for events if the program is to locate these.
         can = self.capabilities
         refined, other = ("rtol", "dt") if can.adaptive else ("dt", "rtol")
         needed = {

@@ -32,8 +32,14 @@ REFUSAL = 77
 """Exit code of a program that cannot represent the scene; the last lines that it printed say why."""
 VERSION_S = 20.0
 """Seconds for the version command."""
-_SAME = 1e-9  # of t_end: times that are the same instant
+_SAME = 1e-9
+"""Difference of times that are the same instant, relative to t_end."""
 _MIB = 2**20
+"""Bytes in a mebibyte."""
+_VERSIONS_KEPT = 64
+"""Number of answers of version commands that are kept in memory."""
+_LONGEST_VERSION = 80
+"""Characters of a version."""
 
 
 class _Event(Model):
@@ -55,9 +61,9 @@ class _Report(Model):
 class ProgramEngine(DeclaredEngine):
     """A program that is declared in a TOML file (docs/how-to/program.md).
 
-    It reads a scene in its resolved form, and writes a table: ``t``, positions and velocities of all bodies, and what
-    it has of accelerations, reactions, frictions and modes, by the names of columns. Accelerations that it does not
-    give are differences of velocities, and forces follow from the balance of momentum.
+    It reads a scene in its resolved form, and writes a table with ``t``, positions and velocities of all bodies, and
+    those accelerations, reactions, frictions and modes that it computes, by the names of columns. Missing accelerations
+    are differences of velocities, and missing forces follow from the balance of momentum.
 
     Raises
     ------
@@ -84,6 +90,8 @@ class ProgramEngine(DeclaredEngine):
                 "program"
             )
         self._program = self._found(declared.command[0])
+        # Files that the command names, such as a script, are part of the program: the version is
+        # asked for again when one has changed.
         paths = [self._program, *(self.folder / word for word in declared.command[1:])]
         self._files = [path for path in paths if path.is_file()]
         version = str(self._found(declared.version[0])), *declared.version[1:]
@@ -98,7 +106,7 @@ class ProgramEngine(DeclaredEngine):
             )
 
     def _found(self, word: str) -> Path:
-        """The program of a command: a path from the working folder where it has a slash, else one on PATH."""
+        """Return the program of a command: a path from the working folder if it has a slash, or one on PATH."""
         path = self.folder / word if "/" in word else shutil.which(word)
         if path is None or not os.access(path, os.X_OK) or Path(path).is_dir():
             where = "on PATH" if path is None else f"as {path}"
@@ -152,6 +160,7 @@ class ProgramEngine(DeclaredEngine):
                 **{key: str(path) for key, path in files.items()},
                 **{key: repr(float(value)) for key, value in numbers.items()},
             }
+            # Numbers are written so that they are read back exactly.
             words = [f"{key}={as_given(value)}" for key, value in chosen.items()]
             ended = self._ended([str(self._program), *declared.arguments(values, words)], place)
             if not files["result"].is_file():
@@ -161,6 +170,7 @@ class ProgramEngine(DeclaredEngine):
             with self.reading():
                 table = result_table(files["result"], handed)
             report = self._report(files["events"])
+        # The program's own times cannot be more than the CPU time that the system measured.
         setup = min(report.setup_s, ended.cpu_s)
         stepping = ended.cpu_s - setup
         engine_s = None if report.engine_s is None else min(report.engine_s, stepping)
@@ -175,16 +185,18 @@ class ProgramEngine(DeclaredEngine):
         )
 
     def _ended(self, command: list[str], place: Path) -> Ended:
-        """The end of a program that has not failed; its files lie in a folder."""
+        """Run a program, whose files are in a folder; return its end if it has not failed."""
         most = self.declaration.largest_file * _MIB
         ended = run_program(
             command, self.folder, self.declaration.environment, place / "printed.txt", most
         )
+        # A refusal is no failure: the program has judged the scene, and its message is the reason.
         if ended.code == REFUSAL:
             raise Refused(
                 ended.said
                 or f"{self.name} ended with exit code {REFUSAL}, a refusal, and printed no reason"
             )
+        # A program whose file has reached the limit may have ended as if nothing had happened.
         full = [path.name for path in place.iterdir() if path.stat().st_size >= most]
         too_much = (
             f"; {' and '.join(full)}: reached the limit of {self.declaration.largest_file} MiB"
@@ -207,7 +219,7 @@ class ProgramEngine(DeclaredEngine):
     def _events(
         self, report: _Report, table: ResultTable, columns: Mapping[str, np.ndarray], t_end: float
     ) -> Iterator[Event]:
-        """Events with the two rows that the table has at their times."""
+        """Yield events with the two rows of the table at their times."""
         sides = list(table.jumps(columns))
         times = np.array([time for time, *_ in sides])
         for event in report.events:
@@ -221,16 +233,19 @@ class ProgramEngine(DeclaredEngine):
             yield Event(time, event.kind, event.joint, before, after)
 
 
-@lru_cache(maxsize=64)
+@lru_cache(maxsize=_VERSIONS_KEPT)
 def _answer(
     command: tuple[str, ...],
     folder: Path,
     environment: tuple[tuple[str, str], ...],
     files: tuple[tuple[Path, int, int], ...],
 ) -> tuple[str, str]:
-    """First line that the version command prints, or none and its end; asked again where one of `files` has changed."""
+    """Return the first line that the version command prints, empty if it fails, and how it ended.
+
+    The command is run again if one of `files`, with their times and sizes, has changed.
+    """
     with TemporaryDirectory(prefix="stiction-program-") as scratch:
         log = Path(scratch) / "printed.txt"
         ended = run_program(command, folder, dict(environment), log, _MIB, VERSION_S)
         first = log.read_text(errors="replace").partition("\n")[0] if ended.code == 0 else ""
-    return first.strip()[:80], ended.words
+    return first.strip()[:_LONGEST_VERSION], ended.words

@@ -17,15 +17,15 @@ from stiction.scenes.wording import last_lines
 
 SUPERVISOR = Path(__file__).with_name("supervisor.py")
 LOG_BYTES = 4000
-"""Of what a program printed, the end is read."""
+"""Number of bytes that are read of the end of what a program printed."""
 
 
 class Ended(NamedTuple):
     """End of a program.
 
-    `code`: exit code, or minus the signal that ended it; None where it was not started, or given up. `cpu_s`: seconds,
-    user and system, of the program and of those of its children that it waited for. `words`: the end in words, with
-    the last lines that it printed, `said`.
+    `code`: exit code, or minus the signal that ended it; None if it was not started, or was given up. `cpu_s`: CPU
+    seconds, user and system, of the program and of those of its children that it waited for. `words`: the end in words,
+    with the last lines that it printed, which are `said`.
     """
 
     code: int | None
@@ -47,7 +47,8 @@ def run_program(
     `environment` adds to the variables of this process. What the program prints goes to `log`. The system ends a
     program that writes more than `largest` bytes to a file, `log` included.
     """
-    # the end of its input, by an interrupt or by the end of this process too, ends the supervisor and what it started
+    # The supervisor ends the program when its standard input is closed, which also happens when this
+    # process is interrupted or killed.
     with subprocess.Popen(
         [sys.executable, "-I", "-S", str(SUPERVISOR), str(log), str(largest), *command],
         stdin=subprocess.PIPE,
@@ -63,6 +64,7 @@ def run_program(
             return Ended(None, 0.0, f"no end within {timeout_s:g} s")
         assert supervisor.stdout is not None
         first, _, rest = supervisor.stdout.read().strip().partition(" ")
+    # no answer at all, or that the program could not be started
     if not first or first == "error":
         return Ended(None, 0.0, rest or "its supervisor was killed")
     with log.open("rb") as file:

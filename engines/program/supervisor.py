@@ -1,7 +1,7 @@
-"""Program under supervision: whoever started it may be killed at any time, and nothing of it runs on then.
+"""Run of a program under supervision: when the process that started it ends, for any reason, the program is killed.
 
-A script by itself, for ``python -I -S``. Arguments: a file for what the program prints, the largest size of a file in
-bytes, the program with its arguments. Standard output: exit code (minus the signal that ended it) and CPU seconds, or
+This is a script for ``python -I -S``. Arguments: a file for the program's output, the largest size of a file in bytes,
+the program with its arguments. Standard output: exit code (minus the signal that ended it) and CPU seconds, or
 ``error`` and why it could not be started. At the end of standard input the program's process group is killed.
 """
 
@@ -42,17 +42,15 @@ def main(log: str, largest: str, *command: str) -> None:
         with lock:
             try:
                 os.killpg(number, signal.SIGKILL)
-            except (
-                ProcessLookupError,
-                PermissionError,
-            ):
-                # macOS refuses for a group of processes that have ended
+            except (ProcessLookupError, PermissionError):
+                # All processes of the group have ended, which macOS reports as the second error.
                 pass
 
     _thread.start_new_thread(kill_group, (True,))
     os.waitid(os.P_PID, number, os.WEXITED | os.WNOWAIT)
-    kill_group(False)  # what it has left running
-    lock.acquire()  # for ever: once it is waited for, its number may be another's
+    kill_group(False)  # processes that the program has left running
+    # Never released: once the program has been waited for, its number may be that of another process.
+    lock.acquire()
     _, status, used = os.wait4(number, 0)
     print(os.waitstatus_to_exitcode(status), used.ru_utime + used.ru_stime)
 

@@ -1,13 +1,13 @@
 """PyBullet: a multibody in reduced coordinates (Featherstone), impulses on joint velocities, symplectic Euler.
 
-Where point-to-point constraints close loops, the first step also bends the consistent start onto the engine's discrete
-velocities. The sample at 0 then holds the acceleration of the second.
+Where point-to-point constraints close loops, the first step also changes the consistent velocities of the start to the
+engine's discrete ones. The sample at 0 then contains the acceleration of the second step.
 
 Joint fidelity. The mechanism is one multibody on a fixed base, its joints those of
 `stiction.engines.shared.link_tree.LinkTree`. Revolute joints that close a loop are point-to-point constraints,
-corrected by `erp` of their error each step; a translational joint that closes a loop is refused: `createConstraint` has
-`JOINT_PRISMATIC`, but no motor, and friction is held by one. Drives: velocity motors. Friction: a velocity motor at
-rest with `force` at the bound of `stiction.engines.shared.friction_bound`. All damping that PyBullet adds by default is
+corrected by `erp` of their error each step. A translational joint that closes a loop is refused: `createConstraint` has
+`JOINT_PRISMATIC`, but no motor, which friction needs. Drives: velocity motors. Friction: a velocity motor of rate zero
+with `force` at the bound of `stiction.engines.shared.friction_bound`. All damping that PyBullet adds by default is
 switched off.
 
 Contact fidelity. The slider is a box of the guide's length and width between two fixed boxes, without clearance.
@@ -45,20 +45,26 @@ from stiction.scenes.fidelity import Fidelity
 from stiction.scenes.model import Revolute, Translational
 
 _NO_LIMIT = 1e9
-"""Limit of what a drive or a loop takes (N, N m), and of joint velocities, which PyBullet clamps at 100 otherwise."""
+"""Limit of the force of a drive or loop (N, N m), and of joint velocities, which PyBullet clamps at 100 otherwise."""
 MOST_GUIDES = 31
-"""At contact fidelity sliders touch their own guides only: a bit of a filter each, of an int that
-`setCollisionFilterGroupMask` takes without its sign."""
+"""Largest number of guides at contact fidelity. Sliders touch their own guides only, by a bit of a filter each, and
+`setCollisionFilterGroupMask` accepts a positive int of 32 bits."""
 MOST_LINKS = 121
-"""Links of a multibody: commands have room for 128 coordinates (MAX_DEGREE_OF_FREEDOM), 7 of them the base's. Those of
-more links are silently dropped."""
+"""Largest number of links of a multibody: commands have room for 128 coordinates (MAX_DEGREE_OF_FREEDOM), 7 of which
+are those of the base. The coordinates of more links are silently dropped."""
 _FASTEST, _SLOWEST = _NO_LIMIT / 2, -_NO_LIMIT / 2
-"""Joint velocities between which PyBullet has surely not clamped, which it does silently."""
+"""Bounds of joint velocities within which PyBullet has surely not clamped them, which it does silently."""
 _DEPTH = 0.5
-"""Half the depth of boxes out of the plane in metres; without influence, nothing turns that way."""
+"""Half the depth (m) of boxes out of the plane. It has no influence, as nothing turns out of the plane."""
 _PLACE_GAIN, _RATE_GAIN = 0.1, 1.0
-"""PyBullet's own values for the optional arguments of velocity motors, so that all are given by place: names cost half
-a microsecond a call."""
+"""PyBullet's defaults of the optional arguments of velocity motors. With these, all arguments are given by place: names
+cost half a microsecond a call."""
+_PARENT_OF_JOINT = 16
+"""Place of the index of the parent link in what `getJointInfo` returns."""
+_MOTOR_FORCE = 3
+"""Place of the force of the motor in a joint state."""
+_NORMAL_FORCE, _FRICTION_1, _FRICTION_2 = 9, 10, 12
+"""Places in a contact point of the normal force and of the friction in two tangential directions."""
 _SETTINGS: Mapping[str, Defaults] = {
     Fidelity.JOINT: {"iterations": 50, "passes": 2, "erp": 1.0},
     Fidelity.CONTACT: {
@@ -90,7 +96,7 @@ class PybulletEngine(TreeEngine):
 
     @property
     def version(self) -> str:
-        _ = _pybullet().connect  # another package of this name has none
+        _ = _pybullet().connect  # an AttributeError if another package has this name
         return accepted("pybullet", installed_version("pybullet"))
 
     def refusal(self, scene: Scene, fidelity: Fidelity) -> str | None:
@@ -136,9 +142,10 @@ class PybulletEngine(TreeEngine):
 
 
 def _pybullet() -> Any:
-    """The library, imported when it is needed, without the build time that it writes to the error stream then."""
+    """Import the library when it is needed, without the build time that it writes to the error stream."""
     if "pybullet" in sys.modules:
         return sys.modules["pybullet"]
+    # It is written by C code, so that the file descriptor has to be redirected for the import.
     sys.stderr.flush()
     kept = os.dup(2)
     with open(os.devnull, "w") as nothing:
@@ -153,7 +160,7 @@ def _pybullet() -> Any:
 
 @contextlib.contextmanager
 def _client() -> Iterator[int]:
-    """A physics server of one run."""
+    """Connect to a physics server for one run."""
     bullet = _pybullet()
     client = bullet.connect(bullet.DIRECT)
     if client < 0:
@@ -165,7 +172,7 @@ def _client() -> Iterator[int]:
 
 
 def _multibody(scene: Scene, tree: LinkTree, shapes: Mapping[int, int], client: int) -> int:
-    """The scene's links in PyBullet, with collision shapes by link, without motors and damping."""
+    """Create the scene's links in PyBullet, with collision shapes by link, without motors and damping."""
     bullet, links = _pybullet(), tree.links
     body = bullet.createMultiBody(
         baseMass=0.0,
@@ -186,7 +193,9 @@ def _multibody(scene: Scene, tree: LinkTree, shapes: Mapping[int, int], client: 
     if body < 0:
         raise RuntimeError("PyBullet did not create the multibody")
     for i, link in enumerate(links):
-        if bullet.getJointInfo(body, i, physicsClientId=client)[16] != link.parent:
+        # States and motors are addressed by number, so the order has to be that of the tree.
+        joint = bullet.getJointInfo(body, i, physicsClientId=client)
+        if joint[_PARENT_OF_JOINT] != link.parent:
             raise RuntimeError(
                 f"PyBullet numbered the links otherwise than they were given: link {i}"
             )
@@ -199,11 +208,13 @@ def _multibody(scene: Scene, tree: LinkTree, shapes: Mapping[int, int], client: 
             maxJointVelocity=_NO_LIMIT,
             physicsClientId=client,
         )
-        if link.body:  # in a call of its own: with damping in the same call it is dropped silently
+        # In a call of its own: PyBullet silently ignores an inertia in the same call as damping.
+        if link.body:
             inertia = scene.bodies[link.body].inertia
             bullet.changeDynamics(
                 body, i, localInertiaDiagonal=[inertia] * 3, physicsClientId=client
             )
+        # PyBullet gives each joint a motor that brakes it; it is switched off.
         bullet.setJointMotorControl2(
             body, i, bullet.VELOCITY_CONTROL, force=0.0, physicsClientId=client
         )
@@ -230,11 +241,10 @@ class _Stepper(TreeStepper):
         loaded = {name for spring in scene.springs.values() for name in spring.bodies} | {
             load.body for load in scene.forces.values()
         }
+        # Functions with the arguments that do not change, which saves time in each step.
         links = list(range(len(tree.links)))
-        self._simulate, self._states = (
-            bullet.stepSimulation,
-            partial(bullet.getJointStates, self._multibody, links, client),
-        )
+        self._simulate = bullet.stepSimulation
+        self._states = partial(bullet.getJointStates, self._multibody, links, client)
         self._reset = partial(bullet.resetJointStatesMultiDof, self._multibody, links)
         braked = len(self.friction_links)
         self._brake = partial(
@@ -257,24 +267,24 @@ class _Stepper(TreeStepper):
             for i, name in enumerate(scene.bodies)
             if name in loaded
         ]
-        # of single numbers a view of the memory is read and written in half the time of an array
-        self._positions, self._velocities, self._held = (
-            self.position.data,
-            self.velocity.data,
-            self.held.data,
-        )
-        # forces act where PyBullet last looked for the links: at the start of the step before, or where `put` set them
-        self._places, self._found = np.zeros(len(self.coordinates)).data, self.coordinates.data
+        # A memory view reads and writes single numbers in half the time that an array takes.
+        self._positions, self._velocities = self.position.data, self.velocity.data
+        self._held = self.held.data
         self._forces = self.loads.data
+        # PyBullet applies forces at the places of the links that it computed last: those at the
+        # start of the step before, or those that `put` has set. `_places` are these, and
+        # `_present` those at the start of the coming step.
+        self._places, self._present = np.zeros(len(self.coordinates)).data, self.coordinates.data
         self.put(self.position, self.velocity)
         for name in tree.loops:
             self._close_loop(scene.pins[name])
 
     def _shapes(self, scene: Scene) -> dict[int, int]:
-        """Collision shapes by link."""
+        """Return collision shapes by link."""
         return {}
 
     def _close_loop(self, joint: Revolute) -> None:
+        """Add the constraint of a revolute joint that closes a loop."""
         bullet = self._bullet
         (first, second), (p, q) = (self.tree.link_of[name] for name in joint.bodies), joint.points
         pin = bullet.createConstraint(
@@ -309,7 +319,7 @@ class _Stepper(TreeStepper):
 
     def begin(self) -> None:
         super().begin()
-        self._places[:] = self._found
+        self._places[:] = self._present
 
     def advance(self, caps: Sequence[float]) -> None:
         client = self._client
@@ -324,21 +334,19 @@ class _Stepper(TreeStepper):
                 turn((0.0, 0.0, torque), self._world, client)
         self.clock.call(self._simulate, client)
         if self._pushers:
-            place[:] = self._found
-        states, positions, velocities, held, i = (
+            place[:] = self._present
+        states, positions, velocities, held = (
             self._states(),
             self._positions,
             self._velocities,
             self._held,
-            0,
         )
-        for position, velocity, _, _ in states:
+        for i, (position, velocity, _, _) in enumerate(states):
             if not _SLOWEST < velocity < _FASTEST:
                 raise FloatingPointError(f"a joint velocity is above {_FASTEST:g}")
             positions[i], velocities[i] = position, velocity
-            i += 1
         for i, link in self._braked:
-            held[i] = abs(states[link][3])
+            held[i] = abs(states[link][_MOTOR_FORCE])
 
 
 class _ContactStepper(ContactStepper, _Stepper):
@@ -354,6 +362,9 @@ class _ContactStepper(ContactStepper, _Stepper):
             enableConeFriction=int(options["cone_friction"] == "on"),
             physicsClientId=client,
         )
+        # Each slider touches the two surfaces of its own guide only, by a bit of its filter. Bullet
+        # multiplies the coefficients of two shapes, so that with 1 for the surfaces the slider's is
+        # the contact's.
         self._guides = []
         for number, guide in enumerate(scene.guides.values()):
             link = self.tree.link_of[guide.slider]
@@ -379,14 +390,12 @@ class _ContactStepper(ContactStepper, _Stepper):
 
     def _shapes(self, scene: Scene) -> dict[int, int]:
         bullet = self._bullet
+        # The frame of a slider, which is a free link, has its origin in the centre of mass.
         return {
             self.tree.link_of[guide.slider]: bullet.createCollisionShape(
                 bullet.GEOM_BOX,
                 halfExtents=[guide.extent[0] / 2, guide.extent[1] / 2, _DEPTH],
-                collisionFramePosition=[
-                    *guide.slider_point,
-                    0.0,
-                ],  # from the centre of mass: a free link's frame
+                collisionFramePosition=[*guide.slider_point, 0.0],
                 collisionFrameOrientation=bullet.getQuaternionFromEuler(
                     [0.0, 0.0, box_angle(guide)]
                 ),
@@ -396,7 +405,7 @@ class _ContactStepper(ContactStepper, _Stepper):
         }
 
     def _surface(self, guide: Translational, along: np.ndarray) -> int:
-        """The box whose face lies half the slider's width to the right of `along`."""
+        """Create the fixed box whose face lies half the slider's width to the right of `along`."""
         bullet = self._bullet
         inward = np.array([-along[1], along[0]])
         centre = guide.point - inward * (guide.extent[1] / 2 + _DEPTH)
@@ -428,10 +437,9 @@ class _ContactStepper(ContactStepper, _Stepper):
             )
             for link in self._guides
         ]
-        return (
-            [sum([contact[9] for contact in found]) for found in contacts],
-            [
-                sum([math.hypot(contact[10], contact[12]) for contact in found])
-                for found in contacts
-            ],
-        )
+        normals = [sum([point[_NORMAL_FORCE] for point in points]) for points in contacts]
+        frictions = [
+            sum([math.hypot(point[_FRICTION_1], point[_FRICTION_2]) for point in points])
+            for points in contacts
+        ]
+        return normals, frictions

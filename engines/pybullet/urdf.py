@@ -12,11 +12,13 @@ from stiction.scenes import Scene
 BASE = "base"
 _HEADER = """
   {title}
-  The tree of links at joint coordinates 0; the start of each joint stands in its comment. PyBullet reads it with
+  The tree of links at joint coordinates 0; the start of each joint is in its comment. PyBullet reads it with
   useFixedBase=True and flags=URDF_USE_INERTIA_FROM_FILE, and adds damping and a motor to each joint, which
-  changeDynamics and setJointMotorControl2 take away. Links without a body have no mass.
-  Not in this file, as URDF declares of a joint no more than viscous damping and a constant friction:{missing}
+  changeDynamics and setJointMotorControl2 remove. Links without a body have no mass.
+  Not in this file, as a joint of URDF has no more than viscous damping and a constant friction:{missing}
 """
+_UNLIMITED = "1e9"
+"""Limits of sliding joints (m, N, m/s), which URDF requires: beyond those of any mechanism."""
 
 
 def urdf(scene: Scene) -> str:
@@ -25,7 +27,7 @@ def urdf(scene: Scene) -> str:
     Raises
     ------
     Refused
-        If joints close loops, which URDF cannot say.
+        If joints close loops, which URDF cannot express.
     """
     tree = LinkTree(scene)
     if tree.loops:
@@ -34,6 +36,7 @@ def urdf(scene: Scene) -> str:
     root.append(
         xml.Comment(_HEADER.format(title=scene.title, missing=_missing(scene)).replace("--", "- -"))
     )
+    # The base is the ground. URDF requires it to be a link, and the parent of all others.
     _inertial(xml.SubElement(root, "link", name=BASE), (0.0, 0.0), 0.0, 0.0)
     names = [link.body or f"{link.joint or 'free'}-{i}" for i, link in enumerate(tree.links)]
     position, velocity = tree.coordinates(scene)
@@ -55,7 +58,14 @@ def urdf(scene: Scene) -> str:
         )
         xml.SubElement(joint, "axis", xyz=_numbers(*link.axis, 0.0) if link.slides else "0 0 1")
         if link.slides:
-            xml.SubElement(joint, "limit", lower="-1e9", upper="1e9", effort="1e9", velocity="1e9")
+            xml.SubElement(
+                joint,
+                "limit",
+                lower=f"-{_UNLIMITED}",
+                upper=_UNLIMITED,
+                effort=_UNLIMITED,
+                velocity=_UNLIMITED,
+            )
     xml.indent(root)
     return xml.tostring(root, encoding="unicode") + "\n"
 
@@ -70,7 +80,7 @@ def _inertial(link: xml.Element, point: tuple[float, float], mass: float, inerti
 
 
 def _missing(scene: Scene) -> str:
-    """A line for each effect of the scene that is not in the file."""
+    """Return a line for each effect of the scene that is not in the file."""
     effects = [
         (f'{kind} "{name}"', law_expression(element.law) or "the table of the scene")
         for kind, elements in (("drive", scene.drives), ("load", scene.forces))

@@ -41,13 +41,15 @@ SPARE = 4
 mechanism that moves has positions in which it is slower. With slow convergence the share is then
 a quarter of what is stable at the start. With 2 a four-bar of light couplers flies apart on its
 way."""
+_WHOLE_ERROR = 0.5
+"""Part r of an error that iterations may leave where a step corrects the whole of it, s = 1: then 1 < (1 - r)/r."""
 _NEGLIGIBLE = 1e-9
-"""A part of an error that is as good as nothing: far below 1/2, and above rounding."""
+"""Part of an error that is negligible: far below 1/2, and above rounding."""
 _MOST_ITERATIONS = 100_000
-"""Of the one step before a run: some hundredths of a second."""
+"""Largest number of iterations of the trial step before a run, which then takes some hundredths of a second."""
 _REDUNDANT = 1e-10
-"""Singular values of rows that are this small against the largest are those of redundant
-constraints: rounding, and far below the root of any ratio of masses."""
+"""Ratio of a singular value of the rows to the largest below which it is rounding, so that constraints are redundant.
+It is far below the root of any ratio of masses."""
 
 
 class Iteration:
@@ -65,55 +67,62 @@ class Iteration:
         J, rows = constraint_rows(balance), balance.m.rows
         mobility = 1.0 / balance.mass
         mobility[2::3][[name in fixed for name in scene.bodies]] = 0.0
-        # velocities times the roots of the masses: lengths are roots of energies there
+        # Velocities are multiplied by the roots of the masses. In these units the square of a length
+        # is twice an energy, and the impulse of a row is an orthogonal projection.
         scaled = J * np.sqrt(mobility)
-        # rows whose impulses are found together: the two of a pin, each other one by itself
+        # Blocks of rows whose impulses Chipmunk solves for together: the two of a pin; each other
+        # row is a block of its own.
         blocks: list[list[int]] = []
         for joint in scene.joints.values():
             row = sum(map(len, blocks))
             blocks += [[row, row + 1]] if isinstance(joint, Revolute) else [[row], [row + 1]]
         blocks += [[row] for row in range(2 * len(scene.joints), len(J))]
-        # with no slider held by friction and with all of them
+        # Friction that holds a slider is one more row. The two extremes are considered: no slider
+        # is held, and all of them are.
         self._sweeps = [
             _sweep(scaled[:size], [block for block in blocks if block[-1] < size])
             for size in dict.fromkeys((rows, len(J)))
         ]
 
     def left(self, iterations: int) -> float:
-        """The part of an error that is left in the slowest mode after so many iterations."""
+        """Return the part of an error that is left in the slowest mode after so many iterations."""
         return max(_left(sweep, iterations) for sweep in self._sweeps)
 
     def share(self, iterations: int) -> float:
-        """The share of a position error that a step of so many iterations may correct, to 1."""
+        """Return the share of a position error that a step of so many iterations may correct, at most 1."""
         left = self.left(max(1, iterations // SPARE))
-        return 1.0 if left <= 0.5 else 1.0 / left - 1.0
+        return 1.0 if left <= _WHOLE_ERROR else 1.0 / left - 1.0
 
     def needed(self, least: int) -> int:
-        """Iterations, at least these, after which next to nothing is left of an error."""
+        """Return the number of iterations, at least `least`, after which the rest of an error is negligible."""
         left = self.left(least)
         if left <= _NEGLIGIBLE:
             return least
         if left >= 1.0:
             return _MOST_ITERATIONS
+        # an error decreases by the same factor in each iteration: left^(n/least) = negligible
         return min(_MOST_ITERATIONS, math.ceil(least * math.log(_NEGLIGIBLE) / math.log(left)))
 
 
 def _sweep(rows: np.ndarray, blocks: list[list[int]]) -> np.ndarray:
-    """What one iteration makes of the velocities that constraints can change.
+    """Return the matrix of one iteration, which maps velocities to those after it.
 
-    It is in an orthonormal basis of those, in the metric of the masses, in which the impulse of a
-    block is a projection: it removes what violates the block.
+    It acts on the velocities that constraints can change, in an orthonormal basis of these.
     """
+    # The impulse of a block removes the component that violates the block: a projection.
     after = np.eye(rows.shape[1])
     for block in blocks:
         after -= np.linalg.pinv(rows[block]) @ (rows[block] @ after)
+    # Velocities that violate no row are not changed at all, and would look like a mode that does
+    # not converge. They are left out by restricting the map to the row space.
     _, sizes, directions = np.linalg.svd(rows, full_matrices=False)
     basis = directions[sizes > _REDUNDANT * sizes.max(initial=0.0)]
     return basis @ after @ basis.T
 
 
 def _left(sweep: np.ndarray, iterations: int) -> float:
-    """By so many iterations after so many first ones, in which faster modes die out."""
+    """Return the part of an error that so many iterations leave of the slowest mode, at most 1."""
+    # As many iterations before, in which faster modes decay, leave the slowest mode alone.
     first = np.linalg.matrix_power(sweep, iterations)
     if not len(sweep) or (size := float(np.linalg.norm(first, 2))) <= _NEGLIGIBLE:
         return 0.0
@@ -121,9 +130,9 @@ def _left(sweep: np.ndarray, iterations: int) -> float:
 
 
 def constraint_rows(balance: Balance) -> np.ndarray:
-    """J as it is assembled, shape (rows + frictional, 3 * bodies).
+    """Return the assembled J, shape (rows + frictional, 3 * bodies).
 
-    Rows are those of joints, of drives, and behind them those along frictional guides.
+    Its rows are those of joints, then of drives, then those along frictional guides.
     """
     m, w = balance.m, balance.w
     J = np.zeros((len(w.gamma), len(balance.mass)))
@@ -133,11 +142,10 @@ def constraint_rows(balance: Balance) -> np.ndarray:
 
 
 def bias_of_share(share: float, h: float) -> float:
-    """Chipmunk's `error_bias` for a share that a step of h seconds corrects.
+    """Return Chipmunk's `error_bias` for a share of an error that a step of h seconds corrects.
 
-    That is the part of an error which is left after a second.
-    At steps below 0.3 ms it may be too small for a float; then it is the smallest that there is,
-    whose share is less.
+    It is the part of an error that is left after a second. At steps below 0.3 ms it may be too small for a float. Then
+    it is the smallest positive one, which corrects a smaller share.
     """
     if share >= 1.0:
         return 0.0
@@ -145,5 +153,5 @@ def bias_of_share(share: float, h: float) -> float:
 
 
 def share_of_bias(error_bias: float, h: float) -> float:
-    """The share of a position error that a step of h seconds corrects."""
+    """Return the share of a position error that a step of h seconds corrects."""
     return 1.0 - error_bias**h

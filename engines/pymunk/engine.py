@@ -23,8 +23,8 @@ body's centre of mass both along and across the groove, a slider that moves leav
 `PinJoint` has one row, with the mass of that row.
 
 Contact fidelity. The slider is a box of the guide's length and width, less `clearance`, between two segments. Without
-clearance the box touches both from the start, and what its contacts remember keeps it pressed between them: a box of
-length a and width b that slides from the start has 1 + 2 mu b/a times its friction, at any step.
+clearance the box touches both from the start, and the impulses with which its contacts begin each step keep it pressed
+between them: a box of length a and width b that slides from the start has 1 + 2 mu b/a times its friction, at any step.
 """
 
 from __future__ import annotations
@@ -72,18 +72,19 @@ if TYPE_CHECKING:
     from pymunk.batch import Buffer
 
 MOST_GUIDES = 32
-"""At contact fidelity sliders touch their own guides only: a bit of `ShapeFilter` each, of an unsigned int."""
+"""Largest number of guides at contact fidelity. Sliders touch their own guides only, by a bit of `ShapeFilter` each,
+and these are the bits of an unsigned int."""
 _GROOVE = 1e4
 """Half the length of a guide in metres: grooves end, guides do not. Rounding along it stays below 1e-11 m."""
 AT_REST = 1e-9
-"""A slip speed at the start up to this part of the mechanism's size per second, or of the largest speed, is rest: scene
-files are met to it."""
+"""A slip speed at the start up to this part of the mechanism's size per second, or of the largest speed, counts as
+rest: the accuracy to which scene files fulfil their constraints."""
 _ROD = 1.0
-"""Length of a `PinJoint` that stands for a line, as a multiple of the mechanism's size: any that
-is far above position errors, and whose rounding is not."""
+"""Length of a `PinJoint` that replaces a line, as a multiple of the mechanism's size. Any length will do that is far
+above position errors and whose rounding is far below them."""
 _SPARE = 2
-"""Numbers for which a buffer that is not the library's own must have room left, or the library makes it longer with its
-own allocator."""
+"""Unused places at the end of a buffer whose memory is ours. If it is full, the library reallocates it with its own
+allocator."""
 _SETTINGS: Mapping[str, Defaults] = {
     Fidelity.JOINT: {"iterations": 50, "passes": 2, "error_bias": 0.0},
     Fidelity.CONTACT: {
@@ -96,8 +97,8 @@ _SETTINGS: Mapping[str, Defaults] = {
 }
 _TRIAL_ITERATIONS = 1000
 _TRIAL = {"passes": 20, "error_bias": 0.0}
-"""Settings of the one step before a run: it finds impulses and bounds of friction, which no step before it has, to
-rounding."""
+"""Settings of the one trial step before a run. It starts without impulses and bounds of friction from a step before,
+and has to find them to rounding."""
 
 
 class PymunkEngine(SteppedEngine):
@@ -119,9 +120,8 @@ class PymunkEngine(SteppedEngine):
     def version(self) -> str:
         import pymunk  # noqa: F401 - an installation that cannot be imported has no version
 
-        return accepted(
-            "pymunk", installed_version("pymunk")
-        )  # that of the wheel 7.0.0 says 2.0.0 of itself
+        # the distribution's version: the module of the wheel 7.0.0 reports 2.0.0
+        return accepted("pymunk", installed_version("pymunk"))
 
     def refusal(self, scene: Scene, fidelity: Fidelity) -> str | None:
         if fidelity == Fidelity.CONTACT and (
@@ -145,20 +145,23 @@ class PymunkEngine(SteppedEngine):
 
 
 def non_turning(scene: Scene) -> set[str]:
-    """Ground and the bodies that guides keep at a constant angle to it."""
-    found = {GROUND}
+    """Return the ground and the bodies that guides keep at a constant angle to it."""
+    # A guide holds the angle between its two bodies, so what is connected to the ground by guides
+    # cannot turn. Follow the guides outwards until no body is added.
+    fixed = {GROUND}
     guides = [set(guide.bodies) for guide in scene.guides.values()]
-    while more := {name for bodies in guides if found & bodies for name in bodies} - found:
-        found |= more
-    return found
+    while True:
+        reached = {name for bodies in guides if fixed & bodies for name in bodies}
+        if reached <= fixed:
+            return fixed
+        fixed |= reached
 
 
 class _Line(NamedTuple):
-    """A line of a body, `normal` across it (of unit length, in the body's axes).
+    """A line of a body, with the unit vector `normal` across it, in the body's axes.
 
-    It is `level` metres from the point `origin`, at a time in seconds, or through it. Without an
-    origin it goes through the point that is held on it wherever that is: velocities alone are
-    held.
+    Its distance (m) from the point `origin` at a time (s) is `level`, or zero. A line without an origin passes through
+    the point that is held on it wherever that point is, so that only velocities are held.
     """
 
     normal: Vec2d
@@ -188,6 +191,7 @@ class _PymunkStepper(Stepper):
         space.iterations = options["iterations"]
         if scene.gravity is not None:
             space.gravity = scene.gravity
+        # A body that cannot turn has an infinite moment of inertia instead of a joint for its angle.
         named = {GROUND: space.static_body}
         for name, data in scene.bodies.items():
             body = pymunk.Body(data.mass, math.inf if name in fixed else data.inertia)
@@ -195,9 +199,10 @@ class _PymunkStepper(Stepper):
             body.velocity, body.angular_velocity = data.velocity, data.angular_velocity
             space.add(body)
             named[name] = body
-        # boxes find their friction themselves, and land in the first two steps
+        # At contact fidelity friction is the engine's, and boxes land in the first two steps.
         self.bound = FrictionBound(assembly.whole, options.get("passes", 1), self.capped)
-        self.balanced, self.settling = bool(len(self.bound.held)), 1 if self.capped else 2
+        self.balanced = bool(len(self.bound.held))
+        self.settling = 1 if self.capped else 2
         self._rod = _ROD * self.bound.balance.m.length_scale
         self._iterations, self._bias = options["iterations"], options["error_bias"]
         self._targets: list[Callable[[float], None]] = []
@@ -211,9 +216,9 @@ class _PymunkStepper(Stepper):
         self._share_states([named[name].id for name in scene.bodies])
 
     def _share_states(self, bodies: Sequence[int]) -> None:
-        """Have the states of the space's bodies as arrays, read and written in one call each.
+        """Set up arrays for the states of the space's bodies, which are read and written in one call each.
 
-        `data` is as last fetched; its `before` is what `retreat` writes, its `pushed` the loads.
+        `data` contains the state as last fetched; its `before` is what `retreat` writes, its `pushed` are the loads.
         """
         from pymunk import batch
 
@@ -221,18 +226,20 @@ class _PymunkStepper(Stepper):
         self._get, self._set = batch.get_space_bodies, batch.set_space_bodies
         self._motion = fields.POSITION | fields.ANGLE | fields.VELOCITY | fields.ANGULAR_VELOCITY
         self._force = fields.FORCE | fields.TORQUE
+        # The arrays have no names of bodies, so their order has to be that of the scene.
         order = batch.Buffer()
         batch.get_space_bodies(space, fields.BODY_ID, order)
         expected = [*bodies, space.static_body.id]
-        if (found := list(memoryview(order.int_buf()).cast("P"))) != expected:
+        if (listed := list(memoryview(order.int_buf()).cast("P"))) != expected:
             raise RuntimeError(
-                f"pymunk lists the bodies {found}; expected {expected}, as they were added and the "
+                f"pymunk lists the bodies {listed}; expected {expected}, as they were added and the "
                 "static one last"
             )
-        # of each body, and behind them of the static one
-        (self._present, present, _), (self._before, before, _), (self._pushed, pushed, _) = (
-            _buffer(width * (count + 1)) for width in (6, 6, 3)
-        )
+        # The library's buffers use memory of NumPy arrays, which the kernels read and write without
+        # copies. They have a row for each body, and one for the static body at the end.
+        self._present, present, _ = _buffer(6 * (count + 1))
+        self._before, before, _ = _buffer(6 * (count + 1))
+        self._pushed, pushed, _ = _buffer(3 * (count + 1))
         q, v, a = np.zeros((3, 3 * count))
         self.data = SpaceStep(
             cap=self.bound.data,
@@ -248,11 +255,12 @@ class _PymunkStepper(Stepper):
         self._fetch()
 
     def _fetch(self) -> None:
-        self._present.clear()
+        """Read the present state of the space into `data`."""
+        self._present.clear()  # the library appends
         self._get(self._space, self._motion, self._present)
 
     def retreat(self) -> None:
-        """Write what was before to the space; what is present stays as it is until it is fetched."""
+        """Write the state before the step to the space; `data.present` is unchanged until it is fetched."""
         self._set(self._space, self._motion, self._before)
 
     def _on_lines(
@@ -271,13 +279,17 @@ class _PymunkStepper(Stepper):
             rod.distance = self._rod
 
         def go_along(t: float) -> None:
-            # the engine solves for the impulses of this step where its velocities will have led
+            """Move the far ends of the rods with the slider, across the lines at its place at time t."""
+            # The engine moves the bodies first and then solves for impulses, so the rods are placed
+            # for the positions to which the present velocities lead.
             angle = slider.angle + slider.angular_velocity * self.h
             point = slider.position + slider.velocity * self.h + pymunk.Vec2d(*own).rotated(angle)
             origin = base.position + base.velocity * self.h
             place = (point - origin).rotated(-base.angle - base.angular_velocity * self.h)
             for rod, line in zip(rods, lines):
-                # the rod lies across the line, and is longer by as much as the point is off it
+                # The far end is a rod's length from the line, so the distance of both ends differs
+                # from the length of the rod by the distance of the point from the line: this is the
+                # position error that the engine corrects.
                 rod.anchor_a = place - (self._rod + line.distance(place, t)) * line.normal
 
         self._targets.append(go_along)
@@ -289,6 +301,7 @@ class _PymunkStepper(Stepper):
         import pymunk
 
         along, start = _GROOVE * line.normal.perpendicular(), line.origin
+        # Bodies with grooves do not turn, so that a line through a moving point is one line.
         if start is None:
             start = base.world_to_local(slider.local_to_world(own))
         groove = pymunk.GrooveJoint(base, slider, start - along, start + along, own)
@@ -308,8 +321,11 @@ class _PymunkStepper(Stepper):
         law, follow, h = drive.law, self._targets.append, self.h
 
         def aim(t: float) -> float:
-            # what a step must aim at that goes the law's way to t, and on top corrects a share of
-            # its error at t - h
+            """Return the value that a step to time t has to aim at.
+
+            A step corrects only a share of the distance to its aim. The aim is so far ahead that this share is the
+            whole change of the law in the step, besides the same share of the error at t - h.
+            """
             behind = evaluate_law(law, t - h)[0]
             return behind + (evaluate_law(law, t)[0] - behind) / self._share
 
@@ -343,10 +359,11 @@ class _PymunkStepper(Stepper):
     def compile(self) -> None:
         start, data, balance = self.bound.initial, self.data, self.bound.balance
         scene = self._assembly.scene
+        # How much of a position error a step may correct depends on how fast the iterations
+        # converge in this mechanism. At contact fidelity sliders are held by contacts, with a bias
+        # of their own, and all of an error in pins is corrected.
         assemble(balance, 0.0, *start, 0.0)
         iteration = Iteration(scene, balance, self._fixed)
-        # boxes are held by contacts, which have a bias of their own; that of pins decides nothing
-        # there
         share = iteration.share(self._iterations) if self.capped else 1.0
         bias = self._bias or bias_of_share(share, self.h)
         *between, guides = between_steps(
@@ -354,15 +371,17 @@ class _PymunkStepper(Stepper):
         )
         self.bound.data.guides[:] = guides[: len(self.bound.data.guides)]
         self.correct(bias)
-        if self.capped:  # the first step, which has no impulses of a step before to begin with
+        # Iterations begin with the impulses of the step before, which the first step does not have.
+        # It gets as many iterations as it takes without them.
+        if self.capped:
             self._space.iterations = iteration.needed(self._iterations)
-        # smooth boxes, which have not landed yet, gain nothing by it
+        # Frictionless boxes, which have not landed yet, gain nothing by a start between steps.
         is_ahead = self.capped or bool(scene.frictional_guides)
         self.begin(*(between if is_ahead else start))
-        data.q[:], data.v[:] = start  # of the first sample
+        data.q[:], data.v[:] = start  # of the first sample, which is at t = 0
 
     def correct(self, error_bias: float) -> None:
-        """Have joints leave this part of their position error after a second."""
+        """Set the part of their position error that joints leave after a second."""
         self._share = share_of_bias(error_bias, self.h)
         for constraint in self._space.constraints:
             constraint.error_bias = error_bias
@@ -394,9 +413,8 @@ class _PymunkStepper(Stepper):
     def advance(self, caps: Sequence[float]) -> None:
         """Make a pass of the engine under the loads, and fetch the state."""
         if self._loaded:
-            self._set(
-                self._space, self._force, self._pushed
-            )  # which the space forgets with its next step
+            # the space sets forces to zero in each step
+            self._set(self._space, self._force, self._pushed)
         self.clock.call(self._space.step, self.h)
         self._fetch()
 
@@ -423,7 +441,9 @@ class _JointStepper(_PymunkStepper):
             if guide.slider not in fixed:
                 self._space.add(pymunk.GearJoint(base, slider, guide.angle, 1.0))
             self._rubbing += friction
-        for row in self._rubbing:  # last in an iteration, so that nothing changes the slip after it
+        # Gauss-Seidel visits constraints in the order in which they were added. Friction is last, so
+        # that no other constraint changes the slip after it. It corrects no position error.
+        for row in self._rubbing:
             row.max_bias = 0.0
             self._space.add(row)
         self.friction = self.bound
@@ -458,6 +478,9 @@ class _ContactStepper(_PymunkStepper):
             options["collision_slop"],
             options["collision_bias"],
         )
+        # Each box touches the two segments of its own guide only, by a bit of its filter. Chipmunk
+        # multiplies the coefficients of two shapes, so that with 1 for the surfaces the coefficient
+        # of the box is the contact's.
         boxes, directions = [], []
         for number, guide in enumerate(scene.guides.values()):
             category = pymunk.ShapeFilter(categories=1 << number, mask=1 << number)
@@ -480,6 +503,7 @@ class _ContactStepper(_PymunkStepper):
                 boxes.append((box, self._named[guide.slider]))
                 directions.append(along / _GROOVE)
         self.friction = CoefficientSwitch(scene)
+        # A box and a surface are a pair of shapes with one arbiter, which sums up its contacts.
         pairs = 2 * len(scene.guides)
         self._arbiters, impulse, touching = _buffer(4 * pairs, 2 * pairs)
         self._contacts = SpaceContacts(
@@ -511,7 +535,7 @@ class _ContactStepper(_PymunkStepper):
             self.finish = self._finish_with_contacts
 
     def _finish_with_contacts(self, t: float) -> bool:
-        """See `Stepper.finish`; the contacts find the friction, so that no step is repeated."""
+        """Evaluate a pass, as `Stepper.finish`. The contacts find the friction, so that no step is repeated."""
         self._finish_pass(t)
         self._arbiters.clear()
         self._get_arbiters(self._space, self._arbiter_fields, self._arbiters)
@@ -525,14 +549,12 @@ class _ContactStepper(_PymunkStepper):
 
 
 def _buffer(reals: int, names: int = 0) -> tuple[Buffer, np.ndarray, np.ndarray]:
-    """Return a buffer of the library for so many numbers, and names of bodies, and its memory for both."""
+    """Return a buffer of the library for so many numbers and names of bodies, and the memory of both."""
     from pymunk.batch import Buffer
 
-    buffer, numbers, identities = (
-        Buffer(),
-        np.zeros(reals + _SPARE),
-        np.zeros(names + _SPARE, dtype=np.uint64),
-    )
+    buffer = Buffer()
+    numbers = np.zeros(reals + _SPARE)
+    identities = np.zeros(names + _SPARE, dtype=np.uint64)
     buffer.set_float_buf(numbers)
     if names:
         buffer.set_int_buf(identities)
@@ -544,41 +566,50 @@ def between_steps(
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Return a start from which the first step has the reactions of the motion, and the state of its guides.
 
-    With Phi(q, t) = 0 and Phi'' = J q'' + gamma, a run whose steps correct a share s of Phi
-    settles at Phi = h^2 gamma/(2 s) and Phi' = -h gamma/2: then h Phi' + h^2 gamma/2 = 0, by which
-    Phi changes in a step, and the velocity that the next step aims at, -s Phi/h, is Phi'. From Phi
-    = Phi' = 0 the first step has (1 + s/2) times the motion's reaction, which a slider at rest
-    does not stand, and 1/s steps are off. So velocities are advanced by half a step of the
-    engine's own acceleration, as in the leapfrog scheme. Positions are set back by the least
-    acceleration that constraints and sliders at rest need, of which laws of drives are no part.
+    With Phi(q, t) = 0 and Phi'' = J q'' + gamma, a run whose steps correct a share s of Phi settles at Phi = h^2
+    gamma/(2 s) and Phi' = -h gamma/2. There, the change of Phi in a step, h Phi' + h^2 gamma/2, is zero, and the
+    velocity that the next step aims at, -s Phi/h, is Phi'. If a run begins at Phi = Phi' = 0 instead, its first step
+    has (1 + s/2) times the reaction of the motion, which may exceed what holds a slider at rest, and 1/s steps are off.
+    Therefore velocities are advanced by half a step of the engine's own acceleration, as in the leapfrog scheme.
+    Positions are set back by the least acceleration that constraints and sliders at rest need, without that of drives'
+    laws.
 
-    The acceleration is that of a trial step, in which nothing is left of an error after so many
-    `iterations`; the guides are those of that step.
+    The acceleration is that of a trial step, in which nothing is left of an error after so many `iterations`. The
+    guides are those of that step.
     """
-    # ideal guides at both fidelities: boxes have not landed in a first step
+    # The trial has ideal guides at both fidelities, as boxes have not landed in a first step. It
+    # corrects whole errors (s = 1), and begins at the values above for that share.
     trial = _JointStepper(assembly, h, {**_TRIAL, "iterations": iterations})
     share = share_of_bias(error_bias, h)
     q, v = trial.bound.initial
-    of_velocity, of_position = (
-        h / 2 * each for each in _least_accelerations(assembly.scene, trial.bound)
-    )
+    with_laws, without_laws = _least_accelerations(assembly.scene, trial.bound)
+    # changes of velocity in half a step; those of a position are h times these
+    ahead = h / 2 * with_laws
+    back = h / 2 * without_laws
     trial.correct(0.0)
-    trial.begin(q - h * of_position, v + of_velocity)
+    trial.begin(q - h * back, v + ahead)
     trial.step()
-    return q - h / share * of_position, v + h / 2 * trial.sample().a, trial.bound.data.guides
+    return q - h / share * back, v + h / 2 * trial.sample().a, trial.bound.data.guides
 
 
 def _least_accelerations(scene: Scene, friction: FrictionBound) -> tuple[np.ndarray, np.ndarray]:
-    """Return the least accelerations, by masses, that hold constraints and sliders at rest; without laws behind it."""
+    """Return the accelerations that hold constraints and sliders at rest, with the laws of drives and without.
+
+    They are the least ones in the metric of the masses, each of shape (3 * bodies,).
+    """
     balance = friction.balance
     assemble(balance, 0.0, *friction.initial, 0.0)
     m, w = balance.m, balance.w
+    # the rows that are held: all constraints, and those along guides whose sliders are at rest
     slowest = AT_REST * max(m.length_scale, np.abs(friction.initial[1]).max())
     held = np.append(np.arange(m.rows), m.rows + np.flatnonzero(np.abs(w.slip_speed) <= slowest))
-    resting = w.gamma.copy()
-    resting[m.rows - len(scene.drives) : m.rows] += [
+    # `gamma` of a drive contains the second derivative of its law with a minus sign
+    without_laws = w.gamma.copy()
+    without_laws[m.rows - len(scene.drives) : m.rows] += [
         evaluate_law(drive.law, 0.0)[2] for drive in scene.drives.values()
     ]
+    # a = -M^-1 J^T (J M^-1 J^T)^-1 gamma; least squares, as rows may be redundant
     J = constraint_rows(balance)
-    force = np.linalg.lstsq(w.G[np.ix_(held, held)], np.stack((w.gamma, resting), axis=1)[held])[0]
+    gammas = np.stack((w.gamma, without_laws), axis=1)
+    force = np.linalg.lstsq(w.G[np.ix_(held, held)], gammas[held])[0]
     return tuple(-(J[held].T @ force).T / balance.mass)

@@ -33,9 +33,15 @@ SETTINGS = {
 METHODS = ("event", "paper", "textbook")
 STABILIZATIONS = ("scene", "none", "baumgarte", "projection")
 AUDITS = {"none": 0, "sampled": 1, "dense": 32}
-"""Instants of each step at which Coulomb's law is verified."""
-
-
+"""Number of instants of each step at which Coulomb's law is verified, by the setting `audit`."""
+DEFAULT_TOLERANCE = 1e-9
+"""Relative tolerance where none is given."""
+RUNGE_KUTTA_ORDER = 4
+"""Order of the paper's integrator between break-aways."""
+QUOTIENT_ROUNDING = 1e-12
+"""Relative rounding of t_end divided by an output step, which may be just below a whole number."""
+NO_REMAINDER = 1e-9
+"""Part of an output step that is rounding of the difference between the last output and the end, and no step."""
 _SPLIT = (
     "surfaces of a slider: equal mobilization f/(mus N); guides at rest that share a load: the frictions of the "
     "smallest sum of squares that Coulomb's law admits; a guide that joints lock: no friction; a guide at rest "
@@ -123,6 +129,7 @@ class ReferenceEngine(Engine):
     ) -> None:
         from stiction.reference_impl.compiled.compiling_ahead import compile_ahead, event_kernels
 
+        # The kernels of the other methods are compiled at their first call.
         if (method or _method(dt, rtol)) == "event":
             projects = scene.stabilization.method if stabilization == "scene" else stabilization
             compile_ahead(event_kernels(bool(scene.frictional_guides), projects == "projection"))
@@ -152,6 +159,7 @@ class ReferenceEngine(Engine):
 
         chosen = self.settings_of_run(settings, fidelity=fidelity, dt=dt, rtol=rtol)
         _check(chosen, dt, rtol)
+        # Compiling is reported apart from setting up, wherever it happens in this run.
         compiled = compiling_seconds()
         self.prepare_run(scene, method=chosen["method"], stabilization=chosen["stabilization"])
         started = clock()
@@ -160,8 +168,9 @@ class ReferenceEngine(Engine):
         starts = consistent_starts(parts, chosen["assemble"])
         assembled = clock() - started
         solver = SOLVERS[chosen["solver"]]
+        # `simulate` integrates one part up to a time. A part that breaks down ends the others there.
         if chosen["method"] == "event":
-            rtol = 1e-9 if rtol is None else rtol
+            rtol = DEFAULT_TOLERANCE if rtol is None else rtol
             output = output_times(t_end, output_step)
             scale = {"rtol": rtol}
 
@@ -181,7 +190,7 @@ class ReferenceEngine(Engine):
             steps = max(1, round(t_end / dt))
             dt = t_end / steps
             every = steps_between_outputs(steps, output_step / dt)
-            scale = {"dt": dt, "runge_kutta_order": 4}
+            scale = {"dt": dt, "runge_kutta_order": RUNGE_KUTTA_ORDER}
 
             def simulate(i: int, until: float) -> Run:
                 if chosen["method"] == "textbook":
@@ -198,6 +207,8 @@ class ReferenceEngine(Engine):
                     sides=chosen["event_values"],
                 )
 
+        # Parts that do not act on each other are integrated one after the other, each with its own
+        # steps and events.
         with _linear_algebra().limit(limits=1):
             run = simulate_parts(scene, parts, simulate, t_end)
         rows = _rows_that_are_motion(run, max(part.arrays.length_scale for part in parts))
@@ -230,12 +241,13 @@ class ReferenceEngine(Engine):
 
 
 def _rows_that_are_motion(run: Run, size: float) -> int:
-    """Number of rows; after a breakdown of those before the first that is not finite, or further off than `size`.
+    """Return the number of rows; after a breakdown, of those before the first that is no motion.
 
-    A fixed step that is unstable overflows within a step or two, and writes them on its way out.
+    A row is no motion if it is not finite, or further off the constraints than `size`. A fixed step that is unstable
+    overflows within a step or two, and its last rows are of that kind.
     """
+    # A run that broke down at once has one row, its start without forces.
     if run.breakdown is None or len(run.t) < 2:
-        # one that broke down at once has its start, without forces
         return len(run.t)
     motion = np.all(
         [
@@ -266,6 +278,7 @@ def _check(chosen: Mapping[str, Any], dt: float | None, rtol: float | None) -> N
             raise InputError(
                 f"reference: {key} = {chosen[key]!r}; expected one of {', '.join(words)}"
             )
+    # The textbook method is the paper's as written, without other solvers and stabilizations.
     if chosen["method"] == "textbook":
         for key in ("solver", "stabilization"):
             if chosen[key] != SETTINGS[key]:
@@ -281,16 +294,17 @@ def _check(chosen: Mapping[str, Any], dt: float | None, rtol: float | None) -> N
 
 
 def output_times(t_end: float, step: float) -> np.ndarray:
-    """0, step, 2 step, ... and t_end."""
-    times = np.arange(int(np.floor(t_end / step * (1 + 1e-12))) + 1) * step
-    times = times if t_end - times[-1] <= 1e-9 * step else np.append(times, t_end)
+    """Return 0, step, 2 step, ... and t_end."""
+    times = np.arange(int(np.floor(t_end / step * (1 + QUOTIENT_ROUNDING))) + 1) * step
+    if not t_end - times[-1] <= NO_REMAINDER * step:
+        times = np.append(times, t_end)
     return np.minimum(times, t_end)
 
 
 def _as_written(
     mechanism: Mechanism, q: np.ndarray, v: np.ndarray, dt: float, steps: int, every: int
 ) -> Run:
-    """The paper's scheme as written, as a run; SceneError for what the paper does not have."""
+    """Return a run by the paper's scheme as written; raise SceneError for elements that the paper does not have."""
     from stiction.reference_impl.friction.open_forces import open_forces
     from stiction.reference_impl.integration.result import Run, alternative_columns
     from stiction.reference_impl.multibody.trajectory_columns import build_columns
@@ -302,6 +316,7 @@ def _as_written(
     prepared = time.process_time()
     march = paper.march(q, v, dt, steps)
     stepped = time.process_time()
+    # Forces by the rows of the mechanism, whose order differs from that of the paper's equations.
     order = [paper.equations.rows.index(name) for name in mechanism.row_names]
     order += range(len(order), march.force.shape[1])
 
@@ -331,7 +346,7 @@ def _as_written(
 
 @cache
 def _linear_algebra() -> ThreadpoolController:
-    """The thread pools of the kernels' linear algebra: matrices of a hundred rows lose with more than one thread."""
+    """Return the thread pools of the kernels' linear algebra: small matrices are slower with more than one thread."""
     return ThreadpoolController().select(user_api="blas")
 
 
@@ -339,12 +354,12 @@ def _linear_algebra() -> ThreadpoolController:
 def compile_kernels(*modules: str) -> float:
     """Compile all kernels, or load them from the cache on disk; returns the CPU seconds this took in this process.
 
-    A run compiles what it calls for by itself. This is for whoever has runs that are timed, or have a time limit.
+    A run compiles the kernels that it needs by itself. This is for runs that are timed, or have a time limit.
 
     Parameters
     ----------
     *modules : str
-        Names in `stiction.reference_impl.integration`; without any those of the reference.
+        Names in `stiction.reference_impl.integration`; those of the reference if none is given.
     """
     from stiction.reference_impl.compiled.compiling_ahead import compile_all
 

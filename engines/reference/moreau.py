@@ -14,6 +14,7 @@ from stiction.scenes import InputError, Scene, Trajectory
 from stiction.scenes.fidelity import Fidelity
 
 SETTINGS = {"clearance": 1e-6, "restitution": 0.0}
+"""Default of each setting. The clearance is far below what is seen of a motion, and far above rounding."""
 
 
 class MoreauEngine(Engine):
@@ -95,8 +96,11 @@ class MoreauEngine(Engine):
         compiled, started = compiling_seconds(), clock()
         mechanism = assembly_of(scene, assembly).whole
         q, v = consistent_start(mechanism)
+        # steps of equal length up to t_end, so that the last one is as long as the others
         steps = max(1, round(t_end / dt))
         dt = t_end / steps
+        # In metres, as the method has no scale of its own: a mechanism of another size, but the same
+        # shape, gets the same motion.
         clearance = options["clearance"] * mechanism.arrays.length_scale
         assembled = clock() - started
         run = simulate_moreau(
@@ -109,6 +113,7 @@ class MoreauEngine(Engine):
             clearance,
             options["restitution"],
         )
+        # Kernels may be compiled at their first call anywhere above, which the compiler counts.
         cost = replace(
             run.cost, setup_s=run.cost.setup_s + assembled, compile_s=compiling_seconds() - compiled
         )

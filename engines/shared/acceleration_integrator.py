@@ -1,10 +1,14 @@
 """An engine's accelerations under an integrator of high order that locates events.
 
-It separates the error of an engine's equations of motion from that of its stepping. The engine gives accelerations in
-joint coordinates, which fulfil the constraints by themselves. The friction of the guides is decided here, from the
-reactions that belong to those accelerations; the integrator is SciPy's DOP853. In a contact mode friction is linear in
-the reactions and these in the friction; events are where an event function of
-`stiction.reference_impl.friction.frozen_mode` falls through zero between two of the instants at which it is sampled.
+It separates the error of an engine's equations of motion from that of its stepping. The engine computes accelerations
+in joint coordinates, which fulfil the constraints by themselves. The friction of the guides is determined here, from
+the reactions that belong to those accelerations; the integrator is SciPy's DOP853. In a contact mode friction is linear
+in the reactions and these in the friction. An event is an instant at which an event function of
+`stiction.reference_impl.friction.frozen_mode` falls through zero; event functions are sampled at some instants of each
+step.
+
+Symbols: y = (x, x') is the state, with the free coordinates x of the links and their rates. `m` are the arrays of the
+mechanism and `w` is its workspace, as in `stiction.engines.shared.step_kernels`.
 """
 
 from __future__ import annotations
@@ -40,8 +44,19 @@ FRICTION_LAW = (
     "Coulomb with located events, bound mu (|n1| + |n2|) from the balance of momentum (adapter)"
 )
 DEFAULT_TOLERANCE = 1e-9
-_SAMPLES = 8  # instants of a step at which event functions are looked at
-_MOST_EVENTS = 100  # in a row, without time passing
+"""Relative tolerance where none is given; that of the reference implementation."""
+_SAMPLES = 8
+"""Instants of a step at which event functions are evaluated. A function that falls below zero and rises again between
+two of them is not noticed; steps of DOP853 are short against changes of the motion."""
+_MOST_EVENTS = 100
+"""Largest number of events in a row without time passing. A scene has a few guides, of three event functions each; more
+events than that follow each other for ever."""
+_EVENT_TOLERANCE = 1e-15
+"""Absolute tolerance (s) of Brent's method for the instant of an event: that of rounding at times of seconds. SciPy
+adds its smallest relative one."""
+_DRAWS = 2
+"""Times that the signs of corner forces are corrected: signs change the friction, and this the corner forces once
+more."""
 
 
 Dynamics = Callable[[np.ndarray, np.ndarray, np.ndarray], tuple[np.ndarray, np.ndarray]]
@@ -50,7 +65,10 @@ links under gravity, each of shape (links,)."""
 
 
 class _Instant(NamedTuple):
-    """Solution at a state in a contact mode: x'', frictions (N), and event functions, shape (frictional, 3)."""
+    """Solution at a state in a contact mode: x'', frictions (N), and event functions, shape (frictional, 3).
+
+    The event functions of a guide are that of its slip (or stick), and those of its two corner pairs.
+    """
 
     second: np.ndarray
     friction: np.ndarray
@@ -71,7 +89,7 @@ class TreeAccelerations:
     clock : EngineClock
         CPU time of the engine's own calls.
     calls : int
-        Solutions so far.
+        Number of solutions so far.
     """
 
     dynamics: Dynamics
@@ -88,8 +106,9 @@ class TreeAccelerations:
         self._driven = motors_of(scene, tree, position)
         self._free = np.setdiff1d(np.arange(len(tree.links)), [link for link, *_ in self._driven])
         self.start = np.concatenate([position[self._free], velocity[self._free]])
+        # Of each frictional guide: the index of its displacement in x, and the sign, which is -1
+        # where x decreases as the displacement grows.
         links = [tree.link_of_joint[name] for name in scene.frictional_guides]
-        # of each frictional guide's displacement the index in x, and 1, or -1 where x grows against it
         self._guides = np.searchsorted(self._free, links)
         self._signs = np.array([tree.links[link].sign for link in links], dtype=float)
         self._balance, self._loaded = Balance.of(mechanism), bool(scene.springs or scene.forces)
@@ -114,29 +133,35 @@ class TreeAccelerations:
         second, mobility = self._without_friction(t, y)
         if not count:
             return _Instant(second, np.zeros(0), np.zeros((0, 3)))
+        # Reactions are linear in the friction. The reactions without friction and with one newton
+        # in each guide give normal forces and moments of the guides: constant + slope @ friction.
         per_newton = mobility[:, guides] * signs
         q, v, a = self._motion(t, y, second)
         assemble(balance, t, q, v, 0.0)
-        # normal forces and moments of the guides: constant + slope @ friction
         constant = self._reactions(a, np.zeros(count))
         slope = np.stack(
             [
-                self._reactions(self._motion(t, y, second + add)[2], one) - constant
-                for add, one in zip(per_newton.T, np.eye(count))
+                self._reactions(self._motion(t, y, second + added)[2], newton) - constant
+                for added, newton in zip(per_newton.T, np.eye(count))
             ],
             axis=-1,
         )
+        # One equation for each guide: in stick its acceleration is zero, in slip its friction is
+        # Coulomb's, which with the signs of the corner forces is linear in the reactions.
         matrix, right = np.eye(count), np.zeros(count)
-        for i, d in enumerate(self.slip):
-            if d == 0:
+        for i, direction in enumerate(self.slip):
+            if direction == 0:
                 matrix[i] = signs[i] * per_newton[guides[i]]
                 right[i] = -signs[i] * second[guides[i]]
             else:
                 s1, s2 = self.corner[i, :2]
-                share = np.array(friction_coefficients(m, i, d, s1, s2, m.friction["mu"][i]))
+                share = np.array(
+                    friction_coefficients(m, i, direction, s1, s2, m.friction["mu"][i])
+                )
                 matrix[i] -= share @ slope[:, i]
                 right[i] = share @ constant[:, i]
         friction = np.linalg.solve(matrix, right)
+        # The event functions are those of the reference, which reads the forces from its workspace.
         rows = m.friction["row"]
         w.force[rows], w.force[rows + 1] = constant + slope @ friction
         w.force[m.rows :], w.slip_speed[:] = friction, self._slip_speed(y)
@@ -145,17 +170,25 @@ class TreeAccelerations:
         return _Instant(second + per_newton @ friction, friction, w.event.reshape(count, 3).copy())
 
     def sample(self, t: float, y: np.ndarray) -> tuple[Any, ...]:
-        """Time, coordinates, velocities and accelerations of the bodies, modes and frictions at an instant."""
+        """Return time, coordinates, velocities, accelerations of the bodies, modes and frictions at an instant."""
         instant = self.at(t, y)
         return t, *self._motion(t, y, instant.second), self.slip.copy(), instant.friction
 
     def first_event(
         self, curve: Callable[[float], np.ndarray], start: float, end: float
     ) -> tuple[float, int]:
-        """First instant at which an event function falls through zero, and its place; `end` and -1 if none does."""
+        """Return the first instant at which an event function falls through zero, and its place in `event`.
+
+        `end` and -1 if none does. `curve` is the state by the time.
+        """
 
         def value(t: float, place: int) -> float:
             return self.at(t, curve(t)).event.flat[place]
+
+        def time_of_zero(place: int) -> float:
+            if before[place] > 0.0:
+                return brentq(value, low, high, args=(place,), xtol=_EVENT_TOLERANCE)
+            return low
 
         if not len(self.slip):
             return end, -1
@@ -163,23 +196,20 @@ class TreeAccelerations:
         before = self.at(start, curve(start)).event.ravel()
         for low, high in pairwise(times):
             after = self.at(high, curve(high)).event.ravel()
-            # what is not above zero at the start has had its event there: it rises, or its mode was left at once
+            # A function that is not positive at the start of the step has just had its event: it
+            # rises from there, or its mode ends at once. Later on, one that is not positive was
+            # found in an earlier interval.
             falls = np.flatnonzero((after < 0.0) & ((before > 0.0) | (low == start))).tolist()
             if falls:
-                return min(
-                    (
-                        brentq(value, low, high, args=(place,), xtol=1e-15)
-                        if before[place] > 0.0
-                        else low,
-                        place,
-                    )
-                    for place in falls
-                )
+                return min((time_of_zero(place), place) for place in falls)
             before = after
         return end, -1
 
     def switch(self, t: float, y: np.ndarray, guide: int, place: int) -> None:
-        """Change the contact mode behind an event function of a guide, in place: of its slip, or of a corner."""
+        """Change the contact mode after an event of a guide, in place.
+
+        `place` is that of the event function: 0 of its slip or stick, 1 and 2 of its corners.
+        """
         if self.slip[guide] and place:
             self.corner[guide, place - 1] *= -1
             self._draw(t, y, but=(guide, place - 1))
@@ -188,7 +218,11 @@ class TreeAccelerations:
             self._draw(t, y)
 
     def _rest(self, t: float, y: np.ndarray, guide: int, held: bool) -> None:
-        """Have a guide at rest stick, in place, if it may be `held` and static friction can; else slip where drawn."""
+        """Let a guide at rest stick, in place, if static friction can hold it; otherwise slip where the load draws it.
+
+        Unless it may be `held`, it slips in any case.
+        """
+        # Try stick: its friction tells whether it holds, and in which direction the slider goes if not.
         y[len(y) // 2 :][self._guides[guide]] = 0.0
         self.slip[guide] = 0
         instant = self.at(t, y)
@@ -196,19 +230,23 @@ class TreeAccelerations:
             self.slip[guide] = -np.sign(instant.friction[guide])
 
     def _draw(self, t: float, y: np.ndarray, but: tuple[int, int] | None = None) -> None:
-        """Make the corner forces of sliders that slip have the signs of the mode, `but` for one."""
-        for _ in range(2):  # signs change the friction, and that the corner forces
+        """Choose the signs of the mode as those of the corner forces of sliders that slip, `but` for one."""
+        for _ in range(_DRAWS):
             wrong = (self.at(t, y).event[:, 1:] < 0.0) & (self.slip != 0)[:, None]
             if but is not None:
                 wrong[but] = False
             self.corner[:, :2][wrong] *= -1
 
     def _without_friction(self, t: float, y: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """x'' without friction, shape (n,), and what unit forces on the coordinates add, one a column, shape (n, n)."""
+        """Return x'' without friction, (n,), and x'' by a unit force on each coordinate, as columns, (n, n)."""
+        # The engine's inverse dynamics give the joint forces that the motion without accelerations
+        # of the free coordinates needs. The opposite forces accelerate these coordinates.
         position, velocity, driven = self._joints(t, y, np.zeros(len(y) // 2))
         mass, needed = self.dynamics(position, velocity, driven)
         mobility = np.linalg.inv(mass[np.ix_(self._free, self._free)])
         force = -needed[self._free]
+        # Loads on the bodies become joint forces by their power: the velocities of the bodies for a
+        # unit rate of each joint.
         if self._loaded:
             q, v, _ = self.tree.motion(position, velocity, driven)
             applied_loads(self._balance, t, q, v, 0.0)
@@ -219,23 +257,23 @@ class TreeAccelerations:
         return mobility @ force, mobility
 
     def _reactions(self, a: np.ndarray, friction: np.ndarray) -> np.ndarray:
-        """Normal forces (N) and moments (N m) of the frictional guides, shape (2, frictional).
+        """Return normal forces (N) and moments (N m) of the frictional guides, shape (2, frictional).
 
-        They belong to accelerations of the bodies and these frictions (N) at the assembled instant. They are of least
-        squares in the metric of the masses and of minimum norm.
+        They belong to accelerations of the bodies and these frictions (N) at the assembled instant. They are the
+        solution by least squares in the metric of the masses, and of minimum norm.
         """
         balance = self._balance
-        balance.known[:] = friction
+        balance.given_friction[:] = friction
         row_forces(balance, a)
         rows = balance.m.friction["row"]
         return np.array([balance.force[rows], balance.force[rows + 1]])
 
     def _motion(self, t: float, y: np.ndarray, second: np.ndarray) -> tuple[np.ndarray, ...]:
-        """Coordinates, velocities and accelerations of the bodies, each of shape (3 * bodies,)."""
+        """Return coordinates, velocities and accelerations of the bodies, each of shape (3 * bodies,)."""
         return self.tree.motion(*self._joints(t, y, second))
 
     def _joints(self, t: float, y: np.ndarray, second: np.ndarray) -> tuple[np.ndarray, ...]:
-        """Coordinates, rates and accelerations of all joints, those of drives by their laws."""
+        """Return coordinates, rates and accelerations of all joints; those of drives follow their laws."""
         joints = np.zeros((3, len(self.tree.links)))
         joints[:, self._free] = *np.split(y, 2), second
         for link, sign, law, offset in self._driven:
@@ -244,7 +282,7 @@ class TreeAccelerations:
         return tuple(joints)
 
     def _slip_speed(self, y: np.ndarray) -> np.ndarray:
-        """Slip speeds of the frictional guides, m/s."""
+        """Return the slip speeds of the frictional guides, m/s."""
         return self._signs * y[len(y) // 2 :][self._guides]
 
 
@@ -260,19 +298,28 @@ def integrate(
 ) -> Trajectory:
     """Integrate from t = 0 to t_end with local errors of rtol (1 + |x|), in m, rad and their rates.
 
-    EngineFailure if the step becomes too small, or contact modes follow each other without time passing. `setup_s` is
-    what the accelerations took to make, seconds of CPU.
+    `setup_s` is the CPU time (s) of making the accelerations.
+
+    Raises
+    ------
+    EngineFailure
+        If the step becomes too small, or contact modes follow each other without time passing.
     """
     scene, started = mechanism.scene, time.process_time()
     accelerations.compile()
     compiled = time.process_time()
     accelerations.clock.start()
     samples: list[tuple[Any, ...]] = []
-    sides: list[tuple[Any, ...]] = []
-    switches: list[tuple[str, str]] = []
-    names, t, y, steps, idle = list(scene.frictional_guides), 0.0, accelerations.start, 0, 0
+    sides: list[tuple[Any, ...]] = []  # before and after each event, in turn
+    switches: list[tuple[str, str]] = []  # kind and guide of each event
+    names = list(scene.frictional_guides)
+    t, y = 0.0, accelerations.start
+    steps = 0
+    events_at_once = 0
     accelerations.begin(y)
     output = output_times(t_end, output_step)
+    # Between kinks of the laws of time and between events the right-hand side is smooth. A
+    # Runge-Kutta method keeps its order only there, so each stretch is a problem of its own.
     for stop in (*mechanism.kinks(t_end), t_end):
         while t < stop:
             solver = DOP853(
@@ -289,6 +336,8 @@ def integrate(
                 if solver.status == "failed":
                     raise EngineFailure(f"{message} (t = {solver.t:.9g} s)")
                 steps += 1
+                # The step ends at its first event, of which only the dense output knows. Samples
+                # up to there are evaluated in the mode of this step.
                 curve = solver.dense_output()
                 end, event = accelerations.first_event(curve, t, solver.t)
                 samples += [
@@ -296,13 +345,14 @@ def integrate(
                     for at in output[(output >= t) & (output < end)]
                 ]
                 t, y = end, curve(end) if event >= 0 else solver.y
-            idle = idle + 1 if t <= started_at else 0
-            if idle > _MOST_EVENTS:
+            events_at_once = events_at_once + 1 if t <= started_at else 0
+            if events_at_once > _MOST_EVENTS:
                 raise EngineFailure(
                     f"contact modes follow each other without time passing at t = {t:.9g} s"
                 )
             if event < 0:
                 continue
+            # Change the mode, and record the event with its values in both modes.
             guide, place = divmod(event, 3)
             slipped = accelerations.slip[guide]
             sides.append(accelerations.sample(t, y))
@@ -342,6 +392,9 @@ def _columns(mechanism: Mechanism, samples: list[tuple[Any, ...]]) -> dict[str, 
 
 
 def _kind(before: int, after: int) -> str:
-    return (
-        "corner" if before == after else "slip" if not before else "reversal" if after else "stick"
-    )
+    """Return the kind of an event by the slip of its guide before and after it."""
+    if before == after:
+        return "corner"
+    if before == 0:
+        return "slip"
+    return "reversal" if after else "stick"

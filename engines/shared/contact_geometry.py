@@ -12,15 +12,14 @@ from stiction.scenes.fields import GROUND
 from stiction.scenes.model import Translational
 
 REACH = 1e3
-"""Half the length of a guide's surfaces in metres, in engines whose surfaces end; guides do not."""
+"""Half the length (m) of a guide's surfaces in engines whose surfaces end; the guides of a scene do not end."""
 
 
 def contact_refusal(scene: Scene) -> str | None:
-    """Why the scene's guides cannot be boxes between fixed surfaces; None if they can."""
+    """Return why the scene's guides cannot be boxes between fixed surfaces; None if they can."""
+    # Surfaces are fixed in all engines, and the corners need a length and a width.
     if not scene.guides:
-        return (
-            "contact fidelity is about sliders in guides, and the scene has no translational joint"
-        )
+        return "contact fidelity needs sliders in guides, and the scene has no translational joint"
     for name, guide in scene.guides.items():
         if guide.guide != GROUND:
             return f"joints.{name}: its guide is the body {guide.guide!r}; at contact fidelity guides are fixed"
@@ -30,7 +29,10 @@ def contact_refusal(scene: Scene) -> str | None:
 
 
 def crowded(scene: Scene, most: int, called: str) -> str | None:
-    """Why an engine whose collision filters have a bit for each guide cannot keep them apart; None if it can."""
+    """Return why an engine with one bit for each guide in its collision filters cannot keep them apart; None if it can.
+
+    The engine has `most` bits, and is `called` so in messages.
+    """
     return (
         f"{len(scene.guides)} guides; {called}'s collision filters, which keep them apart, have room for {most}"
         if len(scene.guides) > most
@@ -39,7 +41,7 @@ def crowded(scene: Scene, most: int, called: str) -> str | None:
 
 
 def several_guides(scene: Scene) -> str | None:
-    """Name the body that slides in two guides, for engines that give a body one box; None if none does."""
+    """Return the refusal of a body in two guides, for engines that give a body one box; None if there is none."""
     return next(
         (
             f"joints.{name}: its slider slides in joints.{other}, too; here a body touches one guide"
@@ -50,9 +52,9 @@ def several_guides(scene: Scene) -> str | None:
 
 
 def unlike_guides(scene: Scene) -> str | None:
-    """Name the body that slides in two guides of unlike friction, for engines whose contacts are identified by body.
+    """Return the refusal of a body in two guides of unlike friction; None if there is none.
 
-    None if none does.
+    It is for engines whose contacts are identified by the two bodies alone.
     """
     friction = {name: (guide.mu, guide.static_coefficient) for name, guide in scene.guides.items()}
     return next(
@@ -67,15 +69,15 @@ def unlike_guides(scene: Scene) -> str | None:
 
 
 def _of_one_slider(scene: Scene) -> Iterator[tuple[str, str]]:
-    """Each guide whose slider has one before it, and the slider's first one."""
-    first: dict[str, str] = {}
+    """Yield each guide whose slider already has a guide, with the first guide of that slider."""
+    first_guide: dict[str, str] = {}
     for name, guide in scene.guides.items():
-        if (other := first.setdefault(guide.slider, name)) != name:
+        if (other := first_guide.setdefault(guide.slider, name)) != name:
             yield name, other
 
 
 def direction_of(guide: Translational) -> tuple[float, float]:
-    """Unit vector along a guide, in the axes of the body that it is on."""
+    """Return the unit vector along a guide, in the axes of the body that has the guide."""
     length = hypot(*guide.direction)
     return guide.direction[0] / length, guide.direction[1] / length
 
@@ -86,15 +88,16 @@ def box_angle(guide: Translational) -> float:
 
 
 def slider_box(guide: Translational, clearance: float) -> list[tuple[float, float]]:
-    """Corners of the box in the slider's axes (m), counter-clockwise, around the slider's point.
+    """Return the corners of the box in the slider's axes (m), counter-clockwise, around the slider's point.
 
-    Narrower than the guide by the clearance (m).
+    The box is narrower than the guide by the clearance (m). The order of the corners is that of the corner forces F1 ..
+    F4: lower rear, lower front, upper front, upper rear.
     """
+    # Corners along and across the box, turned into the axes of the slider
     angle = box_angle(guide)
     c, s = cos(angle), sin(angle)
     x0, y0 = guide.slider_point
     length, width = guide.extent
     a, b = length / 2, (width - clearance) / 2
-    return [
-        (x0 + c * x - s * y, y0 + s * x + c * y) for x, y in ((-a, -b), (a, -b), (a, b), (-a, b))
-    ]
+    corners = ((-a, -b), (a, -b), (a, b), (-a, b))
+    return [(x0 + c * x - s * y, y0 + s * x + c * y) for x, y in corners]

@@ -1,4 +1,4 @@
-"""Engines that are files of others, with capabilities that a file declares and results that come back as a table."""
+"""Engines that are files of users, with capabilities that a file declares and results in the form of a table."""
 
 from __future__ import annotations
 
@@ -33,6 +33,8 @@ DEFAULT_RTOL = 1e-6
 """Relative tolerance where none is given."""
 DIFFERENCES = "differences of velocities (adapter)"
 """Setting ``accelerations`` of a trajectory whose engine gave none."""
+_SHOWN = 4
+"""Number of missing columns that a message lists at most."""
 
 
 class Declared(Model):
@@ -55,7 +57,7 @@ class Declared(Model):
     def inconsistencies(self) -> Iterator[tuple[str, Any, str]]:
         by = self.friction_supplied_by
         if self.friction_law and by == Supplier.NOBODY:
-            others = ", ".join(repr(str(one)) for one in Supplier if one != Supplier.NOBODY)
+            others = ", ".join(repr(str(each)) for each in Supplier if each != Supplier.NOBODY)
             yield (
                 FRICTION_SUPPLIED_BY,
                 str(by),
@@ -87,6 +89,8 @@ class DeclaredEngine(Engine):
         return self.declared.locates_events
 
     def keeps_cone(self, fidelity: Fidelity, settings: Mapping[str, Any]) -> bool:
+        # Forces of a table without accelerations follow from differences of velocities, which are
+        # wrong by O(1) where a force jumps.
         return (
             super().keeps_cone(fidelity, settings)
             and not self.declared.regularized
@@ -109,7 +113,7 @@ class DeclaredEngine(Engine):
 
     @contextmanager
     def reading(self) -> Iterator[None]:
-        """Make what is wrong with a table a `BadTrajectory` of this engine."""
+        """Turn problems of a table into a `BadTrajectory` of this engine."""
         try:
             yield
         except FileError as error:
@@ -128,53 +132,49 @@ class DeclaredEngine(Engine):
         termination: str,
         assembly: Assembly | None = None,
     ) -> Trajectory:
-        """Return the trajectory of a table, `events` taken from all its columns.
+        """Return the trajectory of a table; `events` are computed from all its columns.
 
-        Accelerations that it does not have are differences of its velocities, which a setting says.
+        Missing accelerations are differences of velocities, which the trajectory's setting ``accelerations`` states.
 
         Raises
         ------
         BadTrajectory
-            If columns are missing that nothing else gives.
+            If columns are missing that cannot be computed from the others.
         """
         from stiction.reference_impl.multibody.reactions import recover_columns  # compiles
 
         if missing := [column for column in state_columns(scene) if column not in table.columns]:
+            more = ", .." if len(missing) > _SHOWN else ""
             raise BadTrajectory(
-                f"{self.name} returned no column {', '.join(missing[:4])}{', ..' * (len(missing) > 4)};"
+                f"{self.name} returned no column {', '.join(missing[:_SHOWN])}{more};"
                 " expected positions and velocities of all bodies"
             )
-        found, made = dict(table.columns), {}
+        given = dict(table.columns)
+        derived: dict[str, str] = {}
         for body in scene.bodies:
             for velocity, acceleration in zip(VELOCITIES, ACCELERATIONS):
-                if (column := f"{body}.{acceleration}") not in found:
+                if (column := f"{body}.{acceleration}") not in given:
+                    # Differences need one row for each time, and two times at least.
                     if len(table.first) < max(2, len(table.t)):
                         raise BadTrajectory(
                             f"{self.name} returned no column {column}; expected accelerations where a "
                             "time has two rows, or the run a single one"
                         )
-                    found[column] = np.gradient(found[f"{body}.{velocity}"], table.t)
-                    made = {"accelerations": DIFFERENCES}
+                    given[column] = np.gradient(given[f"{body}.{velocity}"], table.t)
+                    derived = {"accelerations": DIFFERENCES}
         q, v, a = (
-            stacked(found, scene.bodies, labels)
+            stacked(given, scene.bodies, labels)
             for labels in (POSITIONS, VELOCITIES, ACCELERATIONS)
         )
-        columns = (
-            recover_columns(
-                scene,
-                table.t,
-                q,
-                v,
-                a,
-                {
-                    name: values
-                    for name, values in found.items()
-                    if name.rpartition(".")[0] not in scene.bodies
-                },
-                assembly_of(scene, assembly).whole,
-            )
-            | found
-        )
+        # Forces and modes of the table restrict those that follow from the balance of momentum, and
+        # all columns of the table are kept as they are.
+        not_of_bodies = {
+            name: values
+            for name, values in given.items()
+            if name.rpartition(".")[0] not in scene.bodies
+        }
+        whole = assembly_of(scene, assembly).whole
+        columns = recover_columns(scene, table.t, q, v, a, not_of_bodies, whole) | given
         fidelity = self.declared.fidelity
         return Trajectory(
             scene=scene.name,
@@ -184,20 +184,24 @@ class DeclaredEngine(Engine):
             t=table.t[table.last],
             columns={name: values[table.last] for name, values in columns.items()},
             events=tuple(events(columns)),
-            settings={**settings, **made, "friction_law": self.capabilities.friction_law[fidelity]},
+            settings={
+                **settings,
+                **derived,
+                "friction_law": self.capabilities.friction_law[fidelity],
+            },
             cost=cost,
             termination=termination,
         )
 
 
 def read_declaration(file: Path, model: type[Declaration]) -> Declaration:
-    """Read a TOML file of a model; a FileError has all its problems at once."""
+    """Read a TOML file of a model; raise FileError with all its problems at once."""
     try:
         return model.model_validate(read_toml(file, str(file)))
-    except ValidationError as found:
-        raise FileError(str(file), problems_of(found, model)) from None
+    except ValidationError as error:
+        raise FileError(str(file), problems_of(error, model)) from None
 
 
 def state_columns(scene: Scene) -> list[str]:
-    """Names of the columns that a table of an engine must have: positions and velocities of all bodies."""
+    """Return the columns that a table of an engine must have: positions and velocities of all bodies."""
     return [f"{body}.{label}" for body in scene.bodies for label in POSITIONS + VELOCITIES]

@@ -1,10 +1,10 @@
 """CPU time of a run inside the engine's own calls.
 
-To ask a system for the CPU time of a process takes 0.8 to 7 us where that is a system call (the more, the busier the
-machine), as much as a step of a small mechanism; to ask for the time of day takes 0.05 us. So the time of day is looked
-at whenever a run goes into its engine or comes out of it. Every half a millisecond the CPU time since is shared out in
-the proportion of the two. What other processes take falls on both sides in proportion to their own time. One that comes
-in between spoils the proportion for that half a millisecond alone.
+Reading the CPU time of a process takes 0.8 to 7 us where it is a system call (the more, the busier the machine), as
+much as a step of a small mechanism; reading the time of day takes 0.05 us. Therefore the time of day is read whenever a
+run enters or leaves its engine. Every half a millisecond, the CPU time since the last reading is divided between engine
+and adapter in proportion to their times of day. The time of other processes falls on both in the same proportion. A
+process that interrupts one of them spoils the proportion of that half a millisecond only.
 """
 
 from __future__ import annotations
@@ -14,8 +14,8 @@ from time import perf_counter, process_time
 from typing import Any
 
 INTERVAL = 5e-4
-"""Seconds between two looks at the CPU time: a thousandth of it is spent on them, and a scheduler lets a process run
-for several of it."""
+"""Seconds between two readings of the CPU time. A thousandth of it is spent on a reading, and a scheduler lets a
+process run for several intervals."""
 
 
 class EngineClock:
@@ -37,7 +37,7 @@ class EngineClock:
         self._begin()
 
     def call(self, function: Callable[..., Any], *arguments: Any) -> Any:
-        """Call a function of the engine; returns what it returns."""
+        """Call a function of the engine; return its result."""
         self.calls += 1
         self._since = perf_counter()
         result = function(*arguments)
@@ -48,7 +48,9 @@ class EngineClock:
         return result
 
     def call_back(self, function: Callable[..., Any], *arguments: Any) -> Any:
-        """Call a function of the adapter from within a call of the engine; returns what it returns."""
+        """Call a function of the adapter from within a call of the engine; return its result."""
+        # The time until here was the engine's, that of the function is not, and from here on it is
+        # the engine's again.
         self._inside += perf_counter() - self._since
         result = function(*arguments)
         self._since = now = perf_counter()
@@ -58,7 +60,7 @@ class EngineClock:
 
     @property
     def engine_s(self) -> float:
-        """CPU seconds inside the engine since the start; asked outside of it."""
+        """CPU seconds inside the engine since the start; to be read outside of the engine."""
         self._share_out(perf_counter())
         return self._engine_s
 
@@ -68,7 +70,7 @@ class EngineClock:
         self._since, self._next_look = self._began, self._began + INTERVAL
 
     def _share_out(self, now: float) -> None:
-        """Give the engine its part of the CPU time of the interval that ends; the look itself is in none."""
+        """Add the engine's part of the CPU time of the interval that ends; the reading itself is in no interval."""
         spent = process_time()
         if now > self._began:
             self._engine_s += (spent - self._spent) * self._inside / (now - self._began)

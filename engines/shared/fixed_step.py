@@ -31,8 +31,10 @@ from stiction.reference_impl.multibody.trajectory_columns import guide_motion
 from stiction.scenes import Cost, InputError, Scene, Trajectory
 from stiction.scenes.fidelity import Fidelity
 
-DEFAULT_STEP, DEFAULT_SHARE = 1e-3, 0.01
-"""The step where none is given: seconds, and the part of the run that it is at most."""
+DEFAULT_STEP = 1e-3
+"""Step in seconds where none is given."""
+DEFAULT_SHARE = 0.01
+"""Largest part of the run that a default step may be, so that short runs have some steps too."""
 
 
 class Sample(NamedTuple):
@@ -57,22 +59,22 @@ class Stepper(ABC):
     h : float
         The step, s.
     k : int
-        Steps taken.
+        Number of steps taken.
     bound : FrictionBound
         The bounds of friction for the coming pass.
     finish : callable
-        Takes in a pass, given the time (s) that the next step is for: False where the step is accepted, and the next
-        one has begun; True where it is to be repeated with other bounds. Compiled, from `begin` on.
+        Evaluates a pass, given the time (s) that the next step is for. Returns False if the step is accepted, and has
+        then begun the next one; True if it is to be repeated with other bounds. Compiled, and set by `begin`.
     clock : EngineClock
         Its calls are passes: steps of the engine, repeated ones included.
     balanced : bool
-        True where each pass has a solution of the balance of momentum, for the friction bound.
+        True if the balance of momentum is solved in each pass, for the friction bound.
     ahead : int
-        Steps that are taken before the sample at t = 0.
+        Number of steps taken before the sample at t = 0.
     settling : int
-        Samples at the start whose acceleration and friction are those of the one behind them. Engines that hold
-        constraints by velocities turn the consistent start into ones that lead the next position back onto the
-        constraints; the accelerations of these steps, off by O(1), are not the motion's.
+        Number of samples at the start that get the acceleration and the friction of the sample after them. Engines that
+        hold constraints by velocities change the consistent velocities of the start into ones that lead the next
+        position back onto the constraints. The accelerations of these steps are off by O(1), and not the motion's.
     """
 
     ahead: ClassVar[int] = 0
@@ -90,7 +92,7 @@ class Stepper(ABC):
 
     @abstractmethod
     def aim(self) -> None:
-        """Have the motors of drives end the coming step on the drives' laws."""
+        """Set the motors of drives so that the coming step ends on the drives' laws."""
 
     @abstractmethod
     def advance(self, caps: Sequence[float]) -> None:
@@ -102,7 +104,7 @@ class Stepper(ABC):
 
     @abstractmethod
     def sample(self) -> Sample:
-        """The present sample, with arrays of its own."""
+        """Return the present sample, with arrays that later steps do not change."""
 
     def step(self) -> None:
         """Take the next step.
@@ -110,7 +112,9 @@ class Stepper(ABC):
         Passes are repeated until the bounds of friction and the reactions agree; see `FrictionBound`.
         """
         self.aim()
-        caps, self.k = self.bound.caps, (k := self.k + 1)
+        caps = self.bound.caps
+        k = self.k = self.k + 1
+        # the time that the loads of the step after this one are due at: its end, or with `ahead` its start
         t = (k + 1 - self.ahead) * self.h
         self.advance(caps())
         while self.finish(t):
@@ -119,54 +123,68 @@ class Stepper(ABC):
 
 
 def march(stepper: Stepper, grid: Grid, samples: list[Sample]) -> None:
-    """Take the steps of a run, and record the samples at t = 0, every h, 2 every h, .. into a list.
+    """Take the steps of a run, and append the samples at t = 0, every h, 2 every h, .. to a list.
 
-    FloatingPointError for a state that is not finite; the list has the samples before it.
+    Raises
+    ------
+    FloatingPointError
+        For a state that is not finite; the list then contains the samples before it.
     """
     step, settling, last, every = stepper.step, stepper.settling, grid.last, grid.every
+    # A stepper that is ahead of its samples knows the acceleration at t = 0 from a first step.
     for _ in range(stepper.ahead):
         step()
+    # A run that is shorter than settling goes on until the engine has settled, without samples.
     for k in range(max(last, settling) + 1):
         if k:
             step()
         if k == settling and samples:
-            # the first steps' accelerations were those of settling, not of the motion
+            # the accelerations of the first steps were those of settling, not of the motion
             settled = stepper.sample()
             samples[:] = [
                 early._replace(a=settled.a, friction=settled.friction) for early in samples
             ]
         if not k % every and k <= last:
             sample = stepper.sample()
+            # a sum is finite only if all of its terms are, and costs less than to ask each
             if not math.isfinite(sample.q.sum() + sample.v.sum() + sample.a.sum()):
                 raise FloatingPointError("a state is not finite")
             samples.append(sample)
 
 
 def step_of(dt: float | None, t_end: float) -> float:
-    """Return the step in seconds, where none is given the default; InputError if it is too short for the run."""
+    """Return the step in seconds, or the default if none is given; raise InputError if it is too short for the run."""
     if dt is None:
         dt = min(DEFAULT_STEP, DEFAULT_SHARE * t_end)
     check_steps(t_end, dt)
     return dt
 
 
-def steps_between_outputs(steps: int, wish: float) -> int:
-    """Steps from one output to the next: the largest divisor of all `steps` that is not above the rounded wish."""
-    wish = min(steps, max(1, round(wish)))
-    return next(every for every in range(wish, 0, -1) if steps % every == 0)
+def steps_between_outputs(steps: int, wanted: float) -> int:
+    """Return the steps from one output to the next: the largest divisor of `steps` that is not above the wanted number.
+
+    A divisor, so that the end of the run is an output.
+    """
+    most = min(steps, max(1, round(wanted)))
+    return next(every for every in range(most, 0, -1) if steps % every == 0)
 
 
 Defaults = Mapping[str, int | float | tuple[str, ...]]
-"""Default of each setting; of one that is a word all that it may be, the default first."""
+"""Default of each setting; for a setting that is a word, all allowed words, the default first."""
 
 
 def settings_of(
     given: Mapping[str, Any], defaults: Defaults, engine: str, fidelity: Fidelity
 ) -> dict[str, Any]:
-    """The engine's settings with those given put in; InputError for a name, a type or a value that it does not have.
+    """Return all settings of the engine: those given, and the defaults of the others.
 
-    The type is that of the default; numbers are finite and not negative, whole ones at least 1, or
-    a default of 0.
+    A number has the type of its default, and is finite and not negative. A whole number is at least 1, unless its
+    default is 0.
+
+    Raises
+    ------
+    InputError
+        For an unknown name, a wrong type or a value that is not allowed.
     """
     check_settings(given, defaults, engine, fidelity)
     for name, value in given.items():
@@ -174,6 +192,7 @@ def settings_of(
             if value not in default:
                 raise InputError(f"{name}: found {value!r}; expected one of {', '.join(default)}")
             continue
+        # A number: True is an int in Python, but not a number here.
         whole = isinstance(default, int)
         least = min(1, default) if whole else 0
         if (
@@ -184,13 +203,11 @@ def settings_of(
         ):
             kind = "whole number" if whole else "number"
             raise InputError(f"{name}: found {value!r}; expected a {kind} >= {least}")
-    return {
-        **{
-            name: default[0] if isinstance(default, tuple) else default
-            for name, default in defaults.items()
-        },
-        **given,
+    settings = {
+        name: default[0] if isinstance(default, tuple) else default
+        for name, default in defaults.items()
     }
+    return {**settings, **given}
 
 
 @dataclass(frozen=True)
@@ -220,7 +237,7 @@ class SteppedEngine(Engine):
     defaults : Mapping
         By fidelity: settings of its steps, as `settings_of` takes them.
     reach : Mapping
-        By fidelity: displacement in metres up to which its guides go.
+        By fidelity: largest displacement (m) that its guides allow.
     """
 
     capabilities = Capabilities(
@@ -238,13 +255,19 @@ class SteppedEngine(Engine):
         return settings_of({}, self.defaults[fidelity], self.name, fidelity)
 
     def steps_by_impulses(self, fidelity: Fidelity, settings: Mapping[str, Any]) -> bool:
-        return "method" not in settings  # its steps
+        return "method" not in settings  # a method is something else than these steps
 
     @abstractmethod
     def stepper(
         self, assembly: Assembly, h: float, options: Mapping[str, Any], fidelity: Fidelity
     ) -> AbstractContextManager[Stepper]:
-        """Its steps of h seconds, for as long as they are taken; InputError for a setting out of its range."""
+        """Return a context whose value is the stepper of a scene, with steps of h seconds.
+
+        Raises
+        ------
+        InputError
+            For a setting out of its range.
+        """
 
     def run(
         self,
@@ -265,6 +288,7 @@ class SteppedEngine(Engine):
         assembly = assembly_of(scene, assembly)
         refuse_off(assembly)
         with self.stepper(assembly, h, options, fidelity) as stepper:
+            # CPU time is reported by three parts of the run: setting up, compiling, and stepping.
             set_up = start = process_time()
             try:
                 stepper.compile()
@@ -286,19 +310,21 @@ class SteppedEngine(Engine):
             )
         t = np.arange(0, last + 1, every) * h
         q, v, a, modes, friction = (np.array(part) for part in zip(*samples))
-        rests = _held_too(assembly.whole, q, v, friction, h)
+        rests = _rest_with_others(assembly.whole, q, v, friction, h)
         columns = columns_of_motion(
             assembly.whole, t, q, v, a, np.where(rests, 0, modes), np.where(rests, np.nan, friction)
         )
+        # Beyond the end of a guide the engine has simulated another mechanism. A run that has
+        # diverged gets there too, and gets the message about that cause.
         size = assembly.whole.arrays.length_scale
-        off = columns["drift.position"]
+        drift = columns["drift.position"]
         for name in scene.guides:
             if (farthest := np.abs(columns[f"{name}.displacement"]).max()) > self.reach[fidelity]:
-                if len(left := np.flatnonzero(~(off <= size))):
+                if len(diverged := np.flatnonzero(~(drift <= size))):
                     raise BadTrajectory(
-                        f"{self.name}: the run diverged: {off[left[0]]:.3g} m off its constraints "
-                        f"at t = {t[left[0]]:g} s with dt = {h:g} s; expected less than the size "
-                        f"of the mechanism, {size:.3g} m"
+                        f"{self.name}: the run diverged: {drift[diverged[0]]:.3g} m off its "
+                        f"constraints at t = {t[diverged[0]]:g} s with dt = {h:g} s; expected less "
+                        f"than the size of the mechanism, {size:.3g} m"
                     )
                 raise BadTrajectory(
                     f"{self.name}: {name} is {farthest:g} m from its guide's point; guides end at "
@@ -329,29 +355,29 @@ def columns_of_motion(
 
     A friction that is NaN is recovered from the balance of momentum.
     """
-    known: dict[str, np.ndarray] = {}
+    guide_columns: dict[str, np.ndarray] = {}
     for i, name in enumerate(mechanism.guide_names):
-        known |= {f"{name}.mode": modes[:, i], f"{name}.friction": frictions[:, i]}
-    return recover_columns(mechanism.scene, t, q, v, a, known, mechanism)
+        guide_columns |= {f"{name}.mode": modes[:, i], f"{name}.friction": frictions[:, i]}
+    return recover_columns(mechanism.scene, t, q, v, a, guide_columns, mechanism)
 
 
-def _held_too(
+def _rest_with_others(
     mechanism: Mechanism, q: np.ndarray, v: np.ndarray, friction: np.ndarray, dt: float
 ) -> np.ndarray:
-    """Guides at rest to rounding, shape (n, frictional), where another is held (its friction is nan).
+    """Return flags, shape (n, frictional), of guides that rest to rounding while another one is held.
 
-    They share a friction, of which the engine gives some their bound: the sign of 1e-20 m/s is no direction of slip.
+    A guide that is held has a friction of NaN. Guides at rest share the load, and an engine may give some of them the
+    friction of slip at its bound. Their speeds are rounding, whose sign is no direction of slip, so that the balance of
+    momentum has to give their shares too.
     """
     if friction.shape[1] < 2:
         return np.zeros(friction.shape, dtype=bool)
-    m, scene = mechanism.arrays, mechanism.scene
+    arrays, scene = mechanism.arrays, mechanism.scene
+    joints = list(scene.joints)
     slip = np.stack(
-        [
-            guide_motion(m, list(scene.joints).index(name), q, v)[1]
-            for name in scene.frictional_guides
-        ],
+        [guide_motion(arrays, joints.index(name), q, v)[1] for name in scene.frictional_guides],
         axis=1,
     )
-    return (np.abs(slip) * dt <= np.finfo(float).eps * m.length_scale) & np.isnan(friction).any(
-        axis=1, keepdims=True
-    )
+    # at rest: in a step the slider moves by less than the rounding of its place
+    rests = np.abs(slip) * dt <= np.finfo(float).eps * arrays.length_scale
+    return rests & np.isnan(friction).any(axis=1, keepdims=True)

@@ -1,14 +1,15 @@
-"""Coulomb friction of guides in an engine's steps: a bound that its joints hold, or the coefficient of its contacts.
+"""Coulomb friction of guides in an engine's steps: a bound for its joints, or a coefficient for its contacts.
 
-An engine that knows a joint friction with an upper bound holds the slider with a force of at most `cap` along its
+An engine whose joints have a friction with an upper bound holds the slider with a force of at most `cap` along its
 guide. The cap is set from the guide's reactions, mu (|n1| + |n2|): with R the normal force, T the moment on the slider
 about its point, slider length a and width b, friction of coefficient c that opposes motion in direction s (Zhuang &
 Wang 2014, Sect. 5, reduced to one slider):
 
     n1 + n2 = R ,   n2 - n1 = (2/a) (T + (b/2) s c R) ,   |n1| + |n2| = max(|n1 + n2|, |n2 - n1|)
 
-and |R| where the guide has no length. Reactions depend on the friction, so where stick and slip are decided the step is
-repeated with the reactions it gave. The arithmetic is compiled: `_set_caps` and `_judge` of `step_kernels`.
+and |R| where the guide has no length. Reactions depend on the friction. Therefore a step in which stick and slip are
+decided is repeated with the reactions that it gave. The arithmetic is compiled: `_set_caps` and `_judge` of
+`step_kernels`.
 """
 
 from __future__ import annotations
@@ -33,7 +34,9 @@ from stiction.scenes.model import Translational
 
 CAPPED = "Coulomb, bound mu (|n1| + |n2|) set by the adapter each step, held by the engine's joint friction"
 CONTACT = "Coulomb at each contact (engine); the adapter switches between mu and mus"
-_FIRST_STEPS = 4  # without reactions of a step before them
+_FIRST_STEPS = 4
+"""Steps at the start that get more passes (`step_kernels.FIRST_PASSES`): the first has no reactions of a step before
+it, and those of the next ones still come from its error."""
 
 
 class GuideFriction:
@@ -45,13 +48,15 @@ class GuideFriction:
     """
 
     def __init__(self, guides: Collection[Translational]):
+        # A record for each guide, all zero at first. So the cap of the very first pass is zero: it
+        # is made without friction, and its reactions give the next cap.
         self.guides = np.zeros(len(guides), GUIDE)
         for row, guide in zip(self.guides, guides):
             row["mu"], row["mus"] = guide.kinetic_coefficient, guide.static_coefficient
             row["length"], row["width"] = guide.length or 0.0, guide.width or 0.0
 
     def begin(self) -> None:
-        """Begin the first step, where the kernel of the engine's steps does not."""
+        """Begin the first step, if the kernel of the engine's steps does not begin it."""
 
     def modes(self) -> np.ndarray:
         """Per frictional guide: -1, 0, 1 (slip against, stick, slip along) in the last step."""
@@ -69,10 +74,10 @@ class GuideFriction:
 class FrictionBound(GuideFriction):
     """Bound of friction in the steps of an engine, and the decision to repeat a step or to accept it.
 
-    Stick is tried with the static coefficient, `passes` times from the same state so that cap and reactions agree;
-    where it does not hold, the step is taken with the kinetic one. A guide that slips and keeps its direction takes one
-    pass, with the reactions of the step before. The bound itself is computed by `step_kernels._set_caps`, and put into
-    the engine by the adapter's `advance`; `step_kernels._judge` decides whether the step is repeated
+    Stick is tried with the static coefficient, `passes` times from the same state so that cap and reactions agree. If
+    it does not hold, the step is taken with the kinetic coefficient. A guide that slips and keeps its direction takes
+    one pass, with the reactions of the step before. `step_kernels._set_caps` computes the bound, and the adapter's
+    `advance` puts it into the engine; `step_kernels._judge` decides whether the step is repeated
     (`stiction.engines.shared.fixed_step.Stepper.step`).
 
     Parameters
@@ -81,7 +86,7 @@ class FrictionBound(GuideFriction):
     passes : int
         Attempts at an undecided step.
     capped : bool
-        False: the engine finds the friction itself, and no guide is capped.
+        False if the engine finds the friction itself; then no guide has a cap.
 
     Attributes
     ----------
@@ -90,21 +95,20 @@ class FrictionBound(GuideFriction):
     initial : tuple of ndarray, each of shape (3 * bodies,)
         Coordinates and velocities at t = 0.
     data : Cap
-        For the kernels of `stiction.engines.shared.step_kernels`.
+        Argument of the kernels of `stiction.engines.shared.step_kernels`.
     caps : callable
-        Returns the bounds of the coming pass by guide (N), a list.
+        Returns a list of the bounds of the coming pass by guide (N).
     held : ndarray, shape (frictional,)
-        To be set after each pass: magnitudes of the frictions in it (N).
+        Magnitudes of the frictions in a pass (N), which the adapter sets after it.
     """
 
     def __init__(self, mechanism: Mechanism, passes: int, capped: bool):
         scene = mechanism.scene
         super().__init__(scene.frictional_guides.values() if capped else ())
-        self.balance, self.held, self.caps = (
-            Balance.of(mechanism),
-            self.guides["held"],
-            self.guides["cap"].tolist,
-        )
+        self.balance = Balance.of(mechanism)
+        # views of the records: what the kernels write is seen here, and the other way round
+        self.held = self.guides["held"]
+        self.caps = self.guides["cap"].tolist
         self.initial = self.balance.q.copy(), self.balance.v.copy()
         self.data = Cap(
             balance=self.balance,
@@ -115,9 +119,9 @@ class FrictionBound(GuideFriction):
 
 
 class CoefficientSwitch(GuideFriction):
-    """The coefficient for contacts of an engine that knows one: mus while stick is undecided, mu otherwise.
+    """The coefficient for contacts of an engine with one coefficient: mus while stick is undecided, mu otherwise.
 
-    Boxes without clearance do not touch at the start; until they have landed stick is undecided.
+    Boxes without clearance have no contact forces at the start. Until they have landed, stick is undecided.
     """
 
     def __init__(self, scene: Scene):
@@ -130,5 +134,5 @@ class CoefficientSwitch(GuideFriction):
         begin_contacts(self.guides)
 
     def coefficients(self) -> list[float]:
-        """Per frictional guide, for the next step."""
+        """Return the coefficient of each frictional guide for the next step."""
         return self._coefficients.tolist()

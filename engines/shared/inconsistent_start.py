@@ -1,4 +1,4 @@
-"""The refusal of a start off its constraints, which an engine would silently move onto them, or keep off them."""
+"""The refusal of a start off its constraints, which an engine would silently correct, or keep."""
 
 from __future__ import annotations
 
@@ -10,9 +10,10 @@ from stiction.reference_impl.multibody.dynamics import row_form
 from stiction.reference_impl.multibody.mechanism import workspace
 
 OFF = 1e-6
-"""Residual from which on a start is refused, relative to the mechanism's size; that of a rate, to size per second or
-the largest speed, that of turning at the distance of its size included. The reference takes 1e-9
-(`stiction.reference_impl.multibody.initial_state.CONSISTENT`), which engines in single precision cannot see."""
+"""Largest residual of a start, relative to the mechanism's size; for rates, relative to the size per second or the
+largest speed, where a rotation counts as the speed at a distance of the size. The reference allows 1e-9
+(`stiction.reference_impl.multibody.initial_state.CONSISTENT`), which is below the rounding of engines in single
+precision."""
 
 
 def refuse_off(assembly: Assembly) -> None:
@@ -24,6 +25,7 @@ def refuse_off(assembly: Assembly) -> None:
         for rate in (*body.velocity, size * body.angular_velocity)
     ]
     speed = max([size, *rates])
+    # Residuals of all rows of all parts; the zeros are for scenes without any
     position, velocity = [0.0], [0.0]
     for mechanism in mechanisms:
         m, w = mechanism.arrays, workspace(mechanism.arrays)
@@ -34,8 +36,8 @@ def refuse_off(assembly: Assembly) -> None:
         (position, size, "m or rad"),
         (velocity, speed, "m/s or rad/s"),
     ):
-        off = np.abs(residuals).max()
-        if not off <= OFF * scale:
+        largest = np.abs(residuals).max()
+        if not largest <= OFF * scale:
             raise Declined(
-                f"the start is {off:.2g} {units} off its constraints; this adapter assembles nothing"
+                f"the start is {largest:.2g} {units} off its constraints; this adapter assembles nothing"
             )

@@ -1,8 +1,8 @@
-"""Steps of engines that know a mechanism as a tree of links with motors in its joints.
+"""Steps of engines that model a mechanism as a tree of links with motors in its joints.
 
-A step from t to t + h solves for the accelerations at q(t) under the loads at t, then v(t+h) = v(t) + h a and
-q(t+h) = q(t) + h v(t+h). So a sample at t holds the acceleration of the step that begins at t. A motor holds the rate
-of a drive's law, constant or such that each step ends on the law; `motor_link` says which joints can have one.
+A step from t to t + h solves for the accelerations at q(t) under the loads at t, then v(t+h) = v(t) + h a and q(t+h) =
+q(t) + h v(t+h). So a sample at t contains the acceleration of the step that begins at t. A motor holds the rate of a
+drive's law, constant or such that each step ends on the law; `motor_link` finds the joint of a drive's motor.
 """
 
 from __future__ import annotations
@@ -33,39 +33,54 @@ from stiction.scenes.fidelity import Fidelity
 from stiction.scenes.laws import Constant, Law, Linear, evaluate_law
 from stiction.scenes.model import Drive
 
+PARALLEL = 1e-12
+"""Sine of the angle between two axes that are parallel to rounding."""
+_SETTLING = 16
+"""Steps in which the joints that close loops settle at the position error that they keep. Measured in PyBullet: the
+distance from that error is then 1e-3 of what it was at the start."""
+
 
 def motor_link(scene: Scene, tree: LinkTree, drive: Drive) -> tuple[int, int]:
-    """The link whose joint coordinate a drive prescribes, and its sign.
+    """Return the link whose joint coordinate a drive prescribes, and its sign.
 
     Raises
     ------
     Refused
-        If there is none; the words go on from the name of an adapter.
+        If there is none; the message continues a sentence that begins with the name of an adapter.
     """
     if drive.type == "angle":
+        # A motor drives one joint coordinate. An angle between bodies further apart in the tree is
+        # the sum of several.
         hinges = tree.hinge_between(*drive.bodies)
         if len(hinges) == 1:
             return hinges[0]
-        raise Refused(f"drives one hinge at a time, this angle is that of {len(hinges)} hinges")
-    if drive.axis is None or (found := link_along(scene, tree, drive.bodies, drive.axis)) is None:
+        raise Refused(f"drives one hinge at a time, and {len(hinges)} hinges make up this angle")
+    driven = None
+    if drive.axis is not None:
+        driven = link_along(scene, tree, drive.bodies, drive.axis)
+    if driven is None:
         raise Refused(
-            "drives distances only along a guide between the same two bodies, as its axis"
+            "drives distances only along a guide between the same two bodies, parallel to it"
         )
-    if tree.links[found[0]].joint in scene.frictional_guides:
-        raise Refused("has one motor a joint, and the guide's friction needs it")
-    return found
+    if tree.links[driven[0]].joint in scene.frictional_guides:
+        raise Refused("has one motor for each joint, and the guide's friction needs it")
+    return driven
 
 
 def link_along(
     scene: Scene, tree: LinkTree, bodies: tuple[str, str], axis: tuple[float, float]
 ) -> tuple[int, int] | None:
-    """The link of a guide, of bodies (slider, guide), that is parallel to an axis of the guide, and its sign."""
+    """Return the link of a guide of these bodies (slider, guide) that is parallel to an axis, and its sign.
+
+    The axis is in the axes of the second body. The sign is -1 if the link's coordinate decreases along the axis. None
+    if there is no such guide.
+    """
     for name, guide in scene.guides.items():
         (ax, ay), (dx, dy) = axis, guide.direction
         sine = (ax * dy - ay * dx) / math.hypot(ax, ay) / math.hypot(dx, dy)
-        if guide.bodies == bodies and name in tree.link_of_joint and abs(sine) < 1e-12:
-            # parallel to rounding
-            link, sense = tree.link_of_joint[name], 1 if np.dot(axis, guide.direction) > 0 else -1
+        if guide.bodies == bodies and name in tree.link_of_joint and abs(sine) < PARALLEL:
+            link = tree.link_of_joint[name]
+            sense = 1 if np.dot(axis, guide.direction) > 0 else -1
             return link, sense * tree.links[link].sign
     return None
 
@@ -76,37 +91,33 @@ Motor = tuple[int, int, Law, float]
 
 def motors_of(scene: Scene, tree: LinkTree, position: np.ndarray) -> list[Motor]:
     """Return the motor of each drive of a scene that begins at this position of the links, shape (links,)."""
-    found = [(*motor_link(scene, tree, drive), drive.law) for drive in scene.drives.values()]
-    return [
-        (link, sign, law, position[link] - sign * evaluate_law(law, 0.0)[0])
-        for link, sign, law in found
-    ]
-
-
-_SETTLING = 16
-"""Steps in which the joints that close loops settle at the position error they keep; measured in PyBullet: to 1e-3 of
-their start's."""
+    motors = []
+    for drive in scene.drives.values():
+        link, sign = motor_link(scene, tree, drive)
+        offset = position[link] - sign * evaluate_law(drive.law, 0.0)[0]
+        motors.append((link, sign, drive.law, offset))
+    return motors
 
 
 class TreeStepper(Stepper):
-    """A tree of links with drives and loads, one step ahead of its samples; subclasses have the engine.
+    """A tree of links with drives and loads, one step ahead of its samples; subclasses add the engine.
 
-    The engine holds the joints of frictional guides by a friction with an upper bound; see `ContactStepper`. A step
-    takes h seconds; of the settings `passes`, if any, is that of `FrictionBound`.
+    The engine holds the joints of frictional guides by a friction with an upper bound; for contacts see
+    `ContactStepper`. A step takes h seconds. The setting `passes`, if there is one, is that of `FrictionBound`.
 
     Attributes
     ----------
     position, velocity : ndarray, shape (links,)
-        State of the joints, to be set after each pass.
+        State of the joints, which the adapter sets after each pass.
     coordinates, loads : ndarray, shape (3 * bodies,)
-        Coordinates of the bodies at the beginning of the step, and applied forces in it, weight apart; where anything
-        is `loaded`.
+        Coordinates of the bodies at the beginning of the step, and applied forces in it without weight. They are
+        computed only if the scene is `loaded`.
     friction_links : list of int
         Link of each guide with a bound.
     held : ndarray, shape (frictional,)
-        Magnitudes of the frictions of the guides with a bound (N), to be set after each pass.
+        Magnitudes of the frictions of the guides with a bound (N), which the adapter sets after each pass.
     rates : dict of int to float
-        Rates of the links that motors turn in the coming pass (m/s or rad/s).
+        Rates of the links that motors drive in the coming pass (m/s or rad/s).
     """
 
     fidelity: ClassVar[Fidelity] = Fidelity.JOINT
@@ -119,7 +130,8 @@ class TreeStepper(Stepper):
         tree, capped = LinkTree(scene, self.fidelity), self.fidelity == Fidelity.JOINT
         self.tree = tree
         self.loaded = bool(scene.springs or scene.forces)
-        # of every scene: one that is too large for it is refused before the engine has it
+        # Made of every scene, with friction or without: a mechanism that is too large for the
+        # balance is then refused before the engine gets it.
         self.bound = FrictionBound(assembly.whole, options.get("passes", 1), capped)
         self.friction = self.bound
         self.held, self.balanced = self.bound.held, bool(len(self.bound.held))
@@ -127,19 +139,25 @@ class TreeStepper(Stepper):
             [tree.link_of_joint[name] for name in scene.frictional_guides] if capped else []
         )
         self.settling = _SETTLING if tree.loops else 0
-        self.joints_are(*tree.coordinates(scene))
+        self.share_joint_state(*tree.coordinates(scene))
+        # The rate of a constant or linear law is set once, that of another one before each step.
         self._motors = motors_of(scene, tree, self.position)
         self._followed = [
             motor for motor in self._motors if not isinstance(motor[2], (Constant, Linear))
         ]
         self.rates: dict[int, float] = {}
 
-    def joints_are(self, position: np.ndarray, velocity: np.ndarray) -> None:
-        """Have the joints' coordinates and velocities in these arrays from now on, of one's own or the engine's."""
+    def share_joint_state(self, position: np.ndarray, velocity: np.ndarray) -> None:
+        """Keep the joints' coordinates and velocities in these arrays from now on, each of shape (links,).
+
+        They may be the engine's own memory, which then need not be copied in each step.
+        """
         balance = self.bound.balance
         links = len(self.tree.links)
         self.position, self.velocity, self.loads = position, velocity, balance.loads
         self.coordinates, v, a = np.zeros((3, len(balance.q)))
+        # The compiled kernel and this object use the same arrays: the start of the coming step, to
+        # which `retreat` returns, and start and acceleration of the last one, for `sample`.
         *self._start, last_position, last_velocity, acceleration = np.zeros((5, links))
         self._last = last_position, last_velocity, acceleration
         signs = [self.tree.links[link].sign for link in self.friction_links]
@@ -147,7 +165,7 @@ class TreeStepper(Stepper):
             cap=self.bound.data,
             h=self.h,
             loaded=int(self.loaded),
-            tree=self.tree.data_of_its_own(),
+            tree=self.tree.data_with_own_motion(),
             links=np.array(self.friction_links, dtype=np.int64),
             signs=np.array(signs, dtype=float),
             position=position,
@@ -163,7 +181,7 @@ class TreeStepper(Stepper):
         )
 
     def drive_rate(self, link: int, rate: float) -> None:
-        """The motor of a joint holds this rate from now on (m/s or rad/s)."""
+        """Set the rate that the motor of a joint holds from now on (m/s or rad/s)."""
         self.rates[link] = rate
 
     def advance(self, caps: Sequence[float]) -> None:
@@ -193,6 +211,8 @@ class TreeStepper(Stepper):
         self.finish = bound(finish_joints, self._data)
 
     def aim(self) -> None:
+        # The rate that leads from the present coordinate to the law at the end of the step, so that
+        # errors of earlier steps are corrected and do not add up.
         for link, sign, law, offset in self._followed:
             end = sign * evaluate_law(law, self.k * self.h + self.h)[0] + offset
             self.drive_rate(link, (end - self.position[link]) / self.h)
@@ -205,7 +225,7 @@ class TreeStepper(Stepper):
 
 
 class ContactStepper(TreeStepper):
-    """Steps of a tree whose sliders contacts hold; to be derived from together with an engine's `TreeStepper`."""
+    """Steps of a tree whose sliders are held by contacts; a base besides an engine's `TreeStepper`."""
 
     fidelity = Fidelity.CONTACT
     friction: CoefficientSwitch
@@ -214,26 +234,29 @@ class ContactStepper(TreeStepper):
         super().__init__(assembly, h, options, *engine)
         scene = assembly.scene
         self.friction = CoefficientSwitch(scene)
+        # Of each frictional guide: the place of its slider's velocity, and the guide's direction,
+        # which is fixed at contact fidelity.
         places = {name: 3 * i for i, name in enumerate(scene.bodies)}
         self._axes = [
             (places[guide.slider], *direction_of(guide))
             for guide in scene.frictional_guides.values()
         ]
         self._still = np.zeros(len(self.tree.links))
-        self._last_step = tuple(
-            self.friction.guides[name] for name in ("cap", "held", "slip_speed")
+        guides = self.friction.guides
+        self._contact_caps, self._contact_held, self._contact_slip_speeds = (
+            guides[name] for name in ("cap", "held", "slip_speed")
         )
 
     @abstractmethod
     def rub(self, coefficients: Sequence[float]) -> None:
-        """Give the contacts of each frictional guide its coefficient of friction."""
+        """Set the coefficient of friction of the contacts of each frictional guide."""
 
     @abstractmethod
     def contact_forces(self) -> tuple[Sequence[float], Sequence[float]]:
-        """Per frictional guide: sums of the magnitudes of its contacts' normal and tangential forces (N)."""
+        """Return, per frictional guide, sums of the magnitudes of its contacts' normal and tangential forces (N)."""
 
     def slip_speeds(self) -> list[float]:
-        """Per frictional guide: the present slip speed (m/s)."""
+        """Return, per frictional guide, the present slip speed (m/s)."""
         _, v, _ = self.tree.motion(self.position, self.velocity, self._still)
         return [ux * v[place] + uy * v[place + 1] for place, ux, uy in self._axes]
 
@@ -242,14 +265,10 @@ class ContactStepper(TreeStepper):
         self.rub(coefficients)
         super().advance(caps)
         if coefficients:
-            (caps_of_contacts, held, slip_speeds), (normals, frictions) = (
-                self._last_step,
-                self.contact_forces(),
-            )
+            # What the engine's contacts did decides the coefficients of the next step.
+            normals, frictions = self.contact_forces()
             for i, speed in enumerate(self.slip_speeds()):
-                caps_of_contacts[i], held[i], slip_speeds[i] = (
-                    coefficients[i] * normals[i],
-                    frictions[i],
-                    speed,
-                )
+                self._contact_caps[i] = coefficients[i] * normals[i]
+                self._contact_held[i] = frictions[i]
+                self._contact_slip_speeds[i] = speed
             finish_contacts(self.friction.guides)

@@ -6,7 +6,7 @@ from stiction.scenes.laws import Constant, Law, Linear, Sine
 
 
 def law_expression(law: Law, derivative: int = 0) -> str | None:
-    """A law (derivative 0) or its rate (1) as Python of ``t`` and ``math``; None for a table, which has none."""
+    """Return a law (derivative 0) or its rate (1) as a Python expression of ``t`` and ``math``; None for a table."""
     if isinstance(law, Constant):
         return repr((law.value, 0.0)[derivative])
     if isinstance(law, Linear):

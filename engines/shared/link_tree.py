@@ -1,8 +1,8 @@
 """A planar mechanism as a tree of links with one joint coordinate each, for engines of reduced coordinates.
 
-Every body hangs from its parent (or from the ground) by one joint; the joints left over close loops. A body
-that no chain of joints ties to the ground hangs from it by three links: two without mass that slide along x and y, and
-itself turning. A link's frame has the body's axes and its origin in the joint's point of the body.
+Every body hangs from its parent (or from the ground) by one joint; the remaining joints close loops. A body that no
+chain of joints ties to the ground hangs from it by three links: two without mass that slide along x and y, and the body
+itself, which turns. A link's frame has the body's axes and its origin in the joint's point of the body.
 """
 
 from __future__ import annotations
@@ -24,12 +24,13 @@ from stiction.scenes.model import Revolute, Translational
 
 @dataclass(frozen=True)
 class Link:
-    """One link and the joint to its parent, which is the ground where its index is -1.
+    """One link and the joint to its parent, which is the ground if its index is -1.
 
-    A link without body has no mass, and is half of a free body's joint. It slides along `axis` (axes of this link), or
-    turns. `anchor` and `point`: the joint's point in the parent and in this link, from their centres of mass (m).
-    `angle`: of this link minus that of the parent at joint coordinate 0. `sign` is 1 if the joint coordinate grows as
-    the scene's does (displacement of a guide; angle of the first body minus that of the second), -1 if against it.
+    A link without a body has no mass, and is part of a free body's joint. A link slides along `axis` (in its own axes),
+    or turns. `anchor` and `point` are the joint's point in the parent and in this link, from their centres of mass (m).
+    `angle` is the angle of this link minus that of the parent at joint coordinate 0. `sign` is 1 if the joint
+    coordinate grows with the scene's (displacement of a guide; angle of the first body minus that of the second), -1 if
+    it decreases.
     """
 
     body: str | None
@@ -46,12 +47,13 @@ class Link:
 class LinkTree:
     """Links of a scene in depth-first order, each branch complete before the next begins.
 
-    Translational joints come into the tree first, then the revolute joints that an angle drive turns, then
-    the others: what needs a joint coordinate gets one.
+    Translational joints come into the tree first, then the revolute joints that an angle drive turns, then the others:
+    a joint in the tree has a joint coordinate, which friction and motors need.
 
-    At contact fidelity guides are no joints, and each slider hangs from the ground itself: what a step leaves of J' v,
-    J the Jacobian of the contacts at its start, would move a slider that hangs on a turning body along its surface, and
-    off it. Joints that tie sliders to each other, or to the ground, close loops then.
+    At contact fidelity guides are no joints, and each slider hangs from the ground itself. An engine solves for
+    contacts with their Jacobian J at the start of a step, and what the step leaves of J' v would move a slider that
+    hangs on a turning body along its surface, and off it. Joints that tie sliders to each other, or to the ground, then
+    close loops.
 
     Attributes
     ----------
@@ -59,9 +61,9 @@ class LinkTree:
     loops : list of str
         Names of the joints that close loops.
     link_of, link_of_joint : dict of str to int
-        Index of each body's link, the ground's is -1, and of the link behind each joint of the tree.
+        Index of each body's link (-1 for the ground), and of the child link of each joint of the tree.
     data : Tree
-        For `stiction.engines.shared.step_kernels.motion` and its relatives.
+        Argument of `stiction.engines.shared.step_kernels.motion` and the other kernels.
     """
 
     def __init__(self, scene: Scene, fidelity: Fidelity = Fidelity.JOINT):
@@ -71,23 +73,27 @@ class LinkTree:
             frozenset(drive.bodies) for drive in scene.drives.values() if drive.type == "angle"
         }
 
-        def rank(name: str) -> int:
+        def need_of_coordinate(name: str) -> int:
+            """Sort key of a joint: the lower, the more it needs a joint coordinate."""
             joint = scene.joints[name]
-            return (
-                0
-                if isinstance(joint, Translational)
-                else 1
-                if frozenset(joint.bodies) in driven
-                else 2
-            )
+            if isinstance(joint, Translational):
+                return 0
+            return 1 if frozenset(joint.bodies) in driven else 2
 
-        tied = DisjointSet((GROUND, *scene.bodies))
+        # Kruskal's algorithm for a spanning tree: a joint that connects two bodies which are not
+        # connected yet belongs to the tree, any other one closes a loop.
+        connected = DisjointSet((GROUND, *scene.bodies))
         for root in roots:
-            tied.merge(GROUND, root)
+            connected.merge(GROUND, root)
         tree: list[str] = []
         self.loops: list[str] = []
-        for name in sorted((name for name in scene.joints if name not in free), key=rank):
-            (tree if tied.merge(*scene.joints[name].bodies) else self.loops).append(name)
+        joints = [name for name in scene.joints if name not in free]
+        for name in sorted(joints, key=need_of_coordinate):
+            if connected.merge(*scene.joints[name].bodies):
+                tree.append(name)
+            else:
+                self.loops.append(name)
+        # Number the links from the roots outwards, so that each parent comes before its children.
         joints_of: dict[str, list[str]] = {name: [] for name in (GROUND, *scene.bodies)}
         for name in tree:
             for body in scene.joints[name].bodies:
@@ -116,14 +122,16 @@ class LinkTree:
         self.data = Tree(
             **tables,
             order=np.array([self.link_of[name] for name in scene.bodies]),
-            **_room(len(self.links)),
+            **_motion_arrays(len(self.links)),
         )
 
     def _grow(self, scene: Scene, joints: Mapping[str, Sequence[str]], root: str) -> None:
+        """Add all links that hang on a body by joints of the tree, depth first."""
+        # A stack instead of recursion: a chain may have more bodies than Python allows nested calls.
         branches = [(root, iter(joints[root]))]
-        while branches:  # a chain may have more bodies than Python has room for calls
-            parent, left = branches[-1]
-            if (name := next(left, None)) is None:
+        while branches:
+            parent, remaining = branches[-1]
+            if (name := next(remaining, None)) is None:
                 branches.pop()
                 continue
             bodies = scene.joints[name].bodies
@@ -133,6 +141,7 @@ class LinkTree:
                 branches.append((child, iter(joints[child])))
 
     def _add_free(self, body: str) -> None:
+        """Add the three links of a body that hangs freely from the ground."""
         n = len(self.links)
         self.links += [
             Link(None, None, -1, True, (1.0, 0.0)),
@@ -142,47 +151,55 @@ class LinkTree:
         self.link_of[body] = n + 2
 
     def _add(self, joint: Revolute | Translational, name: str, parent: str, child: str) -> None:
-        first = child == joint.bodies[0]
+        """Add the link of a child body, which hangs on its parent by a joint.
+
+        The joint's coordinate is measured from its second body (the guide) to its first (the slider). If the child is
+        the second body, the coordinate of the link has the opposite sign.
+        """
+        child_is_first = child == joint.bodies[0]
         axis, angle = (1.0, 0.0), 0.0
         if isinstance(joint, Revolute):
             points = joint.points
         else:
             axis, points = direction_of(joint), (joint.slider_point, joint.point)
-            angle = joint.angle if first else -joint.angle
-            if first:  # the guide's direction in the slider's axes
+            angle = joint.angle if child_is_first else -joint.angle
+            if child_is_first:
+                # the direction, given in the guide's axes, in those of the slider
                 (ux, uy), c, s = axis, cos(angle), sin(angle)
                 axis = c * ux + s * uy, -s * ux + c * uy
-        point, anchor = points if first else points[::-1]
+        point, anchor = points if child_is_first else points[::-1]
         link = Link(
-            child,
-            name,
-            self.link_of[parent],
-            isinstance(joint, Translational),
-            axis,
-            anchor,
-            point,
-            angle,
-            1 if first else -1,
+            body=child,
+            joint=name,
+            parent=self.link_of[parent],
+            slides=isinstance(joint, Translational),
+            axis=axis,
+            anchor=anchor,
+            point=point,
+            angle=angle,
+            sign=1 if child_is_first else -1,
         )
         self.link_of[child] = len(self.links)
         self.links.append(link)
 
     def place(self, i: int) -> np.ndarray:
-        """The joint of a link in the frame of its parent, shape (3,)."""
+        """Return the place of a link's joint in the frame of its parent, shape (3,)."""
+        # the frame of the parent has its origin in the parent's own joint, not in its centre of mass
         link = self.links[i]
         origin = self.links[link.parent].point if link.parent >= 0 else (0.0, 0.0)
         return np.array([link.anchor[0] - origin[0], link.anchor[1] - origin[1], 0.0])
 
     def centre(self, i: int) -> np.ndarray:
-        """The centre of mass of a link in its frame, shape (3,)."""
+        """Return the centre of mass of a link in its frame, shape (3,)."""
         x, y = self.links[i].point
         return np.array([-x, -y, 0.0])
 
     def coordinates(self, scene: Scene) -> tuple[np.ndarray, np.ndarray]:
-        """Joint coordinates and velocities of the scene's start, each of shape (links,)."""
+        """Return the joint coordinates and velocities of the scene's start, each of shape (links,)."""
         position, velocity = np.zeros(len(self.links)), np.zeros(len(self.links))
         for i, link in enumerate(self.links):
             if link.body is None:
+                # set together with the link of the free body
                 continue
             x, y, angle, vx, vy, omega = _start(scene, link.body, link.point)
             parent = self.links[link.parent].body if link.parent >= 0 else GROUND
@@ -193,6 +210,7 @@ class LinkTree:
             if not link.slides:
                 position[i], velocity[i] = angle - parent_angle - link.angle, omega - parent_omega
                 continue
+            # d = u . r with r from the parent's point to the link's, and d' = u . r' + (omega x u) . r
             c, s = cos(angle), sin(angle)
             ux, uy = c * link.axis[0] - s * link.axis[1], s * link.axis[0] + c * link.axis[1]
             position[i] = ux * (x - px) + uy * (y - py)
@@ -202,7 +220,9 @@ class LinkTree:
         return position, velocity
 
     def hinge_between(self, first: str, second: str) -> list[tuple[int, int]]:
-        """Hinges whose coordinates add up to the angle of `first` minus that of `second`: (link, sign)."""
+        """Return the hinges whose coordinates add up to the angle of `first` minus that of `second`: (link, sign)."""
+        # The angle of a body is the sum of the hinges on its way to the ground. Those that both ways
+        # share cancel.
         signs: dict[int, int] = {}
         for body, sign in ((first, 1), (second, -1)):
             link = self.link_of[body]
@@ -212,25 +232,27 @@ class LinkTree:
                 link = self.links[link].parent
         return [(link, sign) for link, sign in signs.items() if sign]
 
-    def data_of_its_own(self) -> Tree:
-        """`data` with other room for the links' motion, which stays while `motion` is asked for another one."""
-        return self.data.replaced(**_room(len(self.links)))
+    def data_with_own_motion(self) -> Tree:
+        """Return `data` with other arrays for the links' motion, which calls of `motion` do not overwrite."""
+        return self.data.replaced(**_motion_arrays(len(self.links)))
 
     def motion(
         self, position: np.ndarray, velocity: np.ndarray, acceleration: np.ndarray
     ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """Bodies' coordinates, velocities and accelerations, each of shape (3 * bodies,), from those of the joints."""
+        """Return bodies' coordinates, velocities, accelerations, each (3 * bodies,), from those of the joints."""
         q, v, a = np.empty((3, 3 * self._bodies))
         motion(self.data, position, velocity, acceleration, q, v, a)
         return q, v, a
 
 
-def _room(links: int) -> dict[str, np.ndarray]:
-    return {"arm": np.zeros((links, 6)), **dict(zip("qva", np.zeros((3, links, 3))))}
+def _motion_arrays(links: int) -> dict[str, np.ndarray]:
+    """Return the fields of `Tree` that hold the links' motion."""
+    q, v, a = np.zeros((3, links, 3))
+    return {"arm": np.zeros((links, 6)), "q": q, "v": v, "a": a}
 
 
 def _start(scene: Scene, name: str, point: tuple[float, float]) -> tuple[float, ...]:
-    """Position, angle, velocity and angular velocity of a body's point at t = 0."""
+    """Return position, angle, velocity and angular velocity of a body's point at t = 0."""
     if name == GROUND:
         return (*point, 0.0, 0.0, 0.0, 0.0)
     body = scene.bodies[name]

@@ -1,8 +1,13 @@
 """Compiled arithmetic of each step of an adapter: balance of momentum, friction bound, forward kinematics.
 
 An engine's step of a small mechanism takes some microseconds, as long as a few operations on small arrays in Python. So
-a step has one kernel, which ends it and begins the next one. The kernels stand in one file because the cache of
-`kernel` looks at the file of the function that is called.
+a step has one kernel, which ends it and begins the next one. The kernels are in one file because the cache of `kernel`
+depends on the file of the function that is called.
+
+Symbols of the kernels: `m` are the arrays of the mechanism and `w` is its workspace (`Arrays` and `Workspace` of
+`stiction.reference_impl.multibody.mechanism`), `q`, `v`, `a` are coordinates, velocities and accelerations, `t` is the
+time and `h` the step. `w.J` is the Jacobian J of the constraint rows and of the rows along frictional guides, `w.G` is
+J M^-1 J^T, and `w.free` the acceleration M^-1 Q by the applied forces alone.
 """
 
 from __future__ import annotations
@@ -29,13 +34,14 @@ from stiction.reference_impl.multibody.kinematics import rotate
 from stiction.reference_impl.multibody.mechanism import Arrays, Mechanism, Workspace, workspace
 
 SATURATED = 1.0 - 1e-6
-"""Part of the cap above which a guide slips: beyond the residuals of the engines' solvers (1e-9), below any load that
-matters."""
+"""Part of the cap above which a guide slips. The distance from 1 is above the residuals of the engines' solvers (1e-9),
+and below any difference of loads that matters."""
 FIRST_PASSES = 3
-"""Attempts of the first steps at least, which have no reactions of a step before: with two the friction of two guides
-that load each other is off by the root of the step."""
+"""Least number of attempts at each of the first steps, which have no reactions of a step before. With two, the friction
+of two guides that load each other is off by the root of the step."""
 LOOK_AHEAD = 1.5
-"""A reversal is expected within this many steps at the last step's change of velocity."""
+"""A reversal is expected within this many steps at the last step's change of velocity. One step is the time until the
+next sample; half a step is a margin for a change that grows."""
 
 GUIDE = np.dtype(
     [
@@ -69,7 +75,7 @@ Guides = Annotated[np.ndarray, GUIDE, 1]
 
 
 class Attempts(Record):
-    """Attempts that are left of a step, and steps that are still among the first."""
+    """Number of attempts left for a step, and number of steps that still count as first ones."""
 
     left: int
     first: int
@@ -78,9 +84,10 @@ class Attempts(Record):
 class Balance(Bundle):
     """The balance of momentum of a scene at an instant, `M a - Q = J^T lambda + T f`.
 
-    Masses, coordinates, rates and applied forces without weight are (3 * bodies,); `bodies` (rows + frictional, 2) are
-    those of each row; `force` (rows + frictional,) row forces, then frictions, as last found; `known` (frictional,)
-    frictions that are given, NaN where they are to be found. The rest is scratch of `row_forces`.
+    `mass`, `q`, `v` and `loads` (the applied forces without weight) are (3 * bodies,). `bodies` (rows + frictional, 2)
+    are the bodies of each row, -1 where there is none. `force` (rows + frictional,) are row forces, then frictions, of
+    the last solution. `given_friction` (frictional,) are frictions that are given, NaN where they are to be found. The
+    rest is scratch of `row_forces`.
     """
 
     m: Arrays
@@ -91,7 +98,7 @@ class Balance(Bundle):
     v: Reals
     loads: Reals
     force: Reals
-    known: Reals
+    given_friction: Reals
     excess: Reals
     right: Reals
     solution: Reals
@@ -112,7 +119,7 @@ class Balance(Bundle):
             w=workspace(m),
             mass=coordinates,
             bodies=(rows, 2),
-            known=frictional,
+            given_friction=frictional,
             unit=2 * rows,
             unknown=rows,
             system=(rows, rows),
@@ -121,9 +128,12 @@ class Balance(Bundle):
             **dict.fromkeys(("force", "right", "solution", "least_squares"), rows),
         )
         balance.q[:], balance.v[:] = mechanism.initial_state()
-        balance.mass[:], balance.bodies[:] = 1.0 / m.inverse_mass, -1
-        for place, row, body in m.block:
-            balance.bodies[row, place % 6 // 3] = body // 3
+        balance.mass[:] = 1.0 / m.inverse_mass
+        # J has six entries a row, three for each of its two bodies: the place of a block of three
+        # among them tells which of the two the body is.
+        balance.bodies[:] = -1
+        for place, row, coordinate in m.block:
+            balance.bodies[row, place % 6 // 3] = coordinate // 3
         return balance
 
 
@@ -221,24 +231,26 @@ class JointStep(Bundle):
 
 @kernel
 def _place(balance, q, v, ahead):
+    """Set the state of a balance: q moved on with v for `ahead` seconds, and v."""
     for i in range(len(q)):
         balance.q[i], balance.v[i] = q[i] + ahead * v[i], v[i]
 
 
 @kernel
 def applied_loads(balance: Balance, t: float, q: Reals, v: Reals, ahead: float) -> None:
-    """Applied forces without weight into the loads of a balance, at q + ahead v."""
+    """Compute the applied forces without weight at q + ahead v, into the loads of a balance."""
     m, w, loads = balance.m, balance.w, balance.loads
     _place(balance, q, v, ahead)
     rotate(m, w, balance.q)
     applied_forces(m, w.rotation, t, balance.q, balance.v, loads)
+    # weight is the engine's own gravity
     for i in range(len(loads)):
         loads[i] -= m.weight[i]
 
 
 @kernel
 def assemble(balance: Balance, t: float, q: Reals, v: Reals, ahead: float) -> None:
-    """Rows, forces and loads of the balance at q + ahead v."""
+    """Compute the rows, applied forces and loads of a balance at q + ahead v."""
     m, w, loads = balance.m, balance.w, balance.loads
     _place(balance, q, v, ahead)
     row_form(m, w, t, balance.q, balance.v)
@@ -248,7 +260,7 @@ def assemble(balance: Balance, t: float, q: Reals, v: Reals, ahead: float) -> No
 
 @kernel
 def _row_product(balance, r, v):
-    """J v of one row."""
+    """Return the product of row r of the Jacobian with v; a row has entries for at most two bodies."""
     J, product = balance.w.J, 0.0
     for side in range(2):
         body = balance.bodies[r, side]
@@ -260,9 +272,23 @@ def _row_product(balance, r, v):
 
 @kernel
 def row_forces(balance: Balance, a: Reals) -> None:
-    """Row forces with G force = J (a - M^-1 Q); the last rows are the frictions, solved for where `known` is NaN."""
-    m, w, force, known, right = balance.m, balance.w, balance.force, balance.known, balance.right
-    rows, size, finite = m.rows, m.rows + len(known), True
+    """Solve G force = J (a - M^-1 Q) for the row forces of accelerations a.
+
+    The last rows are the frictions, which are solved for where `given_friction` is NaN.
+    """
+    m, w, force, given_friction, right = (
+        balance.m,
+        balance.w,
+        balance.force,
+        balance.given_friction,
+        balance.right,
+    )
+    rows = m.rows
+    size = rows + len(given_friction)
+    # The right-hand side: J times the difference between the accelerations and those that the
+    # applied forces alone would give. Where a run has diverged, all forces are NaN, which
+    # `_set_caps` reports; the solvers below require finite numbers.
+    finite = True
     for i in range(len(a)):
         balance.excess[i] = a[i] - w.free[i]
     for r in range(size):
@@ -272,15 +298,18 @@ def row_forces(balance: Balance, a: Reals) -> None:
         for r in range(size):
             force[r] = np.nan
         return
+    # Sort the rows: known frictions go to the right-hand side, all others are unknown.
     unknown, system, work = balance.unknown, balance.system, balance.work
-    solution, least_squares, n = balance.solution, balance.least_squares, 0
+    solution, least_squares = balance.solution, balance.least_squares
+    n = 0
     for r in range(size):
-        if r >= rows and not np.isnan(known[r - rows]):
-            force[r] = known[r - rows]
+        if r >= rows and not np.isnan(given_friction[r - rows]):
+            force[r] = given_friction[r - rows]
         else:
             force[r] = 0.0
             unknown[n] = r
             n += 1
+    # The system of the unknown rows, in two copies: elimination overwrites its own.
     for i in range(n):
         solution[i] = right[unknown[i]]
         for j in range(rows, size):
@@ -293,6 +322,7 @@ def row_forces(balance: Balance, a: Reals) -> None:
         for i in range(n):
             force[unknown[i]] = solution[i]
         return
+    # Redundant rows: the motion does not determine their forces. Those of minimum norm are taken.
     minimum_norm(system, least_squares, n)
     for i in range(n):
         force[unknown[i]] = least_squares[i]
@@ -300,41 +330,46 @@ def row_forces(balance: Balance, a: Reals) -> None:
 
 @kernel
 def _sign(value):
+    """Return -1, 0 or 1."""
     return copysign(1.0, value) if value != 0.0 else 0.0
 
 
 @kernel
 def _undecided(guide):
-    """Return True where the next step may begin, end or contain stick."""
+    """Return True if the next step may begin, end or contain stick."""
     return (
         guide.stuck != 0 or guide.slip_speed * (guide.slip_speed + LOOK_AHEAD * guide.change) <= 0.0
     )
 
 
 @kernel
-def _choose(guides):
-    """Set the coefficients of the step that begins; returns whether any guide is undecided."""
-    open_ = False
+def _choose_coefficients(guides):
+    """Set the coefficients of the step that begins; return whether any guide is undecided."""
+    any_undecided = False
     for i in range(len(guides)):
         guide = guides[i]
         undecided = _undecided(guide)
-        open_ = open_ or undecided
+        any_undecided = any_undecided or undecided
+        # Stick is tried first, with what static friction can hold.
         guide.coefficient = guide.mus if undecided else guide.mu
         guide.slip_speed_before = guide.slip_speed
-    return open_
+    return any_undecided
 
 
 @kernel
-def _tell_mode(guide):
+def _record_mode(guide):
+    """Set the mode of the step that was accepted, and keep the mode before."""
     guide.mode_before = guide.mode
     guide.mode = 0 if guide.stuck else int(_sign(guide.slip_speed))
 
 
 @kernel
 def _set_caps(cap):
-    """Caps of the attempt that begins; FloatingPointError if a reaction is not finite."""
+    """Set the caps of the attempt that begins; raise FloatingPointError if a reaction is not finite."""
     for i in range(len(cap.guides)):
         guide = cap.guides[i]
+        # The load |n1| + |n2| depends on the direction of friction, by the moment of the surfaces
+        # (`friction_bound`). Friction that holds a slider opposes the motion that it would have.
         direction = -_sign(guide.friction) if guide.stuck else _sign(guide.slip_speed)
         kappa = -guide.coefficient * direction
         guide.cap = guide.coefficient * normal_load(guide, guide.normal_force, guide.moment, kappa)
@@ -344,14 +379,16 @@ def _set_caps(cap):
 
 @kernel
 def _begin(cap, loaded, t, q, v, ahead):
-    """Begin a step: loads at its instant, and for guides with a cap the balance there, coefficients, caps, attempts."""
+    """Begin a step: compute the loads at its instant, and for guides with a cap their balance, caps and attempts."""
     if len(cap.guides) == 0:
         if loaded:
             applied_loads(cap.balance, t, q, v, ahead)
         return
     assemble(cap.balance, t, q, v, ahead)
+    # One attempt suffices where all guides slip on: the reactions of the step before are off by
+    # O(h), as the step itself. A guide that may stick needs its cap and its reactions to agree.
     attempts = cap.attempts
-    attempts.left = cap.passes if _choose(cap.guides) else 1
+    attempts.left = cap.passes if _choose_coefficients(cap.guides) else 1
     if attempts.first > 0:
         attempts.left = max(cap.passes, FIRST_PASSES)
     attempts.first = max(attempts.first - 1, 0)
@@ -360,15 +397,18 @@ def _begin(cap, loaded, t, q, v, ahead):
 
 @kernel
 def _judge(cap, a):
-    """Take in an attempt, whose slip speeds the guides have, and its accelerations.
+    """Evaluate an attempt by its accelerations and by the slip speeds that the guides have.
 
-    Returns True where the step is to be repeated.
+    Return True if the step is to be repeated.
     """
     guides, balance, m, attempts = cap.guides, cap.balance, cap.balance.m, cap.attempts
+    # A guide whose friction stayed below its cap stuck. Its friction is what held it, and is solved
+    # for; that of a guide which slipped is the cap.
     for i in range(len(guides)):
         guide = guides[i]
         guide.stuck = int(guide.held < guide.cap * SATURATED)
-        balance.known[i] = np.nan if guide.stuck else -_sign(guide.slip_speed) * guide.cap
+        balance.given_friction[i] = np.nan if guide.stuck else -_sign(guide.slip_speed) * guide.cap
+    # The reactions of this attempt give the caps of the next one.
     row_forces(balance, a)
     for i in range(len(guides)):
         guide, row = guides[i], m.friction[i].row
@@ -377,7 +417,8 @@ def _judge(cap, a):
     attempts.left -= 1
     repeat = attempts.left > 0
     if attempts.left == 0:
-        # what did not stick with the static coefficient slips with the kinetic one
+        # The last attempt decides. A guide that did not stick with the static coefficient slips
+        # with the kinetic one, for which the step is repeated once.
         for i in range(len(guides)):
             guide = guides[i]
             if not guide.stuck and guide.coefficient != guide.mu:
@@ -386,52 +427,59 @@ def _judge(cap, a):
     if repeat:
         _set_caps(cap)
         return True
+    # Accepted: record what the next step needs to know of this one.
     for i in range(len(guides)):
         guide = guides[i]
         guide.change = guide.slip_speed - guide.slip_speed_before
-        _tell_mode(guide)
+        _record_mode(guide)
     return False
 
 
 @kernel
 def begin_contacts(guides: Guides) -> None:
     """Begin the first step of guides whose friction the engine's contacts find."""
-    _choose(guides)
+    _choose_coefficients(guides)
 
 
 @kernel
 def finish_contacts(guides: Guides) -> None:
-    """Take in a step, of which these guides have `cap`, `held` and `slip_speed`; the next one has begun."""
+    """Evaluate a step by `cap`, `held` and `slip_speed` of the guides, and begin the next one."""
     for i in range(len(guides)):
         guide = guides[i]
+        # A box that has not touched its surfaces yet has no friction, and stick is undecided.
         guide.stuck = int(guide.held < guide.cap * SATURATED or not guide.landed)
         guide.landed = int(guide.landed or guide.cap > 0.0)
         guide.change = guide.slip_speed - guide.slip_speed_before
         guide.friction = -_sign(guide.slip_speed) * guide.held
-        _tell_mode(guide)
-    _choose(guides)
+        _record_mode(guide)
+    _choose_coefficients(guides)
 
 
 @kernel
 def finish_space_contacts(touch: SpaceContacts) -> None:
-    """Take in a step, and forget its impulses; the next one has begun."""
+    """Evaluate a step by the impulses of its contacts, erase these, and begin the next step."""
     guides, step, touching, impulse = touch.guides, touch.step, touch.touching, touch.impulse
     for i in range(len(guides)):
         guide = guides[i]
-        along, across, v = 0.0, 0.0, 3 * touch.slider[i]
+        # Normal and tangential impulses (`along` and `across` the normal) of all contacts of the
+        # slider. Magnitudes are added: a box may be pressed on by both surfaces.
+        along, across = 0.0, 0.0
         for k in range(len(touching)):
             if touching[k, 0] == touch.identity[i] or touching[k, 1] == touch.identity[i]:
                 jx, jy, nx, ny = impulse[k, 0], impulse[k, 1], impulse[k, 2], impulse[k, 3]
                 along += abs(nx * jx + ny * jy)
                 across += abs(nx * jy - ny * jx)
         guide.cap, guide.held = guide.coefficient * along / step.h, across / step.h
-        guide.slip_speed = touch.along[i, 0] * step.v[v] + touch.along[i, 1] * step.v[v + 1]
+        vx = 3 * touch.slider[i]
+        guide.slip_speed = touch.along[i, 0] * step.v[vx] + touch.along[i, 1] * step.v[vx + 1]
+    # The engine writes pairs that touch only, so those of this step must not remain.
     impulse[:] = 0.0
     finish_contacts(guides)
 
 
 @kernel
 def _read_space(step):
+    """Copy coordinates and velocities from the engine's layout, and difference the velocities."""
     present, before = step.present, step.before
     for body in range(len(present)):
         for k in range(3):
@@ -442,19 +490,20 @@ def _read_space(step):
 
 @kernel
 def begin_space(step: SpaceStep, t: float) -> None:
-    """Begin a step, which ends at t, at what is present."""
+    """Begin a step, which ends at t, in the present state."""
     cap = step.cap
     _read_space(step)
     for body in range(len(step.present)):
         for k in range(6):
             step.before[body, k] = step.present[body, k]
+    # The engine moves the bodies first, and then balances forces: these are due at q + h v.
     _begin(cap, step.loaded, t, step.q, step.v, step.h)
     copy(cap.balance.loads, step.pushed)
 
 
 @kernel
 def finish_space(step: SpaceStep, t: float) -> bool:
-    """Take in a pass; True if the step is to be repeated. If not, the next one, which ends at t, has begun."""
+    """Evaluate a pass. Return True if the step is to be repeated; otherwise begin the next one, which ends at t."""
     balance, guides = step.cap.balance, step.cap.guides
     _read_space(step)
     for i in range(len(guides)):
@@ -467,34 +516,49 @@ def finish_space(step: SpaceStep, t: float) -> bool:
 
 @kernel
 def _turned(x, y, angle):
+    """Return a vector turned by an angle, counter-clockwise."""
     c, s = cos(angle), sin(angle)
     return c * x - s * y, s * x + c * y
 
 
 @kernel
 def _move(tree, position, velocity, bodies_q, bodies_v):
-    """Coordinates and velocities of links and bodies."""
+    """Compute coordinates and velocities of links and bodies from those of the joints.
+
+    A parent comes before its children, so that one pass over the links suffices.
+    """
     parent, axis, anchor, point, order = tree.parent, tree.axis, tree.anchor, tree.point, tree.order
     arm, q, v = tree.arm, tree.q, tree.v
     for i in range(len(parent)):
-        x, y, th, vx, vy, om, p = anchor[i, 0], anchor[i, 1], 0.0, 0.0, 0.0, 0.0, parent[i]
+        # (x, y), angle and their rates follow the chain: first the joint's point of the parent,
+        # which is at rest on the ground, and otherwise moves with the rigid parent, v + omega x r.
+        p = parent[i]
+        x, y, angle = anchor[i, 0], anchor[i, 1], 0.0
+        vx, vy, omega = 0.0, 0.0, 0.0
         if p >= 0:
-            rx, ry = arm[i, 0], arm[i, 1] = _turned(anchor[i, 0], anchor[i, 1], q[p, 2])
-            th, om = q[p, 2], v[p, 2]
+            rx, ry = _turned(anchor[i, 0], anchor[i, 1], q[p, 2])
+            arm[i, 0], arm[i, 1] = rx, ry
+            angle, omega = q[p, 2], v[p, 2]
             x, y = q[p, 0] + rx, q[p, 1] + ry
-            vx, vy = v[p, 0] - om * ry, v[p, 1] + om * rx
-        th += tree.angle[i]
+            vx, vy = v[p, 0] - omega * ry, v[p, 1] + omega * rx
+        angle += tree.angle[i]
+        # Then the joint's own motion: (u d)' = u d' + d (omega x u) along the axis u, which turns
+        # with the parent, or a rotation.
         if tree.slides[i]:
-            ux, uy = arm[i, 2], arm[i, 3] = _turned(axis[i, 0], axis[i, 1], th)
-            d, d1 = position[i], velocity[i]
+            ux, uy = _turned(axis[i, 0], axis[i, 1], angle)
+            arm[i, 2], arm[i, 3] = ux, uy
+            d, rate = position[i], velocity[i]
             x, y = x + ux * d, y + uy * d
-            vx, vy = vx + ux * d1 - uy * om * d, vy + uy * d1 + ux * om * d
+            vx, vy = vx + ux * rate - uy * omega * d, vy + uy * rate + ux * omega * d
         else:
-            th, om = th + position[i], om + velocity[i]
-        bx, by = arm[i, 4], arm[i, 5] = _turned(point[i, 0], point[i, 1], th)
+            angle, omega = angle + position[i], omega + velocity[i]
+        # Last the way from the joint to the centre of mass of the link.
+        bx, by = _turned(point[i, 0], point[i, 1], angle)
+        arm[i, 4], arm[i, 5] = bx, by
         rx, ry = -bx, -by
-        q[i, 0], q[i, 1], q[i, 2] = x + rx, y + ry, th
-        v[i, 0], v[i, 1], v[i, 2] = vx - om * ry, vy + om * rx, om
+        q[i, 0], q[i, 1], q[i, 2] = x + rx, y + ry, angle
+        v[i, 0], v[i, 1], v[i, 2] = vx - omega * ry, vy + omega * rx, omega
+    # Bodies in the scene's order; links without body are left out.
     for b in range(len(order)):
         for i in range(3):
             bodies_q[3 * b + i], bodies_v[3 * b + i] = q[order[b], i], v[order[b], i]
@@ -502,22 +566,34 @@ def _move(tree, position, velocity, bodies_q, bodies_v):
 
 @kernel
 def _accelerate(tree, position, velocity, acceleration, bodies_a):
-    """Accelerations of links and bodies, where `_move` has left them."""
+    """Compute accelerations of links and bodies, at the coordinates and velocities that `_move` has set.
+
+    The chain is that of `_move`, differentiated once more.
+    """
     parent, order, arm, v, a = tree.parent, tree.order, tree.arm, tree.v, tree.a
     for i in range(len(parent)):
-        ax, ay, al, om, p = 0.0, 0.0, 0.0, 0.0, parent[i]
+        # the joint's point of the parent: a + alpha x r - omega^2 r
+        p = parent[i]
+        ax, ay, alpha, omega = 0.0, 0.0, 0.0, 0.0
         if p >= 0:
-            rx, ry, om, al = arm[i, 0], arm[i, 1], v[p, 2], a[p, 2]
-            ax, ay = a[p, 0] - al * ry - om * om * rx, a[p, 1] + al * rx - om * om * ry
+            rx, ry = arm[i, 0], arm[i, 1]
+            omega, alpha = v[p, 2], a[p, 2]
+            ax = a[p, 0] - alpha * ry - omega * omega * rx
+            ay = a[p, 1] + alpha * rx - omega * omega * ry
         if tree.slides[i]:
-            ux, uy, d, d1, d2 = arm[i, 2], arm[i, 3], position[i], velocity[i], acceleration[i]
             # (u d)'' = u (d'' - omega^2 d) + (k x u) (alpha d + 2 omega d')
-            along, across = d2 - om * om * d, al * d + 2 * om * d1
+            ux, uy = arm[i, 2], arm[i, 3]
+            d, rate = position[i], velocity[i]
+            along = acceleration[i] - omega * omega * d
+            across = alpha * d + 2 * omega * rate
             ax, ay = ax + ux * along - uy * across, ay + uy * along + ux * across
         else:
-            om, al = om + velocity[i], al + acceleration[i]
+            omega, alpha = omega + velocity[i], alpha + acceleration[i]
+        # from the joint to the centre of mass
         rx, ry = -arm[i, 4], -arm[i, 5]
-        a[i, 0], a[i, 1], a[i, 2] = ax - al * ry - om * om * rx, ay + al * rx - om * om * ry, al
+        a[i, 0] = ax - alpha * ry - omega * omega * rx
+        a[i, 1] = ay + alpha * rx - omega * omega * ry
+        a[i, 2] = alpha
     for b in range(len(order)):
         for i in range(3):
             bodies_a[3 * b + i] = a[order[b], i]
@@ -534,9 +610,11 @@ def motion(
 
 @kernel
 def begin_joints(step: JointStep, t: float) -> None:
-    """Begin a step, at t."""
+    """Begin a step, at t, in the present state."""
     copy(step.position, step.start_position)
     copy(step.velocity, step.start_velocity)
+    # Engines in joint coordinates find accelerations at the start of a step. Without loads and
+    # guides nothing of the adapter depends on the bodies' state, so it is not computed.
     if len(step.cap.guides) or step.loaded:
         _move(step.tree, step.position, step.velocity, step.q, step.v)
         _begin(step.cap, step.loaded, t, step.q, step.v, 0.0)
@@ -544,7 +622,7 @@ def begin_joints(step: JointStep, t: float) -> None:
 
 @kernel
 def finish_joints(step: JointStep, t: float) -> bool:
-    """Take in a pass; True if the step is to be repeated. If not, the next one has begun, at t."""
+    """Evaluate a pass. Return True if the step is to be repeated; otherwise begin the next one, at t."""
     guides, before = step.cap.guides, step.start_velocity
     for i in range(len(step.velocity)):
         step.acceleration[i] = (step.velocity[i] - before[i]) / step.h

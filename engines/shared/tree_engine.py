@@ -1,4 +1,4 @@
-"""Common parts of adapters of engines in joint coordinates: which runs they make, and how."""
+"""Common parts of adapters of engines in joint coordinates: their refusals, settings and methods."""
 
 from __future__ import annotations
 
@@ -32,9 +32,9 @@ from stiction.scenes.model import Translational
 class TreeEngine(SteppedEngine):
     """An engine that steps the joints of a tree of links, and whose accelerations can be integrated.
 
-    ``method="accelerations"``, joint fidelity, mechanisms without loops: mass matrix and bias forces are the engine's,
-    the integration to `rtol` with located events is ours (`stiction.engines.shared.acceleration_integrator`). It has no
-    other settings and no `dt`.
+    ``method="accelerations"``, joint fidelity, mechanisms without loops: mass matrix and bias forces are the engine's;
+    the integration to `rtol` with located events is ours (`stiction.engines.shared.acceleration_integrator`). This
+    method has no other settings and no `dt`.
 
     Attributes
     ----------
@@ -46,11 +46,13 @@ class TreeEngine(SteppedEngine):
     called: ClassVar[str]
 
     def check_arguments(self, *, settings: Mapping[str, Any], **asked: Any) -> None:
-        if "method" not in settings:  # each method has its own
+        # The arguments of a method are its own, and are checked when it runs.
+        if "method" not in settings:
             super().check_arguments(settings=settings, **asked)
 
     def settings_of_run(self, given: Mapping[str, Any], **asked: Any) -> dict[str, Any]:
-        if "method" in given:  # each method has its own, as in `check_arguments`
+        # The defaults are those of steps, and not of any method.
+        if "method" in given:
             return dict(given)
         return super().settings_of_run(given, **asked)
 
@@ -60,6 +62,8 @@ class TreeEngine(SteppedEngine):
     def refusal(self, scene: Scene, fidelity: Fidelity) -> str | None:
         if fidelity == Fidelity.CONTACT and (reason := contact_refusal(scene)):
             return reason
+        # A loop is closed by a constraint between two points, so a translational joint has to be in
+        # the tree. A drive needs a joint coordinate, and no two may have the same.
         tree, motors = LinkTree(scene, fidelity), dict[int, str]()
         for name in tree.loops:
             if isinstance(scene.joints[name], Translational):
@@ -74,14 +78,14 @@ class TreeEngine(SteppedEngine):
         return self.refusal_of_tree(scene, tree)
 
     def refusal_of_tree(self, scene: Scene, tree: LinkTree) -> str | None:
-        """Why this engine cannot represent a tree of links that others can; None if it can."""
+        """Return why this engine cannot represent a tree of links that others can; None if it can."""
         return None
 
     @abstractmethod
     def dynamics(
         self, scene: Scene, tree: LinkTree, clock: EngineClock
     ) -> AbstractContextManager[Dynamics]:
-        """Its mass matrix and inverse dynamics of a tree, for as long as they are asked for; calls by the clock."""
+        """Return a context whose value are the engine's dynamics of a tree; the engine is called by the clock."""
 
     def run(
         self,

@@ -1,4 +1,4 @@
-"""Siconos behind the engine protocol: its declaration, what brings it, and bounds of its settings."""
+"""Siconos behind the engine protocol: its declaration, how it is installed, and bounds of its settings."""
 
 from __future__ import annotations
 
@@ -45,7 +45,8 @@ class SiconosEngine(ProgramEngine):
         try:
             super().__init__(DECLARATION)
         except EngineBroken as error:
-            # a Python without Siconos, or without NumPy, ends with the traceback of the import; its last line says why
+            # A Python without Siconos, or without NumPy, ends with the traceback of the import, of
+            # which `EngineBroken` quotes the lines. The last line is the cause.
             last = str(error).partition("; expected a line")[0].rpartition(" | ")[2].strip()
             if last.startswith("ModuleNotFoundError"):
                 raise EngineMissing(
@@ -58,7 +59,7 @@ class SiconosEngine(ProgramEngine):
             raise EngineMissing(f"{self.name}: found no program {_python()}; {BRINGS}") from error
 
     def _found(self, word: str) -> Path:
-        """The Python that has Siconos: the declaration's, or that of the environment variable."""
+        """Return the Python that has Siconos: the declaration's, or that of the environment variable."""
         return super()._found(_python() if word == SYSTEM_PYTHON else word)
 
     def run(
@@ -73,6 +74,8 @@ class SiconosEngine(ProgramEngine):
         settings: Mapping[str, Any],
         assembly: Assembly | None = None,
     ) -> Trajectory:
+        # The declaration gives the types of settings; their bounds are checked here, before the
+        # program starts. The start is checked too, as the program would correct it silently.
         settings_of(
             settings,
             {"block": BLOCKS, **{name: least for name, (least, _) in BOUNDS.items()}},

@@ -13,6 +13,10 @@ solves:
 A corner takes part where its gap at q_M is not positive: the kernel asks for y + h/2 y' <= 0. What is held adds
 r J' (rate - Phi/h - J v+), which is zero in the solution, to the balance: Gauss-Seidel sees M + r J'J instead of M.
 Then held rows and corners hardly depend on each other (the method of multipliers, Hestenes 1969).
+
+Symbols: q, v are coordinates and velocities, h is the step, F the applied forces, J the rows of what is held, L their
+impulses, C the two rows (normal, tangent) of a corner, P its impulses, W the matrix that the kernel takes for M.
+`frames` are positions and angles of all bodies.
 """
 
 import bisect
@@ -29,15 +33,26 @@ Scene = dict[str, Any]
 Frames = dict[int | None, tuple[float, float, float, float, float]]
 """Position, cosine and sine of its angle, and angle of each body by its number; of the ground by None."""
 Function = Callable[[Frames, np.ndarray], float]
-"""A coordinate from the frames of all bodies; its derivatives go to the row."""
+"""Computes a coordinate from the frames of all bodies, and writes its derivatives to the row."""
 ENDLESS = 1e30
-"""Inertia of the clock: what a force does to its rate is below rounding."""
+"""Inertia of the clock in units of the largest mass: the change of its rate by any force is below rounding."""
 STIFF = 1e4
-"""r times J M^-1 J': iterations per step in case 1 are 561 without, 44, 39 and 39 with 1e2, 1e4 and 1e6."""
-AT_REST, UNSOLVED = 100, 1000
-"""Times the tolerance: slip that counts as none; residual of a step with which the program ends."""
+"""r times J M^-1 J'. Iterations per step in case 1 are 561 without, and 44, 39 and 39 with 1e2, 1e4 and 1e6."""
+AT_REST = 100
+"""Slip speed in units of the step's tolerance below which a corner rests: what the solver leaves of a slip of zero."""
+UNSOLVED = 1000
+"""Residual of a step in units of its tolerance above which the program ends."""
+LEAST_FACTOR = 1e-3
+"""Least ratio of the kernel's tolerance to that of the step. It is 1/(1 + speed) otherwise, as the kernel measures
+errors of contacts relative to 1 + speed; in very fast motions that would ask for less than rounding."""
+SMALLEST = 1e-300
+"""Least divisor, for rows and motions that are zero: above underflow, below any other number here."""
+NEVER = 1e12
+"""End of the kernel's model in seconds, which no run reaches."""
+GRID_ROUNDING = 1e-9
+"""Part of a step that is rounding of a quotient of an interval and the step."""
 BLOCK = 3
-"""Place of the solver of a contact in the plane among those inside GenericMechanical's."""
+"""Place of the solver of a contact in the plane among the solvers inside GenericMechanical."""
 
 
 class Law:
@@ -46,10 +61,12 @@ class Law:
     def __init__(self, data: Scene) -> None:
         self.data, self.kind = data, data["type"]
         if self.kind == "table":
+            # x, y: the points of the table
             x, y = np.array(data["times"]), np.array(data["values"])
             bend, h = np.zeros(len(x)), np.diff(x)
             if data["interpolation"] == "cubic" and len(x) > 2:
-                # natural spline: slopes without jumps
+                # Natural spline (Numerical Recipes, Sect. 3.3): second derivatives `bend` at the points
+                # with which the first derivative is continuous; they are zero at the ends.
                 matrix = np.diag(2 * (h[:-1] + h[1:])) + np.diag(h[1:-1], 1) + np.diag(h[1:-1], -1)
                 bend[1:-1] = np.linalg.solve(matrix, 6 * np.diff(np.diff(y) / h))
             self.x, self.y, self.bend = x.tolist(), y.tolist(), bend.tolist()
@@ -61,23 +78,29 @@ class Law:
         if self.kind == "linear":
             return data["offset"] + data["rate"] * t, data["rate"]
         if self.kind == "sine":
-            size, rate, phase = (
-                data["amplitude"],
-                data["frequency"],
-                data["frequency"] * t + data["phase"],
+            amplitude, frequency = data["amplitude"], data["frequency"]
+            phase = frequency * t + data["phase"]
+            return (
+                data["offset"] + amplitude * math.sin(phase),
+                amplitude * frequency * math.cos(phase),
             )
-            return data["offset"] + size * math.sin(phase), size * rate * math.cos(phase)
-        x, y, cubic = self.x, self.y, data["interpolation"] == "cubic"
-        at = min(max(t, x[0]), x[-1])  # outside: the end's tangent, or the end value
-        i = min(bisect.bisect_right(x, at), len(x) - 1)
-        h, u, s, (a, b) = x[i] - x[i - 1], at - x[i - 1], x[i] - at, self.bend[i - 1 : i + 1]
+        # A table. The interval i of `inside` has the length h; u and s are the distances from its
+        # ends, a and b the second derivatives there, which are zero for a linear table.
+        x, y = self.x, self.y
+        inside = min(max(t, x[0]), x[-1])
+        i = min(bisect.bisect_right(x, inside), len(x) - 1)
+        h, u, s = x[i] - x[i - 1], inside - x[i - 1], x[i] - inside
+        a, b = self.bend[i - 1 : i + 1]
         value = (
             (a * s**3 + b * u**3) / (6 * h)
             + (y[i - 1] / h - a * h / 6) * s
             + (y[i] / h - b * h / 6) * u
         )
         rate = (b * u**2 - a * s**2) / (2 * h) + (y[i] - y[i - 1]) / h - h / 6 * (b - a)
-        return (value + rate * (t - at), rate) if cubic else (value, rate if at == t else 0.0)
+        # Outside, a cubic table goes on along the tangent of its end, a linear one at its value.
+        if data["interpolation"] == "cubic":
+            return value + rate * (t - inside), rate
+        return value, rate if inside == t else 0.0
 
 
 def angle(place: dict[str, int], bodies: list[str]) -> Function:
@@ -103,17 +126,26 @@ def distance(
     (a, b), ((ax, ay), (bx, by)) = (place.get(name) for name in bodies), points
 
     def at(frames: Frames, row: np.ndarray) -> float:
-        x, y, c, s, _ = frames[a]
-        u, v, k, z, _ = frames[b]
-        px, py, ox, oy = c * ax - s * ay, s * ax + c * ay, k * bx - z * by, z * bx + k * by
-        lx, ly = x + px - u, y + py - v  # the first point from the centre of the second body
+        # centres of the two bodies, cosines and sines of their angles
+        xa, ya, cos_a, sin_a, _ = frames[a]
+        xb, yb, cos_b, sin_b, _ = frames[b]
+        # levers of the two points in ground axes
+        px, py = cos_a * ax - sin_a * ay, sin_a * ax + cos_a * ay
+        ox, oy = cos_b * bx - sin_b * by, sin_b * bx + cos_b * by
+        # (dx, dy) from the second point to the first, (ex, ey) the direction in which it is
+        # measured. The second body moves along it with its lever (lx, ly): the first point, as
+        # the axis turns with the body; its own point, where the axis is the ground's.
+        lx, ly = xa + px - xb, ya + py - yb
         dx, dy = ex, ey = lx - ox, ly - oy
-        if axis:
-            ex, ey = axis if of_ground else (k * axis[0] - z * axis[1], z * axis[0] + k * axis[1])
+        if axis and of_ground:
+            ex, ey = axis
+        elif axis:
+            ex = cos_b * axis[0] - sin_b * axis[1]
+            ey = sin_b * axis[0] + cos_b * axis[1]
         if of_ground:
             lx, ly = ox, oy
-        size = math.hypot(ex, ey) or 1.0
-        ex, ey = ex / size, ey / size
+        length = math.hypot(ex, ey) or 1.0
+        ex, ey = ex / length, ey / length
         if a is not None:
             row[3 * a : 3 * a + 3] = ex, ey, px * ey - py * ex
         if b is not None:
@@ -144,13 +176,15 @@ class Contact:
     ) -> None:
         import siconos.kernel as kernel  # late: this module can be read where there is none
 
-        (x, y), length, half = (
-            guide["direction"],
-            guide["length"] or 0.0,
-            (guide["width"] or 0.0) / 2,
-        )
+        x, y = guide["direction"]
+        length = guide["length"] or 0.0
+        half_width = (guide["width"] or 0.0) / 2
+        # The corner's place from the slider's point, along and across the guide; `room` is the
+        # distance of that point from the surface when the corner touches it.
         self.side, front = ((1, -1), (1, 1), (-1, 1), (-1, -1))[corner]
-        self.along, self.across, self.room = front * length / 2, -self.side * half, half + clearance
+        self.along, self.across = front * length / 2, -self.side * half_width
+        self.room = half_width + clearance
+        # the same place in the axes of the slider, as a point that moves with it
         turn = math.atan2(y, x) - guide["angle"]
         c, s = math.cos(turn), math.sin(turn)
         lever = c * self.along - s * self.across, s * self.along + c * self.across
@@ -164,14 +198,16 @@ class Contact:
         self.law = kernel.NewtonImpactFrictionNSL(restitution, 0.0, self.mu, 2)
         self.relation = kernel.LagrangianLinearTIR(np.zeros((2, 3 * len(place) + 1)), np.zeros(2))
         self.interaction = kernel.Interaction(self.law, self.relation)
+        # columns of the guide to which the corner contributes
         self.resultant, self.moment = f"{name}.normal_force", f"{name}.moment"
         self.mode = f"{name}.mode" if guide["mu"] is not None else ""
-        self.normals = [f"{name}.F{corner + 1}"][: bool(length)]
-        frictions = [f"{name}.friction", f"{name}.friction_{'lower' if self.side > 0 else 'upper'}"]
-        self.frictions = frictions[: 2 if length else 1] if self.mode else []
+        self.normals = [f"{name}.F{corner + 1}"] if length else []
+        self.frictions = [f"{name}.friction"] if self.mode else []
+        if self.mode and length:
+            self.frictions.append(f"{name}.friction_{'lower' if self.side > 0 else 'upper'}")
 
     def look(self) -> None:
-        """Take what the kernel has of it: these arrays are the kernel's own."""
+        """Keep references to the kernel's own arrays of it, which are written and read in place."""
         self.C, self.e, self.P = self.relation.C(), self.relation.e(), self.interaction.lambda_(1)
         self.y, self.rate, self.before = (
             self.interaction.y(0),
@@ -186,19 +222,22 @@ class Contact:
         self.tangent(frames, self.C[1])
         self.e[0] = self.side * value + self.room - self.C[0] @ q
 
-    def add(self, found: dict[str, float]) -> None:
+    def add(self, impulses: dict[str, float]) -> None:
         """Add its impulses to those of the guide's columns."""
         normal, friction = self.P.tolist()
-        found[self.resultant] += self.side * normal
-        found[self.moment] += self.along * self.side * normal - self.across * friction
+        impulses[self.resultant] += self.side * normal
+        impulses[self.moment] += self.along * self.side * normal - self.across * friction
         for column in self.normals:
-            found[column] += normal
+            impulses[column] += normal
         for column in self.frictions:
-            found[column] += friction
+            impulses[column] += friction
 
 
 class Mechanism:
-    """The scene as a system of Siconos; its largest mass is the unit of mass, so that impulses are about speeds."""
+    """The scene as a system of Siconos.
+
+    The largest mass is the unit of mass, so that impulses are of the size of speeds, and tolerances of both the same.
+    """
 
     def __init__(self, scene: Scene, h: float, chosen: Scene) -> None:
         bodies, self.h = scene["bodies"], h
@@ -213,6 +252,8 @@ class Mechanism:
         self.held: dict[str, tuple[Function, Law]] = {}  # by the columns of their forces
         self.contacts: list[Contact] = []
         clearance = chosen["clearance"] * size_of(scene)
+        # Bilateral rows by joints and drives, and contacts of corners. A slider without a length
+        # has one corner for each surface, and a row that holds its angle.
         for name, joint in scene["joints"].items():
             if joint["type"] == "revolute":
                 for label, axis in (("fx", (1.0, 0.0)), ("fy", (0.0, 1.0))):
@@ -263,7 +304,7 @@ class Mechanism:
 
         system = kernel.LagrangianDS(np.array([*q, 0.0]), np.array([*v, 1.0]), np.diag(self.mass))
         system.setFExtPtr(np.zeros(self.n + 1))
-        model = kernel.NonSmoothDynamicalSystem(0.0, 1e12)  # its end, which is never reached
+        model = kernel.NonSmoothDynamicalSystem(0.0, NEVER)
         model.insertDynamicalSystem(system)
         if self.held:
             relation = kernel.LagrangianLinearTIR(
@@ -273,6 +314,8 @@ class Mechanism:
             model.link(bilateral, system)
         for contact in self.contacts:
             model.link(contact.interaction, system)
+        # Gauss-Seidel over the block of bilateral rows and the blocks of contacts, each with a
+        # solver of its own.
         problem = kernel.GenericMechanical()
         options = problem.numericsSolverOptions()
         options.iparam[numerics.SICONOS_IPARAM_MAX_ITER] = int(chosen["iterations"])
@@ -285,15 +328,13 @@ class Mechanism:
             kernel.MoreauJeanOSI(chosen["theta"]),
             problem,
         )
+        # The relations are linear within a step, as they are written anew before each.
         self.simulation.setNewtonOptions(kernel.SICONOS_TS_LINEAR)
         self.simulation.initialize()
-        self.keep = system, problem, options  # who owns the arrays below
-        self.q, self.v, self.applied, self.total = (
-            system.q(),
-            system.velocity(),
-            system.fExt(),
-            system.forces(),
-        )
+        # The arrays are the kernel's own memory, which lives as long as the objects that own it.
+        self.owners = system, problem, options
+        self.q, self.v = system.q(), system.velocity()
+        self.applied, self.total = system.fExt(), system.forces()
         self.W, self.integers, self.reals = system.mass(), options.iparam, options.dparam
         self.theta, self.tolerance = chosen["theta"], chosen["tolerance"]
         self.J, self.L = np.zeros((0, self.n + 1)), np.zeros(0)
@@ -304,7 +345,7 @@ class Mechanism:
             contact.look()
 
     def forces(self, t: float, frames: Frames, v: np.ndarray) -> np.ndarray:
-        """Applied forces on all coordinates: weight, springs, loads."""
+        """Return the applied forces on all coordinates: weight, springs, loads."""
         total = self.weight.copy()
         for function, stiffness, damping, rest in self.springs:
             row = np.zeros(self.n)
@@ -326,62 +367,72 @@ class Mechanism:
 
     def step(self, t: float) -> list[float]:
         """Let the kernel make the step from time t; return the mean accelerations and reactions in it."""
+        # Everything that depends on positions is evaluated at the midpoint of the step.
         h, n, v = self.h, self.n, self.v.copy()
         middle = self.q + h / 2 * v
         frames: Frames = {None: (0.0, 0.0, 1.0, 0.0, 0.0)}
-        for i, (x, y, turn) in enumerate(zip(*[iter(middle[:n].tolist())] * 3)):
+        coordinates = middle[:n].tolist()
+        for i in range(n // 3):
+            x, y, turn = coordinates[3 * i : 3 * i + 3]
             frames[i] = x, y, math.cos(turn), math.sin(turn), turn
         F = np.zeros(n + 1)
         F[:n] = self.forces(t + h / 2, frames, v[:n]) / self.unit
+        # Held rows: J v+ = rate - Phi/h removes the error of the position within the step. The last
+        # coordinate, time, has the rate 1, so that its entry of a row is the constant term.
         for row, (function, law) in zip(self.J, self.held.values()):
             wanted, rate = law(t + h / 2)
             row[n] = (function(frames, row) - wanted) / h - rate
-        speed = max(np.abs(v[:n]).max(), h * np.abs(F / self.mass).max(), 1e-300)
+        # The tolerance of this step is relative to its speeds, by motion or by forces.
+        speed = max(np.abs(v[:n]).max(), h * np.abs(F / self.mass).max(), SMALLEST)
         small = self.tolerance * speed
         for contact in self.contacts:
             contact.write(frames, middle)
-            # a guide rests or not by its last step with a contact; what has not landed yet, by its start
+            # Whether the static or the kinetic coefficient applies follows from the last step in
+            # which the guide had a contact; before it has had one, from its present speed.
             if contact.mode not in self.slips:
                 self.slips[contact.mode] = self._direction(contact, v, small)
             contact.law.setMu(contact.mu if self.slips[contact.mode] else contact.mus)
+        # Method of multipliers: M + r J'J in place of M, and the same term in the applied forces.
         held = self.J[:, :n]
-        r = STIFF / np.maximum((held * held) @ (1 / self.mass[:n]), 1e-300)
+        r = STIFF / np.maximum((held * held) @ (1 / self.mass[:n]), SMALLEST)
         self.W[:n, :n] = np.diag(self.mass[:n]) + (held.T * r) @ held
         self.applied[:] = F
         self.applied[:n] -= (r * (self.J @ v)) @ held / h
-        self.applied /= (
-            self.theta
-        )  # what the kernel has of the step before counts 1 - theta, and is zero: see below
+        # The kernel weights these forces by theta, and those of the step before, which are set to
+        # zero at the end of each step, by 1 - theta.
+        self.applied /= self.theta
         # errors of the kernel are absolute in what is held, and relative to 1 + speed in contacts
-        self.reals[self.precision] = small * (1 / (1 + speed) + 1e-3)
+        self.reals[self.precision] = small * (1 / (1 + speed) + LEAST_FACTOR)
         self._call(self.simulation.updateOutput)
+        # For restitution: the kernel's own value is by the matrix of the step before.
         for contact in self.contacts:
-            contact.before[:] = (
-                contact.rate
-            )  # for restitution; the kernel has that by the matrix of the step before
+            contact.before[:] = contact.rate
         self._call(self.simulation.updateIndexSets)
         closed = [
             contact for contact in self.contacts if contact.y[0] + 0.5 * h * contact.rate[0] <= 0
         ]
         self._call(self.simulation.computeOneStep)
+        # The impulses of held rows include the added term. The solution is verified here, because
+        # the kernel goes on silently when its iterations are used up.
         impulses = self.L - r * (self.J @ self.v)
-        off = self._residual(closed, impulses, v, F)
-        if not off <= UNSOLVED * small:
+        residual = self._residual(closed, impulses, v, F)
+        if not residual <= UNSOLVED * small:
             rank, iterations = (
                 np.linalg.matrix_rank(held / np.sqrt(self.mass[:n])),
                 self.integers[self.done],
             )
             sys.exit(
-                f"Siconos does not solve the step at t = {t:.9g} s: residual {off:.2g} m/s or rad/s after "
+                f"Siconos does not solve the step at t = {t:.9g} s: residual {residual:.2g} m/s or rad/s after "
                 f"{iterations} iterations; expected {UNSOLVED * small:.2g} ({len(held)} constraints, {rank} of "
                 "them independent)"
             )
-        found = dict.fromkeys(self.columns, 0.0) | dict(zip(self.held, impulses.tolist()))
+        # Mean accelerations, forces and modes of the step, in the order of the table's columns.
+        by_column = dict.fromkeys(self.columns, 0.0) | dict(zip(self.held, impulses.tolist()))
         for contact in closed:
-            contact.add(found)
+            contact.add(by_column)
         values = [
             *((self.v - v)[:n] / h).tolist(),
-            *(value * self.unit / h for value in found.values()),
+            *(impulse * self.unit / h for impulse in by_column.values()),
             *self._modes(closed, small),
         ]
         self.total[:] = 0.0
@@ -389,7 +440,7 @@ class Mechanism:
         return values
 
     def _call(self, function: Callable[[], None]) -> None:
-        """Let the kernel work, and count its CPU time."""
+        """Call a function of the kernel, and add its CPU time to `engine_s`."""
         started = time.process_time()
         function()
         self.engine_s += time.process_time() - started
@@ -397,35 +448,43 @@ class Mechanism:
     def _residual(
         self, closed: list[Contact], impulses: np.ndarray, v: np.ndarray, F: np.ndarray
     ) -> float:
-        """Largest error (m/s, rad/s) of balance, of what is held, and of the laws of closed contacts."""
+        """Return the largest error (m/s, rad/s) of balance, of what is held, and of the laws of closed contacts."""
         balance = self.mass * (self.v - v) - self.h * F - impulses @ self.J
-        off = [np.abs(self.J @ self.v).max(initial=0.0)]
+        errors = [np.abs(self.J @ self.v).max(initial=0.0)]
         for contact in closed:
-            C, (normal, friction) = contact.C, contact.P.tolist()
+            C, mu = contact.C, contact.law.mu()
+            normal, friction = contact.P.tolist()
             balance -= contact.P @ C
             gap_rate, slip = (C @ self.v).tolist()
-            (gain, turn), mu = ((C * C) @ (1 / self.mass)).tolist(), contact.law.mu()
-            wanted = turn * friction - slip
-            off += [
-                abs(min(gap_rate + contact.restitution * (C[0] @ v), gain * normal)),
-                abs(turn * friction - max(-mu * turn * normal, min(mu * turn * normal, wanted))),
+            # Impulses become speeds by the inverse masses along the two rows. Then both laws are
+            # equations that are zero in a solution: min(gap rate, impulse) = 0 for the normal, and
+            # friction = projection of (friction - slip) on the interval of Coulomb's law.
+            along_normal, along_tangent = ((C * C) @ (1 / self.mass)).tolist()
+            bound = mu * along_tangent * normal
+            projected = max(-bound, min(bound, along_tangent * friction - slip))
+            errors += [
+                abs(min(gap_rate + contact.restitution * (C[0] @ v), along_normal * normal)),
+                abs(along_tangent * friction - projected),
             ]
-        return max(*off, np.abs(balance / self.mass).max())
+        return max(*errors, np.abs(balance / self.mass).max())
 
     def _direction(self, contact: Contact, v: np.ndarray, small: float) -> int:
-        """Direction of slip at a corner, 0 at rest."""
+        """Return the direction of slip at a corner, 0 at rest."""
         slip = contact.C[1] @ v
-        return 0 if abs(slip) <= AT_REST * small else 1 if slip > 0 else -1
+        if abs(slip) <= AT_REST * small:
+            return 0
+        return 1 if slip > 0 else -1
 
     def _modes(self, closed: list[Contact], small: float) -> list[int]:
-        """Directions of slip of the guides with friction, each at the corner with the largest normal force."""
+        """Return directions of slip of guides with friction, each at the corner with the largest normal force."""
+        # the last one that is written is that of the largest
         for contact in sorted(closed, key=lambda contact: contact.P[0]):
             self.slips[contact.mode] = self._direction(contact, self.v, small)
         return [self.slips[mode] for mode in self.modes]
 
 
 def size_of(scene: Scene) -> float:
-    """The largest extent of points of pins, sliders and positions (m), as `Arrays.length_scale` of the suite."""
+    """Return the largest extent of points of pins, sliders and positions (m), as `Arrays.length_scale` of the suite."""
     joints = scene["joints"].values()
     lengths = [abs(x) for joint in joints for point in joint.get("points", ()) for x in point]
     lengths += [joint.get(key) or 0.0 for joint in joints for key in ("length", "width")]
@@ -445,7 +504,7 @@ def main(
     chosen = {key: value if key == "block" else float(value) for key, value in pairs}
     steps = max(1, round(scene["t_end"] / float(dt)))
     h = scene["t_end"] / steps
-    every = max(1, int(float(output_step) / h + 1e-9))
+    every = max(1, int(float(output_step) / h + GRID_ROUNDING))
     mechanism = Mechanism(scene, h, chosen)
     labels = [
         f"{name}.{label}"
@@ -474,6 +533,6 @@ def main(
 
 
 if __name__ == "__main__":
-    import siconos.kernel  # a version without it is none
+    import siconos.kernel  # an installation without the kernel has no version
 
     print(siconos.version) if sys.argv[1:] == ["--version"] else main(*sys.argv[1:])

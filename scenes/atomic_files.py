@@ -39,9 +39,8 @@ def whole_file(path: str | Path) -> Iterator[Path]:
     try:
         yield partial
         with partial.open("rb+") as file:
-            os.fsync(
-                file.fileno()
-            )  # lest a power cut leaves the new name with the old disk's content
+            # lest a power cut leaves the new name with blocks that were not written
+            os.fsync(file.fileno())
         partial.replace(path)
     except OSError as error:
         raise NotWritten(path, error) from error

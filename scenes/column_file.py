@@ -46,6 +46,8 @@ class ColumnFile(Mapping[str, np.ndarray]):
         NoRoom
             Where the file cannot be written.
         """
+        # columns lie one behind the other, each with room for all rows; the place of one that was
+        # dropped stays empty
         place = self._place.setdefault(name, len(self._place) + self._gaps)
         try:
             self._file.seek((place * self._stride + begin) * REAL.itemsize)
@@ -69,6 +71,7 @@ class ColumnFile(Mapping[str, np.ndarray]):
         return self
 
     def __getitem__(self, name: str) -> np.ndarray:
+        # a new map at each access: one that was kept would keep its pages in memory
         place = self._place[name]
         mapped = np.memmap(
             self._file,

@@ -34,6 +34,7 @@ def scene_digest(scene: Scene) -> str:
     content = scene.model_dump(
         mode="json", exclude={"title", "source", "parameters"}, exclude_defaults=True
     )
+    # rounded, as arithmetic in scenes is evaluated by the machine's own libm
     return digest(_rounded(content))[:SHORT]
 
 

@@ -94,22 +94,23 @@ def _place(
     tables: dict[str, type[BaseModel]] = {"": top}
     kind: Any = top
     for part in location:
-        found = _tables(kind)
-        if len(found) > 1:  # the tag of a union
-            tables, kind = found, found[str(part)]
+        inner = _tables(kind)
+        if len(inner) > 1:
+            # the tag of a union, which is in the location and not in the file
+            tables, kind = inner, inner[str(part)]
             continue
         if part == "[key]":
             continue
         parts.append(str(part))
-        if found:
-            [model] = found.values()
-            tables = tables if model in tables.values() else found
+        if inner:
+            [model] = inner.values()
+            tables = tables if model in tables.values() else inner
             kind = model.model_fields[part].annotation if part in model.model_fields else None
         else:
-            inside, of = get_args(kind := _plain(kind)), get_origin(kind)
-            kind = (
-                inside[of is dict] if of in (dict, tuple) else None
-            )  # the values of a mapping, the entries of a list
+            # the values of a mapping, the entries of a list
+            kind = _plain(kind)
+            inside, container = get_args(kind), get_origin(kind)
+            kind = inside[container is dict] if container in (dict, tuple) else None
     return shortened(".".join(parts)) or "file", tables, kind
 
 
@@ -118,9 +119,10 @@ def _unknown(top: type[BaseModel], location: Sequence[str | int]) -> str:
     (*place, last), (key, tables, _) = location, _place(top, location)
     if last in top.model_fields:
         return "unknown key: it belongs at the top of the file, above the first [table]"
-    known = (tables.get("") or tables[str(place[-1])]).model_fields
-    hint = did_you_mean(last, known) or f"; expected one of: {names(known)}"
-    if owners := [tag for tag, model in tables.items() if tag and last in model.model_fields]:
+    fields = (tables.get("") or tables[str(place[-1])]).model_fields
+    hint = did_you_mean(last, fields) or f"; expected one of: {names(fields)}"
+    owners = [tag for tag, model in tables.items() if tag and last in model.model_fields]
+    if owners:
         # a tag was changed, what belongs to the old one was not
         return (
             f"unknown key of {place[-1]!r}, one of {' and '.join(map(repr, owners))}{hint}; "
@@ -149,13 +151,10 @@ _EXPECTED = {
 def problems_of(error: ValidationError, top: type[BaseModel]) -> Iterator[Problem]:
     """Yield the errors of a validated file in its terms; `top` is its class."""
     for detail in error.errors(include_url=False):
-        kind, location, value, context = (
-            detail["type"],
-            detail["loc"],
-            detail["input"],
-            detail.get("ctx", {}),
-        )
-        (key, _, place), last = _place(top, location), location[-1] if location else ""
+        kind, location, value = detail["type"], detail["loc"], detail["input"]
+        context = detail.get("ctx", {})
+        key, _, place = _place(top, location)
+        last = location[-1] if location else ""
         if kind == "inconsistent":
             for field, wrong, expected in context["found"]:
                 yield Problem(f"{key}.{field}" if location else field, shown(wrong), expected)

@@ -82,6 +82,7 @@ def _evaluate(node: ast.expr, names: Mapping[str, float]) -> float:
         and not isinstance(node.value, bool)
     ):
         return float(node.value)
+    # parameters hide constants of their names
     if isinstance(node, ast.Name):
         if node.id in names:
             return names[node.id]

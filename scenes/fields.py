@@ -45,8 +45,9 @@ class Model(BaseModel):
 
     @model_validator(mode="after")
     def _consistent(self) -> Model:
-        if found := list(self.inconsistencies()):
-            raise PydanticCustomError("inconsistent", "inconsistent", {"found": found})
+        problems = list(self.inconsistencies())
+        if problems:
+            raise PydanticCustomError("inconsistent", "inconsistent", {"found": problems})
         return self
 
 

@@ -138,6 +138,8 @@ def evaluate_law(law: Law, t: Any) -> Any:
             law.amplitude * law.frequency * cosine,
             -law.amplitude * law.frequency**2 * sine,
         )
+    # A table: the interval in which t lies, its chord, and the second derivatives at its ends, zero
+    # of straight lines.
     times, values = np.array(law.times), np.array(law.values)
     cubic = law.interpolation == "cubic"
     second = spline_slopes(law.times, law.values) if cubic else np.zeros(len(times))
@@ -147,11 +149,15 @@ def evaluate_law(law: Law, t: Any) -> Any:
     if t < times[0] or t >= times[-1]:
         if law.interpolation == "linear":
             return float(values[0] if t < times[0] else values[-1]), 0.0, 0.0
-        end, bend = (
-            (0, -2 * second[0] - second[1]) if t < times[0] else (-1, second[-2] + 2 * second[-1])
-        )
+        # the tangent of the spline at the end that is nearer
+        if t < times[0]:
+            end, bend = 0, -2 * second[0] - second[1]
+        else:
+            end, bend = -1, second[-2] + 2 * second[-1]
         tangent = slope + h / 6 * bend
         return float(values[end] + tangent * (t - times[end])), float(tangent), 0.0
+    # The cubic with these values and second derivatives at both ends, in the distances u and w from
+    # them.
     u, w = t - times[i], times[i + 1] - t
     value = (
         (second[i] * w**3 + second[i + 1] * u**3) / (6 * h)

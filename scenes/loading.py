@@ -54,10 +54,10 @@ def _catalogue_files() -> dict[str, Path]:
 
 def scene_text(name: str) -> str:
     """The text of a scene's file in the catalogue, comments included; SceneError if it has none of this name."""
-    known = _catalogue_files()
-    if name not in known:
-        raise SceneError("catalogue", [Problem("scene", shown(name), _expected_scene(name, known))])
-    return known[name].read_text(encoding="utf-8")
+    files = _catalogue_files()
+    if name not in files:
+        raise SceneError("catalogue", [Problem("scene", shown(name), _expected_scene(name, files))])
+    return files[name].read_text(encoding="utf-8")
 
 
 def _expected_scene(name: str, known: Iterable[str]) -> str:
@@ -132,6 +132,8 @@ def scene_from_dict(
     parameters: dict[str, float] = {}
     problems: list[Problem] = []
     invalid: Iterator[Problem] = iter(())
+    # Parameters first, as all other numbers may use them. Problems of all kinds are collected: a
+    # file with several faults is mended at once.
     tables = plain
     if isinstance(plain.get("parameters"), dict):
         parameters, problems = _parameters(plain["parameters"])
@@ -175,16 +177,19 @@ def scene_to_toml(scene: Scene) -> str:
 
 def _read(name_or_path: str, folder: Path, derived: tuple[Path, ...]) -> dict[str, Any]:
     """Read the tables of a file, those of its base included; `derived` holds the files that have led to this one."""
-    known = _catalogue_files()
+    files = _catalogue_files()
     asked_by, key = (str(derived[-1]), "base") if derived else (name_or_path, "scene")
     try:
-        path = known.get(name_or_path, folder / name_or_path).resolve()
-        kind = "a folder" if path.is_dir() else "" if path.is_file() else "no such file"
+        path = files.get(name_or_path, folder / name_or_path).resolve()
+        if path.is_file():
+            kind = ""
+        else:
+            kind = "a folder" if path.is_dir() else "no such file"
     except (OSError, ValueError) as error:  # a name too long, a null byte
         path, kind = Path(), str(error)
     if kind:
         near = sorted(file.name for file in folder.glob("*.toml"))
-        expected = _expected_scene(name_or_path, [*known, *near]).replace(
+        expected = _expected_scene(name_or_path, [*files, *near]).replace(
             "expected", "expected a TOML file or", 1
         )
         raise SceneError(
@@ -318,7 +323,7 @@ def _reference_problems(raw: Mapping[str, Any]) -> Iterator[Problem]:
         section: table for section in ELEMENTS if isinstance(table := raw.get(section), dict)
     }
     bodies = sections.get("bodies", {})
-    known = names([*bodies, GROUND])
+    names_of_bodies = names([*bodies, GROUND])
     seen: dict[str, str] = {}
     for section, table in sections.items():
         for name, element in table.items():
@@ -334,7 +339,9 @@ def _reference_problems(raw: Mapping[str, Any]) -> Iterator[Problem]:
             seen.setdefault(name, key)
             if not isinstance(element, dict):
                 continue
-            pair: list[Any] = found if isinstance(found := element.get("bodies"), list) else []
+            # Everything in the element that names a body.
+            bodies_given = element.get("bodies")
+            pair: list[Any] = bodies_given if isinstance(bodies_given, list) else []
             for field, body in [
                 *((field, element.get(field)) for field in ("slider", "guide", "body")),
                 *((f"bodies.{i}", body) for i, body in enumerate(pair)),
@@ -345,8 +352,9 @@ def _reference_problems(raw: Mapping[str, Any]) -> Iterator[Problem]:
                     yield Problem(
                         f"{key}.{field}",
                         shown(body),
-                        f"expected a body of the scene: {known}{did_you_mean(body, bodies)}",
+                        f"expected a body of the scene: {names_of_bodies}{did_you_mean(body, bodies)}",
                     )
+            # a slider on its own guide, or a joint of a body with itself
             if element.get("type") == "translational":
                 pair = [element.get("slider"), element.get("guide", GROUND)]
             if len(pair) == 2 and pair[0] == pair[1] and isinstance(pair[0], str):

@@ -34,7 +34,8 @@ def with_sides(
     )
     if not interpolates:
         return _in_order(frame, sides) if len(sides) else frame
-    # columns that an event does not have; a force that is left open is nan, and stays so
+    # Columns that an event does not have; a force that is left open is nan, and stays so. Columns
+    # that are absent in the same rows are interpolated together.
     absent = [side.keys() for event in events for side in (event.before, event.after)]
     groups: dict[bytes, list[str]] = {}
     for name in sides.columns[sides.isna().any() & frame.notna().all() & (len(frame) > 1)]:
@@ -48,7 +49,8 @@ def with_sides(
             _in_order(frame[["t", *names]], sides.loc[~lacks, ["t", *names]].dropna())
         )
         before, after = (columns(t[lacks], side) for side in ("before", "after"))
-        # of several events at one instant
+        # Of several events at one instant one may be of this part: rows behind it have the values
+        # after it.
         passed = np.maximum.accumulate(np.where(lacks, -np.inf, t))[lacks] == t[lacks]
         sides.loc[lacks, names] = np.array(
             [np.where(passed, after[name], before[name]) for name in names]
@@ -75,12 +77,12 @@ def interpolated(frame: pd.DataFrame) -> Callable[[np.ndarray, str], dict[str, n
         number = np.maximum(
             np.searchsorted(starts, at, side="right" if side == "after" else "left") - 1, 0
         )
-        found = {name: np.empty(len(at)) for name in curves[0]}
+        values = {name: np.empty(len(at)) for name in curves[0]}
         for piece in np.unique(number):
-            here = number == piece
+            in_piece = number == piece
             for name, curve in curves[piece].items():
-                found[name][here] = curve(at[here])
-        return found
+                values[name][in_piece] = curve(at[in_piece])
+        return values
 
     return columns
 
@@ -105,9 +107,12 @@ def _curves(piece: pd.DataFrame) -> dict[str, Callable[[np.ndarray], np.ndarray]
         else CubicSpline(t, column)
         for name, column in values.items()
     }
+    # A position whose velocity is in the table: a polynomial with value, velocity and acceleration
+    # of both ends, and the velocity as its derivative, so that the two agree in between.
     for name, position in values.items():
         owner, _, label = name.rpartition(".")
-        if (rate := f"{owner}.{_RATES.get(label)}") in values:
+        rate = f"{owner}.{_RATES.get(label)}"
+        if rate in values:
             second = values.get(f"{owner}.{_SECOND_RATES.get(label)}", curves[rate](t, 1))
             curves[name] = BPoly.from_derivatives(
                 t, np.stack([position, values[rate], second], axis=1)

@@ -11,6 +11,8 @@ from stiction.scenes.model import Scene
 from stiction.scenes.wording import did_you_mean, names, shown
 
 _MISSING = object()
+_INDEX_DIGITS = 8
+"""Digits of an index into a list, at most: `int` takes time that grows with the square of their number."""
 
 
 def parse_override(text: str) -> tuple[str, Any]:
@@ -62,6 +64,8 @@ def override(raw: dict[str, Any], key: str, value: Any) -> Problem | None:
     parts = _full_path(raw, key)
     if parts is None:
         return _unknown(raw, key)
+    # Down to the table or list that holds the value; tables that the file leaves out are added on
+    # the way.
     place: Any = raw
     for depth, part in enumerate(parts[:-1]):
         below = _get(place, part)
@@ -107,8 +111,8 @@ def _full_path(raw: Mapping[str, Any], key: str) -> list[str] | None:
 
 
 def _table(raw: Mapping[str, Any], key: str) -> Mapping[str, Any]:
-    found = raw.get(key)
-    return found if isinstance(found, dict) else {}
+    table = raw.get(key)
+    return table if isinstance(table, dict) else {}
 
 
 def _get(place: Any, part: str) -> Any:
@@ -118,7 +122,7 @@ def _get(place: Any, part: str) -> Any:
         isinstance(place, list)
         and part.isdecimal()
         and part.isascii()
-        and len(part) < 9
+        and len(part) <= _INDEX_DIGITS
         and int(part) < len(place)
     ):
         return place[int(part)]

@@ -48,10 +48,10 @@ def resolved_text(scene: Scene) -> str:
 def load_resolved(text: str, origin: str = "<resolved scene>") -> Scene:
     """Make a scene of the text of its resolved form; SceneError as of `scene_from_dict`, and for another format."""
     try:
-        found = _Resolved.model_validate_json(text)
+        resolved = _Resolved.model_validate_json(text)
     except ValidationError as error:
         raise SceneError(origin, problems_of(error, _Resolved)) from None
-    return scene_from_dict(found.scene, origin, name=found.name)
+    return scene_from_dict(resolved.scene, origin, name=resolved.name)
 
 
 def resolved_schema() -> dict[str, Any]:

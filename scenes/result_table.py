@@ -51,6 +51,9 @@ UNITS: Mapping[str, tuple[str, float]] = {
 """Unit -> what it measures, and its size in SI."""
 _ROW = re.compile(r"Row #(\d+)")
 _ROUNDING = 1e-9
+"""Part of the scene's t_end by which times may lie outside of 0 .. t_end."""
+_MILLISECONDS = (50, 2000)
+"""Ratio of the last time to t_end at which times are probably in ms: a run of a twentieth to twice the scene's."""
 _TYPING_ERRORS = 5
 """Names that resemble the scene's without being one, at most: more are another scene's."""
 
@@ -188,9 +191,10 @@ def result_table(
     else:
         whole = _frame(frame, origin)
         most, blocks = len(whole), _parts(whole)
+    # The first block has the names of all columns: which of them are the scene's is decided by it.
     start = next(blocks)
-    found = list(map(str, start.frame.columns))
-    chosen, left_out, problems = _chosen(found, scene, mapping or {})
+    given = list(map(str, start.frame.columns))
+    chosen, left_out, problems = _chosen(given, scene, mapping or {})
     # a file's most rows are a bound: whether there are two is known where the first block is all of it
     fewer = start.share == 1.0 and len(start.frame) < 2
     problems = problems or _first(
@@ -198,13 +202,13 @@ def result_table(
             (
                 TIME not in chosen,
                 "time",
-                f"the columns {names(found)}",
+                f"the columns {names(given)}",
                 "a column t or time, or --map MINE=t",
             ),
             (
                 len(chosen) < 2,
                 "columns",
-                f"none of the scene's beside {names(found)}",
+                f"none of the scene's beside {names(given)}",
                 f"one or more of {names(columns_of(scene))}; --map MINE=COLUMN renames",
             ),
             (fewer, "rows", str(len(start.frame)), "at least 2"),
@@ -212,6 +216,7 @@ def result_table(
     )
     if problems:
         raise ResultError(origin, problems)
+    # Block by block: numbers in SI units with their sign, and of each column its first fault.
     is_long = spills and most * len(chosen) * REAL.itemsize > LARGE
     kept: ColumnFile | _Memory = ColumnFile(most) if is_long else _Memory()
     rows, wrong = 0, dict[str, _Wrong]()
@@ -229,7 +234,7 @@ def result_table(
     kept.shorten(rows)
     problems = [
         Problem(
-            f"{shortened(found[chosen[name][0]])}, row {fault.row}", fault.found, fault.expected
+            f"{shortened(given[chosen[name][0]])}, row {fault.row}", fault.found, fault.expected
         )
         for name in chosen
         if (fault := wrong.get(name)) is not None
@@ -381,7 +386,7 @@ def _csv_blocks(path: Path, size: int) -> Iterator[_Block]:
                 use_threads=False, block_size=len(text) + 1, column_names=column_names or None
             )
             try:
-                found = csv.read_csv(
+                table = csv.read_csv(
                     io.BytesIO(text), options, csv.ParseOptions(delimiter=delimiter)
                 )
             except ValueError as error:
@@ -392,9 +397,9 @@ def _csv_blocks(path: Path, size: int) -> Iterator[_Block]:
                     )
                 ) from None
             if not column_names:
-                column_names = found.column_names
+                column_names = table.column_names
             cleaned = [name.lstrip("# ").strip() for name in column_names]
-            part = _frame(found.rename_columns(cleaned).to_pandas(), str(path))
+            part = _frame(table.rename_columns(cleaned).to_pandas(), str(path))
             yield _Block(begin, part, 1.0 if read >= size else read / size)
             begin += len(part)
 
@@ -423,7 +428,7 @@ def _frame(table: pd.DataFrame | Mapping[str, Any], origin: str) -> pd.DataFrame
 
 
 def _chosen(
-    found: list[str], scene: Scene, mapping: Mapping[str, str]
+    given: list[str], scene: Scene, mapping: Mapping[str, str]
 ) -> tuple[dict[str, tuple[int, int]], list[str], list[Problem]]:
     """Number and sign of the table's column by the scene's name; columns left out; problems of names."""
     known = [TIME, *columns_of(scene)]
@@ -433,13 +438,16 @@ def _chosen(
         Problem(
             "--map",
             shown(mine),
-            f"expected a column of the table: {names(found)}{did_you_mean(mine, found)}",
+            f"expected a column of the table: {names(given)}{did_you_mean(mine, given)}",
         )
         for mine in mapping
-        if mine not in found
+        if mine not in given
     ]
+    # Each column of the table is one of the scene's, twice given, wrongly mapped, probably
+    # misspelt, or none of them. If the time is mapped, a column of its usual name is another
+    # quantity.
     time_is_mapped = {TIME, f"-{TIME}"} & set(mapping.values())
-    for number, mine in enumerate(found):
+    for number, mine in enumerate(given):
         column = mapping.get(mine, TIME if mine in TIME_NAMES and not time_is_mapped else mine)
         name, sign = column.removeprefix("-"), -1 if column.startswith("-") else 1
         if name in chosen:
@@ -468,17 +476,16 @@ def _chosen(
             )
         else:
             left_out.append(mine)
+    # so many are no typing errors: one problem in place of all
     if len(misspelt) > _TYPING_ERRORS:
-        problems, misspelt = (
-            [],
-            [
-                Problem(
-                    "columns",
-                    names([problem.key for problem in misspelt]),
-                    f"expected those of the scene: {names(known)}; is the table of another scene?",
-                )
-            ],
-        )
+        problems = []
+        misspelt = [
+            Problem(
+                "columns",
+                names([problem.key for problem in misspelt]),
+                f"expected those of the scene: {names(known)}; is the table of another scene?",
+            )
+        ]
     return chosen, left_out, problems + misspelt
 
 
@@ -504,21 +511,21 @@ def _numbers(column: pd.Series, may_be_open: bool) -> tuple[np.ndarray, _Wrong |
     if column.dtype.kind in "iufO":  # neither dates nor truth values
         values = pd.to_numeric(column, errors="coerce").to_numpy(dtype=float, na_value=np.nan)
     words = np.isnan(values) & column.notna().to_numpy()
-    wrong = words if words.any() else np.isinf(values) if may_be_open else ~np.isfinite(values)
+    if words.any():
+        wrong = words
+    else:
+        wrong = np.isinf(values) if may_be_open else ~np.isfinite(values)
     if not wrong.any():
         return values, None
     row = int(np.argmax(wrong))
-    found = (
-        shown(str(column.iloc[row]))
-        if words[row]
-        else "nothing (NaN)"
-        if np.isnan(values[row])
-        else "inf"
-    )
-    decimal = re.fullmatch(r"'\s*[-+]?\d*,\d+([eE][-+]?\d+)?\s*'", found)
+    if words[row]:
+        content = shown(str(column.iloc[row]))
+    else:
+        content = "nothing (NaN)" if np.isnan(values[row]) else "inf"
+    decimal = re.fullmatch(r"'\s*[-+]?\d*,\d+([eE][-+]?\d+)?\s*'", content)
     return values, _Wrong(
         row + 1,
-        found,
+        content,
         "expected a finite number" + " with a decimal point" * bool(decimal),
         bool(words[row]),
     )
@@ -528,7 +535,7 @@ def _size(unit: str, units: Mapping[str, float]) -> float:
     """Size in SI of a unit such as rad/s²; of norms of mixed units that of their lengths."""
     above, _, below = unit.partition(",")[0].partition("/")
     numerator, denominator = (
-        np.prod([units.get(UNITS[one][0], 1.0) for one in part.rstrip("²").split()])
+        np.prod([units.get(UNITS[factor][0], 1.0) for factor in part.rstrip("²").split()])
         for part in (above, below)
     )
     return float(numerator / denominator ** (1 + below.endswith("²")))
@@ -539,7 +546,7 @@ def _time_problems(t: np.ndarray, t_end: float) -> list[Problem]:
     back, most = int(np.argmax(steps < 0)), int(np.argmax(counts))
     hint = (
         "are they in ms (--units ms)?"
-        if 50 <= t[-1] / t_end <= 2000
+        if _MILLISECONDS[0] <= t[-1] / t_end <= _MILLISECONDS[1]
         else "--set t_end=.. makes the scene longer"
     )
     return _first(

@@ -123,6 +123,8 @@ def _above_noise(run: Trajectory) -> Callable[[str, float], str]:
 
     As in the norms of the drift, lengths and angles count together, and so do forces and moments.
     """
+    # A value counts as zero if it is rounding of the largest of its kind, or below the drift of
+    # that kind, as long as that is less than the digits show.
     same = {"rad": "m", "rad/s": "m/s", "N m": "N", "N m or N": "N"}
     kinds = {name: same.get(unit := unit_of(name), unit) for name in run.columns}
     sizes = {name: np.nanmax(np.abs(values), initial=0.0) for name, values in run.columns.items()}

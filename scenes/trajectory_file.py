@@ -42,10 +42,11 @@ def load_trajectory(file: str | Path) -> Trajectory:
     except (OSError, pa.ArrowInvalid) as error:
         raise InputError(f"{file}: found {error}; expected a file of Trajectory.save") from error
     about = json.loads((table.schema.metadata or {}).get(_KEY, "{}"))
-    if (found := about.pop("version of the file", None)) != _VERSION:
-        there = "no trajectory" if found is None else f"version {found}"
+    version = about.pop("version of the file", None)
+    if version != _VERSION:
+        content = "no trajectory" if version is None else f"version {version}"
         raise InputError(
-            f"{file}: found {there}; expected a file of Trajectory.save, version {_VERSION}"
+            f"{file}: found {content}; expected a file of Trajectory.save, version {_VERSION}"
         )
     columns = {name: table[name].to_numpy() for name in table.column_names}
     alternatives = about.pop("alternatives", {})

@@ -83,9 +83,12 @@ class Posture:
     """Places and velocities of all bodies, the ground the last, at instants."""
 
     def __init__(self, q: np.ndarray, v: np.ndarray):
+        # The ground is one more body, at rest: no equation below has to tell it apart.
         ground = np.zeros((*q.shape[:-1], 3))
-        q, v = np.concatenate([q, ground], -1), np.concatenate([v, ground], -1)
-        self.place, self.velocity = (x[..., 0::3] + 1j * x[..., 1::3] for x in (q, v))
+        q = np.concatenate([q, ground], -1)
+        v = np.concatenate([v, ground], -1)
+        self.place = q[..., 0::3] + 1j * q[..., 1::3]
+        self.velocity = v[..., 0::3] + 1j * v[..., 1::3]
         self.angle, self.spin = q[..., 2::3], v[..., 2::3]
         self.turn = np.exp(1j * self.angle)
 
@@ -120,41 +123,47 @@ class Distances:
             self.direction, self.carrier = line / np.abs(line), np.array(carriers, dtype=int)
 
     def at(self, posture: Posture) -> Values:
-        # of both ends: arm from the body's centre, place, velocity, and acceleration by the rotation
+        # Both ends: arm from the body's centre, place, velocity, and the acceleration that does not
+        # contain q'', which is centripetal.
         ends = []
         for body, point in zip(self.body, self.point):
             arm, spin = point * posture.turn[..., body], posture.spin[..., body]
             place, velocity = posture.place[..., body] + arm, posture.velocity[..., body]
             ends.append((arm, place, velocity + 1j * spin * arm, -(spin**2) * arm))
         (arm, *first), (other_arm, *second) = ends
-        r, rate, bend = (one - other for one, other in zip(first, second))
+        r, r_rate, centripetal = (here - there for here, there in zip(first, second))
+
         if self.direction is None:
             value = np.abs(r)
             # two ends that meet have no direction, and no force of a spring along it
             e = np.where(value > 0.0, r / np.where(value > 0.0, value, 1.0), 0.0)
-            slope = scalar_product(e, rate)
+            rate = scalar_product(e, r_rate)
             with np.errstate(divide="ignore", invalid="ignore"):
-                gamma = scalar_product(e, bend) + (np.abs(rate) ** 2 - slope**2) / value
+                gamma = scalar_product(e, centripetal) + (np.abs(r_rate) ** 2 - rate**2) / value
         else:
-            e, turning = (
-                self.direction * posture.turn[..., self.carrier],
-                posture.spin[..., self.carrier],
-            )
+            # The direction turns with its carrier: e' = i W e, from which the Coriolis and
+            # centripetal terms follow.
+            e = self.direction * posture.turn[..., self.carrier]
+            turning = posture.spin[..., self.carrier]
             value = scalar_product(e, r)
-            slope = scalar_product(e, rate) + scalar_product(1j * turning * e, r)
+            rate = scalar_product(e, r_rate) + scalar_product(1j * turning * e, r)
             gamma = (
-                scalar_product(e, bend)
-                + 2 * scalar_product(1j * turning * e, rate)
+                scalar_product(e, centripetal)
+                + 2 * scalar_product(1j * turning * e, r_rate)
                 - turning**2 * value
             )
-        m = np.arange(len(self.body[0]))
+
+        # ds/dq: a coordinate moves with the points of both ends, and with the angle of the carrier
+        # of its direction. `+=` as the carrier may be one of the two bodies; the columns of the
+        # ground are dropped.
+        row = np.arange(len(self.body[0]))
         jacobian = np.zeros((*value.shape, 3 * posture.angle.shape[-1]))
         for body, lever, sign in zip(self.body, (arm, other_arm), (1, -1)):
             for column, part in enumerate((e.real, e.imag, scalar_product(e, 1j * lever))):
-                jacobian[..., m, 3 * body + column] += sign * part
+                jacobian[..., row, 3 * body + column] += sign * part
         if self.direction is not None:
-            jacobian[..., m, 3 * self.carrier + 2] += scalar_product(1j * e, r)
-        return Values(value, slope, gamma, jacobian[..., :-3])
+            jacobian[..., row, 3 * self.carrier + 2] += scalar_product(1j * e, r)
+        return Values(value, rate, gamma, jacobian[..., :-3])
 
 
 class Angles:
@@ -188,6 +197,8 @@ class Coordinates:
         def places(element: Any) -> tuple[complex, complex]:
             return complex(*element.points[0]), complex(*element.points[1])
 
+        # Elements of one kind are evaluated together; `order` puts their rows back into the order
+        # of the scene.
         turning = [e for e in elements if e.type in ("angle", "torsional")]
         straight = [e for e in elements if e.type in ("distance", "linear")]
         along = [e for e in straight if e.axis is not None]
@@ -202,30 +213,32 @@ class Coordinates:
             ),
             Distances([pair(e) for e in free], [places(e) for e in free]),
         ]
+        # an empty group of angles stands in where there are no elements at all: it has the right
+        # shapes
         kept = [bool(turning) or not straight, bool(along), bool(free)]
         self.groups = [group for group, keep in zip(groups, kept) if keep]
         grouped = [id(e) for e in (*turning, *along, *free)]
         self.order = [grouped.index(id(e)) for e in elements]
 
     def at(self, posture: Posture) -> Values:
-        found = [group.at(posture) for group in self.groups]
-        if len(found) == 1:
-            return found[0]
+        parts = [group.at(posture) for group in self.groups]
+        if len(parts) == 1:
+            return parts[0]
         value, rate, gamma = (
-            np.concatenate([getattr(values, name) for values in found], -1)[..., self.order]
+            np.concatenate([getattr(values, name) for values in parts], -1)[..., self.order]
             for name in ("value", "rate", "gamma")
         )
-        jacobian = np.concatenate([values.jacobian for values in found], -2)[..., self.order, :]
+        jacobian = np.concatenate([values.jacobian for values in parts], -2)[..., self.order, :]
         return Values(value, rate, gamma, jacobian)
 
 
 def law_values(laws: Sequence[Law], t: np.ndarray) -> np.ndarray:
     """Values and first and second derivatives of laws, shape (3, ..., laws)."""
-    found = np.zeros((3, *t.shape, len(laws)))
+    derivatives = np.zeros((3, *t.shape, len(laws)))
     for i, law in enumerate(laws):
         values = np.array([evaluate_law(law, time) for time in t.flat])
-        found[..., i] = np.moveaxis(values, -1, 0).reshape(3, *t.shape)
-    return found
+        derivatives[..., i] = np.moveaxis(values, -1, 0).reshape(3, *t.shape)
+    return derivatives
 
 
 class DenseEquations:
@@ -254,32 +267,35 @@ class DenseEquations:
         self.pins = {name: 2 * i for i, name in enumerate(pins)}
         self.normal_row = [2 * len(pins) + 2 * list(guides).index(name) for name in self.guides]
 
-        # one group of distances, as each costs time: pins, across the guides, along those with friction
+        # One group of distances, as each group costs time: pins (along x and y of the ground), then
+        # across the guides, then along the guides with friction.
         pairs: list[tuple[int, int]] = []
         points: list[tuple[complex, complex]] = []
         lines: list[complex] = []
         carriers: list[int] = []
         for pin in pins.values():
-            for way in (1, 1j):
+            for axis in (1, 1j):
                 pairs.append((number[pin.bodies[0]], number[pin.bodies[1]]))
                 points.append((complex(*pin.points[0]), complex(*pin.points[1])))
-                lines.append(complex(way))
+                lines.append(complex(axis))
                 carriers.append(number[GROUND])
-        for way, some in ((1j, guides), (1, self.guides)):
-            for guide in some.values():
+        for turn, turned_guides in ((1j, guides), (1, self.guides)):
+            for guide in turned_guides.values():
                 pairs.append((number[guide.slider], number[guide.guide]))
                 points.append((complex(*guide.slider_point), complex(*guide.point)))
-                lines.append(way * complex(*guide.direction))
+                lines.append(turn * complex(*guide.direction))
                 carriers.append(number[guide.guide])
-        self._ways = Distances(pairs, points, lines, carriers)
+        self._distances = Distances(pairs, points, lines, carriers)
         self._parts = np.cumsum([2 * len(pins), len(guides)])
-        self._turned = Angles(
+        self._guide_angles = Angles(
             [(number[g.slider], number[g.guide]) for g in guides.values()], len(scene.bodies)
         )
-        self._angles = np.array([g.angle for g in guides.values()])
+        self._prescribed_angles = np.array([g.angle for g in guides.values()])
         self._driven = Coordinates(list(scene.drives.values()), number)
         self._laws = [drive.law for drive in scene.drives.values()]
 
+        # Applied forces. A load that is a torque has no point and no direction: zeros in their
+        # place.
         springs = list(scene.springs.values())
         self._springs = Coordinates(springs, number)
         self._stiffness = np.array([spring.stiffness for spring in springs])
@@ -313,35 +329,42 @@ class DenseEquations:
         q, v : ndarray, shape (..., k)
         """
         t, posture = np.asarray(t, dtype=float), Posture(q, v)
-        ways, turned, driven = (
-            rows.at(posture) for rows in (self._ways, self._turned, self._driven)
-        )
+        distances = self._distances.at(posture)
+        angles = self._guide_angles.at(posture)
+        driven = self._driven.at(posture)
         law = law_values(self._laws, t)
 
-        def constraints(of_ways: np.ndarray, of_angles: np.ndarray, of_drives: np.ndarray) -> Any:
-            """All rows in their order, and those along the guides; guides' rows are across and of the angle in turn."""
+        def arrange(
+            of_distances: np.ndarray, of_angles: np.ndarray, of_drives: np.ndarray
+        ) -> tuple[np.ndarray, np.ndarray]:
+            """Return the rows of all constraints in the order of J, and the rows along the frictional guides."""
             axis = t.ndim
-            pins, across, along = np.split(of_ways, self._parts, axis)
+            pins, across, along = np.split(of_distances, self._parts, axis)
+            # each guide's row across is followed by the row of its angle
             pair = np.stack([across, of_angles], axis + 1)
             of_guides = pair.reshape(*pair.shape[:axis], -1, *pair.shape[axis + 2 :])
             return np.concatenate([pins, of_guides, of_drives], axis), along
 
-        phi, _ = constraints(ways.value, turned.value - self._angles, driven.value - law[0])
-        phi_dot, slip_speed = constraints(ways.rate, turned.rate, driven.rate - law[1])
-        gamma, w = constraints(ways.gamma, turned.gamma, driven.gamma - law[2])
-        J, W = constraints(ways.jacobian, turned.jacobian, driven.jacobian)
+        # Value, rate and acceleration of each constraint less what guide or law prescribes.
+        angle_errors = angles.value - self._prescribed_angles
+        phi, _ = arrange(distances.value, angle_errors, driven.value - law[0])
+        phi_dot, slip_speed = arrange(distances.rate, angles.rate, driven.rate - law[1])
+        gamma, w = arrange(distances.gamma, angles.gamma, driven.gamma - law[2])
+        J, W = arrange(distances.jacobian, angles.jacobian, driven.jacobian)
         return Terms(self._applied(t, posture), phi, phi_dot, gamma, J, W, w, slip_speed)
 
     def _applied(self, t: np.ndarray, posture: Posture) -> np.ndarray:
-        """Weight, springs with dampers, and loads."""
+        """Generalized forces of weight, springs with dampers, and loads."""
         Q = np.zeros((*t.shape, len(self.mass))) + self.mass * self.gravity
         if len(self._stiffness):
+            # virtual work: a tension F in the coordinate s contributes -F ds/dq
             springs = self._springs.at(posture)
             stretch = springs.value - self._rest
             tension = self._stiffness * stretch + self._damping * springs.rate
             Q -= np.sum(tension[..., None] * springs.jacobian, -2)
         size = law_values(self._load_laws, t)[0]
         for i, body in enumerate(self._loaded):
+            # the point of a force turns with its body, the direction does not
             arm, push = self._arm[i] * posture.turn[..., body], self._push[i]
             moment = scalar_product(1j * arm, push) + self._torque[i]
             for column, part in enumerate((push.real, push.imag, moment)):

@@ -31,7 +31,7 @@ absolute, in m, s, kg, rad: for mechanisms of about a metre, a second and a kilo
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from functools import partial
 from itertools import product
@@ -45,18 +45,23 @@ from stiction.scenes.laws import Constant, law_kinks
 from stiction.truths.dense_equations import DenseEquations, Terms
 
 TOLERANCE = 1e-11
-"""Of a step."""
+"""Relative and absolute error tolerance of a step."""
 STEPS = 60
-"""No step is longer than the run over this."""
+"""Least number of steps of a run: no step is longer than the run divided by it."""
 FRACTIONS = np.unique(np.concatenate([[0.0], 2.0 ** -np.arange(7, 31), np.arange(1, 66) / 64]))
-"""Of a step, where the margins are looked at; one behind its end, so that a minimum at the end lies between samples."""
+"""Fractions of a step at which the margins are sampled.
+
+They are dense near the start, where a mode that follows an event may end at once (down to 2^-30,
+about 1e-9). The last one lies beyond the end, so that a minimum at the end lies between two
+samples.
+"""
 NOISE = 1e-9
 """N or m/s; margins above minus this count as zero: the error of forty steps, times stiffnesses up to 60 N/m."""
 ADMISSIBLE = 1e-8
-"""N or m/s^2 by which a mode may violate its conditions: the same, with a reserve of ten, at an event."""
+"""N or m/s^2 by which a mode may violate its conditions: ten times `NOISE`, as a reserve at events."""
 SAME = 1e-6
-"""m/s^2, rad/s^2; accelerations closer than this are one: those of two modes at their common boundary."""
-CORNERS = tuple(product((1, -1), repeat=2))
+"""m/s^2, rad/s^2; accelerations that differ by less count as equal, as those of two modes at their common boundary."""
+CORNERS = ((1, 1), (1, -1), (-1, 1), (-1, -1))
 """Signs of both corner forces of a guide."""
 AT_ONCE = 1e-11
 """Seconds within which events are one: what rounding leaves of a time."""
@@ -64,6 +69,24 @@ MOST_AT_ONCE = 20
 """Events without time passing after which a run is given up."""
 DEPENDENT = 1e-9
 """Singular value, of rows of length 1, below which one depends on the others: what rounding leaves of it."""
+_MINIMUM_XTOL = 1e-9
+"""Tolerance of the time of a margin's minimum, relative to the interval between samples.
+
+The value at a smooth minimum depends on it quadratically, so that its error is rounding.
+"""
+_ZERO_XTOL, _ZERO_RTOL = 1e-15, 1e-14
+"""Tolerances (s; relative) of the time of a zero: some roundings, as close as Brent's method can get."""
+_RATE_FRACTION = 1e-6
+"""Fraction of a step over which the rate of a margin is measured on both sides of its zero.
+
+The secant is of second order in it, and the rounding of the margins is divided by it: both errors
+are below 1e-9.
+"""
+_AUDITED = np.linspace(0.05, 0.95, 9)
+"""Fractions of a step at which `_audit` looks at Coulomb's law: off the ends, which are events of the search itself."""
+_MIDDLE = len(_AUDITED) // 2
+_OPTIMAL, _UNBOUNDED = 0, 3
+"""Values of `scipy.optimize.OptimizeResult.status` of a linear programme."""
 
 
 @dataclass(frozen=True)
@@ -81,7 +104,7 @@ class Instant:
 
 @dataclass(frozen=True)
 class Mode:
-    """What is frozen between events."""
+    """Contact mode: what does not change between two events."""
 
     slip: np.ndarray  # (guides,), the directions d, 0 at rest
     corner: np.ndarray  # (guides, 2), the signs s
@@ -89,7 +112,7 @@ class Mode:
 
 @dataclass(frozen=True)
 class Forces:
-    """Of a mode at instants, or of many modes at one; leading axes as those."""
+    """Forces of one mode at several instants, or of several modes at one instant, along the leading axes."""
 
     acceleration: np.ndarray  # (..., k)
     R: np.ndarray  # (..., guides), normal force on each slider
@@ -100,7 +123,11 @@ class Forces:
 
 @dataclass(frozen=True)
 class Margin:
-    """A condition of a mode, positive while it holds: of `guide`, ``"speed"``, ``"corner"`` j or ``"hold"`` along d."""
+    """A condition of a mode, positive while it holds.
+
+    `what` is ``"speed"``, ``"corner"`` (`which` is the number of the corner) or ``"hold"`` (`which`
+    is the direction in which the guide would break away).
+    """
 
     guide: int
     what: str
@@ -118,7 +145,7 @@ class Step:
 
 @dataclass(frozen=True)
 class Motion:
-    """The motion that was found; all of it up to the breakdown, where there is one."""
+    """The motion of a scene, up to its end or to the breakdown if there is one."""
 
     contact: Contact
     t: np.ndarray  # (n,), the ends of all steps
@@ -188,54 +215,66 @@ class Contact:
         numpy.linalg.LinAlgError
             If the constraints of the mode are redundant.
         """
+        # What must not accelerate: the constraints, and the slip of every guide at rest. The force
+        # of each such row acts along the row itself (virtual work), so that `directions` begins as
+        # a copy of `rows`.
         stuck = np.flatnonzero(mode.slip == 0)
         rows = np.concatenate([terms.J, terms.W[..., stuck, :]], -2)
         shape = np.broadcast_shapes(rows.shape[:-2], mode.corner.shape[:-2])
-        acts = np.broadcast_to(rows, (*shape, *rows.shape[-2:])).copy()
+        directions = np.broadcast_to(rows, (*shape, *rows.shape[-2:])).copy()
+
+        # The unknowns of a guide that slips are n1 and n2 in place of R and T, each with the
+        # friction that it causes. This makes friction part of the linear system: no iteration over
+        # normal forces is needed.
         for g in np.flatnonzero(mode.slip).tolist():
-            r, friction, s = self.row[g], -mu[g] * mode.slip[g], mode.corner[..., g, :, None]
-            normal, angle, along = (
-                terms.J[..., self.row[g], :],
-                terms.J[..., self.row[g] + 1, :],
-                terms.W[..., g, :],
-            )
+            row = self.row[g]
+            friction, signs = -mu[g] * mode.slip[g], mode.corner[..., g, :, None]
+            normal, angle = terms.J[..., row, :], terms.J[..., row + 1, :]
+            along = terms.W[..., g, :]
             if not self.length[g]:
-                acts[..., r, :] = normal + friction * s[..., 0, :] * along
+                directions[..., row, :] = normal + friction * signs[..., 0, :] * along
             else:
                 for j, lever in enumerate((-self.length[g] / 2, self.length[g] / 2)):
-                    surface = s[..., j, :] * along + self.width[g] / 2 * angle
-                    acts[..., r + j, :] = normal + lever * angle + friction * surface
+                    surface = signs[..., j, :] * along + self.width[g] / 2 * angle
+                    directions[..., row + j, :] = normal + lever * angle + friction * surface
+
+        # rows M^-1 directions^T forces = -(gamma, w) - rows M^-1 Q: accelerations eliminated, M is
+        # diagonal.
         mass = self.equations.mass
         right = -np.concatenate([terms.gamma, terms.w[..., stuck]], -1)
         right = right - np.sum(rows * (terms.Q / mass)[..., None, :], -1)
         right = np.broadcast_to(right, (*shape, right.shape[-1]))
-        x = np.linalg.solve(rows / mass @ np.swapaxes(acts, -1, -2), right[..., None])[..., 0]
-        acceleration = (terms.Q + np.sum(acts * x[..., None], -2)) / mass
+        system = rows / mass @ np.swapaxes(directions, -1, -2)
+        unknown = np.linalg.solve(system, right[..., None])[..., 0]
+        acceleration = (terms.Q + np.sum(directions * unknown[..., None], -2)) / mass
+
+        # Back from the unknowns to normal force, moment and friction of each guide.
         R, T, f = np.zeros((3, *shape, len(self.row)))
         n = np.zeros((*shape, len(self.row), 2))
-        for g, r in enumerate(self.row):
-            friction, s = -mu[g] * mode.slip[g], mode.corner[..., g, :]
-            first, second = x[..., r], x[..., r + 1]
+        for g, row in enumerate(self.row):
+            friction, signs = -mu[g] * mode.slip[g], mode.corner[..., g, :]
+            first, second = unknown[..., row], unknown[..., row + 1]
             if mode.slip[g] == 0:
-                R[..., g], T[..., g], f[..., g] = (
-                    first,
-                    second,
-                    x[..., terms.J.shape[-2] + np.searchsorted(stuck, g)],
-                )
+                R[..., g], T[..., g] = first, second
+                f[..., g] = unknown[..., terms.J.shape[-2] + np.searchsorted(stuck, g)]
             elif not self.length[g]:
-                R[..., g], T[..., g], f[..., g] = first, second, friction * s[..., 0] * first
+                R[..., g], T[..., g] = first, second
+                f[..., g] = friction * signs[..., 0] * first
                 n[..., g, :] = first[..., None]
             else:
                 R[..., g] = first + second
                 T[..., g] = (
                     self.length[g] / 2 * (second - first) + friction * self.width[g] / 2 * R[..., g]
                 )
-                f[..., g] = friction * (s[..., 0] * first + s[..., 1] * second)
+                f[..., g] = friction * (signs[..., 0] * first + signs[..., 1] * second)
                 n[..., g, 0], n[..., g, 1] = first, second
         return Forces(acceleration, R, T, f, n)
 
     def held_with(self, terms: Terms, stuck: Iterable[int]) -> set[int]:
-        """Guides that cannot slip while the `stuck` ones do not: their directions depend on the rows of those.
+        """Return the guides that cannot slip while the `stuck` ones do not slip.
+
+        Their directions of slip depend linearly on the constraints and on the directions of the
+        stuck guides.
 
         In a dead point a direction depends on the constraints as well, but the motion carries the guide on through it:
         its slip has an acceleration.
@@ -248,6 +287,7 @@ class Contact:
         stuck = sorted(stuck)
         if len(_row_space(self._scaled(terms.J))) < len(terms.J):
             raise np.linalg.LinAlgError("redundant constraints")
+        # A direction depends on the rows if nothing of it is left after projection onto their span.
         rows = np.concatenate([terms.J, terms.W[stuck]])
         basis = _row_space(self._scaled(rows))
         slips = self._scaled(terms.W)
@@ -255,6 +295,8 @@ class Contact:
         dependent = np.flatnonzero(distance < DEPENDENT)
         if not len(dependent):
             return set()
+        # At a dead point the same holds for an instant only: there any motion that the rows admit
+        # accelerates the slip.
         right = -np.concatenate([terms.gamma, terms.w[stuck]])
         acceleration = np.linalg.lstsq(rows, right, rcond=DEPENDENT)[0]
         carried = np.abs(terms.W[dependent] @ acceleration + terms.w[dependent]) > ADMISSIBLE
@@ -279,46 +321,54 @@ class Contact:
 
         Unknown are the reactions lambda; of each guide n1 and n2 in place of R and T, then l+ and l-; and m.
         """
+        # Generalized force of each unknown: reactions (n1 and n2 in place of R and T), then both
+        # surface frictions.
         guides, rows = len(self.row), len(terms.J)
-        acts = np.zeros((rows + 2 * guides, len(self.equations.mass)))
-        acts[:rows] = terms.J
-        for g, (r, a, b) in enumerate(zip(self.row, self.length, self.width)):
-            normal, angle, along = terms.J[r], terms.J[r + 1], terms.W[g]
+        directions = np.zeros((rows + 2 * guides, len(self.equations.mass)))
+        directions[:rows] = terms.J
+        for g, (row, a, b) in enumerate(zip(self.row, self.length, self.width)):
+            normal, angle, along = terms.J[row], terms.J[row + 1], terms.W[g]
             if a:
-                acts[r], acts[r + 1] = normal - a / 2 * angle, normal + a / 2 * angle
-            acts[rows + 2 * g] = along + b / 2 * angle
-            acts[rows + 2 * g + 1] = along - b / 2 * angle
+                directions[row] = normal - a / 2 * angle
+                directions[row + 1] = normal + a / 2 * angle
+            directions[rows + 2 * g] = along + b / 2 * angle
+            directions[rows + 2 * g + 1] = along - b / 2 * angle
         needed = self.equations.mass * acceleration - terms.Q
-        signs = [((1, 1), (-1, -1)) if not a else CORNERS for a in self.length]
-        unknown, best = len(acts) + 1, -np.inf
-        for choice in product(*signs):
-            bounds: list[tuple[float | None, float | None]] = [(None, None)] * unknown
+
+        # With the signs of all corner forces chosen, |n| is linear: the cones are then linear
+        # inequalities.
+        signs_of_guides = [((1, 1), (-1, -1)) if not a else CORNERS for a in self.length]
+        size, best = len(directions) + 1, -np.inf
+        for choice in product(*signs_of_guides):
+            bounds: list[tuple[float | None, float | None]] = [(None, None)] * size
             conditions = []
-            for g, s in enumerate(choice):
+            for g, signs in enumerate(choice):
                 corners = range(self.row[g], self.row[g] + (1 if not self.length[g] else 2))
-                for column, sign in zip(corners, s):
-                    bounds[column] = (0, None) if sign > 0 else (None, 0)
-                for surface, sign in enumerate((1, -1)):
+                for corner, sign in zip(corners, signs):
+                    bounds[corner] = (0, None) if sign > 0 else (None, 0)
+                # +-l - mus (sum of the corner forces that press on this surface) + m <= 0
+                for surface, side in enumerate((1, -1)):
                     for way in (1, -1):
-                        condition = np.zeros(unknown)
+                        condition = np.zeros(size)
                         condition[rows + 2 * g + surface] = way
-                        for column, its in zip(corners, s):
-                            condition[column] = -self.mus[g] * its if its == sign else 0.0
+                        for corner, sign in zip(corners, signs):
+                            condition[corner] = -self.mus[g] * sign if sign == side else 0.0
                         # a surface that nothing presses on has no friction, and no margin
-                        condition[-1] = 1.0 if sign in s[: len(corners)] else 0.0
+                        condition[-1] = 1.0 if side in signs[: len(corners)] else 0.0
                         conditions.append(condition)
-            found = linprog(
-                np.append(np.zeros(unknown - 1), -1.0),
+            programme = linprog(
+                np.append(np.zeros(size - 1), -1.0),
                 A_ub=np.array(conditions),
                 b_ub=np.zeros(len(conditions)),
-                A_eq=np.column_stack([acts.T, np.zeros(len(needed))]),
+                A_eq=np.column_stack([directions.T, np.zeros(len(needed))]),
                 b_eq=needed,
                 bounds=bounds,
                 method="highs",
             )
-            if found.status == 0:
-                best = max(best, -found.fun)
-            elif found.status == 3:  # stress of their own presses them without bound
+            if programme.status == _OPTIMAL:
+                best = max(best, -programme.fun)
+            elif programme.status == _UNBOUNDED:
+                # guides that press against each other (self-stress) hold any load
                 best = np.inf
         return float(best)
 
@@ -331,7 +381,7 @@ class Contact:
         )
 
     def conditions(self, forces: Forces, mode: Mode) -> Iterator[tuple[Margin, np.ndarray]]:
-        """What the forces of a mode must obey: corners press, and guides at rest hold. Each positive where it is."""
+        """Yield what the forces of a mode must obey, each positive if it is so: corners press, guides at rest hold."""
         for g, d in enumerate(mode.slip):
             if d == 0:
                 for away in (1, -1):
@@ -346,15 +396,12 @@ class Contact:
     def margins(self, t: np.ndarray, y: np.ndarray, mode: Mode) -> tuple[list[Margin], np.ndarray]:
         """All margins of a frozen mode at instants, (n, margins)."""
         terms = self.equations.at(t, *np.split(y, 2, -1))
-        found = [
-            *self.conditions(self.forces(terms, mode, self.mu), mode),
-            *(
-                (Margin(g, "speed"), d * terms.slip_speed[..., g])
-                for g, d in enumerate(mode.slip)
-                if d
-            ),
-        ]
-        return [margin for margin, _ in found], np.stack([values for _, values in found], -1)
+        conditions = list(self.conditions(self.forces(terms, mode, self.mu), mode))
+        for g, d in enumerate(mode.slip):
+            if d:
+                conditions.append((Margin(g, "speed"), d * terms.slip_speed[..., g]))
+        margins, values = zip(*conditions)
+        return list(margins), np.stack(values, -1)
 
     def derivative(self, mode: Mode, t: float, y: np.ndarray) -> np.ndarray:
         q, v = np.split(y, 2)
@@ -376,19 +423,24 @@ class Contact:
         left : set of int
             Guides that have left rest in this instant, in the direction `slip`, with the kinetic coefficient.
         """
+        # At the instant of leaving rest a guide still has the static coefficient: it breaks away
+        # against that.
         mu = np.where([g in rest for g in range(len(slip))], self.mus, self.mu)
-        found: list[tuple[Mode, np.ndarray]] = []
+        motions: list[tuple[Mode, np.ndarray]] = []
         for slips in product(*((0, 1, -1) if g in rest else (d,) for g, d in enumerate(slip))):
             stuck = [g for g, d in enumerate(slips) if d == 0]
-            if self.held_with(terms, stuck) & (set(range(len(slip))) - set(stuck)):
-                continue  # of the motion in which those are at rest as well
-            if stuck and self.shares(terms, stuck):
-                found += self._shared_rest(terms, np.array(slips, dtype=int), found)
+            moving = set(range(len(slip))) - set(stuck)
+            if self.held_with(terms, stuck) & moving:
+                # A guide cannot slip here. The choice in which it is at rest too describes this
+                # motion.
                 continue
-            signs = [
-                ((1, 1),) if d == 0 else ((1, 1), (-1, -1)) if not self.length[g] else CORNERS
-                for g, d in enumerate(slips)
-            ]
+            if stuck and self.shares(terms, stuck):
+                # Frictions are not determined, and `forces` would be singular.
+                motions += self._shared_rest(terms, np.array(slips, dtype=int), motions)
+                continue
+
+            # All corner signs of this choice of slips at once.
+            signs = [self._corner_signs(g, d) for g, d in enumerate(slips)]
             modes = Mode(
                 np.array(slips, dtype=int),
                 np.array(list(product(*signs))).reshape(-1, len(slip), 2),
@@ -397,15 +449,26 @@ class Contact:
             kept = np.all(np.isfinite(forces.acceleration), -1)
             for _, value in self.conditions(forces, modes):
                 kept &= value >= -ADMISSIBLE
+            # A guide without speed moves in the direction of its slip acceleration: this has to be
+            # that of the mode.
             for g in (rest | left) & set(np.flatnonzero(modes.slip).tolist()):
-                kept &= (
-                    modes.slip[g] * (forces.acceleration @ terms.W[g] + terms.w[g]) >= -ADMISSIBLE
-                )
+                slip_acceleration = forces.acceleration @ terms.W[g] + terms.w[g]
+                kept &= modes.slip[g] * slip_acceleration >= -ADMISSIBLE
+
+            # Neighbouring modes agree on their common boundary: one motion, kept once.
             for i in np.flatnonzero(kept):
                 a = forces.acceleration[i]
-                if all(np.max(np.abs(a - other)) > SAME for _, other in found):
-                    found.append((Mode(modes.slip, modes.corner[i]), a))
-        return found
+                if all(np.max(np.abs(a - other)) > SAME for _, other in motions):
+                    motions.append((Mode(modes.slip, modes.corner[i]), a))
+        return motions
+
+    def _corner_signs(self, g: int, d: int) -> tuple[tuple[int, int], ...]:
+        """Signs of the corner forces that a guide can have with the direction of slip d."""
+        if d == 0:
+            return ((1, 1),)  # forces at rest do not depend on them
+        if not self.length[g]:
+            return ((1, 1), (-1, -1))
+        return CORNERS
 
     def _shared_rest(
         self, terms: Terms, slip: np.ndarray, others: Sequence[tuple[Mode, np.ndarray]]
@@ -417,6 +480,7 @@ class Contact:
         numpy.linalg.LinAlgError
             If something can still move, whose acceleration would depend on the share.
         """
+        # The redundant rows have a common acceleration only if they are compatible.
         stuck = np.flatnonzero(slip == 0)
         rows = np.concatenate([terms.J, terms.W[stuck]])
         right = -np.concatenate([terms.gamma, terms.w[stuck]])
@@ -425,6 +489,8 @@ class Contact:
             return []
         if rank < rows.shape[1] or np.any(slip):
             raise np.linalg.LinAlgError("guides share a load while something moves")
+
+        # They stay at rest if some distribution of the load lies in all static cones.
         if self.largest_margin(terms, acceleration) < -ADMISSIBLE:
             return []
         if any(np.max(np.abs(acceleration - other)) <= SAME for _, other in others):
@@ -450,19 +516,20 @@ class Contact:
         return rank == rows.shape[1] and self.loads_are_constant
 
     def settle(self, t: float, y: np.ndarray, slip: np.ndarray, left: set[int]) -> Mode:
-        """The mode that follows at an instant; as `possible`, with all guides of no direction at rest.
+        """Return the mode that follows at an instant; as `possible`, with all guides of no direction at rest.
 
         A guide whose friction at rest does not hold it leaves, and then has the kinetic coefficient, which may set
         others free.
         """
         terms, slip, left = self.equations.at(t, *np.split(y, 2)), slip.copy(), set(left)
+        # Every pass takes at least one guide out of `rest`, so that the loop ends.
         while True:
             rest = set(np.flatnonzero(slip == 0).tolist())
-            found = self.possible(terms, slip, rest, left)
-            if len(found) != 1:
-                kind = "several solutions" if found else "no solution"
-                raise _Stopped(kind, t, f"{kind} among all contact modes", solutions=len(found))
-            [(mode, _)] = found
+            motions = self.possible(terms, slip, rest, left)
+            if len(motions) != 1:
+                kind = "several solutions" if motions else "no solution"
+                raise _Stopped(kind, t, f"{kind} among all contact modes", solutions=len(motions))
+            [(mode, _)] = motions
             leaving = {g for g in rest if mode.slip[g]}
             if not leaving:
                 return mode
@@ -470,7 +537,7 @@ class Contact:
 
 
 def simulate(scene: Scene, t_end: float, tolerance: float = TOLERANCE) -> Motion:
-    """The motion of a scene from its consistent start; `tolerance` is of a step, relative and absolute.
+    """Simulate a scene from its consistent start; `tolerance` is that of a step, relative and absolute.
 
     Raises
     ------
@@ -484,17 +551,18 @@ def simulate(scene: Scene, t_end: float, tolerance: float = TOLERANCE) -> Motion
     violation, force, at_once, breakdown = 0.0, 0.0, 0, None
     steps: list[Step] = []
     rest = None
+    # DOP853 assumes a smooth right-hand side: integration restarts at the kinks of all laws.
     loads = [*scene.drives.values(), *scene.forces.values()]
     stops = sorted({time for element in loads for time in law_kinks(element.law, t_end)} | {t_end})
     try:
         speed = contact.equations.at(t, q, v).slip_speed
-        mode = contact.settle(
-            t, y, np.where(np.abs(speed) <= NOISE, 0, np.sign(speed)).astype(int), set()
-        )
+        direction = np.where(np.abs(speed) <= NOISE, 0, np.sign(speed)).astype(int)
+        mode = contact.settle(t, y, direction, set())
         while t < t_end:
             if contact.rests_for_good(t, y, mode):
                 rest = t
                 break
+            # One mode: steps up to its first event or the next kink, each audited.
             stop = next(time for time in stops if time > t)
             began = t
             taken = _steps(contact, mode, t, y, stop, t_end / STEPS, tolerance)
@@ -503,8 +571,11 @@ def simulate(scene: Scene, t_end: float, tolerance: float = TOLERANCE) -> Motion
                 steps.append(Step(mode, piece, t))
                 times.append(t)
                 states.append(y)
-                found = _audit(contact, mode, piece, t)
-                violation, force = max(violation, found[0]), max(force, found[1])
+                step_violation, step_force = _audit(contact, mode, piece, t)
+                violation, force = max(violation, step_violation), max(force, step_force)
+
+            # The event decides the next mode; modes that end at once are counted, as they may never
+            # stop.
             if passed:
                 at_once = at_once + 1 if t - began <= AT_ONCE else 0
                 if at_once > MOST_AT_ONCE:
@@ -571,124 +642,157 @@ def _steps(
 def _first_zero(
     contact: Contact, mode: Mode, piece: DenseOutput
 ) -> tuple[float, list[tuple[Margin, float]]]:
-    """Where the first margin passes zero in a step, all that pass there, and how fast.
+    """Locate the first zero of the margins in a step; return its time, all margins that pass there, and their rates.
 
-    The end of the step and none if none does.
+    The time is that of the end of the step, with no margins, if none passes zero.
     """
     t = piece.t_old + FRACTIONS * (piece.t - piece.t_old)
     margins, values = contact.margins(t, piece(t).T, mode)
-    inside = FRACTIONS <= 1.0
     zeros: list[tuple[float, int]] = []
-    for k, value in enumerate(values.T):
+    for k, sampled in enumerate(values.T):
 
-        def at(time: float, k: int = k) -> float:
+        def evaluate(time: float, k: int = k) -> float:
             return float(contact.margins(np.array(time), piece(time), mode)[1][k])
 
-        below = np.flatnonzero((value < -NOISE) & inside)
-        last = below[0] if len(below) else len(t) - 1
-        for i in range(1, last):
-            left, right = value[i - 1] - value[i], value[i + 1] - value[i]
-            # a convex function lies above the lines through its samples continued
-            if value[i] > 0 and left >= 0 and right >= 0 and value[i] < max(left, right):
-                lowest = minimize_scalar(
-                    at,
-                    bounds=(t[i - 1], t[i + 1]),
-                    method="bounded",
-                    options={"xatol": 1e-9 * (t[i + 1] - t[i - 1])},
-                )
-                if lowest.fun < -NOISE and lowest.x <= piece.t:
-                    zeros.append((brentq(at, t[i - 1], lowest.x, xtol=1e-15, rtol=1e-14), k))
-                    break
-        else:
-            if len(below):
-                above = np.flatnonzero(value[:last] > 0)
-                if not len(above):
-                    name = contact.names[margins[k].guide]
-                    raise _Stopped(
-                        "mode not held",
-                        piece.t_old,
-                        f"{margins[k].what} falls below zero at once",
-                        name,
-                    )
-                zeros.append((brentq(at, t[above[-1]], t[last], xtol=1e-15, rtol=1e-14), k))
+        zero = _zero_of(evaluate, t, sampled, piece.t)
+        if zero is not None and np.isnan(zero):
+            raise _Stopped(
+                "mode not held",
+                piece.t_old,
+                f"{margins[k].what} falls below zero at once",
+                contact.names[margins[k].guide],
+            )
+        if zero is not None:
+            zeros.append((zero, k))
     if not zeros:
         return piece.t, []
+
+    # Margins whose zeros rounding cannot tell apart are one event, decided together.
     first = min(time for time, _ in zeros)
-    beside = first + 1e-6 * (piece.t - piece.t_old) * np.array([-1.0, 1.0])
-    rates = np.abs(np.diff(contact.margins(beside, piece(beside).T, mode)[1], axis=0)[0]) / np.ptp(
-        beside
-    )
+    beside = first + _RATE_FRACTION * (piece.t - piece.t_old) * np.array([-1.0, 1.0])
+    change = np.diff(contact.margins(beside, piece(beside).T, mode)[1], axis=0)[0]
+    rates = np.abs(change) / np.ptp(beside)
     return first, [(margins[k], float(rates[k])) for time, k in zeros if time - first <= AT_ONCE]
 
 
+def _zero_of(
+    evaluate: Callable[[float], float], t: np.ndarray, sampled: np.ndarray, end: float
+) -> float | None:
+    """Return the time of the first zero of a margin with the values `sampled` at the times t of a step to `end`.
+
+    None if it has none, NaN if it is negative from the start.
+    """
+    # Beyond the first negative sample there is nothing to find.
+    negative = np.flatnonzero((sampled < -NOISE) & (FRACTIONS <= 1.0))
+    last = negative[0] if len(negative) else len(t) - 1
+
+    # A dip between samples: at a sampled minimum that the margin could leave by crossing zero. A
+    # convex function lies above the continuation of its chords, so that it stays positive where the
+    # value exceeds both differences.
+    for i in range(1, last):
+        left, right = sampled[i - 1] - sampled[i], sampled[i + 1] - sampled[i]
+        if sampled[i] > 0 and left >= 0 and right >= 0 and sampled[i] < max(left, right):
+            lowest = minimize_scalar(
+                evaluate,
+                bounds=(t[i - 1], t[i + 1]),
+                method="bounded",
+                options={"xatol": _MINIMUM_XTOL * (t[i + 1] - t[i - 1])},
+            )
+            if lowest.fun < -NOISE and lowest.x <= end:
+                return float(brentq(evaluate, t[i - 1], lowest.x, xtol=_ZERO_XTOL, rtol=_ZERO_RTOL))
+
+    # A change of sign between samples.
+    if not len(negative):
+        return None
+    positive = np.flatnonzero(sampled[:last] > 0)
+    if not len(positive):
+        return np.nan
+    return float(brentq(evaluate, t[positive[-1]], t[last], xtol=_ZERO_XTOL, rtol=_ZERO_RTOL))
+
+
 def _after(contact: Contact, mode: Mode, t: float, y: np.ndarray, passed: Iterable[Margin]) -> Mode:
-    """The mode behind an event. A corner force is continuous where it passes zero: only its sign changes there."""
-    slip, corner, left, decided = mode.slip.copy(), mode.corner.copy(), set(), False
+    """Return the mode after an event."""
+    slip, corner = mode.slip.copy(), mode.corner.copy()
+    left: set[int] = set()
+    slips_change = False
     for margin in passed:
         if margin.what == "corner":
+            # A corner force is continuous where it passes zero: only its sign changes, and nothing
+            # has to be decided.
             corner[margin.guide, margin.which] *= -1
             if not contact.length[margin.guide]:
                 corner[margin.guide, 1] = corner[margin.guide, 0]
         elif margin.what == "hold":
-            slip[margin.guide], decided = margin.which, True
+            slip[margin.guide], slips_change = margin.which, True
             left.add(margin.guide)
         else:
-            slip[margin.guide], decided = 0, True
-    if decided and np.any(slip == 0):
+            slip[margin.guide], slips_change = 0, True
+    if not slips_change:
+        return Mode(slip, corner)
+    if np.any(slip == 0):
         # what cannot slip without those that came to rest is at rest as well, whatever rounding leaves of its speed
         terms = contact.equations.at(t, *np.split(y, 2))
         slip[sorted(contact.held_with(terms, np.flatnonzero(slip == 0)))] = 0
-    return contact.settle(t, y, slip, left) if decided else Mode(slip, corner)
+    return contact.settle(t, y, slip, left)
 
 
 def _changes(before: Mode, after: Mode) -> Iterator[tuple[int, str]]:
+    """Yield each guide whose contact mode changes, with the kind of its event."""
     for g, (old, new) in enumerate(zip(before.slip, after.slip)):
-        if new != old:
-            yield g, "slip" if old == 0 else "stick" if new == 0 else "reversal"
+        if new != old and old == 0:
+            yield g, "slip"
+        elif new != old:
+            yield g, "stick" if new == 0 else "reversal"
         elif new and np.any(before.corner[g] != after.corner[g]):
             yield g, "corner"
 
 
 def _audit(contact: Contact, mode: Mode, piece: DenseOutput, end: float) -> tuple[float, float]:
-    """The largest violation of Coulomb's law and of the constraints inside a step, and the largest reaction.
+    """Return the largest violation of Coulomb's law and of the constraints inside a step, and the largest reaction.
 
-    Coulomb's law as it stands, by the sign of the velocity and the loads of R and T alone. In the middle of the step
-    all modes are tried: there must be one motion, that of the mode.
+    The law is evaluated from the sign of the velocity and from R and T alone, without the corner
+    signs of the mode. In the middle of the step all modes are tried: there must be one motion, that
+    of the mode.
 
     Raises
     ------
     _Stopped
         If there are several motions, or another one.
     """
-    t = piece.t_old + np.linspace(0.05, 0.95, 9) * (end - piece.t_old)
+    t = piece.t_old + _AUDITED * (end - piece.t_old)
     terms = contact.equations.at(t, *np.split(piece(t).T, 2, -1))
     forces = contact.forces(terms, mode, contact.mu)
-    worst = [np.max(np.abs(terms.phi), initial=0.0), np.max(np.abs(terms.phi_dot), initial=0.0)]
+    violations = [
+        np.max(np.abs(terms.phi), initial=0.0),
+        np.max(np.abs(terms.phi_dot), initial=0.0),
+    ]
     for g, d in enumerate(mode.slip):
         R, T, f, speed = forces.R[:, g], forces.T[:, g], forces.f[:, g], terms.slip_speed[:, g]
         if d == 0:
+            # rest: no speed, and friction within what both surfaces hold in either direction
             mus = contact.mus[g]
             excesses = (-away * f - mus * contact.load(g, R, T, mus, away) for away in (1, -1))
-            worst += [np.max(np.abs(speed)), *map(np.max, excesses)]
+            violations += [np.max(np.abs(speed)), *map(np.max, excesses)]
         else:
+            # slip: the friction of the law, wherever the speed is large enough to have a sign
             sign = np.sign(speed)
-            friction = (
-                -contact.mu[g]
-                * np.where(sign == 0, d, sign)
-                * contact.load(g, R, T, contact.mu[g], d)
-            )
-            worst.append(np.max(np.where(np.abs(speed) > NOISE, np.abs(f - friction), 0.0)))
-    middle = Terms(*(getattr(terms, name)[4] for name in Terms.__dataclass_fields__))
-    found = contact.possible(middle, mode.slip, set(np.flatnonzero(mode.slip == 0).tolist()), set())
-    if len(found) != 1 or np.max(np.abs(found[0][1] - forces.acceleration[4])) > SAME:
-        kind = (
-            "several solutions"
-            if len(found) > 1
-            else "no solution"
-            if not found
-            else "another solution"
-        )
-        raise _Stopped(
-            kind, t[4], f"{kind} among all contact modes, inside a step", solutions=len(found)
-        )
-    return float(max(worst)), float(max(np.max(np.abs(forces.R)), np.max(np.abs(forces.f))))
+            direction = np.where(sign == 0, d, sign)
+            friction = -contact.mu[g] * direction * contact.load(g, R, T, contact.mu[g], d)
+            errors = np.where(np.abs(speed) > NOISE, np.abs(f - friction), 0.0)
+            violations.append(np.max(errors))
+
+    # Uniqueness, at one instant as it is the most expensive check.
+    middle = Terms(*(getattr(terms, name)[_MIDDLE] for name in Terms.__dataclass_fields__))
+    rest = set(np.flatnonzero(mode.slip == 0).tolist())
+    motions = contact.possible(middle, mode.slip, rest, set())
+    if len(motions) > 1:
+        kind = "several solutions"
+    elif not motions:
+        kind = "no solution"
+    elif np.max(np.abs(motions[0][1] - forces.acceleration[_MIDDLE])) > SAME:
+        kind = "another solution"
+    else:
+        reaction = max(np.max(np.abs(forces.R)), np.max(np.abs(forces.f)))
+        return float(max(violations)), float(reaction)
+    reason = f"{kind} among all contact modes, inside a step"
+    raise _Stopped(kind, t[_MIDDLE], reason, solutions=len(motions))

@@ -1,4 +1,4 @@
-"""The physics that a truth is of: which guides rub, and with how many coefficients of friction."""
+"""The physics that a truth and an engine share: which guides have friction, and with how many coefficients."""
 
 from __future__ import annotations
 
@@ -6,7 +6,7 @@ from stiction.scenes import Scene, vary
 
 
 def rubbing_guides(scene: Scene) -> frozenset[str]:
-    """Return the guides with friction: the motion changes with their contact modes, whatever tier a truth has."""
+    """Return the guides with friction: their contact modes change the motion, and their events count in every truth."""
     return frozenset(
         name for name, guide in scene.frictional_guides.items() if guide.static_coefficient > 0
     )

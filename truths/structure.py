@@ -1,7 +1,7 @@
-"""Structures of scenes: the elements that a mechanism has, and how they lie.
+"""Structures of scenes: the elements of a mechanism, and their positions and directions.
 
-A truth declares the scenes it is for as a `Structure`. Its `match` finds the parts of the mechanism in a scene, or
-names everything that does not fit.
+A truth declares which scenes it applies to by a `Structure`. `Structure.match` finds the parts of
+the mechanism in a scene, or raises an error that lists everything that does not fit.
 """
 
 from __future__ import annotations
@@ -27,7 +27,7 @@ class Condition:
 
     @classmethod
     def of(cls, wanted: Any) -> Condition:
-        """The condition to be a condition, of a class, a value, or a tuple of these."""
+        """Make a condition from what is wanted: a condition itself, a class, a value, or a tuple of these."""
         if isinstance(wanted, Condition):
             return wanted
         if isinstance(wanted, type | UnionType):
@@ -47,7 +47,9 @@ class Condition:
     def misfit(self, name: str, value: Any) -> Iterator[str]:
         """Describe a value for which the condition does not hold."""
         if not self.holds(value):
-            yield f"{name}: found {getattr(value, 'type', None) or shown(value)}; expected {self.words}"
+            # a law is shown by its type: its numbers are not what is wrong
+            actual = getattr(value, "type", None) or shown(value)
+            yield f"{name}: found {actual}; expected {self.words}"
 
 
 ANY = Condition("any", lambda value: True)
@@ -67,13 +69,15 @@ PULLS_ALONG_X = Condition(
 """Condition on a spring between two points of the x axis."""
 
 ONE, OPTIONAL, SEVERAL = "one", "at most one", "any number"
+"""How often a part occurs in a mechanism."""
 
 
 class Part:
     """An element of a mechanism: its class, and the roles of the bodies that it connects or acts on, in their order.
 
-    Any name fits where `name` is None. With `any_order` the bodies may stand in either order. `where` is a condition on
-    the whole element; the requirement on each of the `fields` is as for `Condition.of`.
+    If `name` is None, the element may have any name. With `any_order` its bodies may be listed in
+    either order. `where` is a condition on the whole element; each of the `fields` is a requirement
+    in the sense of `Condition.of`.
     """
 
     def __init__(
@@ -94,16 +98,19 @@ class Part:
         """Return the bodies by role, with those of an element; None where the element is another part."""
         if not isinstance(element, self.kind) or self.name not in (None, name):
             return None
-        found, bound = _bodies(element), dict(roles)
-        if self.any_order and found[0] != self.bodies[0]:
-            found = found[::-1]
-        for role, body in zip(self.bodies, found):
-            if (role == GROUND) != (body == GROUND) or bound.setdefault(role, body) != body:
+        bodies, bound = _bodies(element), dict(roles)
+        if self.any_order and bodies[0] != self.bodies[0]:
+            bodies = bodies[::-1]
+        for role, body in zip(self.bodies, bodies):
+            if (role == GROUND) != (body == GROUND):
+                return None
+            # a role that is already another body's: the element is that of another part
+            if bound.setdefault(role, body) != body:
                 return None
         return bound
 
     def misfits(self, name: str, element: Any) -> Iterator[str]:
-        """Describe what of an element is not as required."""
+        """Describe which fields of an element are not as required."""
         for field, condition in self.fields.items():
             yield from condition.misfit(f"{name}.{field}", getattr(element, field))
         if not self.where.holds(element):
@@ -130,10 +137,12 @@ class Match:
 
 @dataclass(frozen=True)
 class Structure:
-    """A mechanism (in messages: "a pendulum"), as the scenes that declare it.
+    """The structure of a mechanism, by which scenes of it are recognized.
 
-    `bodies` are the roles of its bodies, which are their names unless `any_names`; `parts` all its other elements by a
-    label; `gravity` is the requirement on the scene's, as on a field of a `Part`.
+    `mechanism` is its name in messages, such as "a pendulum". `bodies` are the roles of its bodies,
+    which are also their names unless `any_names` is set. `parts` contains all other elements by a
+    label. `gravity` is the requirement on the gravity of the scene, like that on a field of a
+    `Part`.
     """
 
     mechanism: str
@@ -144,9 +153,10 @@ class Structure:
 
     def match(self, scene: Scene) -> Match:
         """Find the parts in a scene; raises NotThisMechanism, naming everything that does not fit."""
-        roles: Mapping[str, str] = {
-            name: name for name in (GROUND, *(() if self.any_names else self.bodies))
-        }
+        # With fixed names every role is known; else the elements bind the roles to bodies one after
+        # the other.
+        fixed = () if self.any_names else self.bodies
+        roles: Mapping[str, str] = {name: name for name in (GROUND, *fixed)}
         faults = list(Condition.of(self.gravity).misfit("gravity", scene.gravity))
         if len(scene.bodies) != len(self.bodies) or not (
             self.any_names or set(scene.bodies) == set(self.bodies)
@@ -154,6 +164,7 @@ class Structure:
             faults.append(
                 f"bodies: found {', '.join(scene.bodies)}; expected {', '.join(self.bodies)}"
             )
+        # Each part takes its elements out of `others`; what remains there belongs to no part.
         others = {**scene.joints, **scene.drives, **scene.springs, **scene.forces}
         elements: dict[str, dict[str, Any]] = {label: {} for label in self.parts}
         for label, part in self.parts.items():

@@ -51,6 +51,8 @@ SIDES = ("before", "after")
 EPS = np.finfo(float).eps
 SAMPLES = 2401
 """Instants at which the truth of a stored run is known, over the whole of its time: every 10 ms of 24 s."""
+_END_ROUNDING = 1e-12
+"""Part of its end by which a time may lie outside of a truth: some thousand roundings of sums of steps."""
 
 Columns = Callable[[np.ndarray, str], Mapping[str, np.ndarray]]
 """``columns(t, side)`` with t of shape (n,) and side of `SIDES`: the columns by name."""
@@ -61,18 +63,20 @@ class TruthRefused(StictionError):
 
 
 class NotThisMechanism(TruthRefused, InputError):
-    """A scene is not the mechanism that a truth is of, or has parameters for which its form degenerates."""
+    """A scene has another structure than a truth requires, or parameters for which its closed form degenerates."""
 
 
 @dataclass(frozen=True)
 class Truth:
-    """A solution that owes nothing to the reference implementation, of a `scene`, for 0 <= t <= t_end (s).
+    """An independent solution of a `scene` for 0 <= t <= t_end (s).
 
-    Of a proven truth the columns that no proof encloses, efforts and forces, have `tier_below`; it is None for others.
-    `uncertainty` is by column the largest error to be expected between events, and that of their times under
-    ``"event time"``. `events` are in order of time, with two-sided values; only those of `guides` count, all where
-    None. `jump_closed_form`, shape (events,), is the jump of the drive's effort at each event from its closed form.
-    `note` says why a better tier has no answer; it is empty where this is the best there could be.
+    In a proven truth, columns that no proof encloses (efforts and forces) have the tier
+    `tier_below`; it is None for other truths. `uncertainty` contains, by column, the largest error
+    to be expected between events, and under ``"event time"`` the error of their times. `events` are
+    sorted by time and have the values of both sides; only events of `guides` count, or all of them
+    where `guides` is None. `jump_closed_form`, shape (events,), contains the jump of the drive's
+    effort at each event, computed from its closed form. `note` explains why a better tier has no
+    answer; it is empty for the best tier that is possible.
     """
 
     scene: str
@@ -108,13 +112,16 @@ class Truth:
     ) -> Truth:
         """Return the closed form of a motion as a Truth.
 
-        `rounding` is the error of a column relative to 1 and its largest size at `samples` instants. Of the times of
-        events it is relative to 1 s and `t_end`. `switches` are time, kind and guide of each event, None for a motion
-        without friction.
+        `rounding` is the error of a column, relative to one plus its largest size at `samples`
+        instants. For times of events it is relative to `t_end`, or to 1 s if that is more.
+        `switches` contains time, kind and guide of each event; it is None for a motion without
+        friction.
         """
-        found = columns(np.linspace(0, t_end, samples), "after")
+        # Rounding is proportional to a column's size; the 1 stands for columns that are nearly zero
+        # throughout.
+        sampled = columns(np.linspace(0, t_end, samples), "after")
         uncertainty = {
-            name: rounding * float(1 + np.max(np.abs(values))) for name, values in found.items()
+            name: rounding * float(1 + np.max(np.abs(values))) for name, values in sampled.items()
         }
         if switches is not None:
             uncertainty["event time"] = rounding * max(t_end, 1.0)
@@ -134,8 +141,10 @@ class Truth:
         """
         if side not in SIDES:
             raise ValueError(f"side: found {side!r}; expected one of {', '.join(SIDES)}")
+        # Output times are sums of steps: they may pass the ends by rounding, and count as the ends
+        # then.
         t = np.atleast_1d(np.asarray(t, dtype=float))
-        rounding = 1e-12 * self.t_end
+        rounding = _END_ROUNDING * self.t_end
         if not np.all((t >= -rounding) & (t <= self.t_end + rounding)):
             raise ValueError(
                 f"t: found {t.min():g} .. {t.max():g} s; expected times within 0 .. {self.t_end:g} s"
@@ -143,14 +152,26 @@ class Truth:
         return self.columns(np.clip(t, 0.0, self.t_end), side)
 
 
+def kind_of_change(before: int, after: int) -> str:
+    """Return the kind of event at which a guide's direction of slip, 0 in stick, changes to another one."""
+    if after == 0:
+        return "stick"
+    return "slip" if before == 0 else "reversal"
+
+
 def two_sided(switches: Sequence[tuple[float, str, str]], columns: Columns) -> tuple[Event, ...]:
-    """Return events, with the columns on both sides, of the time, kind and guide of each."""
+    """Return the events with the time, kind and guide of each switch, with the columns on both sides."""
     times = np.array([time for time, _, _ in switches])
-    sides = [columns(times, side) for side in SIDES]
-    values = [
-        [dict(zip(side, row)) for row in np.array(list(side.values())).T.tolist()] for side in sides
-    ]
-    return tuple(Event(*switch, *both) for switch, *both in zip(switches, *values))
+    before, after = (_rows(columns(times, side)) for side in SIDES)
+    return tuple(
+        Event(time, kind, guide, row_before, row_after)
+        for (time, kind, guide), row_before, row_after in zip(switches, before, after)
+    )
+
+
+def _rows(columns: Mapping[str, np.ndarray]) -> list[dict[str, float]]:
+    """Return a dict by column of each instant."""
+    return [dict(zip(columns, row)) for row in np.array(list(columns.values())).T.tolist()]
 
 
 def body_columns(body: str, *motion: Sequence[np.ndarray]) -> dict[str, np.ndarray]:

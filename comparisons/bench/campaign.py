@@ -102,9 +102,8 @@ class _Steps(Model):
         ladder, cost, threshold = (
             tuple(map(number, getattr(self, name))) for name in (parameter, "cost", "threshold")
         )
-        portable = (
-            label_of(engine) if is_file(engine) else ""
-        )  # the name of a file in baselines, for any machine
+        # the name of a file in baselines, for any machine
+        portable = label_of(engine) if is_file(engine) else ""
         return Variant(
             label,
             engine,
@@ -303,9 +302,8 @@ class Campaign(Model):
         its place and is held to that one's baseline. Any other has `variants_of` its own.
         """
         name = absolute_name(name)
-        engine = load_engine(
-            name
-        )  # unlike one of many in a campaign, one that is requested alone must be there
+        # unlike one of many in a campaign, one that is requested alone must be there
+        engine = load_engine(name)
         own = (
             tuple(variant for variant in self.variants if variant.engine == name)
             or tuple(

@@ -30,12 +30,12 @@ BUILT_FROM = ROOT / "comparisons" / "built_from.json"
 
 def origin() -> dict[str, Any]:
     """Return versions, machine, conditions and commit (None, or its hash, ``-dirty`` where files differ) for JSON."""
-    found = commit()
+    checkout = commit()
     return {
         "versions": versions(),
         "machine": machine(),
         "conditions": conditions(),
-        "commit": found and found["hash"] + "-dirty" * found["dirty"],
+        "commit": checkout and checkout["hash"] + "-dirty" * checkout["dirty"],
     }
 
 
@@ -46,7 +46,11 @@ def versions() -> dict[str, str]:
 
 def requirements() -> list[str]:
     """Return installed requirements of the suite and its engines as pip reads them: ``name==version``, sorted."""
-    found, waiting, seen = dict[str, str](), [Requirement(f"{SUITE}[all]")], set[tuple[str, ...]]()
+    # The graph of requirements from the suite on. A package is visited once for each set of its
+    # extras.
+    installed: dict[str, str] = {}
+    waiting = [Requirement(f"{SUITE}[all]")]
+    seen: set[tuple[str, ...]] = set()
     while waiting:
         wanted = waiting.pop()
         name = canonicalize_name(wanted.name)
@@ -57,13 +61,15 @@ def requirements() -> list[str]:
             package = distribution(name)
         except PackageNotFoundError:
             continue  # of an extra
-        found[name] = package.version
+        installed[name] = package.version
         needed = map(Requirement, package.requires or ())
         extras = [{"extra": extra} for extra in ("", *wanted.extras)]
         waiting += [
-            one for one in needed if one.marker is None or any(map(one.marker.evaluate, extras))
+            requirement
+            for requirement in needed
+            if requirement.marker is None or any(map(requirement.marker.evaluate, extras))
         ]
-    return [f"{name}=={number}" for name, number in sorted(found.items()) if name != SUITE]
+    return [f"{name}=={number}" for name, number in sorted(installed.items()) if name != SUITE]
 
 
 def machine() -> dict[str, Any]:
@@ -160,15 +166,15 @@ def _installed(package: str) -> str:
 def _frequency(which: str) -> str:
     """Current or largest (max) frequency of the processors."""
     try:
-        found = getattr(psutil.cpu_freq(), which)
+        frequency = getattr(psutil.cpu_freq(), which)
     except (AttributeError, NotImplementedError, OSError):  # None where it is not known
-        found = 0.0  # as virtual machines say
-    return f"{found:.0f} MHz" if found else UNKNOWN
+        frequency = 0.0  # as virtual machines state it
+    return f"{frequency:.0f} MHz" if frequency else UNKNOWN
 
 
 def _caches() -> str:
     """``L1d 32K, L1i 32K, L2 1024K, L3 36608K``; empty where the system has none."""
-    found = {}
+    sizes = {}
     for index in CACHES.glob("index*"):
         try:
             level, kind, size = (
@@ -176,8 +182,9 @@ def _caches() -> str:
             )
         except OSError:
             continue
-        found[f"L{level}{kind[0].lower() if kind != 'Unified' else ''}"] = size
-    return ", ".join(f"{name} {size}" for name, size in sorted(found.items()))
+        letter = "" if kind == "Unified" else kind[0].lower()
+        sizes[f"L{level}{letter}"] = size
+    return ", ".join(f"{name} {size}" for name, size in sorted(sizes.items()))
 
 
 def _cpu_model() -> str:

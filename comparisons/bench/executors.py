@@ -97,29 +97,32 @@ def _isolate_on(
 
     one_by_one = partial(_isolate_at_worker, block, timeout_s=timeout_s)
     shares = [sealed(task) for task in tasks]
-    found: dict[int, list[Outcome]] = {}
+    # Both by the number of the first task of a batch. A future whose result has been read is
+    # dropped, so that its worker need not hold the result any longer.
+    outcomes: dict[int, list[Outcome]] = {}
     begun: dict[Future[list[Outcome]], int] = {}
-    """First task of each batch. What has been read is dropped, so that its worker need not hold it any longer."""
     try:
         for first in range(0, len(tasks), BATCH):
             begun[executor.submit(one_by_one, shares[first : first + BATCH])] = first
         for future in as_completed(begun):
             first = begun.pop(future)
             try:
-                found[first] = [unsealed(outcome) for outcome in future.result()]
+                outcomes[first] = [unsealed(outcome) for outcome in future.result()]
             except KilledWorker as error:
+                # as a run in a child process that dies: an outcome of each task, not an error of
+                # the whole
                 reason = " ".join(f"workers died: {error}".split())
-                found[first] = [
+                outcomes[first] = [
                     Outcome(task.label, Status.CRASHED, reason=reason)
                     for task in tasks[first : first + BATCH]
                 ]
             if on_result is not None:
-                for outcome in found[first]:
+                for outcome in outcomes[first]:
                     on_result(outcome)
     finally:
         for future in begun:
             future.cancel()
-    return [outcome for first in sorted(found) for outcome in found[first]]
+    return [outcome for first in sorted(outcomes) for outcome in outcomes[first]]
 
 
 def _isolate_at_worker(block: str, tasks: Sequence[Task], *, timeout_s: float) -> list[Outcome]:
@@ -177,12 +180,12 @@ def _dask_client(name: str, workers: int | None) -> Iterator[Any]:
 def _check_workers(name: str, client: Any) -> None:
     """Raise InputError if the numbers of a worker would not be those of this code, or if it cannot isolate."""
     try:
-        found = client.run(_worker)
+        answers = client.run(_worker)
     except ImportError as error:
         raise InputError(
             f"executor: {name}: its workers need stiction as it is here ({error})"
         ) from None
-    for worker, (digest, daemon) in found.items():
+    for worker, (digest, daemon) in answers.items():
         if digest != source_digest():
             raise InputError(
                 f"executor: {name}: found other code at the worker {worker}; expected stiction as it is "

@@ -121,14 +121,16 @@ def known_of(rows: pd.DataFrame, column: str) -> dict[str, str]:
 
     In a scene without friction nobody supplies its law, whoever does in others: such a run counts where no other is.
     """
-    known: Mapping[str, str] = {}
+    values: Mapping[str, str] = {}
     if column in rows:
+        # runs without a supplier last, so that the first of a variant is one with a supplier, if
+        # there is any
         stated = rows[rows[column].notna()]
-        last = stated.sort_values(
-            column, key=lambda values: values == Supplier.NOBODY, kind="stable"
+        ordered = stated.sort_values(
+            column, key=lambda suppliers: suppliers == Supplier.NOBODY, kind="stable"
         )
-        known = last.groupby("variant")[column].first().to_dict()
-    return {variant: known.get(variant, "not known") for variant in rows["variant"]}
+        values = ordered.groupby("variant")[column].first().to_dict()
+    return {variant: values.get(variant, "not known") for variant in rows["variant"]}
 
 
 def methods(results: Results) -> list[str]:
@@ -162,9 +164,10 @@ def grouped_methods(
     """`methods` by `groups` or, for rankings, by `same_work`."""
     accuracy, chosen = results.tables.get("accuracy", pd.DataFrame()), methods(results)
     for group, rows in grouping(accuracy) if len(accuracy) else ():
-        there = set(rows["variant"])
-        if found := [variant for variant in chosen if variant in there]:
-            yield group, found
+        in_group = set(rows["variant"])
+        methods_of_group = [variant for variant in chosen if variant in in_group]
+        if methods_of_group:
+            yield group, methods_of_group
 
 
 def succeeded(table: pd.DataFrame) -> pd.Series:
@@ -232,6 +235,11 @@ class Method:
 
 def made_methods(table: pd.DataFrame, variants: Iterable[str], column: str) -> dict[str, Method]:
     """The methods of which a run was made, by label of their variants, in the order of these."""
-    found = ((variant, at_equal_step(with_columns(table, column), variant)) for variant in variants)
-    made = ((variant, rows[~rows["status"].isin(UNMADE)]) for variant, rows in found if len(rows))
-    return {variant: Method(variant, rows, column) for variant, rows in made if len(rows)}
+    made = {}
+    for variant in variants:
+        rows = at_equal_step(with_columns(table, column), variant)
+        if len(rows):
+            rows = rows[~rows["status"].isin(UNMADE)]
+        if len(rows):
+            made[variant] = Method(variant, rows, column)
+    return made

@@ -37,13 +37,13 @@ def participants(engines: Iterable[str] | None = None) -> tuple[Variant, ...]:
     chosen = dict.fromkeys(
         [REFERENCE, *(known_here if engines is None else map(absolute_name, engines))]
     )
-    known = {variant.engine for variant in campaign.variants}
+    with_variants = {variant.engine for variant in campaign.variants}
     return (
         *(variant for variant in campaign.variants if variant.engine in chosen),
         *(
             variant
             for name in chosen
-            if name not in known
+            if name not in with_variants
             for variant in campaign.variants_of(name)
         ),
     )
@@ -80,11 +80,12 @@ def _refined(
 ) -> tuple[Variant, ...]:
     """Return the participants with one of their series as ladder, as far as a depth goes, if any is left."""
     finest = getattr(extent(depth), of_depth)
-    found = (
-        (variant, down_to(getattr(variant, series), variant.parameter, finest))
-        for variant in participants(engines)
-    )
-    return tuple(replace(variant, ladder=ladder) for variant, ladder in found if ladder)
+    refined = []
+    for variant in participants(engines):
+        ladder = down_to(getattr(variant, series), variant.parameter, finest)
+        if ladder:
+            refined.append(replace(variant, ladder=ladder))
+    return tuple(refined)
 
 
 def variant(label: str) -> Variant:

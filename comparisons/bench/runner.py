@@ -149,12 +149,16 @@ def make(
     least = max((comparison.rounds for comparison in comparisons), default=0)
     tasks = [task for comparison in comparisons for task in comparison.tasks]
     if on_start is not None:
-        on_start(
-            len(tasks)
-            + least * sum(len(comparison.tasks) for comparison in comparisons if comparison.rounds)
-        )
-    found = iter(_outcomes(tasks, isolated, on_result, workers=workers, timeout_s=timeout_s))
-    pairs = [[(task, next(found)) for task in comparison.tasks] for comparison in comparisons]
+        timed = sum(len(comparison.tasks) for comparison in comparisons if comparison.rounds)
+        on_start(len(tasks) + least * timed)
+
+    # All runs of all comparisons together, so that equal ones are made once; then each comparison
+    # takes its own back.
+    outcomes = iter(_outcomes(tasks, isolated, on_result, workers=workers, timeout_s=timeout_s))
+    pairs = [[(task, next(outcomes)) for task in comparison.tasks] for comparison in comparisons]
+
+    # Those that are timed have run once before: only what succeeded is timed, and what it costs is
+    # known.
     to_time = [
         run
         for comparison, part in zip(comparisons, pairs)
@@ -181,6 +185,7 @@ def _outcomes(
     alike: dict[str, list[Task]] = defaultdict(list)
     for call, task in zip(calls, tasks):
         alike[call].append(task)
+    # The first of equal tasks is made; the others wait for its outcome, by its label.
     others: dict[str, list[Task]] = defaultdict(list)
     for first, *rest in alike.values():
         others[first.label] += rest
@@ -191,13 +196,11 @@ def _outcomes(
             for task in others.pop(outcome.label, ()):
                 on_result(replace(outcome, label=task.label, cpu_s=0.0))
 
-    found = (
-        isolated([first for first, *_ in alike.values()], on_result=report, **options)
-        if tasks
-        else []
-    )
-    made = dict(zip(alike, found, strict=True))
-    return [replace(made[call], label=task.label) for call, task in zip(calls, tasks)]
+    if not tasks:
+        return []
+    outcomes = isolated([first for first, *_ in alike.values()], on_result=report, **options)
+    by_call = dict(zip(alike, outcomes, strict=True))
+    return [replace(by_call[call], label=task.label) for call, task in zip(calls, tasks)]
 
 
 def prepare(engines: Iterable[str]) -> None:

@@ -25,6 +25,8 @@ from stiction.scenes import StictionError
 from stiction.scenes.atomic_files import NotWritten
 from stiction.scenes.digest import digest
 
+LOCK_TIMEOUT = 0.5
+"""Seconds to wait for another process that writes to the file: it holds the file for as long as its campaign runs."""
 SETTLED = (Status.OK, Status.REFUSED, Status.FAILED)
 """Statuses that running again would not change.
 
@@ -82,10 +84,12 @@ class KeptRuns:
             if self.interrupt is not None:  # Python drops what a handler raises within a finalizer
                 raise self.interrupt
 
+        # What an earlier call has kept, then the runs that are left, under their numbers as labels.
         for i, key in enumerate(keys):
-            if (known := self._read(key)) is not None:
+            kept_outcome = self._read(key)
+            if kept_outcome is not None:
                 self.taken_over += 1
-                settle(i, known)
+                settle(i, kept_outcome)
         self._making = True
         try:
             if self.interrupt is None:
@@ -162,12 +166,12 @@ def kept_runs(folder: Path, engines: Iterable[str]) -> Iterator[KeptRuns]:
     path.parent.mkdir(parents=True, exist_ok=True)
     connection = None
     try:
-        connection = sqlite3.connect(path, timeout=0.5)
+        connection = sqlite3.connect(path, timeout=LOCK_TIMEOUT)
         connection.execute("PRAGMA locking_mode = EXCLUSIVE")
-        connection.execute("PRAGMA journal_mode = WAL")  # a killed process loses nothing
-        connection.execute(
-            "PRAGMA synchronous = NORMAL"
-        )  # an fsync for each of a thousand outcomes would take 15 s
+        # A killed process loses nothing by a write-ahead log. An fsync for each of a thousand
+        # outcomes would take 15 s: NORMAL leaves them to the checkpoints of the log.
+        connection.execute("PRAGMA journal_mode = WAL")
+        connection.execute("PRAGMA synchronous = NORMAL")
         with connection:
             connection.execute("BEGIN EXCLUSIVE")
             connection.execute(
@@ -177,11 +181,9 @@ def kept_runs(folder: Path, engines: Iterable[str]) -> Iterator[KeptRuns]:
     except sqlite3.Error as error:
         if connection is not None:
             connection.close()
-        words = (
-            "another process writes to it"
-            if "locked" in str(error)
-            else f"{error}; delete it to begin anew"
-        )
+        words = f"{error}; delete it to begin anew"
+        if "locked" in str(error):
+            words = "another process writes to it"
         raise KeptRefused(f"{path}: {words}") from error
     try:
         yield runs

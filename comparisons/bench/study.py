@@ -138,6 +138,7 @@ def planned(
 
     Requirements of studies are made on the way; options of `make`.
     """
+    # What several studies require is made once, before the first of them plans its runs.
     required = {name: plan for study in chosen for name, plan in study.requires.items()}
     made = make([plan(scope) for plan in required.values()], **options) if required else []
     known = dict(zip(required, made, strict=True))
@@ -163,12 +164,12 @@ def union(
     parts: dict[str, list[pd.DataFrame]] = defaultdict(list)
     records: dict[str, Record] = {}
     truths: dict[str, Truth] = {}
-    for one in made:
-        for name, table in one.tables.items():
+    for results in made:
+        for name, table in results.tables.items():
             parts[name].append(table)
-        for record in one.records:
+        for record in results.records:
             records.setdefault(record.key, record)
-        truths |= one.truths
+        truths |= results.truths
     tables = {name: pd.concat(tables, ignore_index=True) for name, tables in parts.items()}
     return Results(
         tuple(records.values()),
@@ -177,6 +178,6 @@ def union(
         settings,
         wall_s,
         cpu_s,
-        tuple(record for one in made for record in one.timed),
-        tuple(problem for one in made for problem in one.problems),
+        tuple(record for results in made for record in results.timed),
+        tuple(problem for results in made for problem in results.problems),
     )

@@ -133,6 +133,12 @@ which constraints may make far too small."""
 
 COMMON_STEP = 1e-3
 """Seconds, times `time_factor`: the step at which methods are compared with each other."""
+FINE_OUTPUT, OUTPUT = 0.002, 0.01
+"""Seconds, times `time_factor`: distance of the samples that are kept of runs that resolve jumps, and of the others."""
+ROUNDING = 1e-9
+"""Relative rounding of quotients of steps, so that a whole one counts as such."""
+STEP_DIGITS = 12
+"""Digits of a step: the last ones, which multiplication leaves, would stand in keys and tables."""
 
 
 def time_factor(scene: Scene, t_end: float | None = None) -> float:
@@ -145,16 +151,16 @@ def time_factor(scene: Scene, t_end: float | None = None) -> float:
     longest = min(
         end / STEPS_PER_RUN, max(fastest_period(scene) / STEPS_PER_PERIOD, end / MOST_STEPS)
     )
-    limit = (
-        longest / COARSEST * (1 + 1e-9)
-    )  # a run of 1 s has 100 steps of 1e-2 s, whatever rounding says
+    # a run of 1 s has 100 steps of 1e-2 s, whatever rounding says
+    limit = longest / COARSEST * (1 + ROUNDING)
     if limit >= 1:
         return 1.0
+    # the next lower one of 5, 2, 1 in its decade
     decade = math.floor(math.log10(limit))
     return next(
         float(f"{digit}e{decade}")
         for digit in (5, 2, 1)
-        if digit * 10.0**decade <= limit * (1 + 1e-9)
+        if digit * 10.0**decade <= limit * (1 + ROUNDING)
     )
 
 
@@ -175,7 +181,8 @@ def fastest_period(scene: Scene) -> float:
         arms = spring.points if isinstance(spring, LinearSpring) else (None, None)
         compliance = 0.0
         for name, arm in zip(spring.bodies, arms):
-            if (body := scene.bodies.get(name)) is not None:  # the ground does not move
+            # the ground does not move
+            if (body := scene.bodies.get(name)) is not None:
                 turned = 1.0 if arm is None else arm[0] ** 2 + arm[1] ** 2
                 compliance += (0.0 if arm is None else 1 / body.mass) + turned / body.inertia
         frequencies.append(math.sqrt(spring.stiffness * compliance))
@@ -204,8 +211,8 @@ def scaled(
 
 
 def _rounded(step: float) -> float:
-    """Drop the last digits, which multiplication would leave in keys and tables."""
-    return float(f"{step:.12g}")
+    """Drop the digits of a step beyond `STEP_DIGITS`."""
+    return float(f"{step:.{STEP_DIGITS}g}")
 
 
 def run_key(scene: Scene, variant: Variant, step: float) -> str:
@@ -224,7 +231,7 @@ def job(scene: Scene, variant: Variant, step: float, **arguments: Any) -> Job:
     fine = step == variant.ladder[-1] or (
         variant.parameter == "dt" and step <= _rounded(COMMON_STEP * factor)
     )
-    output = {"output_step": _rounded((0.002 if fine else 0.01) * factor)}
+    output = {"output_step": _rounded((FINE_OUTPUT if fine else OUTPUT) * factor)}
     return Job(
         run_key(scene, variant, step),
         variant.engine,

@@ -150,14 +150,18 @@ def friction_turns(example: Example, case: int) -> ClaimMargin:
 
 def contacts_alternate(example: Example, case: int) -> ClaimMargin:
     """Two adjacent and two opposite corners in turn, and how long each kind lasts."""
-    found = example.stretch(case).configurations
-    adjacent = [name in ADJACENT for name, _ in found]
-    pairs = all(name in ADJACENT + OPPOSITE for name, _ in found)
+    configurations = example.stretch(case).configurations
+    adjacent = [name in ADJACENT for name, _ in configurations]
+    pairs = all(name in ADJACENT + OPPOSITE for name, _ in configurations)
     turns = all(one != other for one, other in zip(adjacent, adjacent[1:]))
     return as_said(
         pairs and turns,
         [
-            sum(seconds for (_, seconds), so in zip(found, adjacent) if so == kind)
+            sum(
+                seconds
+                for (_, seconds), is_adjacent in zip(configurations, adjacent)
+                if is_adjacent == kind
+            )
             for kind in (True, False)
         ],
     )
@@ -165,8 +169,11 @@ def contacts_alternate(example: Example, case: int) -> ClaimMargin:
 
 def contacts_in_order(example: Example, case: int, order: Sequence[str]) -> ClaimMargin:
     """The first configurations, and how long each lasts."""
-    found = example.stretch(case).configurations[: len(order)]
-    return as_said([name for name, _ in found] == list(order), [seconds for _, seconds in found])
+    configurations = example.stretch(case).configurations[: len(order)]
+    return as_said(
+        [name for name, _ in configurations] == list(order),
+        [seconds for _, seconds in configurations],
+    )
 
 
 def contacts_as_in(example: Example, case: int, other: int) -> ClaimMargin:
@@ -186,9 +193,10 @@ def contacts_as_in(example: Example, case: int, other: int) -> ClaimMargin:
 
 def all_contacts(example: Example, case: int) -> ClaimMargin:
     """Times of the four configurations."""
-    found = example.stretch(case).configurations
+    configurations = example.stretch(case).configurations
     times = [
-        sum(seconds for name, seconds in found if name == pair) for pair in OPPOSITE + ADJACENT
+        sum(seconds for name, seconds in configurations if name == pair)
+        for pair in OPPOSITE + ADJACENT
     ]
     return as_said(all(times), times, any(times))
 

@@ -76,15 +76,12 @@ class Completion:
 
     def positions(self, t: np.ndarray, columns: Mapping[str, np.ndarray]) -> np.ndarray | None:
         """Coordinates of all bodies, (n, k); None where the given ones do not determine the others at all instants."""
-        found = [
-            self._positions(t[part], {name: columns[name][part] for name in self._given(columns)})
-            for part in in_parts(len(t), AT_ONCE)
-        ]
-        return (
-            None
-            if any(q is None for q in found)
-            else np.concatenate([q for q in found if q is not None])
-        )
+        parts = []
+        for part in in_parts(len(t), AT_ONCE):
+            given = {name: columns[name][part] for name in self._given(columns)}
+            parts.append(self._positions(t[part], given))
+        known = [q for q in parts if q is not None]
+        return np.concatenate(known) if len(known) == len(parts) else None
 
     def _given(self, columns: Mapping[str, np.ndarray]) -> list[str]:
         labels = {
@@ -101,13 +98,17 @@ class Completion:
     def _positions(self, t: np.ndarray, columns: Mapping[str, np.ndarray]) -> np.ndarray | None:
         equations = EquationsOfMotion(self.scene)
         q = np.tile(equations.start()[0], (len(t), 1))
+        # Given coordinates as they are, the others from the truth: close enough for Gauss-Newton,
+        # and on the right branch of the constraints.
         true = self.truth(t) if not self.places.all() else {}
         for place, name in enumerate(self.names(POSITIONS)):
-            if (known := columns if self.places[place] else true) and name in known:
-                q[:, place] = known[name]
+            source = columns if self.places[place] else true
+            if name in source:
+                q[:, place] = source[name]
         unknown = ~self.places
         if not unknown.any():
             return q
+        # All instants at once, each with its own least-squares step.
         scale = self._scale()
         for _ in range(ROUNDS):
             residual, J = self._equations(equations, t, q, columns)
@@ -118,6 +119,8 @@ class Completion:
                 break
         else:
             return None
+        # Converged to a least-squares solution, which is one of the equations only where the
+        # residual is small, and the only one where they determine it.
         residual, J = self._equations(equations, t, q, columns)
         if np.max(np.abs(residual)) > LEFT * scale.max() or not _are_determined(
             J / scale, unknown, len(self.ways)
@@ -177,9 +180,8 @@ class Completion:
             if rates[place]:
                 v[:, place] = columns[name]
         for part in in_parts(len(t), AT_ONCE) if unknown.any() else ():
-            terms = equations.at(
-                t[part], q[part], v[part]
-            )  # phi_dot = J v + Phi_t, with zero for the unknown
+            # phi_dot = J v + Phi_t, with zero for the unknown
+            terms = equations.at(t[part], q[part], v[part])
             if not _are_determined(terms.J / scale, unknown):
                 return None
             J = terms.J[..., unknown] / scale[unknown]
@@ -197,12 +199,14 @@ def _are_determined(J: np.ndarray, unknown: np.ndarray, ways: int = 0) -> bool:
     wanted, rows = J[..., unknown], J.shape[-2]
     if wanted.shape[-1] > rows:
         return False
-    size = np.linalg.svd(wanted, compute_uv=False)
-    if not np.all(size[:, -1] > RANK * size[:, 0]):
+    singular = np.linalg.svd(wanted, compute_uv=False)
+    if not np.all(singular[:, -1] > RANK * singular[:, 0]):
         return False
+    # d(unknown) = -pinv d(given): how much errors of coordinates, and of displacements, are
+    # enlarged
     inverse = np.linalg.pinv(wanted)
-    enlarged = [inverse @ J[..., ~unknown], inverse[..., rows - ways :]]
-    return all(np.max(np.abs(one), initial=0.0) <= ENLARGED for one in enlarged)
+    gains = [inverse @ J[..., ~unknown], inverse[..., rows - ways :]]
+    return all(np.max(np.abs(gain), initial=0.0) <= ENLARGED for gain in gains)
 
 
 def slips(
@@ -216,13 +220,12 @@ def slips(
     if q is None:
         return {}
     v = completion.velocities(t, q, columns)
-    found: dict[str, list[np.ndarray]] = {}
+    parts: dict[str, list[np.ndarray]] = {}
     for part in in_parts(len(t), AT_ONCE):
-        for name, way, rate in _ways(
-            completion.scene, t[part], q[part], None if v is None else v[part]
-        ):
-            found.setdefault(name, []).append(way if v is None else rate)
-    joined = {name: np.concatenate(values) for name, values in found.items()}
+        v_part = None if v is None else v[part]
+        for name, displacement, rate in _ways(completion.scene, t[part], q[part], v_part):
+            parts.setdefault(name, []).append(displacement if v is None else rate)
+    joined = {name: np.concatenate(values) for name, values in parts.items()}
     return {
         f"{name}.slip_velocity": np.gradient(values, t) if v is None else values
         for name, values in joined.items()
@@ -253,6 +256,8 @@ def energy_of_motion(
     with half the step; how wrong also depends on where between two rows a kink is, which is another place in each.
     None where the columns do not determine the motion or its forces. Times are distinct, shape (n,).
     """
+    # Every n-th row, n rounded up: neighbours that are too close would make differences of
+    # rounding.
     every = -(-len(t) // MOST)
     t = t[::every]
     chosen = {
@@ -267,9 +272,8 @@ def energy_of_motion(
         return None
     unsure = 0.0
     for stride in STRIDES:
-        coarse = _balance(
-            completion, t[::stride], {name: values[::stride] for name, values in chosen.items()}
-        )
+        fewer = {name: values[::stride] for name, values in chosen.items()}
+        coarse = _balance(completion, t[::stride], fewer)
         if coarse is None:
             return None
         off = fine["balance"].to_numpy()[::stride] - coarse["balance"].to_numpy()
@@ -294,26 +298,26 @@ def _balance(
         for name in needed_columns(scene)
         if name in columns and name.endswith((".effort", ".friction"))
     }
-    found = {
-        **recover_columns(scene, t, q, v, np.gradient(v, t, axis=0, edge_order=2), given),
-        **given,
-    }
+    # Forces that the motion needs, with the accelerations as differences; given ones stay as they
+    # are.
+    accelerations = np.gradient(v, t, axis=0, edge_order=2)
+    completed = {**recover_columns(scene, t, q, v, accelerations, given), **given}
     for name, _, slip in _ways(scene, t, q, v):
         if f"{name}.friction" not in given:
-            found[f"{name}.friction"] = _coulomb(scene, name, slip, found)
-    if any(np.isnan(found[name]).any() for name in needed_columns(scene)):
+            completed[f"{name}.friction"] = _coulomb(scene, name, slip, completed)
+    if any(np.isnan(completed[name]).any() for name in needed_columns(scene)):
         return None
-    return energy_columns(scene, t, found)
+    return energy_columns(scene, t, completed)
 
 
 def _coulomb(
-    scene: Scene, name: str, slip: np.ndarray, found: Mapping[str, np.ndarray]
+    scene: Scene, name: str, slip: np.ndarray, columns: Mapping[str, np.ndarray]
 ) -> np.ndarray:
     """Friction on the slider of a guide by the kinetic coefficient; zero at rest, where it does no work."""
     guide = scene.guides[name]
     mode = np.where(np.abs(slip) > STILL * np.max(np.abs(slip)), np.sign(slip), 0.0)
     if guide.length is None:
-        return -mode * guide.kinetic_coefficient * np.abs(found[f"{name}.normal_force"])
-    sliding = corner_columns(name, guide, {**found, f"{name}.mode": mode})
+        return -mode * guide.kinetic_coefficient * np.abs(columns[f"{name}.normal_force"])
+    sliding = corner_columns(name, guide, {**columns, f"{name}.mode": mode})
     friction = sliding[f"{name}.friction_lower"] + sliding[f"{name}.friction_upper"]
     return np.where(mode != 0, friction, 0.0)

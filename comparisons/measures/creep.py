@@ -29,6 +29,16 @@ SURE = 5.0
 """Standard deviations of medians beyond which a mean speed is another than the slope."""
 LEVEL = 0.95
 """Level of the interval of a slope."""
+TENTH = 10
+"""A mean speed is that between medians of a part of the instants, their number over this."""
+LAST = 0.95
+"""Part of the run behind which the speed is that at the end."""
+NORMAL = 1.4826
+"""Standard deviation of a normal distribution over its median absolute deviation."""
+MEDIANS = 1.2533
+"""Standard deviation of a median over that of a mean, sqrt(pi / 2), of normal samples."""
+ROUNDING = 1e-9
+"""Relative rounding of times, so that an instant at the end of an interval belongs to it."""
 
 
 @dataclass(frozen=True)
@@ -86,17 +96,17 @@ def slip_of(
     period : float, optional
         Seconds; the instants after the landing span more than it.
     """
-    after = t >= landed * (1 - 1e-9)
+    after = t >= landed * (1 - ROUNDING)
     times, place = t[after], displacement[after]
     first = float(place[0])
     if period is not None:
+        # Means over one period from each instant on: what a periodic load moves to and fro cancels.
         integral = cumulative_trapezoid(place - first, times, initial=0.0)
-        starts = times[times + period <= times[-1] * (1 + 1e-9)]
-        place = (
-            first
-            + (np.interp(starts + period, times, integral) - np.interp(starts, times, integral))
-            / period
+        starts = times[times + period <= times[-1] * (1 + ROUNDING)]
+        over_period = np.interp(starts + period, times, integral) - np.interp(
+            starts, times, integral
         )
+        place = first + over_period / period
         times = starts
     floor = rounding / float(times[-1] - times[0])
     creep, steady = Uncertain(0.0, floor), 0.0
@@ -105,20 +115,24 @@ def slip_of(
         slope, _, low, high = theilslopes(place[::every], times[::every], LEVEL)
         steady = abs(float(slope))
         creep = Uncertain(float(slope), max(float(high - slope), float(slope - low)) + floor)
-        tenth = math.ceil(len(times) / 10)
+
+        # Is the slope that of the second half, too? Its mean speed is that between the medians of
+        # two tenths of the instants; what a tenth scatters about the slope says how well that mean
+        # is known.
+        tenth = math.ceil(len(times) / TENTH)
         half, rest = len(times) // 2, place - slope * times
-        tenths = slice(half, half + tenth), slice(-tenth, None)
-        (begins, first_rest), (ends, last_rest) = (
-            (float(np.median(times[part])), float(np.median(rest[part]))) for part in tenths
-        )
-        mean = float(slope) + (last_rest - first_rest) / (ends - begins)
-        scatter = 1.4826 * float(
-            np.median(np.abs(rest - np.median(rest)))
-        )  # standard deviation where it is normal
-        of_medians = 1.2533 * scatter * math.sqrt(2 / tenth) / (ends - begins)
+        early, late = slice(half, half + tenth), slice(-tenth, None)
+        begins, ends = float(np.median(times[early])), float(np.median(times[late]))
+        gained = float(np.median(rest[late])) - float(np.median(rest[early]))
+        mean = float(slope) + gained / (ends - begins)
+        scatter = NORMAL * float(np.median(np.abs(rest - np.median(rest))))
+        of_medians = MEDIANS * scatter * math.sqrt(2 / tenth) / (ends - begins)
         if abs(mean - creep.value) > creep.uncertainty + SURE * of_medians:
             creep = Uncertain(mean, abs(mean - creep.value))
-    at_end = float(np.median(np.abs(velocity[t >= 0.95 * t[-1]])))
+
+    # A slider that creeps fast is not one that lets go: at the end it must be faster than its own
+    # creep.
+    at_end = float(np.median(np.abs(velocity[t >= LAST * t[-1]])))
     lets_go = at_end > max(LET_GO, STEADY * steady)
     let_go = _let_go(t[after], np.abs(velocity[after]))
     acceleration = None
@@ -133,6 +147,6 @@ def _let_go(t: np.ndarray, speed: np.ndarray) -> float | None:
     if not len(fast):
         return None
     i = int(fast[0])
-    return (
-        float(t[0]) if i == 0 else float(np.interp(LET_GO, speed[i - 1 : i + 1], t[i - 1 : i + 1]))
-    )
+    if i == 0:
+        return float(t[0])
+    return float(np.interp(LET_GO, speed[i - 1 : i + 1], t[i - 1 : i + 1]))

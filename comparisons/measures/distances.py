@@ -17,6 +17,9 @@ from scipy.optimize import linear_sum_assignment
 from stiction.scenes import Event
 from stiction.uncertain import Uncertain
 
+SAME_TIME = 8 * np.finfo(float).eps
+"""Difference of two times, relative to the largest, up to which they are the two sides of a jump: some roundings."""
+
 
 @dataclass(frozen=True)
 class Graph:
@@ -59,12 +62,12 @@ class Graph:
         next to a jump (times that differ by rounding at most) use the difference on their own side.
         """
         h, rise = np.diff(self.t), np.diff(self.values)
-        smooth = h > 8 * np.finfo(float).eps * np.max(np.abs(self.t))
+        smooth = h > SAME_TIME * np.max(np.abs(self.t))
         slope = np.divide(rise, h, out=np.zeros_like(h), where=smooth)
+        # second derivatives at inner samples that have a smooth interval on either side
         pair = smooth[1:] & smooth[:-1]
-        bend = np.where(
-            pair, 2 * np.abs(np.diff(slope)) / np.maximum(h[1:] + h[:-1], np.finfo(float).tiny), 0.0
-        )
+        both = np.maximum(h[1:] + h[:-1], np.finfo(float).tiny)
+        bend = np.where(pair, 2 * np.abs(np.diff(slope)) / both, 0.0)
         second = np.maximum(np.append(bend, 0.0), np.append(0.0, bend))
         return second * h**2 / 4
 
@@ -76,17 +79,20 @@ def l1(a: Graph, b: Graph) -> Uncertain:
         raise ValueError(
             f"no time in common: {a.t[0]:g} .. {a.t[-1]:g} s and {b.t[0]:g} .. {b.t[-1]:g} s"
         )
+    # On each interval between samples of either both lines are straight, and so is their
+    # difference.
     t = np.unique(np.concatenate([a.t, b.t, [start, end]]))
     t = t[(t >= start) & (t <= end)]
     left = value_at(a, t[:-1], "after") - value_at(b, t[:-1], "after")
     right = value_at(a, t[1:], "before") - value_at(b, t[1:], "before")
+    # The mean of its size: a trapezium, or two triangles where it changes its sign.
     size, other, h = np.abs(left), np.abs(right), np.diff(t)
     crossing = left * right < 0
     total = size + other
-    area = np.where(crossing, (size**2 + other**2) / np.where(total > 0, 2 * total, 1.0), total / 2)
+    mean = np.where(crossing, (size**2 + other**2) / np.where(total > 0, 2 * total, 1.0), total / 2)
     # the mean deviation of a parabola from its chord is two thirds of the largest
     unsure = sum(float(np.sum(2 / 3 * g.interpolation_error * np.diff(g.t))) for g in (a, b))
-    return Uncertain(float(np.sum(area * h)), unsure)
+    return Uncertain(float(np.sum(mean * h)), unsure)
 
 
 def value_at(graph: Graph, t: np.ndarray, side: str) -> np.ndarray:

@@ -18,11 +18,19 @@ DECAY_ERROR = "decay_error"
 CLEAR = 1e-3
 """Largest part of a start off the constraints that rounding may be, for the decay of the start to be measured."""
 SETTLED = 16
-"""Part of a run from which on growth is measured: four octaves."""
+"""The growth is measured from the end of the run over this on: over four octaves."""
+EQUAL_ROOTS = 1e-8
+"""Half the distance of the roots, relative to alpha, in place of none.
+
+The quotient for equal roots is a limit. An error of the square of this, and rounding over it, are
+both below 1e-7.
+"""
+STATE_ROUNDING = 16
+"""Roundings of a coordinate that a residual may have: it sums some squares of differences of some products."""
 
 
 def drift(trajectory: Trajectory | None) -> dict[str, Any]:
-    """Return size and growth of the residuals of the scene's constraints in a run; empty values where there is none.
+    """Return size and growth of the residuals of the scene's constraints in a run; without a run there are none.
 
     Residuals are recomputed from the states by the same constraint equations for every engine
     (`trajectory_columns.residual_norms`); the engine's own formulation may satisfy others better. At contact fidelity
@@ -59,34 +67,27 @@ def decay_error(trajectory: Trajectory, scene: Scene) -> Uncertain | None:
         return None
     if not rounding + trajectory["drift.velocity"][0] < CLEAR * position[0]:
         return None
-    root = (
-        np.sqrt(complex(law.alpha**2 - law.beta**2)) or 1e-8 * law.alpha
-    )  # equal ones are the limit
+    # Solution with Phi' = 0 at the start, by the roots of the characteristic polynomial.
+    root = np.sqrt(complex(law.alpha**2 - law.beta**2)) or EQUAL_ROOTS * law.alpha
     faster, slower = -law.alpha - root, -law.alpha + root
-    factor = (slower * np.exp(faster * trajectory.t) - faster * np.exp(slower * trajectory.t)) / (
-        slower - faster
-    )
-    return Uncertain(
-        float(np.max(np.abs(position / position[0] - np.abs(factor.real)))), rounding / position[0]
-    )
+    modes = slower * np.exp(faster * trajectory.t) - faster * np.exp(slower * trajectory.t)
+    factor = modes / (slower - faster)
+    error = np.max(np.abs(position / position[0] - np.abs(factor.real)))
+    return Uncertain(float(error), rounding / position[0])
 
 
 def rounding_of(trajectory: Trajectory) -> float:
-    """Return a bound of what rounding adds to the residuals of a state: 16 eps times its largest coordinate.
+    """Return a bound of what rounding adds to the residuals of a state: a multiple of eps times its largest coordinate.
 
-    A coordinate is rounded by eps times its size, which for the angle of a turning bar grows; a residual is the sum of
-    some squares, each of the difference of some products.
+    A coordinate is rounded by eps times its size, which for the angle of a turning bar grows.
     """
     states = [
         values
         for name, values in trajectory.columns.items()
         if name.rpartition(".")[2] in ("x", "y", "angle")
     ]
-    return (
-        16
-        * np.finfo(float).eps
-        * float(max((np.max(np.abs(values)) for values in states), default=0.0))
-    )
+    largest = float(max((np.max(np.abs(values)) for values in states), default=0.0))
+    return STATE_ROUNDING * np.finfo(float).eps * largest
 
 
 def rounding_over(trajectory: Trajectory) -> float:

@@ -14,6 +14,10 @@ WALKS, PER_OCTAVE = 2000, 32
 """Random walks from which the spread of one is known, and instants of each octave."""
 FEWEST = 3
 """Octaves through which a line and its scatter can be found."""
+WALK = 0.5
+"""Exponent of a random walk, the slowest growth that errors of integration can have."""
+ROUNDING = 1e-9
+"""Relative rounding of the end of an octave, so that one of just the shortest length counts."""
 
 
 @dataclass(frozen=True)
@@ -65,7 +69,9 @@ def growth(
     above: list[bool] = []
     end = float(t[-1]) if len(t) else 0.0
     limit = np.broadcast_to(rounding, np.shape(values))
-    while end / 2 >= first * (1 - 1e-9) > 0:
+    # Octaves from the last one backwards, each with its root mean square and whether that is above
+    # rounding.
+    while end / 2 >= first * (1 - ROUNDING) > 0:
         within = (t > end / 2) & (t <= end)
         inside = values[within]
         if len(inside) == 0 or not np.all(np.isfinite(inside)):
@@ -73,19 +79,30 @@ def growth(
         octaves.insert(0, (end, float(np.sqrt(np.mean(inside**2)))))
         above.insert(0, octaves[0][1] > np.sqrt(np.mean(limit[within] ** 2)))
         end /= 2
-    seen = [octave for octave, is_above in zip(octaves, above) if is_above]
-    are_successive = all(above[: len(seen)])  # a law is of successive octaves
-    rounding_follows = are_successive and len(seen) < len(octaves)
-    if len(values) and np.all(values <= limit) or rounding_follows and len(seen) < FEWEST:
+
+    # Where what is not rounding is followed by rounding, the residual has gone: there is nothing
+    # that grows.
+    measured = [octave for octave, is_above in zip(octaves, above) if is_above]
+    are_successive = all(above[: len(measured)])
+    rounding_follows = are_successive and len(measured) < len(octaves)
+    if len(values) and np.all(values <= limit) or rounding_follows and len(measured) < FEWEST:
         return Growth(ROUNDED, tuple(octaves))
-    ends, sizes = np.reshape(seen, (-1, 2)).T
-    law = fitted_exponent([(ends, sizes)]) if len(seen) >= FEWEST and are_successive else None
+
+    # A power law through successive octaves.
+    ends, sizes = np.reshape(measured, (-1, 2)).T
+    law = fitted_exponent([(ends, sizes)]) if len(measured) >= FEWEST and are_successive else None
     if law is None:
         return Growth(INCONCLUSIVE, tuple(octaves))
     exponent, uncertainty = law.value, law.uncertainty
-    spread = float(np.ptp(np.log(sizes))) / walk_spread(len(seen))
-    is_bounded = spread < 1 and exponent + uncertainty < 0.5
-    verdict = BOUNDED if is_bounded else GROWS if exponent > uncertainty else INCONCLUSIVE
+
+    # Bounded: steadier than a random walk would be, and slower with the whole interval.
+    spread = float(np.ptp(np.log(sizes))) / walk_spread(len(measured))
+    if spread < 1 and exponent + uncertainty < WALK:
+        verdict = BOUNDED
+    elif exponent > uncertainty:
+        verdict = GROWS
+    else:
+        verdict = INCONCLUSIVE
     return Growth(verdict, tuple(octaves), exponent, uncertainty, spread)
 
 

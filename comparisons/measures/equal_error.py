@@ -169,9 +169,9 @@ def equal_error(runs: pd.DataFrame, samples: pd.DataFrame) -> pd.DataFrame:
     }
     rows = [
         row
-        for _, there in runs.groupby("scene", sort=False)
+        for _, runs_of_scene in runs.groupby("scene", sort=False)
         for quantity in QUANTITIES
-        for row in _rows(there, samples, quantity, limits)
+        for row in _rows(runs_of_scene, samples, quantity, limits)
     ]
     return pd.DataFrame(rows, columns=COLUMNS)
 
@@ -182,6 +182,8 @@ def _rows(
     quantity: Quantity,
     limits: Mapping[tuple[str, str], Limit],
 ) -> Iterator[dict[str, Any]]:
+    # Powers of ten from the largest error of all variants down to the smallest, whole powers beyond
+    # both.
     sizes = _sizes(runs[succeeded(runs)], quantity)
     sizes = sizes[np.isfinite(sizes) & (sizes > 0)]
     if sizes.empty:
@@ -191,12 +193,10 @@ def _rows(
         float(f"1e{power}") for power in range(coarsest, math.ceil(math.log10(sizes.min())) - 1, -1)
     ]
     for variant, series in runs.groupby("variant", sort=False):
-        limit, truths = (
-            limits[quantity.name, variant],
-            series["truth"].dropna() if "truth" in series else (),
-        )
+        limit = limits[quantity.name, variant]
+        truths = series["truth"].dropna() if "truth" in series else ()
         order = limit.order or Uncertain(math.nan, math.nan)
-        about = {
+        columns = {
             **series.iloc[0][["scene", "fidelity", "variant", "engine"]],
             "truth": next(iter(truths), None),
             "quantity": quantity.name,
@@ -209,7 +209,8 @@ def _rows(
         }
         for target in targets:
             time = time_to(series, samples, quantity, target)
-            yield about | {"error": target} | time
+            yield columns | {"error": target} | time
+            # the first error that is not reached has a row; smaller ones are not reached either
             if not time:
                 break
 
@@ -218,12 +219,8 @@ def _sizes(rows: pd.DataFrame, quantity: Quantity) -> pd.Series:
     """Errors, or their uncertainties where these are larger."""
     if quantity.error not in rows:
         return pd.Series(np.nan, rows.index)
-    return (
-        rows[[quantity.error, quantity.uncertainty]]
-        .astype(float)
-        .max(axis=1)
-        .where(rows[quantity.error].notna())
-    )
+    sizes = rows[[quantity.error, quantity.uncertainty]].astype(float).max(axis=1)
+    return sizes.where(rows[quantity.error].notna())
 
 
 def _smallest(rows: pd.DataFrame, quantity: Quantity) -> float:
@@ -263,12 +260,16 @@ def rounds_to(
         key: part.set_index("round")[[OWN_CPU, TOTAL]]
         for key, part in samples[samples["key"].isin(keys)].groupby("key", sort=False)
     }
+    # Runs that meet the error themselves.
     meetings = [times[key] for key, size in zip(keys, sizes) if size <= target and key in times]
+    # Between neighbouring runs on either side of it: log(time) linear in log(error), round by
+    # round.
     for i in range(1, len(keys)):
         if sizes[i - 1] > target > sizes[i] and {keys[i - 1], keys[i]} <= set(times):
             share = math.log(sizes[i - 1] / target) / math.log(sizes[i - 1] / sizes[i])
-            both = times[keys[i - 1]] ** (1 - share) * times[keys[i]] ** share
-            meetings.append(both.dropna())  # rounds that both have
+            interpolated = times[keys[i - 1]] ** (1 - share) * times[keys[i]] ** share
+            # rounds that only one of the two has are empty
+            meetings.append(interpolated.dropna())
     return min(meetings, key=lambda rounds: rounds[TOTAL].median(), default=None)
 
 
@@ -277,9 +278,8 @@ def accelerations_of(series: pd.DataFrame, runs: pd.DataFrame) -> pd.DataFrame |
     first, rows = series.iloc[0], runs[succeeded(runs)]
     alike = (rows["engine"] == first["engine"]) & (rows["fidelity"] == first["fidelity"])
     rows = rows[alike & (rows["variant"] != first["variant"])]
-    rows = rows[
-        [json.loads(settings).get("method") == "accelerations" for settings in rows["settings"]]
-    ]
+    methods = [json.loads(settings).get("method") for settings in rows["settings"]]
+    rows = rows[[method == "accelerations" for method in methods]]
     return rows if len(rows) else None
 
 
@@ -298,6 +298,8 @@ def limit_of(
     rows = series[succeeded(series)]
     if rows.empty:
         return Limit(FAILED, f"{series['status'].iloc[-1]}: {series['reason'].iloc[-1]}")
+    # Without an error above the truth's uncertainty: no events, nothing to compare with, or as
+    # exact as the truth.
     sizes = _sizes(rows, quantity).dropna()
     locates = "events_matched" in rows and rows["events_matched"].notna().any()
     best = sizes.groupby(rows["scene"]).idxmin()
@@ -311,15 +313,16 @@ def limit_of(
     order = order_of(rows, quantity)
     if order is None:
         return Limit(UNKNOWN, "too few runs for an order with an interval")
-    parameter, low, high = (
-        rows["parameter"].iloc[0],
-        order.value - order.uncertainty,
-        order.value + order.uncertainty,
+
+    # By the order of the finest runs and its whole interval.
+    parameter = rows["parameter"].iloc[0]
+    low, high = order.value - order.uncertainty, order.value + order.uncertainty
+    evidence = (
+        f"order {order.value:.2g} ± {order.uncertainty:.1g} in {parameter} at the finest runs"
     )
-    found = f"order {order.value:.2g} ± {order.uncertainty:.1g} in {parameter} at the finest runs"
     falls_everywhere = all(errors[-1] < errors[0] for _, errors in _finest(rows, quantity))
     if high >= FALLS and low > 0 and falls_everywhere:
-        return Limit(INTEGRATION, f"still falls: {found}", order)
+        return Limit(INTEGRATION, f"still falls: {evidence}", order)
     settings = json.loads(rows["settings"].iloc[-1])
     if parameter == "iterations":
         return Limit(
@@ -328,8 +331,9 @@ def limit_of(
             order,
         )
     if high >= FALLS:
-        return Limit(UNKNOWN, found, order)
-    return Limit(*_level(rows, quantity, accelerations, settings, f"does not fall: {found}"), order)
+        return Limit(UNKNOWN, evidence, order)
+    because, why = _level(rows, quantity, accelerations, settings, f"does not fall: {evidence}")
+    return Limit(because, why, order)
 
 
 def _level(
@@ -337,25 +341,25 @@ def _level(
     quantity: Quantity,
     accelerations: pd.DataFrame | None,
     settings: Mapping[str, Any],
-    found: str,
+    evidence: str,
 ) -> tuple[str, str]:
-    """Limit of an error that does not fall, and the evidence."""
+    """Return the limit of an error that does not fall, and the evidence."""
     if rows["fidelity"].iloc[0] == Fidelity.CONTACT:
-        return MODEL, f"{found}; bodies in contact, with clearance or contacts that give way"
+        return MODEL, f"{evidence}; bodies in contact, with clearance or contacts that give way"
+    # Is it the engine's model or our adapter? The engine's accelerations alone, integrated exactly,
+    # tell.
     if accelerations is not None:
-        ours = _smallest(rows[rows["scene"].isin(accelerations["scene"])], quantity)
-        theirs = _smallest(accelerations[accelerations["scene"].isin(rows["scene"])], quantity)
-        if theirs < FURTHER * ours:
-            return (
-                ADAPTER,
-                f"{found}; the engine's accelerations lead to {theirs:.1g} {quantity.unit}",
-            )
-        if np.isfinite(theirs):
+        stepped = _smallest(rows[rows["scene"].isin(accelerations["scene"])], quantity)
+        exact = _smallest(accelerations[accelerations["scene"].isin(rows["scene"])], quantity)
+        if exact < FURTHER * stepped:
+            lead = f"the engine's accelerations lead to {exact:.1g} {quantity.unit}"
+            return ADAPTER, f"{evidence}; {lead}"
+        if np.isfinite(exact):
             under = "the engine's accelerations under an integrator of high order"
-            return MODEL, f"{found}; {under} end at {theirs:.1g} {quantity.unit}"
+            return MODEL, f"{evidence}; {under} end at {exact:.1g} {quantity.unit}"
     if settings.get(FRICTION_SUPPLIED_BY) in (Supplier.ADAPTER, Supplier.BOTH):
-        return ADAPTER, f"{found}; {settings['friction_law']}"
-    return UNKNOWN, found
+        return ADAPTER, f"{evidence}; {settings['friction_law']}"
+    return UNKNOWN, evidence
 
 
 def order_of(rows: pd.DataFrame, quantity: Quantity) -> Uncertain | None:
@@ -373,7 +377,5 @@ def _finest(rows: pd.DataFrame, quantity: Quantity) -> list[tuple[np.ndarray, np
     """The `FINEST` steps on each scene and their errors, coarse to fine, those above the truth's uncertainty."""
     sizes = _sizes(rows, quantity)
     known = rows[sizes > rows[quantity.uncertainty]] if quantity.error in rows else rows.iloc[:0]
-    return [
-        (finest["step"].to_numpy(dtype=float), sizes[finest.index].to_numpy())
-        for finest in (series.iloc[-FINEST:] for _, series in known.groupby("scene", sort=False))
-    ]
+    finest = [series.iloc[-FINEST:] for _, series in known.groupby("scene", sort=False)]
+    return [(runs["step"].to_numpy(dtype=float), sizes[runs.index].to_numpy()) for runs in finest]

@@ -38,6 +38,7 @@ from stiction.scenes.laws import Law, Linear
 from stiction.scenes.model import Drive, LinearSpring, Revolute, TorsionalSpring, Translational
 
 TURN = 2 * np.pi
+"""rad."""
 Condition = tuple[np.ndarray, float, bool]
 """A row of the conditions, its rate, and whether whole turns of it count as nothing."""
 
@@ -80,6 +81,7 @@ class InvariantShifts:
 
         `unit` are metres in a unit of each position.
         """
+        # what the change lacks of the conditions, taken off by the smallest correction in metres
         missed = self.places(np.array([time]), change[None])[0]
         missed -= self.whole_turns(missed)
         scaled = self.units[:, None] * self.rows / unit
@@ -131,11 +133,11 @@ class _Rules:
 
     def row(self, bodies: tuple[str, str], first: tuple[float, float, float]) -> np.ndarray:
         """Coefficients of x, y and angle of the first body, and their opposites of the second; the ground has none."""
-        found = np.zeros((len(self.places), 3))
+        coefficients = np.zeros((len(self.places), 3))
         for body, sign in zip(bodies, (1.0, -1.0)):
             if body != GROUND:
-                found[self.places[body]] += sign * np.array(first)
-        return found.ravel()
+                coefficients[self.places[body]] += sign * np.array(first)
+        return coefficients.ravel()
 
     def together(self, bodies: tuple[str, str]) -> Iterator[Condition]:
         """Two bodies move on as one."""
@@ -159,14 +161,12 @@ class _Rules:
         `across`: the coordinate is the one across the direction, which is then the guide's.
         """
         if bodies[1] not in self.angles:
+            # the direction turns, or the torque of the force along it matters: no relative shift
             yield from self.together(bodies)
             yield from self.grows(rate or 0.0)
         elif rate is not None:
-            angle = (
-                self.angles[bodies[1]]
-                + np.arctan2(direction[1], direction[0])
-                + (np.pi / 2 if across else 0.0)
-            )
+            angle = self.angles[bodies[1]] + np.arctan2(direction[1], direction[0])
+            angle += np.pi / 2 if across else 0.0
             yield self.row(bodies, (np.cos(angle), np.sin(angle), 0.0)), rate, False
 
     def spring(self, spring: LinearSpring | TorsionalSpring) -> Iterator[Condition]:
@@ -199,39 +199,40 @@ def _rate(law: Law) -> float:
 
 def _oriented(scene: Scene) -> list[str]:
     """The bodies whose angle matters: with a guide or an axis in their axes, or a point beside their centre of mass."""
-    found = {body for guide in scene.guides.values() for body in guide.bodies}
+    oriented = {body for guide in scene.guides.values() for body in guide.bodies}
     for element in (*scene.joints.values(), *scene.drives.values(), *scene.springs.values()):
         if isinstance(element, (Revolute, Drive, LinearSpring)):
-            found |= {body for body, point in zip(element.bodies, element.points) if any(point)}
+            oriented |= {body for body, point in zip(element.bodies, element.points) if any(point)}
         if getattr(element, "axis", None) is not None:
-            found.add(element.bodies[1])
-    found |= {load.body for load in scene.forces.values() if any(getattr(load, "point", ()))}
-    return [body for body in scene.bodies if body in found]
+            oriented.add(element.bodies[1])
+    oriented |= {load.body for load in scene.forces.values() if any(getattr(load, "point", ()))}
+    return [body for body in scene.bodies if body in oriented]
 
 
 def _linked(guides: list[Translational]) -> Iterator[tuple[str, str, float]]:
     """Pairs of bodies with the angle of the second less the first, from the ground on, as far as guides link them."""
+    # Depth-first search over the graph of guides, which are passed in both directions.
     reached, waiting = {GROUND}, [GROUND]
     while waiting:
         body = waiting.pop()
         for guide in guides:
-            ways = (
+            directions = (
                 (guide.guide, guide.slider, guide.angle),
                 (guide.slider, guide.guide, -guide.angle),
             )
-            for here, there, angle in ways:
-                if here == body and there not in reached:
-                    reached.add(there)
-                    waiting.append(there)
-                    yield here, there, angle
+            for first, second, angle in directions:
+                if first == body and second not in reached:
+                    reached.add(second)
+                    waiting.append(second)
+                    yield first, second, angle
 
 
 def _held_angles(scene: Scene) -> dict[str, float]:
     """Angles (rad) of the bodies that cannot turn, as guides lead from the ground to them."""
-    found = {GROUND: 0.0}
-    for here, there, angle in _linked(list(scene.guides.values())):
-        found[there] = found[here] + angle
-    return found
+    angles = {GROUND: 0.0}
+    for first, second, angle in _linked(list(scene.guides.values())):
+        angles[second] = angles[first] + angle
+    return angles
 
 
 def _free_of_torque(scene: Scene) -> set[str]:
@@ -240,4 +241,4 @@ def _free_of_torque(scene: Scene) -> set[str]:
     A guide without a length answers a torque with a torque. One with a length does so with corner forces.
     """
     guides = [guide for guide in scene.guides.values() if guide.length is None]
-    return {GROUND, *(there for _, there, _ in _linked(guides))}
+    return {GROUND, *(second for _, second, _ in _linked(guides))}

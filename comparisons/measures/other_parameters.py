@@ -55,6 +55,7 @@ RANGE = (0.1, 10.0)
 USUAL_G = (9.8, 9.80665, 9.81, 10.0)
 """Values of g in common use, m/s²; one that explains a table as well as the fitted value (`AS_GOOD`) is taken."""
 AS_GOOD = 1.2
+"""Ratio of what a usual value of g may leave of the error to what the fitted one leaves."""
 COLUMNS = [
     "hypothesis",
     "element",
@@ -153,6 +154,7 @@ def explanations(scene: Scene, table: ResultTable, truth: Truth) -> list[Explana
     None where the table is not off, or not in a way that a run could explain, see `OFF`. Of a table that is off some
     ten to a hundred runs of the reference are made.
     """
+    # Is there something to explain, and may a run explain it?
     parameters = list(_possible(scene))
     seen = _Seen.of(scene, table, truth) if parameters else None
     own = _motion(scene, seen, float(seen.t[-1])) if seen else None
@@ -161,43 +163,54 @@ def explanations(scene: Scene, table: ResultTable, truth: Truth) -> list[Explana
     before, noise = seen.size_of(own), seen.noise
     if not max(OFF, ABOVE_NOISE * noise) < before < LOST:
         return []
+    # errors below this are those of the fit
     equal = max(noise, FITTED * before, OFF / 100)
 
     def explained(parameter: Parameter, start: float = 1.0) -> Explanation:
         return _explanation(scene, parameter, seen, before, start)
 
-    found = sorted(map(explained, parameters), key=lambda one: one.after)
-    best = found[0]
+    ranked = sorted(map(explained, parameters), key=_what_is_left)
+    best = ranked[0]
     # of two related ones that do as well the one that changes less is meant
     if (
-        len(found) > 1
-        and {best.hypothesis, found[1].hypothesis} == RELATED
-        and found[1].after < ALONE * max(best.after, equal)
+        len(ranked) > 1
+        and {best.hypothesis, ranked[1].hypothesis} == RELATED
+        and ranked[1].after < ALONE * max(best.after, equal)
     ):
-        best = next(one for one in found[:2] if one.hypothesis is Hypothesis.KINETIC)
+        best = next(each for each in ranked[:2] if each.hypothesis is Hypothesis.KINETIC)
     if not best.explains:
-        return found
-    # others must not have failed for want of a start, and what is not asked about may explain it as well
-    others = [
-        min(one, explained(one.parameter, best.factor), key=lambda one: one.after)
-        if one.parameter.has_number and best.parameter.has_number
-        else one
-        for one in found
-        if one is not best
-    ]
+        return ranked
+
+    # The others again, from the best one's number: none must have failed for want of a start.
+    others = []
+    for other in ranked:
+        if other is best:
+            continue
+        if other.parameter.has_number and best.parameter.has_number:
+            other = min(other, explained(other.parameter, best.factor), key=_what_is_left)
+        others.append(other)
+
+    # It is named if no rival does nearly as well. What is never named itself, a mass or a
+    # stiffness, is a rival too; it is tried last, as that takes most runs, and not against a value
+    # of g in common use.
     rivals = [
-        one
-        for one in others
-        if not (best.hypothesis is Hypothesis.KINETIC and one.hypothesis is Hypothesis.FRICTION)
+        other
+        for other in others
+        if not (best.hypothesis is Hypothesis.KINETIC and other.hypothesis is Hypothesis.FRICTION)
     ]
     is_usual = best.hypothesis is Hypothesis.GRAVITY and any(
         math.isclose(best.value, g) for g in USUAL_G
     )
-    if not is_usual and all(one.after >= ALONE * max(best.after, equal) for one in rivals):
-        more = list(map(explained, _not_asked(scene)))
-        others, rivals = others + more, rivals + more
-    is_named = all(one.after >= ALONE * max(best.after, equal) for one in rivals)
-    return [replace(best, is_named=is_named), *sorted(others, key=lambda one: one.after)]
+    least = ALONE * max(best.after, equal)
+    if not is_usual and all(rival.after >= least for rival in rivals):
+        never_named = list(map(explained, _not_asked(scene)))
+        others, rivals = others + never_named, rivals + never_named
+    is_named = all(rival.after >= least for rival in rivals)
+    return [replace(best, is_named=is_named), *sorted(others, key=_what_is_left)]
+
+
+def _what_is_left(explanation: Explanation) -> float:
+    return explanation.after
 
 
 def _explanation(
@@ -233,7 +246,7 @@ def _possible(scene: Scene) -> Iterator[Parameter]:
 
 def _not_asked(scene: Scene) -> list[Parameter]:
     """Parameters that are never named, but may explain a table as well as one that would be; none of many."""
-    found = [
+    parameters = [
         Parameter(kind, name)
         for kind, names in (
             (Hypothesis.MASS, scene.bodies),
@@ -242,11 +255,12 @@ def _not_asked(scene: Scene) -> list[Parameter]:
         )
         for name in names
     ]
-    return found if len(found) <= RIVALS else []
+    return parameters if len(parameters) <= RIVALS else []
 
 
 def changed(scene: Scene, parameter: Parameter, factor: float) -> Scene:
     """Return the scene of a hypothesis; `factor` multiplies the coefficients of all guides, g, or a mass, .."""
+    # Copies of the models: a factor on a valid value needs no validation of the file again.
     hypothesis, name = parameter.hypothesis, parameter.element
     if hypothesis is Hypothesis.MASS:
         body = scene.bodies[name]
@@ -275,6 +289,7 @@ def changed(scene: Scene, parameter: Parameter, factor: float) -> Scene:
     if hypothesis is Hypothesis.GRAVITY:
         x, y = scene.gravity or (0.0, 0.0)
         return scene.model_copy(update={"gravity": (factor * x, factor * y)})
+    # All guides together; mus never falls below mu.
     joints = dict(scene.joints)
     for name, guide in scene.frictional_guides.items():
         kinetic, static = guide.kinetic_coefficient, guide.static_coefficient
@@ -372,18 +387,19 @@ def _noise(table: ResultTable, truth: Truth, scales: Mapping[str, float]) -> flo
     true = [truth(t) for t in times]
     share = (times[1] - times[0]) / (times[2] - times[0])
     for name, scale in scales.items():
-        before, here, behind = (
-            table.columns[name][single[middle + shift]] - known[name]
-            for shift, known in zip((-1, 0, 1), true)
+        before, at, behind = (
+            table.columns[name][single[middle + shift]] - exact[name]
+            for shift, exact in zip((-1, 0, 1), true)
         )
-        bend = here - (1 - share) * before - share * behind
+        bend = at - (1 - share) * before - share * behind
         deviation = np.median(np.abs(bend)) / MEDIAN_OF_NORMAL / math.sqrt(1.5)
         scatter.append(deviation / scale)
     return _rms(np.array(scatter))
 
 
 def _rms(values: np.ndarray) -> float:
-    largest = float(np.max(np.abs(values), initial=0.0))  # squares of huge numbers overflow
+    """Root mean square; scaled by the largest, as squares of huge numbers overflow."""
+    largest = float(np.max(np.abs(values), initial=0.0))
     return largest * float(np.sqrt(np.mean((values / largest) ** 2))) if largest > 0.0 else 0.0
 
 
@@ -397,8 +413,8 @@ def _motion(scene: Scene, seen: _Seen, until: float) -> Mapping[str, np.ndarray]
         return None
     if result.termination != "end":
         return None
-    found = {name: result.columns[name] for name in seen.scales}
-    return found if all(np.isfinite(values).all() for values in found.values()) else None
+    columns = {name: result.columns[name] for name in seen.scales}
+    return columns if all(np.isfinite(values).all() for values in columns.values()) else None
 
 
 def _left(scene: Scene, parameter: Parameter, factor: float, seen: _Seen, until: float) -> float:
@@ -423,27 +439,31 @@ def _fitted(scene: Scene, parameter: Parameter, seen: _Seen, best: float) -> tup
 
 def _gauss_newton(errors: Callable[[float], np.ndarray | None], start: float) -> float:
     """The factor of the smallest sum of squares from a start on; the start where nothing is better."""
-    here, there = start, start * (1 + FIRST_CHANGE)
-    at_here, at_there = errors(here), errors(there)
+    # Two factors with their errors: the secant between them stands for the derivative.
+    current, other = start, start * (1 + FIRST_CHANGE)
+    r_current, r_other = errors(current), errors(other)
     for _ in range(ROUNDS):
-        if at_here is None or at_there is None:
+        if r_current is None or r_other is None:
             break
-        slope = (at_there - at_here) / (there - here)
-        if not (weight := float(slope @ slope)) > 0.0:
+        slope = (r_other - r_current) / (other - current)
+        weight = float(slope @ slope)
+        if not weight > 0.0:
             break
-        if at_there @ at_there < at_here @ at_here:
-            here, there, at_here, at_there = there, here, at_there, at_here
-        wanted = float(np.clip(here - slope @ at_here / weight, *RANGE))
-        if abs(wanted - here) <= SMALLEST_CHANGE * here:
+        # a step from the better of the two
+        if r_other @ r_other < r_current @ r_current:
+            current, other = other, current
+            r_current, r_other = r_other, r_current
+        following = float(np.clip(current - slope @ r_current / weight, *RANGE))
+        if abs(following - current) <= SMALLEST_CHANGE * current:
             break
-        there, at_there = here, at_here
-        here, at_here = wanted, errors(wanted)
-        if at_here is None or at_here @ at_here > at_there @ at_there:
+        other, r_other = current, r_current
+        current, r_current = following, errors(following)
+        if r_current is None or r_current @ r_current > r_other @ r_other:
             # no better: half the way, once a round
-            here = (wanted + there) / 2
-            at_here = errors(here)
+            current = (following + other) / 2
+            r_current = errors(current)
     candidates = [
-        (at @ at, factor) for factor, at in ((here, at_here), (there, at_there)) if at is not None
+        (r @ r, factor) for factor, r in ((current, r_current), (other, r_other)) if r is not None
     ]
     return min(candidates)[1] if candidates else start
 
@@ -452,9 +472,8 @@ def _usual(scene: Scene, seen: _Seen, factor: float, after: float) -> tuple[floa
     """The nearest value of g in common use, where it explains as much; else the fitted one."""
     own = math.hypot(*(scene.gravity or (0.0, 0.0)))
     usual = min(USUAL_G, key=lambda g: abs(g / own - factor)) / own
-    left = (
-        _left(scene, Parameter(Hypothesis.GRAVITY), usual, seen, float(seen.t[-1]))
-        if usual != 1.0
-        else math.inf
-    )
+    # the scene's own value has been tried before: it is what does not explain the table
+    left = math.inf
+    if usual != 1.0:
+        left = _left(scene, Parameter(Hypothesis.GRAVITY), usual, seen, float(seen.t[-1]))
     return (usual, left) if left <= AS_GOOD * max(after, seen.noise) else (factor, after)

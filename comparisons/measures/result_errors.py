@@ -34,6 +34,7 @@ COLUMNS = [
     "has_unit_option",
 ]
 TURN = 2 * np.pi
+"""rad; angles count up to whole turns."""
 EXPLAINS = 0.1
 """Part of the mean error, and of the mean size, that is left at most where a cause explains it: what has blown up to a
 thousand times the truth has no other unit."""
@@ -71,52 +72,58 @@ def column_errors(
     before, after = (
         {} if truth.tier == Tier.NONE else truth(table.t, side) for side in ("before", "after")
     )
+    # Rows whose instant occurs once: causes are sought there, as the sides of a jump have no row
+    # before or behind.
     single = np.isin(table.t, table.t[table.last[table.first == table.last]])
     rows = []
-    for name, found in table.columns.items():
-        label, unit, unsure = (
-            name.rpartition(".")[2],
-            unit_of(name, scene),
-            truth.uncertainty.get(name, 0.0),
-        )
+    for name, values in table.columns.items():
+        label, unit = name.rpartition(".")[2], unit_of(name, scene)
+        unsure = truth.uncertainty.get(name, 0.0)
         if name not in after or label == "mode" or name.startswith("drift."):
             continue
-        off = np.empty(len(found))
-        for part in in_parts(len(found), AT_ONCE):
-            behind, other = found[part] - after[name][part], found[part] - before[name][part]
-            nearer = np.where(np.abs(other) <= np.abs(behind), other, behind)
+
+        # Row by row, at an event from the side that the row is nearer to; a table need not say
+        # which side it has.
+        off = np.empty(len(values))
+        for part in in_parts(len(values), AT_ONCE):
+            off_after, off_before = (
+                values[part] - after[name][part],
+                values[part] - before[name][part],
+            )
+            nearer = np.where(np.abs(off_before) <= np.abs(off_after), off_before, off_after)
             off[part] = nearer - TURN * np.round(nearer / TURN) if label == "angle" else nearer
         known_truth = after[name]
         if np.isnan(known_truth).any():
             known_truth = known_truth[~np.isnan(known_truth)]
         size, tier = float(np.max(np.abs(known_truth), initial=0.0)), truth.effort_tier
+
+        # The number that stands for all rows: the largest of a continuous column, the mean of one
+        # that jumps.
         time, error, measure = None, None, "left open at some instants"
         if label in CONTINUOUS:
             worst = int(np.argmax(np.abs(off)))
             time, error, measure = float(table.t[worst]), abs(float(off[worst])), "largest"
-            tier = (
-                truth.tier if label in CONTINUOUS[:6] else tier
-            )  # a proof encloses positions and velocities
+            # a proof encloses positions and velocities
+            if label in CONTINUOUS[:6]:
+                tier = truth.tier
         elif is_known(trajectory, name):
             mean = effort_error(trajectory, truth, name)
-            if mean is not None:
-                error, unsure = mean.value, mean.uncertainty
-                measure = (
-                    "mean over time"
-                    if len(known_truth) == len(found)
-                    else "mean over the time it is determined"
-                )
-            else:
+            if mean is None:
                 measure = UNDETERMINED
-        is_complete = np.isfinite(found).all() and np.isfinite(after[name]).all()
+            else:
+                error, unsure = mean.value, mean.uncertainty
+                measure = "mean over time"
+                if len(known_truth) < len(values):
+                    measure = "mean over the time it is determined"
+
+        # A likely cause, where the truth is more than its rounding.
+        is_complete = np.isfinite(values).all() and np.isfinite(after[name]).all()
         known = is_complete and size > KNOWN * truth.uncertainty.get(name, 0.0) and single.any()
         # most tables have a row for each instant, and are taken as they are
         rows_of_one = slice(None) if single.all() else single
-        cause = (
-            hint(found[rows_of_one], after[name][rows_of_one], off[rows_of_one], unit)
-            if known
-            else Hint()
-        )
+        cause = Hint()
+        if known:
+            cause = hint(values[rows_of_one], after[name][rows_of_one], off[rows_of_one], unit)
         rows.append((name, unit, size, tier, time, error, unsure, measure, *cause))
     return pd.DataFrame(rows, columns=COLUMNS).astype({"error_time": float, "error": float})
 
@@ -126,6 +133,7 @@ def hint(found: np.ndarray, true: np.ndarray, off: np.ndarray, unit: str) -> Hin
 
     Causes are other units, the other sign, a step early or late, another origin.
     """
+    # The cause that leaves least of the error, if it leaves little: a wrong guess would mislead.
     error, size = _mean_size(off), _mean_size(true)
     if not error > SLIGHT * size:
         return Hint()
@@ -149,6 +157,7 @@ def _causes(
     true: np.ndarray, off: np.ndarray, unit: str, size: float, is_coarse: bool
 ) -> Iterator[_Cause]:
     """Causes that there can be; `size` is the mean of |true|."""
+    # factors and signs change a column by its own size: nothing smaller is explained by them
     kind = unit.partition("/")[0]
     if is_coarse and kind == "rad":
         yield _Cause(Hint("57.3 times the truth: degrees? (--units deg)", True, True), np.pi / 180)

@@ -52,18 +52,24 @@ class NoOwnRun(TruthRefused):
     """Our own run did not reach its end."""
 
 
-def ground_truth(scene: Scene, t_end: float | None = None) -> Truth:
-    """Return the best truth there is for a scene; where a tier has no answer, the next with a note why.
+_CHECK_INSTANTS = 101
+"""Instants at which two own runs are compared: their difference is smooth but at events, which are compared apart."""
+_KEPT = 16
+"""Truths that are kept: those of a comparison of several scenes, with and without a static coefficient."""
 
-    An independent one if the scene has the structure of one of `stiction.truths`, proven where a certificate
-    is of it. Otherwise the reference implementation's own event-driven run at rtol 1e-12 with projection, tier "our own
-    run". Its uncertainty is the difference to its run at 1e-10. Where that one ends early too, or the equations have no
-    motion or several, the tier is "none": there is nothing to compare with. All tiers have the same events: those of
-    `rubbing_guides`. The truth of a scene is kept.
+
+def ground_truth(scene: Scene, t_end: float | None = None) -> Truth:
+    """Return the best truth known for a scene; if a tier has no answer, the next one, with the reason as note.
+
+    If the scene has the structure of one of `stiction.truths`, its truth is that independent
+    solution, or the proven one if a certificate for the scene exists. Otherwise it is the reference
+    implementation's own event-driven run at rtol 1e-12 with projection, with the tier "our own
+    run"; its uncertainty is the difference to the run at rtol 1e-10. If that run ends early, or if
+    the equations have no motion or several, the tier is "none" and nothing can be compared. In all
+    tiers only the events of `rubbing_guides` count. Truths are cached.
     """
-    return _found(
-        _Request(scene_to_toml(scene), scene.name, scene.t_end if t_end is None else t_end, scene)
-    )
+    end = scene.t_end if t_end is None else t_end
+    return _best_truth(_Request(scene_to_toml(scene), scene.name, end, scene))
 
 
 @dataclass(frozen=True)
@@ -76,9 +82,11 @@ class _Request:
     scene: Scene = field(compare=False)
 
 
-@lru_cache(maxsize=16)
-def _found(request: _Request) -> Truth:
+@lru_cache(maxsize=_KEPT)
+def _best_truth(request: _Request) -> Truth:
     scene, t_end, note = request.scene, request.t_end, ""
+    # At most one mechanism fits a scene. Where its equations have no motion, our own run would show
+    # none either.
     for independent in INDEPENDENT:
         try:
             truth = independent(scene, t_end)
@@ -103,14 +111,14 @@ def truth_for(scene: Scene, records: Sequence[Record], t_end: float | None = Non
     """
     static_coefficient = has_static_coefficient(records[0].variant)
     if any(record.trajectory is not None for record in records):
-        found = ground_truth(physics_of(scene, static_coefficient), t_end)
+        truth = ground_truth(physics_of(scene, static_coefficient), t_end)
     else:
-        found = Truth.unknown(
+        truth = Truth.unknown(
             scene.name,
             scene.t_end if t_end is None else t_end,
             "all runs that could be compared with it failed",
         )
-    return replace(found, scene=truth_key(scene.name, static_coefficient))
+    return replace(truth, scene=truth_key(scene.name, static_coefficient))
 
 
 def truths_for(
@@ -120,12 +128,11 @@ def truths_for(
     by_physics: dict[bool, list[Record]] = defaultdict(list)
     for record in records:
         by_physics[has_static_coefficient(record.variant)].append(record)
-    return {
-        record.key: truth
-        for alike in by_physics.values()
-        for truth in [truth_for(scene, alike, t_end)]
-        for record in alike
-    }
+    truths = {}
+    for records_alike in by_physics.values():
+        truth = truth_for(scene, records_alike, t_end)
+        truths.update({record.key: truth for record in records_alike})
+    return truths
 
 
 def _counted(scene: Scene, truth: Truth) -> Truth:
@@ -149,24 +156,30 @@ def _own_truth(scene: Scene, t_end: float) -> Truth:
             raise NoOwnRun(f"our own run at rtol {rtol:g}: {result.termination}")
         return result
 
-    check = np.linspace(0.0, t_end, 101)
+    check = np.linspace(0.0, t_end, _CHECK_INSTANTS)
     fine, coarse = run(check), run(check, COARSER_RTOL)
-    once, again = (
-        sorted((event.joint, event.kind, event.time) for event in found.events)
-        for found in (fine, coarse)
+    # By guide and kind: events of several guides at one instant may come in another order.
+    fine_events, coarse_events = (
+        sorted((event.joint, event.kind, event.time) for event in result.events)
+        for result in (fine, coarse)
     )
-    same = [event[:2] for event in once] == [event[:2] for event in again]
+    same = [event[:2] for event in fine_events] == [event[:2] for event in coarse_events]
     # where the two have other events nothing is known of their times
-    shift = max((abs(a[2] - b[2]) for a, b in zip(once, again)), default=0.0) if same else t_end
+    shift = t_end
+    if same:
+        shift = max((abs(a[2] - b[2]) for a, b in zip(fine_events, coarse_events)), default=0.0)
 
     def columns(t: np.ndarray, side: str) -> dict[str, np.ndarray]:
+        # The run is made again, with these instants as its output: nothing is interpolated.
         order = np.argsort(t, kind="stable")
-        found = {name: values[np.argsort(order)] for name, values in run(t[order]).columns.items()}
+        values_at_t = {
+            name: values[np.argsort(order)] for name, values in run(t[order]).columns.items()
+        }
         if side == "before":
             for event in fine.events:
                 for name, value in event.before.items():
-                    found[name][t == event.time] = value
-        return found
+                    values_at_t[name][t == event.time] = value
+        return values_at_t
 
     uncertainty = {
         name: float(np.max(np.abs(fine.columns[name] - coarse.columns[name])))

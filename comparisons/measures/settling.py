@@ -18,6 +18,8 @@ SETTLED = 1e-7
 from which on a run at rtol 1e-9 shows its contraction and not its own errors."""
 PASSES = 10
 """Changes from pass to pass, at most, over which the contraction is averaged."""
+MOST_RATIO, RATIONAL = 64, 1e-9
+"""Largest denominator of a ratio of frequencies that have a common period, and how near a ratio must be to it."""
 
 
 class NoCommonPeriod(InputError):
@@ -52,20 +54,20 @@ def excitation_period(scene: Scene, since: float = 0.0) -> float:
     changing = tuple(rate for rate in rates if rate > 0)
     if not changing:
         return np.inf
-    ratios = [Fraction(rate / changing[0]).limit_denominator(64) for rate in changing]
+    ratios = [Fraction(rate / changing[0]).limit_denominator(MOST_RATIO) for rate in changing]
     if any(
-        abs(rate / changing[0] - ratio) > 1e-9 or not ratio for rate, ratio in zip(changing, ratios)
+        abs(rate / changing[0] - ratio) > RATIONAL or not ratio
+        for rate, ratio in zip(changing, ratios)
     ):
         raise NoCommonPeriod(
             f"{scene.name}: frequencies {list(changing)} rad/s have no common period"
         )
+    # The greatest common divisor of the ratios: all frequencies are multiples of changing[0] *
+    # divisor.
     denominator = int(np.lcm.reduce([ratio.denominator for ratio in ratios]))
-    divisor = Fraction(
-        int(np.gcd.reduce([int(ratio * denominator) for ratio in ratios])), denominator
-    )
-    return float(
-        2 * np.pi / (changing[0] * float(divisor))
-    )  # all rates are multiples of changing[0] * divisor
+    numerators = [int(ratio * denominator) for ratio in ratios]
+    divisor = Fraction(int(np.gcd.reduce(numerators)), denominator)
+    return float(2 * np.pi / (changing[0] * float(divisor)))
 
 
 def common_period(scene: Scene) -> float:
@@ -113,13 +115,17 @@ def settled(
         passes = len(x) // order
         if passes < LEAST_PASSES:
             return None
-        change = (
-            np.max(np.abs(np.diff(x[-passes * order :].reshape(passes, -1), axis=0)), axis=1) / size
-        )
+        states = x[-passes * order :].reshape(passes, -1)
+        change = np.max(np.abs(np.diff(states, axis=0)), axis=1) / size
+        # Contraction from pass to pass: the mean over the last changes that are not a run's own
+        # errors.
         above = np.flatnonzero(change > floor)
         last = int(above[-1]) if len(above) else 0
         first = max(last - PASSES, 0)
-        ratio = float(change[last] / change[first]) ** (1 / (last - first)) if last > first else 0.0
+        ratio = 0.0
+        if last > first:
+            ratio = float(change[last] / change[first]) ** (1 / (last - first))
+        # What is left is a geometric series.
         if ratio < 1 and change[-1] / (1 - ratio) <= distance:
             return Settled(order, float(change[-1]) / (1 - ratio))
     return None

@@ -21,6 +21,7 @@ GUIDE = "guide"
 TURNING = ("slip", "stick", "reversal")
 """Kinds of the events at which friction jumps."""
 SAMPLES_PER_PERIOD = 4001
+"""Instants of one period, both ends included: every 2 ms of 8 s."""
 ROUNDING = 1e-9
 """Seconds by which the ends of a stretch may miss a sample or an event."""
 
@@ -29,14 +30,14 @@ def stick_intervals(
     events: Iterable[Event], start: float, end: float, starts_at_rest: bool
 ) -> list[tuple[float, float]]:
     """Return begin and end of each stick phase, s, from the events of one guide; a phase lasts to `end` at most."""
-    found, since = [], start if starts_at_rest else None
+    intervals, since = [], start if starts_at_rest else None
     for event in events:
         if event.kind == "stick":
             since = event.time
         elif event.kind == "slip" and since is not None:
-            found.append((since, event.time))
+            intervals.append((since, event.time))
             since = None
-    return found if since is None else [*found, (since, end)]
+    return intervals if since is None else [*intervals, (since, end)]
 
 
 @dataclass(frozen=True)
@@ -110,6 +111,8 @@ class Stretch:
 
     def resolution(self, column: str) -> float:
         """Return the size of the smallest distinguishable jump: the largest smooth change in a step, or uncertainty."""
+        # changes of intervals in which no event lies: what is smooth there looks like a jump to a
+        # method of this step
         t, values = self.t, self.columns[column]
         quiet = np.ones(len(t) - 1, dtype=bool)
         for event in self.turning:
@@ -125,10 +128,8 @@ class Stretch:
         worst = 0.0
         for name in ("slider.x", "slider.vx"):
             values = np.interp(instants, self.t, self.columns[name])
-            worst = max(
-                worst,
-                float(np.max(np.abs(np.diff(values)))) / (float(np.ptp(self.columns[name])) or 1.0),
-            )
+            size = float(np.ptp(self.columns[name])) or 1.0
+            worst = max(worst, float(np.max(np.abs(np.diff(values)))) / size)
         return worst
 
     @cached_property
@@ -159,19 +160,18 @@ def steady_stretch(scene: Scene) -> Stretch:
         Where there is none.
     """
     mechanism = SliderBar.from_scene(scene)
-    found, period = steady_state(mechanism), mechanism.period()
-    end = period * found.periods
-    t = np.linspace(
-        0.0, end, (SAMPLES_PER_PERIOD - 1) * found.periods + 1
-    )  # the same instants of each period
+    steady, period = steady_state(mechanism), mechanism.period()
+    end = period * steady.periods
+    # the same instants of each period
+    t = np.linspace(0.0, end, (SAMPLES_PER_PERIOD - 1) * steady.periods + 1)
     return Stretch(
         0.0,
         end,
         period,
         t,
-        motion_columns(mechanism, found.motion, t, "after"),
-        motion_events(mechanism, found.motion, (GUIDE,)),
-        uncertainty={"residual": found.residual},
+        motion_columns(mechanism, steady.motion, t, "after"),
+        motion_events(mechanism, steady.motion, (GUIDE,)),
+        uncertainty={"residual": steady.residual},
     )
 
 

@@ -33,6 +33,13 @@ next event if that is less."""
 SMALLEST = 1e-9
 """N m; events whose true jump is smaller (corner forces through zero) are kinks and have no row."""
 
+AT_ONCE = 1e-9
+"""s; events of the truth that are closer are one jump."""
+COEFFICIENTS = 3
+"""Of a parabola."""
+ROUNDINGS = 4
+"""Roundings of the largest sample that the size of a jump has: of two continuations and their difference."""
+
 LATEST = 0.01
 """Largest distance of a reading from the true event beyond its own uncertainty, s: a step of the coarsest runs."""
 FARTHEST = 0.5
@@ -94,12 +101,15 @@ def jump_rows(trajectory: Trajectory | None, truth: Truth, effort: str) -> list[
 
 
 def _row(trajectory: Trajectory | None, truth: Truth, i: int, effort: str) -> dict[str, Any]:
+    # Two independent values of the true jump, where a closed form gives one: their difference shows
+    # errors of either.
     event = truth.events[i]
     true = event.jump(effort)
-    closed = truth.jump_closed_form[i] if truth.jump_closed_form is not None else None
-    unsure = max(
-        truth.uncertainty.get(effort, 0.0), abs(true - closed) if closed is not None else 0.0
-    )
+    closed, difference = None, 0.0
+    if truth.jump_closed_form is not None:
+        closed = truth.jump_closed_form[i]
+        difference = abs(true - closed)
+    unsure = max(truth.uncertainty.get(effort, 0.0), difference)
     row: dict[str, Any] = {
         "effort": effort,
         "event": i,
@@ -115,6 +125,8 @@ def _row(trajectory: Trajectory | None, truth: Truth, i: int, effort: str) -> di
     estimate = _read(trajectory, truth, i, effort)
     if estimate is None:
         return {**row, "resolved": False, BOUND: abs(true) + unsure}
+    # A reading that is too far off is no better than none, and has at least the bound of a jump
+    # that is not read.
     error = estimate.size - true
     bound = abs(error) + estimate.size_uncertainty + unsure
     is_read = abs(error) < FARTHEST * abs(true)
@@ -136,16 +148,16 @@ def _read(trajectory: Trajectory | None, truth: Truth, i: int, effort: str) -> J
     event = truth.events[i]
     if trajectory is None or event.time > trajectory.t[-1]:
         return None
+    estimate = None
     if has_two_sided_events(trajectory):
-        found = counterpart(trajectory.events, event, effort, SEARCH)
-        jump = math.nan if found is None else found.jump(effort)
-        estimate = (
-            None if found is None or math.isnan(jump) else JumpEstimate(found.time, jump, 0.0, 0.0)
-        )
+        located = counterpart(trajectory.events, event, effort, SEARCH)
+        if located is not None and not math.isnan(located.jump(effort)):
+            estimate = JumpEstimate(located.time, located.jump(effort), 0.0, 0.0)
     else:
+        # Samples up to halfway to the next event; events at the same instant are one jump.
         times = np.array([event.time for event in truth.events])
         others = np.abs(np.delete(times, i) - times[i])
-        half_way = 0.5 * float(np.min(others[others > 1e-9], initial=truth.t_end))
+        half_way = 0.5 * float(np.min(others[others > AT_ONCE], initial=truth.t_end))
         estimate = estimate_jump(trajectory, event, half_way, effort)
     if estimate is None or abs(estimate.time - event.time) > LATEST + estimate.time_uncertainty:
         return None
@@ -191,8 +203,10 @@ def estimate_jump(
     t, values = trajectory.t[inside], trajectory[effort][inside]
     if len(t) < 2 * min(SAMPLES) or np.isnan(values).any():
         return None
+    # Samples after which a gap may begin, of a coarse run at least two intervals on either side.
     reach = min(max(SEARCH, 2 * float(np.median(np.diff(t)))), room)
     near = np.flatnonzero(np.abs(t - event.time) <= reach)
+    # All gaps are tried; the one that stands out most from its own scatter is the jump.
     estimates = [
         estimate
         for count, gap in product(SAMPLES, range(1, GAP + 1))
@@ -210,18 +224,26 @@ def _over_gaps(
     """The jump over `gap` intervals after each of the samples `last` that has `count` samples on either side."""
     last = last[(last >= count - 1) & (last + gap + count <= len(t))]
     middle, half = (t[last + gap] + t[last]) / 2, (t[last + gap] - t[last]) / 2
-    (
-        (before, slope_before, squares_before, leverage_before),
-        (after, slope_after, squares_after, leverage_after),
-    ) = (_continued(t, values, first, count, middle) for first in (last - count + 1, last + gap))
-    deviation = np.sqrt((squares_before + squares_after) / (2 * (count - 3)))
+    before, slope_before, squares_before, leverage_before = _continued(
+        t, values, last - count + 1, count, middle
+    )
+    after, slope_after, squares_after, leverage_after = _continued(
+        t, values, last + gap, count, middle
+    )
+    # Standard error of the difference: both parabolas share one deviation of a sample, estimated
+    # from the residuals of both with the degrees of freedom that their coefficients leave.
+    freedom = 2 * (count - COEFFICIENTS)
+    deviation = np.sqrt((squares_before + squares_after) / freedom)
     error = (
-        student.ppf((1 + CONFIDENCE) / 2, 2 * (count - 3))
+        student.ppf((1 + CONFIDENCE) / 2, freedom)
         * deviation
         * np.sqrt(leverage_before + leverage_after)
     )
+    # Where in the gap the jump is matters if the slopes differ; one interval more, as a value may
+    # be of either side.
     bend = np.abs(slope_after - slope_before) * (half + 2 * half / gap)
-    unsure = error + bend + 4 * np.spacing(np.max(np.abs(values)))
+    # Samples of a constant have no residuals: the rounding of the differences is left.
+    unsure = error + bend + ROUNDINGS * np.spacing(np.max(np.abs(values)))
     return map(
         JumpEstimate, middle.tolist(), (after - before).tolist(), half.tolist(), unsure.tolist()
     )
@@ -234,9 +256,11 @@ def _continued(
 
     Value and slope there, sum of the squared residuals of the samples, and the value's variance over a sample's.
     """
+    # Least squares for all windows at once, in powers of the time from `to` in units of the window:
+    # the constant term is the value there.
     window = first[:, None] + np.arange(count)
     scale = t[window[:, -1]] - t[window[:, 0]]
-    powers = ((t[window] - to[:, None]) / scale[:, None])[..., None] ** np.arange(3)
+    powers = ((t[window] - to[:, None]) / scale[:, None])[..., None] ** np.arange(COEFFICIENTS)
     inverse = np.linalg.inv(np.swapaxes(powers, 1, 2) @ powers) @ np.swapaxes(powers, 1, 2)
     coefficients = (inverse @ values[window][..., None])[..., 0]
     off = values[window] - (powers @ coefficients[..., None])[..., 0]

@@ -146,19 +146,16 @@ def work_precision(
         for variant in variants
         for step in variant.ladder
     ]
-    found = timed_comparison(scene, runs, t_end, repeats, rows, budget_s)
-    return found.then(lambda timed: replace(timed, table=_with_orders(timed.table)))
+    comparison = timed_comparison(scene, runs, t_end, repeats, rows, budget_s)
+    return comparison.then(lambda timed: replace(timed, table=_with_orders(timed.table)))
 
 
 def cost_of(timing: Timing | None) -> dict[str, Any]:
     """The columns of what a run costs, for tables whose rows begin with `Record.describe`."""
     if timing is None:
         return {}
-    cost, total, own = (
-        timing.trajectory.cost,
-        timing.interval("stepping_s"),
-        timing.interval("own_s"),
-    )
+    cost = timing.trajectory.cost
+    total, own = timing.interval("stepping_s"), timing.interval("own_s")
     return {
         "setup_time": cost.setup_s,
         "compile_time": cost.compile_s,
@@ -179,12 +176,12 @@ def _with_orders(table: pd.DataFrame) -> pd.DataFrame:
     table = table.assign(**{ORDER: np.nan})
     if POSITION not in table:
         return table
-    for _, series in table[succeeded(table) & (table["parameter"] == "dt")].groupby(
-        "variant", sort=False
-    ):
+    stepped = table[succeeded(table) & (table["parameter"] == "dt")]
+    for _, series in stepped.groupby("variant", sort=False):
         step, error, unsure = (
             series[name].to_numpy(float) for name in ("step", POSITION, "position_uncertainty")
         )
+        # where the finer of two errors is that of the method, not of the truth
         fine = 1 + np.flatnonzero((error[1:] > FLOOR * unsure[1:]) & (error[:-1] > 0))
         ratio = np.log(error[fine - 1] / error[fine])
         table.loc[series.index[fine], ORDER] = ratio / np.log(step[fine - 1] / step[fine])

@@ -36,6 +36,7 @@ def evolution(runs: Sequence[Trajectory], columns: Sequence[str] = ()) -> Pictur
 
     KeyError for a column that a run does not have.
     """
+    # a column that is missing raises its KeyError here, before anything is drawn
     first, several = runs[0], len(runs) > 1
     for run, name in product(runs, columns):
         run[name]
@@ -107,10 +108,10 @@ def _usual(trajectory: Trajectory) -> list[tuple[list[str], str]]:
     units = dict.fromkeys(unit_of(name, trajectory.mechanism) for name in efforts)
     panels = []
     for pattern, label in (_PANELS if guides else _WITHOUT_GUIDES).items():
-        if names := [name for name in trajectory.columns if re.search(rf"{pattern}$", name)]:
-            panels.append(
-                (names, f"{label} [{', '.join(units)}]" if label == "driving effort" else label)
-            )
+        names = [name for name in trajectory.columns if re.search(rf"{pattern}$", name)]
+        heading = f"{label} [{', '.join(units)}]" if label == "driving effort" else label
+        if names:
+            panels.append((names, heading))
     return panels
 
 
@@ -119,6 +120,7 @@ def _stick(frame: pd.DataFrame) -> list[tuple[float, float]]:
     modes = [name for name in frame if name.endswith(".mode")]
     if len(modes) != 1:
         return []
+    # rises and falls of the condition, in pairs
     t, sticks = frame["t"].to_numpy(), frame[modes[0]].to_numpy() == 0
     edges = np.flatnonzero(np.diff(np.concatenate([[False], sticks, [False]]).astype(int)))
     return [

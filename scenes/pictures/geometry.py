@@ -120,6 +120,7 @@ def attachments(scene: Scene) -> dict[str, list[np.ndarray]]:
         if isinstance(load, Force):
             points[load.body].append(np.array(load.point))
     for name, own in scene.bodies.items():
+        # half the length of a uniform rod of this mass and moment of inertia, m l^2/3
         rod = math.sqrt(3 * own.inertia / own.mass)
         for held in points[name][:]:
             if abs(np.hypot(*held) - rod) < UNIFORM * rod:
@@ -145,6 +146,7 @@ class View:
 
 def view_of(scene: Scene, instants: Iterable[Poses]) -> View:
     """Make a view that all the instants fit into."""
+    # All that must be seen: bodies with what is attached to them, and sliders, at every instant.
     instants = list(instants)
     held = attachments(scene)
     shown = [
@@ -159,6 +161,7 @@ def view_of(scene: Scene, instants: Iterable[Poses]) -> View:
         for poses in instants
         for corner in corners(guide, poses, (guide.length or 0.0, guide.width or 0.0))
     ]
+    # Symbols are sized by that; guides reach somewhat beyond where their sliders come.
     unit = UNIT * (float(np.max(np.ptp(shown, axis=0))) or 1.0)
     reach = {}
     for name, guide in scene.guides.items():
@@ -168,6 +171,7 @@ def view_of(scene: Scene, instants: Iterable[Poses]) -> View:
         ends = [(s, side * (guide.width or 0.0) / 2) for s in reach[name] for side in (-1, 1)]
         for pose in (poses[guide.guide] for poses in instants):
             shown += [*(pose.place(guide.point) + ends @ axes_along(pose.turn(guide.direction)))]
+    # Arrows have a length in symbols, so that they come last; they need less room than bodies.
     tips = [*_arrow_tips(scene, instants, unit)]
     low = np.min([np.min(shown, axis=0) - ROOM * unit, *(tip - unit for tip in tips)], axis=0)
     high = np.max([np.max(shown, axis=0) + ROOM * unit, *(tip + unit for tip in tips)], axis=0)
@@ -179,11 +183,10 @@ def _arrow_tips(scene: Scene, instants: Sequence[Poses], unit: float) -> Iterato
     for poses in instants:
         for load in scene.forces.values():
             if isinstance(load, Force):
-                signs = (
-                    (-1 if load.law.value < 0 else 1,)
-                    if isinstance(load.law, Constant)
-                    else (-1, 1)
-                )
+                # a load that changes may push either way
+                signs: tuple[int, ...] = (-1, 1)
+                if isinstance(load.law, Constant):
+                    signs = (-1 if load.law.value < 0 else 1,)
                 for sign in signs:
                     yield poses[load.body].place(
                         load.point

@@ -47,8 +47,9 @@ RC = {
     "legend.frameon": False,
     "hatch.linewidth": 0.4,
     "svg.hashsalt": "stiction",
+    # TrueType, so that a publisher's tools can read and search the text
     "pdf.fonttype": 42,
-}  # TrueType, so that a publisher's tools can read and search the text
+}
 _UNDATED = {"svg": {"Date": None}, "pdf": {"CreationDate": None}, "png": {"Software": None}}
 """Metadata with which the same data give the same bytes."""
 

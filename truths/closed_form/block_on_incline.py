@@ -29,6 +29,12 @@ INCLINE = Structure(
 )
 
 
+_ROUNDING = 8 * EPS
+"""Relative rounding of the columns: a parabola takes some eight operations."""
+_SAMPLES = 200
+"""Instants at which the size of columns is taken; it scales the rounding, and need not be exact."""
+
+
 class _Phase(NamedTuple):
     """Constant acceleration a along the guide from (start, x, v) on; `slip` is its direction, 0 at rest."""
 
@@ -41,29 +47,38 @@ class _Phase(NamedTuple):
 
 def incline_truth(scene: Scene, t_end: float | None = None) -> Truth:
     """Return the motion of a block that nothing but gravity and a straight fixed guide with friction acts on."""
-    found = INCLINE.match(scene)
-    name, guide, block = found.name("guide"), found["guide"], found.bodies["block"]
+    match = INCLINE.match(scene)
+    name, guide = match.name("guide"), match["guide"]
+    block = match.bodies["block"]
     body, contact = scene.bodies[block], Contact.of(guide)
     t_end = scene.t_end if t_end is None else t_end
     direction = np.array(guide.direction) / np.hypot(*guide.direction)
-    across, gravity = np.array([-direction[1], direction[0]]), np.array(scene.gravity)
+    across = np.array([-direction[1], direction[0]])
+    gravity = np.array(scene.gravity)
     pull, R = body.mass * gravity @ direction, -body.mass * gravity @ across
 
     def capacity(coefficient: float) -> float:
         return float(contact.capacity(R, 0.0, coefficient))
 
-    def phase(start: float, x: float, v: float) -> _Phase:
-        slip = int(np.sign(v)) or (int(np.sign(pull)) if abs(pull) > capacity(contact.mus) else 0)
+    def begin_phase(start: float, x: float, v: float) -> _Phase:
+        # At rest the pull decides: it starts along the pull if static friction does not hold it.
+        slip = int(np.sign(v))
+        if slip == 0 and abs(pull) > capacity(contact.mus):
+            slip = int(np.sign(pull))
         if v == 0 and slip:
             contact.require_unique_slip(start)
         a = (pull - slip * capacity(contact.mu)) / body.mass if slip else 0.0
         return _Phase(start, x, v, a, slip)
 
+    # All forces are constant, so that there are two phases at most: a block that is slowed down
+    # stops once, and then rests or slides back for good.
     position = np.array(body.position) - np.array(guide.point)
-    first = phase(0.0, float(position @ direction), float(np.array(body.velocity) @ direction))
+    speed_at_start = float(np.array(body.velocity) @ direction)
+    first = begin_phase(0.0, float(position @ direction), speed_at_start)
     motion = [first]
     if first.v * first.a < 0:
-        motion.append(phase(-first.v / first.a, first.x - first.v * first.v / (2 * first.a), 0.0))
+        stop = first.x - first.v * first.v / (2 * first.a)
+        motion.append(begin_phase(-first.v / first.a, stop, 0.0))
 
     def columns(t: np.ndarray, side: str) -> dict[str, np.ndarray]:
         owner = np.searchsorted(
@@ -72,6 +87,7 @@ def incline_truth(scene: Scene, t_end: float | None = None) -> Truth:
         start, x, speed, a, slip = (np.array(column)[owner] for column in zip(*motion))
         since = t - start
         s, v = x + speed * since + a * since**2 / 2, speed + a * since
+        # in slip by Coulomb's law, at rest by equilibrium
         friction = np.where(slip != 0, -slip * capacity(contact.mu), -pull)
         offset = np.array(guide.point) + (position @ across) * across
         d = direction[:, None]
@@ -90,4 +106,4 @@ def incline_truth(scene: Scene, t_end: float | None = None) -> Truth:
         for later in motion[1:]
         if later.start < t_end
     ]
-    return Truth.of_formulas(scene, t_end, columns, 8 * EPS, 200, switches)
+    return Truth.of_formulas(scene, t_end, columns, _ROUNDING, _SAMPLES, switches)

@@ -16,18 +16,19 @@ import numpy as np
 from stiction.scenes import Scene
 from stiction.scenes.fields import GROUND
 from stiction.scenes.model import Revolute
-from stiction.truths.closed_form.pendulum import elliptic_rounding, pendulum_angle
+from stiction.truths.closed_form.pendulum import SAMPLES, elliptic_rounding, pendulum_angle
 from stiction.truths.structure import NEGATIVE, Part, Structure
 from stiction.truths.truth import Truth, body_columns
+
+_UNIFORM = 1e-12
+"""kg m^2 by which a moment of inertia may differ from that of a uniform bar: rounding of a scene's number."""
 
 
 def _row(loops: int, length: float) -> Structure:
     """A row of so many four-bars of bars of one length, m."""
     start, end = (-length / 2, 0), (length / 2, 0)
-    uprights, couplers = (
-        [f"upright-{i}" for i in range(loops + 1)],
-        [f"coupler-{i + 1}" for i in range(loops)],
-    )
+    uprights = [f"upright-{i}" for i in range(loops + 1)]
+    couplers = [f"coupler-{i + 1}" for i in range(loops)]
     pins = {
         f"foot of {upright}": Part(Revolute, upright, GROUND, points=(start, (i * length, 0)))
         for i, upright in enumerate(uprights)
@@ -43,6 +44,8 @@ def _row(loops: int, length: float) -> Structure:
 def four_bar_truth(scene: Scene, t_end: float | None = None) -> Truth:
     """Return the motion of `upright-0` .. `upright-N`, `coupler-1` .. `coupler-N`, alike and upright at the start."""
     t_end = scene.t_end if t_end is None else t_end
+    # The number of loops and the length of a bar are read from the scene; the match then checks all
+    # else by them.
     loops = (len(scene.bodies) - 1) // 2
     arms = [abs(pin.points[0][0]) for pin in scene.joints.values() if isinstance(pin, Revolute)]
     length = 2 * max(arms, default=0.0)
@@ -51,7 +54,7 @@ def four_bar_truth(scene: Scene, t_end: float | None = None) -> Truth:
     bar, g = scene.bodies["upright-0"], -(scene.gravity or (0.0, 0.0))[1]
     uniform = bar.mass * length**2 / 12
     if any(
-        body.mass != bar.mass or abs(body.inertia - uniform) >= 1e-12
+        body.mass != bar.mass or abs(body.inertia - uniform) >= _UNIFORM
         for body in scene.bodies.values()
     ):
         raise row.misfit(
@@ -60,17 +63,22 @@ def four_bar_truth(scene: Scene, t_end: float | None = None) -> Truth:
     w = float(np.sqrt(g / length * ((loops + 1) / 2 + loops) / ((loops + 1) / 3 + loops)))
 
     def columns(t: np.ndarray, side: str) -> dict[str, np.ndarray]:
+        # Every upright is the same pendulum. Its tip is relative to its foot, its centre is
+        # halfway.
         psi, omega, alpha = pendulum_angle(t, w, bar.angle + np.pi / 2, bar.angular_velocity)
         th = psi - np.pi / 2
-        along, across = np.array([np.cos(th), np.sin(th)]), np.array([-np.sin(th), np.cos(th)])
+        along = np.array([np.cos(th), np.sin(th)])
+        across = np.array([-np.sin(th), np.cos(th)])
         tip, tip_v = length * along, length * omega * across
         tip_a = length * (alpha * across - omega**2 * along)
-        values, zero = dict[str, np.ndarray](), np.zeros_like(t)
+        values: dict[str, np.ndarray] = {}
+        zero = np.zeros_like(t)
         for i in range(loops + 1):
             centre = np.array([[i * length], [0]]) + tip / 2
             values |= body_columns(
                 f"upright-{i}", (*centre, th), (*tip_v / 2, omega), (*tip_a / 2, alpha)
             )
+        # Couplers translate with the tips.
         for i in range(loops):
             centre = np.array([[(i + 0.5) * length], [0]]) + tip
             values |= body_columns(
@@ -78,4 +86,4 @@ def four_bar_truth(scene: Scene, t_end: float | None = None) -> Truth:
             )
         return values
 
-    return Truth.of_formulas(scene, t_end, columns, elliptic_rounding(w * t_end), 500)
+    return Truth.of_formulas(scene, t_end, columns, elliptic_rounding(w * t_end), SAMPLES)

@@ -32,7 +32,7 @@ from stiction.truths.structure import (
     Part,
     Structure,
 )
-from stiction.truths.truth import EPS, Truth
+from stiction.truths.truth import EPS, Truth, kind_of_change
 
 _GUIDE: dict[str, Any] = {
     "direction": FORWARD,
@@ -73,6 +73,16 @@ ON_BELT = Structure(
 )
 _STARTING = 1e-6
 """Fraction of 1/wn for which a slip phase is known not to end (it starts at relative velocity zero)."""
+_REAL = 1e-12
+"""Imaginary part, relative to 1 and the real part, up to which a root of the bounding cubic is real: its rounding."""
+_CONVERGED = 4 * EPS
+"""Step towards a zero, relative to 1 s and the time, at which the time is exact to rounding."""
+_RESONANCE = 1e-6
+"""Relative distance from resonance, k = m Omega^2, within which the forced amplitude loses six digits."""
+_ROUNDING = 8 * EPS
+"""Relative rounding of each phase; those of all phases add up."""
+_SAMPLES = 2000
+"""Instants at which the size of columns is taken; it scales the rounding, and need not be exact."""
 
 
 def first_zero(
@@ -87,16 +97,17 @@ def first_zero(
         value, first, second = function(t)
         if value <= 0:
             return t
-        roots = (
-            np.roots([-bound / 6, second / 2, first, value])
-            if bound
-            else np.roots([second / 2, first, value])
-        )
-        ahead = roots.real[
-            (np.abs(roots.imag) < 1e-12 * (1 + np.abs(roots.real))) & (roots.real > 0)
-        ]
+        # value + first h + second h^2/2 - bound h^3/6 is a lower bound of the function ahead. Up to
+        # its first root there is no zero, so that the step to it passes over none; at a simple zero
+        # the steps shrink quadratically.
+        coefficients = [second / 2, first, value]
+        if bound:
+            coefficients.insert(0, -bound / 6)
+        roots = np.roots(coefficients)
+        real = np.abs(roots.imag) < _REAL * (1 + np.abs(roots.real))
+        ahead = roots.real[real & (roots.real > 0)]
         step = ahead.min() if len(ahead) else np.inf
-        if step <= 4 * EPS * max(t, 1.0):
+        if step <= _CONVERGED * max(t, 1.0):
             return t
         t += step
     return np.inf
@@ -131,12 +142,11 @@ class DryOscillator:
 
     def forcing(self, t, derivative: int = 0):
         """The load or a derivative of it."""
+        # a derivative of a sine is a sine a quarter of a turn ahead, times its frequency
         f = self.load
-        return (
-            f.offset if derivative == 0 else 0.0
-        ) + f.amplitude * f.frequency**derivative * np.sin(
-            f.frequency * t + f.phase + derivative * np.pi / 2
-        )
+        constant = f.offset if derivative == 0 else 0.0
+        angle = f.frequency * t + f.phase + derivative * np.pi / 2
+        return constant + f.amplitude * f.frequency**derivative * np.sin(angle)
 
 
 @dataclass(frozen=True)
@@ -188,6 +198,9 @@ class Phase:
         """Return the phase with its end: relative velocity zero in slip, static friction exhausted in stick."""
         o = self.oscillator
         if self.slip:
+            # Relative velocity: its third derivative is the fourth of x, bounded by the amplitudes
+            # of both its parts. A phase that begins at relative velocity zero would end at once: it
+            # starts to be looked at a little later.
             _, forced, cosine, sine = self._slip_solution()
             bound = abs(forced) * o.load.frequency**4 + o.w**4 * np.hypot(cosine, sine)
             start = self.start + (_STARTING / o.w if self.v == o.speed else 0.0)
@@ -202,6 +215,8 @@ class Phase:
                 t_end,
             )
         else:
+            # Reserve of static friction in both directions: friction is linear in time but for the
+            # load's sine.
             bound = abs(o.load.amplitude) * o.load.frequency**3
             limit = o.capacity(o.contact.mus)
             end = min(
@@ -221,6 +236,9 @@ class Phase:
 
     def next(self) -> Phase:
         """Return the phase that follows at the end of this one."""
+        # Friction that stick would need decides: it sticks if static friction can supply it, else
+        # it slips against it. After a stick phase static friction is exhausted, which rounding must
+        # not deny.
         o = self.oscillator
         x = float(self.derivative(self.end, 0))
         needed = float(replace(self, slip=0, start=self.end, x=x).friction(self.end))
@@ -242,30 +260,31 @@ def phases(o: DryOscillator, t_end: float) -> list[Phase]:
     """Return the motion of an oscillator from its start to t_end."""
     first = Phase(o, int(np.sign(o.v - o.speed)), 0.0, o.x, o.v)
     if first.slip == 0:
+        # a start at rest is what follows a slip phase of no length
         first = replace(first, slip=1, end=0.0).next()
-    found = [first.close(t_end)]
-    while found[-1].end < t_end:
-        found.append(found[-1].next().close(t_end))
-    return found
+    motion = [first.close(t_end)]
+    while motion[-1].end < t_end:
+        motion.append(motion[-1].next().close(t_end))
+    return motion
 
 
 def oscillator_truth(scene: Scene, t_end: float | None = None) -> Truth:
     """Return the motion of a mass on a spring with dry friction, on a fixed guide or on a belt, off resonance."""
     t_end = scene.t_end if t_end is None else t_end
     structure = ON_BELT if len(scene.bodies) == 2 else ON_GROUND
-    found = structure.match(scene)
-    o = _oscillator(scene, structure, found)
+    match = structure.match(scene)
+    o = _read_oscillator(scene, structure, match)
     motion = phases(o, t_end)
     ends = [phase.end for phase in motion[:-1]]
-    mass, guide, belt = found.bodies["mass"], found.name("guide"), found.bodies.get("belt")
+    guide = match.name("guide")
+    mass, belt = match.bodies["mass"], match.bodies.get("belt")
     belt_x = scene.bodies[belt].position[0] if belt else 0.0
-    origin = found["guide"].point[0] + belt_x
+    origin = match["guide"].point[0] + belt_x
 
     def columns(t: np.ndarray, side: str) -> dict[str, np.ndarray]:
-        owner, sampled = (
-            np.searchsorted(ends, t, side="right" if side == "after" else "left"),
-            np.empty((5, len(t))),
-        )
+        # an event belongs to the phase before or after it
+        owner = np.searchsorted(ends, t, side="right" if side == "after" else "left")
+        sampled = np.empty((5, len(t)))
         for i in np.unique(owner):
             sampled[:, owner == i] = motion[i].sample(t[owner == i])
         x, v, a, friction, mode = sampled
@@ -284,37 +303,33 @@ def oscillator_truth(scene: Scene, t_end: float | None = None) -> Truth:
             values |= {
                 f"{belt}.x": belt_x + o.speed * t,
                 f"{belt}.vx": np.full(len(t), o.speed),
-                f"{found.name('drive')}.effort": friction,
+                f"{match.name('drive')}.effort": friction,
             }
         return values
 
     switches = [
-        (
-            after.start,
-            "stick" if after.slip == 0 else "slip" if before.slip == 0 else "reversal",
-            guide,
-        )
+        (after.start, kind_of_change(before.slip, after.slip), guide)
         for before, after in zip(motion, motion[1:])
     ]
-    return Truth.of_formulas(scene, t_end, columns, 8 * EPS * len(motion), 2000, switches)
+    rounding = _ROUNDING * len(motion)
+    return Truth.of_formulas(scene, t_end, columns, rounding, _SAMPLES, switches)
 
 
-def _oscillator(scene: Scene, structure: Structure, found: Match) -> DryOscillator:
-    """The parameters of a scene."""
-    body, spring = scene.bodies[found.bodies["mass"]], found["spring"]
+def _read_oscillator(scene: Scene, structure: Structure, match: Match) -> DryOscillator:
+    """Read the parameters of a scene."""
+    body, spring = scene.bodies[match.bodies["mass"]], match["spring"]
     if spring.axis is None and spring.points[1][1] != body.position[1]:
         raise structure.misfit(
-            scene, f"{found.name('spring')}: expected both of its ends at the same height"
+            scene, f"{match.name('spring')}: expected both of its ends at the same height"
         )
-    load = found["force"].law if found["force"] else None
+    # a constant force, or none, is a sine without amplitude
+    load = match["force"].law if match["force"] else None
     if not isinstance(load, Sine):
         load = Sine(type="sine", offset=load.value if load else 0.0, amplitude=0.0, frequency=0.0)
-    if (
-        load.amplitude
-        and abs(spring.stiffness - body.mass * load.frequency**2) <= 1e-6 * spring.stiffness
-    ):
+    detuning = abs(spring.stiffness - body.mass * load.frequency**2)
+    if load.amplitude and detuning <= _RESONANCE * spring.stiffness:
         raise structure.misfit(
-            scene, f"{found.name('force')}: found resonance; expected Omega != wn"
+            scene, f"{match.name('force')}: found resonance; expected Omega != wn"
         )
     gx, gy = scene.gravity or (0.0, 0.0)
     return DryOscillator(
@@ -322,9 +337,9 @@ def _oscillator(scene: Scene, structure: Structure, found: Match) -> DryOscillat
         spring.stiffness,
         spring.points[1][0] + spring.rest_length,
         load.model_copy(update={"offset": load.offset + body.mass * gx}),
-        found["drive"].law.rate if structure is ON_BELT else 0.0,
+        match["drive"].law.rate if structure is ON_BELT else 0.0,
         -body.mass * gy,
-        Contact.of(found["guide"]),
+        Contact.of(match["guide"]),
         body.position[0],
         body.velocity[0],
     )

@@ -33,6 +33,14 @@ PENDULUM = Structure(
 )
 
 
+SAMPLES = 500
+"""Instants at which the size of columns is taken; it scales the rounding, and need not be exact."""
+_SEPARATRIX = 1e-9
+"""Distance of k from 1 within which the period, as -log|k - 1|, depends on the last digits of the start."""
+_FUNCTION_ROUNDING = 10
+"""Roundings of an elliptic function, which scipy computes by some ten steps of the arithmetic-geometric mean."""
+
+
 def pendulum_angle(
     t: np.ndarray, w: float, angle: float, rate: float
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
@@ -42,17 +50,20 @@ def pendulum_angle(
     raised on the separatrix (k = 1 to 1e-9), where the closed form degenerates.
     """
     k = np.hypot(np.sin(angle / 2), rate / (2 * w))
-    if abs(k - 1) < 1e-9:
+    if abs(k - 1) < _SEPARATRIX:
         raise NotThisMechanism(
             "the pendulum moves on its separatrix (k = 1); expected it to swing or to rotate"
         )
     if k == 0:
         return (np.zeros_like(t),) * 3
     if k < 1:
+        # u0 from sn(u0) = sin(psi0/2)/k and cn(u0) = psi0'/(2 w k): its amplitude is the angle of
+        # the point (cn, sn).
         start = ellipkinc(np.arctan2(rate / (2 * w), np.sin(angle / 2)) * -1 + np.pi / 2, k * k)
         sn, cn, _, _ = ellipj(w * t + start, k * k)
         psi, psi_t = 2 * np.arcsin(k * sn), 2 * w * k * cn
     else:
+        # ellipj's amplitude grows beyond pi: the angle counts all turns.
         turn = np.sign(rate)
         start = ellipkinc(turn * angle / 2, 1 / k**2)
         _, _, dn, amplitude = ellipj(k * w * t + start, 1 / k**2)
@@ -62,14 +73,17 @@ def pendulum_angle(
 
 def pendulum_truth(scene: Scene, t_end: float | None = None) -> Truth:
     """Return the motion of a point mass at constant distance from a point of the ground."""
-    found = PENDULUM.match(scene)
+    match = PENDULUM.match(scene)
     t_end = scene.t_end if t_end is None else t_end
-    name, rod = found.bodies["mass"], found["rod"]
+    name, rod = match.bodies["mass"], match["rod"]
     body = scene.bodies[name]
-    length, g, pivot = rod.law.value, -(scene.gravity or (0.0, 0.0))[1], np.array(rod.points[1])
+    length, pivot = rod.law.value, np.array(rod.points[1])
+    g = -(scene.gravity or (0.0, 0.0))[1]
+    # angle from the lowest position, and its rate by the moment of velocity about the pivot
     arm = np.array(body.position) - pivot
+    angle = float(np.arctan2(arm[0], -arm[1]))
     rate = (arm[0] * body.velocity[1] - arm[1] * body.velocity[0]) / length**2
-    angle, w = float(np.arctan2(arm[0], -arm[1])), float(np.sqrt(g / length))
+    w = float(np.sqrt(g / length))
 
     def columns(t: np.ndarray, side: str) -> dict[str, np.ndarray]:
         psi, psi_t, psi_tt = pendulum_angle(t, w, angle, rate)
@@ -80,11 +94,13 @@ def pendulum_truth(scene: Scene, t_end: float | None = None) -> Truth:
             (length * psi_t * cos, length * psi_t * sin),
             (length * (psi_tt * cos - psi_t**2 * sin), length * (psi_tt * sin + psi_t**2 * cos)),
         )
-        return values | {f"{found.name('rod')}.effort": -body.mass * (length * psi_t**2 + g * cos)}
+        # the rod pulls the mass inwards: centripetal force and weight along it
+        tension = body.mass * (length * psi_t**2 + g * cos)
+        return values | {f"{match.name('rod')}.effort": -tension}
 
-    return Truth.of_formulas(scene, t_end, columns, elliptic_rounding(w * t_end), 500)
+    return Truth.of_formulas(scene, t_end, columns, elliptic_rounding(w * t_end), SAMPLES)
 
 
-def elliptic_rounding(cycles: float) -> float:
-    """Relative rounding: that of the argument w t, times ten for the elliptic functions themselves."""
-    return 10 * EPS * (1 + cycles)
+def elliptic_rounding(phase: float) -> float:
+    """Relative rounding at the argument w t = `phase`: that of the argument, times `_FUNCTION_ROUNDING`."""
+    return _FUNCTION_ROUNDING * EPS * (1 + phase)

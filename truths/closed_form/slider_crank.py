@@ -47,19 +47,29 @@ SLIDER_CRANK = Structure(
 )
 
 
+_ROUNDING = 20 * EPS
+"""Relative rounding of the columns: the torque sums some twenty products."""
+_SAMPLES = 1000
+"""Instants at which the size of columns is taken; it scales the rounding, and need not be exact."""
+
+
 def slider_crank_truth(scene: Scene, t_end: float | None = None) -> Truth:
     """Return motion, motor torque and reactions of `crank`, `rod`, `slider`, whose pins lie on the bars' x axes."""
     t_end = scene.t_end if t_end is None else t_end
-    found = SLIDER_CRANK.match(scene)
-    p, r1, r, l1, l = _lengths(scene, found)
-    h, th0, w = found["guide"].point[1], found["motor"].law.offset, found["motor"].law.rate
+    match = SLIDER_CRANK.match(scene)
+    p, r1, r, l1, l = _read_lengths(scene, match)
+    h = match["guide"].point[1]
+    th0, w = match["motor"].law.offset, match["motor"].law.rate
+    # The rod points forwards or backwards throughout: the crank makes a full turn, so that it never
+    # stands across.
     elbow = 1.0 if np.cos(scene.bodies["rod"].angle) > 0 else -1.0
-    motor, guide, pin = found.name("motor"), found.name("guide"), found.name("slider pin")
-    pin_sign = 1 if found["slider pin"].bodies[0] == "rod" else -1
+    motor, guide, pin = match.name("motor"), match.name("guide"), match.name("slider pin")
+    pin_sign = 1 if match["slider pin"].bodies[0] == "rod" else -1
     gravity = np.array(scene.gravity or (0.0, 0.0))[:, None]
     arms = {"crank": (r1, 0.0), "rod": (r, l1), "slider": (r, l)}
 
     def columns(t: np.ndarray, side: str) -> dict[str, np.ndarray]:
+        # Kinematics of the closed loop.
         th = th0 + w * t
         sin_phi = (h - p[1] - r * np.sin(th)) / l
         cos_phi = elbow * np.sqrt(1 - sin_phi**2)
@@ -73,6 +83,7 @@ def slider_crank_truth(scene: Scene, t_end: float | None = None) -> Truth:
             "rod": (phi, omega, alpha, phi_th),
             "slider": (zero, zero, zero, 0.0),
         }
+        # Motion of each body, and its part of the motor's torque by the principle of virtual power.
         values: dict[str, np.ndarray] = {}
         torque, inertia_force = zero.copy(), {}
         for name, (on_crank, on_rod) in arms.items():
@@ -89,6 +100,8 @@ def slider_crank_truth(scene: Scene, t_end: float | None = None) -> Truth:
             torque += (
                 np.sum(inertia_force[name] * partial, axis=0) + body.inertia * acceleration * by_th
             )
+        # Force of the slider on the rod: along x by the slider's balance, across by the rod's
+        # moments about the crank pin.
         fx = -inertia_force["slider"][0]
         moment = scene.bodies["rod"].inertia * alpha + l1 * (
             np.cos(phi) * inertia_force["rod"][1] - np.sin(phi) * inertia_force["rod"][0]
@@ -101,8 +114,8 @@ def slider_crank_truth(scene: Scene, t_end: float | None = None) -> Truth:
             f"{pin}.fy": pin_sign * fy,
         }
 
-    rounding = 20 * EPS * (1 + abs(w) * t_end)  # th carries the rounding of w t
-    return Truth.of_formulas(scene, t_end, columns, rounding, 1000)
+    rounding = _ROUNDING * (1 + abs(w) * t_end)  # th carries the rounding of w t
+    return Truth.of_formulas(scene, t_end, columns, rounding, _SAMPLES)
 
 
 def _unit(angle: np.ndarray) -> np.ndarray:
@@ -113,11 +126,11 @@ def _normal(angle: np.ndarray) -> np.ndarray:
     return np.array([-np.sin(angle), np.cos(angle)])
 
 
-def _lengths(scene: Scene, found: Match) -> tuple[np.ndarray, float, float, float, float]:
-    """Pivot, then from each bar's beginning its centre and its end: p, r1, r, l1, l; m."""
+def _read_lengths(scene: Scene, match: Match) -> tuple[np.ndarray, float, float, float, float]:
+    """Read p, r1, r, l1, l (m): the pivot, and the distances of each bar's centre and end from its beginning."""
 
     def point(pin: str, body: str) -> tuple[float, float]:
-        return found[pin].points[found[pin].bodies.index(body)]
+        return match[pin].points[match[pin].bodies.index(body)]
 
     ends = [
         point("pivot", "crank"),
@@ -134,7 +147,8 @@ def _lengths(scene: Scene, found: Match) -> tuple[np.ndarray, float, float, floa
     crank_begin, crank_end, rod_begin, rod_end = (x for x, _ in ends)
     r, l = crank_end - crank_begin, rod_end - rod_begin
     p = np.array(point("pivot", GROUND))
-    if not l > abs(r) + abs(found["guide"].point[1] - p[1]):
+    # a full turn: |h - p_y - r sin th| < l for all th
+    if not l > abs(r) + abs(match["guide"].point[1] - p[1]):
         raise SLIDER_CRANK.misfit(
             scene, f"rod of {l:g} m is too short for a crank of {r:g} m; expected a full turn"
         )

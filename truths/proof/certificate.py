@@ -18,7 +18,10 @@ from flint import arb, arb_mat, ctx
 from stiction.scenes import InputError, Scene, scene_from_dict
 from stiction.scenes.atomic_files import whole_file
 
-_INWARDS = 1 - arb(2) ** -20  # the radius of a ball has 30 bits
+_INWARDS = 1 - arb(2) ** -20
+"""Factor of a radius that is rounded inwards: balls keep 30 bits of theirs, so that 20 leave a reserve."""
+_MORE_DIGITS = 6
+"""Digits that are written beyond those that are asked for, as the radius takes some."""
 
 Claims = dict[str, Any]
 
@@ -79,10 +82,11 @@ def read_certificate(path: Path, formats: Collection[str]) -> Claims:
             f"{path}: found {type(error).__name__}: {error}; "
             "expected a certificate of `stiction prove`"
         ) from None
-    found = claims.get("format") if isinstance(claims, dict) else type(claims).__name__
-    if found not in [*formats]:
+    name = claims.get("format") if isinstance(claims, dict) else type(claims).__name__
+    # a list, as the name may be of any type, also of one without a hash
+    if name not in [*formats]:
         raise NotACertificate(
-            f"{path}: format: found {found!r}; expected {' or '.join(map(repr, formats))}"
+            f"{path}: format: found {name!r}; expected {' or '.join(map(repr, formats))}"
         )
     return claims
 
@@ -139,7 +143,7 @@ def read_ball_within(pair: Sequence[str]) -> arb:
 
 def decimals(ball: arb, digits: int) -> str:
     """Write a ball in decimals, rounded outwards: ``centre +/- radius``."""
-    return ball.str(digits + 6).strip("[]")
+    return ball.str(digits + _MORE_DIGITS).strip("[]")
 
 
 def contains(text: str, ball: arb) -> bool:

@@ -36,8 +36,19 @@ MECHANISMS: Mapping[type[ProvableMechanism], float] = {
 }
 """Seconds of motion up to which a truth gets a proof: of a mass or pendulum in seconds, else in up to half a minute."""
 _ATTEMPTS = 4
+"""Precisions that are tried: each is chosen by what the one before left open."""
+_MORE_DIGITS = 2
+"""Digits of reserve in the next attempt."""
 _LONGEST = 0.5
 """Longest step, s."""
+_FIRST = 1 / 4
+"""Part of it with which a motion starts."""
+_SHORTER, _LONGER, _SAFETY = 0.7, 1.5, 0.9
+"""Factors of a step: after a failure, at most after a success, and below what the remainder allows."""
+_OPEN = 1e-2
+"""s; in a step shorter than this an open course of events is reported: shorter ones rarely settle it."""
+_TINY = 1e-300
+"""In place of a remainder of zero."""
 
 
 @dataclass(frozen=True)
@@ -62,6 +73,7 @@ class ProvenMotion:
 
         Raises ValueError for a time that is not within the motion.
         """
+        # legs of which it is not proven that they lie elsewhere: two next to an event
         around = [leg for leg in self.legs if not (t - leg.t < 0 or t - leg.t > leg.end)]
         if not around:
             raise ValueError(
@@ -69,7 +81,7 @@ class ProvenMotion:
             )
         hull, *others = ([f(t - leg.t) for f in leg.state] for leg in around)
         for other in others:
-            hull = [a.union(b) for a, b in zip(hull, other)]
+            hull = [ball.union(component) for ball, component in zip(hull, other)]
         return halves(hull)
 
     def derivative(self) -> arb_mat:
@@ -82,8 +94,9 @@ class ProvenMotion:
     def width(self) -> arb:
         """The largest width of position and velocity at the ends of steps and of the times of events."""
         sets = [*(step.start for step in self.steps), self.end]
-        ends = [x for states in sets for x in states.hull()] + [event.time for event in self.events]
-        return max((2 * x.rad() for x in ends), key=lambda ball: float(ball.upper()))
+        enclosures = [x for states in sets for x in states.hull()]
+        enclosures += [event.time for event in self.events]
+        return max((2 * ball.rad() for ball in enclosures), key=lambda width: float(width.upper()))
 
 
 def prove(
@@ -94,13 +107,15 @@ def prove(
     Call it with `Precision.working`. Raises Undecided, with the time and the reason.
     """
     states = StateSet.box([*mechanism.q, *mechanism.v]) if start is None else start
-    t, current, h, steps = arb(0), mechanism.start(), _LONGEST / 4, []
+    t, current = arb(0), mechanism.start()
+    h, steps = _LONGEST * _FIRST, []
     while t < mechanism.t_end:
+        # A shorter step has narrower enclosures, which may decide what a longer one leaves open.
         try:
             step = take_step(mechanism, t, states, current, h, precision)
         except (TooLong, Undecided) as error:
-            h *= 0.7
-            if isinstance(error, Undecided) and h < 1e-2:
+            h *= _SHORTER
+            if isinstance(error, Undecided) and h < _OPEN:
                 raise
             if h < SHORTEST:
                 raise Undecided(str(error), t) from error
@@ -108,8 +123,11 @@ def prove(
         steps.append(step)
         states = states.image(step.point, step.derivative, precision.margin)
         t, current = step.t1, step.current
-        growth = 0.9 * (precision.remainder / max(step.remainder, 1e-300)) ** (1 / precision.order)
-        h = min(_LONGEST, h * min(1.5, growth))
+        # The remainder is proportional to h^order: the next step is as long as makes its remainder
+        # the largest allowed.
+        ratio = precision.remainder / max(step.remainder, _TINY)
+        growth = _SAFETY * ratio ** (1 / precision.order)
+        h = min(_LONGEST, h * min(_LONGER, growth))
     return ProvenMotion(mechanism, precision, tuple(steps), states)
 
 
@@ -134,15 +152,17 @@ def prove_scene(scene: Scene, digits: int) -> ProvenMotion:
     NotThisMechanism if the scene is none of the mechanisms, and `Undecided` with the time. NotProven is raised where
     enclosures stay wider at every precision that is tried.
     """
-    asked = digits
+    # How much wider than its balls a motion becomes is not known before it is enclosed: digits are
+    # added by what lacked.
+    digits_tried = digits
     for _ in range(_ATTEMPTS):
-        precision = Precision.of(asked)
+        precision = Precision.of(digits_tried)
         with precision.working():
             motion = prove(provable(scene), precision)
             width = float(motion.width().upper())
         if width <= 10.0**-digits:
             return motion
-        asked += ceil(log10(width) + digits) + 2
+        digits_tried += ceil(log10(width) + digits) + _MORE_DIGITS
     raise NotProven(
         f"{scene.name}: found a width of {width:.2g} at {precision.bits} bits; expected 1e-{digits}"
     )

@@ -39,6 +39,7 @@ from stiction.truths.proof.motion import ProvenMotion, provable
 from stiction.truths.proof.step import Precision, ProvenEvent, StateSet, Step, take_step
 
 _MORE_BITS, _MORE_ORDER = 64, 5
+"""Bits and orders beyond those of the proof with which its certificate is checked: other roundings and remainders."""
 _SLACK = 4
 """Part by which balls in decimals are wider than was found: sines and cosines of balls do not narrow with more bits."""
 
@@ -54,6 +55,7 @@ def motion_certificate(motion: ProvenMotion, scene: Scene, digits: int) -> Claim
         }
 
     with p.working():
+        # The claims themselves, in exact numbers.
         steps = [
             {
                 "t0": exact_text(step.t0),
@@ -66,6 +68,7 @@ def motion_certificate(motion: ProvenMotion, scene: Scene, digits: int) -> Claim
             }
             for step in motion.steps
         ]
+        # What is there to be read, in decimals.
         events = [
             {
                 "kind": event.kind,
@@ -127,14 +130,13 @@ def _failures(claims: Claims) -> Iterator[Failure]:
         int(claims["bits"]) + _MORE_BITS, int(claims["order"]) + _MORE_ORDER, float("inf")
     )
     with precision.working():
-        mechanism, steps, shown = (
-            provable(claimed_scene(claims)),
-            claims["steps"],
-            iter(claims["events"]),
-        )
+        mechanism, steps = provable(claimed_scene(claims)), claims["steps"]
+        shown_events = iter(claims["events"])
         times = [*(read_number(step["t0"]) for step in steps), mechanism.t_end]
         modes = [_read_mode(part["mode"]) for part in (*steps, claims["end"])]
         sets = [*(step["start"] for step in steps), claims["end"]["set"]]
+        # Each set is read twice: rounded outwards where a step starts from it, inwards where one
+        # has to end in it.
         starts, targets = (
             [_read_set(claimed, read) for claimed in sets] for read in (read_ball, read_ball_within)
         )
@@ -146,6 +148,8 @@ def _failures(claims: Claims) -> Iterator[Failure]:
                 -1,
                 f"the motion starts at 0 in mode {mode}, the first step at {times[0]} in {modes[0]}",
             )
+        # Step by step, none with what another one found: sets, modes and times are those of the
+        # file.
         for i, step in enumerate(steps):
             if not times[i] < times[i + 1]:
                 yield Failure(i, "the step does not go forward")
@@ -161,16 +165,15 @@ def _failures(claims: Claims) -> Iterator[Failure]:
             if reason := _difference(again, step["events"], modes[i + 1], targets[i + 1]):
                 yield Failure(i, reason)
             for event in again.events:
-                if not _shows(next(shown, None), event, mechanism):
+                if not _shows(next(shown_events, None), event, mechanism):
                     yield Failure(
                         i,
                         f"the list of events has no {event.kind} at {event.time.str(10)} s as proven",
                     )
-        state, claimed = (
-            _end_columns(mechanism, times[-1], starts[-1], modes[-1]),
-            claims["state at t_end"],
-        )
-        if next(shown, None) is not None or not all(
+        # What is there to be read: no event more than were proven, and the decimals of the end.
+        claimed = claims["state at t_end"]
+        state = _end_columns(mechanism, times[-1], starts[-1], modes[-1])
+        if next(shown_events, None) is not None or not all(
             contains(claimed[name], value) for name, value in state.items()
         ):
             yield Failure(-1, "the list of events or the state at t_end differs from the steps")
@@ -179,14 +182,14 @@ def _failures(claims: Claims) -> Iterator[Failure]:
 def _difference(
     again: Step, claimed: list[dict[str, Any]], mode: Hashable, target: StateSet
 ) -> str:
-    """Difference of a step that is proven again from its claimed events, and from the mode and set at its end."""
-    changes = [(event["kind"], _read_mode(event["after"])) for event in claimed]
-    found = [(event.kind, event.after) for event in again.events]
-    if changes != found or again.current.mode != mode:
-        return f"other changes of mode: {found} instead of {changes}"
+    """Describe how a step that is proven again differs from its claims: events, mode and set at its end."""
+    claimed_changes = [(event["kind"], _read_mode(event["after"])) for event in claimed]
+    changes = [(event.kind, event.after) for event in again.events]
+    if claimed_changes != changes or again.current.mode != mode:
+        return f"other changes of mode: {changes} instead of {claimed_changes}"
     if not all(
-        read_ball_within(one["time"]).contains(event.time)
-        for one, event in zip(claimed, again.events)
+        read_ball_within(claim["time"]).contains(event.time)
+        for claim, event in zip(claimed, again.events)
     ):
         return "the time of an event is not within its interval"
     if not again.start.image_lies_in(target, again.point, again.derivative):

@@ -29,10 +29,27 @@ from stiction.truths.proof.enclosures.zeros import Undecided, Zero, first_zero, 
 from stiction.truths.proof.mechanisms.mechanism import Next, ProvableMechanism
 
 _GRID = 2**20
-"""Steps end at multiples of 1/_GRID s."""
+"""Steps end at multiples of 1/_GRID s: numbers that are exact with few bits."""
+_LAST = 1 / 8
+"""Part of a step below which no step is left over at the end of the motion."""
 SHORTEST = 1e-5
 """Shortest step, s."""
 _MOST_EVENTS = 60
+"""Changes of mode within a step after which it is given up: they seem to accumulate."""
+_TINY = 1e-300
+"""In place of zero where a size is divided by: the set is a point."""
+_WIDER = 1000
+"""Part of its radius by which a set is widened, so that another proof, with other roundings, finds it again."""
+_BITS_PER_DIGIT = 3.33
+"""log2(10), rounded up."""
+_GUARD_DIGITS, _GUARD_BITS = 12, 64
+"""Digits and bits beyond those that are asked for: what products of a motion's derivatives and intervals lose."""
+_LOWEST_ORDER, _MORE_ORDER = 14, 8
+"""Least order of the remainder, and orders beyond the digits: lower ones would need shorter steps than they save."""
+_REMAINDER_DIGITS = 8
+"""Digits of a step's remainder beyond those that are asked for: remainders of all steps add up."""
+_MARGIN = 10
+"""Ratio of the width that is added to a claim to the largest remainder of a step."""
 
 
 @dataclass(frozen=True)
@@ -64,18 +81,19 @@ class StateSet:
 
         It is wider by a thousandth and by a margin: to be proven again otherwise.
         """
+        # Lohner's choice of frame against the wrapping effect: an orthogonal one, whose first axis
+        # lies along the longest side of the image. It is computed in floats. Any frame gives an
+        # enclosure; this one gives a tight one.
         spread = derivative * self.frame
         middle = middles(spread)
         length = np.array([float(abs(r).upper()) for r in self.size])
-        scaled = middle * (length / max(length.max(), 1e-300))
+        scaled = middle * (length / max(length.max(), _TINY))
         order = np.argsort(-np.linalg.norm(scaled, axis=0), kind="stable")
-        frame, centre = (
-            arb_mat(np.linalg.qr(middle[:, order])[0].tolist()),
-            tuple(x.mid() for x in point),
-        )
+        frame = arb_mat(np.linalg.qr(middle[:, order])[0].tolist())
+        centre = tuple(x.mid() for x in point)
         size = self._image_in(frame, centre, point, derivative)
         return StateSet(
-            centre, frame, tuple(_wider(size[i, 0], margin) for i in range(len(centre)))
+            centre, frame, tuple(_widened(size[i, 0], margin) for i in range(len(centre)))
         )
 
     def image_lies_in(self, other: StateSet, point: list[arb], derivative: arb_mat) -> bool:
@@ -86,6 +104,8 @@ class StateSet:
         self, frame: arb_mat, centre: Sequence[arb], point: list[arb], derivative: arb_mat
     ) -> arb_mat:
         """The size of the image in the coordinates of a set."""
+        # Mean value form. The small matrix is multiplied out before the set is: balls widen by each
+        # product with it.
         inverse = frame.inv()
         return inverse * (derivative * self.frame) * column(self.size) + inverse * column(
             x - c for x, c in zip(point, centre)
@@ -119,7 +139,7 @@ class ProvenEvent:
 
 @dataclass(frozen=True)
 class Leg:
-    """A stretch within a step in one mode, from t on for `end` seconds.
+    """The part of a step in one mode, from t on for `end` seconds.
 
     Polynomials in the time since t enclose the 2n components of the `state` and the columns of all `bodies`.
     """
@@ -131,8 +151,8 @@ class Leg:
     bodies: dict[str, arb_poly]
 
 
-def _wider(ball: arb, by: float) -> arb:
-    return ball + (ball.rad() / 1000 + by) * arb(0, 1)
+def _widened(ball: arb, by: float) -> arb:
+    return ball + (ball.rad() / _WIDER + by) * arb(0, 1)
 
 
 @dataclass(frozen=True)
@@ -146,7 +166,7 @@ class Precision:
     @property
     def margin(self) -> float:
         """Width that is added to what was found, to claim it."""
-        return 0.0 if isinf(self.remainder) else 10 * self.remainder
+        return 0.0 if isinf(self.remainder) else _MARGIN * self.remainder
 
     def working(self) -> AbstractContextManager[None]:
         """Work with these bits, and series with one coefficient more than the order."""
@@ -155,7 +175,11 @@ class Precision:
     @classmethod
     def of(cls, digits: int) -> Precision:
         """The precision at which enclosures of a width of 10^-digits are to be expected."""
-        return cls(int(3.33 * (digits + 12)) + 64, max(14, digits + 8), 10.0 ** -(digits + 8))
+        return cls(
+            int(_BITS_PER_DIGIT * (digits + _GUARD_DIGITS)) + _GUARD_BITS,
+            max(_LOWEST_ORDER, digits + _MORE_ORDER),
+            10.0 ** -(digits + _REMAINDER_DIGITS),
+        )
 
 
 class Step:
@@ -186,8 +210,9 @@ class Step:
 
     def advance(self, end: arb, precision: Precision, shorter: bool) -> bool:
         """Go on to the next change of mode or to `end`, or less far if `shorter`; return whether that is reached."""
+        # All solutions from the set, and that they are the only ones, over the whole arc.
         mechanism, mode, t = self.mechanism, self.current.mode, self.t
-        arc, reach = self._arc(end, precision.order, shorter)
+        arc, reach = self._enclose_arc(end, precision.order, shorter)
         mechanism.require_unique(mode, t + arb(0).union(arc.h), arc.enclosure)
         guards = partial(mechanism.guards, mode)
         groups = arc.functions(guards, arc.fine)
@@ -195,13 +220,16 @@ class Step:
         if not remainder < precision.remainder:
             raise TooLong(f"remainder {remainder.str(3)}")
         self.remainder = max(self.remainder, float(remainder.upper()))
+
+        # The first change of mode, at tau for the set and at point_tau for its centre: the centre
+        # has its own, narrower time, which is what the mean value form needs.
         zero = first_zero(groups, t, arc.h, self.current.zeros)
-        one = arc.one(self.point_t, self.point)
+        centre = arc.one(self.point_t, self.point)
         if zero is None:
             tau, point_tau = reach - t, reach - self.point_t
         else:
             tau = zero.tau
-            point_tau = newton(arc.functions(guards, one)[zero.group][zero.function], tau)
+            point_tau = newton(arc.functions(guards, centre)[zero.group][zero.function], tau)
         columns = arc.functions(
             lambda *at: {name: [f] for name, f in mechanism.bodies(*at[:3]).items()}, arc.fine
         )
@@ -209,9 +237,11 @@ class Step:
         self.legs.append(
             Leg(t, tau, mode, state, {str(name): column for name, [column] in columns.items()})
         )
+
+        # Set, centre and derivative up to there.
         self.t, self.point_t = t + tau, self.point_t + point_tau
         self.state = [f(tau) for f in state]
-        self.point = [f(point_tau) for f in arc.polynomials(one)]
+        self.point = [f(point_tau) for f in arc.polynomials(centre)]
         self.derivative = arc.jacobian(tau) * self.derivative
         self._hold()
         if zero is None:
@@ -220,7 +250,7 @@ class Step:
         self._change(zero, groups[zero.group][zero.function].derivative()(tau), precision.margin)
         return False
 
-    def _arc(self, end: arb, order: int, shorter: bool) -> tuple[Arc, arb]:
+    def _enclose_arc(self, end: arb, order: int, shorter: bool) -> tuple[Arc, arb]:
         """Enclose an arc to `end`; if it may be shorter, half as far until it has an enclosure, and where it ends."""
         equation = partial(self.mechanism.equation, self.current.mode)
         while True:
@@ -238,13 +268,14 @@ class Step:
             raise Undecided(f"more than {_MOST_EVENTS} changes of mode within a step", self.t)
         mode = self.current.mode
         self.current = self.mechanism.after(mode, zero.group, self.t, *halves(self.state))
+        # Where accelerations do not jump, f2 = f1 and S is the identity.
         if not self.current.smooth:
             self.derivative = self._jump(mode, zero, slope) * self.derivative
         self._hold()
         joint = self.mechanism.event_joint(mode, self.current.mode)
         self.events.append(
             ProvenEvent(
-                _wider(self.t, margin),
+                _widened(self.t, margin),
                 self.current.kind,
                 joint,
                 self.current.mode,
@@ -260,10 +291,14 @@ class Step:
         def guard(q, v):
             return [self.mechanism.guards(mode, t, q, v, before(q, v))[zero.group][zero.function]]
 
+        # S = 1 + (f2 - f1) (grad g)^T / (dg/dt). Positions have no jump of their rates: only the
+        # rows of velocities differ from those of the identity.
         _, (gradient,) = partials_at(guard, self.state)
-        rows, n = identity(len(self.state)).tolist(), len(self.state) // 2
-        pairs = zip(*(partials_at(equation, self.state)[0] for equation in (before, after)))
-        for i, (a_before, a_after) in enumerate(pairs):
+        n = len(self.state) // 2
+        rows = identity(len(self.state)).tolist()
+        accelerations_before, _ = partials_at(before, self.state)
+        accelerations_after, _ = partials_at(after, self.state)
+        for i, (a_before, a_after) in enumerate(zip(accelerations_before, accelerations_after)):
             jump = (a_after - a_before) / slope
             rows[n + i] = [x + jump * g for x, g in zip(rows[n + i], gradient)]
         return arb_mat(rows)
@@ -285,16 +320,17 @@ def take_step(
     Raises TooLong where it gets no enclosure, Undecided where something is not proven.
     """
     step = Step(mechanism, t0, start, first)
-    end = _grid(t0, h, mechanism.t_end) if t1 is None else t1
+    end = _exact_end(t0, h, mechanism.t_end) if t1 is None else t1
     while not step.advance(end, precision, shorter=t1 is not None):
+        # Behind an event the step goes on for a full length: its end is free unless it is given.
         if t1 is None:
-            end = _grid(step.t, h, mechanism.t_end)
+            end = _exact_end(step.t, h, mechanism.t_end)
         elif not step.t < end:
             raise Undecided("a change of mode at the end of a step", step.t)
     return step
 
 
-def _grid(t: arb, h: float, t_end: arb) -> arb:
+def _exact_end(t: arb, h: float, t_end: arb) -> arb:
     """An instant about h seconds after t; the end of the motion rather than an instant just before it."""
     end = arb(int((float(t.mid()) + h) * _GRID) + 1) / _GRID
-    return end if end + h / 8 < t_end else t_end
+    return end if end + h * _LAST < t_end else t_end

@@ -31,7 +31,11 @@ from stiction.truths.reduced.slider_bar import SliderBar
 from stiction.truths.reduced.steady_state import steady_state, stick_threshold
 
 _DIGITS = 24
+"""Digits of the balls, and with them the smallest size of B that is tried."""
 _REFINEMENTS = 6
+"""Newton steps on the fixed point: from the 1e-11 of floats to the working precision, quadratically, with a reserve."""
+_LARGEST, _SMALLER = 8, 2
+"""Decimal exponents (negative) of the first size of B that is tried, and how much smaller the next one is."""
 _PERIODS = 200
 """Periods that the motion from the scene's start may take to come into B."""
 
@@ -100,11 +104,12 @@ def proven_threshold(scene: Scene, places: int = 9) -> ProvenThreshold:
     Raises NotThisMechanism if the scene is no slider-bar, NotProven where no threshold is known to begin with, or a
     proof does not go through.
     """
-    found = stick_threshold(scene)
-    if found.F0 is None:
-        raise NotProven(f"{scene.name}: {found.note}")
+    # The threshold in floats says where to look; the proofs do not trust it.
+    threshold = stick_threshold(scene)
+    if threshold.F0 is None:
+        raise NotProven(f"{scene.name}: {threshold.note}")
     unit = Fraction(1, 10**places)
-    low = (Fraction(found.F0) // unit) * unit  # as exact as floats are; the proofs do not trust it
+    low = (Fraction(threshold.F0) // unit) * unit
     ends = [proven_steady_state(scene, F0) for F0 in (low, low + unit)]
     if not ends[0].sticks or ends[1].sticks:
         raise NotProven(
@@ -120,15 +125,18 @@ def proven_steady_state(scene: Scene, F0: Fraction) -> ProvenSteadyState:
     with Precision.of(_DIGITS).working():
         mechanism = _mechanism(scene, F0, near.periods)
         centre = [arb(float(value)) for value in near.state]
-        for _ in range(_REFINEMENTS):  # Newton's method
+        # Newton's method for P(c) = c, in balls of no width.
+        for _ in range(_REFINEMENTS):
             motion = _motion_from(mechanism, StateSet.box(centre), _DIGITS)
             slope = motion.derivative()
             correction = (identity(2) - slope).solve(
                 column(b - a for a, b in zip(centre, motion.end.hull()))
             )
             centre = [(c + correction[i, 0]).mid() for i, c in enumerate(centre)]
+        # The largest B on which the map is proven to contract: the motion from the start comes into
+        # it soonest.
         frame, reason = _frame(slope), ""
-        for exponent in range(8, _DIGITS, 2):
+        for exponent in range(_LARGEST, _DIGITS, _SMALLER):
             states = StateSet(tuple(centre), frame, (arb(10.0**-exponent) * arb(0, 1),) * 2)
             try:
                 return proven_on(scene, F0, near.periods, states, _DIGITS)
@@ -147,6 +155,8 @@ def _mechanism(scene: Scene, F0: Fraction, count: int) -> SlidingMass:
     loaded = _at_amplitude(scene, F0)
     numbers, [drive], [load] = exact_scene(loaded), scene.drives, scene.forces
     rate, frequency = numbers.drives[drive].law.rate, numbers.forces[load].law.frequency
+    # frequency/rate = p/q: the common period is that of q turns of the bar, 2 pi q / rate, as an
+    # exact number
     ratio = (frequency / rate).factors
     if ratio is None or ratio[1] != 0:
         raise NotProven(
@@ -171,8 +181,12 @@ def proven_on(
 
     Call it at the working precision of the digits. Raises NotProven where that does not hold.
     """
-    mechanism, centre, frame = _mechanism(scene, F0, count), list(states.centre), states.frame
+    mechanism = _mechanism(scene, F0, count)
+    centre, frame = list(states.centre), states.frame
     inverse, radius = frame.inv(), min((size.rad() for size in states.size), key=float)
+
+    # q = ||W^-1 DP W|| on all of B, and the residual ||W^-1 (P(c) - c)|| at its centre: Banach's
+    # two inequalities.
     motion = _motion_from(mechanism, states, digits)
     rate = _norm(inverse * motion.derivative() * frame)
     image = _motion_from(mechanism, StateSet.box(centre), digits).end.hull()
@@ -181,6 +195,7 @@ def proven_on(
         raise NotProven(
             f"F0 = {float(F0):.12g} N: no contraction: factor {rate.str(5)}, residual {residual.str(3)}"
         )
+    # The fixed point lies within residual / (1 - q) of the centre, in the coordinates of the frame.
     tight = residual / (1 - rate)
     state = [
         c + sum((abs(frame[i, j]) for j in range(2)), arb(0)) * tight * arb(0, 1)
@@ -205,11 +220,9 @@ def proven_on(
 def _frame(slope: arb_mat) -> arb_mat:
     """A basis in which a map's derivative has a small norm: real and imaginary parts of its eigenvectors."""
     values, vectors = np.linalg.eig(middles(slope))
-    basis = (
-        np.column_stack([vectors[:, 0].real, vectors[:, 0].imag])
-        if np.iscomplexobj(values)
-        else vectors
-    )
+    basis = vectors
+    if np.iscomplexobj(values):
+        basis = np.column_stack([vectors[:, 0].real, vectors[:, 0].imag])
     return arb_mat(basis.tolist())
 
 
@@ -220,15 +233,17 @@ def _norm(matrix: arb_mat) -> arb:
 
 def _reached(mechanism: SlidingMass, states: StateSet, precision: Precision) -> int:
     """Periods after which the motion from the scene's start is proven to be in a set."""
-    current, now = mechanism, None
+    current, start = mechanism, None
     for count in range(1, _PERIODS + 1):
-        motion = prove(current, precision, now)
+        motion = prove(current, precision, start)
         held = mechanism.held(motion.legs[-1].mode)
         x, speed = motion.end.hull()
         if states.contains([x, speed]):
             return count
-        now = StateSet.box([x, held[0]]) if held else motion.end
-        x, speed = now.hull()
+        # The next period starts from the enclosure of this one's end; at rest the velocity is known
+        # exactly.
+        start = StateSet.box([x, held[0]]) if held else motion.end
+        x, speed = start.hull()
         current = replace(mechanism, q=[x], v=[speed], at_rest=bool(held))
     raise NotProven(
         f"the motion from the scene's start is not near the periodic one after {_PERIODS} periods"

@@ -41,16 +41,19 @@ from stiction.truths.proof.step import Precision, StateSet
 from stiction.truths.proof.threshold import ProvenSteadyState, ProvenThreshold, decimal, proven_on
 
 _MORE_DIGITS = 6
+"""Digits beyond those of a certificate with which it is checked."""
 _MOST_DIGITS = 1000
+"""Digits up to which a certificate is checked: a file that asks for more would take forever."""
 _SLACK = 1e-6
 """Part by which a claimed factor is above the one that was found: another proof finds another bound."""
 _SHOWN = 16
+"""Decimal digits of numbers that are there to be read."""
 ENDS = ("low", "high")
 
 
-def threshold_certificate(found: ProvenThreshold, scene: Scene) -> Claims:
+def threshold_certificate(threshold: ProvenThreshold, scene: Scene) -> Claims:
     """Return the claims about a threshold."""
-    claimed = ProvenThreshold(_claimed(found.low), _claimed(found.high))
+    claimed = ProvenThreshold(_claimed(threshold.low), _claimed(threshold.high))
     return {
         "format": FORMAT.name,
         "scene": scene.name,
@@ -63,6 +66,7 @@ def threshold_certificate(found: ProvenThreshold, scene: Scene) -> Claims:
 def _claimed(end: ProvenSteadyState) -> ProvenSteadyState:
     """An end with somewhat less than was found, so that another proof of it finds as much."""
     with Precision.of(end.digits).working():
+        # Twice the radii, and a somewhat larger factor.
         state = tuple(
             read_ball([exact_text(x.mid()), exact_text((2 * x.rad()).upper())]) for x in end.state
         )
@@ -97,6 +101,7 @@ def _failures(claims: Claims) -> Iterator[Failure]:
         yield Failure(
             -1, f"the ends are none: stick phase at {low} N: {below}, at {high} N: {above}"
         )
+    # Both ends anew, then the sentences that follow from them.
     ends = []
     for number, (name, F0) in enumerate(zip(ENDS, (low, high))):
         try:
@@ -115,10 +120,9 @@ def _proven_again(end: Claims, scene: Scene, F0: Fraction) -> ProvenSteadyState:
             f"digits, count: found {digits}, {count}; expected 1 .. {_MOST_DIGITS} and at least 1"
         )
     with Precision.of(digits + _MORE_DIGITS).working():
-        centre, radius = (
-            tuple(map(read_number, end["centre"])),
-            read_number(end["radius"]) * arb(0, 1),
-        )
+        # B is taken from the file; all else is proven anew and compared with what is claimed.
+        centre = tuple(map(read_number, end["centre"]))
+        radius = read_number(end["radius"]) * arb(0, 1)
         states = StateSet(centre, read_matrix(end["frame"]), (radius,) * 2)
         again = proven_on(scene, F0, count, states, digits + _MORE_DIGITS)
         kinds = [event.kind for event in again.events]
@@ -140,6 +144,7 @@ def _proven_again(end: Claims, scene: Scene, F0: Fraction) -> ProvenSteadyState:
             for ball, own in zip(end["state"], again.state, strict=True)
         ):
             raise NotProven("the state at t = 0 is not within the claimed one")
+        # The decimals are for readers, but have to be true as well.
         shown = [
             *zip(end["state, decimal [m, m/s]"], again.state, strict=True),
             *((event["time [s]"], own.time) for event, own in zip(end["events"], again.events)),
@@ -150,6 +155,7 @@ def _proven_again(end: Claims, scene: Scene, F0: Fraction) -> ProvenSteadyState:
             raise NotProven(
                 "the decimals of F0, the state or the events do not contain what is proven"
             )
+        # With the claimed numbers, as the sentences of the theorem are made from them.
         return replace(
             again,
             state=tuple(map(read_ball, end["state"])),

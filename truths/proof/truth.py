@@ -34,6 +34,7 @@ DATA = Path(str(resources.files("stiction.comparisons") / "data"))
 """Folder of the certificates."""
 SUFFIX = ".json.gz"
 _INSTANTS = 499
+"""Instants at which a truth is compared with its proof."""
 _ESTIMATED = 10.0
 """Multiple of its estimated uncertainty by which a truth may be off the proof: a wrong equation is off by more."""
 _AT_THE_END = 1e-6
@@ -68,6 +69,7 @@ class ProvenTruth:
     @classmethod
     def of(cls, claims: Mapping[str, Any]) -> ProvenTruth:
         """Read the tables of a certificate."""
+        # legs have as many terms as they need; zeros make one array of them
         coefficients = {
             name: np.array([*zip_longest(*legs, fillvalue=0.0)]).T
             for name, legs in claims["coefficients"].items()
@@ -84,6 +86,7 @@ class ProvenTruth:
 
     def columns(self, t: np.ndarray, side: str) -> dict[str, np.ndarray]:
         """The columns at times t, by Horner's rule."""
+        # at the start of a leg both it and the one before hold, the two sides of an event
         leg = np.maximum(
             np.searchsorted(self.starts, t, side="right" if side == "after" else "left") - 1, 0
         )
@@ -122,23 +125,24 @@ def with_proof(scene: Scene, truth: Truth) -> Truth:
     proven = None if file is None else _read(file)
     if proven is None or truth.t_end > proven.t_end:
         return truth
-    found, listed = (
-        [(event.kind, event.joint) for event in truth.events],
-        [event[:2] for event in proven.events],
-    )
-    times, later = np.split([time for *_, time in proven.events], [len(found)])
-    if found != listed[: len(found)] or any(later < truth.t_end - _AT_THE_END):
+
+    # The events must be the same. The proof may go on beyond the truth's end: its later events have
+    # to lie there.
+    in_truth = [(event.kind, event.joint) for event in truth.events]
+    in_proof = [(kind, joint) for kind, joint, _ in proven.events]
+    times, later = np.split([time for *_, time in proven.events], [len(in_truth)])
+    if in_truth != in_proof[: len(in_truth)] or any(later < truth.t_end - _AT_THE_END):
         raise Contradiction(
-            f"{truth.scene}: found events {_words(found)}; proven are {_words(listed)}"
+            f"{truth.scene}: found events {_words(in_truth)}; proven are {_words(in_proof)}"
         )
+
+    # Columns that are in both must agree to the sum of their uncertainties.
     errors = {name: error for name, error in proven.errors.items() if name in truth.uncertainty}
     instants = np.linspace(0.0, truth.t_end, _INSTANTS)
     estimated, enclosed = truth.columns(instants, "after"), proven.columns(instants, "after")
     for name, error in errors.items():
-        off, allowed = (
-            np.max(np.abs(estimated[name] - enclosed[name])),
-            _ESTIMATED * truth.uncertainty[name] + error,
-        )
+        off = np.max(np.abs(estimated[name] - enclosed[name]))
+        allowed = _ESTIMATED * truth.uncertainty[name] + error
         if not off <= allowed:
             raise Contradiction(
                 f"{truth.scene}: {name}: found a truth {off:.2g} off what is proven; "
@@ -146,15 +150,16 @@ def with_proof(scene: Scene, truth: Truth) -> Truth:
             )
 
     def columns(t: np.ndarray, side: str) -> dict[str, np.ndarray]:
-        at = t.copy()
+        # At the proven time of an event the truth is asked at its own time of it, where it has the
+        # event's two sides.
+        asked = t.copy()
         for time, event in zip(times, truth.events):
-            # the truth has two sides of an event at its own time for it
-            at[t == time] = event.time
-        found = truth.columns(at, side)
-        return {
-            **found,
-            **{name: values for name, values in proven.columns(t, side).items() if name in found},
-        }
+            asked[t == time] = event.time
+        columns = dict(truth.columns(asked, side))
+        for name, values in proven.columns(t, side).items():
+            if name in columns:
+                columns[name] = values
+        return columns
 
     return replace(
         truth,
@@ -174,6 +179,7 @@ def threshold_of_theorem(scene: Scene) -> StickThreshold | None:
         proven = SliderBar.from_scene(
             scene_from_dict(tomllib.loads(claims["file"]), claims["scene"])
         )
+        # all parameters but the amplitude, which is what the threshold is of
         if replace(mechanism, F0=proven.F0) == proven:
             low, high = (Fraction(claims[end]["F0 [N]"]) for end in ("low", "high"))
             return StickThreshold(
@@ -191,6 +197,7 @@ def _read(file: Path) -> ProvenTruth:
 
 
 def _put_in(value: Any, parameters: Mapping[str, Any]) -> Any:
+    """Replace the names of parameters in a value by their contents, so that names do not enter a digest."""
     if isinstance(value, dict):
         return {key: _put_in(inner, parameters) for key, inner in value.items()}
     if isinstance(value, list):

@@ -39,8 +39,19 @@ from stiction.truths.proof.truth import DATA, SUFFIX, certificates, motion_diges
 from stiction.truths.truth import NotThisMechanism
 
 DIGITS = 14
+"""Decimal places to which motions are proven: near the rounding of the floats in which they are stored."""
 _MORE_DIGITS = 4
+"""Digits beyond those of a certificate with which it is checked."""
 _ROUNDING = 2.0**-53
+"""Unit roundoff u of floats."""
+_HORNER = 2.02
+"""Bound of the factor of u per degree in Horner's rule, 2 / (1 - 2 n u), for every degree n in use."""
+_SUMMED = 1 + 1e-9
+"""Factor that covers the rounding of sums of bounds in floats."""
+_ALL_DIGITS = 17
+"""Decimal digits that determine a float."""
+_HALF = 0.5
+"""Ratio of a term to what may be left out, below which it is left out."""
 _RATES = {"x": "vx", "y": "vy", "angle": "omega", "displacement": "slip_velocity"}
 """Rates of columns of an element."""
 _KEPT = 2.0**-55
@@ -56,16 +67,21 @@ def truth_certificate(scene: Scene) -> Claims:
     motion, text = prove_scene(scene, DIGITS), scene_to_toml(scene)
     with motion.precision.working():
         starts = [float(leg.t.mid()) for leg in motion.legs]
-        # without those between events that are at the same time in floats
+        # legs between events that are at the same time in floats have no length there
         legs = [
             leg
             for leg, start, end in zip(motion.legs, starts, [*starts[1:], scene.t_end])
             if start < end
         ]
+        # A velocity is evaluated as the derivative of its position: its own coefficients need not
+        # be stored.
         columns = legs[0].bodies
-        parts = ((name, *name.rpartition(".")) for name in columns)
-        rates = {f"{element}.{_RATES.get(part)}": name for name, element, _, part in parts}
-        derivatives = {rate: name for rate, name in rates.items() if rate in columns}
+        derivatives = {}
+        for name in columns:
+            element, _, part = name.rpartition(".")
+            rate = f"{element}.{_RATES.get(part)}"
+            if rate in columns:
+                derivatives[rate] = name
         claims = {
             "format": FORMAT.name,
             "scene": scene.name,
@@ -81,6 +97,8 @@ def truth_certificate(scene: Scene) -> Claims:
                 if name not in derivatives
             },
         }
+        # What is claimed is proven from the claims themselves, as they are written: rounded
+        # coefficients and all.
         claims["errors"] = {name: error * _SLACK for name, error in _errors(claims, motion).items()}
         events = _events(motion, scene)
         claims["events"] = [[event.kind, event.joint, float(event.time.mid())] for event in events]
@@ -91,11 +109,10 @@ def truth_certificate(scene: Scene) -> Claims:
 
 def _failures(claims: Claims) -> Iterator[Failure]:
     scene = claimed_scene(claims)
-    claimed, digest = (claims["digest"], claims["t_end"]), motion_digest(claims["file"])
-    if claimed != (digest, scene.t_end):
-        yield Failure(
-            -1, f"digest and t_end: found {claimed}; the scene has {(digest, scene.t_end)}"
-        )
+    claimed = claims["digest"], claims["t_end"]
+    actual = motion_digest(claims["file"]), scene.t_end
+    if claimed != actual:
+        yield Failure(-1, f"digest and t_end: found {claimed}; the scene has {actual}")
         return
     try:
         motion = prove_scene(scene, int(claims["digits"]) + _MORE_DIGITS)
@@ -108,12 +125,11 @@ def _failures(claims: Claims) -> Iterator[Failure]:
                 yield Failure(
                     -1, f"{name}: off by up to {bound:.3g}; claimed {claims['errors'][name]:.3g}"
                 )
-        found, listed, width = _events(motion, scene), claims["events"], claims["event time"]
-        if [(event.kind, event.joint) for event in found] != [
-            (kind, joint) for kind, joint, _ in listed
-        ]:
+        proven, listed, width = _events(motion, scene), claims["events"], claims["event time"]
+        kinds = [(event.kind, event.joint) for event in proven]
+        if kinds != [(kind, joint) for kind, joint, _ in listed]:
             yield Failure(-1, "other events")
-        elif not all(abs(event.time - near) <= width for event, (_, _, near) in zip(found, listed)):
+        elif not all(abs(event.time - time) <= width for event, (*_, time) in zip(proven, listed)):
             yield Failure(-1, "the time of an event is not within its interval")
 
 
@@ -127,10 +143,14 @@ def _errors(claims: Claims, motion: ProvenMotion) -> dict[str, float]:
     coefficients, derivatives = claims["coefficients"], claims["derivatives"]
     if {*coefficients, *derivatives} != set(legs[0].bodies) or claims["starts"][0] != 0:
         raise NotACertificate("found other columns than the mechanism has, or no start at 0")
-    first, rounding, off = 0, dict.fromkeys(legs[0].bodies, 0.0), dict.fromkeys(legs[0].bodies, 0.0)
+    first = 0
+    rounding = dict.fromkeys(legs[0].bodies, 0.0)
+    off = dict.fromkeys(legs[0].bodies, 0.0)
     for i, (start, end) in enumerate(zip(starts, starts[1:])):
         if not start < end:
             raise NotACertificate("found legs that do not go forward; expected increasing starts")
+        # `first` is the first leg of the motion that reaches into this one of the file: both are in
+        # order of time.
         while legs[first].t + legs[first].end < start:
             first += 1
         polynomials = {name: arb_poly(rows[i]) for name, rows in coefficients.items()}
@@ -140,11 +160,11 @@ def _errors(claims: Claims, motion: ProvenMotion) -> dict[str, float]:
             for leg in takewhile(lambda leg: not leg.t > end, legs[first:]):
                 begin = leg.t if leg.t > start else start
                 reach = max(min(_upper(leg.t + leg.end), _upper(end)) - float(begin.lower()), 0.0)
-                shifted = leg.bodies[name](arb_poly([begin - leg.t, 1])) - polynomial(
-                    arb_poly([begin - start, 1])
-                )
-                off[name] = max(off[name], _upper(sum(_terms(shifted, arb(reach)), arb(0))))
-    return {name: (rounding[name] + off[name]) * (1 + 1e-9) for name in off}
+                exact = leg.bodies[name](arb_poly([begin - leg.t, 1]))
+                stored = polynomial(arb_poly([begin - start, 1]))
+                difference = sum(_terms(exact - stored, arb(reach)), arb(0))
+                off[name] = max(off[name], _upper(difference))
+    return {name: (rounding[name] + off[name]) * _SUMMED for name in off}
 
 
 def _terms(polynomial: arb_poly, length: arb | float) -> list[arb]:
@@ -159,7 +179,9 @@ def _rounding(polynomial: arb_poly, length: float) -> float:
     """
     terms = _terms(polynomial, length)
     slope_times_length = sum((k * term for k, term in enumerate(terms)), arb(0))
-    return _upper(2.02 * _ROUNDING * ((len(terms) + 1) * sum(terms, arb(0)) + slope_times_length))
+    return _upper(
+        _HORNER * _ROUNDING * ((len(terms) + 1) * sum(terms, arb(0)) + slope_times_length)
+    )
 
 
 def _events(motion: ProvenMotion, scene: Scene) -> list[ProvenEvent]:
@@ -169,12 +191,14 @@ def _events(motion: ProvenMotion, scene: Scene) -> list[ProvenEvent]:
     for event in motion.events:
         if event.joint not in counted:
             continue
-        if (
+        # both corner forces of a guide pass zero together where its normal force does
+        together = (
             kept
             and kept[-1].kind == event.kind == "corner"
             and kept[-1].joint == event.joint
             and not event.time - kept[-1].time > _AT_ONCE
-        ):
+        )
+        if together:
             kept.pop()
         kept.append(event)
     return kept
@@ -184,16 +208,23 @@ def _floats(polynomial: arb_poly, length: float) -> list[float]:
     """Coefficients with no more decimals than count."""
     terms = [float(c.mid()) for c in polynomial.coeffs()]
     size = sum(abs(c) * length**k for k, c in enumerate(terms))
+    negligible = _KEPT * min(length, 1.0) * size or 1.0
     kept = []
     for k, c in enumerate(terms):
-        share = abs(c) * length**k / (_KEPT * min(length, 1.0) * size or 1.0)
-        kept.append(float(f"{c:.{min(max(ceil(log10(share)), 1), 17)}g}") if share > 0.5 else 0.0)
+        # a term that is 10^d times what may be left out needs d digits
+        share = abs(c) * length**k / negligible
+        if share > _HALF:
+            digits = min(max(ceil(log10(share)), 1), _ALL_DIGITS)
+            kept.append(float(f"{c:.{digits}g}"))
+        else:
+            kept.append(0.0)
     while len(kept) > 1 and kept[-1] == 0.0:
         kept.pop()
     return kept or [0.0]
 
 
 def _upper(ball: arb) -> float:
+    """An upper bound in floats: `float` rounds to nearest, by one unit at most."""
     return float(ball.upper()) * (1 + 2 * _ROUNDING)
 
 

@@ -55,6 +55,7 @@ class MovingGuide(SingleSlider):
         return self.m * (gx * cos + gy * sin), self.m * (gy * cos - gx * sin)
 
     def _twist(self, q, v):
+        """Moment of the torsional spring on the arm."""
         kt, dt, th0 = self.twist
         return -kt * (q[1] - th0) - dt * v[1]
 
@@ -62,20 +63,23 @@ class MovingGuide(SingleSlider):
         """th''; independent of friction."""
         if self.names[2] is not None:
             return np.zeros_like(q[1])
-        r, across = q[0], self._weight(q[1])[1]
-        return (self._twist(q, v) - r * (2 * self.m * v[0] * v[1] - across)) / (
-            self.arm_inertia + self.slider_inertia + self.m * r * r
-        )
+        r = q[0]
+        _, across = self._weight(q[1])
+        moment = self._twist(q, v) - r * (2 * self.m * v[0] * v[1] - across)
+        return moment / (self.arm_inertia + self.slider_inertia + self.m * r * r)
 
     def loads(self, t, q, v, a=None):
         """R, M and the push, with the inertia of the turning frame; independent of q''."""
         alpha = self.angular_acceleration(q, v)
-        (along, across), (k, d, r0) = self._weight(q[1]), self.spring
+        along, across = self._weight(q[1])
+        k, d, r0 = self.spring
         R = self.m * (q[0] * alpha + 2 * v[0] * v[1]) - across
         force = self.m * q[0] * v[1] ** 2 - k * (q[0] - r0) - d * v[0] + along
         return R, self.slider_inertia * alpha, force
 
     def acceleration(self, t, q, v, mode: Mode):
+        # Along the arm the slider is free or held; the arm turns alike in both cases, as friction
+        # does not enter th''.
         slip, signs = mode
         if slip == 0:
             radial = np.zeros_like(q[0])
@@ -93,14 +97,19 @@ class MovingGuide(SingleSlider):
         (r, th), (rv, w), (ra, alpha) = q, v, acceleration
         cos, sin, zero = np.cos(th), np.sin(th), np.zeros_like(t)
         e, n = np.array([cos, sin]), np.array([-sin, cos])
-        velocity, a = rv * e + r * w * n, (ra - r * w * w) * e + (r * alpha + 2 * rv * w) * n
+        # acceleration in polar coordinates, with its centripetal and Coriolis terms
+        velocity = rv * e + r * w * n
+        a = (ra - r * w * w) * e + (r * alpha + 2 * rv * w) * n
         px, py = self.pivot
         values = {
             **body_columns("arm", (zero + px, zero + py, th), (zero, zero, w), (zero, zero, alpha)),
             **body_columns("slider", (px + r * cos, py + r * sin, th), (*velocity, w), (*a, alpha)),
         }
+        # The pivot carries what accelerates the slider, less the weight of both; the arm's centre
+        # of mass rests on it.
         for i, c in enumerate("xy"):
             values[f"{pivot}.f{c}"] = self.m * a[i] - (self.m + self.arm_mass) * self.gravity[i]
+        # The drive holds the balance of moments of the arm, whose rate is constant.
         if drive is not None:
             R, M, _ = self.loads(t, q, v)
             values[f"{drive}.effort"] = M + r * R - self._twist(q, v)
@@ -135,14 +144,15 @@ TURNING_ARM = Structure(
 
 def moving_guide_truth(scene: Scene, t_end: float | None = None) -> Truth:
     """Return the motion of bodies `arm` and `slider`."""
-    found = TURNING_ARM.match(scene)
+    match = TURNING_ARM.match(scene)
     arm, slider = scene.bodies["arm"], scene.bodies["slider"]
-    motor, spring, twist = found["motor"], found["spring"], found["twist"]
+    motor, spring, twist = match["motor"], match["spring"], match["twist"]
     if motor and (motor.law.offset, motor.law.rate) != (arm.angle, arm.angular_velocity):
         raise TURNING_ARM.misfit(
-            scene, f"{found.name('motor')}: expected a drive that meets the start of the arm"
+            scene, f"{match.name('motor')}: expected a drive that meets the start of the arm"
         )
-    pivot = found["pivot"].points[1]
+    pivot = match["pivot"].points[1]
+    # Without spring, torsional spring or motor: zero stiffness, and an arm that turns freely.
     mechanism = MovingGuide(
         slider.mass,
         slider.inertia,
@@ -153,14 +163,13 @@ def moving_guide_truth(scene: Scene, t_end: float | None = None) -> Truth:
         if spring
         else (0.0, 0.0, 0.0),
         (twist.stiffness, twist.damping, twist.rest_angle) if twist else (0.0, 0.0, 0.0),
-        Contact.of(found["guide"]),
+        Contact.of(match["guide"]),
         pivot,
-        (found.name("pivot"), found.name("guide"), found.name("motor") if motor else None),
+        (match.name("pivot"), match.name("guide"), match.name("motor") if motor else None),
     )
+    # Polar coordinates of the start. The velocity across the arm follows from the arm's.
     along = np.array([np.cos(arm.angle), np.sin(arm.angle)])
     r = float((np.array(slider.position) - np.array(pivot)) @ along)
-    q, v = (
-        np.array([r, arm.angle]),
-        np.array([float(np.array(slider.velocity) @ along), arm.angular_velocity]),
-    )
+    radial = float(np.array(slider.velocity) @ along)
+    q, v = np.array([r, arm.angle]), np.array([radial, arm.angular_velocity])
     return truth_of(scene, mechanism.names[1:2], mechanism, q, v, t_end)

@@ -9,9 +9,9 @@ root is overlooked, however short the guard is negative: a part of the step is p
 |p - c0| <= sum |ck| of a Chebyshev series shows that p has no zero there, or that p' has none and p the same sign at
 both ends; other parts are halved.
 
-The mode that follows is found by trial: of the candidates that the mechanism names, in its order of
-preference, the first that holds during a very short step. No rule is needed for ties, for a guard that starts at
-zero, or for break-away without a jump (mus = mu).
+The mode that follows an event is found by trial. The mechanism lists candidates in the order of
+their precedence; the first one that remains consistent during a very short step is taken. No rule
+is needed for ties, for a guard that starts at zero, or for break-away without a jump (mus = mu).
 """
 
 from __future__ import annotations
@@ -31,26 +31,53 @@ from stiction.truths.truth import TruthRefused
 TRIAL_STEPS = (1e-6, 1e-5)
 """Seconds; the longer where no mode holds for the shorter, as when a slider would stick for less than that.
 
-Two changes of mode closer than this are taken as one: an error of position below 1e-10 (usually 1e-12) jumps of q''.
-These and the times below hold for motions up to `_FAST`; for faster ones they are shorter in proportion.
+Two changes of mode closer than this are taken as one: the error of position is below 1e-10 (usually
+1e-12) times the jump of q''. These and the times below hold for motions up to `_FAST`; for faster
+ones they are shorter in proportion.
 """
-_FAST = 10.0  # rad/s
+_FAST = 10.0
+"""Angular frequency up to which the times of a search hold as they are given, rad/s."""
 _SHORTEST_STEP = 1e-9
-_JUNCTION = (
-    1e-12  # a root this close before a step belongs to it: rounding at the junction of two steps
-)
+"""s; a mode that needs shorter steps has no smooth motion."""
+_JUNCTION = 1e-12
+"""s; a root this close before a step belongs to it: rounding at the junction of two steps."""
 _PICARD_LIMIT = 60
-_SAME = 1e-6  # relative; accelerations of two modes that are one motion (a tie of signs) differ by rounding only
-_NOISE = 5e-14  # relative to max |q''| and what cancels in it: some hundred roundings
+"""Picard iterations after which a step counts as too long."""
+_SAME = 1e-6
+"""Relative; accelerations of two modes that are one motion (a tie of signs) differ by rounding only."""
 _ROUNDING = np.finfo(float).eps
-_HALVINGS = (
-    12  # after these, where bounds cannot separate a double root from none, eigenvalues decide
-)
+_NOISE = 5e-14
+"""Rounding of a polynomial's coefficients, relative to max |q''| and what cancels in it: some hundred roundings."""
+_STALLED = 4 * _ROUNDING
+"""Relative change of q'' at which the Picard iteration has converged whatever its rate: rounding of one evaluation."""
+_TAIL = 3
+"""Last Chebyshev coefficients that must be rounding: more than one, as every other one of an even function is zero."""
+_GUARD_NOISE = 10 * _NOISE
+"""As `_NOISE`, for guards, which are computed from q, v and q'' and have the rounding of all of them."""
+_BELOW_NOISE = 10.0
+"""Ratio of the rounding of a group of guards to a series that counts as zero throughout, rather than full of roots."""
+_ROOT_XTOL, _ROOT_RTOL = 1e-15, 4 * _ROUNDING
+"""Tolerances of a root in [-1, 1]; the relative one is the smallest that `scipy.optimize.brentq` accepts."""
+_TRIMMED = 4 * _ROUNDING
+"""Relative size of leading coefficients that are dropped before eigenvalues are taken: they would be divided by."""
+_REAL = 1e-10
+"""Imaginary part below which an eigenvalue is a real root: rounding of a simple root."""
+_HALVINGS = 12
+"""After these, where bounds cannot separate a double root from none, eigenvalues decide."""
+_LONGER = 1.5
+"""Ratio of a step to the one before, if that was accepted; a step that is too long is halved."""
 _SWITCH_LIMIT = 100_000
+"""Changes of mode after which a motion is refused: they seem to accumulate."""
+_LATE = 10.0
+"""s; from here on the rounding of the time itself counts.
+
+Rates of q'' are some ten times its size per second, so that eps |t| moves it by 100 eps at this
+time, near `_NOISE`.
+"""
 
 
 class Undecided(TruthRefused):
-    """Rounding hides what happens: two integrations disagree on a grazing event, or no mode is consistent."""
+    """Rounding decides the result: two integrations disagree on a grazing event, or no mode is consistent."""
 
 
 class NoMotion(TruthRefused):
@@ -69,7 +96,7 @@ class PiecewiseMechanism(ABC):
 
     @property
     def magnitude(self) -> float:
-        """Size of the terms of q'' (and of the guards), however much of them cancels: their rounding stays in it."""
+        """Size of the terms of q'' and of the guards before they cancel, which determines their rounding."""
         return 1.0
 
     @property
@@ -100,10 +127,11 @@ class PiecewiseMechanism(ABC):
     def candidates(
         self, t: float, q: np.ndarray, v: np.ndarray, mode: Any, guard: int | None
     ) -> Iterator[list[tuple[Any, np.ndarray]]]:
-        """Modes that may follow when `guard` of `mode` reached zero, each with the velocity (n,) it starts with.
+        """Yield the modes that may follow when `guard` of `mode` has reached zero, each with its initial velocity (n,).
 
-        They come in groups, of which one is tried only if no mode of those before it holds; NoMotion is raised where
-        it would not be the only answer. At the start of the motion mode and guard are None.
+        Modes are yielded in groups; a group is tried only if no mode of the groups before it is
+        consistent. NoMotion is raised where the motion would not be unique. At the start of the
+        motion mode and guard are None.
         """
 
     @abstractmethod
@@ -179,14 +207,22 @@ class Collocation:
     def __init__(self, order: int = 24, longest_step: float = 0.25):
         self.order, self.longest_step = order, longest_step
         k = np.arange(order)
+        # Chebyshev points of the first kind, ascending. The polynomials are orthogonal over them,
+        # so that coefficients are sums over values (discrete cosine transform).
         self.nodes = -np.cos(np.pi * (k + 0.5) / order)
         values = chebyshev.chebvander(self.nodes, order - 1)
         self.to_coefficients = (values * np.where(k == 0, 1, 2) / order).T
+
+        # Matrices on the coefficients of q'': single and double integral from the start of the
+        # step, as coefficients and as values at the nodes.
         identity = np.eye(order)
         self._once = np.array([chebyshev.chebint(row, 1, lbnd=-1) for row in identity])
         self._twice = np.array([chebyshev.chebint(row, 2, lbnd=-1) for row in identity])
         self._velocity = chebyshev.chebval(self.nodes, self._once.T).T @ self.to_coefficients
         self._position = chebyshev.chebval(self.nodes, self._twice.T).T @ self.to_coefficients
+
+        # For the search of roots: the derivative of a series, and its coefficients on either half
+        # of the interval.
         self._derivative = np.array([np.append(chebyshev.chebder(row), 0.0) for row in identity]).T
         self._halves = [
             np.array(
@@ -213,21 +249,25 @@ class Collocation:
         drift = q0[:, None] + v0[:, None] * (t - t0)
         a = np.zeros((len(q0), self.order))
         change, magnitude = np.inf, mechanism.magnitude
+        # Picard iteration: q and v by integration of the last q'', then q'' anew from them.
         for _ in range(_PICARD_LIMIT):
             q = drift + s * s * a @ self._position.T
             v = v0[:, None] + s * a @ self._velocity.T
             new = mechanism.acceleration(t, q, v, mode)
             if not np.isfinite(new).all():
                 return None
-            last, change = change, np.abs(new - a).max()
-            # rounding of t, eps |t|, moves the accelerations too; their rates are some ten times their size per second
-            scale = (np.abs(new).max() + magnitude) * max(1.0, abs(t0) / 10)
+            last_change, change = change, np.abs(new - a).max()
+            scale = (np.abs(new).max() + magnitude) * max(1.0, abs(t0) / _LATE)
             a = new
-            if change <= 4 * _ROUNDING * scale or (change <= _NOISE * scale and change >= last / 2):
+            # Converged: changes are one rounding, or small and no longer decrease as those of a
+            # contraction do.
+            stagnates = change <= _NOISE * scale and change >= last_change / 2
+            if change <= _STALLED * scale or stagnates:
                 break
         else:
             return None
-        tail = np.abs(a @ self.to_coefficients.T)[:, -3:]
+        # The polynomial is the solution to rounding only if its own last terms are rounding.
+        tail = np.abs(a @ self.to_coefficients.T)[:, -_TAIL:]
         return (t, q, v, a) if np.max(tail) <= _NOISE * scale else None
 
     def segment(
@@ -240,10 +280,12 @@ class Collocation:
         end: float,
         a: np.ndarray,
     ) -> Segment:
-        """Polynomials of the solved step."""
+        """Return the solved step as polynomials."""
         s = h / 2
         coefficients = a @ self.to_coefficients.T
         velocity = s * coefficients @ self._once
+        # the integrals vanish at x = -1; q0 + v0 (t - t0) in Chebyshev polynomials is q0 + s v0 + s
+        # v0 T1(x)
         position = s * s * coefficients @ self._twice
         velocity[:, 0] += v0
         position[:, 0] += q0 + s * v0
@@ -254,7 +296,7 @@ class Collocation:
         """Check that polynomials through the values at the nodes, shape (.., order), are the functions to rounding."""
         coefficients = np.abs(functions @ self.to_coefficients.T)
         scale = magnitude + np.max(coefficients, axis=-1, keepdims=True)
-        return bool(np.all(coefficients[..., -3:] <= 10 * _NOISE * scale))
+        return bool(np.all(coefficients[..., -_TAIL:] <= _GUARD_NOISE * scale))
 
     def first_root(self, guards: np.ndarray, h: float, ignore: float) -> tuple[float, int] | None:
         """Time since the start of the step, and number, of the first guard that becomes negative after `ignore`.
@@ -262,6 +304,8 @@ class Collocation:
         Guards as in `PiecewiseMechanism.guards`, by their values at the nodes.
         """
         series = guards @ self.to_coefficients.T
+        # |Tk| <= 1: where c0 exceeds the sum of all other |ck| a function is positive throughout,
+        # and so is its guard. No search is needed for these.
         positive = np.any(series[..., 0] > np.sum(np.abs(series[..., 1:]), axis=-1), axis=1)
         roots = (
             (self._first_negative(series[i], max(2 * ignore / h - 1, -1.0)), int(i))
@@ -274,10 +318,12 @@ class Collocation:
         noise = _NOISE * np.max(np.abs(group))
         if np.max(chebyshev.chebval(begin, group.T)) < -noise:
             return begin
+        # Between neighbouring roots of all functions none changes its sign: one value decides each
+        # stretch.
         roots = sorted(
             root
             for series in group
-            for root in self._roots(series, -1.0, 1.0, _HALVINGS, noise / 10)
+            for root in self._roots(series, -1.0, 1.0, _HALVINGS, noise / _BELOW_NOISE)
         )
         ends = [root for root in roots if begin < root < 1] + [1.0]
         for root, end in zip(ends, ends[1:]):
@@ -289,28 +335,32 @@ class Collocation:
         self, series: np.ndarray, low: float, high: float, halvings: int, zero: float
     ) -> list[float]:
         """Roots of a series over [low, high]; what is nowhere larger than `zero` has none."""
+        # The constant term outweighs all others: no zero.
         size = np.abs(series)
         if size[0] > np.sum(size[1:]) or np.sum(size) <= zero:
             return []
         slope = self._derivative @ series
         if abs(slope[0]) > np.sum(np.abs(slope[1:])):
+            # The same for the derivative: the function is monotonic, and the signs at the ends
+            # decide.
             backwards = series[::-1].tolist()
             if _clenshaw(-1.0, backwards) * _clenshaw(1.0, backwards) > 0:
                 return []
-            found = [brentq(_clenshaw, -1.0, 1.0, (backwards,), xtol=1e-15, rtol=4 * _ROUNDING)]
+            roots = [brentq(_clenshaw, -1.0, 1.0, (backwards,), xtol=_ROOT_XTOL, rtol=_ROOT_RTOL)]
         elif halvings:
+            # Neither bound decides. They are closer on halves, where a term of order k is 2^k times
+            # smaller.
             middle = (low + high) / 2
             left, right = (half @ series for half in self._halves)
             return self._roots(left, low, middle, halvings - 1, zero) + self._roots(
                 right, middle, high, halvings - 1, zero
             )
         else:
-            complex_roots = chebyshev.chebroots(
-                chebyshev.chebtrim(series, 4 * _ROUNDING * np.max(size))
-            )
-            real = (np.abs(complex_roots.imag) < 1e-10) & (np.abs(complex_roots.real) <= 1)
-            found = complex_roots.real[real].tolist()
-        return [low + (high - low) * (float(x) + 1) / 2 for x in found]
+            # A double root, to rounding: as the eigenvalues of the companion matrix.
+            complex_roots = chebyshev.chebroots(chebyshev.chebtrim(series, _TRIMMED * np.max(size)))
+            real = (np.abs(complex_roots.imag) < _REAL) & (np.abs(complex_roots.real) <= 1)
+            roots = complex_roots.real[real].tolist()
+        return [low + (high - low) * (float(root) + 1) / 2 for root in roots]
 
 
 def _on_half(row: np.ndarray, side: int, x: np.ndarray) -> Any:
@@ -318,11 +368,15 @@ def _on_half(row: np.ndarray, side: int, x: np.ndarray) -> Any:
 
 
 def _clenshaw(x: float, backwards: list[float]) -> float:
-    """Value of a Chebyshev series whose coefficients are given from the last to the first."""
-    one = two = 0.0
+    """Value of a Chebyshev series whose coefficients are given from the last to the first.
+
+    Clenshaw's recurrence b[k] = c[k] + 2 x b[k+1] - b[k+2]; in plain floats, as Brent's method asks
+    for one value at a time and NumPy's calls would take longer than the sum itself.
+    """
+    b1 = b2 = 0.0
     for coefficient in backwards[:-1]:
-        one, two = coefficient + 2 * x * one - two, one
-    return backwards[-1] + x * one - two
+        b1, b2 = coefficient + 2 * x * b1 - b2, b1
+    return backwards[-1] + x * b1 - b2
 
 
 def integrate(
@@ -344,6 +398,7 @@ def integrate(
     mode, v, ignored = _next_mode(mechanism, collocation, t, q, v, None, None)
     h, junction = collocation.longest_step, _JUNCTION * mechanism.pace
     while t < t_end:
+        # A step is short enough if the motion and all guards are polynomials to rounding.
         h = min(h, collocation.longest_step)
         solved = collocation.solve(mechanism, mode, t, q, v, h)
         if solved is not None:
@@ -355,16 +410,18 @@ def integrate(
             if h < _SHORTEST_STEP * mechanism.pace:
                 raise NoMotion(f"no smooth motion in mode {mode}", t)
             continue
-        root, limit = (
-            collocation.first_root(guards, h, ignored),
-            collocation.first_root(limits, h, -junction),
-        )
+
+        # What comes first: the end of the mode, the loss of uniqueness, or the end of the step.
+        root = collocation.first_root(guards, h, ignored)
+        limit = collocation.first_root(limits, h, -junction)
         if limit is not None and t + limit[0] < t_end and (root is None or limit[0] < root[0]):
             raise NoMotion(
                 f"several motions, or none, besides mode {mode}: friction adds more load than inertia takes "
                 "away",
                 t + limit[0],
             )
+        # The polynomials of the whole step stay as they are; the mode's part of them ends at the
+        # root.
         end = t + (h if root is None else root[0])
         segments.append(collocation.segment(mode, t, q, v, h, min(end, t_end), solved[3]))
         t = segments[-1].end
@@ -375,7 +432,7 @@ def integrate(
             switches.append(Switch(t, len(segments), root[1]))
             mode, v, ignored = _next_mode(mechanism, collocation, t, q, v, mode, root[1])
         else:
-            h, ignored = 1.5 * h, -junction
+            h, ignored = _LONGER * h, -junction
     return Motion(tuple(segments), tuple(switches))
 
 
@@ -388,22 +445,27 @@ def _next_mode(
     mode: Hashable,
     guard: int | None,
 ) -> tuple[Hashable, np.ndarray, float]:
-    """The mode from t on, its initial velocity, and the time from t on in which guards are known to be positive."""
+    """Find the mode from t on, its initial velocity, and the time from t on in which guards are known to be positive.
+
+    A candidate holds if its guards are positive in the second half of a short trial step: in the
+    first half those that start at zero are rounding.
+    """
     later = slice(collocation.order // 2, None)
     for trial in (mechanism.pace * seconds for seconds in TRIAL_STEPS):
         for group in mechanism.candidates(t, q, v, mode, guard):
             consistent = []
             for candidate, velocity in group:
                 solved = collocation.solve(mechanism, candidate, t, q, velocity, trial)
-                if solved is not None:
-                    instants, positions, velocities, accelerations = (
-                        array[..., later] for array in solved
-                    )
-                    values = mechanism.guards(
-                        instants, positions, velocities, accelerations, candidate
-                    )
-                    if np.all(np.max(values, axis=1) >= 0):
-                        consistent.append((candidate, velocity, solved[3][:, -1]))
+                if solved is None:
+                    continue
+                instants, positions, velocities, accelerations = (
+                    array[..., later] for array in solved
+                )
+                values = mechanism.guards(instants, positions, velocities, accelerations, candidate)
+                if np.all(np.max(values, axis=1) >= 0):
+                    consistent.append((candidate, velocity, solved[3][:, -1]))
+            # Several modes of one group may describe one motion (a corner force that is zero), but
+            # not several motions.
             if consistent:
                 candidate, velocity, a = consistent[0]
                 for other, _, b in consistent[1:]:

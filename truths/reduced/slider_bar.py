@@ -65,6 +65,12 @@ SLIDER_BAR = Structure(
 )
 
 
+_MOST_TURNS = 64
+"""Turns of the bar within which the load must repeat itself for a common period."""
+_RATIONAL = 1e-12
+"""Distance from a ratio of whole numbers up to which a ratio of frequencies is that: rounding of both."""
+
+
 @dataclass(frozen=True)
 class SliderBar(SingleSlider):
     """The reduced slider-bar: parameters, equation of motion, contact modes, columns.
@@ -93,14 +99,10 @@ class SliderBar(SingleSlider):
     @classmethod
     def from_scene(cls, scene: Scene) -> SliderBar:
         """Parameters of a scene of the structure `SLIDER_BAR`; NotThisMechanism for any other."""
-        found = SLIDER_BAR.match(scene)
-        bar, slider, pin, guide = (
-            scene.bodies["bar"],
-            scene.bodies["slider"],
-            found["pin"],
-            found["guide"],
-        )
-        spring, motion, force = found["spring"], found["motor"].law, found["load"].law
+        match = SLIDER_BAR.match(scene)
+        bar, slider = scene.bodies["bar"], scene.bodies["slider"]
+        pin, guide, spring = match["pin"], match["guide"], match["spring"]
+        motion, force = match["motor"].law, match["load"].law
         return cls(
             m1=bar.mass,
             m2=slider.mass,
@@ -173,12 +175,13 @@ class SliderBar(SingleSlider):
         slip, signs = mode
         if slip == 0:
             return np.zeros_like(q)
+        # N depends on x'' by the bar's torque, linearly: N = load + slope x''. Friction adds phi
+        # slope to the inertia.
         phi = self.slip_fraction(slip)
         load = self.contact.load(self.normal(t), self.torque(t, 0.0), phi, signs)
-        slope = self.contact.load(
-            0.0, -self.c * np.sin(self.theta(t)), phi, signs
-        )  # N = load + slope x''
-        push, inertia = self.applied(t, 0.0, 0.0) + phi * load, self.mass - phi * slope
+        slope = self.contact.load(0.0, -self.c * np.sin(self.theta(t)), phi, signs)
+        push = self.applied(t, 0.0, 0.0) + phi * load
+        inertia = self.mass - phi * slope
         return (push - self.stiffness * q - self.damping * v) / inertia
 
     def loads(self, t, q, v, a):
@@ -188,7 +191,9 @@ class SliderBar(SingleSlider):
         """Positive while the accelerations are unique: in slip m > mu |B| (Painleve), at rest `_rest_limits`."""
         if self.contact.length is None:
             return np.empty((0, 1, len(t)))
-        B = 2 / self.contact.length * self.c * np.sin(self.theta(t))  # D = A - B x''
+        # D = A - B x''. In slip m x'' + s mu max(|R|, |D|) must grow with x'': its slope is at
+        # least m - mu |B|.
+        B = 2 / self.contact.length * self.c * np.sin(self.theta(t))
         if mode[0]:
             return np.array([[self.mass - sign * self.contact.mu * B] for sign in (1, -1)])
         return self._rest_limits(t, B, self.applied(t, q[0], v[0]))
@@ -203,12 +208,14 @@ class SliderBar(SingleSlider):
         Rest is therefore the only solution while one of  m - mus B,  |R| - A,  m A - s P B + (mus B - m) |R|  is
         positive; for mus B > m the last is, as the middle one, the larger of the two with R and -R.
         """
-        m, mus, R, found = self.mass, self.contact.mus, self.normal(t), []
+        m, mus, R = self.mass, self.contact.mus, self.normal(t)
+        limits = []
         for s in (1, -1):
             n1, n2 = self.contact.corners(R, self.torque(t, 0.0), -mus * s)
             for sign in (1, -1):
+                # D >= 0 and D < 0 by the two signs, with B counted along the direction s
                 A, b = sign * (n2 - n1), sign * s * B
-                found.append(
+                limits.append(
                     [
                         m - mus * b,
                         R - A,
@@ -216,7 +223,7 @@ class SliderBar(SingleSlider):
                         *(m * A - s * P * b + (mus * b - m) * r for r in (R, -R)),
                     ]
                 )
-        return np.array(found)
+        return np.array(limits)
 
     def columns(
         self, t: np.ndarray, q: np.ndarray, v: np.ndarray, mode: Mode
@@ -225,6 +232,8 @@ class SliderBar(SingleSlider):
         (x,), (vx,), (ax,) = q, v, a
         zero, th = np.zeros_like(t), self.theta(t)
         sin, cos, half, w = np.sin(th), np.cos(th), self.L / 2, self.rate
+        # The bar's centre of mass goes round the pin at a constant rate: centripetal acceleration
+        # alone.
         bar_ax, bar_ay = ax - half * w * w * cos, -half * w * w * sin
         return {
             **body_columns(
@@ -251,11 +260,12 @@ class SliderBar(SingleSlider):
         return max(s * P - self.contact.capacity(R, M, -self.contact.mus * s) for s in (-1, 1))
 
     def period(self) -> float:
-        """Common period of bar and load, s; raises InputError without one (to 1e-12, ratios up to 64)."""
+        """Return the common period of bar and load, s; raises InputError without one."""
         if self.rate == 0:
             return 2 * np.pi / self.frequency
-        ratio = Fraction(self.frequency / abs(self.rate)).limit_denominator(64)
-        if abs(self.frequency / abs(self.rate) - ratio) > 1e-12 or ratio == 0:
+        # load over bar as p/q: q turns of the bar are p periods of the load
+        ratio = Fraction(self.frequency / abs(self.rate)).limit_denominator(_MOST_TURNS)
+        if abs(self.frequency / abs(self.rate) - ratio) > _RATIONAL or ratio == 0:
             raise InputError(
                 f"bar ({self.rate:g} rad/s) and load ({self.frequency:g} rad/s) have no common period"
             )

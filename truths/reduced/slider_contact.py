@@ -92,12 +92,16 @@ class Contact:
         the largest of the functions  +-mus R - s push  and  +-mus D_s - s push, as smooth as R, M and push. By s and
         function: shape (2, 4, k), or (2, 2, k) for a guide without length.
         """
-        found = []
+        # A maximum of functions has kinks, on which polynomials converge slowly: each function is
+        # returned by itself.
+        margins = []
         for s in (1, -1):
             n1, n2 = self.corners(R, M, -self.mus * s)
             loads = (R,) if self.length is None else (R, n2 - n1)
-            found.append([sign * self.mus * load - s * push for load in loads for sign in (1, -1)])
-        return np.array(found)
+            margins.append(
+                [sign * self.mus * load - s * push for load in loads for sign in (1, -1)]
+            )
+        return np.array(margins)
 
     def require_unique_slip(self, t: float) -> None:
         """Raise NoMotion where a guide at rest, loaded beyond full static friction at time t, can jam: mus b > a."""
@@ -117,21 +121,30 @@ class Contact:
         """
         force = np.abs(friction)
         with np.errstate(invalid="ignore", divide="ignore"):
-            first = force / np.abs(R)
+            # |phi R| = |friction|
+            smallest = force / np.abs(R)
             if self.length is not None:
+                # Quadratics in u. Roots are written with a sum in the denominator: nothing cancels.
                 p, r = np.abs(2 / self.length * M), np.abs(self.width / self.length * R)
                 opposed, alike = p * p + 4 * r * force, p * p - 4 * r * force
-                rising = 2 * force / (p + np.sqrt(opposed))
-                falling = np.where(
+                # u (p + r u) = force
+                opposed_root = 2 * force / (p + np.sqrt(opposed))
+                # u (p - r u) = force before the maximum, else u (r u - p) = force on the second
+                # rise
+                alike_root = np.where(
                     alike >= 0, 2 * force / (p + np.sqrt(alike)), (p + np.sqrt(opposed)) / (2 * r)
                 )
-                first = np.fmin(first, np.where(np.sign(friction) * M * R > 0, falling, rising))
-        return np.where(force > 0, np.sign(friction) * first, 0.0)
+                same_sign = np.sign(friction) * M * R > 0
+                # `fmin` ignores the NaN of a load that is zero
+                smallest = np.fmin(smallest, np.where(same_sign, alike_root, opposed_root))
+        return np.where(force > 0, np.sign(friction) * smallest, 0.0)
 
     def columns(self, guide: str, R, M, phi, mode, **others) -> dict[str, np.ndarray]:
         """Return the columns of a guide: normal force, moment, corner and friction forces, mode, and others."""
         values = {"normal_force": R, "moment": M}
         n1, n2 = self.corners(R, M, phi)
+        # corners 1 and 2 are those of the lower surface, 4 and 3 the same of the upper one: only
+        # one of each pair presses
         F1, F2, F3, F4 = (np.maximum(n, 0) for n in (n1, n2, -n2, -n1))
         lower, upper = F1 + F2, F4 + F3
         if self.length is not None:
@@ -188,17 +201,20 @@ class SingleSlider(PiecewiseMechanism):
         if self.contact.frictionless:
             yield [((1, signs), v) for signs in patterns]
             return
-        slip = (
-            mode[0]
-            if mode is not None and guard != 0
-            else int(np.sign(v[0]))
-            if mode is None
-            else 0
-        )
+        if mode is None:
+            slip = int(np.sign(v[0]))
+        elif guard == 0:
+            # the speed has reached zero in slip, or static friction its bound at rest
+            slip = 0
+        else:
+            slip = mode[0]
         if slip:
             yield [((slip, signs), v) for signs in patterns]
         # a start so slow that it is at rest within a trial step has no mode of its own
-        if slip == 0 or mode is None and abs(v[0]) <= self.pace * TRIAL_STEPS[0] * self.magnitude:
+        slowest = self.pace * TRIAL_STEPS[0] * self.magnitude
+        if slip == 0 or mode is None and abs(v[0]) <= slowest:
+            # Rest first: it has precedence where it holds. A slider that it does not hold slips to
+            # the one side where the slip is consistent.
             rest = np.concatenate([[0.0], v[1:]])
             yield [(STICK, rest)]
             self.contact.require_unique_slip(t)

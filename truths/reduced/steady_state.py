@@ -32,15 +32,49 @@ DEFINITION = (
 )
 
 _STEPS, _CHECK = Collocation(order=20, longest_step=0.5), Collocation(order=16, longest_step=0.2)
-_NEAR = (
-    1e-2  # of the motion's size: repeats itself as closely as this before Newton's method is tried
-)
-_RESIDUAL = 1e-11  # m and m/s
-_DIFFERENCE = 1e-7  # m and m/s; of the Jacobian by central differences
+"""Discretization of all motions, and another one, with which the uncertainty is estimated."""
+_NEAR = 1e-2
+"""Part of the motion's size to which it must repeat itself before Newton's method is tried: it converges from there."""
+_NEXT_TRY = 10
+"""Periods to wait after Newton's method has failed: it costs about five periods for each of its iterations."""
+_RESIDUAL = 1e-11
+"""Change of (x, v) over a period at a fixed point, m and m/s: what rounding leaves of it."""
+_DIFFERENCE = 1e-7
+"""Step of the Jacobian by central differences, m and m/s.
+
+It is short, so that the sequence of events is the same on both sides. Rounding of the end state,
+some 1e-14, leaves 1e-7 of a derivative: enough for multipliers, and for Newton's method to
+converge.
+"""
+_MOST_NEWTON = 8
+"""Newton iterations: from `_NEAR` the method converges fast or not at all."""
+_SINGULAR = 1e-12
+"""Determinant of 1 - DP below which Newton's step is not defined: a multiplier of 1, as on a continuum of rest."""
+_PASSES = 3
+"""Successive passes that must resemble the steady state: one alone may be chance."""
+_LARGE_RESIDUAL = 100 * _RESIDUAL
+"""Distance from a fixed point within which an orbit does not have to come nearer, m and m/s."""
+_REAL = 1e-9
+"""Imaginary part up to which a root on [-1, 1] counts as real."""
 _ROUNDING = np.finfo(float).eps
-_PARTS = 8  # of a bracket of 1e-3 F0: the distance at which steady states are compared
-_SEEN = 1e-6  # of F0, above the end of a steady state: nearer to it the motion from the start is not followed
-_NODES = 5  # of an extrapolation over so short a step that degree 4 leaves rounding
+_SEARCH = 1.25
+"""Ratio of successive amplitudes in the search of a bracket."""
+_FARTHEST = 1000
+"""Ratio to the scene's own amplitude at which that search ends, in both directions."""
+_BRACKET = 1e-3
+"""Width of the bracket, relative to F0, within which the steady state is followed to its end."""
+_PARTS = 8
+"""Parts of that bracket, of which one is the distance at which steady states are compared."""
+_SEEN = 1e-6
+"""Part of F0, above the end of a steady state: nearer to it the motion from the start is not followed."""
+_CONTINUES = 4.0
+"""Ratio of the margins on both sides of their zero up to which they are those of one steady state."""
+_RESOLUTION = 1e-9
+"""Relative width of the bracket at which halving ends, unless a larger one is asked for; it is the uncertainty."""
+_NODES = 5
+"""Nodes of an extrapolation over so short a step that degree 4 leaves rounding."""
+_FOLLOWED_FROM, _FOLLOWED_TO = 50, 1e-4
+"""F0 over the first step, and last step over F0, in which a coexisting steady state is followed down for a note."""
 
 
 class NoSteadyState(TruthRefused):
@@ -80,22 +114,28 @@ def steady_state(mechanism: SliderBar) -> SteadyState:
     for j in range(1, SETTLING + 1):
         motion = _period(mechanism, orbit[-1], 1)
         orbit.append(_end(motion))
+        # A slider that rests throughout a period does so ever after.
         if all(segment.mode[0] == 0 for segment in motion.segments):
             return SteadyState(1, motion, (), 0.0)
         if j < next_try:
             continue
-        size = _NEAR * max(
+
+        # After how many periods the orbit nearly repeats itself, measured by its size.
+        near_enough = _NEAR * max(
             np.ptp([s[i] for s in orbit[-MOST_PERIODS:]]) + abs(orbit[-1][i]) for i in (0, 1)
         )
         distances = {
             n: np.max(np.abs(orbit[-1] - orbit[-1 - n])) for n in range(1, min(MOST_PERIODS, j) + 1)
         }
-        near = [n for n in distances if distances[n] < size]
+        near = [n for n in distances if distances[n] < near_enough]
+
+        # Two guesses of n: the smallest, and the one of the closest return. A period-two motion
+        # close to its bifurcation nearly repeats itself after one period already.
         for n in dict.fromkeys(near[:1] + sorted(near, key=distances.__getitem__)[:1]):
-            found = _newton(mechanism, orbit[-1], n)
-            if found is not None and _attracts(mechanism, found, orbit[-1]):
-                return found
-            next_try = j + 10
+            fixed_point = _newton(mechanism, orbit[-1], n)
+            if fixed_point is not None and _attracts(mechanism, fixed_point, orbit[-1]):
+                return fixed_point
+            next_try = j + _NEXT_TRY
     raise NoSteadyState(
         f"no steady state of up to {MOST_PERIODS} periods of {mechanism.period():g} s at F0 = "
         f"{mechanism.F0:.9g} N within {SETTLING} periods"
@@ -112,9 +152,11 @@ def _end(motion: Motion) -> np.ndarray:
 
 def _newton(mechanism: SliderBar, state: np.ndarray, n: int) -> SteadyState | None:
     """Fixed point of n periods near a state; None where Newton's method does not converge."""
-    for _ in range(8):
+    for _ in range(_MOST_NEWTON):
         motion = _period(mechanism, state, n)
         change = _end(motion) - state
+        # The map is smooth near a motion whose sequence of events does not change; motions are
+        # exact to rounding, so that differences serve.
         jacobian = np.array(
             [
                 (
@@ -125,6 +167,7 @@ def _newton(mechanism: SliderBar, state: np.ndarray, n: int) -> SteadyState | No
                 for step in _DIFFERENCE * np.eye(2)
             ]
         ).T
+        # The multipliers are those at the fixed point itself: the test comes after its Jacobian.
         if np.max(np.abs(change)) <= _RESIDUAL:
             return SteadyState(
                 n,
@@ -133,38 +176,42 @@ def _newton(mechanism: SliderBar, state: np.ndarray, n: int) -> SteadyState | No
                 float(np.max(np.abs(change))),
             )
         matrix = np.eye(2) - jacobian
-        if abs(np.linalg.det(matrix)) < 1e-12:
+        if abs(np.linalg.det(matrix)) < _SINGULAR:
             return None
         state = state + np.linalg.solve(matrix, change)
     return None
 
 
-def _attracts(mechanism: SliderBar, found: SteadyState, state: np.ndarray) -> bool:
+def _attracts(mechanism: SliderBar, fixed_point: SteadyState, state: np.ndarray) -> bool:
     """Check that the multipliers are within the unit circle, and that the orbit at `state` comes nearer at each pass.
 
-    One without a stick phase attracts only from so near that none is met on the way: the orbit is followed until, for
-    three passes, what is left until one is half to one and a half times that of the steady state.
+    A steady state without a stick phase attracts only from so near that no stick phase is met on
+    the way. The orbit is followed until, for `_PASSES` passes, its distances from a stick phase
+    (`_left_until_rest`) are half to one and a half times those of the steady state.
     """
-    if max(map(abs, found.multipliers)) >= 1:
+    if max(map(abs, fixed_point.multipliers)) >= 1:
         return False
-    left = {} if found.sticks else _left_until_rest(mechanism, found.motion)
-    distances, near = [np.linalg.norm(state - found.state)], 0
-    while near < 3 and len(distances) <= SETTLING:
-        motion = _period(mechanism, state, found.periods)
+    left = {} if fixed_point.sticks else _left_until_rest(mechanism, fixed_point.motion)
+    distances, near = [np.linalg.norm(state - fixed_point.state)], 0
+    while near < _PASSES and len(distances) <= SETTLING:
+        motion = _period(mechanism, state, fixed_point.periods)
+        # A stick phase on the way: where the orbit goes after it the multipliers do not tell.
         if left and any(segment.mode[0] == 0 for segment in motion.segments):
             return False
-        here, state = _left_until_rest(mechanism, motion) if left else {}, _end(motion)
+        orbit_left = _left_until_rest(mechanism, motion) if left else {}
+        state = _end(motion)
         alike = all(
-            abs(here.get(way, np.inf) - value) < abs(value) / 2 for way, value in left.items()
+            abs(orbit_left.get(way, np.inf) - value) < abs(value) / 2 for way, value in left.items()
         )
         near = near + 1 if alike else 0
-        distances.append(np.linalg.norm(state - found.state))
-    return near == 3 and bool(distances[-1] < distances[0] or distances[-1] < 100 * _RESIDUAL)
+        distances.append(np.linalg.norm(state - fixed_point.state))
+    comes_nearer = distances[-1] < distances[0] or distances[-1] < _LARGE_RESIDUAL
+    return near == _PASSES and bool(comes_nearer)
 
 
 @dataclass(frozen=True)
 class StickBands:
-    """What a scan above a threshold has seen.
+    """Result of a scan of amplitudes above a threshold.
 
     Attributes
     ----------
@@ -184,13 +231,15 @@ class StickBands:
 
 @dataclass(frozen=True)
 class StickThreshold:
-    """`DEFINITION`, or why there is none: F0 and its uncertainty in N, both None where there is none.
+    """The threshold of `DEFINITION`: F0 and its uncertainty in N, both None if there is no threshold.
 
-    The uncertainty is the sum of bracket or extrapolation, residual of the steady state and discretization; where the
-    steady state jumps, also the distance from the jump at which the motion from the start was followed. `bracket` are
-    the amplitudes with and without a stick phase between which the root was sought. `note` says what coexists with it,
-    or the reason where there is no threshold. `theorem` is the proof of it in words: then the uncertainty is a bound.
-    `above` is what a scan above it has seen, where one was made.
+    The uncertainty is the sum of the errors of bracket or extrapolation, of the residual of the
+    steady state, and of the discretization. Where the steady state jumps, the distance from the
+    jump at which the motion from the start was followed is added. `bracket` contains the amplitudes
+    with and without a stick phase between which the root was sought. `note` describes a coexisting
+    steady state, or gives the reason why there is no threshold. `theorem` is the proof in words;
+    with it the uncertainty is a bound. `above` is the result of a scan of larger amplitudes, if
+    any.
     """
 
     F0: float | None
@@ -262,33 +311,45 @@ def _threshold(mechanism: SliderBar, xtol: float) -> StickThreshold:
         steady[F0] = steady_state(loaded)
         return margin(loaded, steady[F0]) < 0
 
+    # A bracket: from the scene's own amplitude upwards to the first without a stick phase, else
+    # downwards to one with.
     low = high = mechanism.F0
     while sticks(high):
-        low, high = high, 1.25 * high
-        if high > 1000 * mechanism.F0:
+        low, high = high, _SEARCH * high
+        if high > _FARTHEST * mechanism.F0:
             raise NoThreshold(f"a stick phase at every F0 up to {low:g} N")
     while low == high or not sticks(low):
-        low, high = low / 1.25, low
-        if low < mechanism.F0 / 1000:
+        low, high = low / _SEARCH, low
+        if low < mechanism.F0 / _FARTHEST:
             raise NoThreshold(f"no stick phase at any F0 down to {high:g} N")
-    while high - low > 1e-3 * high:
+    while high - low > _BRACKET * high:
         middle = (low + high) / 2
         low, high = (middle, high) if sticks(middle) else (low, middle)
+
+    # The steady state at the upper end is followed down to its own end, without transients and to
+    # rounding. That is the threshold only if the motion from the start leads to the steady state
+    # just above, and sticks just below.
     end = _end_of_sliding(mechanism, steady[high], low, high)
     if end is not None:
-        (F0, uncertainty, note), bracket, offset = end, (low, high), (high - low) / _PARTS
-        sides = F0 - offset, F0 + offset
-        if sticks(sides[0]) and not sticks(sides[1]):
-            below, above = (margin(replace(mechanism, F0=F0), steady[F0]) for F0 in sides)
-            low, high = F0 + _SEEN * F0, sides[1]
+        F0, uncertainty, note = end
+        bracket = low, high
+        offset = (high - low) / _PARTS
+        below, above = F0 - offset, F0 + offset
+        if sticks(below) and not sticks(above):
+            margin_below, margin_above = (
+                margin(replace(mechanism, F0=side), steady[side]) for side in (below, above)
+            )
+            low, high = F0 + _SEEN * F0, above
             if not sticks(low):
                 # a margin that runs on through zero is that of one steady state; above a jump its basin may be small
-                jumps = not 0.25 < -below / above < 4
+                jumps = not 1 / _CONTINUES < -margin_below / margin_above < _CONTINUES
                 return StickThreshold(
                     F0, uncertainty + _SEEN * F0 if jumps else uncertainty, bracket, note
                 )
+
+    # Two steady states coexist: which of them the start leads to is found by trial alone.
     unknown = ""
-    while high - low > max(xtol, 1e-9 * high):
+    while high - low > max(xtol, _RESOLUTION * high):
         middle = (low + high) / 2
         try:
             low, high = (middle, high) if sticks(middle) else (low, middle)
@@ -308,79 +369,90 @@ def _left_until_rest(mechanism: SliderBar, motion: Motion) -> dict[tuple[str, in
 
     By slip phase: the break-away margin (N) at its start, and the least speed (m/s) at the instants of x'' = 0 within.
     """
-    x, stops, found = _starts(motion), 0, {}
+    x, stops = _starts(motion), 0
+    distances: dict[tuple[str, int], float] = {}
     begun = {switch.index for switch in motion.switches if switch.guard == 0}
     for i, segment in enumerate(motion.segments):
+        # Guard 0 is the speed: the slider has stopped, and a slip phase begins.
         if i in begun:
-            found["stop", stops] = mechanism.break_away_margin(segment.start, x[i])
+            distances["stop", stops] = mechanism.break_away_margin(segment.start, x[i])
             stops += 1
+        # Extrema of the velocity within the segment, in its own time -1 .. 1.
         (velocity,) = segment.velocity
         velocity = chebyshev.chebtrim(velocity, _ROUNDING * np.max(np.abs(velocity)))
-        times = chebyshev.chebroots(chebyshev.chebder(velocity))
-        times = times.real[(np.abs(times.imag) < 1e-9) & (np.abs(times.real) <= 1)]
-        times = times[segment.start + (times + 1) / 2 * segment.length <= segment.end]
-        phase = "dip", stops % max(len(begun), 1)  # the last is the first of the next period
-        if len(times):
-            found[phase] = min(
-                found.get(phase, np.inf), float(np.min(np.abs(chebyshev.chebval(times, velocity))))
-            )
-    return found
+        extrema = chebyshev.chebroots(chebyshev.chebder(velocity))
+        extrema = extrema.real[(np.abs(extrema.imag) < _REAL) & (np.abs(extrema.real) <= 1)]
+        extrema = extrema[segment.start + (extrema + 1) / 2 * segment.length <= segment.end]
+        # the last slip phase is the first of the next period
+        phase = "dip", stops % max(len(begun), 1)
+        if len(extrema):
+            least = float(np.min(np.abs(chebyshev.chebval(extrema, velocity))))
+            distances[phase] = min(distances.get(phase, np.inf), least)
+    return distances
 
 
 def _end_of_sliding(
     mechanism: SliderBar, sliding: SteadyState, low: float, high: float
 ) -> tuple[float, float, str] | None:
-    """F0 at which the steady state without a stick phase at `high` gets one; None if it has none down to `low`.
+    """Return the F0 at which the steady state without a stick phase at `high` gets one, its uncertainty and a note.
 
-    With its uncertainty and a note.
+    None if it has no stick phase down to `low`.
 
     Where the slider comes to rest within a slip phase it is held for some time at once: the steady state jumps or
     ends. What is left until then is smooth in F0 down to its zero and not beyond: the zero is extrapolated from above.
     """
+    # The first way to a stick phase that is met from above, by a secant.
     step = (high - low) / _PARTS
     ways = _ways_to_rest(mechanism, sliding, high, step)
     way, end = max(ways.items(), key=lambda item: item[1], default=(("", 0), -np.inf))
     if end < low:
         return None
+
+    # Steady states just above that amplitude; the first of them by another discretization too.
     amplitudes = end + step * np.arange(1, _NODES + 1)
-    steady = [one for F0 in amplitudes if (one := _followed(mechanism, sliding, F0)) is not None]
+    followed = [_followed(mechanism, sliding, F0) for F0 in amplitudes]
+    steady = [state for state in followed if state is not None]
     if len(steady) < _NODES:
         return None
     check = _period(replace(mechanism, F0=amplitudes[0]), steady[0].state, sliding.periods, _CHECK)
-    left = [
-        rest
-        for F0, motion in zip(
-            [*amplitudes, amplitudes[0]], [*(one.motion for one in steady), check]
-        )
-        if (rest := _left_until_rest(replace(mechanism, F0=F0), motion).get(way)) is not None
-    ]
-    if len(left) <= _NODES:
-        return None
-    *values, other = left
+
+    # What is left until rest at each of them.
+    values = []
+    for F0, motion in zip([*amplitudes, amplitudes[0]], [*(s.motion for s in steady), check]):
+        left = _left_until_rest(replace(mechanism, F0=F0), motion).get(way)
+        if left is None:
+            return None
+        values.append(left)
+    *values, checked = values
+
+    # Inverse interpolation: F0 as a polynomial in what is left, at zero. The difference to one node
+    # less is its error.
     root, coarser = (
         float(BarycentricInterpolator(values[:n], amplitudes[:n])(0.0))
         for n in (_NODES, _NODES - 1)
     )
     if not low < root < high:
         return None
+
+    # Errors of the values: discretization, and the residual of the steady state, which the map's
+    # contraction bounds by residual / (1 - rate); a shift of x changes a break-away margin by the
+    # stiffness times as much. Extrapolation amplifies errors by at most the sum of its weights,
+    # 2^nodes - 1 for nodes at equal distances.
     rate = max(map(abs, sliding.multipliers))
-    residual = max([*np.abs(_end(check) - steady[0].state), *(one.residual for one in steady)])
-    unsure = abs(values[0] - other) + (
-        mechanism.stiffness if way[0] == "stop" else 1.0
-    ) * residual / (1 - rate)
+    residual = max([*np.abs(_end(check) - steady[0].state), *(s.residual for s in steady)])
+    per_metre = mechanism.stiffness if way[0] == "stop" else 1.0
+    unsure = abs(values[0] - checked) + per_metre * residual / (1 - rate)
     slope = (values[1] - values[0]) / step
-    note = (
-        ""
-        if sliding.periods == 1
-        else f"the steady state has {sliding.periods} periods of load and bar"
-    )
+    note = ""
+    if sliding.periods > 1:
+        note = f"the steady state has {sliding.periods} periods of load and bar"
     return root, abs(root - coarser) + float(2**_NODES * unsure / slope), note
 
 
 def _ways_to_rest(
     mechanism: SliderBar, sliding: SteadyState, high: float, step: float
 ) -> dict[tuple[str, int], float]:
-    """F0 below `high` at which the steady state there comes to rest, in each of the ways, by a secant."""
+    """Estimate the F0 below `high` at which the steady state there comes to rest, in each of the ways, by a secant."""
     beyond = _followed(mechanism, sliding, high + step)
     if beyond is None:
         return {}
@@ -396,23 +468,21 @@ def _ways_to_rest(
 
 
 def _followed(mechanism: SliderBar, sliding: SteadyState, F0: float) -> SteadyState | None:
-    """The steady state without a stick phase near another one, at F0; None if there is none."""
+    """Return the steady state without a stick phase near another one, at F0; None if there is none."""
     loaded = replace(mechanism, F0=F0)
-    found = _newton(loaded, sliding.state, sliding.periods)
-    return (
-        None
-        if found is None or max(map(abs, found.multipliers)) >= 1 or margin(loaded, found) < 0
-        else found
-    )
+    state = _newton(loaded, sliding.state, sliding.periods)
+    if state is None or max(map(abs, state.multipliers)) >= 1 or margin(loaded, state) < 0:
+        return None
+    return state
 
 
 def _lower_end(mechanism: SliderBar, steady: SteadyState, F0: float) -> str:
-    """Down to where a steady state without a stick phase exists that is not reached from the start below F0."""
-    step = F0 / 50
-    while step > 1e-4 * F0:
-        found = _followed(mechanism, steady, F0 - step)
-        if found is None:
+    """Describe down to which F0 a steady state without a stick phase exists that the start does not lead to."""
+    step = F0 / _FOLLOWED_FROM
+    while step > _FOLLOWED_TO * F0:
+        lower = _followed(mechanism, steady, F0 - step)
+        if lower is None:
             step /= 2
         else:
-            steady, F0 = found, F0 - step
+            steady, F0 = lower, F0 - step
     return f"one without a stick phase, not reached from the start, goes on down to F0 = {F0:.4g} N"

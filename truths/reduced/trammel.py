@@ -114,13 +114,16 @@ class Trammel(PiecewiseMechanism):
         Ex = self._applied(0, t, self.L * cos, -self.L * sin * v)
         Ey = self._applied(1, t, self.L * sin, self.L * cos * v)
         Gx, Gy = self.m * self.gravity[0], self.m * self.gravity[1]
+        torque = sum((evaluate_law(load.law, t)[0] for load in self.torques), np.zeros_like(t))
+
+        # Reactions: momentum of the whole along y and x, friction as a multiple of the reaction.
         A = self.m * self.lx * s2 + self.my * self.L * s2 - Ey[1] - Ex[1] - Gy
         B = -self.m * self.ly * c2 - self.mx * self.L * c2 + Ex[0] + Ey[0] + Gx
-        common, torque = (
-            1 + cx * cy,
-            sum((evaluate_law(load.law, t)[0] for load in self.torques), np.zeros_like(t)),
-        )
+        common = 1 + cx * cy
         Rx, Ry = (A - cy * B) / common, (B + cx * A) / common
+
+        # Pin forces: balances of each slider. The residual is that of the bar's moments; times (1 +
+        # cx cy) it is linear in p'' for given c, and quadratic in rho at rest.
         Hx, Vx = self.mx * self.L * c2 - cx * Rx - Ex[0], -Rx - Ex[1]
         Hy, Vy = Ry - Ey[0], self.my * self.L * s2 - cy * Ry - Ey[1]
         moment = self.lx * (cos * Vx + sin * Hx) - self.ly * (cos * Vy + sin * Hy) - torque
@@ -141,23 +144,23 @@ class Trammel(PiecewiseMechanism):
 
     def mobilization(self, t, p, mode: Mode):
         """rho at rest: the root of the quadratic that is continuous with rho = 0."""
+        # Three values give the quadratic exactly; its coefficients need no formula of their own.
         zero = np.zeros_like(t)
-        minus, middle, plus = (
+        minus, constant, plus = (
             self._balance(t, p, zero, zero, *self._friction(p, mode, rho))[2]
             for rho in (-1.0, 0.0, 1.0)
         )
-        square, linear = (plus + minus) / 2 - middle, (plus - minus) / 2
+        square, linear = (plus + minus) / 2 - constant, (plus - minus) / 2
+        # The smaller root, in the form in which nothing cancels. Beyond break-away there may be
+        # none: not finite.
         with np.errstate(invalid="ignore", divide="ignore"):
-            # beyond break-away there may be no root: not finite
-            return (
-                -2
-                * middle
-                / (linear + np.copysign(np.sqrt(linear**2 - 4 * square * middle), linear))
-            )
+            root = np.sqrt(linear**2 - 4 * square * constant)
+            return -2 * constant / (linear + np.copysign(root, linear))
 
     def acceleration(self, t, q, v, mode: Mode):
         if mode.turn == 0:
             return np.zeros_like(q)
+        # The residual is linear in p'': two values give its zero.
         c = self._friction(q[0], mode, None)
         at_zero, at_one = (
             self._balance(t, q[0], v[0], a, *c)[2] for a in (np.zeros_like(t), np.ones_like(t))
@@ -171,13 +174,18 @@ class Trammel(PiecewiseMechanism):
         normals = [mode.signs[0] * Rx, mode.signs[1] * Ry]
         if mode.turn == 0:
             return np.array([1 + rho, 1 - rho, *normals])[:, None]
+        # dead points: X' = -L sin p p', Y' = L cos p p' keep the directions of slip while these are
+        # positive
         geometry = [-mode.turn * mode.slip[0] * np.sin(p), mode.turn * mode.slip[1] * np.cos(p)]
         return np.array([mode.turn * rate, *geometry, *normals])[:, None]
 
     def candidates(self, t: float, q, v, mode: Mode | None, guard: int | None):
         signs = list(product((1, -1), (1, -1)))
         rest = np.zeros(1)
-        if v[0] == 0 if mode is None else mode.turn == 0 or guard == 0:
+        stopped = v[0] == 0 if mode is None else mode.turn == 0 or guard == 0
+        if stopped:
+            # Rest has precedence where static friction holds it. All directions of slip are tried
+            # with both turns: the guards reject those that the geometry does not have.
             moving = [
                 (Mode(turn, slip, sign), rest)
                 for turn in (1, -1)
@@ -185,9 +193,9 @@ class Trammel(PiecewiseMechanism):
                 for sign in signs
             ]
             resting = [(Mode(0, (0, 0), sign), rest) for sign in signs]
-            yield from (
-                [resting, moving] if any(contact.mus for contact in self.contacts) else [moving]
-            )
+            if any(contact.mus for contact in self.contacts):
+                yield resting
+            yield moving
         else:
             turn = int(np.sign(v[0])) if mode is None else mode.turn
             yield [(Mode(turn, slip, sign), v) for slip in signs for sign in signs]
@@ -206,6 +214,7 @@ class Trammel(PiecewiseMechanism):
         sin, cos, zero = np.sin(p), np.cos(p), np.zeros_like(t)
         c2, s2 = self._second(p, rate, turn)
         c1, s1 = -sin * rate, cos * rate
+        # Bar's centre and both sliders lie at multiples of cos p and sin p.
         values = {"bar.angle": -p, "bar.omega": -rate, "bar.alpha": -turn}
         for name, x, y in (
             ("bar", self.ly, self.lx),
@@ -216,6 +225,7 @@ class Trammel(PiecewiseMechanism):
         rho = self.mobilization(t, p, mode) if mode.turn == 0 else 0.0
         c = self._friction(p, mode, rho)
         Rx, Ry, _, (Hx, Vx, Hy, Vy) = self._balance(t, p, rate, turn, *c)
+        # (H, V) act on the sliders; the columns of a pin are the force on its first body, the bar.
         values |= {"pin-x.fx": -Hx, "pin-x.fy": -Vx, "pin-y.fx": -Hy, "pin-y.fy": -Vy}
         along = ((self.L * cos, self.L * c1), (self.L * sin, self.L * s1))
         for i, (name, R) in enumerate((("guide-x", Rx), ("guide-y", Ry))):
@@ -276,17 +286,17 @@ TRAMMEL = Structure(
 
 def trammel_truth(scene: Scene, t_end: float | None = None) -> Truth:
     """Return the motion of `bar`, `slider-x`, `slider-y` on `guide-x`, `guide-y`, `pin-x`, `pin-y`; mus b < a."""
-    found = TRAMMEL.match(scene)
+    match = TRAMMEL.match(scene)
 
     def elements(*labels: str) -> tuple[tuple[Any, ...], ...]:
-        return tuple(tuple(found.elements[label].values()) for label in labels)
+        return tuple(tuple(match.elements[label].values()) for label in labels)
 
     bar, ((guide_x,), (guide_y,)) = scene.bodies["bar"], elements("guide-x", "guide-y")
     mechanism = Trammel(
         m=bar.mass,
         inertia=bar.inertia,
-        lx=found["pin-x"].points[0][0],
-        ly=-found["pin-y"].points[0][0],
+        lx=match["pin-x"].points[0][0],
+        ly=-match["pin-y"].points[0][0],
         mx=scene.bodies["slider-x"].mass,
         my=scene.bodies["slider-y"].mass,
         gravity=scene.gravity or (0.0, 0.0),

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from functools import lru_cache
+from itertools import zip_longest
 
 import numpy as np
 
@@ -14,13 +15,18 @@ from stiction.truths.reduced.piecewise_smooth import (
     Undecided,
     integrate,
 )
-from stiction.truths.truth import Tier, Truth, two_sided
+from stiction.truths.truth import Tier, Truth, kind_of_change, two_sided
 
 FINE, COARSE = Collocation(order=24, longest_step=0.5), Collocation(order=16, longest_step=0.2)
 """Two discretizations whose difference is the uncertainty: they share neither nodes nor steps."""
 _SAMPLES = 2000
-_NEAR_EVENT = 1e-7  # s; closer to an event than this the two may be on different sides of it
+"""Instants at which the two are compared: every 12 ms of the longest run."""
+_NEAR_EVENT = 1e-7
+"""s; closer to an event than this the two integrations may be on different sides of it."""
 _ROUNDING = 8 * np.finfo(float).eps
+"""Relative rounding of a column that both integrations may share, so that their difference does not show it."""
+_CACHED = 8
+"""Sets of output instants whose columns are kept: the runs of a campaign share theirs."""
 
 
 def motion_columns(
@@ -29,6 +35,7 @@ def motion_columns(
     """Return the columns at times t, at an event from the given side; all instants of a mode at once."""
     owner = motion.owner(t, side)
     q, v = motion.state(t, owner)
+    # Instants grouped by mode: a motion has many segments, but few modes.
     modes = [segment.mode for segment in motion.segments]
     numbers = {mode: i for i, mode in enumerate(dict.fromkeys(modes))}
     number = np.array([numbers[mode] for mode in modes])[owner]
@@ -53,9 +60,9 @@ def motion_events(
             segment.mode for segment in motion.segments[switch.index - 1 : switch.index + 1]
         )
         changes = [
-            ("stick" if b == 0 else "slip" if a == 0 else "reversal", guide)
-            for guide, a, b in zip(guides, mechanism.slip(before), mechanism.slip(after))
-            if a != b
+            (kind_of_change(old, new), guide)
+            for guide, old, new in zip(guides, mechanism.slip(before), mechanism.slip(after))
+            if old != new
         ]
         if before != after and not changes:
             changes = [("corner", guides[mechanism.corner_guide(before, switch.guard)])]
@@ -77,10 +84,10 @@ def truth_of(
     Undecided if the two integrations disagree on the sequence of events.
     """
     t_end = scene.t_end if t_end is None else t_end
-    fine, coarse = (
-        integrate(mechanism, 0.0, t_end, q0, v0, collocation) for collocation in (FINE, COARSE)
-    )
-    events, check = (
+    fine = integrate(mechanism, 0.0, t_end, q0, v0, FINE)
+    coarse = integrate(mechanism, 0.0, t_end, q0, v0, COARSE)
+    # An event at the end itself is in one of the two motions by chance: neither counts it.
+    events, coarse_events = (
         tuple(
             event
             for event in motion_events(mechanism, motion, guides)
@@ -88,27 +95,30 @@ def truth_of(
         )
         for motion in (fine, coarse)
     )
-    _require_same(scene, events, check)
+    _require_same(scene, events, coarse_events)
+
+    # Columns are compared between the events. The start is left out: it is given, and a velocity of
+    # zero may have either sign there.
     times = np.array([event.time for event in events])
-    t = np.linspace(0.0, t_end, _SAMPLES)[
-        1:
-    ]  # the start is given; a velocity of zero may have either sign there
+    t = np.linspace(0.0, t_end, _SAMPLES)[1:]
     if len(times):
         t = t[np.min(np.abs(t[:, None] - times), axis=1) > _NEAR_EVENT]
-    one, other = (motion_columns(mechanism, motion, t, "after") for motion in (fine, coarse))
-    uncertainty = {
-        name: float(np.max(np.abs(one[name] - other[name])) + _ROUNDING * np.max(np.abs(one[name])))
-        for name in one
-    }
-    shift = max((abs(a.time - b.time) for a, b in zip(events, check)), default=0.0)
+    fine_columns = motion_columns(mechanism, fine, t, "after")
+    coarse_columns = motion_columns(mechanism, coarse, t, "after")
+    uncertainty = {}
+    for name, values in fine_columns.items():
+        difference = np.max(np.abs(values - coarse_columns[name]))
+        uncertainty[name] = float(difference + _ROUNDING * np.max(np.abs(values)))
+    shift = max((abs(a.time - b.time) for a, b in zip(events, coarse_events)), default=0.0)
     uncertainty["event time"] = shift + _ROUNDING * t_end
 
-    @lru_cache(maxsize=8)  # the runs of a campaign share their output instants
+    @lru_cache(maxsize=_CACHED)
     def columns(instants: bytes, side: str) -> dict[str, np.ndarray]:
-        found = motion_columns(mechanism, fine, np.frombuffer(instants), side)
-        for values in found.values():
+        kept = motion_columns(mechanism, fine, np.frombuffer(instants), side)
+        # callers share the arrays
+        for values in kept.values():
             values.flags.writeable = False
-        return found
+        return kept
 
     return Truth(
         scene.name,
@@ -120,21 +130,16 @@ def truth_of(
     )
 
 
-def _require_same(scene: Scene, events: tuple[Event, ...], check: tuple[Event, ...]) -> None:
-    """Raise Undecided where two integrations disagree on the kinds of events or their guides."""
-    kinds = [(event.kind, event.joint) for event in events]
-    others = [(event.kind, event.joint) for event in check]
-    if kinds != others:
-        first = next(
-            (i for i, (a, b) in enumerate(zip(kinds, others)) if a != b),
-            min(len(events), len(check)),
-        )
-        found = [
-            f"{e[first].kind} of {e[first].joint} at {e[first].time:.9f} s"
-            if first < len(e)
-            else "none"
-            for e in (events, check)
-        ]
-        raise Undecided(
-            f"{scene.name}: two integrations find different events, the first {found[0]} and {found[1]}"
-        )
+def _require_same(scene: Scene, fine: tuple[Event, ...], coarse: tuple[Event, ...]) -> None:
+    """Raise Undecided where the events of two integrations differ in kind or guide."""
+    for event, other in zip_longest(fine, coarse):
+        same = event and other and (event.kind, event.joint) == (other.kind, other.joint)
+        if not same:
+            raise Undecided(
+                f"{scene.name}: two integrations find different events, the first "
+                f"{_shown(event)} and {_shown(other)}"
+            )
+
+
+def _shown(event: Event | None) -> str:
+    return "none" if event is None else f"{event.kind} of {event.joint} at {event.time:.9f} s"

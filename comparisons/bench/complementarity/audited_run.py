@@ -35,18 +35,20 @@ def write_problems_of_run(scene: Scene, path: str | Path) -> int:
     Raises InputError if there are none, as of a scene without friction, or the start is inconsistent.
     """
     load_engine("reference").prepare_run(scene)
-    found = [problem for part in independent_parts(scene) for problem in _of_part(part)]
-    if not found:
+    problems = [problem for part in independent_parts(scene) for problem in _of_part(part)]
+    if not problems:
         raise InputError(
             f"{scene.name}: found no complementarity problem; expected a scene with friction"
         )
-    return write_problems(found, path)
+    return write_problems(problems, path)
 
 
 def _of_part(scene: Scene) -> list[Problem]:
     mechanism = Mechanism(scene)
     if not mechanism.guide_names:
         return []
+    # A first run for the ends of its steps, a second one for the states there and at the audits
+    # within.
     q, v = consistent_start(mechanism)
     ends = [0.0]
     simulate_event_driven(mechanism, q, v, np.zeros(0), scene.t_end, RTOL, sides=False, ends=ends)

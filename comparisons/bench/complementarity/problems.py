@@ -28,8 +28,10 @@ if TYPE_CHECKING:
 
 SOLVED, UNSOLVABLE = "solved", "no solution"
 STORED = "hard-problems-3.parquet"
-"""The set that comes with the suite, made by ``tests/support/collect_problems.py``; a changed set gets the next number,
-so that results name their set."""
+"""The set that comes with the suite, made by ``tests/support/collect_problems.py``.
+
+A changed set gets the next number, so that results name their set.
+"""
 COLUMNS = ["class", "scene", "t", "n", "A0", "A1", "b", "y", "x", "outcome", "lcp"]
 AT_REST = 1e-9
 """Slip speed, relative to the largest speed of the run, up to which a guide belongs to the stick set."""
@@ -102,8 +104,8 @@ def problems_met(
     """
     states = list(_states(scene, run, everywhere))
     speed = max((float(np.max(np.abs(v))) for _, _, v in states), default=0.0)
-    found = (problem_at(kind, scene, t, q, v, AT_REST * speed) for t, q, v in states)
-    return [problem for problem in found if problem is not None]
+    problems = (problem_at(kind, scene, t, q, v, AT_REST * speed) for t, q, v in states)
+    return [problem for problem in problems if problem is not None]
 
 
 def _states(
@@ -121,12 +123,13 @@ def _states(
     ]
     samples: list[tuple[float, Mapping[str, float]]] = list(zip(run.t, rows_of(run.columns)))
     events = run.events if everywhere else run.events[: PER_RUN - 2]
+    # An event of a part of the scene has not all coordinates: it gives no state of the whole.
     sides = [
         (event.time, side)
         for event in events
         for side in ((event.before, event.after) if everywhere else (event.before,))
         if side.keys() >= {*names[0], *names[1]}
-    ]  # not those of a part of the scene
+    ]
     for t, columns in sorted(
         [*(samples if everywhere else [samples[0], samples[-1]]), *sides], key=itemgetter(0)
     ):
@@ -179,9 +182,9 @@ def read_problems(path: str | Path | None = None) -> Iterator[Problem]:
     try:
         rows = pd.read_parquet(where, columns=COLUMNS)
     except (OSError, pa.ArrowException) as error:
-        found = f"{type(error).__name__}: {str(error).splitlines()[0]}"
+        words = f"{type(error).__name__}: {str(error).splitlines()[0]}"
         raise InputError(
-            f"{where}: found {found}; expected a set of problems, a Parquet file with the columns "
+            f"{where}: found {words}; expected a set of problems, a Parquet file with the columns "
             f"{', '.join(COLUMNS)}"
         ) from None
     for kind, scene, t, n, A0, A1, *rest in rows.itertuples(index=False, name=None):

@@ -28,6 +28,7 @@ from stiction.comparisons.bench.complementarity.problems import Problem
 
 SOLVED, NONE, OPEN = "solution", "no solution", "not decided"
 _MOST_CHOICES, _MOST_PIVOTS = 300, 40
+"""Branches that are tried before a problem is left open, and steps of the search near a choice."""
 
 
 @dataclass(frozen=True)
@@ -94,8 +95,11 @@ def decide(problem: Problem) -> Decision:
     reduced = _Reduced(problem)
     if len(problem.y):
         stored = {i: 1 if problem.x[i] >= problem.y[i] else -1 for i in reduced.pairs}
-        if (found := _pivoted(reduced, stored)) is not None:
-            return found
+        # The stored solution in floats says who is zero: mostly its choice, or one near it, has an
+        # exact solution.
+        solution = _pivoted(reduced, stored)
+        if solution is not None:
+            return solution
     return _search(reduced)
 
 
@@ -136,12 +140,14 @@ def _values(reduced: _Reduced, choice: Choice) -> tuple[list[fmpq] | None, bool]
 def _particular(columns: list[list[fmpq]], right: list[fmpq]) -> list[fmpq] | None:
     """A solution of a linear system, zero where a column depends on those before it; None if there is none."""
     count = len(columns)
+    # reduced row echelon form of the system with its right side as the last column
     form, rank = fmpq_mat(
         [[*(column[r] for column in columns), value] for r, value in enumerate(right)]
     ).rref()
     values = [fmpq(0)] * count
     for row in form.tolist()[:rank]:
         pivot = next(j for j, value in enumerate(row) if value != 0)
+        # 0 = 1: a contradiction
         if pivot == count:
             return None
         values[pivot] = row[count]
@@ -163,6 +169,8 @@ def _search(reduced: _Reduced) -> Decision:
     for _ in range(_MOST_CHOICES):
         if not choices:
             return Decision(NONE, refutations=tuple(refutations))
+        # The linear conditions of a branch: the columns that its choice leaves, with nonnegative
+        # weights.
         choice = choices.pop()
         allowed = [key for key in reduced.columns if choice.get(key[0], key[1]) == key[1]]
         point, vector = _feasible([reduced.columns[key] for key in allowed], reduced.right)
@@ -170,12 +178,16 @@ def _search(reduced: _Reduced) -> Decision:
             full = fmpq_mat([vector]) * reduced.rows
             refutations.append(Refutation(tuple(sorted(choice.items())), tuple(full.entries())))
             continue
+        # A solution of them that has at most one of each pair solves the problem. Else its larger
+        # ones are a guess of the whole choice, and the first pair that has both is branched on, the
+        # guess first.
         values = dict(zip(allowed, point))
         guess = {
             i: 1 if values.get((i, 1), 0) > values.get((i, -1), 0) else -1 for i in reduced.pairs
         }
-        if (found := _pivoted(reduced, guess)) is not None:
-            return found
+        solution = _pivoted(reduced, guess)
+        if solution is not None:
+            return solution
         both = [
             i for i in reduced.pairs if values.get((i, 1), 0) > 0 and values.get((i, -1), 0) > 0
         ]
@@ -192,6 +204,9 @@ def _feasible(columns: list[list[fmpq]], right: fmpq_mat) -> tuple[list[fmpq], l
     the given rows, and l stands in the columns of the artificial variables.
     """
     count, n = right.nrows(), len(columns)
+    # Tableau with right sides made nonnegative and one artificial variable for each row, which form
+    # the first basis. The costs are the sum of the rows: phase 1 minimizes the sum of the
+    # artificial variables.
     signs = [-1 if right[r, 0] < 0 else 1 for r in range(count)]
     rows = [
         [sign * column[r] for column in columns]
@@ -202,6 +217,8 @@ def _feasible(columns: list[list[fmpq]], right: fmpq_mat) -> tuple[list[fmpq], l
     costs = [sum((row[j] for row in rows), fmpq(0)) for j in range(n + count + 1)]
     basis = list(range(n, n + count))
     while (enters := next((j for j in range(n) if costs[j] > 0), None)) is not None:
+        # ratio test; of equal ratios the row whose basic variable has the smallest number (Bland),
+        # so that it cannot cycle
         _, _, pivot = min(
             (rows[r][-1] / rows[r][enters], basis[r], r)
             for r in range(count)
@@ -215,6 +232,8 @@ def _feasible(columns: list[list[fmpq]], right: fmpq_mat) -> tuple[list[fmpq], l
                 for j, value in leading:
                     row[j] -= factor * value
         basis[pivot] = enters
+    # No cost can be reduced and artificial variables are left: the columns do not reach the right
+    # side. The multipliers of the rows, with their signs undone, are the vector of Farkas' lemma.
     if costs[-1] > 0:
         return [], [sign * value for sign, value in zip(signs, costs[n : n + count])]
     weights = [fmpq(0)] * n

@@ -85,24 +85,28 @@ def answer(solver: Solver, problem: Problem) -> Answer:
     if _arity(solver) == 2:
         if not problem.lcp:
             return Answer(problem.kind, "not an LCP")
+        # A0 y = A1 x + b with a regular A0: w = y, z = x, M = A0^-1 A1, q = A0^-1 b
         right = np.linalg.solve(problem.A0, np.column_stack([problem.A1, problem.b]))
         arguments = np.ascontiguousarray(right[:, :-1]), np.ascontiguousarray(right[:, -1])
-    arguments = tuple(np.array(value) for value in arguments)  # the solver may write into them
-    found, reason, started = None, "", time.perf_counter()
+    # copies, as the solver may write into them
+    arguments = tuple(np.array(value) for value in arguments)
+    solution, reason, started = None, "", time.perf_counter()
     try:
-        found = solver(*arguments)
+        solution = solver(*arguments)
     except Exception as error:
         reason = f"{type(error).__name__}: {error}"
     seconds = time.perf_counter() - started
-    if found is None:
-        outcome = (
-            "raised" if reason else "none found" if problem.outcome == SOLVED else "rightly none"
-        )
+    if solution is None:
+        if reason:
+            outcome = "raised"
+        else:
+            outcome = "none found" if problem.outcome == SOLVED else "rightly none"
         return Answer(problem.kind, outcome, seconds=seconds, reason=reason)
+    # What it found is judged by the problem itself: any solution counts, not only the stored one.
     try:
-        y, x = (np.asarray(part, dtype=float) for part in found)
+        y, x = (np.asarray(part, dtype=float) for part in solution)
     except (TypeError, ValueError):  # not two parts, or parts that are no numbers
-        reason = f"returned {type(found).__name__}; expected None or a pair of vectors (w, z)"
+        reason = f"returned {type(solution).__name__}; expected None or a pair of vectors (w, z)"
         return Answer(problem.kind, "wrong", np.inf, seconds, reason)
     complete = y.shape == x.shape == problem.b.shape and np.all(np.isfinite([y, x]))
     left = residual(problem.A0, problem.A1, problem.b, y, x) if complete else np.inf
@@ -111,10 +115,8 @@ def answer(solver: Solver, problem: Problem) -> Answer:
 
 def _answers(address: str, path: str | None, kind: str) -> list[Answer]:
     """Answer all problems of a class; the first one twice: a compiled solver compiles at its first call."""
-    solver, problems = (
-        load_solver(address),
-        [problem for problem in read_problems(path) if problem.kind == kind],
-    )
+    solver = load_solver(address)
+    problems = [problem for problem in read_problems(path) if problem.kind == kind]
     answer(solver, problems[0])
     return [answer(solver, problem) for problem in problems]
 

@@ -93,10 +93,10 @@ class Row:
 
     def number(self, column: str) -> Cell:
         """Return the number in a column; ValueError where there is none."""
-        found = self[column]
-        if not isinstance(found, Cell):
-            raise ValueError(f"{column}: found {found!r}; expected a number")
-        return found
+        cell = self[column]
+        if not isinstance(cell, Cell):
+            raise ValueError(f"{column}: found {cell!r}; expected a number")
+        return cell
 
     def __eq__(self, other: object) -> bool:
         return isinstance(other, Row) and self._place == other._place

@@ -33,19 +33,19 @@ def relative_time(call: Callable[[], Any], least: int) -> tuple[float, float | N
     A call that takes less than `ONCE` has `least` rounds. With the ratio comes its uncertainty: the difference of the
     second shortest call from the shortest, in kernels; None where there is only one.
     """
+    # As many kernels as take a fixed share of the call: what disturbs lasts about as long as both.
     kernel = calibration_kernel()
     kernel_s = min(seconds for _, seconds in block(kernel))
-    first = seconds_of(call)[1]
+    _, first = seconds_of(call)
     count = max(1, round(SHARE * first / kernel_s))
 
-    def one_kernel() -> float:
+    def time_kernel() -> float:
         return seconds_of(lambda: [kernel() for _ in range(count)])[1] / count
 
     if first > ONCE:
-        return first / one_kernel(), None
-    calls = {"kernel": one_kernel, "run": lambda: min(seconds for _, seconds in block(call))}
-    found = in_rounds(list(calls), lambda keys: {key: calls[key]() for key in keys}, least)
-    least_s, shortest = min(found["kernel"]), sorted(found["run"])
-    return shortest[0] / least_s, None if len(shortest) == 1 else (
-        shortest[1] - shortest[0]
-    ) / least_s
+        return first / time_kernel(), None
+    calls = {"kernel": time_kernel, "run": lambda: min(seconds for _, seconds in block(call))}
+    samples = in_rounds(list(calls), lambda keys: {key: calls[key]() for key in keys}, least)
+    kernel_least, runs = min(samples["kernel"]), sorted(samples["run"])
+    ratio = runs[0] / kernel_least
+    return ratio, (runs[1] - runs[0]) / kernel_least if len(runs) > 1 else None

@@ -35,11 +35,9 @@ class Interval:
     @property
     def width(self) -> float:
         """Width in units of the median; infinite where the level is below `CONFIDENCE`."""
-        return (
-            (self.high - self.low) / self.value
-            if self.level >= CONFIDENCE and self.value > 0
-            else float("inf")
-        )
+        if self.level < CONFIDENCE or not self.value > 0:
+            return math.inf
+        return (self.high - self.low) / self.value
 
 
 def median_interval(samples: Sequence[float]) -> Interval:
@@ -56,12 +54,13 @@ def median_interval(samples: Sequence[float]) -> Interval:
 @cache
 def _rank(n: int) -> tuple[int, float]:
     """Rank k of the narrowest interval of n samples that reaches `CONFIDENCE`, else of the widest, and its level."""
+    # 1 - 2 P(B <= k - 1); it falls with k, as the interval becomes narrower
     levels = {
         k: max(0.0, 1 - 2 * sum(math.comb(n, below) for below in range(k)) / 2**n)
         for k in range(1, (n + 1) // 2 + 1)
     }
-    k = max((k for k, level in levels.items() if level >= CONFIDENCE), default=1)
-    return k, levels[k]
+    narrowest = max((k for k, level in levels.items() if level >= CONFIDENCE), default=1)
+    return narrowest, levels[narrowest]
 
 
 def ratio_interval(over: Sequence[float], under: Sequence[float]) -> Interval:

@@ -28,6 +28,8 @@ from stiction.scenes.fidelity import Fidelity
 
 KERNEL, OTHERS = "kernel_time", "other_load"
 """Columns of `samples_table`."""
+ALWAYS = 2
+"""Runs of a series that have all rounds whatever they cost: between two of them a time can be interpolated."""
 
 
 def computation(task: Task, run: Trajectory) -> str:
@@ -37,10 +39,10 @@ def computation(task: Task, run: Trajectory) -> str:
     a timed run has none but start and end.
     """
     engine, scene, arguments = task.args
-    settings = {
-        **run.settings,
-        **{name: arguments[name] for name in ("dt", "rtol") if arguments.get(name) is not None},
-    }
+    settings = dict(run.settings)
+    for name in ("dt", "rtol"):
+        if arguments.get(name) is not None:
+            settings[name] = arguments[name]
     content = vary(scene, {"stabilization": None}) if "stabilization" in settings else scene
     t_end = arguments.get("t_end") or scene.t_end
     return digest(
@@ -58,16 +60,17 @@ def affordable(
 ) -> Iterator[tuple[Task, Outcome, bool]]:
     """Yield the runs that succeeded, and whether all rounds of them fit into the budget of their series, CPU seconds.
 
-    The first two of each series always have all rounds.
+    The first `ALWAYS` of each series always have all rounds.
     """
     spent: dict[str, float] = defaultdict(float)
     steps: Counter[str] = Counter()
     for (task, outcome), name in zip(runs, series, strict=True):
         if outcome.status == Status.OK:
-            cost = outcome.value.cost  # an engine need not state one
+            # an engine need not state its cost: then it is that of the child process
+            cost = outcome.value.cost
             spent[name] += rounds * (cost.setup_s + cost.stepping_s or outcome.cpu_s or 0.0)
             steps[name] += 1
-            yield task, outcome, steps[name] <= 2 or spent[name] <= budget_s
+            yield task, outcome, steps[name] <= ALWAYS or spent[name] <= budget_s
 
 
 def time_runs(
@@ -84,17 +87,22 @@ def time_runs(
     by some percent (`visits.doubt`). Then disturbed visits are repeated, one at a time. Options are those of
     `stiction.comparisons.bench.runner.make`; a visit may take as long as a run.
     """
+    # Rows that are the same computation share its samples. It has all rounds if any of them affords
+    # it.
     tasks: dict[str, Task] = {}
-    made: dict[str, Trajectory] = {}
-    in_all: set[str] = set()
+    trajectories: dict[str, Trajectory] = {}
+    in_all_rounds: set[str] = set()
     for task, outcome, is_affordable in runs:
         key = computation(task, outcome.value)
         tasks.setdefault(key, Task(task.label, visit, task.args))
-        made.setdefault(key, outcome.value)
-        in_all.update((key,) if is_affordable else ())
+        trajectories.setdefault(key, outcome.value)
+        if is_affordable:
+            in_all_rounds.add(key)
     failures: dict[str, str] = {}
 
     def visits(keys: Sequence[str], workers: int | None = 1) -> Iterator[tuple[str, VisitTimes]]:
+        # The load by others is that of the whole call: single visits are too short for the system's
+        # counters.
         before = load()
         outcomes = isolated(
             [tasks[key] for key in keys], workers=workers, timeout_s=timeout_s, on_result=on_result
@@ -106,20 +114,27 @@ def time_runs(
             else:
                 failures[key] = f"while it was timed: {outcome.status}: {outcome.reason}"
 
-    keys = [key for key in tasks if key in in_all]
+    # The first round, and the others in turns backwards and forwards, so that a steady drift of the
+    # machine's speed averages out.
+    keys = [key for key in tasks if key in in_all_rounds]
     samples = {key: [sample] for key, sample in visits(keys)}
     turns = [list(reversed(samples)), list(samples)] * rounds
     for key, sample in visits([key for turn in turns[: rounds - 1] for key in turn]):
         samples[key].append(sample)
-    once = [key for key in tasks if key not in in_all]
-    samples |= {key: [sample] for key, sample in visits(once, workers)} if once else {}
+
+    # Runs beyond the budget.
+    once = [key for key in tasks if key not in in_all_rounds]
+    if once:
+        samples |= {key: [sample] for key, sample in visits(once, workers)}
+
+    # Disturbed visits again, one of each computation at a time.
     for _ in range(TRIES):
         disturbed = disturbed_visits(samples)
         for key, sample in visits(list(disturbed)) if disturbed else ():
             samples[key][disturbed[key][0]] = sample
     return {
-        key: Timing(run, tuple(samples.get(key, ())), failures.get(key, ""))
-        for key, run in made.items()
+        key: Timing(trajectory, tuple(samples.get(key, ())), failures.get(key, ""))
+        for key, trajectory in trajectories.items()
     }
 
 
@@ -179,13 +194,13 @@ def machine_while_timing(samples: pd.DataFrame) -> dict[str, Any]:
         "all rounds": number > 0,
         "last round": number == number.max(),
     }
-    found: dict[str, Any] = {"rounds": int(number.max())}
+    machine: dict[str, Any] = {"rounds": int(number.max())}
     for name, chosen in rounds.items():
         kernel = median_interval(1e3 * samples.loc[chosen, KERNEL].to_numpy(dtype=float))
-        found[f"calibration kernel, {name} [ms]"] = (
+        machine[f"calibration kernel, {name} [ms]"] = (
             f"{kernel.value:.4f} [{kernel.low:.4f} .. {kernel.high:.4f}]"
         )
     if len(cores):
-        found["cores busy with others, median of rounds"] = float(cores.median())
-        found["cores busy with others, largest"] = float(cores.max())
-    return found
+        machine["cores busy with others, median of rounds"] = float(cores.median())
+        machine["cores busy with others, largest"] = float(cores.max())
+    return machine

@@ -81,9 +81,11 @@ def visit(engine: str, scene: Scene, arguments: Mapping[str, Any]) -> VisitTimes
     def counted(run: Trajectory, seconds: float) -> float:
         return stated(run, seconds).setup_s + stated(run, seconds).stepping_s
 
+    # The kernel on both sides of the runs: a slow spell that begins or ends during them is seen as
+    # well.
     call, kernel = bare_run(load_engine(engine), scene, arguments), calibration_kernel()
     kernels = [seconds_of(kernel)[1] for _ in range(KERNELS)]
-    costs = [stated(*each) for each in block(call, counted)]
+    costs = [stated(*run_and_seconds) for run_and_seconds in block(call, counted)]
     kernels += [seconds_of(kernel)[1] for _ in range(KERNELS)]
     setup, stepping, own = (
         median(getattr(cost, name) for cost in costs) for name in ("setup_s", "stepping_s", "own_s")
@@ -117,10 +119,11 @@ def block(
     first = seconds_of(call)
     if counted(*first) > LONG:
         return [first]
-    found = [seconds_of(call)]
-    while len(found) < REPEATS and sum(seconds for _, seconds in found) < BLOCK:
-        found.append(seconds_of(call))
-    return found
+    # The first call of a short run is dropped: that of a process loads compiled kernels besides.
+    repeats = [seconds_of(call)]
+    while len(repeats) < REPEATS and sum(seconds for _, seconds in repeats) < BLOCK:
+        repeats.append(seconds_of(call))
+    return repeats
 
 
 def seconds_of(call: Callable[[], T]) -> tuple[T, float]:
@@ -160,16 +163,13 @@ def in_rounds(
 
 def disturbed_visits(samples: Mapping[K, Sequence[VisitTimes]]) -> dict[K, list[int]]:
     """Return the numbers of the samples in whose visits the machine was slow, by key; keys without any are left out."""
-    usual = (
-        median(sample.kernel_s for each in samples.values() for sample in each)
-        if any(samples.values())
-        else 0.0
-    )
-    found = {
-        key: [i for i, sample in enumerate(each) if sample.kernel_s > SLOW * usual]
-        for key, each in samples.items()
+    kernels = [visit.kernel_s for visits in samples.values() for visit in visits]
+    usual = median(kernels) if kernels else 0.0
+    slow = {
+        key: [i for i, visit in enumerate(visits) if visit.kernel_s > SLOW * usual]
+        for key, visits in samples.items()
     }
-    return {key: numbers for key, numbers in found.items() if numbers}
+    return {key: numbers for key, numbers in slow.items() if numbers}
 
 
 @dataclass(frozen=True)
@@ -183,14 +183,17 @@ class Load:
 
 def load() -> Load:
     """Return the load up to now, time that a host took from a virtual machine included."""
-    times, own = psutil.cpu_times(), 0.0
+    times = psutil.cpu_times()
     # a guest's time is in the user's as well
     idle = sum(getattr(times, name, 0.0) for name in ("idle", "iowait", "guest", "guest_nice"))
-    for process in (ours := psutil.Process(), *ours.children(recursive=True)):
-        with suppress(psutil.NoSuchProcess):  # it has just ended: its parent has its times
-            own += sum(
-                process.cpu_times()[:4]
-            )  # in user and system code, its own and that of its children
+    own = 0.0
+    this_process = psutil.Process()
+    for process in (this_process, *this_process.children(recursive=True)):
+        # the times of a process that has just ended are in its parent's
+        with suppress(psutil.NoSuchProcess):
+            times_of_process = process.cpu_times()
+            # user and system code, its own and that of children it has waited for
+            own += sum(times_of_process[:4])
     return Load(time.monotonic(), sum(times) - idle, own)
 
 
@@ -227,15 +230,11 @@ def doubt(time: Interval) -> str:
     """
     if not time.samples:
         return ""
+    if time.samples == 1:
+        return "timed once"
     if time.level < CONFIDENCE:
-        return (
-            f"{time.samples} rounds are too few for an interval"
-            if time.samples > 1
-            else "timed once"
-        )
+        return f"{time.samples} rounds are too few for an interval"
+    if time.width <= WIDE:
+        return ""
     low, high = time.low / time.value, time.high / time.value
-    return (
-        f"unsure: {low:.2f} to {high:.2f} of the median after {time.samples} rounds"
-        if time.width > WIDE
-        else ""
-    )
+    return f"unsure: {low:.2f} to {high:.2f} of the median after {time.samples} rounds"

@@ -29,7 +29,9 @@ from stiction.truths.proof.enclosures.series import (
 )
 
 _PICARD = 30
+"""Picard iterations after which a stretch counts as too long."""
 _WIDEN = arb(1) / 8
+"""Part of its growth by which an enclosure is widened between iterations, so that the next image fits into it."""
 
 Along = Callable[
     [arb_series, Sequence[Value], Sequence[Value], Sequence[Value]],
@@ -56,6 +58,8 @@ class APriori:
 
 def a_priori(timed: Timed, t: arb, h: arb, start: Sequence[arb]) -> APriori:
     """Enclosure over [t, t + h] by Picard's iteration; raises TooLong if none was found."""
+    # Y is found by iteration from the start itself: Y -> X + [0, h] f(Y), widened until the image
+    # lies within Y. The same inclusion, once it holds, is the proof.
     step = arb(0).union(h)
     equation = timed(time_series(t + step, 1))
     old = list(start)
@@ -72,11 +76,12 @@ def a_priori(timed: Timed, t: arb, h: arb, start: Sequence[arb]) -> APriori:
 
 
 def _widened(ball: arb, base: arb) -> arb:
+    """The ball, wider by a part of what it is wider than the start."""
     return ball + (ball.rad() - base.rad()) * _WIDEN * arb(0, 1)
 
 
 def _variation(slopes: list[list[arb]], step: arb) -> arb_mat:
-    """Enclosure of E with E' = [[0, 1], slopes] E, E(0) = 1."""
+    """Enclosure of E with E' = [[0, 1], slopes] E, E(0) = 1; by the same iteration as the state's."""
     n, indices = len(slopes), range(2 * len(slopes))
     E = identity(2 * n).tolist()
     for _ in range(_PICARD):
@@ -118,6 +123,8 @@ class Arc:
 
     def remainder(self, groups: Mapping[Hashable, Sequence[arb_poly]]) -> arb:
         """The largest remainder of q, v and functions at the end of the stretch (upper bound)."""
+        # Lagrange's remainder: the last coefficient anywhere on the stretch, times its length to
+        # the order
         scale, functions = self.h**self.order, chain.from_iterable(groups.values())
         last = [f[self.order] for f in chain(self.wide.state, functions)]
         return max((abs(term) * scale for term in last), key=lambda ball: float(ball.upper()))
@@ -128,25 +135,24 @@ class Arc:
 
     def jacobian(self, tau: arb) -> arb_mat:
         """Derivatives of (q, v) at t + tau by the start."""
-        powers, indices = (
-            _closed(self.fine.variation, self.wide.variation),
-            range(len(self.fine.state)),
-        )
+        powers = _closed(self.fine.variation, self.wide.variation)
+        indices = range(len(self.fine.state))
+        # `powers` holds a matrix for each power of time; a polynomial is made of each entry
         return arb_mat(
             [[arb_poly([E[i, j] for E in powers])(tau) for j in indices] for i in indices]
         )
 
     def functions(self, along: Along, about: Expansion) -> dict[Hashable, list[arb_poly]]:
         """Groups of functions over the stretch as `polynomials`."""
-        powers, groups = range(self.order + 1), []
-        for expansion in (about, self.wide):
-            q, v = halves(expansion.series(len(powers)))
-            found = along(expansion.t, q, v, expansion.equation(q, v))
-            groups.append(
-                {name: [[f[k] for k in powers] for f in group] for name, group in found.items()}
-            )
-        fine, wide = groups
+        fine, wide = self._coefficients(along, about), self._coefficients(along, self.wide)
         return {
             name: [arb_poly(_closed(*pair)) for pair in zip(fine[name], wide[name])]
             for name in fine
         }
+
+    def _coefficients(self, along: Along, expansion: Expansion) -> dict[Hashable, list[list[arb]]]:
+        """Taylor coefficients of groups of functions along an expansion."""
+        powers = range(self.order + 1)
+        q, v = halves(expansion.series(len(powers)))
+        groups = along(expansion.t, q, v, expansion.equation(q, v))
+        return {name: [[f[k] for k in powers] for f in group] for name, group in groups.items()}

@@ -22,6 +22,7 @@ from stiction.scenes.fields import Model
 from stiction.truths.proof.enclosures import NotProven
 
 _MOST_FACTORS = 64
+"""Largest whole exponent of a power that is kept exactly: numerators grow by so many times their length."""
 
 
 class NotComparable(NotProven):
@@ -66,6 +67,7 @@ class Exact:
         if self._zero or other._zero:
             return other if self._zero else self
         ball = self.ball + other.ball
+        # a sum stays a product only if both have the same powers of pi and the same sines
         if self.product and other.product and self.product[1:] == other.product[1:]:
             return Exact.of(self.product[0] + other.product[0], *self.product[1:], ball)
         return Exact(ball)
@@ -81,8 +83,8 @@ class Exact:
             return ZERO
         ball = self.ball * other.ball
         if self.product and other.product:
-            (p, j, some), (q, k, others) = self.product, other.product
-            return Exact.of(p * q, j + k, tuple(sorted(some + others)), ball)
+            (p, j, waves), (q, k, other_waves) = self.product, other.product
+            return Exact.of(p * q, j + k, tuple(sorted(waves + other_waves)), ball)
         return Exact(ball)
 
     def __truediv__(self, other: Exact) -> Exact:
@@ -156,13 +158,14 @@ def exact(value: float | int | str, names: Mapping[str, Exact]) -> Exact:
     if not isinstance(value, str):
         return Exact.of(Fraction(repr(value)))
     text = value.strip().replace("^", "**")
-    evaluate(
-        value, {name: float(number.ball.mid()) for name, number in names.items()}
-    )  # it knows the language
+    # The evaluation in floats is only for its errors: it rejects everything that is not in the
+    # language of scenes.
+    evaluate(value, {name: float(number.ball.mid()) for name, number in names.items()})
     return _exact(ast.parse(text, mode="eval").body, text, names)
 
 
 def _exact(node: ast.expr, text: str, names: Mapping[str, Exact]) -> Exact:
+    # A number counts as it is written: 0.1 is one tenth, not the float next to it.
     if isinstance(node, ast.Constant):
         written = ast.get_source_segment(text, node) or repr(node.value)
         return Exact.of(node.value if isinstance(node.value, int) else Fraction(written))
@@ -207,10 +210,11 @@ class ExactPart:
 
 def exact_parameters(scene: Scene) -> dict[str, Exact]:
     """The parameters of a scene, at the working precision."""
-    found: dict[str, Exact] = {}
+    parameters: dict[str, Exact] = {}
+    # in their order: a parameter may use those before it
     for name, value in scene._raw.get("parameters", {}).items():
-        found[name] = exact(value, found)
-    return found
+        parameters[name] = exact(value, parameters)
+    return parameters
 
 
 def exact_scene(scene: Scene) -> ExactPart:

@@ -80,6 +80,7 @@ class Jet:
 
     def __truediv__(self, other: Value) -> Jet:
         if isinstance(other, Jet):
+            # (a/b)' = (a' - (a/b) b') / b
             ratio = self.value / other.value
             return Jet(
                 ratio,
@@ -118,16 +119,18 @@ def partials(
     function: Callable[..., Sequence[Value]], state: Sequence[arb_series]
 ) -> tuple[list[arb_series], list[tuple[arb_series, ...]]]:
     """Values of functions of (q, v) along power series, and their derivatives by the 2n components of the state."""
+    # seeds: the derivative of each component by itself is 1
     order, indices = state[0].prec, range(len(state))
     jets = [
         Jet(series, [arb_series([int(i == j)], order) for j in indices])
         for i, series in zip(indices, state)
     ]
-    found = function(*halves(jets))
+    results = function(*halves(jets))
+    # a function that does not depend on the state is a plain series
     zero = (arb_series([0]),) * len(state)
     return (
-        [f.value if isinstance(f, Jet) else f for f in found],
-        [f.gradient if isinstance(f, Jet) else zero for f in found],
+        [f.value if isinstance(f, Jet) else f for f in results],
+        [f.gradient if isinstance(f, Jet) else zero for f in results],
     )
 
 
@@ -155,26 +158,34 @@ class Expansion:
         self.equation = timed(self.t)
         self.state = [[value] for value in start]
         self.variation: list[arb_mat] = []
+        # One coefficient more in each pass: with k + 1 of the state the equation gives coefficient
+        # k of q''.
         for k in range(order):
             accelerations = self.equation(*halves(self.series(k + 1)))
             for position, velocity, acceleration in zip(*halves(self.state), accelerations):
                 position.append(velocity[k] / (k + 1))
                 velocity.append(acceleration[k] / (k + 1))
         if variation is not None:
-            E, size, n = self.variation, len(start), len(start) // 2
-            _, gradients = partials(self.equation, self.series(order))
-            speeds, nothing = identity(size).tolist()[n:], [[0] * size] * n
-            B = [
-                arb_mat(
-                    (nothing if k else speeds)
-                    + [[g[k] for g in gradient] for gradient in gradients]
-                )
-                for k in range(order)
-            ]
-            E.append(variation)
-            for k in range(order):
-                products = (B[i] * E[k - i] for i in range(k + 1))
-                E.append(sum(products, arb_mat(size, size)) * (arb(1) / (k + 1)))
+            self._expand_variation(variation, order)
+
+    def _expand_variation(self, start: arb_mat, order: int) -> None:
+        """Add the coefficients of the variational equation, whose coefficients are those of the solution."""
+        E, size = self.variation, len(self.state)
+        n = size // 2
+        _, gradients = partials(self.equation, self.series(order))
+        # B = [[0, 1], df/d(q, v)]: the upper rows do not depend on time, and have coefficient 0
+        # only
+        speeds, nothing = identity(size).tolist()[n:], [[0] * size] * n
+        B = [
+            arb_mat(
+                (nothing if k else speeds) + [[g[k] for g in gradient] for gradient in gradients]
+            )
+            for k in range(order)
+        ]
+        E.append(start)
+        for k in range(order):
+            products = (B[i] * E[k - i] for i in range(k + 1))
+            E.append(sum(products, arb_mat(size, size)) * (arb(1) / (k + 1)))
 
     def series(self, order: int) -> list[arb_series]:
         """The state as power series of `order` coefficients."""

@@ -63,6 +63,7 @@ class ProvableMechanism(ABC):
         self, mode: Any, t: arb, q: Sequence[arb], v: Sequence[arb]
     ) -> dict[Any, list[arb]]:
         """Values of the guards in a state."""
+        # series of one coefficient: the same code gives values and Taylor polynomials
         q, v, now = constants(q), constants(v), time_series(t, 1)
         guards = self.guards(mode, now, q, v, self.equation(mode, now)(q, v))
         return {name: [f[0] for f in group] for name, group in guards.items()}

@@ -60,6 +60,7 @@ class MovingGuide(OneSlider):
 
     def equation(self, mode: Mode, t):
         def acceleration(q: list[Value], v: list[Value]) -> list[Value]:
+            # th'' first: it does not depend on friction or r''.
             if self.driven:
                 turn = v[1] * 0
             else:
@@ -89,6 +90,7 @@ class MovingGuide(OneSlider):
         }
 
     def bodies(self, t, q, v):
+        # polar coordinates about the pivot, which the arm's centre of mass lies at
         (r, th), (speed, turn) = q, v
         sine, cosine, across = th.sin(), th.cos(), r * turn
         return self.columns(t, q, v) | {
@@ -115,8 +117,10 @@ class MovingGuide(OneSlider):
         x, y = (place.ball - at.ball for place, at in zip(slider.position, origin))
         vx, vy = balls(slider.velocity)
         cosine, sine = angle.ball.cos(), angle.ball.sin()
+        # At rest on the arm exactly, or proven to slip: a velocity that is only nearly zero decides
+        # nothing.
         at_rest = all(value.is_zero for value in (*slider.velocity, turn))
-        found = cls(
+        mechanism = cls(
             m=slider.mass.ball,
             slider=slider.inertia.ball,
             arm=arm.inertia.ball,
@@ -137,7 +141,7 @@ class MovingGuide(OneSlider):
             q=[x * cosine + y * sine, angle.ball],
             v=[ZERO.ball if at_rest else vx * cosine + vy * sine, turn.ball],
             t_end=reader.t_end,
-            joint=reader.found.name("guide"),
+            joint=reader.match.name("guide"),
         )
-        reader.require_start(found, arm.velocity)
-        return found
+        reader.require_start(mechanism, arm.velocity)
+        return mechanism

@@ -131,6 +131,7 @@ class OneSlider(ProvableMechanism):
             return self._slipping(guard, t, q, v, "slip", self.contact.one_coefficient)
         if guard == SLIP:
             return self._from_rest(t, q, v, True)
+        # a corner force passes zero: its sign changes, and the guard of the new sign starts at zero
         return Next(
             (slip, e1 if guard == FRONT else -e1, e2 if guard == REAR else -e2),
             {guard: 1},
@@ -140,6 +141,8 @@ class OneSlider(ProvableMechanism):
     def _from_rest(self, t: arb, q: Sequence[arb], v: Sequence[arb], moved: bool) -> Next:
         """The mode at velocity zero relative to the surface."""
         v = [self.surface, *v[1:]]
+        # Balls that contain zero prove neither: where it is open in one direction the mode is
+        # undecided.
         margins = self.guards_at(REST, t, q, v)
         holds = {s: any(f > 0 for f in margins[s]) for s in (1, -1)}
         if all(holds.values()):
@@ -167,9 +170,13 @@ class OneSlider(ProvableMechanism):
 
     def _configured(self, slip: int, t: arb, q: Sequence[arb], v: Sequence[arb]) -> Mode:
         """The contact configuration whose corner forces have its signs."""
+        # The motion is unique, so that the first consistent configuration is the only one.
         self.require_unique((slip, 1, 1), t)
-        both, either = [(1, 1), (-1, -1)], [(1, -1), (-1, 1)]
-        for signs in both if self.contact.length is None else both + either:
+        one_surface, both_surfaces = [(1, 1), (-1, -1)], [(1, -1), (-1, 1)]
+        configurations = one_surface
+        if self.contact.length is not None:
+            configurations = one_surface + both_surfaces
+        for signs in configurations:
             mode = (slip, *signs)
             guards = self.guards_at(mode, t, q, v)
             if all(value > 0 for name in guards for value in guards[name] if name != SLIP):

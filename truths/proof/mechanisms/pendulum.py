@@ -57,6 +57,7 @@ class Pendulum(ProvableMechanism):
         reader = SceneReader(scene, PENDULUM)
         rod, mass = reader["rod"], reader.body("mass")
         pivot, length = rod.points[1], rod.law.value
+        # angle and rate of the start by the arm and the moment of the velocity about the pivot
         arm = [place - origin for place, origin in zip(mass.position, pivot)]
         moment = arm[0] * mass.velocity[1] - arm[1] * mass.velocity[0]
         rate = ZERO if moment.is_zero else moment / (length * length)
@@ -64,7 +65,7 @@ class Pendulum(ProvableMechanism):
             length=length.ball,
             g=-reader.gravity[1].ball,
             pivot=balls(pivot),
-            body=reader.found.bodies["mass"],
+            body=reader.match.bodies["mass"],
             q=[arb.atan2(arm[0].ball, -arm[1].ball)],
             v=[rate.ball],
             t_end=reader.t_end,

@@ -22,6 +22,8 @@ _PLACES = {
     "omega": lambda body: body.angular_velocity,
 }
 """The start of a body's columns."""
+_SECTIONS = ("joints", "drives", "springs", "forces")
+"""Tables of a scene that hold its elements."""
 
 
 def balls(values: Iterable[Exact]) -> tuple[arb, ...]:
@@ -33,7 +35,7 @@ class SceneReader:
     """A scene of some structure; raises NotThisMechanism, naming what keeps the scene from having it."""
 
     def __init__(self, scene: Scene, structure: Structure):
-        self.scene, self.structure, self.found = scene, structure, structure.match(scene)
+        self.scene, self.structure, self.match = scene, structure, structure.match(scene)
         self.numbers = exact_scene(scene)
         self.gravity = (ZERO, ZERO) if scene.gravity is None else tuple(self.numbers.gravity)
         self.t_end = self.numbers.t_end.ball
@@ -45,20 +47,15 @@ class SceneReader:
 
     def body(self, role: str) -> ExactPart:
         """A body of the structure."""
-        return self.numbers.bodies[self.found.bodies[role]]
+        return self.numbers.bodies[self.match.bodies[role]]
 
     def elements(self, label: str) -> dict[str, ExactPart]:
         """The elements of a part of the structure, by name."""
-        names, sections = (
-            self.found.elements.get(label, ()),
-            ("joints", "drives", "springs", "forces"),
-        )
-        return {
-            name: self.numbers[section][name]
-            for name in names
-            for section in sections
-            if name in getattr(self.scene, section)
-        }
+        elements = {}
+        for name in self.match.elements.get(label, ()):
+            [section] = [section for section in _SECTIONS if name in getattr(self.scene, section)]
+            elements[name] = self.numbers[section][name]
+        return elements
 
     def __getitem__(self, label: str) -> Any:
         """Return the element of a part; None where the scene has none."""
@@ -79,6 +76,9 @@ class SceneReader:
 
     def require_start(self, mechanism: ProvableMechanism, zero: Iterable[Exact]) -> None:
         """Check, as far as balls show, that all bodies start where the mechanism has them and that numbers are zero."""
+        # Balls that contain zero are no proof of equality, but the start of a scene in floats has
+        # none: the mechanism's own start is what the proof is about, and this excludes scenes that
+        # start elsewhere.
         differences = [value.ball for value in zero]
         for column, ball in mechanism.bodies(arb(0), mechanism.q, mechanism.v).items():
             name, _, part = column.rpartition(".")

@@ -130,6 +130,9 @@ class SlidingMass(OneSlider):
         (slip, e1, e2), contact, zero = mode, self.contact, arb_series([0], t.prec)
         if slip == 0:
             return lambda q, v: [zero]
+        # The bracket of the module's last equation, and its right side: both depend on time alone.
+        # Only where the slider is tilted (corners on both surfaces) does the bar's torque, and with
+        # it x'', enter N.
         friction, inertia = contact.friction(slip), arb_series([self.mass], t.prec)
         N = contact.load(self._normal(t), self._moment(t, zero), mode)
         if e1 != e2:
@@ -138,6 +141,7 @@ class SlidingMass(OneSlider):
         push = (self._load(t) - friction * N) * factor
         stiffness, damping = factor * self.stiffness, factor * self.damping
         if e1 == e2:
+            # constants in place of series: products with them are cheaper
             stiffness, damping = stiffness[0], damping[0]
         return lambda q, v: [push - q[0] * stiffness - v[0] * damping]
 
@@ -153,52 +157,54 @@ class SlidingMass(OneSlider):
         return dict(zip(self.names, (q[0], v[0])))
 
     def bodies(self, t, q, v):
-        found, body = self.columns(t, q, v), self.body
+        columns, body = self.columns(t, q, v), self.body
         for i, axis in enumerate("xy"):
-            found[f"{body}.{axis}"] = self.offset[i] + q[0] * self.along[i]
-            found[f"{body}.v{axis}"] = v[0] * self.along[i]
+            columns[f"{body}.{axis}"] = self.offset[i] + q[0] * self.along[i]
+            columns[f"{body}.v{axis}"] = v[0] * self.along[i]
         if self.bar is not None:
-            (name, l), theta = self.bar, self._theta(t)
+            name, l = self.bar
+            theta = self._theta(t)
             x, y = theta.cos() * l, theta.sin() * l
-            found |= {
-                f"{name}.x": found[f"{body}.x"] + x,
-                f"{name}.y": found[f"{body}.y"] + y,
-                f"{name}.vx": found[f"{body}.vx"] - y * self.rate,
-                f"{name}.vy": found[f"{body}.vy"] + x * self.rate,
+            columns |= {
+                f"{name}.x": columns[f"{body}.x"] + x,
+                f"{name}.y": columns[f"{body}.y"] + y,
+                f"{name}.vx": columns[f"{body}.vx"] - y * self.rate,
+                f"{name}.vy": columns[f"{body}.vy"] + x * self.rate,
                 f"{name}.angle": theta,
             }
         if self.belt is not None:
             name, x = self.belt
-            found |= {f"{name}.x": x + t * self.surface, f"{name}.vx": t * 0 + self.surface}
-        return found
+            columns |= {f"{name}.x": x + t * self.surface, f"{name}.vx": t * 0 + self.surface}
+        return columns
 
     @classmethod
     def from_scene(cls, scene: Scene) -> SlidingMass:
-        joints = {type(joint) for joint in scene.joints.values()}
-        structure = WITH_BAR if Revolute in joints else ON_BELT if len(scene.bodies) == 2 else ALONE
-        reader = SceneReader(scene, structure)
+        reader = SceneReader(scene, _structure_of(scene))
         guide, slider, (gx, gy) = reader["guide"], reader.body("slider"), reader.gravity
-        name, body, belt = (
-            reader.found.name("guide"),
-            reader.found.bodies["slider"],
-            reader.found.bodies.get("belt"),
-        )
+        name = reader.match.name("guide")
+        body, belt = reader.match.bodies["slider"], reader.match.bodies.get("belt")
         size = _dot(guide.direction, guide.direction).sqrt()
         along = guide.direction[0] / size, guide.direction[1] / size
         horizontal = along[0].factors is not None and along[0].equals(ONE) and along[1].is_zero
         reader.require(
-            horizontal or structure is ALONE, f"joints.{name}: expected the direction (1, 0)"
+            horizontal or reader.structure is ALONE, f"joints.{name}: expected the direction (1, 0)"
         )
-        mass, c, rate, angle, bar = slider.mass, ZERO, ZERO, ZERO, None
         zero = _off_the_guide(reader, along)
-        if structure is WITH_BAR:
+
+        # The bar adds to the mass that moves along the guide; without one its terms are zero.
+        mass, c, rate, angle, bar = slider.mass, ZERO, ZERO, ZERO, None
+        if reader.structure is WITH_BAR:
             reader.require(
                 gx.is_zero, f"gravity: found {scene.gravity}; expected (0, -g) with a bar"
             )
-            turning, law, l = reader.body("bar"), reader["motor"].law, -reader["pin"].points[0][0]
-            mass, c, rate, angle = mass + turning.mass, turning.mass * l, law.rate, law.offset
-            bar = reader.found.bodies["bar"], l.ball
+            turning, law = reader.body("bar"), reader["motor"].law
+            l = -reader["pin"].points[0][0]
+            mass, c = mass + turning.mass, turning.mass * l
+            rate, angle = law.rate, law.offset
+            bar = reader.match.bodies["bar"], l.ball
             zero.append(turning.angular_velocity - rate)
+
+        # All that acts along the guide: constants are summed, the laws of the others are kept.
         surface = reader["drive"].law.rate if belt else ZERO
         for key, load in reader.elements("loads").items():
             reader.require(
@@ -207,20 +213,15 @@ class SlidingMass(OneSlider):
             )
         constant, loads = reader.loads("loads")
         stiffness, damping, pull = _springs(reader, along, horizontal)
-        x, speed, names = (
-            _dot(slider.position, along),
-            _dot(slider.velocity, along),
-            (f"{body}.x", f"{body}.vx"),
-        )
+        x, speed = _dot(slider.position, along), _dot(slider.velocity, along)
+        names = f"{body}.x", f"{body}.vx"
         force = mass * _dot(reader.gravity, along) + constant + pull
         if not horizontal:
             # the displacement counts from the guide's point; the spring's anchor moves with it
-            origin, names = (
-                _dot(guide.point, along),
-                (f"{name}.displacement", f"{name}.slip_velocity"),
-            )
+            origin = _dot(guide.point, along)
+            names = f"{name}.displacement", f"{name}.slip_velocity"
             x, force = x - origin, force - stiffness * origin
-        found = cls(
+        mechanism = cls(
             mass=mass.ball,
             weight=-(mass * (along[0] * gy - along[1] * gx)).ball,
             force=force.ball,
@@ -245,38 +246,42 @@ class SlidingMass(OneSlider):
             bar=bar,
             belt=(belt, reader.body("belt").position[0].ball) if belt else None,
         )
-        reader.require_start(found, zero)
-        return found
+        reader.require_start(mechanism, zero)
+        return mechanism
+
+
+def _structure_of(scene: Scene) -> Structure:
+    """The structure that a scene is most like: what does not fit is named by it."""
+    if any(isinstance(joint, Revolute) for joint in scene.joints.values()):
+        return WITH_BAR
+    return ON_BELT if len(scene.bodies) == 2 else ALONE
 
 
 def _springs(reader: SceneReader, along: Vector, horizontal: bool) -> Vector:
-    """Stiffness and damping of all springs, and their constant force at x = 0."""
-    height, direction = (
-        reader.scene.bodies[reader.found.bodies["slider"]].position[1],
-        reader["guide"].direction,
-    )
+    """Return stiffness and damping of all springs, and their constant force at x = 0."""
+    height = reader.scene.bodies[reader.match.bodies["slider"]].position[1]
+    direction = reader["guide"].direction
     stiffness = damping = force = ZERO
     for key, spring in reader.elements("springs").items():
-        level = reader.found.elements["springs"][key].points[1][1] == height
-        reader.require(
-            _parallel(spring.axis, direction)
-            if spring.axis is not None
-            else spring.rest_length.is_zero and horizontal and level,
-            f"springs.{key}: expected one along the guide",
-        )
+        # A spring without an axis pulls along the line between its ends: linear in x only on the
+        # guide's own line and without a rest length.
+        if spring.axis is not None:
+            along_the_guide = _parallel(spring.axis, direction)
+        else:
+            level = reader.match.elements["springs"][key].points[1][1] == height
+            along_the_guide = spring.rest_length.is_zero and horizontal and level
+        reader.require(along_the_guide, f"springs.{key}: expected one along the guide")
         stiffness, damping = stiffness + spring.stiffness, damping + spring.damping
         force = force + spring.stiffness * (_dot(spring.points[1], along) + spring.rest_length)
     return stiffness, damping, force
 
 
 def _off_the_guide(reader: SceneReader, along: Vector) -> list[Exact]:
-    """Numbers that are zero where the slider starts on its guide."""
+    """Return numbers that are zero where the slider starts on its guide."""
     guide, slider, across = reader["guide"], reader.body("slider"), (-along[1], along[0])
-    offset, moving = (
-        _dot(slider.position, across) - _dot(guide.point, across),
-        _dot(slider.velocity, across),
-    )
-    if "belt" in reader.found.bodies:
+    offset = _dot(slider.position, across) - _dot(guide.point, across)
+    moving = _dot(slider.velocity, across)
+    if "belt" in reader.match.bodies:
         return [offset - _dot(reader.body("belt").position, across), moving]
     return [offset, moving, slider.angle - guide.angle, slider.angular_velocity]
 

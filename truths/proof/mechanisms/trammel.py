@@ -86,12 +86,10 @@ class Trammel(ProvableMechanism):
     ) -> tuple[tuple[Value, Value], tuple[Value, Value]]:
         """Rx and Ry from p's sine and cosine, each as the part without p'' and the factor of p''."""
         cx, cy = self._coefficients(mode)
-        (Hx, Hy), (gx, gy), square, common = (
-            self.moments,
-            self.gravity,
-            rate * rate,
-            1 / (1 + cx * cy),
-        )
+        (Hx, Hy), (gx, gy) = self.moments, self.gravity
+        square, common = rate * rate, 1 / (1 + cx * cy)
+        # A and B, each as A0 + A1 p'': (sin p)'' = cos p p'' - sin p p'^2, (cos p)'' = -sin p p'' -
+        # cos p p'^2
         A0, A1 = sine * square * -Hy - self.mass * gy, cosine * Hy
         B0, B1 = cosine * square * Hx + self.mass * gx, sine * Hx
         return ((A0 - B0 * cy) * common, (A1 - B1 * cy) * common), (
@@ -101,14 +99,11 @@ class Trammel(ProvableMechanism):
 
     def _balance(self, p: Value, rate: Value, mode: Mode) -> tuple[Value, Value]:
         """Lagrange's equation without T, as push and inertia: inertia p'' = push."""
-        (J, K), (Hx, Hy), (gx, gy), (cx, cy) = (
-            self.inertia,
-            self.moments,
-            self.gravity,
-            self._coefficients(mode),
-        )
+        (J, K), (Hx, Hy), (gx, gy) = self.inertia, self.moments, self.gravity
+        cx, cy = self._coefficients(mode)
         sine, cosine = p.sin(), p.cos()
         Rx, Ry = self._reactions(sine, cosine, rate, mode)
+        # generalized forces -L fx sin p and L fy cos p of the frictions, per unit of Rx and Ry
         lever_x, lever_y = sine * (-self.length * cx), cosine * (self.length * cy)
         weight = cosine * (Hy * gy) - sine * (Hx * gx)
         push = weight - sine * cosine * rate * rate * K + lever_x * Rx[0] + lever_y * Ry[0]
@@ -127,17 +122,15 @@ class Trammel(ProvableMechanism):
         turn, sx, sy, ex, ey = mode
         sine, cosine = q[0].sin(), q[0].cos()
         (Rx, Rx_a), (Ry, Ry_a) = self._reactions(sine, cosine, v[0], mode)
-        return dict(
-            enumerate(
-                [
-                    [v[0] * turn],
-                    [sine * (-turn * sx)],
-                    [cosine * (turn * sy)],  # as the numbers of a mode
-                    [(Rx_a * a[0] + Rx) * ex],
-                    [(Ry_a * a[0] + Ry) * ey],
-                ]
-            )
-        )
+        # by the place in a mode of the number that changes where the guard is zero
+        groups = [
+            [v[0] * turn],
+            [sine * (-turn * sx)],
+            [cosine * (turn * sy)],
+            [(Rx_a * a[0] + Rx) * ex],
+            [(Ry_a * a[0] + Ry) * ey],
+        ]
+        return dict(enumerate(groups))
 
     def start(self) -> Next:
         (p,), (rate,), zero = self.q, self.v, arb(0)
@@ -208,8 +201,9 @@ class Trammel(ProvableMechanism):
         reader = SceneReader(scene, PROVABLE)
         bar, x, y = (reader.body(name) for name in ("bar", *SLIDERS))
         lx, ly = reader["pin-x"].points[0][0], -reader["pin-y"].points[0][0]
-        m, L, (torque, loads) = bar.mass, lx + ly, reader.loads("torques")
-        found = cls(
+        m, L = bar.mass, lx + ly
+        torque, loads = reader.loads("torques")
+        mechanism = cls(
             arms=balls((lx, ly)),
             mass=(m + x.mass + y.mass).ball,
             gravity=balls(reader.gravity),
@@ -229,25 +223,21 @@ class Trammel(ProvableMechanism):
         )
         across = [x.position[1], x.velocity[1], y.position[0], y.velocity[0]]
         reader.require_start(
-            found, [*across, x.angle, x.angular_velocity, y.angle, y.angular_velocity]
+            mechanism, [*across, x.angle, x.angular_velocity, y.angle, y.angular_velocity]
         )
-        return found
+        return mechanism
 
 
 def _friction(reader: SceneReader, name: str) -> arb:
     """mu of a guide; requires it to be as in the module's text."""
-    guide, declared = reader[name], reader.found[name]
+    guide, declared = reader[name], reader.match[name]
+    one_surface = (
+        guide.length is None
+        or guide.width is None
+        or bool(declared.frictional and guide.mu.ball * guide.width.ball < guide.length.ball)
+    )
     reader.require(
-        declared.frictional
-        and declared.angle == 0
-        and bool(
-            guide.mu.ball < 1
-            and (
-                guide.length is None
-                or guide.width is None
-                or guide.mu.ball * guide.width.ball < guide.length.ball
-            )
-        ),
+        declared.frictional and declared.angle == 0 and bool(guide.mu.ball < 1) and one_surface,
         f"joints.{name}: expected no angle, friction with mu < 1, and mu * width < length",
     )
     return guide.mu.ball

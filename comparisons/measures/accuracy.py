@@ -11,6 +11,7 @@ from typing import Any
 import numpy as np
 
 from stiction.comparisons.measures.distances import Graph, l1, match_events, value_at
+from stiction.engines.status import Status
 from stiction.reference_impl.multibody.mechanism import Mechanism
 from stiction.scenes import Event, Scene, Trajectory
 from stiction.truths import Tier, Truth

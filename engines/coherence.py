@@ -163,7 +163,9 @@ def velocities(run: Examined) -> Iterator[str]:
         for kind, labels, scale in (("vx, vy", slice(0, 2), 1.0), ("omega", slice(2, 3), size))
     ]
     # where the velocities of all bodies change by less than themselves
-    change = _change(h, sum(one.jump for one in groups), sum(one.acceleration for one in groups))
+    jump = np.sum([one.jump for one in groups], axis=0)
+    acceleration = np.sum([one.acceleration for one in groups], axis=0)
+    change = _change(h, jump, acceleration)
     seen = change < np.sqrt(sum(_square(one.mean) for one in groups))
     if not seen.any():
         return
@@ -704,7 +706,7 @@ def _chain(run: Examined, own: Sequence[Event], name: str, corners: bool) -> Ite
     if corners:
         is_broken |= _other_surfaces(run, name, sides)
     is_same_instant = np.diff(sides.t[::2]) == 0.0
-    for i in np.flatnonzero(is_broken | is_same_instant):
+    for i in np.flatnonzero(is_broken | is_same_instant).tolist():
         event, following = own[i], own[i + 1]
         if is_broken[i] or event == following:
             yield (

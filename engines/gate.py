@@ -258,7 +258,7 @@ def _sides(run: Examined) -> Iterator[str]:
                     f"{_named(run, i)}: {side} has {names(unknown[:_SHOWN])}; expected columns of the trajectory"
                 )
     # forces that the motion leaves open may be nan: what is not finite is looked at side by side
-    for place in np.flatnonzero(~run.sides.are_finite()):
+    for place in np.flatnonzero(~run.sides.are_finite()).tolist():
         event, side = run.sides.events[place // 2], ("before", "after")[place % 2]
         values = getattr(event, side)
         left_open = _left_open_at(run, event.time, values)

@@ -218,7 +218,8 @@ def columns_and_events(
         return columns, alternative_columns(mechanism, opened, len(t), columns)
 
     instants, kinds, guides, others, *sided = log
-    columns, alternatives = build(*samples, residual)
+    t, motion, force, slip = samples
+    columns, alternatives = build(t, motion, force, slip, residual)
     rows: Sequence[Mapping[str, float]] = [{}] * (2 * len(instants))
     if sides and columns and len(instants):
         two_sided, _ = build(

@@ -13,24 +13,25 @@ import numpy as np
 from stiction.engines.examined import (
     MODES,
     POSITIONS,
+    RESIDUALS,
     ROUNDING,
     VELOCITIES,
     Examined,
+    InEquations,
     Predicate,
     first,
 )
 from stiction.reference_impl.multibody.initial_state import CONSISTENT
-from stiction.reference_impl.multibody.kinematics import workspace
 from stiction.reference_impl.multibody.mechanism import TRANSLATIONAL, Arrays, Mechanism
 from stiction.reference_impl.multibody.reactions import columns_of_rows, parts_of_null_vectors
 from stiction.reference_impl.multibody.trajectory_columns import (
     GUIDE_COLUMNS,
     guide_motion,
-    imbalance,
     residual_norms,
 )
 from stiction.scenes import Event
 from stiction.scenes.columns import BODY_COLUMNS
+from stiction.scenes.event_values import Sides
 from stiction.scenes.fidelity import Fidelity
 from stiction.scenes.trajectory import stacked
 
@@ -100,17 +101,19 @@ def residuals(run: Examined) -> Iterator[str]:
     """States are on the constraints at the start, near them later, with the residuals that the drift columns report."""
     if not len(t := run.trajectory.t):
         return
-    q, v, _ = run.motion
-    norms = _residuals(run, t.astype(float), q, v)
+    norms = np.sqrt(
+        [
+            sum(np.square(part.position) for part in run.in_equations),
+            sum(np.square(part.velocity) for part in run.in_equations),
+        ]
+    )
     if (i := first(~(norms[0] <= run.size))) is not None and run.scene.joints | run.scene.drives:
         yield (
             f"states that have left the mechanism: {norms[0][i]:.3g} m off the constraints at t = {t[i]:.9g} s; "
             f"expected less than its size, {run.size:.3g} m"
         )
     sizes = (run.size, _speed(run, run.start[1]))
-    for name, residual, size, unit in zip(
-        ("drift.position", "drift.velocity"), norms, sizes, ("m", "m/s")
-    ):
+    for name, residual, size, unit in zip(RESIDUALS, norms, sizes, ("m", "m/s")):
         if not residual[0] <= START * size:
             yield f"a start that is {residual[0]:.3g} {unit} off the constraints; expected at most {START * size:.1g}"
         if (i := first(~_agrees(run.trajectory[name], residual, size))) is not None:
@@ -126,22 +129,17 @@ def residuals_at_events(run: Examined) -> Iterator[str]:
     The constraint of a drive depends on time, so that values of a neighbouring sample are noticed.
     """
     position, velocity = run.columns(POSITIONS), run.columns(VELOCITIES)
-    if not (sides := run.sides({*position, *velocity, "drift.position", "drift.velocity"})):
+    sides = run.sides.with_columns({*position, *velocity, *RESIDUALS})
+    if not len(sides):
         return
-    t = np.array([time for _, time, _ in sides], dtype=float)
-    q, v = (
-        np.array([[side[name] for name in labels] for *_, side in sides], dtype=float)
-        for labels in (position, velocity)
-    )
+    q, v = (np.stack([sides[name] for name in labels], axis=1) for labels in (position, velocity))
     sizes = (run.size, _speed(run, v))
-    for name, residual, size in zip(
-        ("drift.position", "drift.velocity"), _residuals(run, t, q, v), sizes
-    ):
-        reported = np.array([side[name] for *_, side in sides], dtype=float)
+    for name, residual, size in zip(RESIDUALS, _residuals(run, sides.t, q, v), sizes):
+        reported = sides[name]
         if (i := first(~_agrees(reported, residual, size))) is not None:
             yield (
-                f"{sides[i][0]}, {name} = {reported[i]:.6g}; expected {residual[i]:.6g}, the residual of its states "
-                "then"
+                f"{sides.label(i)}, {name} = {reported[i]:.6g}; expected {residual[i]:.6g}, the residual of its "
+                "states then"
             )
 
 
@@ -156,41 +154,85 @@ def velocities(run: Examined) -> Iterator[str]:
     correct positions by as much.
     """
     trajectory, size = run.trajectory, run.size
-    q, v, a = (values * np.tile([1.0, 1.0, size], len(run.scene.bodies)) for values in run.motion)
-    # Angles are multiplied by the size, so that all coordinates are lengths. `seen` are the intervals
-    # that can be judged, `moved` the changes of position in them, `mean` the mean velocities.
-    steps = np.diff(trajectory.t.astype(float))
-    seen = _changes(steps, v, a) < np.linalg.norm(v[1:] + v[:-1], axis=1) / 2
+    # Angles are multiplied by the size, so that all coordinates are lengths. Translation and rotation of
+    # each body are judged apart.
+    h = np.diff(trajectory.t.astype(float))
+    groups = [
+        _Moves.of(run, body, kind, labels, scale)
+        for body in run.scene.bodies
+        for kind, labels, scale in (("vx, vy", slice(0, 2), 1.0), ("omega", slice(2, 3), size))
+    ]
+    # where the velocities of all bodies change by less than themselves
+    jump = np.sum([one.jump for one in groups], axis=0)
+    acceleration = np.sum([one.acceleration for one in groups], axis=0)
+    change = _change(h, jump, acceleration)
+    seen = change < np.sqrt(sum(_square(one.mean) for one in groups))
     if not seen.any():
         return
-    h = steps[seen]
-    begin = trajectory.t[:-1][seen]
-    moved = np.diff(q, axis=0)[seen]
-    mean = (v[1:] + v[:-1])[seen] / 2
-    moved = moved - np.outer(h, moved.sum(axis=0) / h.sum())
-    mean = mean - h @ mean / h.sum()
-    # Translation and rotation of each body are judged apart.
-    bodies = [
-        (body, kind, slice(3 * i + low, 3 * i + high))
-        for i, body in enumerate(run.scene.bodies)
-        for kind, low, high in (("vx, vy", 0, 2), ("omega", 2, 3))
-    ]
-    # Per body: the way by its velocities, and the part of its change of position along them. They
-    # may differ by what the change of the velocity in each interval leaves unknown.
-    speeds = [np.linalg.norm(mean[:, own], axis=1) for *_, own in bodies]
-    small = ENGINES_OWN * (size + max(h @ speed for speed in speeds))
-    for (body, kind, own), speed in zip(bodies, speeds):
-        by_position = np.sum(moved[:, own] * mean[:, own], axis=1) / np.where(speed > 0, speed, 1.0)
-        unknown = h * _changes(steps, v[:, own], a[:, own])[seen]
+    begin, h_seen = trajectory.t[:-1][seen], h[seen]
+    means = []
+    for one in groups:
+        moved = [values[seen] for values in one.moved]
+        mean = [values[seen] for values in one.mean]
+        moved = [values - h_seen * (values.sum() / h_seen.sum()) for values in moved]
+        mean = [values - h_seen @ values / h_seen.sum() for values in mean]
+        means.append((moved, mean, np.sqrt(_square(mean))))
+    small = ENGINES_OWN * (size + max(h_seen @ speed for *_, speed in means))
+    for one, (moved, mean, speed) in zip(groups, means):
+        if h_seen @ speed <= small:
+            continue
+        along = sum(by * its for by, its in zip(moved, mean))
+        by_position = along / np.where(speed > 0, speed, 1.0)
+        unknown = h_seen * _change(h, one.jump, one.acceleration)[seen]
         allowed = np.sum(unknown) + small
-        if h @ speed > small and abs(np.sum(by_position) - h @ speed) > allowed:
-            i = int(np.argmax(np.abs(by_position - h * speed) - unknown))
-            scale, unit = (size, "rad") if kind == "omega" else (1.0, "m")
+        if abs(np.sum(by_position) - h_seen @ speed) > allowed:
+            i = int(np.argmax(np.abs(by_position - h_seen * speed) - unknown))
+            scale, unit = (size, "rad") if one.kind == "omega" else (1.0, "m")
             yield (
-                f"velocities of {body} ({kind}) that are not those of its positions: about their mean they move it "
-                f"by {h @ speed / scale:.4g} {unit}, its positions by {np.sum(by_position) / scale:.4g} {unit}, and "
-                f"differ most from t = {begin[i]:.9g} s on; expected the same within {allowed / scale:.2g} {unit}"
+                f"velocities of {one.body} ({one.kind}) that are not those of its positions: about their mean they "
+                f"move it by {h_seen @ speed / scale:.4g} {unit}, its positions by "
+                f"{np.sum(by_position) / scale:.4g} {unit}, and differ most from t = {begin[i]:.9g} s on; expected "
+                f"the same within {allowed / scale:.2g} {unit}"
             )
+
+
+class _Moves(NamedTuple):
+    """How a body moves between neighbouring instants, along the plane or about its centre; angles times a length.
+
+    Attributes
+    ----------
+    body, kind : str
+        The body, and the columns of its velocity.
+    moved, mean : list of ndarray, shape (n - 1,)
+        Changes of its coordinates, and means of its velocities.
+    jump : ndarray, shape (n - 1,)
+        Square of the change of its velocity.
+    acceleration : ndarray, shape (n,)
+        Square of its acceleration at the instants.
+    """
+
+    body: str
+    kind: str
+    moved: list[np.ndarray]
+    mean: list[np.ndarray]
+    jump: np.ndarray
+    acceleration: np.ndarray
+
+    @staticmethod
+    def of(run: Examined, body: str, kind: str, labels: slice, scale: float) -> _Moves:
+        """Read the columns of a body; `labels` chooses those of each of `BODY_COLUMNS`."""
+        q, v, a = (
+            [scale * run.trajectory[f"{body}.{label}"].astype(float) for label in columns[labels]]
+            for columns in BODY_COLUMNS
+        )
+        return _Moves(
+            body,
+            kind,
+            [np.diff(values) for values in q],
+            [(values[1:] + values[:-1]) / 2 for values in v],
+            _square([np.diff(values) for values in v]),
+            _square(a),
+        )
 
 
 def displacements(run: Examined) -> Iterator[str]:
@@ -576,44 +618,24 @@ def _lasting(flags: np.ndarray) -> Iterator[tuple[int, int]]:
 
 
 def balance(run: Examined) -> Iterator[str]:
-    """Newton's and Euler's equations hold at samples and on both sides of events, if an engine reports these."""
-    trajectory = run.trajectory
-    for part in run.parts:
-        # Samples of the trajectory, then both sides of its events, as one table
-        rows = [*part.row_names, *(f"{name}.friction" for name in part.guide_names)]
-        needed = {
-            *rows,
-            *(
-                f"{body}.{label}"
-                for body in part.body_names
-                for labels in BODY_COLUMNS
-                for label in labels
-            ),
-        }
-        if not (sides := run.sides(needed)):
+    """Newton's and Euler's equations hold at samples and on both sides of events, where an engine reports these."""
+    for part, samples in zip(run.parts, run.in_equations):
+        sides = run.sides.with_columns(InEquations.needed(part))
+        if not len(sides):
             continue
-        joined = {
-            name: np.concatenate(
-                [trajectory[name].astype(float), [side[name] for *_, side in sides]]
-            )
-            for name in needed
-        }
-        t = np.concatenate([trajectory.t.astype(float), [time for _, time, _ in sides]])
-        q, v, a = (
-            np.ascontiguousarray(stacked(joined, part.body_names, labels))
-            for labels in BODY_COLUMNS
-        )
-        force = np.empty((len(t), len(rows)))  # a free body has no rows
-        for column, name in enumerate(rows):
-            force[:, column] = joined[name]
-        left, size = imbalance(part.arrays, workspace(part.arrays), t, q, v, a, force)
+        at_events = InEquations.of(part, sides.t, sides.__getitem__)
+        size = np.concatenate([samples.size, at_events.size])
         largest = np.max(size[np.isfinite(size)], initial=0.0)
-        if (i := first(left > BALANCE * largest)) is not None:
-            where = f" ({sides[i - len(trajectory.t)][0]})" if i >= len(trajectory.t) else ""
-            yield (
-                f"forces and accelerations that do not balance at t = {t[i]:.9g} s{where}: {left[i] / largest:.2g} "
-                f"of the largest is left over; expected less than {BALANCE:g}"
-            )
+        for left, t, instants in (
+            (samples.left, run.trajectory.t, None),
+            (at_events.left, sides.t, sides),
+        ):
+            if (i := first(left > BALANCE * largest)) is not None:
+                where = f" ({instants.label(i)})" if instants else ""
+                yield (
+                    f"forces and accelerations that do not balance at t = {t[i]:.9g} s{where}: "
+                    f"{left[i] / largest:.2g} of the largest is left over; expected less than {BALANCE:g}"
+                )
 
 
 def corner_forces(run: Examined) -> Iterator[str]:
@@ -671,20 +693,22 @@ def modes(run: Examined) -> Iterator[str]:
 def _chain(run: Examined, own: Sequence[Event], name: str, corners: bool) -> Iterator[str]:
     """Each event of a guide changes its mode by its kind, and begins in the mode in which the one before ended."""
     mode = f"{name}.mode"
-    for event in own:
-        old, new = event.before[mode], event.after[mode]
+    sides = Sides(own)
+    before, after = sides[mode][::2], sides[mode][1::2]
+    for event, old, new in zip(own, before.tolist(), after.tolist()):
         if not MODES[event.kind](old, new):
             yield (
                 f"{event.kind} of {name} at t = {event.time:.9g} s: mode {old:g} before and {new:g} after; expected "
                 f"those of a {event.kind}"
             )
-    for event, following in zip(own, own[1:]):
-        if (
-            event == following
-            or event.after[mode] != following.before[mode]
-            or corners
-            and _other_surfaces(run, name, event, following)
-        ):
+    # each event ends in the mode, and on the surfaces, in which the next one begins, and is reported once
+    is_broken = after[:-1] != before[1:]
+    if corners:
+        is_broken |= _other_surfaces(run, name, sides)
+    is_same_instant = np.diff(sides.t[::2]) == 0.0
+    for i in np.flatnonzero(is_broken | is_same_instant).tolist():
+        event, following = own[i], own[i + 1]
+        if is_broken[i] or event == following:
             yield (
                 f"{event.kind} of {name} at t = {event.time:.9g} s, then {following.kind} at "
                 f"{following.time:.9g} s: the contact mode after the first is not that before the second; "
@@ -698,7 +722,7 @@ def _modes_between(run: Examined, own: Sequence[Event], column: str) -> Iterator
     # before and after it.
     t, values = run.trajectory.t, run.trajectory[column]
     times = np.array([event.time for event in own])
-    mode = np.array([own[0].before[column], *(event.after[column] for event in own)])
+    mode = np.concatenate([[own[0].before[column]], Sides(own)[column][1::2]])
     earliest = np.searchsorted(times, t - ROUNDING * t[-1], "left")
     latest = np.searchsorted(times, t + ROUNDING * t[-1], "right")
     for i in np.flatnonzero((values != mode[earliest]) & (values != mode[latest])):
@@ -706,16 +730,15 @@ def _modes_between(run: Examined, own: Sequence[Event], column: str) -> Iterator
             yield f"{column} = {values[i]:g} at t = {t[i]:.9g} s; expected {mode[latest[i]]:g}, that between its events"
 
 
-def _other_surfaces(run: Examined, name: str, event: Event, following: Event) -> bool:
-    """Return True if a corner of a slipping guide has changed its surface between two events."""
-    if not event.after[f"{name}.mode"]:
-        return False
-    # At either end of the slider, a corner that presses on one surface after the first event, and
-    # the one opposite to it that presses before the second
+def _other_surfaces(run: Examined, name: str, sides: Sides) -> np.ndarray:
+    """Flags of pairs of neighbouring events between which a corner of a slipping guide changes its surface."""
     F = [f"{name}.F{corner}" for corner in (1, 2, 3, 4)]
     size = SAME * max(_largest(run.trajectory[corner]) for corner in F)
+    presses = [sides[corner] > size for corner in F]
+    slips = sides[f"{name}.mode"][1:-1:2] != 0
+    # the corners 1 and 4 are at the rear of a slider, 2 and 3 at its front, on opposite surfaces
     opposite = ((0, 3), (3, 0), (1, 2), (2, 1))
-    return any(event.after[F[i]] > size < following.before[F[j]] for i, j in opposite)
+    return slips & np.any([presses[i][1:-1:2] & presses[j][2::2] for i, j in opposite], axis=0)
 
 
 def unreported_events(run: Examined) -> Iterator[str]:
@@ -824,14 +847,15 @@ def continuity(run: Examined) -> Iterator[str]:
             ENGINES_OWN * max(float(np.max(np.abs(run.trajectory[name]))) for name in columns)
             + SAME * run.size
         )
-        for event in run.trajectory.events:
-            for name in columns:
-                if name in event.before and abs(event.after[name] - event.before[name]) > allowed:
-                    yield (
-                        f"{event.kind} of {event.joint} at t = {event.time:.9g} s: {name} = "
-                        f"{event.before[name]:.9g} before and {event.after[name]:.9g} after; expected no jump of a "
-                        "state"
-                    )
+        for name in columns:
+            sides = run.sides.with_columns({name})
+            before, after = sides[name][::2], sides[name][1::2]
+            if (i := first(np.abs(after - before) > allowed)) is not None:
+                event = sides.events[i]
+                yield (
+                    f"{event.kind} of {event.joint} at t = {event.time:.9g} s: {name} = {before[i]:.9g} before and "
+                    f"{after[i]:.9g} after; expected no jump of a state"
+                )
 
 
 def _while_moving(predicate: Predicate) -> Predicate:
@@ -877,7 +901,7 @@ def _residuals(run: Examined, t: np.ndarray, q: np.ndarray, v: np.ndarray) -> np
         own = np.concatenate([np.arange(place[body], place[body] + 3) for body in part.body_names])
         norms = residual_norms(
             part.arrays,
-            workspace(part.arrays),
+            part.workspace,
             t,
             np.ascontiguousarray(q[:, own]),
             np.ascontiguousarray(v[:, own]),
@@ -893,12 +917,17 @@ def _agrees(reported: np.ndarray, residual: np.ndarray, size: float) -> np.ndarr
         return np.abs(reported - residual) <= DRIFT * (size + residual)
 
 
-def _changes(h: np.ndarray, v: np.ndarray, a: np.ndarray) -> np.ndarray:
-    """Return the change of velocities between instants, by themselves or by accelerations, shape (n - 1,)."""
-    second = np.linalg.norm(a, axis=1)
-    return np.maximum(
-        np.linalg.norm(np.diff(v, axis=0), axis=1), h * np.maximum(second[1:], second[:-1])
-    )
+def _square(vectors: Sequence[np.ndarray]) -> np.ndarray:
+    """Squares of the lengths of vectors, given by their components."""
+    return np.sum([component * component for component in vectors], axis=0)
+
+
+def _change(h: np.ndarray, jump: np.ndarray, acceleration: np.ndarray) -> np.ndarray:
+    """Change of velocities between instants h apart, by themselves or by the larger acceleration at either.
+
+    Squares of both are given: of the changes, (n - 1,), and of the accelerations, (n,).
+    """
+    return np.sqrt(np.maximum(jump, h * h * np.maximum(acceleration[1:], acceleration[:-1])))
 
 
 def _step(run: Examined) -> float:

@@ -6,13 +6,14 @@ import math
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import dataclass
 from functools import cached_property
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
 from stiction.engines.assembly import Assembly, assembly_of
 from stiction.scenes import Scene, Trajectory
 from stiction.scenes.columns import BODY_COLUMNS
+from stiction.scenes.event_values import Sides
 from stiction.scenes.fidelity import Fidelity
 from stiction.scenes.trajectory import stacked
 
@@ -20,6 +21,8 @@ if TYPE_CHECKING:
     from stiction.reference_impl.multibody.mechanism import Mechanism
 
 POSITIONS, VELOCITIES, ACCELERATIONS = BODY_COLUMNS
+RESIDUALS = ("drift.position", "drift.velocity")
+"""Columns of the residuals of the constraints."""
 ROUNDING = 1e-9
 """Accuracy of times, relative to the end of the run: sums of 1e6 steps are off by 1e6 eps = 2e-10."""
 OWN_STEP = 0.01
@@ -133,18 +136,20 @@ class Examined:
             stacked(self.trajectory.columns, self.scene.bodies, labels) for labels in BODY_COLUMNS
         )
 
+    @cached_property
+    def in_equations(self) -> list[InEquations]:
+        """The samples of each part, in its equations."""
+        t = self.trajectory.t.astype(float)
+        return [InEquations.of(part, t, self.trajectory.columns.__getitem__) for part in self.parts]
+
     def columns(self, labels: tuple[str, ...]) -> list[str]:
         """Names of the columns of all bodies with these labels."""
         return [f"{body}.{label}" for body in self.scene.bodies for label in labels]
 
-    def sides(self, needed: set[str]) -> list[tuple[str, float, Mapping[str, float]]]:
-        """Label, time and values of both sides of all events that have the needed columns."""
-        return [
-            (f"{event.kind} of {event.joint} at t = {event.time:.9g} s: {name}", event.time, side)
-            for event in self.trajectory.events
-            for name, side in (("before", event.before), ("after", event.after))
-            if needed <= side.keys()
-        ]
+    @cached_property
+    def sides(self) -> Sides:
+        """Values on both sides of all events."""
+        return Sides(self.trajectory.events)
 
     def differs(
         self, column: str, expected: np.ndarray, allowed: float | np.ndarray, source: str
@@ -156,6 +161,47 @@ class Examined:
                 f"{column} = {values[i]:.9g} at t = {self.trajectory.t[i]:.9g} s; expected "
                 f"{expected[i]:.9g}, {source}"
             )
+
+
+class InEquations(NamedTuple):
+    """Instants of a part, put into its equations of motion and its constraints; arrays of shape (n,).
+
+    Attributes
+    ----------
+    left, size : ndarray
+        What is left of the equations of motion, and the largest term in them; see `imbalance`.
+    position, velocity : ndarray
+        Norms of Phi and Phi'.
+    """
+
+    left: np.ndarray
+    size: np.ndarray
+    position: np.ndarray
+    velocity: np.ndarray
+
+    @staticmethod
+    def needed(part: Mechanism) -> list[str]:
+        """Columns that this is made of: the forces of the rows, and the motion."""
+        motion = [
+            f"{body}.{label}"
+            for body in part.body_names
+            for labels in BODY_COLUMNS
+            for label in labels
+        ]
+        return [*part.row_names, *(f"{name}.friction" for name in part.guide_names), *motion]
+
+    @staticmethod
+    def of(part: Mechanism, t: np.ndarray, column: Callable[[str], np.ndarray]) -> InEquations:
+        """Evaluate at times t (n,), with the values of columns by their names."""
+        from stiction.reference_impl.multibody.trajectory_columns import imbalance
+
+        read = {name: column(name) for name in InEquations.needed(part)}
+        q, v, a = (stacked(read, part.body_names, labels) for labels in BODY_COLUMNS)
+        rows = [*part.row_names, *(f"{name}.friction" for name in part.guide_names)]
+        force = np.empty((len(t), len(rows)))  # a free body has no rows
+        for place, name in enumerate(rows):
+            force[:, place] = read[name]
+        return InEquations(*imbalance(part.arrays, part.workspace, t, q, v, a, force))
 
 
 Predicate = Callable[[Examined], Iterator[str]]

@@ -8,13 +8,13 @@ do.
 from __future__ import annotations
 
 import math
-from collections.abc import Collection, Iterator, Mapping
-from typing import Any
+from collections.abc import Iterator, Mapping
 
 import numpy as np
 
 from stiction.engines.examined import (
     POSITIONS,
+    RESIDUALS,
     ROUNDING,
     VELOCITIES,
     Examined,
@@ -25,6 +25,7 @@ from stiction.engines.examined import (
 )
 from stiction.scenes import Breakdown, Cost, Event, Scene, Trajectory
 from stiction.scenes.columns import BODY_COLUMNS, columns_of
+from stiction.scenes.event_values import Row
 from stiction.scenes.trajectory import stacked
 from stiction.scenes.wording import names
 
@@ -153,7 +154,7 @@ def columns(run: Examined) -> Iterator[str]:
         )
     # Columns of the state are always numbers. Values of the others that are not finite are collected
     # first, because it is costly to find out which forces are open.
-    state_columns = {*run.columns(POSITIONS + VELOCITIES), "drift.position", "drift.velocity"}
+    state_columns = {*run.columns(POSITIONS + VELOCITIES), *RESIDUALS}
     not_finite = {}
     for name, values in trajectory.columns.items():
         if (
@@ -211,41 +212,65 @@ def _left_open(
 
 
 def events(run: Examined) -> Iterator[str]:
-    """Events have times in order, are of guides of the scene, and have the same finite columns on both sides."""
-    trajectory, latest = run.trajectory, run.t_end + run.slack
+    """Events with times in order, of guides of the scene, with the same finite columns on both sides."""
+    trajectory = run.trajectory
     if odd := next((event for event in trajectory.events if not isinstance(event, Event)), None):
         yield f"event {described(odd)}; expected a stiction.scenes.Event"
-    time_before = 0.0
-    for i, event in enumerate(trajectory.events):
-        where = f"event {i}, {event.kind} of {event.joint}"
+    yield from _instants(run)
+    yield from _sides(run)
+
+
+def _instants(run: Examined) -> Iterator[str]:
+    """Events of known kinds and guides, in order of time within the run."""
+    before, latest, guides = 0.0, run.t_end + run.slack, run.scene.guides
+    for i, event in enumerate(run.trajectory.events):
         if not is_number(event.time):
-            yield f"{where}: time {described(event.time)}; expected finite seconds"
-        if not time_before <= event.time <= latest:
+            yield f"{_named(run, i)}: time {described(event.time)}; expected finite seconds"
+        if not before <= event.time <= latest:
             yield (
-                f"{where}: t = {event.time:.9g} s after one at {time_before:.9g} s; expected events in order "
+                f"{_named(run, i)}: t = {event.time:.9g} s after one at {before:.9g} s; expected events in order "
                 f"within 0 .. {latest:.9g} s"
             )
-        time_before = event.time
-        if event.kind not in KINDS or event.joint not in run.scene.guides:
-            yield f"{where}; expected {', '.join(KINDS)} of a guide of the scene"
-        for side, values in (("before", event.before), ("after", event.after)):
-            if not isinstance(values, Mapping) or values.keys() != event.before.keys():
-                yield f"{where}: {side} {described(values)}; expected values of the same columns on both sides"
-            elif not values.keys() <= trajectory.columns.keys():
-                unknown = sorted(map(str, values.keys() - trajectory.columns.keys()))
-                yield f"{where}: {side} has {names(unknown[:_SHOWN])}; expected columns of the trajectory"
-            elif not _all_numbers(values.values()):
-                left_open = _left_open_at(run, event.time, values)
-                name = next(
-                    (
-                        name
-                        for name, value in values.items()
-                        if not is_number(value) and name not in left_open
-                    ),
-                    None,
+        before = event.time
+        if event.kind not in KINDS or event.joint not in guides:
+            yield f"{_named(run, i)}; expected {', '.join(KINDS)} of a guide of the scene"
+
+
+def _sides(run: Examined) -> Iterator[str]:
+    """Both sides of each event have values of the same columns of the trajectory, which are finite."""
+    columns = run.trajectory.columns.keys()
+    checked = set[int]()
+    for i, event in enumerate(run.trajectory.events):
+        before, after = event.before, event.after
+        if isinstance(before, Row) and isinstance(after, Row) and before.columns is after.columns:
+            # the events of a run share a table, whose names are looked at once
+            if id(before.columns) in checked:
+                continue
+            checked.add(id(before.columns))
+        for side, values in (("before", before), ("after", after)):
+            if not isinstance(values, Mapping) or values.keys() != before.keys():
+                yield (
+                    f"{_named(run, i)}: {side} {described(values)}; expected values of the same columns on both sides"
                 )
-                if name is not None:
-                    yield f"{where}: {side}, {name} = {described(values[name])}; expected finite numbers"
+            elif not values.keys() <= columns:
+                unknown = sorted(map(str, values.keys() - columns))
+                yield (
+                    f"{_named(run, i)}: {side} has {names(unknown[:_SHOWN])}; expected columns of the trajectory"
+                )
+    # forces that the motion leaves open may be nan: what is not finite is looked at side by side
+    for place in np.flatnonzero(~run.sides.are_finite()).tolist():
+        event, side = run.sides.events[place // 2], ("before", "after")[place % 2]
+        values = getattr(event, side)
+        left_open = _left_open_at(run, event.time, values)
+        for name, value in values.items():
+            if not is_number(value) and name not in left_open:
+                yield f"{_named(run, place // 2)}: {side}, {name} = {described(value)}; expected finite numbers"
+
+
+def _named(run: Examined, i: int) -> str:
+    """Number, kind and guide of an event."""
+    event = run.trajectory.events[i]
+    return f"event {i}, {event.kind} of {event.joint}"
 
 
 def _left_open_at(run: Examined, t: float, values: Mapping[str, float]) -> set[str]:
@@ -257,16 +282,6 @@ def _left_open_at(run: Examined, t: float, values: Mapping[str, float]) -> set[s
         return set()
     columns = {name: np.array([value], dtype=float) for name, value in values.items()}
     return {name for name, flags in _left_open(run, np.array([t]), columns).items() if flags[0]}
-
-
-def _all_numbers(values: Collection[Any]) -> bool:
-    """Return True if all values are finite numbers."""
-    # A sum is finite only if all its terms are, and costs a tenth of the check of each. It may
-    # overflow for numbers that are finite.
-    try:
-        return math.isfinite(sum(values)) or all(map(is_number, values))
-    except TypeError:
-        return False
 
 
 PREDICATES: tuple[Predicate, ...] = (fields, breakdown, times, columns, events)

@@ -114,6 +114,17 @@ class Terms:
     slip_speed: np.ndarray
 
 
+def start_of(scene: Scene) -> tuple[np.ndarray, np.ndarray]:
+    """Return the coordinates and velocities of a scene at t = 0, each of shape (3 * bodies,)."""
+    bodies = scene.bodies.values()
+    return (
+        np.array([x for body in bodies for x in (*body.position, body.angle)], dtype=float),
+        np.array(
+            [x for body in bodies for x in (*body.velocity, body.angular_velocity)], dtype=float
+        ),
+    )
+
+
 class EquationsOfMotion:
     """The equations of motion of a scene, in dense NumPy.
 
@@ -157,13 +168,7 @@ class EquationsOfMotion:
 
     def start(self) -> tuple[np.ndarray, np.ndarray]:
         """Return the coordinates q and velocities v at t = 0 as given by the scene, each of shape (k,)."""
-        bodies = self.scene.bodies.values()
-        return (
-            np.array([x for body in bodies for x in (*body.position, body.angle)], dtype=float),
-            np.array(
-                [x for body in bodies for x in (*body.velocity, body.angular_velocity)], dtype=float
-            ),
-        )
+        return start_of(self.scene)
 
     def at(self, t: float | np.ndarray, q: np.ndarray, v: np.ndarray) -> Terms:
         """Return the terms at one instant or, with leading axes, at many.

@@ -17,8 +17,8 @@ from stiction.scenes.base_errors import InputError
 from stiction.scenes.column_file import LARGE, REAL, ColumnFile
 from stiction.scenes.columns import columns_of, unit_of
 from stiction.scenes.errors import FileError, Problem
+from stiction.scenes.event_values import Row, rows_of
 from stiction.scenes.model import Scene
-from stiction.scenes.trajectory import rows_of
 from stiction.scenes.wording import did_you_mean, names, shortened, shown
 
 if TYPE_CHECKING:
@@ -89,9 +89,7 @@ class ResultTable:
         """Row of the side after of each distinct instant, int (instants,); the same row where nothing jumps."""
         return np.flatnonzero(np.diff(self.t, append=np.inf))
 
-    def jumps(
-        self, columns: Mapping[str, np.ndarray]
-    ) -> Iterator[tuple[float, dict[str, float], dict[str, float]]]:
+    def jumps(self, columns: Mapping[str, np.ndarray]) -> Iterator[tuple[float, Row, Row]]:
         """Yield each instant with two sides, and the values of columns before and after it."""
         two = self.first < self.last
         sides = (

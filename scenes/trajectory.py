@@ -65,13 +65,6 @@ def stacked(
     return np.stack([np.asarray(columns[name], dtype=float) for name in names], axis=1)
 
 
-def rows_of(columns: Mapping[str, np.ndarray]) -> list[dict[str, float]]:
-    """Columns of equal length as one mapping per row, such as the sides of an `Event`."""
-    return [
-        dict(zip(columns, row)) for row in np.array(list(columns.values()), dtype=float).T.tolist()
-    ]
-
-
 @dataclass(frozen=True)
 class Breakdown:
     """The reason why a solver stopped before the end of the run.

@@ -109,6 +109,9 @@ class SteadyWindow:
         See `SteadyRun`; the end is that of the run.
     period : float
         The common one of loads and drives, s; inf where they are constant, nan where they are not periodic.
+    sampled : callable, optional
+        Returns the run from a time, s, to its end at instants as close as measures require. None where `whole` has
+        them already: of a motion with a period, a few samples of each period suffice to find its steady state.
     """
 
     scene: Scene
@@ -120,6 +123,7 @@ class SteadyWindow:
     end: float
     period: float
     rtol: float
+    sampled: Callable[[float], Run] | None = None
 
     def __post_init__(self) -> None:
         """Positions, velocities and accelerations, where requested, (samples, 3 bodies) each; their units and ranges.
@@ -177,10 +181,11 @@ class SteadyWindow:
     @cached_property
     def run(self) -> Run | Trajectory:
         """Samples and events from `start` to `end`; the mode at the start holds since the events before."""
-        inside = self.whole.t >= self.start - 1e-9 * (self.end - self.settle)
-        columns = {name: values[inside] for name, values in self.whole.columns.items()}
-        events = tuple(event for event in self.whole.events if event.time > self.start)
-        return replace(self.whole, t=self.whole.t[inside], columns=columns, events=events)
+        whole = self.whole if self.sampled is None else self.sampled(self.start)
+        inside = whole.t >= self.start - 1e-9 * (self.end - self.settle)
+        columns = {name: values[inside] for name, values in whole.columns.items()}
+        events = tuple(event for event in whole.events if event.time > self.start)
+        return replace(whole, t=whole.t[inside], columns=columns, events=events)
 
     def _is_steady(self) -> bool:
         """Return True if all bodies rest, or move uniformly along ways on which nothing changes."""
@@ -487,17 +492,23 @@ def steady_window(scene: Scene, run: SteadyRun, measures: Sequence[Measure]) -> 
 def _window_of_reference(
     scene: Scene, mechanism: Mechanism, run: SteadyRun, measures: Sequence[Measure], period: float
 ) -> SteadyWindow:
-    """Simulate with equally spaced samples behind `settle` alone: of as many whole periods as fit, if there are any."""
+    """Simulate with equally spaced samples behind `settle` alone: of as many whole periods as fit, if there are any.
+
+    In the last period they are as close as measures require, since most motions repeat themselves with the period of
+    their loads and drives. One that takes several periods is integrated again.
+    """
     q, v = consistent_start(mechanism, assemble=True)
     settle, t_end = run.settle, run.t_end
+    close = t_end
     if period < np.inf:
-        longest = SAMPLE_STEP if any(measure.sampled for measure in measures) else np.inf
-        periods, samples = _whole_periods(t_end - settle, period, longest)
+        periods, samples = _whole_periods(t_end - settle, period, np.inf)
         instants = (
             np.linspace(t_end - periods * period, t_end, samples + 1)
             if periods
             else np.array([settle, t_end])
         )
+        if periods and any(measure.sampled for measure in measures):
+            close = t_end - period
     else:
         instants = np.linspace(settle, t_end, int(np.ceil((t_end - settle) / SAMPLE_STEP)) + 1)
     columns = {
@@ -511,26 +522,47 @@ def _window_of_reference(
         for labels in BODY_COLUMNS[: 2 if period < np.inf else 3]
         for label in labels
     }
-    integration = Integration(
-        mechanism,
-        q,
-        v,
-        instants,
-        t_end,
-        run.rtol,
-        Options(STEP_LIMIT, names=columns, events_behind=float(instants[0])),
-    )
+
+    def integrated(instants: np.ndarray) -> Integration:
+        options = Options(STEP_LIMIT, names=columns, events_behind=float(instants[0]))
+        return Integration(mechanism, q, v, instants, t_end, run.rtol, options)
+
+    def samples_from(begin: float) -> np.ndarray:
+        return np.linspace(begin, t_end, int(np.ceil((t_end - begin) / SAMPLE_STEP)) + 1)
+
+    # the samples of the last period follow those that find the steady state, one more of each of their instants
+    instants_of_state = len(instants)
+    last_period = samples_from(close) if close < t_end else np.empty(0)
+    together = np.concatenate([instants, last_period])
+    order = np.argsort(together, kind="stable")
+    integration = integrated(together[order])
+    found = _ended(integration.run)
+    is_of_state = order < instants_of_state
+    whole = _at(found, is_of_state)
+
+    def sampled(begin: float) -> Run:
+        if begin >= close * (1 - 1e-12):
+            return _at(found, ~is_of_state)
+        return _ended(integrated(samples_from(begin)).run)
+
     return SteadyWindow(
         scene,
         mechanism,
         integration,
-        _ended(integration.run),
+        whole,
         True,
         settle,
         t_end,
         period,
         run.rtol,
+        sampled if close < t_end else None,
     )
+
+
+def _at(run: Run, chosen: np.ndarray) -> Run:
+    """The run at chosen samples."""
+    columns = {name: values[chosen] for name, values in run.columns.items()}
+    return replace(run, t=run.t[chosen], columns=columns)
 
 
 def _whole_periods(time: float, period: float, longest: float) -> tuple[int, int]:

@@ -22,8 +22,7 @@ import numpy as np
 from stiction.engines.exudyn.friction import REST_SPEED, SlidingGuide
 from stiction.engines.exudyn.model import Model
 from stiction.reference_impl.multibody.dynamics import row_form
-from stiction.reference_impl.multibody.kinematics import workspace
-from stiction.reference_impl.multibody.mechanism import Mechanism
+from stiction.reference_impl.multibody.mechanism import Mechanism, workspace
 from stiction.scenes.model import Translational
 
 FRICTION_LAW = (

@@ -43,9 +43,9 @@ from stiction.engines.shared.fixed_step import DEFAULT_SHARE, Defaults, settings
 from stiction.engines.shared.inconsistent_start import refuse_off
 from stiction.reference_impl.multibody.reactions import recover_columns
 from stiction.scenes import Breakdown, Cost, Event, InputError, Scene, Trajectory
+from stiction.scenes.event_values import rows_of
 from stiction.scenes.fidelity import Fidelity
 from stiction.scenes.model import LinearSpring
-from stiction.scenes.trajectory import rows_of
 
 _DEFAULT_STEP = 2e-3
 """Step in seconds where none is given; twice that of the engines of first order, as Exudyn's methods are of second."""

@@ -309,7 +309,7 @@ def _as_written(
     from stiction.reference_impl.integration.result import Run, alternative_columns
     from stiction.reference_impl.multibody.trajectory_columns import build_columns
     from stiction.reference_impl.paper import March, Paper
-    from stiction.scenes.trajectory import rows_of
+    from stiction.scenes.event_values import rows_of
 
     started = time.process_time()
     paper = Paper(mechanism.scene)

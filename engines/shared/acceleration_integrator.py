@@ -34,9 +34,9 @@ from stiction.reference_impl.friction.coulomb import friction_coefficients
 from stiction.reference_impl.friction.frozen_mode import ALL, choose_branches, event_functions
 from stiction.reference_impl.multibody.mechanism import Mechanism
 from stiction.scenes import Cost, Event, Trajectory
+from stiction.scenes.event_values import rows_of
 from stiction.scenes.fidelity import Fidelity
 from stiction.scenes.laws import evaluate_law
-from stiction.scenes.trajectory import rows_of
 
 METHOD = "accelerations"
 """The setting `method` of the engines that offer this."""

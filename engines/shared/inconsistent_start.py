@@ -7,7 +7,7 @@ import numpy as np
 from stiction.engines.assembly import Assembly
 from stiction.engines.protocol import Declined
 from stiction.reference_impl.multibody.dynamics import row_form
-from stiction.reference_impl.multibody.kinematics import workspace
+from stiction.reference_impl.multibody.mechanism import workspace
 
 OFF = 1e-6
 """Largest residual of a start, relative to the mechanism's size; for rates, relative to the size per second or the

@@ -30,8 +30,8 @@ from stiction.reference_impl.compiled.linear_algebra import eliminate, minimum_n
 from stiction.reference_impl.compiled.loops import copy
 from stiction.reference_impl.friction.coulomb import normal_load
 from stiction.reference_impl.multibody.dynamics import applied_forces, row_form
-from stiction.reference_impl.multibody.kinematics import rotate, workspace
-from stiction.reference_impl.multibody.mechanism import Arrays, Mechanism, Workspace
+from stiction.reference_impl.multibody.kinematics import rotate
+from stiction.reference_impl.multibody.mechanism import Arrays, Mechanism, Workspace, workspace
 
 SATURATED = 1.0 - 1e-6
 """Part of the cap above which a guide slips. The distance from 1 is above the residuals of the engines' solvers (1e-9),

@@ -34,8 +34,7 @@ from stiction.reference_impl.friction.uniqueness import COUNTED, gain_of_mode
 from stiction.reference_impl.multibody.banded_systems import cell_of, count_cells, forces_into_cell
 from stiction.reference_impl.multibody.dynamics import largest_force, row_form
 from stiction.reference_impl.multibody.guide_freedom import DRIVEN
-from stiction.reference_impl.multibody.kinematics import workspace
-from stiction.reference_impl.multibody.mechanism import Arrays, Mechanism, Workspace
+from stiction.reference_impl.multibody.mechanism import Arrays, Mechanism, Workspace, workspace
 
 MOST_ALTERNATIVES = 8
 """Solutions of one motion that are kept: two for one driven guide without length, up to four with two corners."""

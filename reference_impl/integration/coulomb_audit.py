@@ -9,8 +9,7 @@ import numpy as np
 from stiction.reference_impl.friction import hlcp
 from stiction.reference_impl.friction.outcomes import SOLVED
 from stiction.reference_impl.multibody.dynamics import acceleration, row_form
-from stiction.reference_impl.multibody.kinematics import workspace
-from stiction.reference_impl.multibody.mechanism import Mechanism
+from stiction.reference_impl.multibody.mechanism import Mechanism, workspace
 from stiction.scenes import Trajectory
 from stiction.scenes.columns import BODY_COLUMNS
 from stiction.scenes.trajectory import stacked

@@ -84,10 +84,9 @@ from stiction.reference_impl.integration.several_motions import NEARLY_SEVERAL, 
 from stiction.reference_impl.integration.step_audit import audit
 from stiction.reference_impl.integration.step_limits import TOLERATED, excess, longest_step
 from stiction.reference_impl.multibody.dynamics import largest_speed, row_form
-from stiction.reference_impl.multibody.kinematics import workspace
-from stiction.reference_impl.multibody.mechanism import Arrays, Mechanism, Workspace
+from stiction.reference_impl.multibody.mechanism import Arrays, Mechanism, Workspace, workspace
 from stiction.reference_impl.multibody.projection import project
-from stiction.reference_impl.multibody.trajectory_columns import write_sample
+from stiction.reference_impl.multibody.trajectory_columns import residual_norm, write_sample
 from stiction.scenes import Cost
 
 FIRST_STEP = 1e-3
@@ -430,6 +429,8 @@ def _emit(m: Arrays, w: Workspace, s: State, samples: Samples, t: float, y: Real
     if not is_finite(s.dy):
         return False
     write_sample(w, y, s.dy, s.slip, samples.motion[i], samples.force[i], samples.slip[i])
+    # the rows of this state are at hand
+    samples.residual[i, 0], samples.residual[i, 1] = residual_norm(w.phi), residual_norm(w.phi_dot)
     s.progress.next_output += 1
     return True
 
@@ -638,6 +639,7 @@ class Integration:
         stepped = clock()
 
         samples_written = int(progress["next_output"])
+        residual: np.ndarray | None = samples.residual[:samples_written]
         if code != DONE and not samples_written and len(output) and output[0] == 0.0:
             # it stopped at once: the start is known, accelerations and forces are not
             samples.motion[0, 0] = s.y[:n]
@@ -646,15 +648,20 @@ class Integration:
             samples.force[0] = np.nan
             samples.slip[0] = s.slip
             samples_written = 1
+            residual = None
         events_of_run = [np.concatenate(parts) for parts in zip(*logged)]
         first = np.searchsorted(events_of_run[0], options.events_behind, side="right")
         columns, events, alternatives = columns_and_events(
             mechanism,
-            [part[:samples_written] for part in samples],
+            [
+                part[:samples_written]
+                for part in (samples.t, samples.motion, samples.force, samples.slip)
+            ],
             [part[first:] for part in events_of_run],
             options.names,
             options.sides,
             self._task.first_step,
+            residual,
         )
         if code in (NOT_FINITE, STEP_TOO_SMALL, CRAWL):
             # the workspace has the rows of a stage that failed: those of the last state tell why

@@ -37,13 +37,8 @@ from stiction.reference_impl.friction.solver_names import named
 from stiction.reference_impl.integration.result import Run, Samples
 from stiction.reference_impl.integration.step_audit import GOLDEN
 from stiction.reference_impl.multibody.dynamics import row_form
-from stiction.reference_impl.multibody.kinematics import (
-    direction_at,
-    point_at,
-    row_along,
-    workspace,
-)
-from stiction.reference_impl.multibody.mechanism import Arrays, Mechanism, Workspace
+from stiction.reference_impl.multibody.kinematics import direction_at, point_at, row_along
+from stiction.reference_impl.multibody.mechanism import Arrays, Mechanism, Workspace, workspace
 from stiction.reference_impl.multibody.trajectory_columns import build_columns
 from stiction.scenes import Breakdown, Cost
 

@@ -30,8 +30,13 @@ from stiction.reference_impl.integration.result import (
     columns_and_events,
 )
 from stiction.reference_impl.multibody.dynamics import acceleration, row_form
-from stiction.reference_impl.multibody.kinematics import workspace
-from stiction.reference_impl.multibody.mechanism import NO_GUIDE, Arrays, Mechanism, Workspace
+from stiction.reference_impl.multibody.mechanism import (
+    NO_GUIDE,
+    Arrays,
+    Mechanism,
+    Workspace,
+    workspace,
+)
 from stiction.reference_impl.multibody.projection import project
 from stiction.reference_impl.multibody.trajectory_columns import write_sample
 from stiction.scenes import Cost
@@ -294,7 +299,7 @@ def simulate_as_paper(
     stepped = clock()
     columns, found, alternatives = columns_and_events(
         mechanism,
-        [part[:written] for part in samples],
+        [part[:written] for part in (samples.t, samples.motion, samples.force, samples.slip)],
         [part[:events] for part in log],
         None,
         sides,

@@ -44,7 +44,7 @@ from stiction.reference_impl.multibody.guide_freedom import DRIVEN
 from stiction.reference_impl.multibody.mechanism import NO_GUIDE, Arrays, Mechanism
 from stiction.reference_impl.multibody.trajectory_columns import build_columns
 from stiction.scenes import Breakdown, Cost, Event
-from stiction.scenes.trajectory import rows_of
+from stiction.scenes.event_values import rows_of
 
 SLIP, STICK, REVERSAL, CORNER = range(4)
 UNCHANGED = -1
@@ -63,19 +63,24 @@ MOST_UNLIKE = 1e9
 
 
 class Samples(Bundle):
-    """Output at given times: q, v, a together (n, 3, 3 * bodies), row forces, slip."""
+    """Output at given times: q, v, a together (n, 3, 3 * bodies), row forces, slip, norms of Phi and Phi' (n, 2)."""
 
     t: Reals
     motion: Cube
     force: Table
     slip: IntegerTable
+    residual: Table
 
     @classmethod
     def room(cls, m: Arrays, count: int) -> Samples:
         """Room for so many samples."""
         n, nf = len(m.inverse_mass), len(m.friction)
         return cls.zeros(
-            t=count, motion=(count, 3, n), force=(count, m.rows + nf), slip=(count, nf)
+            t=count,
+            motion=(count, 3, n),
+            force=(count, m.rows + nf),
+            slip=(count, nf),
+            residual=(count, 2),
         )
 
 
@@ -191,24 +196,31 @@ def columns_and_events(
     names: Collection[str] | None,
     sides: bool,
     first_step: float,
+    residual: np.ndarray | None = None,
 ) -> tuple[dict[str, np.ndarray], tuple[Event, ...], dict[str, np.ndarray]]:
     """Return columns of the samples; the events, with the same on both `sides` if these are wanted; alternatives.
 
-    `samples` and `log`: the arrays of `Samples` and `EventLog`. `names`: the columns that are wanted; all where None.
-    `first_step`: the least time (s) that SAME_INSTANT is taken of.
+    `samples`: times, motion, forces and slip of `Samples`; `log`: the arrays of `EventLog`. `names`: the columns that
+    are wanted; all where None. `first_step`: the least time (s) that SAME_INSTANT is taken of. `residual`: that of the
+    samples, if it is known.
     """
 
     def build(
-        t: np.ndarray, motion: np.ndarray, force: np.ndarray, slip: np.ndarray
+        t: np.ndarray,
+        motion: np.ndarray,
+        force: np.ndarray,
+        slip: np.ndarray,
+        residual: np.ndarray | None = None,
     ) -> tuple[dict[str, np.ndarray], dict[str, np.ndarray]]:
         q, v, a = (motion[:, k] for k in range(3))
         opened = open_forces(mechanism, t, q, v, force, slip)
-        columns = build_columns(mechanism, t, q, v, a, opened.force, slip, names)
+        columns = build_columns(mechanism, t, q, v, a, opened.force, slip, names, residual)
         return columns, alternative_columns(mechanism, opened, len(t), columns)
 
     instants, kinds, guides, others, *sided = log
-    columns, alternatives = build(*samples)
-    rows: list[dict[str, float]] = [{} for _ in range(2 * len(instants))]
+    t, motion, force, slip = samples
+    columns, alternatives = build(t, motion, force, slip, residual)
+    rows: Sequence[Mapping[str, float]] = [{}] * (2 * len(instants))
     if sides and columns and len(instants):
         two_sided, _ = build(
             np.repeat(instants, 2), *(part.reshape(-1, *part.shape[2:]) for part in sided)

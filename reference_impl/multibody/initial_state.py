@@ -8,7 +8,6 @@ from math import isfinite
 import numpy as np
 
 from stiction.reference_impl.multibody.dynamics import row_form
-from stiction.reference_impl.multibody.kinematics import workspace
 from stiction.reference_impl.multibody.mechanism import Mechanism
 from stiction.reference_impl.multibody.projection import project
 from stiction.reference_impl.multibody.subsystems import independent_parts
@@ -70,7 +69,7 @@ def consistent_starts(
 
 def _start(mechanism: Mechanism, assemble: bool) -> tuple[np.ndarray, np.ndarray, list[Problem]]:
     q, v = mechanism.initial_state()
-    m, w = mechanism.arrays, workspace(mechanism.arrays)
+    m, w = mechanism.arrays, mechanism.workspace
     if not m.rows:
         return q, v, []
     row_form(m, w, 0.0, q, v)

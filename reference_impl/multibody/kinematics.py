@@ -3,12 +3,10 @@
 from __future__ import annotations
 
 from math import cos, sin, sqrt
-from typing import Any
 
 import numpy as np
 
 from stiction.reference_impl.compiled.kernel import kernel
-from stiction.reference_impl.friction.solver_names import AUTOMATIC
 from stiction.reference_impl.multibody.mechanism import (
     ANGLE,
     AXIS,
@@ -18,56 +16,7 @@ from stiction.reference_impl.multibody.mechanism import (
     LAW_SPLINE,
     REVOLUTE,
     Arrays,
-    Workspace,
 )
-
-
-def workspace(arrays: Arrays, solver: int = AUTOMATIC) -> Workspace:
-    """Room for the kernels' results."""
-    coordinates, size = len(arrays.inverse_mass), arrays.rows + len(arrays.friction)
-    whole = Workspace.zeros(
-        rotation=(coordinates // 3, 2),
-        J=6 * size,
-        JM=6 * size,
-        phi=arrays.rows,
-        phi_dot=arrays.rows,
-        gamma=size,
-        free=coordinates,
-        solver=solver,
-        counters=(),
-        separate=(),
-        **_room(arrays),
-    )
-    if not arrays.separate:
-        return whole
-    cells = tuple(
-        whole.replaced(
-            **{
-                name: np.zeros(shape, getattr(whole, name).dtype)
-                for name, shape in _room(cell).items()
-            }
-        )
-        for cell in arrays.separate
-    )
-    return whole.replaced(separate=cells)
-
-
-def _room(m: Arrays) -> dict[str, Any]:
-    """Shapes of what the workspace of a cell does not share with the whole."""
-    nf, size = len(m.friction), m.rows + len(m.friction)
-    return {
-        "slip_speed": nf,
-        "G": (size, size),
-        "right": size,
-        "stabilizing": m.rows,
-        "held": size,
-        "A": (size, size),
-        "x": size,
-        "unit": 2 * size,
-        "response": (size, nf),
-        "force": size,
-        "event": 3 * nf,
-    }
 
 
 @kernel

@@ -12,7 +12,7 @@ row of W_T for a surface at lever -+b/2 is the tangential row +- b/2 times that 
 from __future__ import annotations
 
 from copy import copy
-from functools import lru_cache
+from functools import cached_property, lru_cache
 from math import dist, hypot
 from typing import Annotated, Any
 
@@ -28,8 +28,8 @@ from stiction.reference_impl.compiled.bundle import (
     Reals,
     Table,
 )
-from stiction.reference_impl.equations_of_motion import EquationsOfMotion
-from stiction.reference_impl.friction.solver_names import Counters
+from stiction.reference_impl.equations_of_motion import start_of
+from stiction.reference_impl.friction.solver_names import AUTOMATIC, Counters
 from stiction.reference_impl.multibody.baumgarte import PAPERS, coefficients
 from stiction.reference_impl.multibody.guide_freedom import guide_freedoms
 from stiction.scenes import Problem, Scene, SceneError
@@ -156,6 +156,54 @@ class Workspace(Bundle):
     separate: Bundles  # those of `Arrays.separate`; bodies, their rows and the counters are shared
 
 
+def workspace(arrays: Arrays, solver: int = AUTOMATIC) -> Workspace:
+    """Room for the kernels' results."""
+    coordinates, size = len(arrays.inverse_mass), arrays.rows + len(arrays.friction)
+    whole = Workspace.zeros(
+        rotation=(coordinates // 3, 2),
+        J=6 * size,
+        JM=6 * size,
+        phi=arrays.rows,
+        phi_dot=arrays.rows,
+        gamma=size,
+        free=coordinates,
+        solver=solver,
+        counters=(),
+        separate=(),
+        **_room(arrays),
+    )
+    if not arrays.separate:
+        return whole
+    cells = tuple(
+        whole.replaced(
+            **{
+                name: np.zeros(shape, getattr(whole, name).dtype)
+                for name, shape in _room(cell).items()
+            }
+        )
+        for cell in arrays.separate
+    )
+    return whole.replaced(separate=cells)
+
+
+def _room(m: Arrays) -> dict[str, Any]:
+    """Shapes of what the workspace of a cell does not share with the whole."""
+    nf, size = len(m.friction), m.rows + len(m.friction)
+    return {
+        "slip_speed": nf,
+        "G": (size, size),
+        "right": size,
+        "stabilizing": m.rows,
+        "held": size,
+        "A": (size, size),
+        "x": size,
+        "unit": 2 * size,
+        "response": (size, nf),
+        "force": size,
+        "event": 3 * nf,
+    }
+
+
 class Mechanism:
     """A scene assembled for the reference implementation.
 
@@ -209,6 +257,11 @@ class Mechanism:
         separate = _separate(whole)
         self.arrays = whole.replaced(separate=separate) if separate else whole
 
+    @cached_property
+    def workspace(self) -> Workspace:
+        """Room for evaluations of single states. An integration has its own, which lasts from step to step."""
+        return workspace(self.arrays)
+
     def stabilized(self, stabilization: str) -> Mechanism:
         """Return the same mechanism with another stabilization; the two share their arrays."""
         other = copy(self)
@@ -228,7 +281,7 @@ class Mechanism:
 
     def initial_state(self) -> tuple[np.ndarray, np.ndarray]:
         """Coordinates and velocities at t = 0 as the scene gives them, each of shape (3 * bodies,)."""
-        return EquationsOfMotion(self.scene).start()
+        return start_of(self.scene)
 
     def kinks(self, t_end: float) -> np.ndarray:
         """Times in (0, t_end) at which a law is not smooth, in order; see `stiction.scenes.laws.law_kinks`."""

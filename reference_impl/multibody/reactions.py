@@ -17,8 +17,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from stiction.reference_impl.multibody.dynamics import row_form
-from stiction.reference_impl.multibody.kinematics import workspace
-from stiction.reference_impl.multibody.mechanism import Arrays, Mechanism
+from stiction.reference_impl.multibody.mechanism import Arrays, Mechanism, workspace
 from stiction.reference_impl.multibody.trajectory_columns import build_columns, corner_columns
 from stiction.scenes import InputError, Scene
 

@@ -13,17 +13,23 @@ from stiction.reference_impl.compiled.kernel import kernel
 from stiction.reference_impl.compiled.loops import copy
 from stiction.reference_impl.friction.coulomb import equal_mobilization, split_between_corners
 from stiction.reference_impl.multibody.dynamics import acceleration, largest_force, row_form
-from stiction.reference_impl.multibody.kinematics import workspace
-from stiction.reference_impl.multibody.mechanism import TRANSLATIONAL, Arrays, Mechanism, Workspace
+from stiction.reference_impl.multibody.mechanism import (
+    TRANSLATIONAL,
+    Arrays,
+    Mechanism,
+    Workspace,
+)
 from stiction.scenes import InputError
 from stiction.scenes.columns import BODY_COLUMNS
 from stiction.scenes.model import Translational
 
 CORNER_COLUMNS = ("F1", "F2", "F3", "F4", "friction_lower", "friction_upper")
 GUIDE_COLUMNS, DRIFT_COLUMNS = ("displacement", "slip_velocity"), ("position", "velocity")
+BLOCK = 512
+"""Rows that are transposed together: so many of some dozens of numbers fit into a processor's cache."""
 
 
-def build_columns(
+def build_columns(  # noqa: PLR0913 - the parts of samples
     mechanism: Mechanism,
     t: np.ndarray,
     q: np.ndarray,
@@ -32,12 +38,14 @@ def build_columns(
     force: np.ndarray,
     slip: np.ndarray | None = None,
     names: Collection[str] | None = None,
+    residual: np.ndarray | None = None,
 ) -> dict[str, np.ndarray]:
     """Columns of a trajectory (names: `stiction.scenes.Trajectory`); all where `names` is None.
 
     `q`, `v` and `a` are (n, 3 * bodies). `force`, (n, rows + frictional): multipliers in the order of
     `mechanism.row_names`, then the frictions on the sliders. `slip`, (n, frictional): contact modes (d; 0 = stick);
     without them the corner forces are those of equal mobilization throughout and there is no column ``mode``.
+    `residual`, (n, 2): norms of Phi and Phi'; computed where None.
     """
 
     def are_wanted(prefix: str, labels: Sequence[str]) -> bool:
@@ -45,18 +53,18 @@ def build_columns(
 
     m = mechanism.arrays
     read: dict[str, np.ndarray] = {}
+    motion = [_as_columns(values) for values in (q, v, a)]
     for i, name in enumerate(mechanism.body_names):
-        for values, labels in zip((q, v, a), BODY_COLUMNS):
-            read.update({f"{name}.{label}": values[:, 3 * i + k] for k, label in enumerate(labels)})
+        for values, labels in zip(motion, BODY_COLUMNS):
+            read.update({f"{name}.{label}": values[3 * i + k] for k, label in enumerate(labels)})
+    forces = _as_columns(force)
     for r, name in enumerate(mechanism.row_names):
-        read[name] = force[:, r]
+        read[name] = forces[r]
     for i, name in enumerate(mechanism.guide_names):
-        read[f"{name}.friction"] = force[:, m.rows + i]
+        read[f"{name}.friction"] = forces[m.rows + i]
         if slip is not None:
             read[f"{name}.mode"] = slip[:, i].astype(np.int8)
-    columns = {
-        name: values.copy() for name, values in read.items() if names is None or name in names
-    }
+    columns = {name: values for name, values in read.items() if names is None or name in names}
     for name, guide in mechanism.scene.guides.items():
         if guide.length is not None and are_wanted(name, CORNER_COLUMNS):
             columns.update(corner_columns(name, guide, read))
@@ -66,11 +74,26 @@ def build_columns(
                 zip((f"{name}.{label}" for label in GUIDE_COLUMNS), guide_motion(m, k, q, v))
             )
     if are_wanted("drift", DRIFT_COLUMNS):
-        norms = residual_norms(
-            m, workspace(m), *(np.ascontiguousarray(values) for values in (t, q, v))
+        norms = (
+            residual_norms(
+                m, mechanism.workspace, *(np.ascontiguousarray(values) for values in (t, q, v))
+            )
+            if residual is None
+            else _as_columns(residual)
         )
         columns.update(zip((f"drift.{label}" for label in DRIFT_COLUMNS), norms))
     return columns if names is None else {name: columns[name] for name in names}
+
+
+def _as_columns(table: np.ndarray) -> np.ndarray:
+    """Return the columns of a table (n, k), each contiguous: an array (k, n) of its own.
+
+    They are copied block by block, as one column of a long table at a time reads each line of memory k times.
+    """
+    columns = np.empty(table.shape[::-1])
+    for begin in range(0, len(table), BLOCK):
+        columns[:, begin : begin + BLOCK] = table[begin : begin + BLOCK].T
+    return columns
 
 
 @kernel
@@ -123,11 +146,13 @@ def corner_columns(
     a, b = guide.length, guide.width or 0.0
     kappa = np.zeros_like(R)
     if guide.frictional:
-        kappa = equal_mobilization(R, T, columns[f"{name}.friction"], a, b)
-        if f"{name}.mode" in columns:
-            mode = columns[f"{name}.mode"]
-            kappa = np.where(mode != 0, -guide.kinetic_coefficient * mode, kappa)
-        kappa = np.where(np.isnan(columns[f"{name}.friction"]), np.nan, kappa)
+        # in slip the coefficient is the kinetic one; at rest it follows from the friction
+        friction = columns[f"{name}.friction"]
+        mode = columns.get(f"{name}.mode", np.zeros(len(R)))
+        kappa = -guide.kinetic_coefficient * mode
+        rests = mode == 0
+        kappa[rests] = equal_mobilization(R[rests], T[rests], friction[rests], a, b)
+        kappa[np.isnan(friction)] = np.nan
     N = (
         T - 0.5 * b * kappa * R if b else T
     )  # without a width an unknown friction leaves the corner forces known
@@ -146,32 +171,41 @@ def residual_norms(m: Arrays, w: Workspace, t: Reals, q: Table, v: Table) -> tup
     position, velocity = np.zeros(len(t)), np.zeros(len(t))
     for i in range(len(t)):
         row_form(m, w, t[i], q[i], v[i])
-        for r in range(m.rows):
-            position[i] += w.phi[r] ** 2
-            velocity[i] += w.phi_dot[r] ** 2
-        position[i], velocity[i] = np.sqrt(position[i]), np.sqrt(velocity[i])
+        position[i], velocity[i] = residual_norm(w.phi), residual_norm(w.phi_dot)
     return position, velocity
+
+
+@kernel
+def residual_norm(residuals):
+    """Return the root of the sum of squares of residuals in m and rad, summed as they are."""
+    total = 0.0
+    for residual in residuals:
+        total += residual**2
+    return np.sqrt(total)
 
 
 @kernel(allocates=True)
 def imbalance(
     m: Arrays, w: Workspace, t: Reals, q: Table, v: Table, a: Table, force: Table
-) -> tuple[Reals, Reals]:
+) -> tuple[Reals, Reals, Reals, Reals]:
     """Remainder of Newton's and Euler's equations at times t (n,), and the largest term in them, sqrt(kg) m/s^2.
 
     q, v, a of shape (n, 3 * bodies); row forces as of `build_columns`. The largest over all coordinates, each in units
-    of the square root of its mobility, as in `dynamics.largest_force`: N and N m have no order.
+    of the square root of its mobility, as in `dynamics.largest_force`: N and N m have no order. Behind them the norms
+    of Phi and Phi', as of `residual_norms`, which come without further work.
     """
     left, size, balanced = np.zeros(len(t)), np.zeros(len(t)), np.zeros(q.shape[1])
+    position, velocity = np.zeros(len(t)), np.zeros(len(t))
     for i in range(len(t)):
         row_form(m, w, t[i], q[i], v[i])
+        position[i], velocity[i] = residual_norm(w.phi), residual_norm(w.phi_dot)
         acceleration(m, w, force[i], balanced)
         size[i] = largest_force(m, w, force[i])
         for k in range(len(balanced)):
             unit = 1.0 / np.sqrt(m.inverse_mass[k])
             left[i] = max(left[i], abs(a[i, k] - balanced[k]) * unit)
             size[i] = max(size[i], max(abs(a[i, k]), abs(w.free[k])) * unit)
-    return left, size
+    return left, size, position, velocity
 
 
 def guide_motion(m, k: int, q: np.ndarray, v: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

@@ -14,8 +14,7 @@ from stiction.reference_impl.multibody.equation_summary import (
     hlcp_size,
     rank,
 )
-from stiction.reference_impl.multibody.kinematics import workspace
-from stiction.reference_impl.multibody.mechanism import Mechanism
+from stiction.reference_impl.multibody.mechanism import Mechanism, workspace
 from stiction.scenes import catalogue, load_scene, scene_from_dict
 
 

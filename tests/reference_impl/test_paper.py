@@ -18,8 +18,7 @@ from stiction.reference_impl.friction import hlcp
 from stiction.reference_impl.friction.outcomes import SOLVED
 from stiction.reference_impl.friction.uniqueness import gain_of_mode
 from stiction.reference_impl.multibody.dynamics import acceleration, row_form
-from stiction.reference_impl.multibody.kinematics import workspace
-from stiction.reference_impl.multibody.mechanism import Mechanism
+from stiction.reference_impl.multibody.mechanism import Mechanism, workspace
 from stiction.reference_impl.paper import NoSolution, Paper, lemke
 from stiction.scenes import SceneError, catalogue, load_scene, scene_from_dict, vary
 

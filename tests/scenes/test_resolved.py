@@ -9,8 +9,7 @@ from typer.testing import CliRunner
 
 from stiction.cli.app import app
 from stiction.reference_impl.multibody.dynamics import row_form
-from stiction.reference_impl.multibody.kinematics import workspace
-from stiction.reference_impl.multibody.mechanism import Mechanism
+from stiction.reference_impl.multibody.mechanism import Mechanism, workspace
 from stiction.reference_impl.multibody.subsystems import independent_parts
 from stiction.scenes import SceneError, catalogue, load_scene, scene_from_dict, vary
 from stiction.scenes.errors import ELEMENTS, LAWS, STABILIZATIONS

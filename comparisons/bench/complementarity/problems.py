@@ -21,7 +21,7 @@ import numpy as np
 from stiction.scenes import InputError, Scene, Trajectory
 from stiction.scenes.atomic_files import whole_file
 from stiction.scenes.columns import BODY_COLUMNS
-from stiction.scenes.trajectory import rows_of
+from stiction.scenes.event_values import rows_of
 
 if TYPE_CHECKING:
     from stiction.reference_impl.integration.result import Run
@@ -67,8 +67,7 @@ def problem_at(
     from stiction.reference_impl.friction.outcomes import NONE
     from stiction.reference_impl.friction.outcomes import SOLVED as FOUND
     from stiction.reference_impl.multibody.dynamics import row_form
-    from stiction.reference_impl.multibody.kinematics import workspace
-    from stiction.reference_impl.multibody.mechanism import Mechanism
+    from stiction.reference_impl.multibody.mechanism import Mechanism, workspace
 
     m = Mechanism(scene, "none").arrays
     if not len(m.friction):

@@ -45,8 +45,7 @@ from stiction.comparisons.studies.hard import HOSTILE, STUDY, present
 from stiction.engines import load_engine
 from stiction.engines.isolation import Outcome
 from stiction.reference_impl.multibody.dynamics import row_form
-from stiction.reference_impl.multibody.kinematics import workspace
-from stiction.reference_impl.multibody.mechanism import MOST_ROWS, Mechanism
+from stiction.reference_impl.multibody.mechanism import MOST_ROWS, Mechanism, workspace
 from stiction.reports.text import section_of
 from stiction.scenes import SceneError, Trajectory, catalogue, load_scene, scene_from_dict
 

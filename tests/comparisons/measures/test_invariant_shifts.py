@@ -7,8 +7,7 @@ from stiction.comparisons.measures.invariant_shifts import invariant_shifts
 from stiction.reference_impl.integration.event_driven import Integration
 from stiction.reference_impl.multibody.dynamics import row_form
 from stiction.reference_impl.multibody.initial_state import consistent_start
-from stiction.reference_impl.multibody.kinematics import workspace
-from stiction.reference_impl.multibody.mechanism import Mechanism
+from stiction.reference_impl.multibody.mechanism import Mechanism, workspace
 from stiction.scenes import scene_from_dict
 
 SIZE = 1.0

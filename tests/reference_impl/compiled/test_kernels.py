@@ -11,8 +11,7 @@ import pytest
 
 from stiction.reference_impl.compiled.bundle import Bundle, Bundles, Integers, Reals, Table, at
 from stiction.reference_impl.compiled.kernel import bound, kernel
-from stiction.reference_impl.multibody.kinematics import workspace
-from stiction.reference_impl.multibody.mechanism import FRICTION, Mechanism
+from stiction.reference_impl.multibody.mechanism import FRICTION, Mechanism, workspace
 from stiction.scenes import load_scene
 
 

@@ -11,8 +11,7 @@ from stiction.reference_impl.friction import hlcp
 from stiction.reference_impl.friction.enumeration import solutions as consistent
 from stiction.reference_impl.friction.lemke import RAY, SOLVED, lemke
 from stiction.reference_impl.multibody.dynamics import row_form
-from stiction.reference_impl.multibody.kinematics import workspace
-from stiction.reference_impl.multibody.mechanism import Mechanism
+from stiction.reference_impl.multibody.mechanism import Mechanism, workspace
 from stiction.scenes import load_scene, scene_from_dict, vary
 from stiction.truths import slider_bar_truth
 

@@ -13,8 +13,7 @@ from stiction.engines import load_engine
 from stiction.reference_impl.friction.frozen_mode import solve_mode
 from stiction.reference_impl.friction.unlike_masses import solve_with_motion
 from stiction.reference_impl.multibody.dynamics import acceleration, row_form
-from stiction.reference_impl.multibody.kinematics import workspace
-from stiction.reference_impl.multibody.mechanism import UNLIKE, Mechanism
+from stiction.reference_impl.multibody.mechanism import UNLIKE, Mechanism, workspace
 from stiction.scenes import load_scene, scene_from_dict, vary
 from stiction.truths import slider_bar_truth
 

@@ -20,8 +20,7 @@ from scipy.optimize import brentq, linprog, minimize_scalar
 from stiction.engines.reference.engine import ReferenceEngine
 from stiction.reference_impl.friction.coulomb import can_jam, capacity
 from stiction.reference_impl.friction.frozen_mode import margin
-from stiction.reference_impl.multibody.kinematics import workspace
-from stiction.reference_impl.multibody.mechanism import Mechanism
+from stiction.reference_impl.multibody.mechanism import Mechanism, workspace
 from stiction.scenes import load_scene, scene_from_dict
 
 T_END = 12.0

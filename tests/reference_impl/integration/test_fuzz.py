@@ -17,8 +17,7 @@ from stiction.reference_impl.friction import hlcp
 from stiction.reference_impl.friction.outcomes import NONE, SINGULAR, SOLVED
 from stiction.reference_impl.integration.event_driven import simulate_event_driven
 from stiction.reference_impl.multibody.dynamics import acceleration, row_form
-from stiction.reference_impl.multibody.kinematics import workspace
-from stiction.reference_impl.multibody.mechanism import Mechanism
+from stiction.reference_impl.multibody.mechanism import Mechanism, workspace
 from stiction.reference_impl.multibody.trajectory_columns import build_columns
 from stiction.scenes import load_scene, scene_from_dict
 

@@ -13,8 +13,7 @@ from stiction.engines.reference.engine import ReferenceEngine
 from stiction.reference_impl.friction.mode_choice import choose_mode
 from stiction.reference_impl.friction.uniqueness import gain_of_mode
 from stiction.reference_impl.integration.right_hand_side import right_hand_side
-from stiction.reference_impl.multibody.kinematics import workspace
-from stiction.reference_impl.multibody.mechanism import DENSE, MOST_ROWS, Mechanism
+from stiction.reference_impl.multibody.mechanism import DENSE, MOST_ROWS, Mechanism, workspace
 from stiction.reference_impl.multibody.subsystems import independent_parts
 from stiction.scenes import SceneError, load_scene, scene_from_dict, vary
 from stiction.truths import slider_bar_truth

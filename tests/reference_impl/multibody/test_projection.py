@@ -5,8 +5,7 @@ import pytest
 from mechanism_families import barred_chain, closed_loop, sprung_chain
 
 from stiction.reference_impl.multibody.dynamics import row_form
-from stiction.reference_impl.multibody.kinematics import workspace
-from stiction.reference_impl.multibody.mechanism import Mechanism
+from stiction.reference_impl.multibody.mechanism import Mechanism, workspace
 from stiction.reference_impl.multibody.projection import project
 from stiction.reference_impl.multibody.trajectory_columns import guide_motion
 from stiction.scenes import load_scene

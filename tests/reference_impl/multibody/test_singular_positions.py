@@ -8,8 +8,8 @@ from reference_checks import simulate
 
 from stiction.engines.reference.engine import _linear_algebra
 from stiction.reference_impl.multibody import subsystems
-from stiction.reference_impl.multibody.kinematics import constraints_at, workspace
-from stiction.reference_impl.multibody.mechanism import Mechanism
+from stiction.reference_impl.multibody.kinematics import constraints_at
+from stiction.reference_impl.multibody.mechanism import Mechanism, workspace
 from stiction.reference_impl.multibody.singular_positions import (
     leave_nearly_dependent,
     lengths,

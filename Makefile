@@ -12,7 +12,7 @@ EXTRAS = test,docs$(ENGINES:all=,mujoco,drake,dart,fmi,dask,proof)
 # one stamp for each: the environment is cleared with what the other had
 SET_UP = .venv/set-up$(ENGINES:%=-%)
 
-.PHONY: validate validate-quick validate-full bench-engines lint test clean
+.PHONY: validate validate-quick validate-full bench bench-engines lint test clean
 
 # Some minutes on two cores.
 validate: $(SET_UP)
@@ -25,6 +25,10 @@ validate-quick: $(SET_UP)
 # Fine steps, long drift, every hard case: for a night.
 validate-full: $(SET_UP)
 	$(BIN)/stiction validate --full
+
+# What runs of the reference cost beside their stepping, the table of the page on cost; some seconds.
+bench: $(SET_UP)
+	$(BIN)/python -m stiction.comparisons.sweep.run_costs
 
 # What a step of every engine costs, the table of their pages; two minutes or so with nothing else running.
 bench-engines: $(SET_UP)

@@ -210,6 +210,14 @@ OBLIGATORY = ("name", "capabilities", "version", "refusal", "run")
 """Attributes and methods that a class derived from `Engine` must define."""
 
 
+def _complete_cost(stated: Cost, run_s: float, gate_s: float) -> Cost:
+    """Return the cost that an engine states, or all of its run as stepping, with output and gate (s)."""
+    cost = Cost(stepping_s=run_s) if stated == Cost() else stated
+    # the CPU time of a program's process is not in that of this one
+    output_s = max(0.0, run_s - cost.setup_s - cost.compile_s - cost.stepping_s)
+    return replace(cost, output_s=output_s, gate_s=gate_s)
+
+
 class Engine(ABC):
     """Base class of the adapters of engines.
 
@@ -474,6 +482,7 @@ class Engine(ABC):
         )
         for problem in problems(examined):
             raise BadTrajectory(f"{self.name} returned {problem}")
+        examined_s = time.process_time() - started - spent
         # What all trajectories have, whatever the engine reports: who supplies friction law and
         # events, and a cost.
         locates = self.locates_events(fidelity, trajectory.settings)
@@ -489,5 +498,5 @@ class Engine(ABC):
             fidelity=fidelity,
             mechanism=scene,
             settings={**trajectory.settings, **by_name},
-            cost=trajectory.cost if trajectory.cost != Cost() else Cost(stepping_s=spent),
+            cost=_complete_cost(trajectory.cost, spent, examined_s),
         )

@@ -113,6 +113,10 @@ class Cost:
         Counters by name, for example ``steps``, ``rhs``, ``hlcp``, ``pivots``, ``events``.
     engine_s : float or None
         The part of `stepping_s` spent in the engine's own calls, without the adapter; None if it was not measured.
+    output_s : float
+        The rest of the engine's run: columns and events are made from what the steps left.
+    gate_s : float
+        Examination of the result (`stiction.engines.gate`). `Engine.simulate` measures it, and `output_s`.
     """
 
     setup_s: float = 0.0
@@ -120,6 +124,8 @@ class Cost:
     stepping_s: float = 0.0
     counters: Mapping[str, int] = field(default_factory=dict, repr=False)
     engine_s: float | None = None
+    output_s: float = 0.0
+    gate_s: float = 0.0
 
     @property
     def own_s(self) -> float:

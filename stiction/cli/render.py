@@ -230,7 +230,8 @@ def show_trajectory(trajectory: Trajectory) -> None:
     cost = trajectory.cost
     times = (
         f"{cost.setup_s:.3g} s set-up, {cost.compile_s:.3g} s compiling or loading kernels, "
-        f"{cost.stepping_s:.3g} s stepping, {cost.own_s:.3g} s of it in the engine itself"
+        f"{cost.stepping_s:.3g} s stepping, {cost.own_s:.3g} s of it in the engine itself, "
+        f"{cost.output_s:.3g} s output, {cost.gate_s:.3g} s examination of the result"
     )
     counts = ", ".join(f"{name} {count}" for name, count in cost.counters.items())
     print("CPU: " + "; ".join(filter(None, (times, counts))))

@@ -215,8 +215,13 @@ def first(wrong: np.ndarray) -> int | None:
 
 
 def is_number(value: Any) -> bool:
-    """Return True for a finite number."""
-    return isinstance(value, (int, float, np.integer, np.floating)) and math.isfinite(value)
+    """Return True for a finite number of double precision."""
+    if not isinstance(value, (int, float, np.integer, np.floating)):
+        return False
+    try:
+        return math.isfinite(value)
+    except OverflowError:  # an integer beyond the largest float
+        return False
 
 
 def described(value: Any) -> str:

@@ -13,6 +13,7 @@ from collections.abc import Iterator, Mapping
 import numpy as np
 
 from stiction.engines.examined import (
+    MODES,
     POSITIONS,
     RESIDUALS,
     ROUNDING,
@@ -29,11 +30,9 @@ from stiction.scenes.event_values import Row
 from stiction.scenes.trajectory import stacked
 from stiction.scenes.wording import names
 
-GAP = 2.0
+MAX_GAP_STEPS = 2.0
 """Largest distance between instants, in requested output steps. An engine uses the nearest multiple of its step, which
 is less than twice the request."""
-KINDS = ("slip", "stick", "reversal", "corner")
-"""Kinds of events."""
 _FIELDS = (
     ("engine", str, "text"),
     ("version", str, "text"),
@@ -42,7 +41,7 @@ _FIELDS = (
     ("columns", Mapping, "a mapping of arrays by name"),
     ("events", tuple, "a tuple of stiction.scenes.Event"),
 )
-_SHOWN = 4
+_MAX_NAMES_SHOWN = 4
 """Number of names that a message lists at most."""
 
 
@@ -54,27 +53,30 @@ def required_columns(scene: Scene) -> list[str]:
     return [name for name in columns_of(scene) if not name.endswith(".mode")]
 
 
-def problems(run: Examined) -> Iterator[str]:
-    """Yield each fault of the result of an engine, as the continuation of a sentence with "the engine returned".
+def first_problem(run: Examined) -> str | None:
+    """Return the first fault of the result of an engine, as the end of a sentence with "the engine returned".
 
-    A result without faults is a `Trajectory` that fulfils `PREDICATES` and `coherence.PREDICATES`. Use the first fault
-    only: each predicate relies on those before it, and may fail itself where they do.
+    A result without faults, for which this is None, is a `Trajectory` that fulfils `PREDICATES` and
+    `coherence.PREDICATES`.
     """
     if not isinstance(run.trajectory, Trajectory):
-        yield f"{described(run.trajectory)}; expected a stiction.scenes.Trajectory"
-        return
+        return f"{described(run.trajectory)}; expected a stiction.scenes.Trajectory"
     for predicate in PREDICATES:
-        yield from predicate(run)
-    if len(run.trajectory.t) or run.trajectory.events:
-        # imported here because it compiles kernels, which commands that only list engines do not need
-        from stiction.engines import coherence
+        for problem in predicate(run):
+            return problem
+    if not len(run.trajectory.t) and not run.trajectory.events:
+        return None
+    # imported here because it compiles kernels, which commands that only list engines do not need
+    from stiction.engines import coherence
 
-        for predicate in coherence.PREDICATES:
-            yield from predicate(run)
+    for predicate in coherence.PREDICATES:
+        for problem in predicate(run):
+            return problem
+    return None
 
 
-def fields(run: Examined) -> Iterator[str]:
-    """Fields have their types, and are those of this scene and fidelity."""
+def check_fields(run: Examined) -> Iterator[str]:
+    """Check that the fields have their types, and are those of this scene and fidelity."""
     trajectory = run.trajectory
     for name, expected in (("scene", run.scene.name), ("fidelity", run.fidelity)):
         if getattr(trajectory, name) != expected:
@@ -94,9 +96,10 @@ def fields(run: Examined) -> Iterator[str]:
         yield f"cost {described(cost)}; expected seconds >= 0 and finite counters"
 
 
-def breakdown(run: Examined) -> Iterator[str]:
-    """A breakdown, if there is one, is within the time of the run, and its termination is not 'end'."""
-    stop, latest = run.trajectory.breakdown, run.t_end + run.slack
+def check_breakdown(run: Examined) -> Iterator[str]:
+    """Check that a breakdown, if there is one, is within the time of the run, and that the termination is not 'end'."""
+    stop = run.trajectory.breakdown
+    latest = run.t_end + run.slack
     if stop is None:
         return
     if not (
@@ -107,12 +110,14 @@ def breakdown(run: Examined) -> Iterator[str]:
         yield f"a breakdown ({described(stop.reason)}) and the termination 'end'; expected one of them"
 
 
-def times(run: Examined) -> Iterator[str]:
-    """Times are finite, begin at 0, increase by two output steps at most, and reach the requested end.
+def check_times(run: Examined) -> Iterator[str]:
+    """Check that times are finite, begin at 0, increase by at most two output steps, and reach the requested end.
 
     A trajectory may have none, or an earlier end, if `termination` gives the reason.
     """
-    t, t_end, ended = run.trajectory.t, run.t_end, run.trajectory.termination == "end"
+    t = run.trajectory.t
+    t_end = run.t_end
+    ended = run.trajectory.termination == "end"
     if not isinstance(t, np.ndarray) or t.dtype.kind not in "fiu" or t.ndim != 1:
         yield f"times {described(t)}; expected a one-dimensional array of numbers"
     if not len(t):
@@ -127,9 +132,9 @@ def times(run: Examined) -> Iterator[str]:
     gaps = np.diff(t.astype(float))
     if (i := first(gaps <= 0)) is not None:
         yield f"times that do not increase: {t[i]:.9g} s, then {t[i + 1]:.9g} s"
-    widest = GAP * max(run.output_step, run.step) + ROUNDING * t_end
+    widest = MAX_GAP_STEPS * max(run.output_step, run.step) + ROUNDING * t_end
     if (gap := np.max(gaps, initial=0.0)) > widest:
-        yield f"times {gap:.9g} s from each other; expected {widest:.9g} s at most, two of the output steps requested"
+        yield f"times {gap:.9g} s apart; expected {widest:.9g} s at most, two of the output steps requested"
     if t[-1] > t_end + run.slack:
         yield f"times up to {t[-1]:.9g} s; expected t_end = {t_end:.9g} s at most"
     if ended and t[-1] < t_end - run.slack:
@@ -139,17 +144,22 @@ def times(run: Examined) -> Iterator[str]:
         )
 
 
-def columns(run: Examined) -> Iterator[str]:
-    """All required columns are there, with one finite number per time.
+def check_columns(run: Examined) -> Iterator[str]:
+    """Check that all required columns are there, with one finite number per time.
 
     Forces may be nan where the motion does not determine them. At a start at which a run breaks down, accelerations may
     be nan too.
     """
-    trajectory, scene = run.trajectory, run.scene
-    if missing := [name for name in required_columns(scene) if name not in trajectory.columns]:
-        others = f" and {len(missing) - _SHOWN} others" if len(missing) > _SHOWN else ""
+    trajectory = run.trajectory
+    missing = [name for name in required_columns(run.scene) if name not in trajectory.columns]
+    if missing:
+        others = (
+            f" and {len(missing) - _MAX_NAMES_SHOWN} others"
+            if len(missing) > _MAX_NAMES_SHOWN
+            else ""
+        )
         yield (
-            f"no column {names(missing[:_SHOWN])}{others}; expected all columns that the scene calls for "
+            f"no column {names(missing[:_MAX_NAMES_SHOWN])}{others}; expected all columns that the scene calls for "
             "(stiction.reference_impl.multibody.reactions.recover_columns makes them from states)"
         )
     # Columns of the state are always numbers. Values of the others that are not finite are collected
@@ -157,28 +167,32 @@ def columns(run: Examined) -> Iterator[str]:
     state_columns = {*run.columns(POSITIONS + VELOCITIES), *RESIDUALS}
     not_finite = {}
     for name, values in trajectory.columns.items():
-        if (
-            not isinstance(values, np.ndarray)
-            or values.dtype.kind not in "fiub"
-            or values.shape != trajectory.t.shape
-        ):
-            shape = (
-                f"an array of {values.dtype}, shape {values.shape}"
-                if isinstance(values, np.ndarray)
-                else described(values)
-            )
-            yield f"column {name}: {shape}; expected numbers of shape {trajectory.t.shape}, one per time"
-        elif not (finite := np.isfinite(values)).all() and not (
-            run.stopped_at_once and name not in state_columns
-        ):
-            not_finite[name] = ~finite
-    left_open = _left_open(run, trajectory.t, trajectory.columns) if not_finite else {}
-    for name, bad in not_finite.items():
-        if (i := first(bad & ~left_open.get(name, False))) is not None:
+        if not _is_column(values, trajectory.t.shape):
+            kind = described(values)
+            if isinstance(values, np.ndarray):
+                kind = f"an array of {values.dtype}, shape {values.shape}"
+            yield f"column {name}: {kind}; expected numbers of shape {trajectory.t.shape}, one per time"
+            continue
+        may_be_unknown = run.stopped_at_once and name not in state_columns
+        is_finite = np.isfinite(values)
+        if not is_finite.all() and not may_be_unknown:
+            not_finite[name] = ~is_finite
+    if not not_finite:
+        return
+    left_open = _left_open(run, trajectory.t, trajectory.columns)
+    for name, is_wrong in not_finite.items():
+        if name in left_open:
+            is_wrong = is_wrong & ~left_open[name]
+        if (i := first(is_wrong)) is not None:
             yield (
                 f"column {name}: {trajectory[name][i]} at t = {trajectory.t[i]:.9g} s; expected finite "
                 "numbers, or nan in forces that the motion leaves open"
             )
+
+
+def _is_column(values: object, shape: tuple[int, ...]) -> bool:
+    """Return True for an array of real numbers of this shape."""
+    return isinstance(values, np.ndarray) and values.dtype.kind in "fiub" and values.shape == shape
 
 
 def _left_open(
@@ -211,18 +225,20 @@ def _left_open(
     return left_open
 
 
-def events(run: Examined) -> Iterator[str]:
-    """Events with times in order, of guides of the scene, with the same finite columns on both sides."""
-    trajectory = run.trajectory
-    if odd := next((event for event in trajectory.events if not isinstance(event, Event)), None):
-        yield f"event {described(odd)}; expected a stiction.scenes.Event"
-    yield from _instants(run)
-    yield from _sides(run)
+def check_events(run: Examined) -> Iterator[str]:
+    """Check that events are in order of time, are of guides of the scene, and have finite values on both sides."""
+    for event in run.trajectory.events:
+        if not isinstance(event, Event):
+            yield f"event {described(event)}; expected a stiction.scenes.Event"
+    yield from _check_instants(run)
+    yield from _check_sides(run)
 
 
-def _instants(run: Examined) -> Iterator[str]:
-    """Events of known kinds and guides, in order of time within the run."""
-    before, latest, guides = 0.0, run.t_end + run.slack, run.scene.guides
+def _check_instants(run: Examined) -> Iterator[str]:
+    """Check that events are of known kinds and guides, and in order of time within the run."""
+    before = 0.0
+    latest = run.t_end + run.slack
+    guides = run.scene.guides
     for i, event in enumerate(run.trajectory.events):
         if not is_number(event.time):
             yield f"{_named(run, i)}: time {described(event.time)}; expected finite seconds"
@@ -232,18 +248,18 @@ def _instants(run: Examined) -> Iterator[str]:
                 f"within 0 .. {latest:.9g} s"
             )
         before = event.time
-        if event.kind not in KINDS or event.joint not in guides:
-            yield f"{_named(run, i)}; expected {', '.join(KINDS)} of a guide of the scene"
+        if event.kind not in MODES or event.joint not in guides:
+            yield f"{_named(run, i)}; expected {', '.join(MODES)} of a guide of the scene"
 
 
-def _sides(run: Examined) -> Iterator[str]:
-    """Both sides of each event have values of the same columns of the trajectory, which are finite."""
+def _check_sides(run: Examined) -> Iterator[str]:
+    """Check that both sides of each event have values of the same columns of the trajectory, which are finite."""
     columns = run.trajectory.columns.keys()
     checked = set[int]()
     for i, event in enumerate(run.trajectory.events):
         before, after = event.before, event.after
         if isinstance(before, Row) and isinstance(after, Row) and before.columns is after.columns:
-            # the events of a run share a table, whose names are looked at once
+            # The events of a run share a table: its names are checked once.
             if id(before.columns) in checked:
                 continue
             checked.add(id(before.columns))
@@ -254,10 +270,10 @@ def _sides(run: Examined) -> Iterator[str]:
                 )
             elif not values.keys() <= columns:
                 unknown = sorted(map(str, values.keys() - columns))
-                yield (
-                    f"{_named(run, i)}: {side} has {names(unknown[:_SHOWN])}; expected columns of the trajectory"
-                )
-    # forces that the motion leaves open may be nan: what is not finite is looked at side by side
+                shown = names(unknown[:_MAX_NAMES_SHOWN])
+                yield f"{_named(run, i)}: {side} has {shown}; expected columns of the trajectory"
+    # Forces that the motion leaves open may be nan. This is costly to find out, and only sides with
+    # values that are not finite are looked at.
     for place in np.flatnonzero(~run.sides.are_finite()).tolist():
         event, side = run.sides.events[place // 2], ("before", "after")[place % 2]
         values = getattr(event, side)
@@ -268,20 +284,28 @@ def _sides(run: Examined) -> Iterator[str]:
 
 
 def _named(run: Examined, i: int) -> str:
-    """Number, kind and guide of an event."""
+    """Return number, kind and guide of an event, for a message."""
     event = run.trajectory.events[i]
     return f"event {i}, {event.kind} of {event.joint}"
 
 
 def _left_open_at(run: Examined, t: float, values: Mapping[str, float]) -> set[str]:
     """Return the columns of one side of an event whose force is nan, and is not determined there."""
-    if not all(
-        is_number(value) or isinstance(value, float) and math.isnan(value)
-        for value in values.values()
-    ):
+    if not all(map(_is_number_or_nan, values.values())):
         return set()
     columns = {name: np.array([value], dtype=float) for name, value in values.items()}
     return {name for name, flags in _left_open(run, np.array([t]), columns).items() if flags[0]}
 
 
-PREDICATES: tuple[Predicate, ...] = (fields, breakdown, times, columns, events)
+def _is_number_or_nan(value: object) -> bool:
+    return is_number(value) or (isinstance(value, float) and math.isnan(value))
+
+
+PREDICATES: tuple[Predicate, ...] = (
+    check_fields,
+    check_breakdown,
+    check_times,
+    check_columns,
+    check_events,
+)
+"""Each relies on those before it."""

@@ -17,7 +17,7 @@ from typing import TYPE_CHECKING, Any
 
 from stiction.engines.assembly import Assembly
 from stiction.engines.examined import Examined
-from stiction.engines.gate import problems
+from stiction.engines.gate import first_problem
 from stiction.scenes import Cost, InputError, Scene, StictionError, Trajectory
 from stiction.scenes.fidelity import Fidelity, fidelity_of
 
@@ -420,7 +420,7 @@ class Engine(ABC):
         EngineFailure
             If the engine gave up.
         BadTrajectory
-            If the result is not a trajectory of this run; see `stiction.engines.gate.problems`.
+            If the result is not a trajectory of this run; see `stiction.engines.gate.first_problem`.
         """
         t_end = scene.t_end if t_end is None else t_end
         for name, value in (("t_end", t_end), ("dt", dt), ("output_step", output_step)):
@@ -467,8 +467,7 @@ class Engine(ABC):
             **({"assembly": assembly} if _takes_assembly(type(self)) else {}),
         )
         spent = time.process_time() - started
-        # An engine's result is validated before anybody uses it. The first problem is reported:
-        # later ones may be consequences.
+        # An engine's result is validated before anybody uses it.
         examined = Examined(
             trajectory,
             scene,
@@ -480,7 +479,8 @@ class Engine(ABC):
             partial(self.keeps_cone, fidelity),
             assembly,
         )
-        for problem in problems(examined):
+        problem = first_problem(examined)
+        if problem is not None:
             raise BadTrajectory(f"{self.name} returned {problem}")
         examined_s = time.process_time() - started - spent
         # What all trajectories have, whatever the engine reports: who supplies friction law and

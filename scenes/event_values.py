@@ -113,7 +113,7 @@ class Sides:
             try:
                 # a sum is finite only if all terms are, but for an overflow, and costs a tenth of looking at each
                 flags[place] = math.isfinite(sum(side.values()))
-            except (TypeError, AttributeError):
+            except (TypeError, AttributeError, OverflowError):
                 flags[place] = False
         return flags
 

@@ -15,7 +15,7 @@ from typer.testing import CliRunner
 from stiction.cli.app import app
 from stiction.engines import BadTrajectory, EngineFailure, load_engine
 from stiction.engines.examined import Examined
-from stiction.engines.gate import problems, required_columns
+from stiction.engines.gate import first_problem, required_columns
 from stiction.engines.reference.engine import ReferenceEngine
 from stiction.reference_impl.multibody.reactions import recover_columns
 from stiction.scenes import Breakdown, Cost, Scene, load_scene, scene_from_dict, vary
@@ -216,7 +216,7 @@ FAULTS = {
         "and no reason",
     ),
     "beyond the end": (lambda run: replace(run, t=run.t * 2), "expected t_end = 4.5 s at most"),
-    "the end alone": (lambda run: rows(run, [0, -1]), "times 4.5 s from each other"),
+    "the end alone": (lambda run: rows(run, [0, -1]), "times 4.5 s apart"),
     "breakdown and end": (
         lambda run: replace(run, breakdown=Breakdown("no solution", 1.0, "none")),
         "expected one of them",
@@ -277,6 +277,14 @@ FAULTS = {
     "an event that is text": (
         lambda run: replace(run, events=("stick",)),
         "event str 'stick'; expected a stiction.scenes.Event",
+    ),
+    "an event that is nothing": (
+        lambda run: replace(run, events=(None,)),
+        "event NoneType None; expected a stiction.scenes.Event",
+    ),
+    "a side with a number that is too large": (
+        lambda run: with_event(run, after={**run.events[0].after, "slider.x": 10**400}),
+        "expected finite numbers",
     ),
     "an event at no time": (
         lambda run: with_event(run, time=math.nan),
@@ -921,9 +929,9 @@ def test_a_run_that_breaks_down_at_once_has_its_start():
             found, scene, 0.1, None, 0.1, "joint", lambda settings: True, lambda settings: True
         )
 
-    assert not list(problems(examined(run)))
+    assert first_problem(examined(run)) is None
     later = replace(run, breakdown=replace(run.breakdown, time=0.05))
-    assert "expected finite numbers" in next(problems(examined(later)))
+    assert "expected finite numbers" in first_problem(examined(later))
 
 
 def test_what_an_unstable_step_writes_on_its_way_out_is_no_motion():

@@ -102,6 +102,7 @@ def event_kernels(friction: bool, projects: bool) -> tuple[Linked, ...]:
         mode_switch.begin,
         event_location.zero_near_end,
         mode_switch.begin_mode,
+        mode_switch._look_behind,
         mode_choice._settle,
         uniqueness.has_several,
         uniqueness._count,

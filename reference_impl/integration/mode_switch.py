@@ -237,7 +237,7 @@ def _examine_event(m, w, s, event):
 
 
 @kernel
-def _way_out(m, w, s, guide):
+def _way_out(m: Arrays, w: Workspace, s: State, guide: int) -> int:
     """Event function (0 or 1) by which an unloaded guide at rest breaks away: the lower one just behind the state.
 
     NO_EVENT if the guide holds there.
@@ -438,7 +438,7 @@ def begin(m: Arrays, w: Workspace, s: State, load: float) -> int:
 
 
 @kernel
-def _look_behind(m, w, s):
+def _look_behind(m: Arrays, w: Workspace, s: State) -> None:
     """Evaluate row forces and event functions BEHIND a step after the state, on the branches that are largest there.
 
     The state behind is made by Euler's method from y' in K[0], into `probe`.
@@ -452,7 +452,7 @@ def _look_behind(m, w, s):
 
 
 @kernel
-def _foresee_drives(m, w, s):
+def _foresee_drives(m: Arrays, w: Workspace, s: State) -> bool:
     """Let driven guides slip that are at rest at the state, and that their drives move just behind it.
 
     The first derivative of a law that is not zero there tells: a cubic one may begin with neither speed nor
@@ -480,7 +480,7 @@ def _foresee_drives(m, w, s):
 
 
 @kernel
-def _choose_behind(m, w, s):
+def _choose_behind(m: Arrays, w: Workspace, s: State) -> int:
     """Choose the mode of the state behind, in `probe`; return the outcome as `choose_mode` does."""
     n = len(m.inverse_mass)
     time = s.progress.time + BEHIND * s.attempt.h
@@ -490,7 +490,7 @@ def _choose_behind(m, w, s):
 
 
 @kernel
-def _choose_forces_behind(m, w, s, event, unbounded):
+def _choose_forces_behind(m: Arrays, w: Workspace, s: State, event: int, unbounded: bool) -> int:
     """Choose the forces behind a corner event where one motion can have several; return the outcome.
 
     A corner force that falls to zero need not pass it: where the friction gain is 1 or more, two solutions, with either
@@ -514,7 +514,7 @@ def _choose_forces_behind(m, w, s, event, unbounded):
 
 
 @kernel
-def _approach(m, w, s):
+def _approach(m: Arrays, w: Workspace, s: State) -> None:
     """Accelerations of the state into s.dy, and row forces a little before it, where those of the state are infinite.
 
     Forces that grow without bound are those of driven guides: they do not enter the accelerations.
@@ -544,7 +544,7 @@ def _grows_without_bound(m, w, slip, guide):
 
 
 @kernel
-def _foresee_speeds(m, w, s):
+def _foresee_speeds(m: Arrays, w: Workspace, s: State) -> None:
     """Take the scale of speeds from the state in `probe` where all has been at rest.
 
     Otherwise the scale would be rounding.

@@ -60,7 +60,7 @@ def right_hand_side(
 
 
 @kernel
-def _watch_drives(m, w, slip):
+def _watch_drives(m: Arrays, w: Workspace, slip: Integers) -> None:
     """Set the event functions of driven guides.
 
     At rest: minus the acceleration with which their drives begin to move them. No friction can prevent this, since the

@@ -103,6 +103,7 @@ def event_kernels(friction: bool, projects: bool) -> tuple[Linked, ...]:
         event_location.zero_near_end,
         mode_switch.begin_mode,
         mode_switch._look_behind,
+        mode_switch._foresee_speeds,
         mode_choice._settle,
         uniqueness.has_several,
         uniqueness._count,

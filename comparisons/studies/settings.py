@@ -470,7 +470,7 @@ def _figure(choices: pd.DataFrame) -> Chart:
 STUDY = Study(
     "settings",
     "Settings",
-    "Are the engines at their best?",
+    "How far are the default settings of the engines from the best settings?",
     present,
     plan,
     seconds=0.5,

@@ -470,7 +470,7 @@ def _figure(choices: pd.DataFrame) -> Chart:
 STUDY = Study(
     "settings",
     "Settings",
-    "How far are the default settings of the engines from the best settings?",
+    "Are there better settings of the engines than the defaults?",
     present,
     plan,
     seconds=0.5,

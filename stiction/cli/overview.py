@@ -18,8 +18,13 @@ OVERVIEW = {
         "scenes": About("List the scenes of the catalogue.", "scenes"),
         "engines": About("List the engines, or try one.", "engines pymunk"),
         "new": About("Create a scene file to start from.", "new sled.toml"),
-        "draw": About("Draw the initial state of a scene.", "draw slider-crank --out slider-crank.svg"),
-        "explain": About("Show the equations of a scene, and the engines that can represent it.", "explain slider-bar-case-1"),
+        "draw": About(
+            "Draw the initial state of a scene.", "draw slider-crank --out slider-crank.svg"
+        ),
+        "explain": About(
+            "Show the equations of a scene, and the engines that can represent it.",
+            "explain slider-bar-case-1",
+        ),
         "run": About("Simulate a scene with one engine.", "run slider-bar-case-1 --engine pymunk"),
         "sweep": About(
             "Measure the steady state on a grid of parameter values.",
@@ -35,11 +40,13 @@ OVERVIEW = {
             "Compare several engines with regard to one question.", "compare accuracy slider-crank"
         ),
         "validate": About(
-            "Make all comparisons for the three cases of the paper, and write a report.", "validate --quick --out run"
+            "Make all comparisons for the three cases of the paper, and write a report.",
+            "validate --quick --out run",
         ),
         "judge": About("Judge a table of results from any program.", "judge slider-crank mine.csv"),
         "replay": About(
-            "Test a solver for linear complementarity problems.", "replay --solver gauss_seidel:solve"
+            "Test a solver for linear complementarity problems.",
+            "replay --solver gauss_seidel:solve",
         ),
         "prove": About("Prove bounds for a motion and its events.", "prove slider-bar-case-1"),
     },
@@ -55,10 +62,19 @@ OVERVIEW = {
         ),
     },
     "Publish": {
-        "paper": About("Write figures, tables and a PDF from the results of `validate`.", "paper run --out paper"),
-        "page": About("Write the results of `validate`, or a history of nights, as a web page.", "page run"),
-        "trace": About("Show the data from which a row of a table was computed.", "trace run accuracy:2"),
-        "dataset": About("Write the true solutions of the catalogue as a data set.", "dataset truths"),
+        "paper": About(
+            "Write figures, tables and a PDF from the results of `validate`.",
+            "paper run --out paper",
+        ),
+        "page": About(
+            "Write the results of `validate`, or a history of nights, as a web page.", "page run"
+        ),
+        "trace": About(
+            "Show the data from which a row of a table was computed.", "trace run accuracy:2"
+        ),
+        "dataset": About(
+            "Write the true solutions of the catalogue as a data set.", "dataset truths"
+        ),
     },
 }
 """Commands by group, in the order of the help."""

@@ -75,8 +75,8 @@ class DrakeEngine(TreeEngine):
     Crossley (s/m); `stiction_tolerance` of regularized friction (m/s).
 
     ``method="continuous"`` selects Drake's integrator CENIC with the tolerance `rtol`
-    (`stiction.engines.drake.continuous`). It requires contact fidelity, no loops, and motors of constant rate. Its settings are `stiffness` of contacts (N/m),
-    `dissipation`, `stiction_tolerance` and `longest_step` (s).
+    (`stiction.engines.drake.continuous`). It requires contact fidelity, no loops, and motors of constant rate. Its
+    settings are `stiffness` of contacts (N/m), `dissipation`, `stiction_tolerance` and `longest_step` (s).
     """
 
     name, called, defaults = "drake", "Drake", _SETTINGS

@@ -88,7 +88,8 @@ class ReferenceEngine(Engine):
             Fidelity.JOINT: "Coulomb, set-valued, mu and mus, load of each corner force (engine)"
         },
         reactions="engine",
-        order="8, with located events (method event); 4 between events and 1 across a break-away (methods paper, textbook)",
+        order="8, with located events (method event); 4 between events and 1 across a break-away "
+        "(methods paper, textbook)",
         adaptive=True,
     )
 

@@ -126,9 +126,9 @@ def explain(scene: SceneName, overrides: Overrides = []) -> None:
     )
     print(
         f"Degrees of freedom: {coordinates - independent} = {coordinates} coordinates - {independent} independent of "
-        f"{rows} constraint rows{redundant}\n\nSize of the problem for the forces in each contact mode: complementary pairs "
-        "in the horizontal linear complementarity problem (HLCP), and equations in the linear system that is solved while "
-        "the mode does not change:"
+        f"{rows} constraint rows{redundant}\n\nSize of the problem for the forces in each contact mode: complementary "
+        "pairs in the horizontal linear complementarity problem (HLCP), and equations in the linear system that is "
+        "solved while the mode does not change:"
     )
     sliders = len(loaded.frictional_guides)
     show(

@@ -359,7 +359,8 @@ def lemke_outcomes() -> Figure:
         left += table[outcome].to_numpy()
     axes.invert_yaxis()
     axes.tick_params(labelsize=8)
-    axes.set_xlabel("problems")
+    axes.set_xlim(0.0, 42.0)  # beyond the longest bar, so that its end is visible
+    axes.set_xlabel("number of problems in the class")
     figure.legend(loc="outside upper center", ncols=len(outcomes), fontsize=8)
     return figure
 
@@ -412,7 +413,7 @@ def history_of_nights() -> Figure:
     )
     axes.set_xticks(range(1, len(error) + 1))
     axes.set_xlabel("night")
-    axes.set_ylabel("position error in m")
+    axes.set_ylabel("position error [m]")
     axes.legend()
     return figure
 

@@ -27,7 +27,7 @@ class Column:
 
 BODY_COLUMNS = (("x", "y", "angle"), ("vx", "vy", "omega"), ("ax", "ay", "alpha"))
 """Columns of a body's coordinates, velocities and accelerations."""
-_FRICTION, _LENGTH = "with friction", "with a length"
+_FRICTION, _LENGTH = "if the guide has friction", "if the guide has a length"
 COLUMNS = (
     Column("BODY", ("x", "y"), "m", "centre of mass"),
     Column("BODY", ("angle",), "rad", "angle"),
@@ -46,7 +46,7 @@ COLUMNS = (
         "GUIDE",
         ("moment",),
         "N m",
-        "total moment on the slider about its point, of normal forces and surface friction",
+        "total moment of the normal forces and the surface friction on the slider, about its `slider_point`",
     ),
     Column("GUIDE", ("displacement",), "m", "displacement of the slider along the guide"),
     Column("GUIDE", ("slip_velocity",), "m/s", "velocity of the slider along the guide"),
@@ -72,7 +72,7 @@ COLUMNS = (
         ("friction_lower", "friction_upper"),
         "N",
         "friction forces of the two surfaces",
-        "with a length and friction",
+        "if the guide has a length and friction",
     ),
     Column("DRIVE", ("effort",), "N m or N", "torque or force of the drive on its first body"),
     Column(

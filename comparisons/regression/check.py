@@ -357,7 +357,9 @@ def _of_time(key: str, old: Metric, times: Times, alike: bool) -> Finding | None
     now = shortest if slow else longest
     ratio = _ratio(before, now)
     why = (
-        "a busy machine does that too" if alike else "the baseline was made under other conditions"
+        "other work on the machine has the same effect"
+        if alike
+        else "the baseline was made under other conditions"
     )
     return Finding(
         NOT_JUDGED,

@@ -513,7 +513,7 @@ def _figure(cost: pd.DataFrame) -> Chart:
 STUDY = Study(
     "cost",
     "Cost",
-    "What does accuracy cost?",
+    "How much CPU time does a given accuracy need?",
     present,
     plan,
     seconds=0.13,

@@ -419,7 +419,7 @@ def _tables(table: pd.DataFrame) -> list[TableView]:
 STUDY = Study(
     "effects",
     "Effects",
-    "What does a scene cost without each of its effects?",
+    "How much CPU time does each effect in the scene cost?",
     present,
     plan,
     seconds=0.1,

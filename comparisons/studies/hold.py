@@ -1032,7 +1032,7 @@ def _over_cost(settings: pd.DataFrame) -> Chart:
 STUDY = Study(
     "hold",
     "Hold",
-    "Does it hold, below the limit of static friction?",
+    "Does a slider remain at rest under a load below the limit of static friction?",
     present,
     plan,
     seconds=0.1,

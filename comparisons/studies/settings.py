@@ -470,7 +470,7 @@ def _figure(choices: pd.DataFrame) -> Chart:
 STUDY = Study(
     "settings",
     "Settings",
-    "Are the engines at their best?",
+    "Are there better settings of the engines than the defaults?",
     present,
     plan,
     seconds=0.5,

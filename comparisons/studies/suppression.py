@@ -153,7 +153,7 @@ def _compared(
 STUDY = Study(
     "suppression",
     "Stabilization",
-    "What does each stabilization cost and yield?",
+    "How much drift does each stabilization method prevent, and what does it cost?",
     present,
     plan,
     seconds=0.1,

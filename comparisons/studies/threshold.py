@@ -658,7 +658,7 @@ def _figure(measured: pd.DataFrame) -> Chart:
 STUDY = Study(
     "threshold",
     "Stick limit",
-    "Where does the band of loads end, next to the scene's own, in which the slider sticks?",
+    "Up to which load amplitude does the slider stick in the steady state?",
     present,
     plan,
     {TRUTH: lambda scope: true_thresholds(scope.scenes[0])},

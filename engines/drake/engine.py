@@ -74,9 +74,9 @@ class DrakeEngine(TreeEngine):
     is (2 pi/near_rigid)^2 times its effective mass divided by the square of the step; `dissipation` of Hunt and
     Crossley (s/m); `stiction_tolerance` of regularized friction (m/s).
 
-    ``method="continuous"``, at contact fidelity, for mechanisms without loops and with motors of constant rate, is
-    `stiction.engines.drake.continuous`, with the tolerance `rtol`. Its settings are `stiffness` of contacts (N/m),
-    `dissipation`, `stiction_tolerance` and `longest_step` (s).
+    ``method="continuous"`` selects Drake's integrator CENIC with the tolerance `rtol`
+    (`stiction.engines.drake.continuous`). It requires contact fidelity, no loops, and motors of constant rate. Its
+    settings are `stiffness` of contacts (N/m), `dissipation`, `stiction_tolerance` and `longest_step` (s).
     """
 
     name, called, defaults = "drake", "Drake", _SETTINGS

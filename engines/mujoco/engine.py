@@ -81,9 +81,10 @@ class MujocoEngine(TreeEngine):
     discrete or RK4. Friction bounds and loads are constant during a step.
 
     Further settings at contact fidelity: `impedance` of contacts; `recovery`, the fraction of their overlap that hard
-    contacts correct in one step; `friction_damping`, which opposes slip, either ``adapted``, with at most
-    `slip_reference` times the acceleration that follows from its bound and the last step, or ``step``, such that slip
-    ends within one step; `clearance` between a slider and both surfaces together, in m.
+    contacts correct in one step; `friction_damping`, the damping by which friction opposes slip: with ``adapted``,
+    the resulting acceleration is at most `slip_reference` times that which follows from the friction bound and the
+    last step; with ``step``, slip ends within one step; `clearance` between a slider and both surfaces together, in
+    m.
 
     Four settings are those that MuJoCo's manual recommends against slow slip: `cone`, elliptic or pyramidal;
     `impratio`, the ratio of frictional to normal impedance, to which the creep of a sticking slider is inversely

@@ -17,14 +17,14 @@ from stiction.scenes.fields import Model, Name
 from stiction.scenes.wording import did_you_mean, names, shown
 
 PLACEHOLDERS = {
-    "scene": "path of the resolved scene, JSON",
+    "scene": "path of the resolved scene (JSON)",
     "result": "path of the table to write",
-    "events": "path of a JSON file that it may write",
-    "t_end": "seconds to simulate",
+    "events": "path of a JSON file that the program may write",
+    "t_end": "simulated time in seconds",
     "dt": "step in seconds",
     "rtol": "relative tolerance",
-    "output_step": "seconds between rows, at most",
-    "settings": "KEY=VALUE, an argument each; must stand alone",
+    "output_step": "largest time between rows in seconds",
+    "settings": "one argument `KEY=VALUE` for each setting; nothing else may be in this argument",
 }
 """Words that are replaced if they are in braces in an argument, and what replaces them."""
 RESERVED = {

@@ -74,9 +74,9 @@ class ReferenceEngine(Engine):
 
     If the selected solver finds no solution the run ends, and `Trajectory.breakdown` contains the time and the guide.
 
-    ``audit`` selects how steps of the event-driven method are verified against Coulomb's law: ``"sampled"``, each
-    step at an instant that does not depend on the integrator; ``"dense"``, each step at 32 instants; ``"none"``. A
-    step that violates the law ends the run with a breakdown.
+    ``audit`` selects the instants at which the event-driven method verifies that a step satisfies Coulomb's law:
+    ``"sampled"``, one instant in each step, which is not chosen by the integrator; ``"dense"``, 32 instants in each
+    step; ``"none"``. If a step violates the law, the run ends with a breakdown.
 
     ``stabilization``: ``"scene"`` uses the stabilization declared by the scene; ``"none"``, ``"baumgarte"`` and
     ``"projection"`` replace it.
@@ -94,7 +94,8 @@ class ReferenceEngine(Engine):
             Fidelity.JOINT: "Coulomb, set-valued, mu and mus, load of each corner force (engine)"
         },
         reactions="engine",
-        order="8 between events, events located (event); 4 between events, 1 across a break-away (paper, textbook)",
+        order="8, with located events (method event); 4 between events and 1 across a break-away "
+        "(methods paper, textbook)",
         adaptive=True,
     )
 

@@ -21,8 +21,8 @@ class MoreauEngine(Engine):
     """Moreau's time-stepping scheme for planar sliders, after Flores, Leine & Glocker (2010).
 
     It has unilateral contacts at the corners of the sliders, and a fixed step that is formulated in impulses
-    (`stiction.reference_impl.integration.moreau`). A guide without length has the point of its slider between two
-    surfaces, and a fixed angle.
+    (`stiction.reference_impl.integration.moreau`). If a guide has no length, the point of its slider is in contact with
+    two surfaces, and its angle is fixed by a constraint.
 
     Settings: `clearance`, the distance between a centred slider and each surface relative to the size of the mechanism
     (`Arrays.length_scale`; the settings of a trajectory also contain it in metres); `restitution`, Newton's coefficient

@@ -37,7 +37,7 @@ _TITLES = {
     FINE: "fine: nothing changed beyond noise",
     REGRESSION: "regression",
     COULD_NOT_RUN: "not everything could be run",
-    NOTHING: "nothing was compared: there is nothing yet that these runs could be held to",
+    NOTHING: "nothing was compared: there is no baseline and no earlier night for these runs",
 }
 _UPDATE = '`stiction baseline update --reason ".."`'
 
@@ -268,7 +268,7 @@ def _counts(result: Result) -> str:
     )
     if first:
         text += (
-            f", {len(first)} of them, which the baseline does not have, with the first night that has them "
+            f", {len(first)} of them not with the baseline, which does not contain them, but with their first night "
             f"({min(first.values())})"
         )
     new = sum(finding.severity == NEW and finding.kind == "status" for finding in result.findings)

@@ -41,7 +41,7 @@ def check_animation(file: Path) -> None:
         raise InputError(f"found {str(file)!r}; expected a name that ends in {', '.join(ENDINGS)}")
     if file.suffix.lower() == ".mp4" and not FFMpegWriter.isAvailable():
         raise InputError(
-            f"found {str(file)!r}, which takes the program ffmpeg, which is not installed; "
+            f"found {str(file)!r}, but the program ffmpeg, which writes such files, is not installed; "
             "expected a name that ends in .gif or .html"
         )
 

@@ -49,8 +49,8 @@ def _version(wanted: bool) -> None:
 
 
 @app.callback(
-    help="Is a solver for rigid mechanisms with sliding joints, dry friction and motors right, and what does "
-    "being right cost?"
+    help="Measure how accurately solvers simulate planar mechanisms with dry friction in sliding joints, and how "
+    "much computing time this accuracy costs."
 )
 def _root(
     _: Annotated[

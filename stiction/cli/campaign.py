@@ -239,7 +239,7 @@ def check(
         ),
     ] = None,
 ) -> None:
-    """Run the fast part of a campaign and print all changes beyond noise as Markdown, worst first."""
+    """Run the fast part of a campaign, and print all changes that exceed noise as Markdown, the worst first."""
     from stiction.comparisons.regression.history import HistoryRefused
     from stiction.comparisons.regression.nightly import HISTORY, run_check
     from stiction.comparisons.regression.older_code import ControlRefused

@@ -70,7 +70,7 @@ Problems = Annotated[
         "(.parquet), for `stiction replay`.",
     ),
 ]
-HELP = "Answer one question on a scene, for the engines and the reference."
+HELP = "Compare the engines and the reference on a scene, with regard to one question."
 
 
 class StudyCommands(Commands):

@@ -71,7 +71,7 @@ def list_engines(
     ] = False,
     timeout: Timeout = 120,
 ) -> None:
-    """List the engines with version (or why it is missing), fidelities, friction law and who supplies it."""
+    """List the engines with version (or why they are missing), fidelities, friction law, and who supplies this law."""
     if try_it:
         _try(name or "", timeout)
     elif name is not None:
@@ -125,9 +125,10 @@ def explain(scene: SceneName, overrides: Overrides = []) -> None:
         else ""
     )
     print(
-        f"Freedoms: {coordinates - independent} = {coordinates} coordinates - {independent} independent of {rows} "
-        f"constraint rows{redundant}\n\nComplementary pairs in the horizontal linear complementarity problem (HLCP), "
-        "by contact mode, and equations of the linear solve while it lasts:"
+        f"Degrees of freedom: {coordinates - independent} = {coordinates} coordinates - {independent} independent of "
+        f"{rows} constraint rows{redundant}\n\nSize of the problem for the forces in each contact mode: complementary "
+        "pairs in the horizontal linear complementarity problem (HLCP), and equations in the linear system that is "
+        "solved while the mode does not change:"
     )
     sliders = len(loaded.frictional_guides)
     show(

@@ -17,48 +17,64 @@ OVERVIEW = {
     "Simulate": {
         "scenes": About("List the scenes of the catalogue.", "scenes"),
         "engines": About("List the engines, or try one.", "engines pymunk"),
-        "new": About("Begin a scene of your own.", "new sled.toml"),
-        "draw": About("Draw a scene at its start.", "draw slider-crank --out slider-crank.svg"),
-        "explain": About("Show how the reference treats a scene.", "explain slider-bar-case-1"),
-        "run": About("Simulate a scene by one engine.", "run slider-bar-case-1 --engine pymunk"),
+        "new": About("Create a scene file to start from.", "new sled.toml"),
+        "draw": About(
+            "Draw the initial state of a scene.", "draw slider-crank --out slider-crank.svg"
+        ),
+        "explain": About(
+            "Show the equations of a scene, and the engines that can represent it.",
+            "explain slider-bar-case-1",
+        ),
+        "run": About("Simulate a scene with one engine.", "run slider-bar-case-1 --engine pymunk"),
         "sweep": About(
-            "Measure the steady state over a grid of parameters.",
+            "Measure the steady state on a grid of parameter values.",
             "sweep slider-bar-case-1 --vary F0=3:6:8 --measure stick-fraction",
         ),
         "export": About(
-            "Write a scene as a model for another engine.", "export slider-crank --to mjcf"
+            "Write a scene in the model format of an engine.", "export slider-crank --to mjcf"
         ),
         "schema": About("Print the JSON schema of the scene format.", "schema"),
     },
     "Compare": {
         "compare": About(
-            "Answer one question for several engines.", "compare accuracy slider-crank"
+            "Compare several engines with regard to one question.", "compare accuracy slider-crank"
         ),
         "validate": About(
-            "Answer all questions, and write a report.", "validate --quick --out run"
+            "Make all comparisons for the three cases of the paper, and write a report.",
+            "validate --quick --out run",
         ),
-        "judge": About("Judge a table of results of any program.", "judge slider-crank mine.csv"),
+        "judge": About("Judge a table of results from any program.", "judge slider-crank mine.csv"),
         "replay": About(
-            "Try a solver of complementarity problems.", "replay --solver gauss_seidel:solve"
+            "Test a solver for linear complementarity problems.",
+            "replay --solver gauss_seidel:solve",
         ),
-        "prove": About("Enclose a motion with a proof.", "prove slider-bar-case-1"),
+        "prove": About("Prove bounds for a motion and its events.", "prove slider-bar-case-1"),
     },
-    "Guard against regressions": {
-        "check": About("Say what a change of the code does to the numbers.", "check"),
+    "Detect regressions": {
+        "check": About("Report the results that a change of the code has changed.", "check"),
         "nightly": About(
-            "Run a campaign, and compare it with the baseline.",
+            "Run a campaign, and compare it with a baseline or earlier nights.",
             "nightly campaign.toml --out nights",
         ),
         "baseline": About(
-            "Update what runs are held to.",
+            "Update the baseline, the accepted results.",
             'baseline update --reason "steps are bounded by events"',
         ),
     },
     "Publish": {
-        "paper": About("Write figures, tables and a PDF of a run.", "paper run --out paper"),
-        "page": About("Write a run, or the history of nights, as a web page.", "page run"),
-        "trace": About("Show where a row of a table comes from.", "trace run accuracy:2"),
-        "dataset": About("Write the truths of the catalogue as data.", "dataset truths"),
+        "paper": About(
+            "Write figures, tables and a PDF from the results of `validate`.",
+            "paper run --out paper",
+        ),
+        "page": About(
+            "Write the results of `validate`, or a history of nights, as a web page.", "page run"
+        ),
+        "trace": About(
+            "Show the data from which a row of a table was computed.", "trace run accuracy:2"
+        ),
+        "dataset": About(
+            "Write the true solutions of the catalogue as a data set.", "dataset truths"
+        ),
     },
 }
 """Commands by group, in the order of the help."""

@@ -73,8 +73,8 @@ def prove(
             "--threshold",
             metavar="N",
             parser=_up_to(11),
-            help="Prove the stick threshold to N decimal places instead: the upper end of "
-            "the band of F0 with a stick phase next to the scene's F0 (slider-bar "
+            help="Instead of a motion, prove the stick threshold to N decimal places: the largest F0 at which the "
+            "slider sticks, in the band of amplitudes nearest to the scene's F0 (slider-bar "
             "only).",
         ),
     ] = None,

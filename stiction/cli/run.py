@@ -179,9 +179,9 @@ def sweep(
         typer.Option(
             "--measure",
             metavar="A,B,..",
-            help="stick-fraction, peak-torque, peak-speed or event-count, for a given "
-            "guide, drive or body as peak-speed:NAME; or threshold, the upper end of "
-            "the band of F0 with a stick phase next to the scene's F0.",
+            help="stick-fraction, peak-torque, peak-speed, event-count or threshold; peak-speed:NAME refers "
+            "to the guide, drive or body NAME. threshold is the largest F0 at which the slider sticks, in the "
+            "band of amplitudes nearest to the scene's F0.",
         ),
     ],
     engine: EngineName = "reference",
@@ -395,7 +395,7 @@ def replay(
     timeout: Timeout = 60,
     out: TableFile = None,
 ) -> None:
-    """Run a solver of (horizontal) linear complementarity problems on a set of problems; one row per class."""
+    """Test a solver for (horizontal) linear complementarity problems on a set of problems, with one row per class."""
     distinct("--out", out, problems)
     if run is None and overrides:
         raise typer.BadParameter(

@@ -97,7 +97,10 @@ class TestCommand:
         assert table_row(result.stdout, "sticking") == ["9", "6"]
         assert table_row(result.stdout, "dampers") == ["no", "viscous", "force"]
         assert "Independent parts, each integrated on its own: 1" in result.stdout
-        assert "Freedoms: 1 = 6 coordinates - 5 independent of 5 constraint rows" in result.stdout
+        assert (
+            "Degrees of freedom: 1 = 6 coordinates - 5 independent of 5 constraint rows"
+            in result.stdout
+        )
         assert table_row(result.stdout, "exudyn", "contact")[0] == "no:"  # mus is not mu
         assert table_row(result.stdout, "exudyn", "joint") == ["yes"]
 

@@ -141,7 +141,7 @@ class TestControl:
     """Times in turns with the code before, here the same code; the times depend on the machine and are not tested."""
 
     def test_an_engine_is_timed_against_the_one_it_stands_for(self, folder, monkeypatch):
-        monkeypatch.setenv("PYTHONPATH", str(ROOT / "tests"))
+        monkeypatch.setenv("PYTHONPATH", str(ROOT / "tests" / "support"))
         monkeypatch.syspath_prepend(folder)
         (folder / "damaged.py").write_text(DAMAGED)
         (folder / "loose.toml").write_text(SMALL.replace("1e-9", "1e-6"))
@@ -170,14 +170,14 @@ class TestControl:
         assert "expected a checkout of stiction" in ended.stderr
 
     def test_process_that_dies_says_so(self, folder, monkeypatch):
-        monkeypatch.setenv("PYTHONPATH", str(ROOT / "tests"))
+        monkeypatch.setenv("PYTHONPATH", str(ROOT / "tests" / "support"))
         with pytest.raises(ControlRefused, match="exit code 7"):
             times_in_turns(
                 load_campaign("small.toml").of_engine("damaged_solvers:Crashing").runs, ROOT
             )
 
     def test_code_that_hangs_is_given_up_and_started_again(self, folder, monkeypatch):
-        monkeypatch.setenv("PYTHONPATH", str(ROOT / "tests"))
+        monkeypatch.setenv("PYTHONPATH", str(ROOT / "tests" / "support"))
         monkeypatch.setattr("stiction.comparisons.regression.older_code.COMPILING", 0.0)
         [_, hanging] = load_campaign("small.toml").of_engine("damaged_solvers:Hanging").runs
         [_, fine] = load_campaign("small.toml").runs

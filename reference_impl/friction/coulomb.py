@@ -20,8 +20,8 @@ kappa       coefficient of friction in use, with its sign: friction = kappa (N+ 
 d           direction of a slip, 1 or -1; a guide that slips has kappa = -mu d
 ==========  =======================================================================================
 
-Both surfaces use the same kappa. Eqs. (1)-(2) and (26) of the paper (`stiction.reference_impl.paper`)
-then give
+Both surfaces use the same kappa. Eqs. (1)-(2) and (26) of the paper
+(`stiction.reference_impl.paper`) then give
 
     M = T - (b/2) kappa R,    n_j = R/2 -+ M/a,    N+ + N- = |n1| + |n2| = max(|R|, (2/a) |M|)
 
@@ -39,9 +39,9 @@ from stiction.reference_impl.compiled.kernel import kernel
 from stiction.reference_impl.multibody.guide_freedom import FREE
 
 _HALVINGS = 60
-"""Halvings of a bracket of kappa: they shrink it to 2^-60 of its width, below the rounding of its ends."""
+"""Halvings of a bracket of kappa: 2^-60 of its width is below the rounding of its ends."""
 _ROOT_TOLERANCE = 1e-9
-"""Part of the friction by which a root of a quadratic equation may miss the equation with absolute values.
+"""Part of the friction by which a candidate may miss the equation with absolute values.
 
 The root of smallest size is wrong by some roundings only. A root of the wrong sign or branch is
 wrong by about the friction itself, unless it is next to a right one."""
@@ -105,7 +105,7 @@ def coefficient(m, f, slip):
 def capacity(m, f, R, T, d):
     """Return the largest static friction of (3) against a slip that begins in direction d (newton).
 
-    Both surfaces are fully mobilized; see `can_jam` for when this is the largest that the law allows.
+    Both surfaces are fully mobilized. `can_jam` tells where the law allows more.
     """
     guide = m.friction[f]
     return guide.mus * normal_load(guide, R, T, -guide.mus * d)
@@ -113,7 +113,7 @@ def capacity(m, f, R, T, d):
 
 @kernel
 def friction_coefficients(m, f, d, s1, s2, mu):
-    """Return the coefficients c_R, c_T of the friction c_R R + c_T T of a guide that slips, eq. (3).
+    """Return c_R and c_T of the friction c_R R + c_T T of a guide that slips, eq. (3).
 
     They follow from friction = kappa (s1 n1 + s2 n2), which is linear in R and T once the signs of
     the corner forces are known. With mus in place of mu, they are those of the `capacity`.
@@ -165,7 +165,7 @@ def can_jam(m, f):
 
 @kernel
 def _wedges(guide):
-    """Return True for a guide with mus b > a, whose friction can raise its own load without bound."""
+    """Return True for a guide with mus b > a: its friction can raise its own load without bound."""
     return guide.length > 0.0 and guide.mus * guide.width > guide.length
 
 

@@ -125,7 +125,7 @@ def event_kernels(friction: bool, projects: bool) -> tuple[Linked, ...]:
         hlcp._violation,
         *rest,
         step_limits.longest_step,
-        step_limits.excess,
+        step_limits.limit_ratio,
         mode_choice.choose_mode,
         trajectory_columns.imbalance,
     )

@@ -82,7 +82,7 @@ from stiction.reference_impl.integration.result import (
 from stiction.reference_impl.integration.right_hand_side import right_hand_side
 from stiction.reference_impl.integration.several_motions import NEARLY_SEVERAL, end_at_several
 from stiction.reference_impl.integration.step_audit import audit
-from stiction.reference_impl.integration.step_limits import TOLERATED, excess, longest_step
+from stiction.reference_impl.integration.step_limits import TOLERATED, limit_ratio, longest_step
 from stiction.reference_impl.multibody.dynamics import largest_speed, row_form
 from stiction.reference_impl.multibody.mechanism import Arrays, Mechanism, Workspace, workspace
 from stiction.reference_impl.multibody.projection import project
@@ -253,10 +253,10 @@ def _attempt(m: Arrays, w: Workspace, s: State, task: Task) -> int:
 
     # The limits of `longest_step` were computed at the start. Where bodies became faster within the step, forces may
     # have changed unseen between its stages.
-    excess_ratio = excess(m, s, task.frequency) if len(m.friction) > 0 else 0.0
-    if excess_ratio > TOLERATED:
+    ratio = limit_ratio(m, s, task.frequency) if len(m.friction) > 0 else 0.0
+    if ratio > TOLERATED:
         w.counters.rejected += 1
-        p.step = h * max(MIN_FACTOR, SAFETY / excess_ratio)
+        p.step = h * max(MIN_FACTOR, SAFETY / ratio)
         return STEP_TOO_SMALL if p.step <= step.resolution else REPEAT
 
     # Event functions are made of forces, of which the error of the motion says nothing: if the stages do not resolve

@@ -143,7 +143,8 @@ def corner_columns(
 ) -> dict[str, np.ndarray]:
     """F1..F4 and the surface frictions of a guide from R, T, friction and, if known, the mode."""
     R, T = columns[f"{name}.normal_force"], columns[f"{name}.moment"]
-    a, b = guide.length, guide.width or 0.0
+    a = guide.length or 0.0
+    b = guide.width or 0.0
     kappa = np.zeros_like(R)
     if guide.frictional:
         # in slip the coefficient is the kinetic one; at rest it follows from the friction

@@ -41,7 +41,8 @@ def _push(Q, body, rx, ry, fx, fy):
 def applied_forces(m, rotation, t, q, v, Q):
     """Fill in the generalized applied forces Q of (21), (3 * bodies,).
 
-    They are weight, springs and dampers, forces and torques. M of (21) is diagonal: `Arrays.inverse_mass`.
+    They are weight, springs and dampers, forces and torques. M of (21) is diagonal:
+    `Arrays.inverse_mass`.
     """
     for i in range(len(Q)):
         Q[i] = m.weight[i]

@@ -133,8 +133,9 @@ def blocks(scene: Scene) -> list[Block]:
 def hlcp_size(scene: Scene, sticking: int = 0) -> int:
     """Return the number of complementary pairs of eqs. (36)-(38) for a number of sticking guides.
 
-    It is 0 without frictional guides. There is a pair for every bilateral row; the two rows of a frictional guide give way to its two corners (without length: its
-    normal row to its normal force); and `UNKNOWNS_OF_STICK` are added for every sticking guide.
+    It is 0 without frictional guides. There is a pair for every bilateral row. The two rows of a
+    frictional guide give way to its two corners, or without a length its normal row to its normal
+    force. `UNKNOWNS_OF_STICK` are added for every sticking guide.
     """
     return constraint_rows(scene) + UNKNOWNS_OF_STICK * sticking if scene.frictional_guides else 0
 

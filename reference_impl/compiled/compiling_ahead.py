@@ -84,6 +84,7 @@ def event_kernels(friction: bool, projects: bool) -> tuple[Linked, ...]:
     rest = (
         trajectory_columns.write_sample,
         trajectory_columns.residual_norms,
+        trajectory_columns.imbalance,
         event_driven._commit,
         frozen_mode.solve_mode,
         *((projection.project, projection._correct) if projects else ()),
@@ -127,9 +128,8 @@ def event_kernels(friction: bool, projects: bool) -> tuple[Linked, ...]:
         hlcp._violation,
         *rest,
         step_limits.longest_step,
-        step_limits.excess,
+        step_limits.limit_ratio,
         mode_choice.choose_mode,
-        trajectory_columns.imbalance,
     )
 
 

@@ -1,44 +1,76 @@
-"""Coulomb's law on a slider in its guide: corner forces, bound of the friction, direction, stick.
+"""Coulomb's law on a slider in its guide: corner forces, load, coefficients and capacity at rest.
 
-Written once, for kernels and NumPy. The coefficients mu and mus are constant: neither depends on the speed (Stribeck).
+The functions are kernels, which the solvers call for one guide at a time. Two serve the columns of
+a trajectory as well, for arrays of samples: `split_between_corners` by its `__wrapped__`, and
+`equal_mobilization`, which is written in NumPy. The coefficients mu (slip) and mus (rest) are
+constant: neither depends on the speed, as Stribeck's would.
 
-The slider has length a and width b, its guide the surfaces (+) and (-), at levers -+b/2. R is the force of the guide's
-normal row, T that of its angle row: the moment of normal forces and surface friction together. Both surfaces use the
-coefficient kappa, so that the friction is kappa (N+ + N-); a guide that slips in direction d has kappa = -mu d. Eqs.
-(1)-(2) and (26) of the paper then give, with its n_j = F+_j - F-_j (`stiction.reference_impl.paper`),
+The slider has length a and width b. Its guide has a lower surface (+) at the lever -b/2 and an
+upper surface (-) at b/2. The symbols used throughout are
 
-    N = T - (b/2) kappa R,    n_j = R/2 -+ N/a,    N+ + N- = |n1| + |n2| = max(|R|, (2/a) |N|)
+==========  =======================================================================================
+R           force of the normal row of the guide (newton): resultant of its normal forces
+T           force of its angle row (newton metre): moment of normal forces and surface friction
+N+, N-      normal forces of the two surfaces (newton); the load is their sum
+M           moment of the normal forces alone (newton metre)
+n1, n2      normal forces at the rear and the front corners (newton), n_j = F+_j - F-_j: positive
+            where the lower surface carries, negative where the upper does
+s1, s2      signs of n1 and n2
+kappa       coefficient of friction in use, with its sign: friction = kappa (N+ + N-)
+d           direction of a slip, 1 or -1; a guide that slips has kappa = -mu d
+==========  =======================================================================================
 
-and N+ + N- = |R| for a guide without length. The law as a complementarity, eqs. (4)-(7)
-and (10)-(17), is in `hlcp.assemble`.
+Both surfaces use the same kappa. Eqs. (1)-(2) and (26) of the paper
+(`stiction.reference_impl.paper`) then give
+
+    M = T - (b/2) kappa R,    n_j = R/2 -+ M/a,    N+ + N- = |n1| + |n2| = max(|R|, (2/a) |M|)
+
+and N+ + N- = |R| for a guide without length. `hlcp.assemble` has the law as a complementarity,
+eqs. (4)-(7) and (10)-(17).
 """
 
 from __future__ import annotations
+
+from collections.abc import Iterator
 
 import numpy as np
 
 from stiction.reference_impl.compiled.kernel import kernel
 from stiction.reference_impl.multibody.guide_freedom import FREE
 
+_HALVINGS = 60
+"""Halvings of a bracket of kappa: 2^-60 of its width is below the rounding of its ends."""
+_ROOT_TOLERANCE = 1e-9
+"""Part of the friction by which a candidate may miss the equation with absolute values.
+
+The root of smallest size is wrong by some roundings only. A root of the wrong sign or branch is
+wrong by about the friction itself, unless it is next to a right one."""
+
 
 @kernel
 def normal_load(guide, R, T, kappa):
-    """Return N+ + N-, N."""
+    """Return the load N+ + N- of a guide (newton) if its surfaces use the coefficient kappa."""
     if guide.length == 0.0:
         return abs(R)
     return max(abs(R), 2.0 / guide.length * abs(T - 0.5 * guide.width * kappa * R))
 
 
 @kernel
-def split_between_corners(R, N, length):
-    """Return n1, n2 of a resultant R and a moment N of the normal forces; its `__wrapped__` is the same for arrays."""
-    half = N / length
+def split_between_corners(R, M, length):
+    """Return n1 and n2 of a resultant R and a moment M of the normal forces.
+
+    Its `__wrapped__` takes arrays as well.
+    """
+    half = M / length
     return 0.5 * R - half, 0.5 * R + half
 
 
 @kernel
 def corner_forces(guide, R, T, kappa):
-    """Return n1, n2 of a guide; of one without length R and 0, so that s1 n1 + s2 n2 is s1 R."""
+    """Return n1 and n2 of a guide whose surfaces use the coefficient kappa.
+
+    A guide without length has R and 0, so that s1 n1 + s2 n2 is s1 R.
+    """
     if guide.length == 0.0:
         return R, 0.0
     return split_between_corners(R, T - 0.5 * guide.width * kappa * R, guide.length)
@@ -48,61 +80,124 @@ def corner_forces(guide, R, T, kappa):
 def sticks(m, slip, f):
     """Return True for a guide at rest whose friction is an unknown that holds it there.
 
-    A guide that no freedom moves (`guide_freedom`) is at rest by its joints or drives. Its friction is not determined;
-    zero is always within Coulomb's cone, and is what the equations take (`open_forces` says what a run reports).
+    A guide that no freedom moves (`guide_freedom`) is at rest by its joints or drives. Its friction
+    is not determined. Zero is always within Coulomb's cone, and the equations take it
+    (`open_forces` says what a run reports).
     """
     return slip[f] == 0 and m.friction[f].freedom == FREE
 
 
 @kernel
 def coefficient(m, f, slip):
-    """Coefficient of a slip: static for a guide that sticks, of `slip` 0; `mode_choice` decides which slip."""
+    """Return the coefficient of friction of a guide: mu in slip, mus where it sticks, else 0.
+
+    A guide sticks where its `slip` is 0 and its joints and drives leave it free; `mode_choice`
+    decides which slip a guide has.
+    """
     if slip[f] != 0:
         return m.friction[f].mu
-    return m.friction[f].mus if m.friction[f].freedom == FREE else 0.0
+    if m.friction[f].freedom == FREE:
+        return m.friction[f].mus
+    return 0.0
 
 
 @kernel
 def capacity(m, f, R, T, d):
-    """Return the largest static friction of (3) against a beginning slip in direction d, both surfaces mobilized."""
+    """Return the largest static friction of (3) against a slip that begins in direction d (newton).
+
+    Both surfaces are fully mobilized. `can_jam` tells where the law allows more.
+    """
     guide = m.friction[f]
     return guide.mus * normal_load(guide, R, T, -guide.mus * d)
 
 
 @kernel
 def friction_coefficients(m, f, d, s1, s2, mu):
-    """c_R, c_T of f = c_R R + c_T T: (3) for a guide that slips with a coefficient mu; `capacity` has that of stick."""
+    """Return c_R and c_T of the friction c_R R + c_T T of a guide that slips, eq. (3).
+
+    They follow from friction = kappa (s1 n1 + s2 n2), which is linear in R and T once the signs of
+    the corner forces are known. With mus in place of mu, they are those of the `capacity`.
+
+    Parameters
+    ----------
+    m : Arrays
+        The mechanism.
+    f : int
+        Number of the guide among those with friction.
+    d : int
+        Direction of the slip, 1 or -1.
+    s1, s2 : int
+        Signs assumed for n1 and n2, 1 or -1. A guide without length uses s1 only.
+    mu : float
+        Coefficient of friction.
+
+    Returns
+    -------
+    c_R, c_T : float
+        Friction per resultant R (no unit) and per moment T (1/m).
+    """
     guide = m.friction[f]
-    k, a = -mu * d, guide.length
-    if a == 0.0:
-        return k * s1, 0.0
+    kappa = -mu * d
+    if guide.length == 0.0:
+        return kappa * s1, 0.0
     lever = 0.5 * guide.width * mu * d
-    across = k * (s2 - s1) / a
-    return k * 0.5 * (s1 + s2) + across * lever, across
+    across = kappa * (s2 - s1) / guide.length
+    return kappa * 0.5 * (s1 + s2) + across * lever, across
 
 
 @kernel
 def can_jam(m, f):
     """Return True if a guide at rest can jam under any load.
 
-    The law lets the frictions f+, f- of its two surfaces differ, |f+-| <= mus N+-. With u = f+ - f- the moment of the
-    normal forces is T - (b/2) u, N+ + N- = S(u) = max(|R|, (2/a)|T - (b/2) u|), N+ - N- = R, and the largest friction
-    is max over u of mus S(u) - |u - mus R|. For mus b <= a that is at u = mus R, both surfaces fully mobilized
-    (`capacity`). For mus b > a it grows with u without bound: the corners wedge, as a drawer's do. Where such a guide
-    would break away or reverse it may as well stay at rest: its motion is not unique. Only there can `capacity` be
-    below the kinetic friction.
+    The law lets the frictions f+, f- of the two surfaces differ: |f+| <= mus N+, |f-| <= mus N-.
+    With u = f+ - f-, the moment of the normal forces is T - (b/2) u. Hence
+
+        N+ + N- = S(u) = max(|R|, (2/a) |T - (b/2) u|),    N+ - N- = R
+
+    and the largest friction is the maximum over u of mus S(u) - |u - mus R|. For mus b <= a the
+    maximum is at u = mus R, where both surfaces are fully mobilized (`capacity`). For mus b > a it
+    grows with u without bound: the corners wedge, as a drawer's do. Where such a guide would break
+    away or reverse it may as well stay at rest: its motion is not unique. Only there can `capacity`
+    be below the kinetic friction.
     """
-    return (
-        m.friction[f].length > 0.0
-        and m.friction[f].mus * m.friction[f].width > m.friction[f].length
-    )
+    return _wedges(m.friction[f])
+
+
+@kernel
+def _wedges(guide):
+    """Return True for a guide with mus b > a: its friction can raise its own load without bound."""
+    return guide.length > 0.0 and guide.mus * guide.width > guide.length
 
 
 @kernel
 def mobilization(guide, R, T, friction):
-    """Return kappa of a guide at rest within its capacity, by bisection; see `equal_mobilization`."""
-    low, high = -guide.mus, guide.mus
-    for _ in range(60):
+    """Return the kappa that `equal_mobilization` defines for a guide at rest, within -mus .. mus.
+
+    The friction must be within the `capacity`, but for rounding: -mus or mus is returned beyond it.
+
+    The friction carried, kappa (N+ + N-), is bisected. It grows with kappa where mus b <= a, so
+    that there is one root. A guide that wedges can have three, as its load falls with kappa before
+    it grows. The friction by its moment, kappa (2/a) |T - (b/2) kappa R|, has a peak at
+    kappa = T / (b R). Below the peak both terms of the friction grow. Beyond it the friction by the
+    moment reaches the height of the peak again only once it grows for good. So the root of smallest
+    size is below the peak if the friction carried there is large enough, and the only crossing
+    beyond it if not.
+    """
+    low = -guide.mus
+    high = guide.mus
+
+    # cut the bracket of a guide that wedges at the peak, if that is on the side of the friction
+    if _wedges(guide) and R != 0.0:
+        peak = T / (guide.width * R)
+        if peak * friction > 0.0 and abs(peak) < guide.mus:
+            carried = abs(peak) * normal_load(guide, R, T, peak)
+            root_is_below_peak = carried >= abs(friction)
+            if root_is_below_peak == (friction > 0.0):
+                high = peak
+            else:
+                low = peak
+
+    for _ in range(_HALVINGS):
         kappa = 0.5 * (low + high)
         if kappa * normal_load(guide, R, T, kappa) < friction:
             low = kappa
@@ -111,43 +206,79 @@ def mobilization(guide, R, T, friction):
     return 0.5 * (low + high)
 
 
-def equal_mobilization(R, T, friction, length, width):
-    """Return the coefficient of friction in use, kappa = friction/(N+ + N-), equal on both surfaces.
+def equal_mobilization(
+    R: np.ndarray, T: np.ndarray, friction: np.ndarray, length: float, width: float
+) -> np.ndarray:
+    """Return the coefficient of friction in use at rest, kappa, where it is equal on both surfaces.
 
-    The split of a hyperstatic stick is not determined by rigid bodies; this one is continuous with
-    break-away and equals the sliding friction while slipping. kappa is the root of smallest size of
+    Rigid bodies do not determine how the two surfaces share the friction of a guide at rest. This
+    share is continuous with break-away, and that of a guide that slips. Where several kappa carry
+    the friction, that of smallest size is taken: the one reached as the friction grows from zero.
 
-        kappa max(|R|, (2/a)|T - (b/2) kappa R|) = friction
+    Parameters
+    ----------
+    R : ndarray, shape (n,)
+        Resultant normal force, newton.
+    T : ndarray, shape (n,)
+        Moment of normal forces and surface friction, newton metre.
+    friction : ndarray, shape (n,)
+        Friction of both surfaces together, newton.
+    length : float
+        Length a of the slider, m; 0 for a guide without length.
+    width : float
+        Width b of the slider, m.
 
-    (moment of surface friction: (b/2) kappa R). Where N+ + N- vanishes, 0. R, T and friction, (n,), are the resultant
-    normal force (N), total moment (N m) and friction (N); length and width (m) are a and b, a 0 of a guide without.
+    Returns
+    -------
+    ndarray, shape (n,)
+        The root kappa of smallest size of
+
+            kappa max(|R|, (2/a) |T - (b/2) kappa R|) = friction
+
+        and 0 without friction or without any load (R and T zero). There is a root for every other
+        finite force; NaN where a force is not finite, or where floating-point numbers overflow.
     """
-    R, T, friction = (np.asarray(x, dtype=float) for x in (R, T, friction))
+    R, T, friction = (np.asarray(force, dtype=float) for force in (R, T, friction))
+    tolerance = _ROOT_TOLERANCE * np.maximum(np.abs(friction), np.finfo(float).tiny)
+    smallest = np.full(friction.shape, np.nan)
+    size = np.full(friction.shape, np.inf)
     with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
-        # no candidate that is not finite is taken
-        candidates = [friction / np.abs(R)]
-        if length > 0.0:
-            # kappa sigma (T - (b/2) kappa R) = friction a/2, sigma = +-1
-            A, C = 0.5 * width * R, 0.5 * length * friction
-            for sigma in (1.0, -1.0):
-                discriminant = T * T - 4.0 * A * sigma * C
-                root = T + np.copysign(np.sqrt(np.maximum(discriminant, 0.0)), T)
-                valid = discriminant >= 0.0
-                candidates += [
-                    np.where(valid, 2.0 * sigma * C / root, np.nan),
-                    np.where(valid & (A != 0.0), root / (2.0 * A), np.nan),
-                ]
-        size = np.maximum(np.abs(friction), np.finfo(float).tiny)
-        best = np.zeros_like(friction)
-        found = np.full(friction.shape, np.inf)
-        for kappa in candidates:
+        for kappa in _candidates(R, T, friction, length, width):
             load = np.abs(R)
             if length > 0.0:
                 load = np.maximum(load, 2.0 / length * np.abs(T - 0.5 * width * kappa * R))
-            good = (
-                np.isfinite(kappa)
-                & (np.abs(kappa * load - friction) <= 1e-9 * size)
-                & (np.abs(kappa) < found)
-            )
-            best, found = np.where(good, kappa, best), np.where(good, np.abs(kappa), found)
-    return np.where(friction == 0.0, 0.0, best)
+            is_root = np.isfinite(kappa) & (np.abs(kappa * load - friction) <= tolerance)
+            is_better = is_root & (np.abs(kappa) < size)
+            smallest = np.where(is_better, kappa, smallest)
+            size = np.where(is_better, np.abs(kappa), size)
+
+    has_no_load = R == 0.0
+    if length > 0.0:
+        has_no_load &= T == 0.0
+    return np.where((friction == 0.0) | has_no_load, 0.0, smallest)
+
+
+def _candidates(
+    R: np.ndarray, T: np.ndarray, friction: np.ndarray, length: float, width: float
+) -> Iterator[np.ndarray]:
+    """Yield what kappa of `equal_mobilization` is if its absolute values are replaced by signs.
+
+    Candidates may be infinite or NaN; the caller ignores division by zero and invalid operations.
+    """
+    # the load is |R|
+    yield friction / np.abs(R)
+    if length == 0.0:
+        return
+
+    # The load is sign (2/a) (T - (b/2) kappa R), so that
+    #     (b/2) R kappa^2 - T kappa + sign (a/2) friction = 0.
+    # The root of larger size adds numbers of one sign. The other is the product of both roots over
+    # it, so that nothing cancels there either.
+    quadratic = 0.5 * width * R
+    product = 0.5 * length * friction
+    for sign in (1.0, -1.0):
+        discriminant = T * T - 4.0 * quadratic * sign * product
+        is_real = discriminant >= 0.0
+        numerator = T + np.copysign(np.sqrt(np.maximum(discriminant, 0.0)), T)
+        yield np.where(is_real, 2.0 * sign * product / numerator, np.nan)
+        yield np.where(is_real & (quadratic != 0.0), numerator / (2.0 * quadratic), np.nan)

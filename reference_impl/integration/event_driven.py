@@ -82,7 +82,7 @@ from stiction.reference_impl.integration.result import (
 from stiction.reference_impl.integration.right_hand_side import right_hand_side
 from stiction.reference_impl.integration.several_motions import NEARLY_SEVERAL, end_at_several
 from stiction.reference_impl.integration.step_audit import audit
-from stiction.reference_impl.integration.step_limits import TOLERATED, excess, longest_step
+from stiction.reference_impl.integration.step_limits import TOLERATED, limit_ratio, longest_step
 from stiction.reference_impl.multibody.dynamics import largest_speed, row_form
 from stiction.reference_impl.multibody.mechanism import Arrays, Mechanism, Workspace, workspace
 from stiction.reference_impl.multibody.projection import project
@@ -253,10 +253,10 @@ def _attempt(m: Arrays, w: Workspace, s: State, task: Task) -> int:
 
     # The limits of `longest_step` were computed at the start. Where bodies became faster within the step, forces may
     # have changed unseen between its stages.
-    excess_ratio = excess(m, s, task.frequency) if len(m.friction) > 0 else 0.0
-    if excess_ratio > TOLERATED:
+    ratio = limit_ratio(m, s, task.frequency) if len(m.friction) > 0 else 0.0
+    if ratio > TOLERATED:
         w.counters.rejected += 1
-        p.step = h * max(MIN_FACTOR, SAFETY / excess_ratio)
+        p.step = h * max(MIN_FACTOR, SAFETY / ratio)
         return STEP_TOO_SMALL if p.step <= step.resolution else REPEAT
 
     # Event functions are made of forces, of which the error of the motion says nothing: if the stages do not resolve
@@ -494,7 +494,7 @@ def _commit(m: Arrays, w: Workspace, s: State, task: Task) -> int:
 
 @kernel
 def _expect_event(m, w, s):
-    """Note the first event that the stages of the step predict behind its end, and when: the next step ends there."""
+    """Predict the first event after the step from its stages: the next step ends there."""
     p, step = s.progress, s.attempt
     for e in range(len(w.event)):
         largest = max(abs(s.at_start[e]), abs(s.at_stages[STAGES - 1, e]))
@@ -601,7 +601,10 @@ class Integration:
     def forces_at(
         self, t: float, q: np.ndarray, v: np.ndarray
     ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """Accelerations, event functions and row forces of another state, in the contact mode at the end of the run."""
+        """Return accelerations, event functions and row forces of another state.
+
+        The contact mode is that at the end of the run.
+        """
         m, w, s = self._mechanism.arrays, self._workspace, self._state
         dy = np.zeros(2 * len(q))
         right_hand_side(m, w, t, np.concatenate([q, v]), s.slip, s.corner, dy)
@@ -612,7 +615,7 @@ class Integration:
 
     @cached_property
     def run(self) -> Run:
-        """Result of the integration, stepped.
+        """Return the result of the integration that has been stepped.
 
         `breakdown` says where and why it stopped early; the columns then end there. One that stops at the start has the
         state there, and accelerations and forces that are nan.
@@ -706,7 +709,7 @@ def _march(
     log: EventLog,
     ends: list[float] | None,
 ) -> int:
-    """Variant of `integrate` that notes where each accepted step ends if `ends` are wanted."""
+    """Do the work of `integrate`, and record where each accepted step ends if `ends` are wanted."""
     if ends is None:
         return integrate(m, w, s, task, samples, log)
     while True:

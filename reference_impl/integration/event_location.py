@@ -156,7 +156,9 @@ node behind a zero."""
 
 @kernel
 def zero_near_end(at_start: Reals, at_stages: Table, e: int) -> float:
-    """Distance from the end of the step to the next zero of event function e, or to one just passed, in steps.
+    """Return the distance from the end of the step to the next zero of event function e, in steps.
+
+    A zero that has just been passed counts as well.
 
     Infinite if none is in sight.
 
@@ -363,10 +365,11 @@ def first_root(m: Arrays, w: Workspace, s: State) -> tuple[float, int, float]:
 
 @kernel
 def _examine(value, e, rounding, starts, finest, bernstein):
-    """Verdict on event function e in a part of a step: FREE, UNRESOLVED, or the first node behind its first zero.
+    """Return the verdict on event function e in a part of a step.
 
-    `rounding`: by which it may be negative; `starts`: whether the step starts here, in the right mode; `finest`:
-    whether the part must not be divided.
+    It is FREE, UNRESOLVED, or the first node after the first zero. `rounding` is by how much the
+    function may be negative. `starts` says whether the step starts here, in the right mode, and
+    `finest` whether the part must not be divided.
     """
     # the first node at which the function is negative
     largest, behind = 0.0, FREE
@@ -440,7 +443,9 @@ def _root(
     at_low: float,
     at_high: float,
 ) -> tuple[float, float]:
-    """Zero of event function e between two fractions of the step, and its slope there, per fraction.
+    """Return the zero of event function e between two fractions of the step, and its slope there.
+
+    The slope is per fraction.
 
     By inverse quadratic interpolation within a bracket, as in Brent's method, with a bisection every fourth time.
     """

@@ -247,10 +247,11 @@ def _stages(  # noqa: PLR0913 - a kernel's arrays
 
 @kernel(allocates=True)
 def error_along_motion(m: Arrays, w: Workspace, s: State, error: float, bodies: int) -> float:
-    """Estimated local error of the step (`dop853.error_norm`) without its part along another branch of motion.
+    """Return the local error of the step (`dop853.error_norm`) along the present branch of motion.
 
-    That part is left out where a stage has a singular value of J below NEAR: the directions are those of the stage that
-    has the smallest. The rows of the workspace are those of y_new, before and after.
+    The part along another branch is left out where a stage has a singular value of J below NEAR.
+    The directions are those of the stage that has the smallest. The rows of the workspace are those
+    of y_new, before and after.
     """
     n, unit = len(m.inverse_mass), lengths(m)
     t, h = s.progress.time, s.attempt.h

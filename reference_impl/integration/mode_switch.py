@@ -238,7 +238,9 @@ def _examine_event(m, w, s, event):
 
 @kernel
 def _way_out(m: Arrays, w: Workspace, s: State, guide: int) -> int:
-    """Event function (0 or 1) by which an unloaded guide at rest breaks away: the lower one just behind the state.
+    """Return the event function (0 or 1) by which an unloaded guide at rest breaks away.
+
+    It is the one that is lower just after the state.
 
     NO_EVENT if the guide holds there.
     """
@@ -319,7 +321,7 @@ def _come_to_rest(m: Arrays, w: Workspace, s: State) -> None:
 
 @kernel(allocates=True)
 def _count_other_modes(m: Arrays, w: Workspace, s: State) -> int:
-    """Modes other than the chosen one that would have been consistent behind the event at the state (`other_modes`)."""
+    """Count the modes that would also have been consistent after the event (`other_modes`)."""
     resting = np.zeros(len(m.friction), dtype=np.bool_)
     for f in range(len(m.friction)):
         at_rest = s.old_slip[f] == 0 or abs(w.slip_speed[f]) <= s.rest_speed[f]
@@ -362,7 +364,7 @@ def _log_changes(m, w, s, log, others):
 
 @kernel
 def _kind_of_change(s, f):
-    """Kind of the event of a guide, by its modes before and after."""
+    """Return the kind of the event of a guide, by its modes before and after."""
     if s.slip[f] != s.old_slip[f]:
         if s.old_slip[f] == 0:
             return SLIP
@@ -515,7 +517,9 @@ def _choose_forces_behind(m: Arrays, w: Workspace, s: State, event: int, unbound
 
 @kernel
 def _approach(m: Arrays, w: Workspace, s: State) -> None:
-    """Accelerations of the state into s.dy, and row forces a little before it, where those of the state are infinite.
+    """Fill s.dy with the accelerations of a state whose row forces are infinite.
+
+    The row forces are those a little before the state.
 
     Forces that grow without bound are those of driven guides: they do not enter the accelerations.
     """

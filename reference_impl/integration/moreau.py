@@ -110,7 +110,7 @@ class State(Bundle):
 
 
 def contacts_of(mechanism: Mechanism, clearance: float) -> Contacts:
-    """The contacts of all guides, with a clearance in metres between the slider and each surface."""
+    """Return the contacts of all guides, with a clearance (m) between slider and each surface."""
     m = mechanism.arrays
     contacts: list[tuple[float, ...]] = []
     released: set[int] = set()
@@ -163,7 +163,10 @@ def contacts_of(mechanism: Mechanism, clearance: float) -> Contacts:
 def _active_rows(
     m: Arrays, w: Workspace, contacts: Contacts, q: Reals, v: Reals
 ) -> tuple[Integers, Table]:
-    """Numbers of the closed contacts, and their rows: normals, then tangents, (2 * closed, 3 * bodies)."""
+    """Return the numbers of the closed contacts, and their rows (2 * closed, 3 * bodies).
+
+    Rows of the normals come first, then those of the tangents.
+    """
     rows, closed, n = (
         np.zeros((len(contacts.contact), 12)),
         np.zeros(len(contacts.contact), dtype=np.int64),
@@ -196,9 +199,10 @@ def _active_rows(
 def _bilateral(
     m: Arrays, w: Workspace, contacts: Contacts, W: Table, dt: float
 ) -> tuple[Table, Table]:
-    """J (rows, 3 * bodies) of the bilateral rows, and their answer X (rows, 1 + contacts) to contact impulses P_c.
+    """Return J (rows, 3 * bodies) of the bilateral rows, and their answer X to contact impulses.
 
-    Their own impulses are X[:, 0] - X[:, 1:] P_c; X has no rows if they cannot be solved for.
+    X has the shape (rows, 1 + contacts). To contact impulses P_c, the impulses of the rows are
+    X[:, 0] - X[:, 1:] P_c. X has no rows if they cannot be solved for.
     """
     kept = contacts.bilateral
     n, place = len(kept), np.zeros(len(w.G), dtype=np.int64)
@@ -229,7 +233,7 @@ def _bilateral(
 
 @kernel
 def _across(m, rows, i, others, j):
-    """Row i of one table times M^-1 times row j of another."""
+    """Return row i of one table times M^-1 times row j of another."""
     total = 0.0
     for c in range(rows.shape[1]):
         total += rows[i, c] * m.inverse_mass[c] * others[j, c]
@@ -238,7 +242,10 @@ def _across(m, rows, i, others, j):
 
 @kernel(allocates=True)
 def _contact_matrix(m: Arrays, W: Table, J: Table, X: Table) -> Table:
-    """Velocities of the closed contacts per contact impulse, what the bilateral rows answer included."""
+    """Return the velocities of the closed contacts per contact impulse.
+
+    They include what the bilateral rows answer.
+    """
     D = np.zeros((len(W), len(W)))
     for i in range(len(W)):
         for j in range(len(W)):
@@ -289,7 +296,10 @@ def _contact_impulses(D: Table, c: Reals, mu: Reals, P: Reals) -> tuple[int, int
 def _step(
     m: Arrays, w: Workspace, contacts: Contacts, s: State, task: Task, t: float, row: int
 ) -> int:
-    """One step from (t, q, v): q becomes q+, v+ goes to v_new, forces to a row of the samples; returns the outcome."""
+    """Make one step from (t, q, v), and return the outcome.
+
+    q becomes q+. v+ goes to v_new, and the forces to a row of the samples.
+    """
     dt, q, v, v_new, force = task.dt, s.q, s.v, s.v_new, s.samples.force[row]
     for k in range(len(q)):
         q[k] += 0.5 * dt * v[k]
@@ -338,7 +348,10 @@ def _step(
 
 @kernel(allocates=True)
 def _reactions(m, w, contacts, s, closed, W, P, row):
-    """Forces of the guides' rows and corners, and directions of slip, from the forces P of the closed contacts."""
+    """Return forces of the guides' rows and corners, and directions of slip.
+
+    They follow from the forces P of the closed contacts.
+    """
     v_new, force, slip, corner = s.v_new, s.samples.force[row], s.samples.slip[row], s.corners[row]
     n, speed, heaviest = len(closed), 0.0, np.zeros(len(corner))
     for k in range(len(v_new)):
@@ -371,7 +384,7 @@ def _reactions(m, w, contacts, s, closed, W, P, row):
 def march(
     m: Arrays, w: Workspace, contacts: Contacts, s: State, task: Task
 ) -> tuple[int, int, float]:
-    """March through the steps; returns outcome, samples and time reached.
+    """March through the steps; return the outcome, the samples and the time reached.
 
     A sample holds the state at its instant and the impulses of the step that begins there. Every step writes one; those
     that are not kept are overwritten by the next, so that there must be room for one more.

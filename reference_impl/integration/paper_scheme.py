@@ -79,7 +79,10 @@ class State(Bundle):
 def _evaluate(
     m: Arrays, w: Workspace, t: float, y: Reals, slip: Integers, corner: IntegerTable, dy: Reals
 ) -> int:
-    """y' into dy by the contact solver, without friction by a linear solve; returns the solver's outcome."""
+    """Fill dy with y', and return the outcome of the solver.
+
+    With friction this is the contact solver, else a linear solve.
+    """
     n = len(m.inverse_mass)
     row_form(m, w, t, y[:n], y[n:])
     w.counters.rhs += 1
@@ -96,7 +99,7 @@ def _evaluate(
 
 @kernel
 def _runge_kutta(m: Arrays, w: Workspace, s: State, t: float, h: float) -> int:
-    """A step of length h into y_new; returns the solver's outcome."""
+    """Make a step of length h into y_new, and return the outcome of the solver."""
     copy(s.y, s.y_new)
     for k in range(4):
         for i in range(len(s.y)):
@@ -119,7 +122,7 @@ def march(
     samples: Samples,
     log: EventLog,
 ) -> tuple[int, int, int, float]:
-    """March through the steps; returns code, samples, events and time reached.
+    """March through the steps; return the code, the samples, the events and the time reached.
 
     `beside`: a workspace for what is evaluated for the record alone, and is not counted. `log`: its sides without rows
     if they are not wanted.
@@ -196,7 +199,7 @@ def _log_changes(s, log, t, events, began):
 
 @kernel
 def _log_sides(m, beside, s, log, t, began, events):
-    """Log the values before and after the events of an instant; returns the solver's outcome."""
+    """Log the values before and after the events of an instant; return the solver's outcome."""
     for side in range(2):  # the mode that follows last: it leaves its corners' signs
         mode = s.slip if side else s.old_slip
         outcome = _evaluate(m, beside, t, s.y, mode, s.corner, s.dy)
@@ -213,7 +216,7 @@ def _log_sides(m, beside, s, log, t, began, events):
 def _step_to_rest(
     m: Arrays, w: Workspace, s: State, t: float, rest: float
 ) -> tuple[int, float, int]:
-    """A step of length `rest`, or up to the first slip velocity that changes its sign.
+    """Make a step of length `rest`, or up to the first slip velocity that changes its sign.
 
     Returns the solver's outcome, the step, and the guide that came to rest, or NO_GUIDE.
     """

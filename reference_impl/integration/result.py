@@ -73,7 +73,7 @@ class Samples(Bundle):
 
     @classmethod
     def room(cls, m: Arrays, count: int) -> Samples:
-        """Room for so many samples."""
+        """Return room for `count` samples."""
         n, nf = len(m.inverse_mass), len(m.friction)
         return cls.zeros(
             t=count,
@@ -97,7 +97,7 @@ class EventLog(Bundle):
 
     @classmethod
     def room(cls, m: Arrays, count: int, sided: int) -> EventLog:
-        """Room for so many events, and for the samples of so many."""
+        """Return room for `count` events, and for the samples of `sided` of them."""
         n, nf = len(m.inverse_mass), len(m.friction)
         return cls.zeros(
             t=count,
@@ -136,7 +136,9 @@ def breakdown_of(
     corner: np.ndarray,
     scales: tuple[float, float] = (1.0, 1.0),
 ) -> Breakdown | None:
-    """The typed end of a run, from what its kernel left behind where it failed; None at the end of its time.
+    """Return the typed end of a run, from what its kernel left where it failed.
+
+    None where the run has reached the end of its time.
 
     `code`: one of `outcomes`. `w`: a workspace with the rows of that instant. `slip` and `corner`: the contact mode
     assumed there. `scales`: largest speed (m/s) and force (N), by which an audit measures.
@@ -173,7 +175,10 @@ def breakdown_of(
 
 
 def _cause(code: int, mechanism: Mechanism, w, slip: np.ndarray) -> tuple[int, int]:
-    """The outcome that tells a user why a kernel ended with a code, and the guide concerned, or NO_GUIDE."""
+    """Return the outcome that tells a user why a kernel ended with a code, and the guide concerned.
+
+    NO_GUIDE stands for none.
+    """
     m = mechanism.arrays
     if code not in (NONE, NOT_FINITE, STEP_TOO_SMALL, CRAWL, SINGULAR):
         return code, NO_GUIDE
@@ -249,7 +254,10 @@ def columns_and_events(
 def alternative_columns(
     mechanism: Mechanism, opened: OpenForces, count: int, wanted: Collection[str]
 ) -> dict[str, np.ndarray]:
-    """The values, (count, k), of the wanted columns that have several at some instant; see `OpenForces`."""
+    """Return the values, (count, k), of the wanted columns that have several at some instant.
+
+    See `OpenForces`.
+    """
     names = [*mechanism.row_names, *(f"{name}.friction" for name in mechanism.guide_names)]
     found = {}
     for r, name in enumerate(names):

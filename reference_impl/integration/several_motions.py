@@ -69,7 +69,10 @@ def end_at_several(m: Arrays, w: Workspace, s: State) -> None:
 
 @kernel
 def _onset(m: Arrays, w: Workspace, s: State, low: float, high: float, several: bool) -> float:
-    """Bisect between two fractions of the step: where several motions begin to be counted, or the gain reaches 1."""
+    """Bisect for the fraction of the step from which several motions are counted.
+
+    Where the gain reaches 1 counts as well.
+    """
     while (high - low) * s.attempt.h > RESOLVED * max(s.progress.time, s.attempt.h):
         middle = 0.5 * (low + high)
         _rows_at(m, w, s, middle)

@@ -1,38 +1,50 @@
-"""How long a step may be for the forces of a mechanism with frictional guides to be resolved, compiled.
+"""Bounds on the step by which the forces of a mechanism with frictional guides are resolved.
 
-The error control of a step knows the motion only. Event functions are made of forces, and these may change fast while
-the motion does not tell: a balanced rotor that a motor turns evenly moves linearly in time, without any error, while a
-spring on its rim pulls a slider at rest to and fro. A step longer than a few half turns then sees the event functions
-at its stages alone, as a stroboscope does. So every step of a mechanism with friction is bounded by how fast its
-geometry and its laws change, before it is made (`longest_step`) and, by what happened in it, afterwards (`excess`).
+The error control of a step knows the motion only. Event functions are made of forces, which may
+change fast while the motion does not show it. For example, a balanced rotor that a motor turns
+evenly moves linearly in time, without any error, while a spring on its rim pulls a slider at rest
+to and fro. A step longer than a few half turns then samples the event functions at its stages as a
+stroboscope would. So every step of a mechanism with friction is bounded by how fast its geometry
+and its laws change: `longest_step` bounds it before it is made, and `limit_ratio` checks it
+afterwards.
 
 What enters a force, a reaction or an event function, and what bounds the step for it:
 
-==========================================  ============================================================================
-sine laws of loads and drives               phase of the law: part of `PHASE`
-tables, linear and cubic                    a step ends at each knot (`scenes.laws.law_kinks`); between knots, before
-                                            the first and behind the last they are polynomials
-constant and linear laws                    nothing: a polynomial of time is resolved by any step
-direction of a guide, of an axis of a       turn of the body that carries it: part of `PHASE`
-spring or a drive
-arm of a point that is not the centre of    turn of the body: part of `PHASE`
-mass: of a pin, slider, spring, drive, load
-direction of a spring between two points    distance over relative speed: `APPROACH`. There is none where it has neither
-with rest length or damping, or of a drive  rest length nor damping: its force is linear in the positions
-of their distance
-torsional springs and dampers               nothing: linear in angles and rates, which are the motion
-spring forces along an axis, dampers        linear in positions and speeds apart from the directions above
-centrifugal and Coriolis terms              products of speeds, which are the motion, with the directions above
-lever of a slider along its guide           linear in the positions; see the limits
-==========================================  ============================================================================
+===========================  ======================================================================
+sine laws of loads and       phase of the law: part of `PHASE`
+drives
+tables, linear and cubic     a step ends at each knot (`scenes.laws.law_kinks`); elsewhere, before
+                             the first and after the last as well, they are polynomials of time
+constant and linear laws     nothing: a polynomial of time is resolved by any step
+direction of a guide, of an  turn of the body that carries it: part of `PHASE`
+axis of a spring or a drive
+arm of a point that is not   turn of the body: part of `PHASE`
+the centre of mass: of a
+pin, slider, spring, drive
+or load
+direction of a spring        distance over relative speed: `APPROACH`; nothing for a spring with
+between two points, or of a  neither rest length nor damping: its force is linear in the positions
+drive of their distance
+torsional springs and        nothing: linear in angles and rates, which are the motion
+dampers
+spring forces along an       linear in positions and speeds apart from the directions above
+axis, dampers
+centrifugal and Coriolis     products of speeds, which are the motion, with the directions above
+terms
+lever of a slider along its  linear in the positions; see the limits
+guide
+===========================  ======================================================================
 
-Limits. A force is a product of several such factors, whose phases add. Two for each turning body are counted, as in
-the pull along an axis that turns, and the law's; the bodies are counted by the fastest of them, not added up. The
-search resolves a sinusoid whose phase advances by 4.5 pi (`event_location`), so that the pull between two rotors,
-with twice as many factors, is resolved as well. Where a step comes towards a point, the bound on event functions is
-right to 2e-6 of the force of the spring. What changes faster than the motion and all of these, as forces that grow
-without bound near a singular position or beside the loss of uniqueness, is resolved only as far as the error of the
-motion, the audit of steps and the friction gain (`several_motions`) tell.
+Limits. A force is a product of several such factors, and their phases add. The bounds count the
+phase of the law and twice that of the fastest body, as in the pull along an axis that turns; they
+do not add up bodies. The search resolves a sinusoid whose phase advances by 4.5 pi
+(`event_location`). The pull between two rotors has twice as many factors, and is resolved as well.
+Where a step comes towards a point, the bound on event functions is right to 2e-6 of the force of
+the spring.
+
+Some forces change faster than the motion and all of these, as those that grow without bound near a
+singular position or near the loss of uniqueness. They are resolved only as far as the error of the
+motion, the audit of steps and the friction gain (`several_motions`) show.
 """
 
 from __future__ import annotations
@@ -48,140 +60,179 @@ from stiction.reference_impl.integration.integration_state import State
 from stiction.reference_impl.multibody.mechanism import Arrays
 
 PHASE = np.pi
-"""Phase by which the factors of a force may advance within a step, rad: half a period of what they make together."""
+"""Phase by which the factors of a force may advance within a step, rad: half a period of their
+product."""
 FACTORS = 2.0
-"""Times that the direction of a body enters a force: once by where a spring's end is or how an arm stands, and once by
-the direction in which the force acts."""
+"""Number of times that the direction of a body enters a force.
+
+It enters once by the place of a spring's end or the direction of an arm, and once by the direction
+in which the force acts."""
 APPROACH = 0.5
-"""Part of the distance of two points by which they may come nearer within a step where a force acts along their line.
-As functions of time, the distance and the direction of points that pass each other evenly are singular at complex
-times, as far from now as distance over speed: half of that leaves a polynomial of degree 4 wrong by 3e-4 at most."""
+"""Part of their distance by which two points may come nearer within a step, where a force acts
+along their line.
+
+As functions of time, the distance and the direction of points that pass each other evenly are
+singular at complex times, as far from now as distance over speed. Half of that leaves a polynomial
+of degree 4 wrong by 3e-4 at most."""
 NEAREST = 1e-9
-"""Part of the mechanism's size below which a distance is not told from zero, so that steps towards an anchor do not
-shrink for ever: what happens while points are so near lasts for a nanosecond at a metre per second and metre."""
+"""Part of the mechanism's size below which a distance is not told from zero.
+
+Otherwise steps towards an anchor would shrink without end. At a metre per second and a mechanism of
+a metre, points are so near for a nanosecond."""
 TOLERATED = 1.5
-"""Times the limits that a step may have reached when it is looked at behind it: accelerations change within a step, and
-the limits have a margin of three."""
+"""Ratio to its limits up to which a step that has been made is accepted.
+
+Accelerations change within a step, and the limits have a margin of three."""
 
 
 @kernel
 def longest_step(m: Arrays, s: State, frequency: float) -> float:
-    """Length of the longest step from the state of a mechanism with friction, s, by rates and accelerations there.
+    """Return the length of the longest step from a state, s, by its rates and accelerations.
 
-    frequency : of the fastest sine law, rad/s.
+    Parameters
+    ----------
+    m : Arrays
+        A mechanism with frictional guides.
+    s : State
+        State of the run: y has positions and velocities, the first row of K their derivatives.
+    frequency : float
+        Angular frequency of the fastest sine law, rad/s; 0 without any.
     """
-    n, y, dy = len(m.inverse_mass), s.y, s.K[0]
+    n = len(m.inverse_mass)
+    y = s.y
+    y_dot = s.K[0]
 
-    # the fastest angular velocity and acceleration of bodies whose angles enter forces; a comparison in place of max,
-    # which may take a nan for the largest
-    velocity, acceleration = 0.0, 0.0
+    # the fastest angular velocity and acceleration of bodies whose angles enter forces
+    velocity = 0.0
+    acceleration = 0.0
     for i in range(len(m.turning)):
         k = n + 3 * m.turning[i] + 2
-        velocity = abs(y[k]) if abs(y[k]) > velocity else velocity
-        acceleration = abs(dy[k]) if abs(dy[k]) > acceleration else acceleration
+        velocity = _larger_size(velocity, y[k])
+        acceleration = _larger_size(acceleration, y_dot[k])
 
-    # the phases of the factors of a force add to rate h + change h^2
-    rate, change = frequency + FACTORS * velocity, 0.5 * FACTORS * acceleration
-    h = _time_for(PHASE, rate, change)
+    # in a time h the phases of the factors of a force advance by rate h + change h^2 / 2
+    rate = frequency + FACTORS * velocity
+    change = FACTORS * acceleration
+    h = _time_to_cover(PHASE, rate, change)
 
     # points that come near each other turn the line along which their force acts
     for i in range(len(m.line)):
-        h = min(h, _time_to_pass(m, i, y, dy))
+        h = min(h, _time_to_pass(m, i, y, y_dot))
     return h
 
 
 @kernel
-def excess(m: Arrays, s: State, frequency: float) -> float:
-    """How far a step that has been made exceeds what it may be: the largest of ratios to its limits.
+def limit_ratio(m: Arrays, s: State, frequency: float) -> float:
+    """Return the largest of the ratios of a step that has been made to its limits.
 
-    Angular velocities are those of the stages; points are looked at where the step ends.
+    Angular velocities are taken at the stages of the step, and points where it ends. The parameters
+    are those of `longest_step`.
     """
-    n, h = len(m.inverse_mass), s.attempt.h
-    largest = 0.0
+    n = len(m.inverse_mass)
+    h = s.attempt.h
 
     # the phase, by the fastest angular velocity at a stage
     velocity = 0.0
     for i in range(len(m.turning)):
         angle = 3 * m.turning[i] + 2
         for stage in range(STAGES + 1):
-            velocity = max(velocity, abs(s.K[stage, angle]))
-    if len(m.turning):
-        largest = (frequency + FACTORS * velocity) * h / PHASE
+            velocity = _larger_size(velocity, s.K[stage, angle])
+    largest = (frequency + FACTORS * velocity) * h / PHASE
 
     # the approach of points, unless they move along their line, which then does not turn
+    nearest = NEAREST * m.length_scale
     for i in range(len(m.line)):
-        dx, dy, ex, ey, _, _ = _between(m, i, s.y_new, s.K[STAGES], n)
-        distance, speed = sqrt(dx * dx + dy * dy), sqrt(ex * ex + ey * ey)
-        nearest = NEAREST * m.length_scale
-        if abs(dx * ey - dy * ex) > nearest * speed:
+        rx, ry, vx, vy, _, _ = _relative_motion(m, i, s.y_new, s.K[STAGES], n)
+        distance = sqrt(rx * rx + ry * ry)
+        speed = sqrt(vx * vx + vy * vy)
+        if abs(rx * vy - ry * vx) > nearest * speed:
             largest = max(largest, h * speed / max(distance, nearest))
     return largest
 
 
 @kernel
-def _time_for(way, speed, acceleration):
-    """Time t in which a way is gone: way = speed t + acceleration t^2; infinite at rest.
+def _larger_size(largest, value):
+    """Return the larger of a size and that of a value, which does not count if it is NaN.
 
-    Solved for 1/t, so that nothing cancels and no acceleration is divided by.
+    `max` may take a NaN for the largest.
     """
-    root = speed + sqrt(speed * speed + 4.0 * acceleration * way)
-    return 2.0 * way / root if root > 0.0 else np.inf
+    size = abs(value)
+    return size if size > largest else largest
 
 
 @kernel
-def _time_to_pass(m: Arrays, i: int, y: Reals, dy: Reals) -> float:
-    """Length of a step in which two points with a force along their line come nearer by a part of their distance, s.
+def _time_to_cover(distance, speed, acceleration):
+    """Return the time t in which distance = speed t + acceleration t^2 / 2; infinite at rest.
 
-    Points that move along their line do not turn it. There is no limit then, unless they may pass each other where the
-    force has another direction behind: a step does not reach that instant.
+    Speed and acceleration are not negative. The equation is solved for 1/t, so that nothing cancels
+    and no acceleration is divided by.
     """
-    # vector between the points (dx, dy_), its rate (ex, ey) and its second derivative (cx, cy)
-    dx, dy_, ex, ey, cx, cy = _between(m, i, y, dy, len(m.inverse_mass))
-    nearest = NEAREST * m.length_scale
-    distance = sqrt(dx * dx + dy_ * dy_)
-    speed = sqrt(ex * ex + ey * ey)
-    acceleration = sqrt(cx * cx + cy * cy)
+    divisor = speed + sqrt(speed * speed + 2.0 * acceleration * distance)
+    return 2.0 * distance / divisor if divisor > 0.0 else np.inf
 
-    # The points pass each other beside their line: cross products give the distance at which they do. The speed counts
-    # in any direction, as points that go away came from a singular instant that is as near.
+
+@kernel
+def _time_to_pass(m: Arrays, i: int, y: Reals, y_dot: Reals) -> float:
+    """Return the time in which the points of line i come nearer by APPROACH of their distance, s.
+
+    Points that move along their line do not turn it. Then there is no limit, unless the points may
+    pass each other and their force has another direction afterwards: a step does not reach that
+    instant.
+    """
+    rx, ry, vx, vy, ax, ay = _relative_motion(m, i, y, y_dot, len(m.inverse_mass))
+    nearest = NEAREST * m.length_scale
+    distance = sqrt(rx * rx + ry * ry)
+    speed = sqrt(vx * vx + vy * vy)
+    acceleration = sqrt(ax * ax + ay * ay)
+
+    # The points pass each other beside their line: cross products give the distance at which they
+    # do. The speed counts in any direction, as points that go away came from a singular instant
+    # that is as near.
     turns = (
-        abs(dx * ey - dy_ * ex) > nearest * speed
-        or abs(dx * cy - dy_ * cx) > nearest * acceleration
+        abs(rx * vy - ry * vx) > nearest * speed or abs(rx * ay - ry * ax) > nearest * acceleration
     )
     if turns:
-        return _time_for(APPROACH * max(distance, nearest), speed, 0.5 * acceleration)
+        return _time_to_cover(APPROACH * max(distance, nearest), speed, acceleration)
 
     # they move along their line: the step ends before they meet, if the force turns round there
     if m.line[i].flips == 0 or distance == 0.0:
         return np.inf
-    closing = -(dx * ex + dy_ * ey) / distance
-    inward = -(dx * cx + dy_ * cy) / distance
-    return _time_for(max(distance, nearest), max(closing, 0.0), 0.5 * max(inward, 0.0))
+    closing_speed = -(rx * vx + ry * vy) / distance
+    closing_acceleration = -(rx * ax + ry * ay) / distance
+    return _time_to_cover(
+        max(distance, nearest), max(closing_speed, 0.0), max(closing_acceleration, 0.0)
+    )
 
 
 @kernel
-def _between(m, i, y, dy, n):
-    """Vector from the point on b of a line to that on a, its rate and its acceleration, in ground axes."""
+def _relative_motion(m, i, y, y_dot, n):
+    """Return the vector from the point on b of line i to that on a, its rate and its acceleration.
+
+    All are in ground axes, as rx, ry, vx, vy, ax, ay; n is the number of coordinates.
+    """
     line = m.line[i]
-    ax, ay, avx, avy, acx, acy = _point(y, dy, n, line.a, line.ax, line.ay)
-    bx, by, bvx, bvy, bcx, bcy = _point(y, dy, n, line.b, line.bx, line.by)
-    return ax - bx, ay - by, avx - bvx, avy - bvy, acx - bcx, acy - bcy
+    rx_a, ry_a, vx_a, vy_a, ax_a, ay_a = _motion_of_point(y, y_dot, n, line.a, line.ax, line.ay)
+    rx_b, ry_b, vx_b, vy_b, ax_b, ay_b = _motion_of_point(y, y_dot, n, line.b, line.bx, line.by)
+    return rx_a - rx_b, ry_a - ry_b, vx_a - vx_b, vy_a - vy_b, ax_a - ax_b, ay_a - ay_b
 
 
 @kernel
-def _point(y, dy, n, body, px, py):
-    """Position, velocity and acceleration of a point of a body, or of the ground (-1)."""
+def _motion_of_point(y, y_dot, n, body, px, py):
+    """Return position, velocity and acceleration of a point of a body, or of the ground (-1)."""
     if body < 0:
         return px, py, 0.0, 0.0, 0.0, 0.0
     k = 3 * body
-    c, s = cos(y[k + 2]), sin(y[k + 2])
-    omega, alpha = y[n + k + 2], dy[n + k + 2]  # angular velocity and acceleration
-    rx, ry = c * px - s * py, s * px + c * py  # arm of the point, in ground axes
+    c = cos(y[k + 2])
+    s = sin(y[k + 2])
+    omega = y[n + k + 2]  # angular velocity
+    alpha = y_dot[n + k + 2]  # angular acceleration
+    arm_x = c * px - s * py  # from the centre of mass to the point, in ground axes
+    arm_y = s * px + c * py
     return (
-        y[k] + rx,
-        y[k + 1] + ry,
-        y[n + k] - omega * ry,
-        y[n + k + 1] + omega * rx,
-        dy[n + k] - alpha * ry - omega * omega * rx,
-        dy[n + k + 1] + alpha * rx - omega * omega * ry,
+        y[k] + arm_x,
+        y[k + 1] + arm_y,
+        y[n + k] - omega * arm_y,
+        y[n + k + 1] + omega * arm_x,
+        y_dot[n + k] - alpha * arm_y - omega * omega * arm_x,
+        y_dot[n + k + 1] + alpha * arm_x - omega * omega * arm_y,
     )

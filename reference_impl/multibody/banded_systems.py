@@ -21,7 +21,10 @@ from stiction.reference_impl.multibody.mechanism import Arrays, Workspace
 
 @kernel
 def fill_cell(m, w, c, reach, A):
-    """G of a cell into the leading part of A, zero elsewhere within `reach` of the diagonal; returns its size."""
+    """Fill the leading part of A with G of a cell, and return its size.
+
+    Other entries within `reach` of the diagonal become zero.
+    """
     n = m.cell[c].end - m.cell[c].first
     for i in range(n):
         for j in range(max(0, i - reach), min(n, i + reach + 1)):
@@ -45,7 +48,9 @@ def friction_row(m, w, A, f, n, reach, c_R, c_T):
 
 @kernel
 def solve_cell(m, w, c, residual, rate, slip, holds):
-    """Forces of a cell into w.force that change Phi'' by `residual`, without friction; False if it is singular.
+    """Fill w.force with forces of a cell, without friction, that change Phi'' by `residual`.
+
+    Returns False if the system of the cell is singular.
 
     If it `holds`, those of guides at rest change their slip by `rate` times the slip velocity.
     """
@@ -67,13 +72,19 @@ def solve_cell(m, w, c, residual, rate, slip, holds):
 
 @kernel
 def count_cells(m):
-    """Number of cells whose contact modes are chosen in turn: 1 of few rows, 0 without friction."""
+    """Return the number of cells whose contact modes are chosen in turn.
+
+    It is 1 for a mechanism of few rows, and 0 for one without friction.
+    """
     return max(1, len(m.cell)) if len(m.friction) else 0
 
 
 @kernel(allocates=True)
 def cell_of(m, w, c):
-    """Cell c as a mechanism of its own, its workspace with G, `right` and slip speeds, and its guides in the whole."""
+    """Return cell c as a mechanism of its own, its workspace, and its guides in the whole.
+
+    The workspace has G, `right` and slip speeds.
+    """
     guides = open_cell(m, w, c)
     if len(m.cell) < 2:
         return m, w, guides

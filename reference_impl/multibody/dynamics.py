@@ -39,9 +39,10 @@ def _push(Q, body, rx, ry, fx, fy):
 
 @kernel(inline=True)
 def applied_forces(m, rotation, t, q, v, Q):
-    """Generalized applied forces Q of (21), (3 * bodies,): weight, springs and dampers, forces and torques.
+    """Fill in the generalized applied forces Q of (21), (3 * bodies,).
 
-    M of (21) is diagonal: `Arrays.inverse_mass`.
+    They are weight, springs and dampers, forces and torques. M of (21) is diagonal:
+    `Arrays.inverse_mass`.
     """
     for i in range(len(Q)):
         Q[i] = m.weight[i]
@@ -120,7 +121,7 @@ def row_form(m: Arrays, w: Workspace, t: float, q: Reals, v: Reals) -> None:
 
 @kernel
 def largest_force(m, w, force):
-    """The largest of the row forces, each times the square root of its mobility G_rr: sqrt(kg) m/s^2.
+    """Return the largest row force times the root of its mobility G_rr, sqrt(kg) m/s^2.
 
     N and N m have no order; so measured they have one that the unit of length does not enter. Divided by the square
     root of a row's own mobility it is in the unit of that row.
@@ -133,7 +134,10 @@ def largest_force(m, w, force):
 
 @kernel
 def largest_term(m, w):
-    """The largest term that row forces balance: applied forces and centripetal terms, measured as `largest_force`."""
+    """Return the largest term that row forces balance, measured as by `largest_force`.
+
+    Terms are applied forces and centripetal terms.
+    """
     largest = 0.0
     for k in range(len(w.free)):
         largest = max(largest, abs(w.free[k]) / sqrt(m.inverse_mass[k]))
@@ -145,7 +149,10 @@ def largest_term(m, w):
 
 @kernel
 def largest_speed(m, v):
-    """The largest speed in v (3 * bodies,), m/s; turning counts at the distance of the mechanism's size."""
+    """Return the largest speed in v (3 * bodies,), m/s.
+
+    Turning counts at the distance of the mechanism's size.
+    """
     largest = 0.0
     for i in range(len(v)):
         largest = max(largest, abs(v[i]) * (m.length_scale if i % 3 == 2 else 1.0))
@@ -154,7 +161,7 @@ def largest_speed(m, v):
 
 @kernel
 def row_acceleration(w, r, force):
-    """Acceleration that row forces leave a row beyond what it asks for: G force - right."""
+    """Return the acceleration of a row beyond that required of it: G force - right."""
     left = -w.right[r]
     for k in range(len(force)):
         left += w.G[r, k] * force[k]
@@ -163,7 +170,7 @@ def row_acceleration(w, r, force):
 
 @kernel
 def acceleration(m, w, force, a):
-    """q'' = M^-1 (Q + J^T force) into a (3 * bodies,): eqs. (22)-(24) and (33)."""
+    """Fill a (3 * bodies,) with q'' = M^-1 (Q + J^T force), eqs. (22)-(24) and (33)."""
     for i in range(len(a)):
         a[i] = w.free[i]
     add_rows(m, w, force, a)
@@ -182,7 +189,7 @@ def add_rows(m, w, force, a):
 
 @kernel(allocates=True)
 def roots_of_mobility(m):
-    """M^-1/2, (3 * bodies,)."""
+    """Return the diagonal of M^-1/2, (3 * bodies,)."""
     root = np.zeros(len(m.inverse_mass))
     for i in range(len(root)):
         root[i] = np.sqrt(m.inverse_mass[i])
@@ -191,7 +198,10 @@ def roots_of_mobility(m):
 
 @kernel(allocates=True)
 def unit_rows(m: Arrays, w: Workspace, count: int, unit: Reals) -> tuple[Table, Reals]:
-    """The first rows of J in coordinates divided by `unit` (3 * bodies,), each divided by its size; the sizes."""
+    """Return the first rows of J, each divided by its size, and the sizes.
+
+    Coordinates are divided by `unit` (3 * bodies,).
+    """
     row, size = np.zeros((count, len(unit))), np.zeros(count)
     for b in range(len(m.block)):
         i, r, k = np.int64(m.block[b, 0]), np.int64(m.block[b, 1]), np.int64(m.block[b, 2])

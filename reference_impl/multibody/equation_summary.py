@@ -131,16 +131,17 @@ def blocks(scene: Scene) -> list[Block]:
 
 
 def hlcp_size(scene: Scene, sticking: int = 0) -> int:
-    """Number of complementary pairs of eqs. (36)-(38) with so many of the frictional guides sticking; 0 without any.
+    """Return the number of complementary pairs of eqs. (36)-(38) for a number of sticking guides.
 
-    A pair for every bilateral row; the two rows of a frictional guide give way to its two corners (without length: its
-    normal row to its normal force); and `UNKNOWNS_OF_STICK` for every sticking guide.
+    It is 0 without frictional guides. There is a pair for every bilateral row. The two rows of a
+    frictional guide give way to its two corners, or without a length its normal row to its normal
+    force. `UNKNOWNS_OF_STICK` are added for every sticking guide.
     """
     return constraint_rows(scene) + UNKNOWNS_OF_STICK * sticking if scene.frictional_guides else 0
 
 
 def constraint_rows(scene: Scene) -> int:
-    """Rows of Phi: two for a joint, one for a drive."""
+    """Return the number of rows of Phi: two for a joint, one for a drive."""
     return 2 * len(scene.joints) + len(scene.drives)
 
 

@@ -113,7 +113,10 @@ def guide_freedoms(scene: Scene, length_scale: float) -> GuideFreedoms:
 
 @lru_cache(maxsize=64)
 def _freedoms(geometry: _Geometry, candidates: tuple[str, ...]) -> GuideFreedoms:
-    """Variant of `guide_freedoms` for guides that close a loop; a run, its gate and the points of a sweep share it."""
+    """Do the work of `guide_freedoms` for guides that close a loop.
+
+    A run, its gate and the points of a sweep share the result.
+    """
     scene, length_scale = geometry.scene, geometry.length_scale
     found = dict.fromkeys(scene.frictional_guides, GuideFreedom.FREE)
     equations = EquationsOfMotion(scene)
@@ -154,7 +157,10 @@ def _freedoms(geometry: _Geometry, candidates: tuple[str, ...]) -> GuideFreedoms
 
 
 def _load_rows(guide: Translational) -> tuple[str, ...]:
-    """Names of the rows that the load of a guide depends on: without a length it is the normal force alone."""
+    """Return the names of the rows that the load of a guide depends on.
+
+    Without a length this is the normal force alone.
+    """
     return ("normal_force", "moment") if guide.length else ("normal_force",)
 
 
@@ -185,7 +191,7 @@ def _positions_near(
     joints: int,
     length_scale: float,
 ) -> list[np.ndarray]:
-    """Positions that the joints allow, displaced at random from the start along their freedoms.
+    """Return positions that the joints allow, displaced at random from the start.
 
     Where the joints leave no freedom, the only one is the start. The draw is always the same.
     """
@@ -221,7 +227,7 @@ def _closed(
 
 
 def _part_beside(rows: np.ndarray, vectors: np.ndarray) -> np.ndarray:
-    """Part of each vector, relative to its size, that is orthogonal to all rows."""
+    """Return the part of each vector that is orthogonal to all rows, relative to its size."""
     basis = _span(rows)
     sizes = np.linalg.norm(vectors, axis=1)
     left = vectors - (vectors @ basis) @ basis.T
@@ -230,7 +236,10 @@ def _part_beside(rows: np.ndarray, vectors: np.ndarray) -> np.ndarray:
 
 
 def _span(rows: np.ndarray) -> np.ndarray:
-    """Orthonormal basis of the span of rows, as columns; rows are compared by their directions."""
+    """Return an orthonormal basis of the span of rows, as columns.
+
+    Rows are compared by their directions.
+    """
     sizes = np.linalg.norm(rows, axis=1)
     rows = rows[sizes > 0.0] / sizes[sizes > 0.0, None]
     if not len(rows):

@@ -25,7 +25,10 @@ ROUNDINGS = 8
 
 
 def _largest_coordinate(scene: Scene) -> float:
-    """The largest coordinate of a body, of a point of a joint or drive, or value of a law at the start."""
+    """Return the largest coordinate of a body or point, or value of a law, at the start.
+
+    Points are those of joints and drives.
+    """
     values = [abs(x) for body in scene.bodies.values() for x in (*body.position, body.angle)]
     for element in [*scene.joints.values(), *scene.drives.values()]:
         points = (
@@ -39,14 +42,14 @@ def _largest_coordinate(scene: Scene) -> float:
 
 
 def consistent_start(mechanism: Mechanism, assemble: bool = False) -> tuple[np.ndarray, np.ndarray]:
-    """Variant of `consistent_starts` for one mechanism."""
+    """Return what `consistent_starts` returns, for one mechanism."""
     return consistent_starts([mechanism], assemble)[0]
 
 
 def consistent_starts(
     parts: Sequence[Mechanism], assemble: bool = False
 ) -> list[tuple[np.ndarray, np.ndarray]]:
-    """Coordinates and velocities at t = 0 of the parts of a scene, that satisfy the constraints.
+    """Return coordinates and velocities at t = 0 of the parts of a scene that meet the constraints.
 
     `assemble`: project an inconsistent start onto the constraints, in the metric of the mass matrix, instead of
     refusing it. Returns q and v, (3 * bodies,), of each part.
@@ -105,7 +108,9 @@ def _start(mechanism: Mechanism, assemble: bool) -> tuple[np.ndarray, np.ndarray
 
 
 def with_consistent_start(scene: Scene, assemble: bool = False) -> Scene:
-    """The scene itself if its start meets the constraints, or one that does; for engines that do not check it.
+    """Return the scene itself if its start meets the constraints, else one whose start does.
+
+    It is for engines that do not check the start.
 
     Parameters, errors: see `consistent_starts`.
     """

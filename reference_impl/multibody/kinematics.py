@@ -21,7 +21,7 @@ from stiction.reference_impl.multibody.mechanism import (
 
 @kernel
 def law_at(m: Arrays, i: int, t: float) -> tuple[float, float, float]:
-    """Value, rate and second derivative of law i at time t.
+    """Return value, rate and second derivative of law i at time t.
 
     The compiled twin of `stiction.scenes.laws.evaluate_law`.
     """
@@ -67,7 +67,10 @@ def law_at(m: Arrays, i: int, t: float) -> tuple[float, float, float]:
 
 @kernel
 def point_at(rotation, q, v, body, px, py):
-    """Arm of a point (px, py) from the centre of mass, its position, velocity, and -omega^2 times the arm."""
+    """Return the arm of a point (px, py) from the centre of mass, and its motion.
+
+    The motion is its position, its velocity, and -omega^2 times the arm.
+    """
     if body < 0:
         return 0.0, 0.0, px, py, 0.0, 0.0, 0.0, 0.0
     c, s = rotation[body, 0], rotation[body, 1]
@@ -95,7 +98,7 @@ def rotate(m, w, q):
 
 @kernel
 def direction_at(rotation, v, body, ux, uy):
-    """A direction of a body in ground axes, and the body's angular velocity."""
+    """Return a direction of a body in ground axes, and the body's angular velocity."""
     if body < 0:
         return ux, uy, 0.0
     c, s = rotation[body, 0], rotation[body, 1]
@@ -104,7 +107,7 @@ def direction_at(rotation, v, body, ux, uy):
 
 @kernel
 def row_along(J, row, ux, uy, arms, dx, dy):
-    """Row of the coordinate u . d, d from the point on b to the point on a, u fixed in b.
+    """Return the row of the coordinate u . d, d from the point on b to that on a, u fixed in b.
 
     arms = (rax, ray, rbx, rby). With u' = omega_b (k x u): d(u.d)/d theta_b = (k x u).d - u.(k x r_b).
     """

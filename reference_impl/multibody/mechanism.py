@@ -157,7 +157,7 @@ class Workspace(Bundle):
 
 
 def workspace(arrays: Arrays, solver: int = AUTOMATIC) -> Workspace:
-    """Room for the kernels' results."""
+    """Return room for the kernels' results."""
     coordinates, size = len(arrays.inverse_mass), arrays.rows + len(arrays.friction)
     whole = Workspace.zeros(
         rotation=(coordinates // 3, 2),
@@ -187,7 +187,7 @@ def workspace(arrays: Arrays, solver: int = AUTOMATIC) -> Workspace:
 
 
 def _room(m: Arrays) -> dict[str, Any]:
-    """Shapes of what the workspace of a cell does not share with the whole."""
+    """Return the shapes of what the workspace of a cell does not share with the whole."""
     nf, size = len(m.friction), m.rows + len(m.friction)
     return {
         "slip_speed": nf,
@@ -280,21 +280,27 @@ class Mechanism:
         return alpha, beta
 
     def initial_state(self) -> tuple[np.ndarray, np.ndarray]:
-        """Coordinates and velocities at t = 0 as the scene gives them, each of shape (3 * bodies,)."""
+        """Return coordinates and velocities at t = 0 as the scene has them, (3 * bodies,) each."""
         return start_of(self.scene)
 
     def kinks(self, t_end: float) -> np.ndarray:
-        """Times in (0, t_end) at which a law is not smooth, in order; see `stiction.scenes.laws.law_kinks`."""
+        """Return the times in (0, t_end) at which a law is not smooth, in order.
+
+        See `stiction.scenes.laws.law_kinks`.
+        """
         return np.array(
             sorted({time for law in self._laws for time in law_kinks(law, t_end)}), dtype=float
         )
 
     def fastest_law(self) -> float:
-        """Largest angular frequency of a sine law, rad/s; 0 where there is none."""
+        """Return the largest angular frequency of a sine law, rad/s; 0 where there is none."""
         return max((abs(law.frequency) for law in self._laws if isinstance(law, Sine)), default=0.0)
 
     def largest_load(self) -> float:
-        """Largest force of a load with a sine law, N; a torque counts by the mechanism's size."""
+        """Return the largest force of a load with a sine law, N.
+
+        A torque counts by the mechanism's size.
+        """
         return max(
             (
                 abs(load.law.amplitude)
@@ -423,7 +429,7 @@ class Mechanism:
         return {"spring": np.array(springs, dtype=SPRING)}
 
     def _loads(self) -> dict[str, np.ndarray]:
-        """The loads, and the laws, those of drives first."""
+        """Return the loads, and the laws, those of drives first."""
         loads = [
             (
                 self._index[load.body],
@@ -460,7 +466,7 @@ class Mechanism:
         }
 
     def largest_ratio_of_masses(self) -> float:
-        """Largest ratio of masses that guides, pins and levers couple.
+        """Return the largest ratio of masses that guides, pins and levers couple.
 
         Levers couple masses and inertias; without one a guide couples masses with masses, inertias with inertias. Where
         a mechanism stands does not matter.
@@ -475,7 +481,7 @@ class Mechanism:
         return max(max(values) / min(values) for values in coupled)
 
     def _largest_lever(self) -> float:
-        """Largest lever of joint forces about the centres of mass, m.
+        """Return the largest lever of joint forces about the centres of mass, m.
 
         Points of pins, sizes of sliders, and how far sliders are from the bodies that guide them at the start.
         """
@@ -496,7 +502,10 @@ class Mechanism:
         return max(lengths, default=0.0)
 
     def _length_scale(self) -> float:
-        """A length of the mechanism: the largest extent of points, positions, sliders and springs that is declared."""
+        """Return a length of the mechanism, m: the largest extent of what is declared.
+
+        Points, positions, sliders and springs count.
+        """
         scene = self.scene
         lengths = [
             abs(x)
@@ -513,7 +522,7 @@ class Mechanism:
 
 
 def _what_turns(m: dict[str, Any]) -> dict[str, np.ndarray]:
-    """`Arrays.turning` and `Arrays.line` of the other arrays, of which `m` are the fields."""
+    """Return `Arrays.turning` and `Arrays.line`, from the other fields `m` of the arrays."""
     if not len(m["friction"]):
         return {"turning": np.zeros(0, dtype=np.int64), "line": np.zeros(0, dtype=LINE)}
     bodies: set[int] = set()
@@ -587,7 +596,7 @@ def _blocks(
 
 
 def _hlcp_pairs(rows: int, friction: np.ndarray) -> np.ndarray:
-    """`Arrays.smooth`; puts the place of its first pair into each frictional guide."""
+    """Return `Arrays.smooth`, and put the place of its first pair into each frictional guide."""
     replaced = {
         row + corner
         for row, corners in zip(friction["row"].tolist(), friction["corners"].tolist())
@@ -608,7 +617,7 @@ _NO_CELLS = (
 
 
 def _cells(size: int, block: np.ndarray, pair: np.ndarray) -> tuple[np.ndarray, ...]:
-    """`Arrays.cell`, `order`, `position`, `entry`, and the blocks sorted by cell."""
+    """Return `Arrays.cell`, `order`, `position`, `entry`, and the blocks sorted by cell."""
     entry = np.unique(np.vstack([pair[:, 2:], pair[:, :1:-1]]), axis=0).astype(np.int64)
     graph = csr_array((np.ones(len(entry)), (entry[:, 0], entry[:, 1])), shape=(size, size))
     count, label = connected_components(graph, directed=False)
@@ -633,7 +642,7 @@ def _cells(size: int, block: np.ndarray, pair: np.ndarray) -> tuple[np.ndarray, 
 
 
 def _separate(m: Arrays) -> tuple[Arrays, ...]:
-    """`Arrays.separate`."""
+    """Return `Arrays.separate`."""
     if len(m.cell) < 2:
         return ()
     local, found = np.empty(m.rows + len(m.friction), dtype=np.int64), []

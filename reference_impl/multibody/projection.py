@@ -72,7 +72,10 @@ def _correct(
 
 @kernel
 def _solve(m, w, residual, rate, slip, holds, tolerance):
-    """G force = residual, of constraint rows and, if it `holds`, of guides at rest; False where a pivot is small."""
+    """Solve G force = residual of the constraint rows; return False where a pivot is small.
+
+    If it `holds`, guides at rest have rows as well.
+    """
     size = len(w.force) if holds else m.rows
     for r in range(len(w.force)):
         w.force[r] = 0.0

@@ -111,7 +111,7 @@ def recover_columns(
 def _numbers(
     name: str, values: ArrayLike, shape: tuple[int | str, ...], unknown: bool = False
 ) -> np.ndarray:
-    """An argument as the kernels take it: float64, C-contiguous, writable.
+    """Return an argument as the kernels take it: float64, C-contiguous, writable.
 
     `shape` may have a letter; `unknown`: NaN is allowed.
     """
@@ -140,7 +140,10 @@ def _numbers(
 def columns_of_rows(
     m: Arrays, t: np.ndarray, q: np.ndarray, v: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray]:
-    """J^T at each instant (n, 3 * bodies, rows + frictional), and M^-1 Q without joints (n, 3 * bodies)."""
+    """Return J^T at each instant, and M^-1 Q without joints.
+
+    Their shapes are (n, 3 * bodies, rows + frictional) and (n, 3 * bodies).
+    """
     w = workspace(m)
     J, free = np.empty((len(t), len(w.J))), np.empty(q.shape)
     for i in range(len(t)):
@@ -192,7 +195,7 @@ def parts_of_null_vectors(matrices: np.ndarray, rows: int) -> np.ndarray:
 def _moved_with_frictions(
     matrices: np.ndarray, rows: int, size: np.ndarray, right: np.ndarray
 ) -> np.ndarray:
-    """Variant of `parts_of_null_vectors` with the singular values and right vectors of the matrices at hand."""
+    """Do the work of `parts_of_null_vectors`, from singular values and right vectors."""
     moved = _null_parts(matrices, size, right)
     hyperstatic = (moved[:, rows:] > _MOVED).any(axis=1)
     moved[~hyperstatic] = 0.0
@@ -205,7 +208,7 @@ def _moved_with_frictions(
 
 
 def _inverse(matrices: np.ndarray, size: np.ndarray) -> np.ndarray:
-    """1 / singular values; 0 for those that count as zero."""
+    """Return 1 / singular values; 0 for those that count as zero."""
     kept = size > np.finfo(float).eps * max(matrices.shape[1:]) * np.max(
         size, axis=1, keepdims=True, initial=0.0
     )
@@ -213,7 +216,7 @@ def _inverse(matrices: np.ndarray, size: np.ndarray) -> np.ndarray:
 
 
 def _null_parts(matrices: np.ndarray, size: np.ndarray, right: np.ndarray) -> np.ndarray:
-    """Diagonal of the projector onto the null vectors of matrices (n, i, j), shape (n, j).
+    """Return the diagonal of the projector onto the null vectors of matrices (n, i, j), (n, j).
 
     The square of each unknown's largest part in one of unit length.
     """

@@ -68,7 +68,10 @@ def singular_rows(m: Arrays, w: Workspace, unit: Reals) -> tuple[Reals, Table, R
 
 @kernel(allocates=True)
 def lengths(m):
-    """Unit of length in each coordinate, (3 * bodies,): 1 m, and the angle that moves a point by it."""
+    """Return the unit of length in each coordinate, (3 * bodies,).
+
+    It is 1 m, or the angle that moves a point by 1 m.
+    """
     unit = np.zeros(len(m.inverse_mass))
     for i in range(len(unit)):
         unit[i] = 1.0 / m.length_scale if i % 3 == 2 else 1.0
@@ -122,7 +125,7 @@ def leave_nearly_dependent(m: Arrays, w: Workspace, residual: Reals) -> None:
 
 @kernel
 def smallest(s):
-    """Smallest singular value of rows that are not always dependent, over the largest."""
+    """Return the smallest singular value over the largest, but for rows always dependent."""
     for k in range(len(s) - 1, 0, -1):
         if s[k] > ALWAYS_DEPENDENT * s[0]:
             return s[k] / s[0]

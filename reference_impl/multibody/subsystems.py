@@ -26,7 +26,7 @@ DRIFT = "drift."
 
 
 def connected_bodies(scene: Scene, pairs: Iterable[tuple[str, str]]) -> tuple[int, dict[str, int]]:
-    """Number of groups of bodies that the pairs leave unconnected, and the group of each body, in their order."""
+    """Return the number of groups that no pair connects, and the group of each body, in order."""
     # The smaller of two groups joins the larger one, so that a body moves from group to group at most log2(n) times.
     # scipy's connected_components takes a tenth of a millisecond for two bodies, as long as a short run.
     group = {name: [name] for name in scene.bodies}
@@ -41,7 +41,10 @@ def connected_bodies(scene: Scene, pairs: Iterable[tuple[str, str]]) -> tuple[in
 
 
 def independent_parts(scene: Scene) -> list[Scene]:
-    """The parts of a scene, each a scene with the names and the order of the whole; the scene itself if it is one."""
+    """Return the independent parts of a scene; the scene itself if it is one.
+
+    Each is a scene with the names and the order of the whole.
+    """
     count, label = connected_bodies(
         scene,
         (
@@ -140,7 +143,7 @@ def simulate_parts(
 
 
 def _without_drift(events: Sequence[Event]) -> list[Event]:
-    """The events of a part without the columns of the drift, which is that of all parts."""
+    """Return the events of a part without the columns of the drift, which is that of all parts."""
     sides = Sides(events)
     columns = {
         name: sides[name]

@@ -40,7 +40,7 @@ def build_columns(  # noqa: PLR0913 - the parts of samples
     names: Collection[str] | None = None,
     residual: np.ndarray | None = None,
 ) -> dict[str, np.ndarray]:
-    """Columns of a trajectory (names: `stiction.scenes.Trajectory`); all where `names` is None.
+    """Return the columns of a trajectory (`stiction.scenes.Trajectory`); all if `names` is None.
 
     `q`, `v` and `a` are (n, 3 * bodies). `force`, (n, rows + frictional): multipliers in the order of
     `mechanism.row_names`, then the frictions on the sliders. `slip`, (n, frictional): contact modes (d; 0 = stick);
@@ -100,7 +100,10 @@ def _as_columns(table: np.ndarray) -> np.ndarray:
 def write_sample(
     w: Workspace, y: Reals, dy: Reals, slip: Integers, motion: Table, force: Reals, slips: Integers
 ) -> None:
-    """A sample of the state y with the derivative dy, the forces in the workspace and the contact modes."""
+    """Write a sample: the state y, the derivative dy, the forces and the contact modes.
+
+    The forces are those in the workspace.
+    """
     n = motion.shape[1]
     for i in range(n):
         motion[0, i], motion[1, i], motion[2, i] = y[i], y[n + i], dy[n + i]
@@ -141,9 +144,10 @@ def corner_forces(guide: Translational, normal_force: ArrayLike, moment: ArrayLi
 def corner_columns(
     name: str, guide: Translational, columns: dict[str, np.ndarray]
 ) -> dict[str, np.ndarray]:
-    """F1..F4 and the surface frictions of a guide from R, T, friction and, if known, the mode."""
+    """Return F1..F4 and the surface frictions of a guide from R, T, friction and any mode."""
     R, T = columns[f"{name}.normal_force"], columns[f"{name}.moment"]
-    a, b = guide.length, guide.width or 0.0
+    a = guide.length or 0.0
+    b = guide.width or 0.0
     kappa = np.zeros_like(R)
     if guide.frictional:
         # in slip the coefficient is the kinetic one; at rest it follows from the friction
@@ -167,7 +171,10 @@ def corner_columns(
 
 @kernel(allocates=True)
 def residual_norms(m: Arrays, w: Workspace, t: Reals, q: Table, v: Table) -> tuple[Reals, Reals]:
-    """Norms of Phi and Phi' (m and rad, per s, summed as they are) at times t, q and v (n, 3 * bodies)."""
+    """Return the norms of Phi and Phi' at times t, for q and v (n, 3 * bodies).
+
+    Residuals in m and rad, and per s, are summed as they are.
+    """
     position, velocity = np.zeros(len(t)), np.zeros(len(t))
     for i in range(len(t)):
         row_form(m, w, t[i], q[i], v[i])
@@ -188,7 +195,9 @@ def residual_norm(residuals):
 def imbalance(
     m: Arrays, w: Workspace, t: Reals, q: Table, v: Table, a: Table, force: Table
 ) -> tuple[Reals, Reals, Reals, Reals]:
-    """Remainder of Newton's and Euler's equations at times t (n,), and the largest term in them, sqrt(kg) m/s^2.
+    """Return the remainder of Newton's and Euler's equations at times t (n,), and the largest term.
+
+    Both are in sqrt(kg) m/s^2.
 
     q, v, a of shape (n, 3 * bodies); row forces as of `build_columns`. The largest over all coordinates, each in units
     of the square root of its mobility, as in `dynamics.largest_force`: N and N m have no order. Behind them the norms
@@ -209,7 +218,10 @@ def imbalance(
 
 
 def guide_motion(m, k: int, q: np.ndarray, v: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Coordinate of the slider's point along its guide (constraint k), and its rate; q, v of shape (n, 3 * bodies)."""
+    """Return the coordinate of the slider's point along its guide, and its rate.
+
+    k is the number of the constraint; q and v have the shape (n, 3 * bodies).
+    """
     constraint = m.constraint[k]
 
     def absolute(body: int, px: float, py: float) -> tuple[np.ndarray | float, ...]:

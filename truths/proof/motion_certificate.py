@@ -35,7 +35,7 @@ from stiction.truths.proof.certificate import (
 from stiction.truths.proof.enclosures import NotProven
 from stiction.truths.proof.enclosures.series import halves
 from stiction.truths.proof.mechanisms.mechanism import Next, ProvableMechanism
-from stiction.truths.proof.motion import ProvenMotion, provable
+from stiction.truths.proof.motion import ProvenMotion, provable_mechanism
 from stiction.truths.proof.step import Precision, ProvenEvent, StateSet, Step, take_step
 
 _MORE_BITS, _MORE_ORDER = 64, 5
@@ -130,7 +130,8 @@ def _failures(claims: Claims) -> Iterator[Failure]:
         int(claims["bits"]) + _MORE_BITS, int(claims["order"]) + _MORE_ORDER, float("inf")
     )
     with precision.working():
-        mechanism, steps = provable(claimed_scene(claims)), claims["steps"]
+        mechanism = provable_mechanism(claimed_scene(claims))
+        steps = claims["steps"]
         shown_events = iter(claims["events"])
         times = [*(read_number(step["t0"]) for step in steps), mechanism.t_end]
         modes = [_read_mode(part["mode"]) for part in (*steps, claims["end"])]

@@ -33,7 +33,12 @@ from stiction.truths.proof.certificate import (
 )
 from stiction.truths.proof.enclosures import NotProven
 from stiction.truths.proof.enclosures.series import working
-from stiction.truths.proof.motion import MECHANISMS, ProvenMotion, provable, prove_scene
+from stiction.truths.proof.motion import (
+    LONGEST_DURATIONS,
+    ProvenMotion,
+    provable_mechanism,
+    prove_scene,
+)
 from stiction.truths.proof.step import ProvenEvent
 from stiction.truths.proof.truth import DATA, SUFFIX, certificates, motion_digest
 from stiction.truths.truth import NotThisMechanism
@@ -239,8 +244,8 @@ def provable_scenes(names: Collection[str] = ()) -> Iterator[Scene]:
         digest = motion_digest(scene_to_toml(scene))
         with suppress(NotThisMechanism):
             with working(64, 2):
-                mechanism = type(provable(scene))
-            if digest not in seen and scene.t_end <= MECHANISMS[mechanism]:
+                mechanism = type(provable_mechanism(scene))
+            if digest not in seen and scene.t_end <= LONGEST_DURATIONS[mechanism]:
                 seen.add(digest)
                 yield scene
 

@@ -46,7 +46,7 @@ from stiction.truths.proof.mechanisms.one_slider import Contact, OneSlider
 from stiction.truths.proof.mechanisms.pendulum import Pendulum
 from stiction.truths.proof.mechanisms.sliding_mass import SlidingMass
 from stiction.truths.proof.mechanisms.trammel import Trammel
-from stiction.truths.proof.motion import provable, prove, prove_scene
+from stiction.truths.proof.motion import provable_mechanism, prove, prove_scene
 from stiction.truths.proof.motion_certificate import FORMAT, motion_certificate
 from stiction.truths.proof.step import Precision, StateSet, Step, identity
 
@@ -594,7 +594,7 @@ def test_undecided_says_when_and_why(name, overrides, when, reason):
 )
 def test_other_mechanisms_are_refused(name):
     with pytest.raises(NotThisMechanism), bits():
-        provable(load_scene(name))
+        provable_mechanism(load_scene(name))
 
 
 def test_at_the_edge_of_static_friction():

@@ -105,8 +105,12 @@ class MovingGuide(OneSlider):
     @classmethod
     def from_scene(cls, scene: Scene) -> MovingGuide:
         reader = SceneReader(scene, TURNING_ARM)
-        arm, slider, motor = reader.body("arm"), reader.body("slider"), reader["motor"]
-        spring, twist, origin = reader["spring"], reader["twist"], reader["pivot"].points[1]
+        arm = reader.body("arm")
+        slider = reader.body("slider")
+        motor = reader.optional_element("motor")
+        spring = reader.optional_element("spring")
+        twist = reader.optional_element("twist")
+        origin = reader.element("pivot").points[1]
         reader.require(
             motor is None
             or motor.law.offset.equals(arm.angle)
@@ -135,7 +139,7 @@ class MovingGuide(OneSlider):
             ),
             driven=motor is not None,
             pivot=balls(origin),
-            contact=Contact.of(reader["guide"]),
+            contact=Contact.of(reader.element("guide")),
             surface=ZERO.ball,
             at_rest=at_rest,
             q=[x * cosine + y * sine, angle.ball],
@@ -143,5 +147,5 @@ class MovingGuide(OneSlider):
             t_end=reader.t_end,
             joint=reader.match.name("guide"),
         )
-        reader.require_start(mechanism, arm.velocity)
+        reader.require_start(mechanism, {"arm.vx": arm.velocity[0], "arm.vy": arm.velocity[1]})
         return mechanism

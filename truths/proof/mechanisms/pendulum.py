@@ -55,7 +55,8 @@ class Pendulum(ProvableMechanism):
     def from_scene(cls, scene: Scene) -> Pendulum:
         """Parameters of a scene; its start is taken to meet the constraint."""
         reader = SceneReader(scene, PENDULUM)
-        rod, mass = reader["rod"], reader.body("mass")
+        rod = reader.element("rod")
+        mass = reader.body("mass")
         pivot, length = rod.points[1], rod.law.value
         # angle and rate of the start by the arm and the moment of the velocity about the pivot
         arm = [place - origin for place, origin in zip(mass.position, pivot)]

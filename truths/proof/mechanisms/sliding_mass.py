@@ -180,7 +180,9 @@ class SlidingMass(OneSlider):
     @classmethod
     def from_scene(cls, scene: Scene) -> SlidingMass:
         reader = SceneReader(scene, _structure_of(scene))
-        guide, slider, (gx, gy) = reader["guide"], reader.body("slider"), reader.gravity
+        guide = reader.element("guide")
+        slider = reader.body("slider")
+        gx, gy = reader.gravity
         name = reader.match.name("guide")
         body, belt = reader.match.bodies["slider"], reader.match.bodies.get("belt")
         size = _dot(guide.direction, guide.direction).sqrt()
@@ -189,7 +191,7 @@ class SlidingMass(OneSlider):
         reader.require(
             horizontal or reader.structure is ALONE, f"joints.{name}: expected the direction (1, 0)"
         )
-        zero = _off_the_guide(reader, along)
+        residuals = _off_the_guide(reader, along)
 
         # The bar adds to the mass that moves along the guide; without one its terms are zero.
         mass, c, rate, angle, bar = slider.mass, ZERO, ZERO, ZERO, None
@@ -197,15 +199,16 @@ class SlidingMass(OneSlider):
             reader.require(
                 gx.is_zero, f"gravity: found {scene.gravity}; expected (0, -g) with a bar"
             )
-            turning, law = reader.body("bar"), reader["motor"].law
-            l = -reader["pin"].points[0][0]
+            turning = reader.body("bar")
+            law = reader.element("motor").law
+            l = -reader.element("pin").points[0][0]
             mass, c = mass + turning.mass, turning.mass * l
             rate, angle = law.rate, law.offset
             bar = reader.match.bodies["bar"], l.ball
-            zero.append(turning.angular_velocity - rate)
+            residuals["rate of the bar"] = turning.angular_velocity - rate
 
         # All that acts along the guide: constants are summed, the laws of the others are kept.
-        surface = reader["drive"].law.rate if belt else ZERO
+        surface = reader.element("drive").law.rate if belt else ZERO
         for key, load in reader.elements("loads").items():
             reader.require(
                 _parallel(load.direction, guide.direction),
@@ -246,7 +249,7 @@ class SlidingMass(OneSlider):
             bar=bar,
             belt=(belt, reader.body("belt").position[0].ball) if belt else None,
         )
-        reader.require_start(mechanism, zero)
+        reader.require_start(mechanism, residuals)
         return mechanism
 
 
@@ -260,7 +263,7 @@ def _structure_of(scene: Scene) -> Structure:
 def _springs(reader: SceneReader, along: Vector, horizontal: bool) -> Vector:
     """Return stiffness and damping of all springs, and their constant force at x = 0."""
     height = reader.scene.bodies[reader.match.bodies["slider"]].position[1]
-    direction = reader["guide"].direction
+    direction = reader.element("guide").direction
     stiffness = damping = force = ZERO
     for key, spring in reader.elements("springs").items():
         # A spring without an axis pulls along the line between its ends: linear in x only on the
@@ -276,14 +279,20 @@ def _springs(reader: SceneReader, along: Vector, horizontal: bool) -> Vector:
     return stiffness, damping, force
 
 
-def _off_the_guide(reader: SceneReader, along: Vector) -> list[Exact]:
-    """Return numbers that are zero where the slider starts on its guide."""
-    guide, slider, across = reader["guide"], reader.body("slider"), (-along[1], along[0])
+def _off_the_guide(reader: SceneReader, along: Vector) -> dict[str, Exact]:
+    """Return numbers that are zero where the slider starts on its guide, by what they are."""
+    guide = reader.element("guide")
+    slider = reader.body("slider")
+    across = (-along[1], along[0])
     offset = _dot(slider.position, across) - _dot(guide.point, across)
-    moving = _dot(slider.velocity, across)
+    residuals = {"velocity across the guide": _dot(slider.velocity, across)}
     if "belt" in reader.match.bodies:
-        return [offset - _dot(reader.body("belt").position, across), moving]
-    return [offset, moving, slider.angle - guide.angle, slider.angular_velocity]
+        offset = offset - _dot(reader.body("belt").position, across)
+    else:
+        residuals["angle in the guide"] = slider.angle - guide.angle
+        residuals["angular velocity in the guide"] = slider.angular_velocity
+    residuals["position across the guide"] = offset
+    return residuals
 
 
 def _parallel(vector: Vector, direction: Vector) -> bool:

@@ -200,7 +200,8 @@ class Trammel(ProvableMechanism):
     def from_scene(cls, scene: Scene) -> Trammel:
         reader = SceneReader(scene, PROVABLE)
         bar, x, y = (reader.body(name) for name in ("bar", *SLIDERS))
-        lx, ly = reader["pin-x"].points[0][0], -reader["pin-y"].points[0][0]
+        lx = reader.element("pin-x").points[0][0]
+        ly = -reader.element("pin-y").points[0][0]
         m, L = bar.mass, lx + ly
         torque, loads = reader.loads("torques")
         mechanism = cls(
@@ -221,16 +222,26 @@ class Trammel(ProvableMechanism):
             v=[-bar.angular_velocity.ball],
             t_end=reader.t_end,
         )
-        across = [x.position[1], x.velocity[1], y.position[0], y.velocity[0]]
-        reader.require_start(
-            mechanism, [*across, x.angle, x.angular_velocity, y.angle, y.angular_velocity]
-        )
+        # the sliders stay on their axes and do not turn
+        x_name, y_name = SLIDERS
+        residuals = {
+            f"{x_name}.y": x.position[1],
+            f"{x_name}.vy": x.velocity[1],
+            f"{y_name}.x": y.position[0],
+            f"{y_name}.vx": y.velocity[0],
+            f"{x_name}.angle": x.angle,
+            f"{x_name}.omega": x.angular_velocity,
+            f"{y_name}.angle": y.angle,
+            f"{y_name}.omega": y.angular_velocity,
+        }
+        reader.require_start(mechanism, residuals)
         return mechanism
 
 
 def _friction(reader: SceneReader, name: str) -> arb:
     """mu of a guide; requires it to be as in the module's text."""
-    guide, declared = reader[name], reader.match[name]
+    guide = reader.element(name)
+    declared = reader.match[name]
     one_surface = (
         guide.length is None
         or guide.width is None

@@ -157,7 +157,7 @@ def in_this_process():
 def fresh_truths(monkeypatch):
     """Truths are found anew each time, and none is kept for the tests to come: for what changes how they are found."""
     monkeypatch.setattr(
-        "stiction.comparisons.measures.scene_truth._found", scene_truth._found.__wrapped__
+        "stiction.comparisons.measures.scene_truth._best_truth", scene_truth._best_truth.__wrapped__
     )
 
 

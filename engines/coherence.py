@@ -101,12 +101,16 @@ def residuals(run: Examined) -> Iterator[str]:
     """States are on the constraints at the start, near them later, with the residuals that the drift columns report."""
     if not len(t := run.trajectory.t):
         return
-    norms = np.sqrt(
-        [
+    if run.is_balanced:
+        # `balance` evaluates the equations at the same instants, and their constraints with them
+        squares = [
             sum(np.square(part.position) for part in run.in_equations),
             sum(np.square(part.velocity) for part in run.in_equations),
         ]
-    )
+        norms = np.sqrt(squares)
+    else:
+        q, v, _ = run.motion
+        norms = _residuals(run, t.astype(float), q, v)
     if (i := first(~(norms[0] <= run.size))) is not None and run.scene.joints | run.scene.drives:
         yield (
             f"states that have left the mechanism: {norms[0][i]:.3g} m off the constraints at t = {t[i]:.9g} s; "
@@ -619,6 +623,8 @@ def _lasting(flags: np.ndarray) -> Iterator[tuple[int, int]]:
 
 def balance(run: Examined) -> Iterator[str]:
     """Newton's and Euler's equations hold at samples and on both sides of events, where an engine reports these."""
+    if not run.is_balanced:
+        return
     for part, samples in zip(run.parts, run.in_equations):
         sides = run.sides.with_columns(InEquations.needed(part))
         if not len(sides):

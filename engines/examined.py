@@ -137,6 +137,14 @@ class Examined:
         )
 
     @cached_property
+    def is_balanced(self) -> bool:
+        """True if the equations of motion must hold: there are events with both sides, and all columns in them."""
+        columns = self.trajectory.columns
+        return bool(self.trajectory.events) and all(
+            name in columns for part in self.parts for name in InEquations.needed(part)
+        )
+
+    @cached_property
     def in_equations(self) -> list[InEquations]:
         """The samples of each part, in its equations."""
         t = self.trajectory.t.astype(float)

@@ -232,7 +232,7 @@ def test_a_night_that_is_killed_while_it_writes_goes_on_where_it_stopped(tmp_pat
         "--out",
         "out",
     ]
-    environment = os.environ | {"PYTHONPATH": f"{ROOT}{os.pathsep}{ROOT / 'tests'}"}
+    environment = os.environ | {"PYTHONPATH": f"{ROOT}{os.pathsep}{ROOT / 'tests' / 'support'}"}
     night = subprocess.Popen(
         command, cwd=tmp_path, env=environment, start_new_session=True, stdout=subprocess.DEVNULL
     )

@@ -256,7 +256,7 @@ def tutorial_loads() -> Figure:
     axes.grid(alpha=0.3)
     axes.set_xlabel("time [s]")
     axes.set_ylabel("slip velocity [m/s]")
-    axes.legend(loc="lower right")
+    axes.legend(loc="upper right")
     axes.set_title("Slip velocity; thick: the slider sticks", fontsize=11)
     return figure
 

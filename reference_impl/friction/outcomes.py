@@ -42,14 +42,13 @@ BREAKDOWNS = {
     ),
     NONE: (
         "no solution",
-        "no solution of the HLCP was found, neither by Lemke's method nor in any contact mode; of redundant "
-        "constraints one sharing of "
-        "their forces was tried",
+        "no solution of the HLCP was found, neither by Lemke's method nor in any contact mode; if constraints "
+        "are redundant, only one distribution of their forces was tried",
     ),
     SEVERAL: ("several solutions", "the HLCP has several solutions, whose accelerations differ"),
     JAM: (
         "several solutions",
-        "the guide, with mus * width > length, may slip from here, or jam under the same load",
+        "the guide has mus * width > length, and may either start to slip or jam under this load",
     ),
     AUDIT: ("audit", "Coulomb's law is violated within a step: an event was missed"),
     SINGULAR: (
@@ -71,13 +70,13 @@ BREAKDOWNS = {
     ),
     UNBOUNDED: (
         "jam",
-        "the mechanism jams: the normal force of the guide grows without bound, and no effort of the "
-        "drives overcomes its friction beyond",
+        "the mechanism jams: the normal force of the guide grows without bound, and from then "
+        "on no effort of the drives overcomes its friction",
     ),
     SELF_LOCKING: (
         "no solution",
-        "the mechanism is self-locking: no effort of the drives gives forces that obey "
-        "Coulomb's law in the motion that they prescribe",
+        "the mechanism is self-locking: for the motion that the drives prescribe, "
+        "no efforts and forces satisfy Coulomb's law",
     ),
     ILL_CONDITIONED: (
         "not finite",

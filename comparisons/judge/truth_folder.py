@@ -20,7 +20,7 @@ from pyarrow import csv
 from stiction.scenes import FileError, Problem, Scene, catalogue, scene_to_toml
 from stiction.scenes.motion_table import interpolated, with_sides
 from stiction.scenes.resolved import load_resolved, resolved_text
-from stiction.scenes.trajectory import events_frame, events_of
+from stiction.scenes.trajectory import Event, events_frame, events_of
 from stiction.scenes.wording import shown
 from stiction.truths import Tier, Truth
 from stiction.truths.proof.truth import certificate_of
@@ -174,7 +174,7 @@ def _truth_of(scene: Scene, about: Mapping[str, Any], folder: Path) -> Truth:
     uncertainty = {
         name: value + between.get(name, 0.0) for name, value in about["uncertainty"].items()
     }
-    events = ()
+    events: tuple[Event, ...] = ()
     if about["events"]:
         events = events_of(csv.read_csv(folder / EVENTS).to_pandas())
     return Truth(

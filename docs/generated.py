@@ -17,9 +17,9 @@ from pydantic import BaseModel
 from pydantic.fields import FieldInfo
 
 from stiction.cli.app import app
-from stiction.cli.describe import fidelities_of, table_of_defaults
 from stiction.comparisons.regression import history
 from stiction.engines import EngineMissing, load_engine
+from stiction.engines.listing import default_settings, fidelity_rows
 from stiction.engines.program.declaration import PLACEHOLDERS
 from stiction.reference_impl import paper
 from stiction.reference_impl.friction.outcomes import BREAKDOWNS
@@ -120,8 +120,8 @@ def equations() -> str:
 def engine(name: str) -> str:
     """Fidelities, friction laws and settings of an engine."""
     built = load_engine(name)
-    fidelities = [(fidelity, law, mus) for fidelity, mus, law in fidelities_of(built)]
-    heading, *rows = table_of_defaults(built)
+    fidelities = [(fidelity, law, mus) for fidelity, mus, law in fidelity_rows(built)]
+    heading, rows = default_settings(built)
     settings = (
         _table(heading, [[cell and f"`{cell}`" for cell in row] for row in rows]) if rows else ""
     )

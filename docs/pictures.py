@@ -41,8 +41,8 @@ from stiction.comparisons.sweep.steady_state_measures import SteadyRun
 from stiction.comparisons.sweep.sweep import Specification, parse_axis, sweep, usual_end
 from stiction.engines import isolate, load_engine
 from stiction.reports.figures.charts import drawn
-from stiction.reports.figures.map import sweep_drawings
 from stiction.reports.figures.style import rc
+from stiction.reports.figures.sweep_figures import sweep_drawings
 from stiction.reports.judgement_page import judgement_section
 from stiction.reports.text import section_of
 from stiction.scenes import Scene, load_scene, new_scene_text

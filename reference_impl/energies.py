@@ -11,7 +11,7 @@ from scipy.integrate import cumulative_trapezoid
 
 from stiction.reference_impl.equations_of_motion import EquationsOfMotion, Motion
 from stiction.scenes import InputError, Scene, Trajectory
-from stiction.scenes.column_file import in_parts
+from stiction.scenes.column_file import row_slices
 from stiction.scenes.columns import BODY_COLUMNS
 from stiction.scenes.fields import GROUND
 from stiction.scenes.model import Force, TorsionalSpring
@@ -136,7 +136,7 @@ def unaccounted_energy(
     jumps = np.diff(t, prepend=-np.inf) == 0  # of which both sides are kept
     half = np.flatnonzero((np.arange(len(t)) % 2 == 0) | jumps | np.append(jumps[1:], True))
     kinetic, energy, lost = np.empty((3, len(t)))
-    for part in in_parts(len(t), AT_ONCE):
+    for part in row_slices(len(t), AT_ONCE):
         found = _rates(
             scene, t[part], {name: columns[name][part] for name in needed_columns(scene)}
         )

@@ -1,18 +1,19 @@
-"""Columns of a long table in a temporary file, of which memory holds only what is being looked at."""
+"""Columns of a long table in a temporary file, of which memory holds only the part in use."""
 
 from __future__ import annotations
 
 import tempfile
 from collections.abc import Callable, Iterator, Mapping
-from typing import Any
+from typing import IO
 
 import numpy as np
 
 from stiction.scenes.base_errors import StictionError
 
 REAL = np.dtype(float)
-LARGE = 2**25
-"""Bytes of all columns above which they are kept in a file: a tenth of what the program itself takes."""
+"""Type of all numbers in the file."""
+FILE_THRESHOLD_BYTES = 2**25
+"""Size of all columns above which they are stored in a file: a tenth of the memory of the program itself."""
 
 
 class NoRoom(StictionError):
@@ -22,86 +23,102 @@ class NoRoom(StictionError):
 class ColumnFile(Mapping[str, np.ndarray]):
     """Columns of real numbers, each of shape (rows,), in an unnamed temporary file.
 
-    Each access maps the column anew, read-only. Memory that was read through a map is free again as soon as nothing
-    refers to the map, so that callers take one column, or one part of a column, after another. The file is gone with
-    the last reference to this object. It cannot be pickled.
+    Each access maps the column anew, read-only. The memory of a map is released as soon as nothing refers to the map.
+    Callers therefore take one column, or one part of a column, after another. The file is deleted together with the
+    last reference to this object. The object cannot be pickled.
 
     Parameters
     ----------
     rows
-        The length of all columns; may shrink (`shorten`) as long as nothing has been read.
+        The length of all columns. It may be reduced (`shorten`) as long as nothing has been read.
     """
 
     def __init__(self, rows: int):
-        self._file: Any = tempfile.TemporaryFile(prefix="stiction-")
-        self._stride = self._rows = rows
-        self._place: dict[str, int] = {}
-        self._gaps = 0
+        self._file: IO[bytes] = tempfile.TemporaryFile(prefix="stiction-")
+        # Columns lie one behind the other, each with room for `_capacity` rows. `_slots` has the
+        # place of each column; the place of a dropped column is not used again.
+        self._capacity = rows
+        self._rows = rows
+        self._slots: dict[str, int] = {}
+        self._next_slot = 0
 
     def write(self, name: str, begin: int, values: np.ndarray) -> None:
-        """Write some rows of a column, from row `begin` on; a new name is a new column.
+        """Write values to a column from row `begin` on; a new name adds a column.
 
         Raises
         ------
         NoRoom
-            Where the file cannot be written.
+            If the file cannot be written.
         """
-        # columns lie one behind the other, each with room for all rows; the place of one that was
-        # dropped stays empty
-        place = self._place.setdefault(name, len(self._place) + self._gaps)
+        if name not in self._slots:
+            self._slots[name] = self._next_slot
+            self._next_slot += 1
         try:
-            self._file.seek((place * self._stride + begin) * REAL.itemsize)
-            self._file.write(np.ascontiguousarray(values, dtype=float).data)
+            self._file.seek(self._offset_bytes(name) + begin * REAL.itemsize)
+            self._file.write(np.ascontiguousarray(values, dtype=REAL).data)
             self._file.flush()
         except OSError as error:
+            column_megabytes = self._capacity * REAL.itemsize / 1e6
             raise NoRoom(
-                f"temporary file in {tempfile.gettempdir()}: {error.strerror or error}; expected room for "
-                f"{self._stride * REAL.itemsize / 1e6:.3g} MB a column; the environment variable TMPDIR "
+                f"temporary file in {tempfile.gettempdir()}: {error.strerror or error}; expected "
+                f"room for {column_megabytes:.3g} MB a column; the environment variable TMPDIR "
                 "names another folder"
             ) from None
 
     def shorten(self, rows: int) -> None:
-        """Leave out all rows from `rows` on."""
+        """Keep only the first `rows` rows."""
         self._rows = rows
 
-    def without(self, name: str) -> ColumnFile:
-        """Return the file with one column less."""
-        del self._place[name]
-        self._gaps += 1
-        return self
+    def drop(self, name: str) -> None:
+        """Remove a column. Its place in the file remains empty."""
+        del self._slots[name]
 
     def __getitem__(self, name: str) -> np.ndarray:
-        # a new map at each access: one that was kept would keep its pages in memory
-        place = self._place[name]
+        # A map that the object kept would keep all pages in memory that were ever read through it.
         mapped = np.memmap(
             self._file,
             dtype=REAL,
             mode="r",
-            offset=place * self._stride * REAL.itemsize,
+            offset=self._offset_bytes(name),
             shape=(self._rows,),
         )
         return mapped.view(np.ndarray)
 
     def __contains__(self, name: object) -> bool:
-        return name in self._place
+        return name in self._slots
 
     def __iter__(self) -> Iterator[str]:
-        return iter(self._place)
+        return iter(self._slots)
 
     def __len__(self) -> int:
-        return len(self._place)
+        return len(self._slots)
+
+    def _offset_bytes(self, name: str) -> int:
+        """Return the place in the file of the first row of a column."""
+        return self._slots[name] * self._capacity * REAL.itemsize
 
 
-class Changed(Mapping[str, np.ndarray]):
-    """Columns that are made from others at each access, such as some of their rows; nothing is kept."""
+class TransformedColumns(Mapping[str, np.ndarray]):
+    """Columns computed from other columns at each access, for example a subset of their rows.
+
+    Results are not cached.
+
+    Parameters
+    ----------
+    columns
+        The columns from which these are computed.
+    transform
+        Called with the name and the values of a column; returns the new values.
+    """
 
     def __init__(
-        self, columns: Mapping[str, np.ndarray], change: Callable[[str, np.ndarray], np.ndarray]
+        self, columns: Mapping[str, np.ndarray], transform: Callable[[str, np.ndarray], np.ndarray]
     ):
-        self._columns, self._change = columns, change
+        self._columns = columns
+        self._transform = transform
 
     def __getitem__(self, name: str) -> np.ndarray:
-        return self._change(name, self._columns[name])
+        return self._transform(name, self._columns[name])
 
     def __contains__(self, name: object) -> bool:
         return name in self._columns
@@ -113,41 +130,68 @@ class Changed(Mapping[str, np.ndarray]):
         return len(self._columns)
 
 
-class Joined(Mapping[str, np.ndarray]):
-    """Columns of several mappings, of one name those of the first; unlike a dict it does not hold what it was read."""
+class JoinedColumns(Mapping[str, np.ndarray]):
+    """Columns of several mappings; where several have a name, the first of them supplies its column.
 
-    def __init__(self, *parts: Mapping[str, np.ndarray]):
-        self._parts = parts
+    `collections.ChainMap` looks up in the same way. It needs mutable mappings, however, which columns of a run are not,
+    and it lists the names of the last mapping first, whereas tables and reports keep the order given here.
+    """
+
+    def __init__(self, *mappings: Mapping[str, np.ndarray]):
+        self._mappings = mappings
 
     def __getitem__(self, name: str) -> np.ndarray:
-        for part in self._parts:
-            if name in part:
-                return part[name]
+        for mapping in self._mappings:
+            if name in mapping:
+                return mapping[name]
         raise KeyError(name)
 
     def __contains__(self, name: object) -> bool:
-        return any(name in part for part in self._parts)
+        return any(name in mapping for mapping in self._mappings)
 
     def __iter__(self) -> Iterator[str]:
-        return iter(dict.fromkeys(name for part in self._parts for name in part))
+        return iter(self._unique_names())
 
     def __len__(self) -> int:
-        return len({name for part in self._parts for name in part})
+        return len(self._unique_names())
+
+    def _unique_names(self) -> dict[str, None]:
+        """Return each name once, in the order of the mappings."""
+        unique: dict[str, None] = {}
+        for mapping in self._mappings:
+            unique |= dict.fromkeys(mapping)
+        return unique
 
 
-def in_parts(rows: int, most: int) -> Iterator[slice]:
-    """Yield the slices, of `most` rows at most, that `rows` rows consist of, in order."""
-    return (slice(begin, min(begin + most, rows)) for begin in range(0, rows, most))
+def row_slices(rows: int, max_rows: int) -> Iterator[slice]:
+    """Yield consecutive slices of at most `max_rows` rows that together cover `rows` rows."""
+    for begin in range(0, rows, max_rows):
+        yield slice(begin, min(begin + max_rows, rows))
 
 
-def collected(
-    rows: int, most: int, made: Callable[[slice], Mapping[str, np.ndarray]]
+def compute_in_parts(
+    rows: int, max_rows: int, compute: Callable[[slice], Mapping[str, np.ndarray]]
 ) -> Mapping[str, np.ndarray]:
-    """Return columns that are made part by part, `most` rows at a time; those of one part alone as they are."""
-    if rows <= most:
-        return made(slice(0, rows))
-    kept = ColumnFile(rows)
-    for part in in_parts(rows, most):
-        for name, values in made(part).items():
-            kept.write(name, part.start, values)
-    return kept
+    """Compute columns for at most `max_rows` rows at a time.
+
+    Parameters
+    ----------
+    rows
+        The number of all rows.
+    max_rows
+        The largest number of rows in one call of `compute`.
+    compute
+        Returns the columns of some rows, which its argument selects.
+
+    Returns
+    -------
+    Mapping
+        What `compute` returned where one call was enough; otherwise a `ColumnFile`.
+    """
+    if rows <= max_rows:
+        return compute(slice(0, rows))
+    columns = ColumnFile(rows)
+    for part in row_slices(rows, max_rows):
+        for name, values in compute(part).items():
+            columns.write(name, part.start, values)
+    return columns

@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from stiction.scenes.base_errors import InputError
-from stiction.scenes.column_file import LARGE, REAL, ColumnFile
+from stiction.scenes.column_file import FILE_THRESHOLD_BYTES, REAL, ColumnFile
 from stiction.scenes.columns import columns_of, unit_of
 from stiction.scenes.errors import FileError, Problem
 from stiction.scenes.event_values import Row, rows_of
@@ -173,7 +173,7 @@ def result_table(
         As of `parse_map` and `parse_units`. Units are those of all columns: with ``mm`` and ``ms`` velocities are
         mm/ms, and moments N mm.
     spills
-        Keep the columns of a table of more than `LARGE` bytes in a temporary file, see `ColumnFile`.
+        Keep the columns of a table of more than `FILE_THRESHOLD_BYTES` bytes in a temporary file, see `ColumnFile`.
     tell
         Is called with the part of a table that has been read, above 0, up to 1.
 
@@ -217,7 +217,7 @@ def result_table(
     if problems:
         raise ResultError(origin, problems)
     # Block by block: numbers in SI units with their sign, and of each column its first fault.
-    is_long = spills and most * len(chosen) * REAL.itemsize > LARGE
+    is_long = spills and most * len(chosen) * REAL.itemsize > FILE_THRESHOLD_BYTES
     kept: ColumnFile | _Memory = ColumnFile(most) if is_long else _Memory()
     rows, wrong = 0, dict[str, _Wrong]()
     for block in _and_then(start, blocks):
@@ -245,7 +245,8 @@ def result_table(
     t = np.array(kept[TIME])
     if problems := _time_problems(t, scene.t_end):
         raise ResultError(origin, problems)
-    return ResultTable(origin, t, kept.without(TIME), tuple(left_out))
+    kept.drop(TIME)
+    return ResultTable(origin, t, kept, tuple(left_out))
 
 
 def _first(checks: Iterable[tuple[Any, str, str, str]]) -> list[Problem]:
@@ -271,8 +272,8 @@ class _Memory(dict[str, np.ndarray]):
             parts = self._parts.pop(name)
             self[name] = parts[0] if len(parts) == 1 else np.concatenate(parts)
 
-    def without(self, name: str) -> dict[str, np.ndarray]:
-        return {other: values for other, values in self.items() if other != name}
+    def drop(self, name: str) -> None:
+        del self[name]
 
 
 def _and_then(start: _Block, blocks: Iterator[_Block]) -> Iterator[_Block]:

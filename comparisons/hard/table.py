@@ -28,11 +28,14 @@ REFERENCE = (
         settings={"solver": "trial", "stabilization": "projection"},
     ),
 )
-"""The methods of the reference. Fixed steps are those of the cases."""
+"""The methods of the reference. A method of fixed steps has no ladder: each case gives its step."""
 
 
 def hard_variants(engines: Iterable[str] | None = None) -> tuple[Variant, ...]:
-    """The reference's methods and the external engines, limited to those named where `engines` is given."""
+    """Return the reference's methods and the external engines.
+
+    Where `engines` is given, only those of the external engines are returned that it names.
+    """
     return (
         *REFERENCE,
         *(variant for variant in variants(engines) if variant.engine != "reference"),
@@ -42,19 +45,23 @@ def hard_variants(engines: Iterable[str] | None = None) -> tuple[Variant, ...]:
 def hard_comparison(
     depth: Depth = Depth.FULL, engines: Iterable[str] | None = None
 ) -> Comparison[Tables]:
-    """Examine the cases of a depth with every variant: what must be true, the verdict, its reason, size and limit.
+    """Return the examination of the cases of a depth with every variant.
 
-    With the table, a row per case and variant, come the complementarity problems that the reference met.
+    Its table ``"hard"`` has a row for each case and variant: what must be true, the verdict, its reason, size and
+    limit. The complementarity problems that the reference solved are returned beside the table.
     """
     chosen = hard_variants(engines)
     runs = [(case, variant) for case in hard_cases(depth) for variant in chosen]
 
     def tabulate(outcomes: Sequence[Outcome]) -> Tables:
-        met = [
-            problem for outcome in outcomes if outcome.value for problem in outcome.value.problems
-        ]
-        table = pd.DataFrame([_row(*run, outcome) for run, outcome in zip(runs, outcomes)])
-        return Tables({"hard": table}, problems=tuple(met))
+        rows = []
+        problems = []
+        for (case, variant), outcome in zip(runs, outcomes, strict=True):
+            rows.append(_row(case, variant, outcome))
+            # A run that failed has no value, and so no problems.
+            if outcome.value:
+                problems += outcome.value.problems
+        return Tables({"hard": pd.DataFrame(rows)}, problems=tuple(problems))
 
     tasks = tuple(
         Task(f"{case.name}/{variant.label}", examine, (case.name, variant))
@@ -64,7 +71,14 @@ def hard_comparison(
 
 
 def _row(case: HardCase, variant: Variant, outcome: Outcome) -> dict[str, Any]:
-    verdict, value = judge(case, variant, outcome), outcome.value
+    """Return the row of a case and a variant: what was run, the verdict on its outcome, and what it cost.
+
+    ``step`` is the step (s) or the relative tolerance, as ``parameter`` says.
+    """
+    verdict = judge(case, variant, outcome)
+    value = outcome.value
+    # A case asks whether a method can represent a mechanism, and not how its error falls. Adaptive
+    # methods therefore run once, at the tightest tolerance of their ladder, which comes last.
     step = case.dt if variant.parameter == "dt" else variant.ladder[-1]
     return {
         "topic": case.topic,

@@ -40,7 +40,13 @@ from stiction.reference_impl.equations_of_motion import EquationsOfMotion
 from stiction.reference_impl.multibody.mechanism import Mechanism
 from stiction.reference_impl.multibody.trajectory_columns import build_columns
 from stiction.scenes import Event, InputError, Scene, Trajectory, load_scene, vary
-from stiction.scenes.column_file import Changed, ColumnFile, Joined, collected, in_parts
+from stiction.scenes.column_file import (
+    ColumnFile,
+    JoinedColumns,
+    TransformedColumns,
+    compute_in_parts,
+    row_slices,
+)
 from stiction.scenes.columns import columns_of, unit_of
 from stiction.scenes.fidelity import Fidelity
 from stiction.scenes.result_table import ResultTable, result_table
@@ -282,7 +288,7 @@ def judge(
     truth = replace(truth, columns=compared)
     given = _trajectory(scene, table, truth)
     derived = _derived(scene, given, truth)
-    full = replace(given, columns=Joined(given.columns, derived))
+    full = replace(given, columns=JoinedColumns(given.columns, derived))
     errors_of_columns = column_errors(table, given, truth, scene)
     done(READING + COMPARING)
     phases = (
@@ -300,7 +306,9 @@ def judge(
         if truth.tier == Tier.NONE or (errors_of_columns["hint"] != "").any()
         else explanations(scene, table, truth)
     )
-    summary = _summary(scene, table, replace(full, columns=Joined(derived, full.columns)), truth)
+    summary = _summary(
+        scene, table, replace(full, columns=JoinedColumns(derived, full.columns)), truth
+    )
     judged = Judgement(
         scene,
         table,
@@ -362,7 +370,7 @@ class Compared:
             self._tell(part.stop / len(t))
             return {name: values for name, values in found.items() if name in self._wanted}
 
-        return collected(len(t), self._most, made)
+        return compute_in_parts(len(t), self._most, made)
 
 
 def _within(table: ResultTable, t_end: float) -> ResultTable:
@@ -373,7 +381,7 @@ def _within(table: ResultTable, t_end: float) -> ResultTable:
             f"{table.origin}: found times from {table.t[0]:g} s on; "
             f"expected two rows within 0 .. {t_end:g} s"
         )
-    columns = Changed(table.columns, lambda name, values: values[:rows])
+    columns = TransformedColumns(table.columns, lambda name, values: values[:rows])
     angles = [name for name in columns if name.endswith(".angle")]
     wrapped = [name for name in angles if np.ptp(columns[name]) <= TURN * (1 + 1e-6)]
     turned = {name for name in wrapped if np.any(np.abs(np.diff(columns[name])) > np.pi)}
@@ -382,7 +390,7 @@ def _within(table: ResultTable, t_end: float) -> ResultTable:
         t=np.clip(table.t[:rows], 0.0, t_end),
         columns=columns
         if not turned
-        else Joined(_kept(rows, turned, lambda name: np.unwrap(columns[name])), columns),
+        else JoinedColumns(_kept(rows, turned, lambda name: np.unwrap(columns[name])), columns),
     )
 
 
@@ -473,23 +481,23 @@ def _derived(scene: Scene, found: Trajectory, truth: Truth) -> Mapping[str, np.n
                 names=[*names, "drift.position", "drift.velocity"],
             )
 
-        columns = collected(len(found.t), AT_ONCE, made)
+        columns = compute_in_parts(len(found.t), AT_ONCE, made)
         if moves:
             return columns
-        columns = Joined({"drift.velocity": np.full(len(found.t), np.nan)}, columns)
+        columns = JoinedColumns({"drift.velocity": np.full(len(found.t), np.nan)}, columns)
     elif completion := Completion.of(scene, found.columns, truth):
         known = slips(completion, found.t, found.columns)
         columns = {name: values for name, values in known.items() if name not in found}
         if columns:
             return columns
-    way = Joined(found.columns, columns)
+    way = JoinedColumns(found.columns, columns)
     named = [f"{guide}.slip_velocity" for guide in scene.guides if f"{guide}.displacement" in way]
     quotients = _kept(
         len(found.t),
         named,
         lambda name: np.gradient(way[f"{name.rpartition('.')[0]}.displacement"], found.t),
     )
-    return Joined(quotients, columns)
+    return JoinedColumns(quotients, columns)
 
 
 def prescribed(scene: Scene, truth: Truth) -> set[str]:
@@ -546,7 +554,7 @@ def _summary(scene: Scene, table: ResultTable, full: Trajectory, truth: Truth) -
     columns = (
         table.columns
         if len(instants) == len(table.t)
-        else Changed(table.columns, lambda name, values: values[instants])
+        else TransformedColumns(table.columns, lambda name, values: values[instants])
     )
     completion = Completion.of(scene, columns, truth)
     found = completion and energy_of_motion(completion, table.t[instants], columns)
@@ -643,7 +651,7 @@ def _findings(scene: Scene, full: Trajectory, given: Collection[str]) -> Iterato
                 if states
                 else {}
             )
-            found = replace(found, columns=Joined(found.columns, second), settings=settings)
+            found = replace(found, columns=JoinedColumns(found.columns, second), settings=settings)
             run = Examined(
                 found,
                 scene,
@@ -690,7 +698,7 @@ def _looked_at(scene: Scene, full: Trajectory, check: Predicate) -> Iterator[Tra
                     )
                 )
             )
-    for part in in_parts(rows, AT_ONCE):
+    for part in row_slices(rows, AT_ONCE):
         begin, end = max(0, part.start - EDGE), min(rows, part.stop + EDGE)
         beside = [row + shift for row in largest for shift in range(-EDGE, EDGE + 1)]
         extra = np.array(

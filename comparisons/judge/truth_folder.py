@@ -1,15 +1,15 @@
-"""Truths as folders that others can take along: a scene, the truth's motion as a table, its events; read and written.
+"""Write and read a truth as a folder for other programs: its scene, its motion as a table, and its events.
 
-Between its rows a motion is interpolated (`stiction.scenes.motion_table`). How far that is off is measured where the
-folder is written, and stands in it as part of the uncertainty.
+Between the rows a motion is interpolated (`stiction.scenes.motion_table`). The error of the interpolation is measured
+when the folder is written. The folder states it as a part of the uncertainty.
 """
 
 from __future__ import annotations
 
 import hashlib
 import json
-import os
 import shutil
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
@@ -20,38 +20,46 @@ from pyarrow import csv
 from stiction.scenes import FileError, Problem, Scene, catalogue, scene_to_toml
 from stiction.scenes.motion_table import interpolated, with_sides
 from stiction.scenes.resolved import load_resolved, resolved_text
-from stiction.scenes.trajectory import events_frame, events_of
+from stiction.scenes.trajectory import Event, events_frame, events_of
 from stiction.scenes.wording import shown
 from stiction.truths import Tier, Truth
 from stiction.truths.proof.truth import certificate_of
 
-FORMAT, VERSION = "stiction truth", 1
-ABOUT, SCENE, MOTION, EVENTS, SUMS = (
-    "truth.json",
-    "scene.json",
-    "truth.parquet",
-    "events.csv",
-    "SHA256SUMS",
-)
-INTERVALS, FEWEST, DISTANCE = 1200, 8, 0.02
-"""Intervals between the rows of a motion, and of each of its smooth pieces, at least; seconds of one, at most."""
+FORMAT = "stiction truth"
+"""What `ABOUT` says of the kind of folder."""
+VERSION = 1
+"""Version of the format; a folder of another version is not read."""
+ABOUT = "truth.json"
+"""File that says where a truth comes from and how uncertain it is."""
+SCENE = "scene.json"
+"""File of the resolved scene."""
+MOTION = "truth.parquet"
+"""File of the motion."""
+EVENTS = "events.csv"
+"""File of the events."""
+SUMS = "SHA256SUMS"
+"""File of the checksums of all other files."""
+INTERVALS = 1200
+"""Least number of intervals between the rows of a motion."""
+FEWEST = 8
+"""Least number of intervals in each smooth piece of a motion, however short it is."""
+DISTANCE = 0.02
+"""Largest interval between two rows, seconds."""
 SHARES = (0.28, 0.5, 0.72)
-"""Parts of an interval at which its interpolation is measured: where the derivative of a polynomial of degree five is
-off most (its position is off by s^3 (1 - s)^3), and splines are."""
+"""Parts of an interval at which the error of the interpolation is measured. The error of a polynomial of degree five
+for the position has the shape s^3 (1 - s)^3, which is largest at 0.5. Its derivative, the error of the velocity, is
+largest at 0.5 -+ 0.5 / sqrt(5), about 0.28 and 0.72. At 0.5 the error of a cubic spline, s^2 (1 - s)^2, is largest."""
 SAFETY = 2.0
 """Factor on the measured error of the interpolation."""
 
 
 class TruthFolderError(FileError):
-    """A folder that holds no truth, or one that was changed."""
+    """A folder does not contain a truth, or its files were changed."""
 
 
 def write_truth(scene: Scene, truth: Truth, folder: Path) -> dict[str, Any]:
-    """Write a truth to a folder that is there and empty; return what `ABOUT` holds."""
+    """Write a truth to an existing empty folder; return the content of `ABOUT`."""
     frame = motion_frame(truth)
-    t = frame["t"].to_numpy()
-    between = np.unique(np.concatenate([t[:-1] + share * np.diff(t) for share in SHARES]))
-    true, found = truth(between), interpolated(frame)(between, "after")
     about = {
         "format": FORMAT,
         "version": VERSION,
@@ -65,11 +73,7 @@ def write_truth(scene: Scene, truth: Truth, folder: Path) -> dict[str, Any]:
         "guides": sorted(truth.guides or ()),
         "events": len(truth.events),
         "uncertainty": {name: float(value) for name, value in truth.uncertainty.items()},
-        "uncertainty between rows": {
-            name: SAFETY * float(np.max(np.abs(true[name] - found[name])))
-            for name in true
-            if name in frame
-        },
+        "uncertainty between rows": _interpolation_errors(truth, frame),
     }
     for name, text in {
         SCENE: resolved_text(scene),
@@ -81,57 +85,99 @@ def write_truth(scene: Scene, truth: Truth, folder: Path) -> dict[str, Any]:
     frame.to_csv(folder / "truth.csv", index=False)
     frame.to_parquet(folder / MOTION, index=False, compression="zstd")
     events_frame(truth.events).to_csv(folder / EVENTS, index=False)
-    if (certificate := certificate_of(scene)) is not None and truth.tier_below:
+    certificate = certificate_of(scene)
+    if certificate is not None and truth.tier_below:
         shutil.copy(certificate, folder / "certificate.json.gz")
     write_sums(folder)
     return about
 
 
+def _interpolation_errors(truth: Truth, frame: pd.DataFrame) -> dict[str, float]:
+    """Return for each column the largest error between the rows of a motion, times `SAFETY`."""
+    t = frame["t"].to_numpy()
+    between = np.unique(np.concatenate([t[:-1] + share * np.diff(t) for share in SHARES]))
+    true = truth(between)
+    found = interpolated(frame)(between, "after")
+    return {
+        name: SAFETY * float(np.max(np.abs(true[name] - found[name])))
+        for name in true
+        if name in frame
+    }
+
+
 def is_truth_folder(name: str | Path) -> bool:
-    """Return True for a folder that is not the name of a scene of the catalogue."""
-    return os.path.isdir(name) and str(name) not in (*catalogue(), *catalogue("hard"))
+    """Return True for a folder whose path is not also the name of a scene of the catalogue."""
+    # The path of an empty name would be the working folder.
+    if not str(name) or str(name) in (*catalogue(), *catalogue("hard")):
+        return False
+    return Path(name).is_dir()
 
 
 def read_truth(folder: Path) -> tuple[Scene, Truth]:
-    """Read the scene and the truth of a folder; nothing is solved. TruthFolderError with all that is wrong in it."""
-    sums, about = folder / SUMS, {}
-    listed = (
-        set(sums.read_text(encoding="utf-8", errors="replace").splitlines())
-        if sums.is_file()
-        else set()
-    )
-    if not (folder / ABOUT).is_file():
-        inside = sorted(folder.glob(f"**/{ABOUT}"))
-        wrong = [
-            Problem(
-                ABOUT,
-                "no such file",
-                "expected the folder of a scene"
-                + (f", such as {inside[0].parent}" if inside else ""),
-            )
-        ]
-    elif not (
-        wrong := [
-            Problem(name, "another file, or none", f"expected the one with the SHA-256 in {SUMS}")
-            for name in (ABOUT, SCENE, MOTION, EVENTS)
-            if not (folder / name).is_file() or _sum(folder / name, folder) not in listed
-        ]
-    ):
-        about = json.loads((folder / ABOUT).read_text(encoding="utf-8"))
-        wrong = [
-            Problem(key, shown(about.get(key)), f"expected {shown(value)}")
-            for key, value in (("format", FORMAT), ("version", VERSION))
-            if about.get(key) != value
-        ]
-    if wrong:
-        raise TruthFolderError(str(folder), wrong)
+    """Read the scene and the truth of a folder, without solving anything.
+
+    Raises
+    ------
+    TruthFolderError
+        If files are absent or were changed, or the format is another one; with all that is wrong.
+    """
+    problems = _file_problems(folder)
+    if problems:
+        raise TruthFolderError(str(folder), problems)
+    about = json.loads((folder / ABOUT).read_text(encoding="utf-8"))
+    problems = _format_problems(about)
+    if problems:
+        raise TruthFolderError(str(folder), problems)
     scene = load_resolved((folder / SCENE).read_text(encoding="utf-8"), str(folder / SCENE))
+    return scene, _truth_of(scene, about, folder)
+
+
+def _file_problems(folder: Path) -> list[Problem]:
+    """Return the files of a folder that are absent or do not have their checksum."""
+    if not (folder / ABOUT).is_file():
+        expected = "expected the folder of a scene"
+        # The folder may be that of a whole data set, with a folder for each scene.
+        inside = sorted(folder.glob(f"**/{ABOUT}"))
+        if inside:
+            expected += f", such as {inside[0].parent}"
+        return [Problem(ABOUT, "no such file", expected)]
+    listed: set[str] = set()
+    if (folder / SUMS).is_file():
+        listed.update((folder / SUMS).read_text(encoding="utf-8", errors="replace").splitlines())
+    problems = []
+    for name in (ABOUT, SCENE, MOTION, EVENTS):
+        path = folder / name
+        if not path.is_file() or _checksum_line(path, folder) not in listed:
+            problems.append(
+                Problem(
+                    name,
+                    "another file, or none",
+                    f"expected the one with the SHA-256 in {SUMS}",
+                )
+            )
+    return problems
+
+
+def _format_problems(about: Mapping[str, Any]) -> list[Problem]:
+    """Return what is wrong with the format and its version."""
+    return [
+        Problem(key, shown(about.get(key)), f"expected {shown(expected)}")
+        for key, expected in (("format", FORMAT), ("version", VERSION))
+        if about.get(key) != expected
+    ]
+
+
+def _truth_of(scene: Scene, about: Mapping[str, Any], folder: Path) -> Truth:
+    """Return the truth of a folder whose files have been checked."""
+    # The uncertainty of the rows and that of the interpolation between them add up.
+    between = about["uncertainty between rows"]
     uncertainty = {
-        name: value + about["uncertainty between rows"].get(name, 0.0)
-        for name, value in about["uncertainty"].items()
+        name: value + between.get(name, 0.0) for name, value in about["uncertainty"].items()
     }
-    events = events_of(csv.read_csv(folder / EVENTS).to_pandas()) if about["events"] else ()
-    return scene, Truth(
+    events: tuple[Event, ...] = ()
+    if about["events"]:
+        events = events_of(csv.read_csv(folder / EVENTS).to_pandas())
+    return Truth(
         scene.name,
         Tier(about["tier"]),
         about["t_end [s]"],
@@ -145,7 +191,10 @@ def read_truth(folder: Path) -> tuple[Scene, Truth]:
 
 
 def motion_frame(truth: Truth) -> pd.DataFrame:
-    """Return a truth as a table in order of time: rows at equal distances on each smooth piece, two for an event."""
+    """Return a truth as a table in order of time.
+
+    Rows are at equal distances on each smooth piece. Each event has two rows, before and after it.
+    """
     ends = np.unique([0.0, *(event.time for event in truth.events), truth.t_end])
     distance = min(truth.t_end / INTERVALS, DISTANCE)
     counts = np.maximum(FEWEST, np.ceil(np.diff(ends) / distance)).astype(int)
@@ -160,13 +209,13 @@ def motion_frame(truth: Truth) -> pd.DataFrame:
 
 
 def write_sums(folder: Path) -> None:
-    """Write `SUMS` of all files in a folder and below it, for ``sha256sum --check``."""
+    """Write `SUMS` for all files in a folder and below it, as ``sha256sum --check`` reads them."""
     files = sorted(path for path in folder.rglob("*") if path.is_file() and path != folder / SUMS)
     (folder / SUMS).write_text(
-        "".join(f"{_sum(path, folder)}\n" for path in files), encoding="utf-8"
+        "".join(f"{_checksum_line(path, folder)}\n" for path in files), encoding="utf-8"
     )
 
 
-def _sum(path: Path, folder: Path) -> str:
-    """The line of a file of the folder."""
+def _checksum_line(path: Path, folder: Path) -> str:
+    """Return the line of a file of the folder in `SUMS`."""
     return f"{hashlib.sha256(path.read_bytes()).hexdigest()}  {path.relative_to(folder).as_posix()}"

@@ -19,7 +19,7 @@ from stiction.reference_impl.multibody.mechanism import Mechanism
 from stiction.reference_impl.multibody.reactions import recover_columns
 from stiction.reference_impl.multibody.trajectory_columns import corner_columns
 from stiction.scenes import Scene
-from stiction.scenes.column_file import in_parts
+from stiction.scenes.column_file import row_slices
 from stiction.truths import Truth
 
 RANK = 1e-9
@@ -77,7 +77,7 @@ class Completion:
     def positions(self, t: np.ndarray, columns: Mapping[str, np.ndarray]) -> np.ndarray | None:
         """Coordinates of all bodies, (n, k); None where the given ones do not determine the others at all instants."""
         parts = []
-        for part in in_parts(len(t), AT_ONCE):
+        for part in row_slices(len(t), AT_ONCE):
             given = {name: columns[name][part] for name in self._given(columns)}
             parts.append(self._positions(t[part], given))
         known = [q for q in parts if q is not None]
@@ -179,7 +179,7 @@ class Completion:
         for place, name in enumerate(self.names(VELOCITIES)):
             if rates[place]:
                 v[:, place] = columns[name]
-        for part in in_parts(len(t), AT_ONCE) if unknown.any() else ():
+        for part in row_slices(len(t), AT_ONCE) if unknown.any() else ():
             # phi_dot = J v + Phi_t, with zero for the unknown
             terms = equations.at(t[part], q[part], v[part])
             if not _are_determined(terms.J / scale, unknown):
@@ -221,7 +221,7 @@ def slips(
         return {}
     v = completion.velocities(t, q, columns)
     parts: dict[str, list[np.ndarray]] = {}
-    for part in in_parts(len(t), AT_ONCE):
+    for part in row_slices(len(t), AT_ONCE):
         v_part = None if v is None else v[part]
         for name, displacement, rate in _ways(completion.scene, t[part], q[part], v_part):
             parts.setdefault(name, []).append(displacement if v is None else rate)

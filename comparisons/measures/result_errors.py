@@ -13,7 +13,7 @@ import pandas as pd
 
 from stiction.comparisons.measures.accuracy import effort_error, is_known
 from stiction.scenes import Scene, Trajectory
-from stiction.scenes.column_file import in_parts
+from stiction.scenes.column_file import row_slices
 from stiction.scenes.columns import BODY_COLUMNS, unit_of
 from stiction.scenes.result_table import ResultTable
 from stiction.truths import Tier, Truth
@@ -85,7 +85,7 @@ def column_errors(
         # Row by row, at an event from the side that the row is nearer to; a table need not say
         # which side it has.
         off = np.empty(len(values))
-        for part in in_parts(len(values), AT_ONCE):
+        for part in row_slices(len(values), AT_ONCE):
             off_after, off_before = (
                 values[part] - after[name][part],
                 values[part] - before[name][part],
@@ -182,7 +182,7 @@ def _mean_left(cause: _Cause, found: np.ndarray, true: np.ndarray) -> float:
     later, earlier = max(cause.shift, 0), max(-cause.shift, 0)
     rows = len(found) - later - earlier
     total = 0.0
-    for part in in_parts(rows, AT_ONCE):
+    for part in row_slices(rows, AT_ONCE):
         with np.errstate(over="ignore"):
             # huge values in another unit: infinite, and no explanation
             read = cause.factor * found[later:][part] - cause.origin
@@ -192,5 +192,5 @@ def _mean_left(cause: _Cause, found: np.ndarray, true: np.ndarray) -> float:
 
 def _mean_size(values: np.ndarray) -> float:
     return sum(
-        float(np.sum(np.abs(values[part]))) for part in in_parts(len(values), AT_ONCE)
+        float(np.sum(np.abs(values[part]))) for part in row_slices(len(values), AT_ONCE)
     ) / len(values)

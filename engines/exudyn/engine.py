@@ -49,8 +49,10 @@ from stiction.scenes.model import LinearSpring
 
 _DEFAULT_STEP = 2e-3
 """Step in seconds where none is given; twice that of the engines of first order, as Exudyn's methods are of second."""
-LOCATED, BRISTLES = "located", "bristles"
-"""The setting `method` of joint fidelity: the adapter's friction with located switches, or Exudyn's own."""
+LOCATED = "located"
+"""Setting `method` at joint fidelity: the adapter's friction, whose switches are located."""
+BRISTLES = "bristles"
+"""Setting `method` at joint fidelity: Exudyn's own friction model."""
 _EXPLICIT = {"rk44": "RK44", "dopri5": "DOPRI5", "velocity-verlet": "VelocityVerlet"}
 """Some of Exudyn's explicit methods, by their names there."""
 _JOINT: Defaults = {
@@ -59,19 +61,23 @@ _JOINT: Defaults = {
     "spectral_radius": 0.3,
     "newton_tolerance": 1e-9,
 }
-_SETTINGS: Mapping[str, Defaults] = {
-    Fidelity.JOINT: _JOINT,
-    BRISTLES: {**_JOINT, "bristle_stiffness": 1e5, "bristle_damping": 1e3, "static_decay": 1.0},
-    Fidelity.CONTACT: {
-        "integrator": _JOINT["integrator"],
-        "spectral_radius": 0.3,
-        "newton_tolerance": 1e-8,
-        "contact_stiffness": 1e7,
-        "contact_damping": 5e4,
-        "friction_zone": 1e-4,
-    },
+"""Settings at joint fidelity with the adapter's friction."""
+_JOINT_WITH_BRISTLES: Defaults = {
+    **_JOINT,
+    "bristle_stiffness": 1e5,
+    "bristle_damping": 1e3,
+    "static_decay": 1.0,
 }
-"""Settings by fidelity; those of joint fidelity with Exudyn's own friction by the name of that method."""
+"""Settings at joint fidelity with Exudyn's own friction model."""
+_CONTACT: Defaults = {
+    "integrator": _JOINT["integrator"],
+    "spectral_radius": 0.3,
+    "newton_tolerance": 1e-8,
+    "contact_stiffness": 1e7,
+    "contact_damping": 5e4,
+    "friction_zone": 1e-4,
+}
+"""Settings at contact fidelity."""
 MOST_UNKNOWNS = 5000
 """Largest number of rows of the dense matrix that is searched for redundant constraints, which then takes 200 MB.
 Exudyn's own sparse solvers would take many more."""
@@ -123,7 +129,7 @@ class ExudynEngine(Engine):
         return accepted("exudyn", exudyn.config.Version())
 
     def default_settings(self, fidelity: Fidelity) -> Mapping[str, Any]:
-        return settings_of({}, _SETTINGS[fidelity], self.name, fidelity)
+        return settings_of({}, _defaults(fidelity), self.name, fidelity)
 
     def check_arguments(self, *, settings: Mapping[str, Any], **asked: Any) -> None:
         # Each method has settings of its own, which `settings_of_run` checks.
@@ -132,8 +138,8 @@ class ExudynEngine(Engine):
     def settings_of_run(
         self, given: Mapping[str, Any], *, fidelity: Fidelity, **_: Any
     ) -> dict[str, Any]:
-        own = given.get("method") == BRISTLES and fidelity == Fidelity.JOINT
-        return settings_of(given, _SETTINGS[BRISTLES if own else fidelity], self.name, fidelity)
+        defaults = _defaults(fidelity, given.get("method"))
+        return settings_of(given, defaults, self.name, fidelity)
 
     def friction_supplier(self, fidelity: Fidelity, settings: Mapping[str, Any]) -> Supplier:
         if fidelity == Fidelity.JOINT and settings.get("method") == BRISTLES:
@@ -147,38 +153,14 @@ class ExudynEngine(Engine):
         return settings.get("method") == LOCATED
 
     def refusal(self, scene: Scene, fidelity: Fidelity) -> str | None:
-        # At zero length the direction of a damper's force is the limit of the motion, and Exudyn
-        # divides by that length.
-        for name, spring in scene.springs.items():
-            if (
-                isinstance(spring, LinearSpring)
-                and spring.axis is None
-                and spring.rest_length == 0
-                and spring.damping > 0
-            ):
-                return (
-                    f"springs.{name}: Exudyn has no direction for a damper between points that may coincide; "
-                    "give an axis"
-                )
-        if (
-            unknowns := 3 * len(scene.bodies) + 2 * len(scene.joints) + len(scene.drives)
-        ) > MOST_UNKNOWNS:
-            return (
-                f"{unknowns} coordinates and multipliers; expected at most {MOST_UNKNOWNS}: the adapter looks for "
-                "redundant constraints in a dense matrix"
-            )
-        if fidelity == Fidelity.CONTACT:
-            return contact_refusal(scene) or next(
-                (
-                    f"joints.{name}: Exudyn's contacts have one coefficient of friction; "
-                    f"mus = {guide.mus:g} is not mu = "
-                    f"{guide.mu:g}"
-                    for name, guide in scene.guides.items()
-                    if guide.frictional and guide.static_coefficient != guide.mu
-                ),
-                None,
-            )
-        return None
+        reason = _damper_refusal(scene)
+        if reason is None:
+            reason = _size_refusal(scene)
+        if reason is None and fidelity == Fidelity.CONTACT:
+            reason = contact_refusal(scene)
+            if reason is None:
+                reason = _static_coefficient_refusal(scene)
+        return reason
 
     def run(
         self,
@@ -198,61 +180,111 @@ class ExudynEngine(Engine):
             raise InputError(
                 f"spectral_radius: found {options['spectral_radius']!r}; expected 0 .. 1"
             )
-        start = time.process_time()
+        setup_begin = time.process_time()
         assembly = assembly_of(scene, assembly)
         refuse_off(assembly)
         with _captured_messages():
             simulation = _Simulation(assembly, h, options, options.get("method"))
             stepper = simulation.stepper
-            started = time.process_time()
-            # Friction that does not settle ends the motion, and is no failure of the run: it has
-            # the samples before that.
-            stop = None
+            stepping_begin = time.process_time()
             stepper.solver.clock.start()
-            try:
-                stepper.run(t_end, max(1, round(output_step / h)))
-            except Unsettled as error:
-                stop = Breakdown(UNSETTLED, error.time, str(error))
-        ended, engine_s = time.process_time(), stepper.solver.clock.engine_s
-        samples = stepper.samples
-        # Columns are computed for arrays of samples: here for both sides of all switches at once.
-        events = []
-        if stepper.switches:
-            rows = rows_of(
-                simulation.columns(
-                    [side for switch in stepper.switches for side in (switch.before, switch.after)]
-                )
-            )
-            events = [
-                Event(switch.before.t, switch.kind, switch.guide, before, after)
-                for switch, before, after in zip(stepper.switches, rows[::2], rows[1::2])
-            ]
-        reported = {
-            "dt": h,
-            **options,
-            "linear_solver": "EigenDense, singular matrices borne"
-            if stepper.solver.redundant
-            else "EXUdense",
-        }
-        if scene.frictional_guides:
-            reported["friction_law"] = (
-                FRICTION_LAW
-                if options.get("method") == BRISTLES
-                else self.capabilities.friction_law[fidelity]
-            )
+            breakdown = _run_to_end(stepper, t_end, every=max(1, round(output_step / h)))
+        stepping_end = time.process_time()
+        cost = Cost(
+            stepping_begin - setup_begin,
+            0.0,
+            stepping_end - stepping_begin,
+            stepper.counters,
+            stepper.solver.clock.engine_s,
+        )
         return Trajectory(
             scene=scene.name,
             engine=self.name,
             version=self.version,
             fidelity=fidelity,
-            t=np.array([sample.t for sample in samples]),
-            columns=simulation.columns(samples),
-            events=tuple(events),
-            settings=reported,
-            cost=Cost(started - start, 0.0, ended - started, stepper.counters, engine_s),
-            termination="end" if stop is None else stop.reason,
-            breakdown=stop,
+            t=np.array([sample.t for sample in stepper.samples]),
+            columns=simulation.columns(stepper.samples),
+            events=simulation.events(),
+            settings=self._reported_settings(scene, fidelity, h, options, stepper),
+            cost=cost,
+            termination="end" if breakdown is None else breakdown.reason,
+            breakdown=breakdown,
         )
+
+    def _reported_settings(
+        self,
+        scene: Scene,
+        fidelity: Fidelity,
+        h: float,
+        options: Mapping[str, Any],
+        stepper: Stepper,
+    ) -> dict[str, Any]:
+        """Return the step, the settings, and what the adapter chose for the scene."""
+        # Only the dense solver of Eigen tolerates the singular matrices of redundant constraints.
+        linear_solver = "EXUdense"
+        if stepper.solver.redundant:
+            linear_solver = "EigenDense, singular matrices tolerated"
+        reported = {"dt": h, **options, "linear_solver": linear_solver}
+        if scene.frictional_guides:
+            law = self.capabilities.friction_law[fidelity]
+            reported["friction_law"] = FRICTION_LAW if options.get("method") == BRISTLES else law
+        return reported
+
+
+def _defaults(fidelity: Fidelity, method: str | None = None) -> Defaults:
+    """Return the settings that a fidelity has with a method of friction."""
+    if fidelity == Fidelity.CONTACT:
+        return _CONTACT
+    return _JOINT_WITH_BRISTLES if method == BRISTLES else _JOINT
+
+
+def _damper_refusal(scene: Scene) -> str | None:
+    """Return why a damper between two points cannot be modelled, or None."""
+    # At zero length the direction of a damper's force is the limit of the motion, and Exudyn divides
+    # by that length.
+    for name, spring in scene.springs.items():
+        if not isinstance(spring, LinearSpring) or spring.axis is not None:
+            continue
+        if spring.rest_length == 0 and spring.damping > 0:
+            return (
+                f"springs.{name}: Exudyn has no direction for a damper between points that may coincide; "
+                "give an axis"
+            )
+    return None
+
+
+def _size_refusal(scene: Scene) -> str | None:
+    """Return why a scene is too large, or None."""
+    unknowns = 3 * len(scene.bodies) + 2 * len(scene.joints) + len(scene.drives)
+    if unknowns > MOST_UNKNOWNS:
+        return (
+            f"{unknowns} coordinates and multipliers; expected at most {MOST_UNKNOWNS}: the adapter looks for "
+            "redundant constraints in a dense matrix"
+        )
+    return None
+
+
+def _static_coefficient_refusal(scene: Scene) -> str | None:
+    """Return why contacts cannot have the coefficients of a guide, or None."""
+    for name, guide in scene.guides.items():
+        if guide.frictional and guide.static_coefficient != guide.mu:
+            return (
+                f"joints.{name}: Exudyn's contacts have one coefficient of friction; "
+                f"mus = {guide.static_coefficient:g} is not mu = {guide.mu:g}"
+            )
+    return None
+
+
+def _run_to_end(stepper: Stepper, t_end: float, every: int) -> Breakdown | None:
+    """Run to `t_end`; return the breakdown that ended the motion before, if any.
+
+    Friction that does not settle is no failure of the run, which has the samples before that.
+    """
+    try:
+        stepper.run(t_end, every)
+    except Unsettled as error:
+        return Breakdown(UNSETTLED, error.time, str(error))
+    return None
 
 
 def scene_as_script(scene: Scene, named: str = "SCENE") -> str:
@@ -265,9 +297,10 @@ def scene_as_script(scene: Scene, named: str = "SCENE") -> str:
     Refused
         If Exudyn cannot express the scene.
     """
-    if (reason := ExudynEngine().refusal(scene, Fidelity.JOINT)) is not None:
+    reason = ExudynEngine().refusal(scene, Fidelity.JOINT)
+    if reason is not None:
         raise Refused(reason)
-    options = settings_of({}, _SETTINGS[BRISTLES], ExudynEngine.name, Fidelity.JOINT)
+    options = settings_of({}, _JOINT_WITH_BRISTLES, ExudynEngine.name, Fidelity.JOINT)
     return exudyn_script(scene, _step(scene.t_end), scene.t_end, options, named)
 
 
@@ -285,35 +318,24 @@ class _Simulation:
     def __init__(
         self, assembly: Assembly, h: float, options: Mapping[str, Any], method: str | None
     ):
-        scene, self._mechanism = assembly.scene, assembly.whole
-        self.scene, self.model = scene, Model(scene, joints=method is not None)
+        self.scene = assembly.scene
+        self._mechanism = assembly.whole
+        self.model = Model(self.scene, joints=method is not None)
         self._zone = options.get("friction_zone", 0.0)
         # One of three models of the guides; the other two lists remain empty.
         located: list[FrictionalGuide] = []
         bristles: list[BristleGuide] = []
         boxes: list[ContactGuide] = []
         if method is None:
-            boxes = [
-                ContactGuide(self.model, name, guide, options)
-                for name, guide in scene.guides.items()
-            ]
+            boxes = _contact_guides(self.model, options)
         elif method == BRISTLES:
             bristles = bristle_guides(self.model, options, h, self._mechanism)
         else:
-            located = [
-                FrictionalGuide(self.model, name, guide)
-                for name, guide in scene.frictional_guides.items()
-                if guide.static_coefficient > 0
-            ]
+            located = _located_guides(self.model)
         self.model.assemble()
         settings = _solver_settings(self.model, h, options)
         if method is None:
-            # Stiff contacts close and open within a step, which then is divided. A Jacobian of
-            # another state of the contacts is useless, so each Newton iteration computes its own.
-            settings.timeIntegration.adaptiveStep = True
-            settings.timeIntegration.minimumStepSize = _SHORTEST
-            settings.timeIntegration.adaptiveStepRecoverySteps = _RECOVERY_STEPS
-            settings.timeIntegration.newton.useModifiedNewton = False
+            _divide_steps_at_contacts(settings)
         # Where the solution of a step is repeated for the friction, a Jacobian of this step pays;
         # otherwise one of a step before costs less.
         settings.timeIntegration.newton.modifiedNewtonJacUpdatePerStep = bool(located)
@@ -326,6 +348,21 @@ class _Simulation:
             bristles,
             self._mechanism,
             lambda: [guide.record() for guide in self._guides],
+        )
+
+    def events(self) -> tuple[Event, ...]:
+        """Return the located switches of the run, with all columns on both sides of each."""
+        switches = self.stepper.switches
+        if not switches:
+            return ()
+        # Columns are computed for arrays of samples: here for both sides of all switches at once.
+        sides = []
+        for switch in switches:
+            sides += [switch.before, switch.after]
+        rows = rows_of(self.columns(sides))
+        return tuple(
+            Event(switch.before.t, switch.kind, switch.guide, before, after)
+            for switch, before, after in zip(switches, rows[::2], rows[1::2], strict=True)
         )
 
     def columns(self, samples: list[Sample]) -> dict[str, np.ndarray]:
@@ -347,12 +384,36 @@ class _Simulation:
             **recover_columns(self.scene, t, q, v, a, reactions, self._mechanism),
             **reactions,
         }
-        for name in self.scene.frictional_guides if self._zone else ():
-            speed = columns[f"{name}.slip_velocity"]
-            columns[f"{name}.mode"] = np.where(
-                np.abs(speed) < self._zone, 0, np.sign(speed)
-            ).astype(np.int8)
+        if self._zone:
+            for name in self.scene.frictional_guides:
+                speed = columns[f"{name}.slip_velocity"]
+                is_slow = np.abs(speed) < self._zone
+                columns[f"{name}.mode"] = np.where(is_slow, 0, np.sign(speed)).astype(np.int8)
         return columns
+
+
+def _contact_guides(model: Model, options: Mapping[str, Any]) -> list[ContactGuide]:
+    """Return Exudyn's contacts of all guides."""
+    return [ContactGuide(model, name, guide, options) for name, guide in model.scene.guides.items()]
+
+
+def _located_guides(model: Model) -> list[FrictionalGuide]:
+    """Return the adapter's friction of all guides that have any."""
+    return [
+        FrictionalGuide(model, name, guide)
+        for name, guide in model.scene.frictional_guides.items()
+        if guide.static_coefficient > 0
+    ]
+
+
+def _divide_steps_at_contacts(settings: Any) -> None:
+    """Let Exudyn divide a step in which stiff contacts close and open."""
+    integration = settings.timeIntegration
+    integration.adaptiveStep = True
+    integration.minimumStepSize = _SHORTEST
+    integration.adaptiveStepRecoverySteps = _RECOVERY_STEPS
+    # A Jacobian of another state of the contacts is useless: each Newton iteration computes its own.
+    integration.newton.useModifiedNewton = False
 
 
 def _solver_settings(model: Model, h: float, options: Mapping[str, Any]) -> Any:
@@ -369,16 +430,18 @@ def _solver_settings(model: Model, h: float, options: Mapping[str, Any]) -> Any:
     settings.solution.file.write = False
     integration = settings.timeIntegration
     integration.verboseMode = 0
-    integration.endTime, integration.numberOfSteps = h, 1
-    integration.adaptiveStep = integration.automaticStepSize = False
+    integration.endTime = h
+    integration.numberOfSteps = 1
+    integration.adaptiveStep = False
+    integration.automaticStepSize = False
     integration.generalizedAlpha.spectralRadius = options["spectral_radius"]
-    integration.newton.relativeTolerance = integration.newton.absoluteTolerance = options[
-        "newton_tolerance"
-    ]
+    integration.newton.relativeTolerance = options["newton_tolerance"]
+    integration.newton.absoluteTolerance = options["newton_tolerance"]
     integration.discontinuous.iterationTolerance = DISCONTINUOUS_TOLERANCE
     integration.discontinuous.maxIterations = FRICTION_REPETITIONS
     integration.discontinuous.ignoreMaxIterations = False
-    if (name := options["integrator"]) in _EXPLICIT:
+    name = options["integrator"]
+    if name in _EXPLICIT:
         # Exudyn itself says why it does not integrate constraints explicitly.
         integration.solverType = exudyn.DynamicSolverType.__members__[_EXPLICIT[name]]
         try:
@@ -386,9 +449,9 @@ def _solver_settings(model: Model, h: float, options: Mapping[str, Any]) -> Any:
         except exudyn.ModelError as error:
             raise Refused(f"integrator={name}: {_shortened(str(error), '')}") from None
         raise Refused(f"integrator={name}: the adapter restarts implicit methods only")
-    integration.generalizedAlpha.useNewmark, integration.generalizedAlpha.useIndex2Constraints = (
-        INTEGRATORS[name]
-    )
+    use_newmark, use_index_2 = INTEGRATORS[name]
+    integration.generalizedAlpha.useNewmark = use_newmark
+    integration.generalizedAlpha.useIndex2Constraints = use_index_2
     return settings
 
 

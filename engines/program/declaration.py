@@ -42,7 +42,29 @@ _Words = Annotated[tuple[StrictStr, ...], Field(min_length=1)]
 
 
 class Declaration(Model):
-    """A program and how it is run."""
+    """A program, and how it is run as an engine.
+
+    Attributes
+    ----------
+    name
+        The name of the engine.
+    command
+        The program and its arguments, in which `PLACEHOLDERS` are replaced.
+    version
+        A command that prints the version of the program.
+    folder
+        The working folder of both commands, relative to the folder of the file with this declaration.
+    result
+        The format of the table that the program writes.
+    largest_file
+        The size in MiB at which a file of the program, or what it prints, ends the run.
+    capabilities
+        What the program can represent, and how it steps.
+    settings
+        The settings of the program, and their defaults.
+    environment
+        Environment variables that the program gets in addition.
+    """
 
     name: Name
     command: _Words
@@ -55,7 +77,13 @@ class Declaration(Model):
     environment: dict[Name, StrictStr] = {}
 
     def inconsistencies(self) -> Iterator[tuple[str, Any, str]]:
-        used = set(_BRACES.findall(" ".join(self.command)))
+        """Yield each contradiction: the key, the value found, and what was expected."""
+        yield from self._misused_placeholders()
+        yield from self._wrong_arguments()
+        yield from self._reserved_settings()
+
+    def _misused_placeholders(self) -> Iterator[tuple[str, Any, str]]:
+        """Yield placeholders that are unknown, and settings that are only a part of an argument."""
         for i, word in enumerate(self.command):
             for unknown in set(_BRACES.findall(word)) - PLACEHOLDERS.keys():
                 yield (
@@ -64,27 +92,39 @@ class Declaration(Model):
                     f"unknown {{{unknown}}}; expected one of {names(PLACEHOLDERS)}"
                     f"{did_you_mean(unknown, PLACEHOLDERS)}",
                 )
+            # The settings become any number of arguments, so that they cannot stand within one.
             if "{settings}" in word and word != "{settings}":
                 yield f"command.{i}", word, "expected {settings} as an argument of its own"
-        # The command has to pass on what the run depends on: a step or a tolerance, settings, and a
-        # file for events if the program is to locate these.
-        can = self.capabilities
-        refined, other = ("rtol", "dt") if can.adaptive else ("dt", "rtol")
-        needed = {
-            "scene",
-            "result",
-            refined,
-            *["settings"] * bool(self.settings),
-            *["events"] * can.locates_events,
-        }
+
+    def _wrong_arguments(self) -> Iterator[tuple[str, Any, str]]:
+        """Yield placeholders that the command lacks, and a step or a tolerance that it cannot use."""
+        # The command has to pass on everything on which the run depends: the step or the tolerance,
+        # the settings if there are any, and a file for events if the program is to locate them.
+        capabilities = self.capabilities
+        if capabilities.adaptive:
+            accuracy = "rtol"
+            unusable = "dt"
+        else:
+            accuracy = "dt"
+            unusable = "rtol"
+        needed = {"scene", "result", accuracy}
+        if self.settings:
+            needed.add("settings")
+        if capabilities.locates_events:
+            needed.add("events")
+        used = set(_BRACES.findall(" ".join(self.command)))
         for missing in sorted(needed - used):
             yield "command", self.command, f"expected {{{missing}}} among the arguments"
-        if other in used:
+        if unusable in used:
             yield (
                 "command",
                 self.command,
-                f"expected no {{{other}}}: capabilities.adaptive is {shown(can.adaptive)}",
+                f"expected no {{{unusable}}}: capabilities.adaptive is "
+                f"{shown(capabilities.adaptive)}",
             )
+
+    def _reserved_settings(self) -> Iterator[tuple[str, Any, str]]:
+        """Yield settings with a name that the suite uses for every trajectory."""
         for name in sorted(RESERVED & self.settings.keys()):
             yield (
                 f"settings.{name}",
@@ -93,12 +133,11 @@ class Declaration(Model):
             )
 
     def arguments(self, values: dict[str, str], settings: list[str]) -> list[str]:
-        """Return the arguments with values for the placeholders; they are never read by a shell."""
+        """Return the arguments with their placeholders replaced. No shell reads them."""
         filled = []
         for word in self.command[1:]:
-            filled += (
-                settings
-                if word == "{settings}"
-                else [_BRACES.sub(lambda found: values[found[1]], word)]
-            )
+            if word == "{settings}":
+                filled += settings
+            else:
+                filled.append(_BRACES.sub(lambda found: values[found[1]], word))
         return filled

@@ -1,4 +1,4 @@
-"""Lists of scenes and engines, and what is made of a scene: ``scenes``, ``engines``, ``explain``, ``export``."""
+"""Commands that describe scenes and engines: ``scenes``, ``engines``, ``explain``, ``export``."""
 
 from __future__ import annotations
 
@@ -20,6 +20,9 @@ if TYPE_CHECKING:
 
 commands = typer.Typer()
 
+MAX_NAMES_SHOWN = 8
+"""Names of bodies or elements in one cell; a longer list would hide the other columns of its table."""
+
 
 @commands.command("scenes")
 def list_scenes(
@@ -36,19 +39,16 @@ def list_scenes(
     from stiction.reference_impl.multibody.equation_summary import blocks
     from stiction.scenes import catalogue, load_scene
 
-    if not (names := catalogue(folder)):
+    names = catalogue(folder)
+    if not names:
         raise typer.BadParameter(f"found {folder!r}; expected hard", param_hint="FOLDER")
-    show(
-        ("scene", "title", "effects"),
-        [
-            (
-                name,
-                scene.title,
-                ", ".join(block.name for block in blocks(scene)[1:] if block.elements),
-            )
-            for name, scene in zip(names, map(load_scene, names))
-        ],
-    )
+    rows = []
+    for name in names:
+        scene = load_scene(name)
+        # The first block, of the bodies, is part of every scene.
+        effects = [block.name for block in blocks(scene)[1:] if block.elements]
+        rows.append((name, scene.title, ", ".join(effects)))
+    show(("scene", "title", "effects"), rows)
 
 
 @commands.command("engines")
@@ -73,82 +73,29 @@ def list_engines(
 ) -> None:
     """List the engines with version (or why they are missing), fidelities, friction law, and who supplies this law."""
     if try_it:
-        _try(name or "", timeout)
+        if not name:
+            raise typer.BadParameter(
+                "found none; expected the engine to run: stiction engines NAME --try",
+                param_hint="NAME",
+            )
+        _try_engine(name, timeout)
     elif name is not None:
-        _describe(name)
+        _describe_engine(name)
     else:
-        show(
-            (
-                "engine",
-                "version",
-                "fidelity",
-                "mus",
-                "order",
-                "reactions from",
-                "friction law (supplied by)",
-            ),
-            [row for each, engine in _known() for row in _rows_of(each, engine)],
-        )
+        _list_all_engines()
 
 
 @commands.command()
 def explain(scene: SceneName, overrides: Overrides = []) -> None:
     """Show what the reference assembles for a scene: equations, complementarity problem, and engines that refuse it."""
-    from stiction.reference_impl.multibody.equation_summary import (
-        blocks,
-        constraint_components,
-        constraint_rows,
-        hlcp_size,
-        rank,
-    )
-    from stiction.reference_impl.multibody.subsystems import independent_parts
-
     loaded = scene_of(scene, overrides)
-    print(f"{loaded.name}: {loaded.title}\n\nAssembled:")
-    show(
-        ("block", "elements", "equation", "size"),
-        [
-            (block.name, _few(block.elements), block.equation, block.size)
-            for block in blocks(loaded)
-            if block.elements
-        ],
-    )
-    print("Left out, because the scene does not declare it:")
-    show(
-        ("block", "so"),
-        [(block.name, block.absence) for block in blocks(loaded) if not block.elements],
-    )
-    coordinates, rows, independent = 3 * len(loaded.bodies), constraint_rows(loaded), rank(loaded)
-    redundant = (
-        f" ({rows - independent} redundant at the start: minimum-norm forces)"
-        if independent < rows
-        else ""
-    )
-    print(
-        f"Degrees of freedom: {coordinates - independent} = {coordinates} coordinates - {independent} independent of "
-        f"{rows} constraint rows{redundant}\n\nSize of the problem for the forces in each contact mode: complementary "
-        "pairs in the horizontal linear complementarity problem (HLCP), and equations in the linear system that is "
-        "solved while the mode does not change:"
-    )
-    sliders = len(loaded.frictional_guides)
-    show(
-        ("contact mode", "HLCP", "linear"),
-        [
-            (_mode(sliders, sticking), str(hlcp_size(loaded, sticking)), str(rows + sticking))
-            for sticking in sorted({0, min(1, sliders), sliders})
-        ],
-    )
-    groups = constraint_components(loaded)
-    print(
-        f"Independent parts, each integrated on its own: {len(independent_parts(loaded))}\n"
-        f"Independent components of the constraint graph: {len(groups)}"
-    )
-    show(
-        ("component", "bodies"),
-        [(str(i), _few(group)) for i, group in enumerate(groups[:EVENTS_SHOWN], 1)],
-    )
+    print(f"{loaded.name}: {loaded.title}\n")
+    _show_blocks(loaded)
+    _show_freedoms(loaded)
+    _show_problem_sizes(loaded)
+    _show_independent_parts(loaded)
     print("Engines:")
-    show(("engine", "fidelity", "represents it"), list(_refusals(loaded)))
+    show(("engine", "fidelity", "represents it"), list(_refusal_rows(loaded)))
 
 
 @commands.command()
@@ -190,109 +137,194 @@ def export(
     from stiction.scenes import Fidelity
     from stiction.scenes.resolved import resolved_text
 
-    named = shlex.join([scene, *(part for text in overrides for part in ("--set", text))])
+    # The scene as it stands in a command line that makes it again.
+    words = [scene]
+    for override in overrides:
+        words += ["--set", override]
+    command_words = shlex.join(words)
     writers = {
         "mjcf": lambda loaded: scene_as_mjcf(loaded, DEFAULT_STEP, Fidelity(fidelity)),
         "urdf": urdf,
-        "exudyn": lambda loaded: scene_as_script(loaded, named),
+        "exudyn": lambda loaded: scene_as_script(loaded, command_words),
         "resolved": resolved_text,
     }
     if to not in writers:
         raise typer.BadParameter(f"found {to!r}; expected {', '.join(writers)}", param_hint="--to")
-    can = tuple(Fidelity) if to == "mjcf" else (Fidelity.JOINT,)
-    if fidelity not in can:
+    fidelities = tuple(Fidelity) if to == "mjcf" else (Fidelity.JOINT,)
+    if fidelity not in fidelities:
         raise typer.BadParameter(
-            f"found {fidelity!r}; expected {' or '.join(can)} with --to {to}",
+            f"found {fidelity!r}; expected {' or '.join(fidelities)} with --to {to}",
             param_hint="--fidelity",
         )
     print_or_write(writers[to](scene_of(scene, overrides)), out)
 
 
-def _try(name: str, timeout: float) -> None:
+def _try_engine(name: str, timeout: float) -> None:
+    """Run the scenes of the conformance test, print each verdict, and fail at the first wrong one."""
     from stiction.comparisons.judge.conformance import RIGHT, conformance
     from stiction.engines.status import Status
 
     announce(f"{name}: five scenes, up to {timeout:g} s each")
+    has_run = False
     for trial in conformance(name, timeout):
+        has_run = True
         print(f"{trial.scene}: {trial.verdict}: " + "\n  ".join(trial.words))
-    if trial.verdict not in (RIGHT, Status.REFUSED):
-        raise ended(FAILED, f"{name}: {trial.scene}: {trial.verdict}")
+        if trial.verdict not in (RIGHT, Status.REFUSED):
+            raise ended(FAILED, f"{name}: {trial.scene}: {trial.verdict}")
+    if not has_run:
+        raise ended(FAILED, f"{name}: found no verdict; expected one for each scene")
 
 
-def _describe(name: str) -> None:
+def _describe_engine(name: str) -> None:
+    """Print an engine's version, documentation, fidelities and settings."""
     from stiction.comparisons.bench.environment import ROOT
     from stiction.engines import load_engine
+    from stiction.engines.listing import default_settings, fidelity_rows
 
     engine = load_engine(name)
-    can = engine.capabilities
+    capabilities = engine.capabilities
     print(
-        f"{engine.name} {engine.version}: order {can.order}; reactions: {can.reactions}\n\n"
+        f"{engine.name} {engine.version}: order {capabilities.order}; "
+        f"reactions: {capabilities.reactions}\n\n"
         f"{cleandoc(type(engine).__doc__ or '')}\n"
     )
-    show(("fidelity", "mus", "friction law (supplied by)"), fidelities_of(engine))
-    heading, *rows = table_of_defaults(engine)
-    if rows:
+    show(("fidelity", "mus", "friction law (supplied by)"), fidelity_rows(engine))
+    settings = default_settings(engine)
+    if settings.rows:
         print(f"Settings, for `stiction run SCENE --engine {name} --setting KEY=VALUE`:")
-        show(heading, rows)
+        show(settings.heading, settings.rows)
+    # The documentation is part of a checkout, and not of an installed package.
     page = ROOT / "docs" / "engines" / f"{name}.md"
-    if page.is_file():  # in a checkout
+    if page.is_file():
         print(f"How it is driven, why these defaults, what was measured: {page}")
 
 
-def fidelities_of(engine: Engine) -> list[tuple[str, str, str]]:
-    """Return by fidelity whether it has a static coefficient, and its friction law."""
-    can = engine.capabilities
-    return [
-        (
-            fidelity,
-            "yes" if can.static_coefficient.get(fidelity) else "no",
-            can.friction_law.get(fidelity, ""),
-        )
-        for fidelity in can.fidelities
-    ]
+def _list_all_engines() -> None:
+    """Print a row for each fidelity of each known engine."""
+    from stiction.engines.listing import known_engines
+
+    heading = (
+        "engine",
+        "version",
+        "fidelity",
+        "mus",
+        "order",
+        "reactions from",
+        "friction law (supplied by)",
+    )
+    rows = []
+    for name, engine in known_engines():
+        rows += _engine_rows(name, engine)
+    show(heading, rows)
 
 
-def table_of_defaults(engine: Engine) -> list[tuple[str, ...]]:
-    """Return a heading, then by setting its default in each fidelity, empty where the fidelity has no such setting."""
-    from stiction.scenes.wording import as_given
-
-    defaults = {
-        fidelity: engine.default_settings(fidelity) for fidelity in engine.capabilities.fidelities
-    }
-    names = dict.fromkeys(key for known in defaults.values() for key in known)
-    return [
-        ("setting", *(f"default, {fidelity}" for fidelity in defaults)),
-        *(
-            (key, *(as_given(known[key]) if key in known else "" for known in defaults.values()))
-            for key in names
-        ),
-    ]
-
-
-def _rows_of(name: str, engine: Engine | EngineMissing) -> list[tuple[str, ...]]:
-    """A row per fidelity of an engine, or one that says why it is missing."""
+def _engine_rows(name: str, engine: Engine | EngineMissing) -> list[tuple[str, ...]]:
+    """Return a row for each fidelity of an engine, or one row that says why the engine is missing."""
     from stiction.engines import EngineMissing
+    from stiction.engines.listing import fidelity_rows
 
     if isinstance(engine, EngineMissing):
-        return [(name, engine.state, *[""] * 4, str(engine))]
+        return [(name, engine.state, "", "", "", "", str(engine))]
+    order = engine.capabilities.order
+    reactions = engine.capabilities.reactions
     return [
-        (
-            name,
-            engine.version,
-            fidelity,
-            mus,
-            engine.capabilities.order,
-            engine.capabilities.reactions,
-            law,
-        )
-        for fidelity, mus, law in fidelities_of(engine)
+        (name, engine.version, fidelity, has_static_coefficient, order, reactions, friction_law)
+        for fidelity, has_static_coefficient, friction_law in fidelity_rows(engine)
     ]
 
 
-def _refusals(scene: Scene) -> Iterator[tuple[str, str, str]]:
-    from stiction.engines import EngineMissing
+def _show_blocks(scene: Scene) -> None:
+    """Print which blocks of equations a scene has, and which ones it does not need."""
+    from stiction.reference_impl.multibody.equation_summary import blocks
 
-    for name, engine in _known():
+    assembled = []
+    left_out = []
+    for block in blocks(scene):
+        if block.elements:
+            assembled.append(
+                (block.name, _shortened_list(block.elements), block.equation, block.size)
+            )
+        else:
+            left_out.append((block.name, block.absence))
+    print("Assembled:")
+    show(("block", "elements", "equation", "size"), assembled)
+    print("Left out, because the scene does not declare it:")
+    show(("block", "so"), left_out)
+
+
+def _show_freedoms(scene: Scene) -> None:
+    """Print the degrees of freedom of a scene, and the constraint rows that are redundant at the start."""
+    from stiction.reference_impl.multibody.equation_summary import constraint_rows, rank
+
+    coordinates = 3 * len(scene.bodies)
+    rows = constraint_rows(scene)
+    independent = rank(scene)
+    redundant = ""
+    if independent < rows:
+        redundant = f" ({rows - independent} redundant at the start: minimum-norm forces)"
+    print(
+        f"Degrees of freedom: {coordinates - independent} = {coordinates} coordinates - {independent} "
+        f"independent of {rows} constraint rows{redundant}\n"
+    )
+
+
+def _show_problem_sizes(scene: Scene) -> None:
+    """Print the sizes of the complementarity problem and of the linear solve in some contact modes.
+
+    The modes are those in which no guide sticks, one guide sticks, and all guides stick.
+    """
+    from stiction.reference_impl.multibody.equation_summary import constraint_rows, hlcp_size
+
+    print(
+        "Size of the problem for the forces in each contact mode: complementary pairs in the horizontal linear "
+        "complementarity problem (HLCP), and equations in the linear system that is solved while the mode does not "
+        "change:"
+    )
+    constraints = constraint_rows(scene)
+    guides = len(scene.frictional_guides)
+    rows = []
+    for sticking in sorted({0, min(1, guides), guides}):
+        # Each sticking guide adds the equation that holds its slider.
+        equations = constraints + sticking
+        rows.append(
+            (_contact_mode(guides, sticking), str(hlcp_size(scene, sticking)), str(equations))
+        )
+    show(("contact mode", "HLCP", "linear"), rows)
+
+
+def _contact_mode(guides: int, sticking: int) -> str:
+    """Describe a contact mode in which `sticking` of the frictional guides stick and the others slip."""
+    if guides == 0:
+        return "no friction: no complementarity problem"
+    if guides == 1:
+        return "sticking" if sticking else "slipping"
+    return f"{sticking} of {guides} guides sticking"
+
+
+def _show_independent_parts(scene: Scene) -> None:
+    """Print how many parts of a scene are integrated on their own, and which bodies constraints connect."""
+    from stiction.reference_impl.multibody.equation_summary import constraint_components
+    from stiction.reference_impl.multibody.subsystems import independent_parts
+
+    components = constraint_components(scene)
+    print(
+        "Independent parts, each integrated on its own: "
+        f"{len(independent_parts(scene))}\n"
+        f"Independent components of the constraint graph: {len(components)}"
+    )
+    rows = [
+        (str(number), _shortened_list(bodies))
+        for number, bodies in enumerate(components[:EVENTS_SHOWN], 1)
+    ]
+    show(("component", "bodies"), rows)
+
+
+def _refusal_rows(scene: Scene) -> Iterator[tuple[str, str, str]]:
+    """Yield for each engine and fidelity its names and whether it can represent a scene, or why not."""
+    from stiction.engines import EngineMissing
+    from stiction.engines.listing import known_engines
+
+    for name, engine in known_engines():
         if isinstance(engine, EngineMissing):
             yield name, "", f"{engine.state}: {engine}"
             continue
@@ -300,29 +332,15 @@ def _refusals(scene: Scene) -> Iterator[tuple[str, str, str]]:
             try:
                 reason = engine.refusal(scene, fidelity)
             except Exception as error:
-                # an adapter of others: its row says so, and the other engines have theirs
+                # Adapters may come from other packages. A failure of one is told in its own row,
+                # and must not hide the rows of the other engines.
                 reason = f"its adapter fails: {type(error).__name__}: {error}"
             yield name, fidelity, "yes" if reason is None else f"no: {reason}"
 
 
-def _known() -> Iterator[tuple[str, Engine | EngineMissing]]:
-    """All known engines, or why one cannot be had."""
-    from stiction.engines import EngineMissing, engine_names, load_engine
-
-    for name in engine_names():
-        try:
-            yield name, load_engine(name)
-        except EngineMissing as error:
-            yield name, error
-
-
-def _mode(sliders: int, sticking: int) -> str:
-    if not sliders:
-        return "no friction: no complementarity problem"
-    if sliders == 1:
-        return "sticking" if sticking else "slipping"
-    return f"{sticking} of {sliders} guides sticking"
-
-
-def _few(names: Sequence[str], most: int = 8) -> str:
-    return ", ".join(names[:most]) + (f", ... ({len(names)} in all)" if len(names) > most else "")
+def _shortened_list(names: Sequence[str]) -> str:
+    """Join names with commas; of more than `MAX_NAMES_SHOWN` show the first ones and the number of all."""
+    shown = ", ".join(names[:MAX_NAMES_SHOWN])
+    if len(names) > MAX_NAMES_SHOWN:
+        return f"{shown}, ... ({len(names)} in all)"
+    return shown

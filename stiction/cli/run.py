@@ -278,8 +278,8 @@ def _show_sweep(result: Any, folder: Path) -> None:
     from stiction.comparisons.studies.threshold import WITH_STICK, WITHOUT_STICK
     from stiction.comparisons.sweep.sweep import THRESHOLD_COLUMN
     from stiction.engines.status import Status
-    from stiction.reports.figures.map import sweep_drawings
     from stiction.reports.figures.style import rc, save
+    from stiction.reports.figures.sweep_figures import sweep_drawings
 
     with rc():
         for drawing in sweep_drawings(result):

@@ -5,7 +5,13 @@ import pandas as pd
 import pytest
 
 from stiction.scenes import load_scene
-from stiction.scenes.column_file import Changed, ColumnFile, Joined, collected, in_parts
+from stiction.scenes.column_file import (
+    ColumnFile,
+    JoinedColumns,
+    TransformedColumns,
+    compute_in_parts,
+    row_slices,
+)
 from stiction.scenes.result_table import ResultError
 from stiction.scenes.result_table import result_table as read
 
@@ -19,7 +25,7 @@ def test_columns_written_in_any_order_are_read_as_they_were():
         expected = {name: rng.standard_normal(rows) for name in names}
         kept = ColumnFile(rows + int(rng.integers(0, 5)))
         pieces = [
-            (name, part) for name in names for part in in_parts(rows, int(rng.integers(1, 200)))
+            (name, part) for name in names for part in row_slices(rows, int(rng.integers(1, 200)))
         ]
         for place in rng.permutation(len(pieces)):
             name, part = pieces[place]
@@ -29,16 +35,21 @@ def test_columns_written_in_any_order_are_read_as_they_were():
             np.array_equal(kept[name], expected[name]) for name in names
         )
         assert not kept[names[0]].flags.writeable
-        left = kept.without(names[0])
-        left.write("new", 0, expected[names[0]])
-        assert names[0] not in left and np.array_equal(left["new"], expected[names[0]])
-        assert all(np.array_equal(left[name], expected[name]) for name in names[1:])
+        kept.drop(names[0])
+        kept.write("new", 0, expected[names[0]])
+        assert names[0] not in kept and np.array_equal(kept["new"], expected[names[0]])
+        assert all(np.array_equal(kept[name], expected[name]) for name in names[1:])
 
 
 def test_views():
     columns = {"a": np.arange(5.0), "b": np.ones(5)}
-    assert Changed(columns, lambda name, values: values[1:])["a"].tolist() == [1, 2, 3, 4]
-    joined = Joined({"a": np.zeros(5)}, columns)
+    assert TransformedColumns(columns, lambda name, values: values[1:])["a"].tolist() == [
+        1,
+        2,
+        3,
+        4,
+    ]
+    joined = JoinedColumns({"a": np.zeros(5)}, columns)
     assert (
         joined["a"].tolist() == [0] * 5
         and list(joined) == ["a", "b"]
@@ -47,7 +58,7 @@ def test_views():
     )
     with pytest.raises(KeyError):
         joined["c"]
-    made = collected(5, 2, lambda part: {"a": columns["a"][part]})
+    made = compute_in_parts(5, 2, lambda part: {"a": columns["a"][part]})
     assert np.array_equal(made["a"], columns["a"]) and isinstance(made, ColumnFile)
 
 
@@ -58,7 +69,7 @@ def small_blocks(monkeypatch):
     module = importlib.import_module("stiction.scenes.result_table")
     monkeypatch.setattr(module, "BLOCK_SIZE", 64)
     monkeypatch.setattr(module, "BLOCK_ROWS", 7)
-    monkeypatch.setattr(module, "LARGE", 0)
+    monkeypatch.setattr(module, "FILE_THRESHOLD_BYTES", 0)
 
 
 @pytest.mark.parametrize("ends", ["\n", "\r\n", "\r"])

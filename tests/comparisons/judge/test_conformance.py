@@ -187,4 +187,16 @@ def test_command(declared):
         and "other sign" in ended.output
         and "pendulum" not in ended.output
     )
-    invoke("engines --try", exit_code=2)
+
+
+@pytest.mark.parametrize("command", [("engines", "--try"), ("engines", "", "--try")])
+def test_command_needs_an_engine(command):
+    """The message names the argument that is missing, not an engine without a name."""
+    ended = invoke(*command, exit_code=2)
+    assert "NAME" in ended.output and "stiction engines NAME --try" in ended.output
+
+
+def test_command_without_a_verdict_is_no_success(monkeypatch):
+    monkeypatch.setattr(f"{conformance.__module__}.conformance", lambda *_: iter(()))
+    ended = invoke("engines", "pymunk", "--try", exit_code=1)
+    assert "found no verdict" in ended.output

@@ -346,7 +346,7 @@ def test_long_tables_are_judged_like_short_ones(monkeypatch, two_sided, change):
     for module in (judgement, accuracy, result_errors, energies):
         monkeypatch.setattr(module, "AT_ONCE", 300)
     monkeypatch.setattr(judgement, "SOLVED", 250)
-    monkeypatch.setattr(result_table, "LARGE", 0)
+    monkeypatch.setattr(result_table, "FILE_THRESHOLD_BYTES", 0)
     monkeypatch.setattr(result_table, "BLOCK_ROWS", 400)
     shares = []
     parts = judge(CASE, frame, tell=shares.append)

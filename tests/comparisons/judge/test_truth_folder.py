@@ -5,7 +5,12 @@ import pandas as pd
 import pytest
 
 from stiction.comparisons.judge.judgement import judge
-from stiction.comparisons.judge.truth_folder import TruthFolderError, read_truth, write_truth
+from stiction.comparisons.judge.truth_folder import (
+    TruthFolderError,
+    is_truth_folder,
+    read_truth,
+    write_truth,
+)
 from stiction.comparisons.measures.scene_truth import ground_truth
 from stiction.scenes import InputError, load_scene
 
@@ -35,6 +40,16 @@ def stored(request, compiled, tmp_path_factory):
     """A scene, and its scene and truth as they were read."""
     scene = load_scene(request.param, {"t_end": CASES[request.param]})
     return scene, *read_truth(written(scene, tmp_path_factory.mktemp("stored")))
+
+
+def test_which_names_are_folders(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "pendulum").mkdir()
+    (tmp_path / "mine").mkdir()
+    (tmp_path / "file").touch()
+    assert is_truth_folder("mine") and is_truth_folder(tmp_path / "pendulum")
+    # a name of the catalogue is that scene; an empty name is not the working folder
+    assert not any(map(is_truth_folder, ("pendulum", "file", "none", "")))
 
 
 def test_what_is_read_is_the_truth(stored):

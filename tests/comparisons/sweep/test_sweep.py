@@ -26,8 +26,8 @@ from stiction.comparisons.sweep.sweep import (
     sweep,
 )
 from stiction.engines import Outcome
-from stiction.reports.figures.map import sweep_drawings
 from stiction.reports.figures.style import rc
+from stiction.reports.figures.sweep_figures import sweep_drawings
 from stiction.scenes import SceneError, load_scene, scene_from_dict
 
 CASE_1 = load_scene("slider-bar-case-1")

@@ -396,7 +396,7 @@ def _tables(table: pd.DataFrame) -> list[TableView]:
     ]
     columns = (
         Column("effect"),
-        Column("ratio", "engine time, of baseline"),
+        Column("ratio", "engine time / baseline"),
         Column(MOTION),
         Column("stick_events"),
         Column("counter:rhs", "right-hand sides"),
@@ -419,7 +419,7 @@ def _tables(table: pd.DataFrame) -> list[TableView]:
 STUDY = Study(
     "effects",
     "Effects",
-    "What does a scene cost without each of its effects?",
+    "How does each effect of a scene change the computing time?",
     present,
     plan,
     seconds=0.1,

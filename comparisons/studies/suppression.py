@@ -153,7 +153,7 @@ def _compared(
 STUDY = Study(
     "suppression",
     "Stabilization",
-    "What does each stabilization cost and yield?",
+    "How expensive and how accurate is each stabilization?",
     present,
     plan,
     seconds=0.1,

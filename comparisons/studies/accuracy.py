@@ -139,7 +139,7 @@ def present(results: Results) -> Presentation:
         **CONSTANTS,
     }
     headline = Headline(
-        "position [m]", {variant: _cell(table, method) for variant, method in made.items()}
+        "position error [m]", {variant: _cell(table, method) for variant, method in made.items()}
     )
     over_step = step_chart("accuracy", table, list(made), POSITION, quantity_of(POSITION).head)
     return Presentation(
@@ -211,12 +211,12 @@ def _closest(
         rows.append((shown, table.loc[[row]]))
     if rows:
         columns = (
-            Column("closest"),
-            Column("of"),
+            Column("closest", "most accurate"),
+            Column("of", "engines compared"),
             Column(FRICTION_BY),
             Column(EVENTS_BY),
             Column(POSITION),
-            Column("in"),
+            Column("in", "largest error in"),
         )
         yield view("accuracy-closest", rows, columns, source="accuracy", group="group")
 

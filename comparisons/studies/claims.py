@@ -648,7 +648,7 @@ def _claims_views(table: pd.DataFrame) -> list[TableView]:
 STUDY = Study(
     "claims",
     "The paper",
-    "Does what the paper says hold?",
+    "Do the statements of the paper hold?",
     present,
     plan,
     THRESHOLD_STUDY.requires,

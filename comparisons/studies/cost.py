@@ -368,7 +368,7 @@ def _headlines(
             cells[variant] = bounded(MILLI * runs[-1][TOTAL], _sign(runs[-1], "> "))
     if not cells:
         return []
-    label = f"CPU to {MILLI * TARGET:g} mm (engine's part) in {scene_title(first)} [ms]"
+    label = f"CPU time for an error of {MILLI * TARGET:g} mm (engine's part) in {scene_title(first)} [ms]"
     return [Headline(label, cells)]
 
 

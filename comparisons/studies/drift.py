@@ -230,7 +230,7 @@ def _by_method(table: pd.DataFrame, runs: pd.DataFrame, worst: pd.DataFrame) -> 
         Column("position in", "in"),
         Column(VELOCITY, "velocity drift"),
         Column("velocity in", "in"),
-        Column("growth", "growth of drift there"),
+        Column("growth", "growth of the position drift"),
     )
     return view(
         "drift",

@@ -396,7 +396,7 @@ def _tables(table: pd.DataFrame) -> list[TableView]:
     ]
     columns = (
         Column("effect"),
-        Column("ratio", "engine time, of baseline"),
+        Column("ratio", "engine time / baseline"),
         Column(MOTION),
         Column("stick_events"),
         Column("counter:rhs", "right-hand sides"),

@@ -690,10 +690,10 @@ def _headline(methods: pd.DataFrame) -> Headline:
     """The creep of each method, or that it lets go."""
     ranked, shown = _ranked(methods), _at_rest(methods)
     cells = {
-        variant: "lets go" if gone is True else str(row_of("hold-methods", shown, label)[CREEP])
+        variant: "breaks away" if gone is True else str(row_of("hold-methods", shown, label)[CREEP])
         for label, variant, gone in zip(ranked.index, ranked["variant"], ranked[LETS_GO])
     }
-    return Headline("creep up to 90 % of static friction [m/s]", cells)
+    return Headline("creep at loads up to 90 % of static friction [m/s]", cells)
 
 
 def _verdicts(table: pd.DataFrame, methods: pd.DataFrame) -> dict[str, object]:
@@ -795,8 +795,8 @@ def _published_tables(published: pd.DataFrame) -> Iterator[TableView]:
     if PUBLISHED in published:
         columns = (
             Column("case"),
-            Column(PUBLISHED, "published", form="g"),
-            Column(OURS, "ours", interval=True),
+            Column(PUBLISHED, "creep, published", form="g"),
+            Column(OURS, "creep, computed here", interval=True),
             Column("margin", form=".3g"),
             Column(MATCHED),
             Column("source", brief=False),
@@ -867,17 +867,17 @@ def _tables(
             (
                 METHOD,
                 Column("fidelity"),
-                Column(LANDED, form=".2g"),
+                Column(LANDED, "initial displacement", form=".2g"),
                 Column(
                     BREAK_AWAY,
-                    "break-away, of the limit",
+                    "break-away load, relative to the limit",
                     "%",
                     interval=True,
                     scale=100,
                     bound="bound",
                 ),
                 Column(FASTER, "acceleration", "%", form=".2g", scale=100),
-                Column(STOPPED, "stop"),
+                Column(STOPPED, "position at rest"),
             ),
             source="hold",
         )

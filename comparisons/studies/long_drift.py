@@ -483,7 +483,7 @@ def _by_choice(study: pd.DataFrame) -> TableView:
     columns = (
         Column("choice", "stabilization"),
         *drifts,
-        Column("laws", "growth in 240 s: runs"),
+        Column("laws", "growth in 240 s (number of runs)"),
     )
     return view("study", frame, columns, source="study", rows=behind)
 
@@ -550,13 +550,17 @@ def _figure(study: pd.DataFrame, octaves: pd.DataFrame, name: str) -> Chart:
         for choice in CHOICES
         if len(rows := ended[ended["choice"] == choice.label])
     ]
-    title = f"hollow: {1e3 * steps[0]:g} ms, full: {1e3 * steps[-1]:g} ms" if len(steps) > 1 else ""
+    title = (
+        f"open markers: {1e3 * steps[0]:g} ms, filled: {1e3 * steps[-1]:g} ms"
+        if len(steps) > 1
+        else ""
+    )
     unstable = PAPERS.largest_step()
     panels = (
         Panel(
             title,
             Axis("time [s]", log=True, ticks=sorted(set(octaves["octave_end"]))),
-            Axis("drift, rms of an octave [m, rad]", log=True),
+            Axis("drift, rms over an octave [m, rad]", log=True),
             over_time,
         ),
         Panel(
@@ -573,7 +577,7 @@ def _figure(study: pd.DataFrame, octaves: pd.DataFrame, name: str) -> Chart:
 STUDY = Study(
     "long-drift",
     "Long runs",
-    "What does stabilization do against drift over long runs?",
+    "How much does stabilization reduce the drift in long runs?",
     present,
     plan,
     seconds=0.8,

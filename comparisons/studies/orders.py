@@ -288,7 +288,7 @@ def present(results: Results) -> Presentation:
     }
     columns = (
         Column("method"),
-        Column(ORDER, "order promised"),
+        Column(ORDER, "theoretical order"),
         Column(OBSERVED, "order observed (95 %)", interval=True),
         Column("runs"),
         Column("why_none"),
@@ -319,7 +319,7 @@ def _chart(known: pd.DataFrame) -> Chart:
 STUDY = Study(
     "orders",
     "Convergence",
-    "Does the reference converge as its methods promise?",
+    "Do our solvers converge with the theoretical order?",
     present,
     plan,
     seconds=0.7,

@@ -551,7 +551,7 @@ def present(results: Results) -> Presentation:
         **CONSTANTS,
     }
     headline = Headline(
-        "stick limit off [N]",
+        "error of the stick limit [N]",
         {
             row["variant"]: Uncertain(row[ERROR], row[UNCERTAINTY]).both()
             for row in finest.to_dict("records")
@@ -564,7 +564,7 @@ def present(results: Results) -> Presentation:
         Column("setting"),
         Column(WITH_STICK, "sticks at", form=".6g", brief=False),
         Column(WITHOUT_STICK, "slips at", form=".6g", brief=False),
-        Column(ERROR, "F0 less truth", interval=True),
+        Column(ERROR, "F0, difference from truth", interval=True),
         Column(AGAIN),
         Column("runs", brief=False),
         Column("reason", brief=False),
@@ -646,7 +646,7 @@ def _figure(measured: pd.DataFrame) -> Chart:
         )
     panel = Panel(
         "",
-        Axis("upper end of the band of F0 with stick, less that of the truth [N]"),
+        Axis("stick threshold on F0, difference from the truth [N]"),
         Axis("", ticks=[float(-place) for place in range(len(names))], words=names),
         series,
         horizontal=True,

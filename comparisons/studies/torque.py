@@ -274,7 +274,7 @@ def present(results: Results) -> Presentation:
         },
     )
     chosen = list(compared["variant"])
-    over_step = step_chart("torque", summed_up(table, "key"), chosen, BOUND, "bound [N m]")
+    over_step = step_chart("torque", summed_up(table, "key"), chosen, BOUND, "error bound [N m]")
     return Presentation(
         rows=rows,
         headlines=[headline],
@@ -343,8 +343,8 @@ def _by_method(table: pd.DataFrame, equal: pd.DataFrame, compared: pd.DataFrame)
         Column("method"),
         Column("run", brief=False),
         Column("read", "resolved", form=".0f"),
-        Column("jumps", "of", form=".0f"),
-        Column("bound", "bound", of="jump_bound"),
+        Column("jumps", "all jumps", form=".0f"),
+        Column("bound", "error bound", of="jump_bound"),
         *(
             Column(in_scene("read", scene), scene_title(scene), of="jump_bound")
             for scene in table["scene"].unique()
@@ -360,8 +360,8 @@ def _by_scene(table: pd.DataFrame) -> dict[str, TableView]:
         REFINED_BY,
         Column("step", form="g"),
         Column("read", "resolved", form=".0f"),
-        Column("jumps", "of", form=".0f"),
-        Column("bound", "bound", of="jump_bound"),
+        Column("jumps", "all jumps", form=".0f"),
+        Column("bound", "error bound", of="jump_bound"),
         Column(LATE, "largest time error"),
         Column("status"),
         Column("reason"),

@@ -30,7 +30,7 @@ from stiction.reports.report import Report
 from stiction.reports.text import Number
 from stiction.uncertain import Uncertain
 
-FIXED = ("Zhuang & Wang 2014", "an error of 1 mm costs", "nearest to 1 ms")
+FIXED = ("Zhuang & Wang 2014", "for an error of 1 mm", "nearest to 1 ms")
 """Texts with digits that are no results: the paper, the error to which times are given, the step of the comparison."""
 
 

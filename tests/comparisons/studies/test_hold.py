@@ -455,7 +455,7 @@ def test_engines_are_counted_without_our_own_and_what_a_setting_makes_is_said():
     [regularized], [gone] = said.rows["regularized"], said.rows["let_go"]
     assert regularized["variant"] == "b" and float(regularized[hold.OF_ZONE]) == 0.9
     assert gone["method"]["scene"] == "s" and float(gone["ramp"][hold.BREAK_AWAY]) == 1.2e-3
-    assert gone["ramp"]["bound"] is None and said.headlines[0].cells["c"] == "lets go"
+    assert gone["ramp"]["bound"] is None and said.headlines[0].cells["c"] == "breaks away"
     section = section_of(STUDY, results)
     assert {number.text for number in section.numbers} == {"9e-05", "0.9", "+0.12"}
     assert not wrongly_written(section, results) and len(section.answer) <= ANSWER_LENGTH

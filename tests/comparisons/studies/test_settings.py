@@ -363,7 +363,7 @@ def test_command(tmp_path, in_this_process, monkeypatch):
     rows = pd.read_csv(file)
     assert set(rows["fidelity"]) == {"joint", "contact"} and (rows["status"] == "ok").all()
     assert "iterations=20" in set(rows[SETTING])
-    assert "The defaults are on the front" in ended.output
+    assert "The default settings are Pareto-optimal" in ended.output
     ended = invoke(*command, "reference", exit_code=BAD_INPUT)
     assert "which the study has settings of" in ended.output
 

@@ -194,7 +194,7 @@ def test_a_method_is_off_only_if_its_finest_step_is_that_of_all_and_hardly_moves
     [one] = shown["off"] + shown["inconclusive"]
     assert float(one["error"]) == -0.16
     assert words in section.answer and len(section.answer) <= ANSWER_LENGTH
-    assert ("No method is clearly off" in section.answer) != is_off
+    assert ("No method deviates clearly" in section.answer) != is_off
     assert not wrongly_written(section, results)
     assert all(each.caption for each in (*section.tables, *section.figures))
     [headline] = section.headlines

@@ -797,7 +797,7 @@ def _published_tables(published: pd.DataFrame) -> Iterator[TableView]:
             Column("case"),
             Column(PUBLISHED, "creep, published", form="g"),
             Column(OURS, "creep, computed here", interval=True),
-            Column("margin", form=".3g"),
+            Column("margin", "Coulomb limit / weight", form=".3g"),
             Column(MATCHED),
             Column("source", brief=False),
         )

@@ -550,7 +550,11 @@ def _figure(study: pd.DataFrame, octaves: pd.DataFrame, name: str) -> Chart:
         for choice in CHOICES
         if len(rows := ended[ended["choice"] == choice.label])
     ]
-    title = f"open markers: {1e3 * steps[0]:g} ms, filled: {1e3 * steps[-1]:g} ms" if len(steps) > 1 else ""
+    title = (
+        f"open markers: {1e3 * steps[0]:g} ms, filled: {1e3 * steps[-1]:g} ms"
+        if len(steps) > 1
+        else ""
+    )
     unstable = PAPERS.largest_step()
     panels = (
         Panel(

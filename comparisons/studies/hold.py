@@ -889,7 +889,7 @@ def _tables(
                 Column(SUBJECT, "engine"),
                 Column(SETTING),
                 Column(CREEP),
-                Column(SLOWER, "of the default's", form=".2g"),
+                Column(SLOWER, "creep / default", form=".2g"),
                 Column(TIME, form=".2g"),
                 Column("failed"),
             ),
@@ -1021,7 +1021,7 @@ def _over_cost(settings: pd.DataFrame) -> Chart:
         panels.append(
             Panel(
                 str(subject),
-                Axis("time, of the default's", limits=(0.0, 1.05 * SLOWEST)),
+                Axis("engine time / default", limits=(0.0, 1.05 * SLOWEST)),
                 SPEEDS,
                 series,
             )

@@ -631,7 +631,12 @@ def _claims_views(table: pd.DataFrame) -> list[TableView]:
         )
         for row in rarest.to_dict("records")
     ]
-    brief = (Column("case"), Column("verdict"), Column("claim", "statement"), Column("why"))
+    brief = (
+        Column("case"),
+        Column("verdict"),
+        Column("claim", "statement"),
+        Column("why", "reason"),
+    )
     every = (
         *brief,
         Column("place", "where"),

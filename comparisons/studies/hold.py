@@ -797,7 +797,7 @@ def _published_tables(published: pd.DataFrame) -> Iterator[TableView]:
             Column("case"),
             Column(PUBLISHED, "creep, published", form="g"),
             Column(OURS, "creep, computed here", interval=True),
-            Column("margin", form=".3g"),
+            Column("margin", "Coulomb limit / weight", form=".3g"),
             Column(MATCHED),
             Column("source", brief=False),
         )
@@ -889,7 +889,7 @@ def _tables(
                 Column(SUBJECT, "engine"),
                 Column(SETTING),
                 Column(CREEP),
-                Column(SLOWER, "of the default's", form=".2g"),
+                Column(SLOWER, "creep / default", form=".2g"),
                 Column(TIME, form=".2g"),
                 Column("failed"),
             ),
@@ -1021,7 +1021,7 @@ def _over_cost(settings: pd.DataFrame) -> Chart:
         panels.append(
             Panel(
                 str(subject),
-                Axis("time, of the default's", limits=(0.0, 1.05 * SLOWEST)),
+                Axis("engine time / default", limits=(0.0, 1.05 * SLOWEST)),
                 SPEEDS,
                 series,
             )

@@ -405,7 +405,7 @@ def _ranks_view(ranks: pd.DataFrame, table: pd.DataFrame) -> TableView:
     ranks = ranks.assign(where=ranks["scene"].map(scene_title, na_action="ignore"))
     columns = (
         Column(SUBJECT, "engine"),
-        Column(ON_FRONT, "default on the front"),
+        Column(ON_FRONT, "default Pareto-optimal"),
         Column(EVERYWHERE),
         Column(FACTOR, "largest gain in time", form=".2g"),
         Column("choice", "by"),

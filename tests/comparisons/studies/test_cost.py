@@ -363,7 +363,7 @@ def test_accelerations_under_our_integrator_are_compared_with_own_steps():
     assert float(compared["integrated"]) == 2e-9
     assert float(compared["stepped"]) == pytest.approx(0.5e-3)
     assert rows_of(material())["accelerations"] is None
-    assert "pymunk; slow" in words(shown_of(tables))
+    assert "pymunk and slow" in words(shown_of(tables))
 
 
 @pytest.mark.parametrize("depth", list(Depth))

@@ -368,7 +368,7 @@ class TestCompare:
         tight = jumps[(jumps["variant"] == "reference") & (jumps["step"] == jumps["step"].min())]
         assert list(tight["kind"]) == ["slip", "reversal"]
         assert tight["jump_error"].abs().max() < 1e-8  # what the reference is held to
-        assert "reference 2/2" in result.stdout
+        assert tight["resolved"].all() and "2/2" in result.stdout
 
     def test_cost_says_what_is_no_independent_truth_and_what_its_columns_are(
         self, tmp_path, in_this_process
@@ -379,11 +379,7 @@ class TestCompare:
             "compare cost --quick --engines reference --repeats 1 --t-end 0.5",
             tmp_path / "sled.toml",
         ).stdout
-        assert (
-            "our own run" in own
-            and "not independent" in own
-            and "CPU time to an error of 1 mm in sled" in own
-        )
+        assert "our own run" in own and "not independent" in own and "1 mm in sled" in own
 
     def test_a_truth_without_jumps_is_no_failure(self, in_this_process):
         """A pendulum has no events; that an engine has refused it does not mean that all runs failed."""

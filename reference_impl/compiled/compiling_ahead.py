@@ -84,7 +84,6 @@ def event_kernels(friction: bool, projects: bool) -> tuple[Linked, ...]:
     rest = (
         trajectory_columns.write_sample,
         trajectory_columns.residual_norms,
-        trajectory_columns.imbalance,
         event_driven._commit,
         frozen_mode.solve_mode,
         *((projection.project, projection._correct) if projects else ()),
@@ -130,6 +129,7 @@ def event_kernels(friction: bool, projects: bool) -> tuple[Linked, ...]:
         step_limits.longest_step,
         step_limits.limit_ratio,
         mode_choice.choose_mode,
+        trajectory_columns.imbalance,
     )
 
 

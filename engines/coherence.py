@@ -6,6 +6,7 @@ A trajectory that passes need not be right; but its parts belong to one motion a
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
+from itertools import zip_longest
 from typing import NamedTuple
 
 import numpy as np
@@ -101,16 +102,8 @@ def residuals(run: Examined) -> Iterator[str]:
     """States are on the constraints at the start, near them later, with the residuals that the drift columns report."""
     if not len(t := run.trajectory.t):
         return
-    if run.is_balanced:
-        # `balance` evaluates the equations at the same instants, and their constraints with them
-        squares = [
-            sum(np.square(part.position) for part in run.in_equations),
-            sum(np.square(part.velocity) for part in run.in_equations),
-        ]
-        norms = np.sqrt(squares)
-    else:
-        q, v, _ = run.motion
-        norms = _residuals(run, t.astype(float), q, v)
+    q, v, _ = run.motion
+    norms = _residuals(run, t.astype(float), q, v, run.in_equations)
     if (i := first(~(norms[0] <= run.size))) is not None and run.scene.joints | run.scene.drives:
         yield (
             f"states that have left the mechanism: {norms[0][i]:.3g} m off the constraints at t = {t[i]:.9g} s; "
@@ -623,12 +616,10 @@ def _lasting(flags: np.ndarray) -> Iterator[tuple[int, int]]:
 
 def balance(run: Examined) -> Iterator[str]:
     """Newton's and Euler's equations hold at samples and on both sides of events, where an engine reports these."""
-    if not run.is_balanced:
-        return
     for part, samples in zip(run.parts, run.in_equations):
-        sides = run.sides.with_columns(InEquations.needed(part))
-        if not len(sides):
+        if samples is None:
             continue
+        sides = run.sides.with_columns(InEquations.needed(part))
         at_events = InEquations.of(part, sides.t, sides.__getitem__)
         size = np.concatenate([samples.size, at_events.size])
         largest = np.max(size[np.isfinite(size)], initial=0.0)
@@ -898,12 +889,24 @@ def _speed(run: Examined, v: np.ndarray) -> float:
     return max(run.size, float(np.max(np.abs(v))))
 
 
-def _residuals(run: Examined, t: np.ndarray, q: np.ndarray, v: np.ndarray) -> np.ndarray:
-    """Return the norms of Phi and Phi' over all parts, shape (2, n)."""
+def _residuals(
+    run: Examined,
+    t: np.ndarray,
+    q: np.ndarray,
+    v: np.ndarray,
+    evaluated: Sequence[InEquations | None] = (),
+) -> np.ndarray:
+    """Return the norms of Phi and Phi' over all parts, shape (2, n).
+
+    `evaluated` has the norms of those parts whose equations were evaluated at these states already.
+    """
     # A part has its bodies in an order of its own. Norms of parts add up as squares.
     place = {body: 3 * i for i, body in enumerate(run.scene.bodies)}
     total = np.zeros((2, len(t)))
-    for part in run.parts:
+    for part, known in zip_longest(run.parts, evaluated):
+        if known is not None:
+            total += np.square((known.position, known.velocity))
+            continue
         own = np.concatenate([np.arange(place[body], place[body] + 3) for body in part.body_names])
         norms = residual_norms(
             part.arrays,

@@ -137,18 +137,19 @@ class Examined:
         )
 
     @cached_property
-    def is_balanced(self) -> bool:
-        """True if the equations of motion must hold: there are events with both sides, and all columns in them."""
-        columns = self.trajectory.columns
-        return bool(self.trajectory.events) and all(
-            name in columns for part in self.parts for name in InEquations.needed(part)
-        )
+    def in_equations(self) -> list[InEquations | None]:
+        """The samples of each part, in its equations; None for a part whose equations are not asked about.
 
-    @cached_property
-    def in_equations(self) -> list[InEquations]:
-        """The samples of each part, in its equations."""
+        They must hold where events have all columns of the part on both sides.
+        """
         t = self.trajectory.t.astype(float)
-        return [InEquations.of(part, t, self.trajectory.columns.__getitem__) for part in self.parts]
+        column = self.trajectory.columns.__getitem__
+        return [
+            InEquations.of(part, t, column)
+            if len(self.sides.with_columns(InEquations.needed(part)))
+            else None
+            for part in self.parts
+        ]
 
     def columns(self, labels: tuple[str, ...]) -> list[str]:
         """Names of the columns of all bodies with these labels."""

@@ -14,6 +14,7 @@ from typer.testing import CliRunner
 
 from stiction.cli.app import app
 from stiction.engines import BadTrajectory, EngineFailure, load_engine
+from stiction.engines.coherence import balance
 from stiction.engines.examined import Examined
 from stiction.engines.gate import first_problem, required_columns
 from stiction.engines.reference.engine import ReferenceEngine
@@ -1043,3 +1044,35 @@ def test_an_error_within_the_mechanism_is_an_error(scene):
     reach = max(1.25, np.abs(truth(run.t)["bar.x"]).max())
     far = errors(with_column(run, "bar.x", run["bar.x"] + 1.1 * reach), truth, size_of(scene))
     assert far["status"] == "wrong" and "position_error" not in far
+
+
+def test_a_part_is_balanced_though_another_lacks_a_column():
+    """Two sleds, each a part of its own: the friction of one has the wrong sign, the other has no normal force."""
+    sled = {"mass": 1, "inertia": 0.1, "velocity": [1, 0]}
+    guide = {"type": "translational", "mu": 0.2}
+    scene = scene_from_dict(
+        {
+            "t_end": 1,
+            "gravity": [0, -10],
+            "bodies": {"first": sled, "second": sled},
+            "joints": {
+                "rail": guide | {"slider": "first"},
+                "track": guide | {"slider": "second"},
+            },
+        }
+    )
+    run = load_engine("reference").simulate(scene)
+
+    def without(values):
+        return {name: value for name, value in values.items() if name != "track.normal_force"}
+
+    columns = without(run.columns) | {"rail.friction": -run["rail.friction"]}
+    events = [
+        replace(event, before=without(event.before), after=without(event.after))
+        for event in run.events
+    ]
+    partial = replace(run, columns=columns, events=tuple(events))
+    examined = Examined(
+        partial, scene, 1.0, None, 0.01, "joint", lambda settings: True, lambda settings: True
+    )
+    assert "do not balance" in next(balance(examined))

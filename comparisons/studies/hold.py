@@ -470,8 +470,13 @@ def methods_table(table: pd.DataFrame) -> pd.DataFrame:
             may_move = made[CREEP].abs() + made[UNSURE] > STILL
             # a run that failed shows neither rest nor creep
             is_open = may_move.any() or len(made) < len(runs)
+            holds: bool | None = True
+            if moving(made).any():
+                holds = False
+            elif is_open:
+                holds = None
             row |= {
-                HOLDS: False if moving(made).any() else None if is_open else True,
+                HOLDS: holds,
                 LETS_GO: worst[LETS_GO],
                 "scene": worst["scene"],
                 LOAD: worst[LOAD],

@@ -471,9 +471,11 @@ def threshold_table(
             true[has_mus],
             next(iter(physics_of(scene, has_mus).frictional_guides.values())),
         )
-        tier = (
-            Tier.NONE if truth.F0 is None else Tier.PROVEN if truth.theorem else Tier.HIGH_PRECISION
-        )
+        tier = Tier.HIGH_PRECISION
+        if truth.F0 is None:
+            tier = Tier.NONE
+        elif truth.theorem:
+            tier = Tier.PROVEN
         for step, found in zip(
             variant.ladder, outcome.value or [None] * len(variant.ladder), strict=True
         ):

@@ -8,12 +8,11 @@ work on the machine makes times longer, never shorter.
 from __future__ import annotations
 
 import math
-import os
-import platform
 import time
 from collections.abc import Callable, Iterator
 from typing import TypeVar
 
+from stiction.comparisons.bench.environment import conditions, load
 from stiction.comparisons.sweep.steady_state_measures import MEASURES, SteadyRun, steady_window
 from stiction.engines.registry import load_engine
 from stiction.scenes import Scene, Trajectory, load_scene, vary
@@ -37,8 +36,7 @@ SETTLE, SWEEP_END, SWEEP_RTOL = 80.0, 240.0, 1e-6
 
 def main() -> None:
     """Print the machine, and the costs of runs and of a sweep's points."""
-    machine = f"{platform.platform()}, Python {platform.python_version()}, {os.cpu_count()} CPUs"
-    print(f"{machine}, load {os.getloadavg()[0]:.2f} at the start\n")
+    print(f"{conditions()}; load {load()['load']} at the start\n")
     for line in (*run_costs(), "", *point_costs()):
         print(line, flush=True)
 

@@ -24,24 +24,43 @@ _IMPORTED = (
     "stiction.engines.isolation",
 )
 """Imports of a run of the reference."""
-_AS_HERE = ("pandas", "scipy.spatial")  # half as long again: only where the caller has them
+_IMPORTED_BY_MEASURES = ("pandas", "scipy.spatial")
+"""Imports of children that evaluate their runs; they take half as long again as those of `_IMPORTED`."""
+
+
+def start_server(with_measures: bool) -> None:
+    """Start the server of child processes, without waiting for its imports, where the system has such a server.
+
+    A command that will need children calls this before its own imports, so that both are made at the same time. The
+    first call decides what the server imports; later ones find it running.
+
+    Parameters
+    ----------
+    with_measures : bool
+        True if children evaluate their runs, and not only make them.
+    """
+    if not _has_server():
+        return
+    imports = [*_IMPORTED, *(_IMPORTED_BY_MEASURES if with_measures else ())]
+    multiprocessing.get_context("forkserver").set_forkserver_preload(imports)
+    with one_thread():
+        forkserver.ensure_running()
+
+
+def _has_server() -> bool:
+    return "forkserver" in multiprocessing.get_all_start_methods()
 
 
 @cache
 def child_context() -> ForkServerContext | SpawnContext:
     """Return how processes are started: forked, where the system can, from a server that has made the common imports.
 
-    That takes a tenth of the time. The first call starts the server and does not wait for it: the sooner, the better.
+    That takes a tenth of the time of a new interpreter.
     """
-    if "forkserver" not in multiprocessing.get_all_start_methods():
+    if not _has_server():
         return multiprocessing.get_context("spawn")
-    context = multiprocessing.get_context("forkserver")
-    context.set_forkserver_preload(
-        [*_IMPORTED, *(name for name in _AS_HERE if name in sys.modules)]
-    )
-    with one_thread():
-        forkserver.ensure_running()
-    return context
+    start_server(with_measures="pandas" in sys.modules)
+    return multiprocessing.get_context("forkserver")
 
 
 @contextmanager

@@ -528,7 +528,7 @@ class TestProcess:
         """At a terminal the command and the server of its children get it, wherever they are in their imports."""
         begun = (
             "import os, signal, sys, stiction.__main__ as command, stiction.child_processes as children; sys.argv = ['stiction', 'run']; "
-            "children.child_context = lambda: os.kill(os.getpid(), signal.SIGINT); command.main()"
+            "children.start_server = lambda with_measures: os.kill(os.getpid(), signal.SIGINT); command.main()"
         )
         served = "import os, signal; from stiction.child_processes import _IMPORTED; __import__(_IMPORTED[0]); os.kill(os.getpid(), signal.SIGINT)"
         for code in (begun, served):

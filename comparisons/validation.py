@@ -5,6 +5,7 @@ from __future__ import annotations
 import time
 from collections import defaultdict
 from collections.abc import Callable, Mapping, Sequence
+from types import MappingProxyType
 from typing import Any
 
 from stiction.comparisons.bench.depth import Depth
@@ -48,8 +49,7 @@ def validate(
     on_study : callable or None
         Called with each study as soon as its runs are complete, and with the results so far.
     """
-    start = time.perf_counter()
-    cpu_start = time.process_time()
+    elapsed = _ElapsedTime()
     load_before = load()
     limits = extent(depth)
     options: dict[str, Any] = {
@@ -58,18 +58,11 @@ def validate(
         "isolated": isolated,
         "timed_by": timed_by,
     }
-    cpu_of_runs = 0.0
 
     def report(outcome: Outcome) -> None:
-        nonlocal cpu_of_runs
-        cpu_of_runs += outcome.cpu_s or 0.0
+        elapsed.add(outcome)
         if on_result is not None:
             on_result(outcome)
-
-    def results_of(tables: Sequence[Tables], **settings: Any) -> Results:
-        wall_s = time.perf_counter() - start
-        cpu_s = time.process_time() - cpu_start + cpu_of_runs
-        return union(tables, settings, wall_s, cpu_s)
 
     scenes = tuple(validation_campaign().scenes)
     scope = Scope(scenes, depth, None if engines is None else tuple(engines))
@@ -77,7 +70,7 @@ def validate(
 
     def present_study(study: Study, tables: Sequence[Tables]) -> None:
         if on_study is not None:
-            on_study(study, results_of(tables))
+            on_study(study, elapsed.results_of(tables))
 
     progress = _Progress(plan, on_share or (lambda share: None), present_study)
 
@@ -92,20 +85,39 @@ def validate(
     for study, comparison in plan.items():
         if comparison.rounds and not progress.interrupted:
             present_study(study, tables)
-    return results_of(
-        tables,
-        **{
-            "depth": str(depth),
-            "engines": list(dict.fromkeys(variant.engine for variant in variants(engines, depth))),
-            "time_limit": limits.limit,
-            "workers": workers,
-            "trajectories": limits.trajectories,
-            "interrupted": progress.interrupted,
-            "machine before": load_before,
-            "machine while timing": machine_while_timing(union(tables).table("times")),
-            "machine after": load(),
-        },
-    )
+    settings = {
+        "depth": str(depth),
+        "engines": list(dict.fromkeys(variant.engine for variant in variants(engines, depth))),
+        "time_limit": limits.limit,
+        "workers": workers,
+        "trajectories": limits.trajectories,
+        "interrupted": progress.interrupted,
+        "machine before": load_before,
+        "machine while timing": machine_while_timing(union(tables).table("times")),
+        "machine after": load(),
+    }
+    return elapsed.results_of(tables, settings)
+
+
+class _ElapsedTime:
+    """Wall time and CPU time since the beginning of a validation, those of its runs included."""
+
+    def __init__(self) -> None:
+        self._wall_start_s = time.perf_counter()
+        self._cpu_start_s = time.process_time()
+        self._cpu_of_runs_s = 0.0
+
+    def add(self, outcome: Outcome) -> None:
+        """Add the CPU time of a run, which is that of a child process."""
+        self._cpu_of_runs_s += outcome.cpu_s or 0.0
+
+    def results_of(
+        self, tables: Sequence[Tables], settings: Mapping[str, object] = MappingProxyType({})
+    ) -> Results:
+        """Return the results of studies with the times that have elapsed until now."""
+        wall_s = time.perf_counter() - self._wall_start_s
+        cpu_s = time.process_time() - self._cpu_start_s + self._cpu_of_runs_s
+        return union(tables, settings, wall_s, cpu_s)
 
 
 class _Progress:

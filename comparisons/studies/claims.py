@@ -179,6 +179,7 @@ class Claim:
 
     @property
     def place(self) -> str:
+        """Place of the statement in the paper."""
         return f"Sect. 5, p. {self.page}"
 
     @property

@@ -151,8 +151,8 @@ def plan(scope: Scope) -> Comparison[Tables]:
 def _tables(yields: Sequence[Timed], number_of_cases: int) -> Tables:
     """Return the tables of the study from the yields of each scene, of which the first are the cases.
 
-    Equal error is found for the cases and for the other mechanisms separately, since it describes the limit of each
-    method over all scenes that it is given.
+    `equal_error` is evaluated separately for the cases and for the other mechanisms: the limit of a method in its table
+    is that over all scenes that it receives, and is to be the same at every depth.
     """
     cases, others = yields[:number_of_cases], yields[number_of_cases:]
     equal = [

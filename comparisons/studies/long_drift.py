@@ -49,7 +49,14 @@ from stiction.comparisons.bench.study import Scope, Study, Tables
 from stiction.comparisons.bench.variants import run_command
 from stiction.comparisons.measures.accuracy import errors, size_of
 from stiction.comparisons.measures.drift import rounding_of
-from stiction.comparisons.measures.drift_growth import BOUNDED, GROWS, INCONCLUSIVE, ROUNDED, growth
+from stiction.comparisons.measures.drift_growth import (
+    BOUNDED,
+    GROWS,
+    INCONCLUSIVE,
+    ROUNDED,
+    Growth,
+    growth,
+)
 from stiction.comparisons.studies.drift import POSITION, VELOCITY, above_rounding
 from stiction.engines.isolation import Outcome, Task
 from stiction.engines.reference.engine import ReferenceEngine
@@ -104,6 +111,7 @@ class Choice:
 
     @property
     def is_baumgarte(self) -> bool:
+        """Whether the stabilization is Baumgarte's."""
         return self.method == "baumgarte"
 
     @property
@@ -285,7 +293,6 @@ def drift_run(long: LongRun) -> DriftRun:
         VELOCITY: float(np.max(run["drift.velocity"])),
     }
 
-    # The laws of growth after each length. The octaves are those of the longest one.
     octaves: tuple[tuple[float, float], ...] = ()
     if run.termination == "end":
         rounding = rounding_level(scene, choice, step, run)
@@ -295,18 +302,24 @@ def drift_run(long: LongRun) -> DriftRun:
                 continue
             within = run.t <= length + step / 2
             law = growth(run.t[within], drift[within], transient, rounding[within])
+            row |= _growth_columns(law, length)
+            # Those of the longest time remain.
             octaves = law.octaves
-            row |= {
-                f"growth_{length:g}s": law.verdict,
-                f"growth_exponent_{length:g}s": law.exponent,
-                f"growth_exponent_uncertainty_{length:g}s": law.uncertainty,
-                f"walk_spread_{length:g}s": law.spread,
-            }
 
     # The error is that of a run of its own, with samples at other instants.
     measured = errors(simulate(SHORT, 1e-2), slider_bar_truth(scene, SHORT), size_of(scene))
     row |= {name: measured.get(name) for name in (ERROR, "position_uncertainty")}
     return row, octaves
+
+
+def _growth_columns(law: Growth, length: float) -> dict[str, Any]:
+    """Return the columns of the law of growth over a length of time (s)."""
+    return {
+        f"growth_{length:g}s": law.verdict,
+        f"growth_exponent_{length:g}s": law.exponent,
+        f"growth_exponent_uncertainty_{length:g}s": law.uncertainty,
+        f"walk_spread_{length:g}s": law.spread,
+    }
 
 
 def drift_study(runs: Sequence[LongRun], outcomes: Sequence[Outcome]) -> Tables:
@@ -618,38 +631,7 @@ def _all_runs(study: pd.DataFrame) -> TableView:
 
 def _figure(study: pd.DataFrame, octaves: pd.DataFrame, name: str) -> Chart:
     """Return a figure of one scene: the paper's Fig. 14 over a longer time, and drift over the step."""
-    # Open markers for the finest step, filled ones for the coarsest.
     steps = [step for step in STEPS if step in set(octaves["step"])]
-    over_time = []
-    for choice, step in product(DESCRIBED, dict.fromkeys((steps[0], steps[-1]))):
-        rows = octaves[(octaves["choice"] == choice.label) & (octaves["step"] == step)]
-        if len(rows):
-            over_time.append(
-                Series(
-                    "",
-                    rows["octave_end"].to_numpy(),
-                    rows[OCTAVE].to_numpy(),
-                    look=choice.label,
-                    points=True,
-                    hollow=step != steps[-1],
-                )
-            )
-
-    completed = study[(study["status"] == Status.OK) & (study["reason"] == "")].sort_values("step")
-    over_step = []
-    for choice in CHOICES:
-        rows = completed[completed["choice"] == choice.label]
-        if len(rows):
-            over_step.append(
-                Series(
-                    choice.label,
-                    rows["step"].to_numpy(),
-                    rows[IN_SHORT].to_numpy(),
-                    look=choice.label,
-                    points=True,
-                )
-            )
-
     title = ""
     if len(steps) > 1:
         title = f"open markers: {1e3 * steps[0]:g} ms, filled: {1e3 * steps[-1]:g} ms"
@@ -658,17 +640,55 @@ def _figure(study: pd.DataFrame, octaves: pd.DataFrame, name: str) -> Chart:
             title,
             Axis("time [s]", log=True, ticks=sorted(set(octaves["octave_end"]))),
             Axis("drift, rms over an octave [m, rad]", log=True),
-            over_time,
+            _drift_over_time(octaves, steps[0], steps[-1]),
         ),
         Panel(
             "largest in 24 s",
             Axis("step [s]", log=True, ticks=sorted(set(study["step"]))),
             Axis("drift, largest in 24 s [m, rad]", log=True),
-            over_step,
+            _drift_over_step(study),
             lines=(PAPERS.largest_step(),),
         ),
     )
     return Chart(name, panels, columns=2, height=2.5)
+
+
+def _drift_over_time(octaves: pd.DataFrame, finest: float, coarsest: float) -> list[Series]:
+    """Return the series of drift in each octave: open markers for the finest step, filled ones for the coarsest."""
+    series = []
+    for choice, step in product(DESCRIBED, dict.fromkeys((finest, coarsest))):
+        rows = octaves[(octaves["choice"] == choice.label) & (octaves["step"] == step)]
+        if len(rows):
+            series.append(
+                Series(
+                    "",
+                    rows["octave_end"].to_numpy(),
+                    rows[OCTAVE].to_numpy(),
+                    look=choice.label,
+                    points=True,
+                    hollow=step != coarsest,
+                )
+            )
+    return series
+
+
+def _drift_over_step(study: pd.DataFrame) -> list[Series]:
+    """Return the series of drift over the step, of the runs that reached their end."""
+    completed = study[(study["status"] == Status.OK) & (study["reason"] == "")].sort_values("step")
+    series = []
+    for choice in CHOICES:
+        rows = completed[completed["choice"] == choice.label]
+        if len(rows):
+            series.append(
+                Series(
+                    choice.label,
+                    rows["step"].to_numpy(),
+                    rows[IN_SHORT].to_numpy(),
+                    look=choice.label,
+                    points=True,
+                )
+            )
+    return series
 
 
 STUDY = Study(

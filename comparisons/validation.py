@@ -1,10 +1,11 @@
-"""The main job: all studies on the paper's three cases, their runs made together."""
+"""The main computation: all studies on the paper's three cases, whose runs are executed together."""
 
 from __future__ import annotations
 
 import time
 from collections import defaultdict
 from collections.abc import Callable, Mapping, Sequence
+from types import MappingProxyType
 from typing import Any
 
 from stiction.comparisons.bench.depth import Depth
@@ -19,7 +20,7 @@ from stiction.engines.isolation import Isolate, Outcome
 from stiction.engines.status import Status
 
 TIMED_SECONDS = 0.25
-"""CPU seconds that a timed run takes, roughly: for the estimate of the time that is left, and nothing else."""
+"""Approximate CPU time of a timed run, s. It is used only to estimate how much of the work is done."""
 
 
 def validate(
@@ -33,13 +34,23 @@ def validate(
     isolated: Isolate | None = None,
     timed_by: Isolate | None = None,
 ) -> Results:
-    """Make the runs of all studies, and their tables; options of `stiction.comparisons.bench.runner.make`.
+    """Execute the runs of all studies, and return their tables.
 
-    The reference and the external engines named take part, all known ones where None. `on_share` is called again and
-    again with the part of the work that is done, 0 to 1; `on_study` with each study as soon as its runs are there, and
-    the results so far.
+    Parameters
+    ----------
+    depth : Depth
+        Which runs are executed.
+    engines : sequence of str or None
+        External engines that take part; all known ones if None. The reference always takes part.
+    workers, on_result, isolated, timed_by
+        As for `stiction.comparisons.bench.runner.make`.
+    on_share : callable or None
+        Called after each run with the fraction of the work that is done, 0 to 1.
+    on_study : callable or None
+        Called with each study as soon as its runs are complete, and with the results so far.
     """
-    started, cpu_started, load_before = time.perf_counter(), time.process_time(), load()
+    elapsed = _ElapsedTime()
+    load_before = load()
     limits = extent(depth)
     options: dict[str, Any] = {
         "workers": workers,
@@ -47,91 +58,129 @@ def validate(
         "isolated": isolated,
         "timed_by": timed_by,
     }
-    spent = 0.0
 
-    def count(outcome: Outcome) -> None:
-        nonlocal spent
-        spent += outcome.cpu_s or 0.0
+    def report(outcome: Outcome) -> None:
+        elapsed.add(outcome)
         if on_result is not None:
             on_result(outcome)
 
-    def results(made: Sequence[Tables], **settings: Any) -> Results:
-        cpu = time.process_time() - cpu_started + spent
-        return union(made, settings, time.perf_counter() - started, cpu)
+    scenes = tuple(validation_campaign().scenes)
+    scope = Scope(scenes, depth, None if engines is None else tuple(engines))
+    plan = planned(scope, studies(), on_result=report, **options)
 
-    scope = Scope(
-        tuple(validation_campaign().scenes), depth, None if engines is None else tuple(engines)
+    def present_study(study: Study, tables: Sequence[Tables]) -> None:
+        if on_study is not None:
+            on_study(study, elapsed.results_of(tables))
+
+    progress = _Progress(plan, on_share or (lambda share: None), present_study)
+
+    def report_progress(outcome: Outcome) -> None:
+        report(outcome)
+        progress.add(outcome)
+
+    tables = make(
+        list(plan.values()), on_start=progress.begin, on_result=report_progress, **options
     )
-    plan = planned(scope, studies(), on_result=count, **options)
-    watch = _Watch(
-        plan, on_share or (lambda share: None), on_study or (lambda study, so_far: None), results
-    )
-
-    def count_and_watch(outcome: Outcome) -> None:
-        count(outcome)
-        watch.result(outcome)
-
-    made = make(list(plan.values()), on_start=watch.start, on_result=count_and_watch, **options)
+    # Studies with timed runs are complete only now, all at the same time.
     for study, comparison in plan.items():
-        if comparison.rounds and not watch.interrupted:
-            watch.on_study(study, results(made))
-    return results(
-        made,
-        **{
-            "depth": str(depth),
-            "engines": list(dict.fromkeys(variant.engine for variant in variants(engines, depth))),
-            "time_limit": limits.limit,
-            "workers": workers,
-            "trajectories": limits.trajectories,
-            "interrupted": watch.interrupted,
-            "machine before": load_before,
-            "machine while timing": machine_while_timing(union(made).table("times")),
-            "machine after": load(),
-        },
-    )
+        if comparison.rounds and not progress.interrupted:
+            present_study(study, tables)
+    settings = {
+        "depth": str(depth),
+        "engines": list(dict.fromkeys(variant.engine for variant in variants(engines, depth))),
+        "time_limit": limits.limit,
+        "workers": workers,
+        "trajectories": limits.trajectories,
+        "interrupted": progress.interrupted,
+        "machine before": load_before,
+        "machine while timing": machine_while_timing(union(tables).table("times")),
+        "machine after": load(),
+    }
+    return elapsed.results_of(tables, settings)
 
 
-class _Watch:
-    """Progress: the part of the work that is done, and each study as soon as all of its runs are.
+class _ElapsedTime:
+    """Wall time and CPU time since the beginning of a validation, those of its runs included."""
 
-    Timed studies come last, all of them together. Once runs were left out it is `interrupted`, and reports no study.
+    def __init__(self) -> None:
+        self._wall_start_s = time.perf_counter()
+        self._cpu_start_s = time.process_time()
+        self._cpu_of_runs_s = 0.0
+
+    def add(self, outcome: Outcome) -> None:
+        """Add the CPU time of a run, which is that of a child process."""
+        self._cpu_of_runs_s += outcome.cpu_s or 0.0
+
+    def results_of(
+        self, tables: Sequence[Tables], settings: Mapping[str, object] = MappingProxyType({})
+    ) -> Results:
+        """Return the results of studies with the times that have elapsed until now."""
+        wall_s = time.perf_counter() - self._wall_start_s
+        cpu_s = time.process_time() - self._cpu_start_s + self._cpu_of_runs_s
+        return union(tables, settings, wall_s, cpu_s)
+
+
+class _Progress:
+    """The fraction of the work that is done, and the tables of the studies whose runs are complete.
+
+    Studies with timed runs are left out: they are complete only at the end, all together. After a run that was not
+    executed, `interrupted` is true, and no study is reported any more.
+
+    Parameters
+    ----------
+    plan : Mapping[Study, Comparison]
+        All studies with their runs.
+    on_share : callable
+        Called after each run with the fraction of the work that is done.
+    on_study : callable
+        Called with each study as soon as its runs are complete, and with the tables of all studies so far.
     """
 
     def __init__(
         self,
         plan: Mapping[Study, Comparison[Tables]],
         on_share: Callable[[float], None],
-        on_study: Callable[[Study, Results], None],
-        results: Callable[[Sequence[Tables]], Results],
+        on_study: Callable[[Study, Sequence[Tables]], None],
     ):
-        self.on_study, self._on_share, self._results = on_study, on_share, results
+        self.interrupted = False
+        self._on_share = on_share
+        self._on_study = on_study
         self._plan = {
             study: comparison for study, comparison in plan.items() if not comparison.rounds
         }
         self._outcomes: dict[Study, dict[int, Outcome]] = {study: {} for study in self._plan}
+        # Studies, and places among their tasks, that wait for the outcome of a label. Several
+        # studies may have runs with the same label; the runner reports an outcome for each.
         self._awaited: dict[str, list[tuple[Study, int]]] = defaultdict(list)
         for study, comparison in self._plan.items():
             for place, task in enumerate(comparison.tasks):
                 self._awaited[task.label].append((study, place))
-        self._made: list[Tables] = []
-        self._done = self._total = 0.0
-        self.interrupted = False
+        self._tables: list[Tables] = []
+        self._done_s = 0.0
+        self._total_s = 0.0
 
-    def start(self, number: int) -> None:
-        """Take notice of the number of results that will come."""
+    def begin(self, number: int) -> None:
+        """Estimate the whole work from the number of results that will come."""
         counts = {study: len(comparison.tasks) for study, comparison in self._plan.items()}
-        seconds = sum(study.seconds * count for study, count in counts.items())
-        self._total = seconds + TIMED_SECONDS * (number - sum(counts.values()))
+        untimed_s = sum(study.seconds * count for study, count in counts.items())
+        self._total_s = untimed_s + TIMED_SECONDS * (number - sum(counts.values()))
 
-    def result(self, outcome: Outcome) -> None:
-        study, place = awaited.pop(0) if (awaited := self._awaited[outcome.label]) else (None, 0)
-        self._done += TIMED_SECONDS if study is None else study.seconds
-        self._on_share(min(self._done / self._total, 1.0))  # rounds may be more than the least
-        self.interrupted |= outcome.status == Status.NOT_RUN
+    def add(self, outcome: Outcome) -> None:
+        """Take the outcome of a run into account, and report the study that it completes."""
+        awaiting = self._awaited[outcome.label]
+        study, place = awaiting.pop(0) if awaiting else (None, 0)
+        self._done_s += TIMED_SECONDS if study is None else study.seconds
+        # There may be more rounds of timing than the estimate assumes.
+        self._on_share(min(self._done_s / self._total_s, 1.0))
+        if outcome.status == Status.NOT_RUN:
+            self.interrupted = True
         if study is None:
             return
-        outcomes, comparison = self._outcomes[study], self._plan[study]
+        outcomes = self._outcomes[study]
         outcomes[place] = outcome
-        if len(outcomes) == len(comparison.tasks) and not self.interrupted:
-            self._made.append(comparison.tabulate([outcomes[i] for i in range(len(outcomes))]))
-            self.on_study(study, self._results(self._made))
+        comparison = self._plan[study]
+        is_complete = len(outcomes) == len(comparison.tasks)
+        if is_complete and not self.interrupted:
+            in_order = [outcomes[number] for number in range(len(outcomes))]
+            self._tables.append(comparison.tabulate(in_order))
+            self._on_study(study, self._tables)

@@ -1,9 +1,10 @@
-"""The paper's sentences about its example: which hold on the truth, and which on runs of its HLCP scheme.
+"""Verdicts on the paper's statements about its example, for its true motion and for runs of the HLCP scheme.
 
-Source: Zhuang & Wang, Acta Mech. Sin. 30(3), 437-446 (2014); ``data/paper_claims.toml`` quotes each sentence with its
-place. A measure with a margin, positive where the claim holds, is taken of four stretches of motion: the truth from the
-start and in its steady state, and the paper's scheme from the start and in its last period. The verdict follows from
-the four. The length and the step that a run needs follow from shorter and coarser runs.
+Source: Zhuang & Wang, Acta Mech. Sin. 30(3), 437-446 (2014). ``data/paper_claims.toml`` quotes each statement
+with its place in the paper, and names the measure that tests it. A measure returns a margin, which is positive
+where the statement holds. It is evaluated on four stretches of motion: the truth from the start and in its steady
+state, and a run of the paper's scheme from the start and in its last period. The verdict follows from the four
+margins. Shorter and coarser runs then show which length and which step a run needs for the statement to hold.
 """
 
 from __future__ import annotations
@@ -64,8 +65,20 @@ from stiction.truths import NoMotion, StickThreshold, Tier, slider_bar_truth
 from stiction.truths.reduced.slider_bar import SliderBar
 from stiction.truths.reduced.steady_state import NoSteadyState, stick_threshold
 
-HOLDS, STEADY, PARTLY, FAILS = "holds", "holds in the steady state only", "partly", "does not hold"
-CONTRADICTS, NOT_TESTABLE, UNDECIDED = "contradicts itself", "not testable", "not decided"
+HOLDS = "holds"
+"""The claim holds on every stretch of motion."""
+STEADY = "holds in the steady state only"
+"""The claim holds on the stretches of the steady state, but not on all of those from the start."""
+PARTLY = "partly"
+"""Truth and run disagree, or a part of the claim holds."""
+FAILS = "does not hold"
+"""The claim holds on no stretch, not even in part."""
+CONTRADICTS = "contradicts itself"
+"""The claim holds and cannot be true together with another statement of the paper."""
+NOT_TESTABLE = "not testable"
+"""The claim has no measure, for instance because it is a definition."""
+UNDECIDED = "not decided"
+"""A margin is unknown on some stretch."""
 VERDICTS: Mapping[str, str] = {
     "holding": HOLDS,
     "steady": STEADY,
@@ -75,15 +88,15 @@ VERDICTS: Mapping[str, str] = {
     "not_testable": NOT_TESTABLE,
     "undecided": UNDECIDED,
 }
-"""The verdicts by the names that the text has for the numbers of statements with them."""
+"""Verdicts by the names under which the text of the study counts the statements."""
 NO_CHANGE = "none"
-"""Entry of the columns of changes under a choice that changes nothing."""
+"""Entry of the columns of changes for a choice that changes nothing."""
 NOT_KNOWN = "not known: the first choice has no result"
-"""Entry of them where there is nothing to compare with."""
+"""Entry of the columns of changes where there is no result to compare with."""
 
 
 class Part(StrEnum):
-    """A stretch of motion on which a claim is measured: of the truth, and of a run of the paper's scheme."""
+    """A stretch of motion on which a claim is measured: of the truth, or of a run of the paper's scheme."""
 
     TRUTH_FROM_START = "truth_from_start"
     TRUTH_STEADY = "truth_steady"
@@ -92,17 +105,17 @@ class Part(StrEnum):
 
     @property
     def is_steady(self) -> bool:
-        """True for a stretch of the steady state."""
+        """Whether the stretch belongs to the steady state."""
         return self in (Part.TRUTH_STEADY, Part.RUN_LAST_PERIOD)
 
     @property
     def margin(self) -> str:
-        """Key of the column with the margin on it."""
+        """Key of the column that contains the margin on this stretch."""
         return f"margin_{self}"
 
     @property
     def label(self) -> str:
-        """Words of it: ``truth, from the start``."""
+        """Description for readers, for example ``truth, from the start``."""
         return {
             Part.TRUTH_FROM_START: "truth, from the start",
             Part.TRUTH_STEADY: "truth, steady",
@@ -111,23 +124,48 @@ class Part(StrEnum):
         }[self]
 
 
-RUN, FROM_START = 80.0, 24.0
-"""Seconds of a run of the scheme, whose last period is its steady state, and of the stretch from the start.
+RUN = 80.0
+"""Length of a run of the scheme, s; its last period is taken as its steady state.
 
-The latter is the length of the paper's figures. The slowest multiplier of the return maps is 0.5 in 8 s, and 0.5^9 is
-below the width of a printed line.
+The slowest multiplier of the return maps is 0.5 in 8 s. At the beginning of the last period, 0.5^9 of a deviation is
+left, which is less than the width of a printed line, see `LINE`.
 """
+FROM_START = 24.0
+"""Length of the stretch from the start, s: that of the paper's figures."""
 STEPS = (1e-2, 5e-3, 2.5e-3)
-"""Steps of the runs of the scheme, s. The verdict is that of the last; at 1 ms all are the same."""
+"""Steps of the runs of the scheme, s. The verdict is taken at the last one; at 1 ms all verdicts are the same."""
 
 Simulate = Callable[[Scene, float, float], Trajectory]
-"""(scene, t_end, step) to a run."""
+"""Function of a scene, t_end (s) and a step (s) that returns a run."""
 View = Callable[[Scene], Stretch]
+"""Function that returns one stretch of a scene's motion."""
 
 
 @dataclass(frozen=True)
 class Claim:
-    """A sentence of the paper; the fields are those of ``data/paper_claims.toml``."""
+    """A statement of the paper; its fields are the keys of ``data/paper_claims.toml``.
+
+    Attributes
+    ----------
+    case : str
+        Numbers of the cases that the statement is about: ``"1"`` or ``"1, 2"``; ``"-"`` for none.
+    page : str
+        Page of Sect. 5.
+    words : str
+        The quotation.
+    measure : str
+        Name of a function in `MEASURES`; empty if the statement cannot be tested.
+    arguments : Mapping
+        Further arguments of the measure.
+    remark : str
+        Text that follows the meaning of the margin.
+    why : str
+        Reason why there is no measure.
+    beginning : bool
+        True if the statement is about the beginning of the motion alone.
+    contradiction : str
+        Another statement that cannot be true together with this one.
+    """
 
     case: str
     page: str
@@ -141,19 +179,20 @@ class Claim:
 
     @property
     def place(self) -> str:
+        """Place of the statement in the paper."""
         return f"Sect. 5, p. {self.page}"
 
     @property
     def number(self) -> int:
-        """The case it is about, the first of several."""
+        """Number of the case, the first one if there are several."""
         return int(self.case[0])
 
-    def measured(self, views: Views, view: View) -> ClaimMargin:
-        """The margin in one of the views; not a number where there is no such motion."""
+    def margin_in(self, views: Views, view: View) -> ClaimMargin:
+        """Measure the claim in one view; the margin is nan where the scene has no such motion."""
+        measure = MEASURES[self.measure]
+        example = Example(views.cases, views.threshold, view)
         try:
-            return MEASURES[self.measure](
-                Example(views.cases, views.threshold, view), self.number, **self.arguments
-            )
+            return measure(example, self.number, **self.arguments)
         except (NoSteadyState, NoMotion) as error:
             return ClaimMargin(float("nan"), why=str(error))
 
@@ -162,41 +201,43 @@ _QUOTED = tomllib.loads(
     (resources.files("stiction.comparisons") / "data" / "paper_claims.toml").read_text("utf-8")
 )
 CHOICES: Mapping[str, Mapping[str, Any]] = _QUOTED["choices"]
-"""Values that the paper does not give, as overrides of `stiction.scenes.vary`; the first choice is ours."""
+"""Values that the paper does not state, as overrides for `stiction.scenes.vary`; the first choice is ours."""
 
 
 def claims() -> tuple[Claim, ...]:
-    """The paper's sentences about its example, in their order; `drift_claims` has those about drift."""
+    """Return the paper's statements about its example in their order, without those about drift."""
     return tuple(Claim(**entry) for entry in _QUOTED["claim"])
 
 
 def paper_run(scene: Scene, t_end: float, step: float) -> Trajectory:
-    """The paper's scheme with its stabilization, samples as the steps or every 2 ms."""
+    """Run the paper's scheme with its stabilization; samples are stored every step, at intervals of 2 ms at least."""
     return ReferenceEngine().simulate(
         scene, t_end=t_end, dt=step, output_step=max(step, 2e-3), assemble=True
     )
 
 
 class Views:
-    """The stretches of the cases' motions that claims are measured on; each motion is made once."""
+    """The stretches of motion on which claims are measured. Each motion is computed once, when first needed."""
 
     def __init__(
         self, cases: Mapping[int, Scene], threshold: StickThreshold, simulate: Simulate = paper_run
     ):
         self.cases, self.threshold = cases, threshold
         self._simulate = simulate
-        self._known: dict[tuple[str, object], Stretch] = {}
+        self._stretches: dict[tuple[str, object], Stretch] = {}
 
     def steady_truth(self, scene: Scene) -> Stretch:
+        """Return one period of the true steady state."""
         return self._once(scene, "steady", lambda: steady_stretch(scene))
 
     def truth(self, scene: Scene) -> Stretch:
+        """Return the first `FROM_START` seconds of the true motion."""
         return self._once(
             scene, "truth", lambda: truth_stretch(scene, slider_bar_truth(scene, FROM_START))
         )
 
     def run(self, step: float, scene: Scene) -> Stretch:
-        """All of a run of the scheme: as many periods as `RUN` has."""
+        """Return a whole run of the scheme, of the number of periods that is nearest to `RUN` seconds."""
         period = SliderBar.from_scene(scene).period()
         t_end = period * max(2, round(RUN / period))
         return self._once(
@@ -204,220 +245,259 @@ class Views:
         )
 
     def beginning(self, step: float, scene: Scene) -> Stretch:
+        """Return the first `FROM_START` seconds of a run of the scheme."""
         return self.run(step, scene).between(0.0, FROM_START)
 
     def period(self, step: float, age: float, scene: Scene) -> Stretch:
-        """The whole period that ends about `age` seconds before the end of the run; the first where none is as old."""
+        """Return the period that ends about `age` seconds before the end of a run, or else its first period."""
         whole = self.run(step, scene)
-        number = min(round(age / whole.period), round(whole.end / whole.period) - 1)
-        end = whole.end - number * whole.period
+        periods_before_end = min(round(age / whole.period), round(whole.end / whole.period) - 1)
+        end = whole.end - periods_before_end * whole.period
         return whole.between(end - whole.period, end)
 
-    def _once(self, scene: Scene, what: object, make: Callable[[], Stretch]) -> Stretch:
-        key = scene_to_toml(scene), what
-        if key not in self._known:
-            self._known[key] = make()
-        return self._known[key]
+    def _once(self, scene: Scene, kind: object, compute: Callable[[], Stretch]) -> Stretch:
+        """Return the stretch of this kind, which is the step of a run or a name for a truth."""
+        key = scene_to_toml(scene), kind
+        if key not in self._stretches:
+            self._stretches[key] = compute()
+        return self._stretches[key]
 
 
 def claims_comparison(
     cases: Mapping[int, Scene], threshold: StickThreshold
 ) -> Comparison[pd.DataFrame]:
-    """`claims_table` in tasks: those of one case share motions. The claims of a failed task are one row."""
-    first: dict[str, int] = {}
-    for row, claim in enumerate(claims()):
-        first.setdefault(claim.case, row)
+    """Plan `claims_table` for all claims: one task per value of `Claim.case`, as its claims share motions.
+
+    If a task fails, one row replaces its claims.
+    """
+    first_place: dict[str, int] = {}
+    for place, claim in enumerate(claims()):
+        first_place.setdefault(claim.case, place)
 
     def tabulate(outcomes: Sequence[Outcome]) -> pd.DataFrame:
         parts = []
-        for case, outcome in zip(first, outcomes, strict=True):
-            failed = {
-                "case": case,
-                "place": "",
-                "claim": f"[all about case {case}]",
-                "verdict": UNDECIDED,
-                "why": outcome.reason,
-            }
-            found = pd.DataFrame(failed, [first[case]]) if outcome.value is None else outcome.value
-            parts.append(found.assign(status=outcome.status, reason=outcome.reason))
+        for case, outcome in zip(first_place, outcomes, strict=True):
+            table = outcome.value
+            if table is None:
+                row = {
+                    "case": case,
+                    "place": "",
+                    "claim": f"[all about case {case}]",
+                    "verdict": UNDECIDED,
+                    "why": outcome.reason,
+                }
+                table = pd.DataFrame(row, [first_place[case]])
+            parts.append(table.assign(status=outcome.status, reason=outcome.reason))
+        # The index is the place of a claim in the paper.
         return pd.concat(parts).sort_index().reset_index(drop=True)
 
-    return Comparison(
-        tuple(
-            Task(f"claims/{case}", claims_table, (dict(cases), threshold, case)) for case in first
-        ),
-        tabulate,
-    )
+    tasks = [
+        Task(f"claims/{case}", claims_table, (dict(cases), threshold, case)) for case in first_place
+    ]
+    return Comparison(tuple(tasks), tabulate)
 
 
 def claims_table(cases: Mapping[int, Scene], threshold: StickThreshold, about: str) -> pd.DataFrame:
-    """One row per claim with `Claim.case` `about`: words and place, verdict, margins, run and step needed.
+    """Return one row per claim: words and place, verdict, margins, and the run and step that it needs.
 
-    The threshold is that of the first case. The index is the place of the claim among `claims`.
+    Parameters
+    ----------
+    cases : Mapping[int, Scene]
+        The paper's cases by number.
+    threshold : StickThreshold
+        The stick threshold of the first case.
+    about : str
+        Only claims with this `Claim.case` have a row. The index is their place among `claims`.
     """
     views = Views(cases, threshold)
     chosen = {place: claim for place, claim in enumerate(claims()) if claim.case == about}
-    return pd.DataFrame(
-        [
-            {
-                "case": claim.case,
-                "place": claim.place,
-                "claim": claim.words,
-                **_examine(claim, views),
-                "truth_tier": Tier.HIGH_PRECISION,
-            }
-            for claim in chosen.values()
-        ],
-        index=list(chosen),
-    )
+    rows = [
+        {
+            "case": claim.case,
+            "place": claim.place,
+            "claim": claim.words,
+            **_examine(claim, views),
+            "truth_tier": Tier.HIGH_PRECISION,
+        }
+        for claim in chosen.values()
+    ]
+    return pd.DataFrame(rows, index=list(chosen))
 
 
 def drift_claims(study: pd.DataFrame, scene: str) -> list[dict[str, Any]]:
-    """Rows as of `claims_table` for the two sentences about Fig. 14, from the table of the study of drift.
+    """Return rows, as those of `claims_table`, for the two statements about Fig. 14.
 
-    The laws of growth of the longest runs decide. The margin is what is left of the interval of the exponent: above
-    zero for drift that grows, and how far its spread is below that of a random walk for drift that does not. Drift that
-    is no more than the rounding of a coordinate counts as bounded: the sentence is about the method.
+    `study` is the table of the study of drift over long runs. The laws of growth of its longest runs decide. For
+    drift that should grow, the margin is the lower end of the exponent's confidence interval. For drift that should
+    be bounded, it is how far the spread of the drift is below that of a random walk. Drift that is no larger than
+    the rounding of a coordinate counts as bounded, because the statement is about the method.
     """
-    return [
-        _drift_row(decisive_runs(study, scene, PAPERS if entry["stabilized"] else NONE), **entry)
-        for entry in _QUOTED["drift_claim"]
-    ]
+    rows = []
+    for entry in _QUOTED["drift_claim"]:
+        choice = PAPERS if entry["stabilized"] else NONE
+        rows.append(_drift_row(decisive_runs(study, scene, choice), **entry))
+    return rows
 
 
 def _drift_row(
-    found: Sequence[tuple[Mapping[Any, Any], Law]],
+    decisive: Sequence[tuple[Mapping[Any, Any], Law]],
     words: str,
     stabilized: bool,
     allowed: Sequence[str],
     margin: str,
 ) -> dict[str, Any]:
-    runs, laws = [run for run, _ in found], [law for _, law in found]
-    held = [
-        law in allowed for law, *_ in laws if law != INCONCLUSIVE
-    ]  # a run that is too short decides nothing
-    said = UNDECIDED if not held else HOLDS if all(held) else PARTLY if any(held) else FAILS
+    """Return the row of one statement about drift.
+
+    Parameters
+    ----------
+    decisive : sequence of (row, Law)
+        The runs that decide, see `decisive_runs`.
+    words, stabilized, allowed, margin
+        The keys of ``[[drift_claim]]`` in ``data/paper_claims.toml``; `allowed` lists the laws of growth with which
+        the statement is true.
+    """
+    runs = [run for run, _ in decisive]
+    laws = [law for _, law in decisive]
     row: dict[str, Any] = {
         "case": "-",
         "place": "Sect. 5, p. 445",
         "claim": words,
-        "verdict": said,
+        "verdict": _drift_verdict(laws, allowed),
         "margin_kind": margin,
         "truth_tier": "closed form",
         "study_runs": "; ".join(run["run"] for run in runs),
     }
-    margins = [
-        1 - spread if stabilized else exponent - half
-        for law, exponent, half, spread, _ in laws
-        if law not in (ROUNDED, INCONCLUSIVE)
-    ]
-    if margins:
-        row[Part.RUN_FROM_START.margin] = min(margins)
-    lengths = [
+    # Neither drift by rounding nor a run that is too short yields an exponent or a spread.
+    fitted = [law for law in laws if law.verdict not in (ROUNDED, INCONCLUSIVE)]
+    if fitted and stabilized:
+        row[Part.RUN_FROM_START.margin] = min(1 - law.spread for law in fitted)
+    elif fitted:
+        row[Part.RUN_FROM_START.margin] = min(law.exponent - law.interval for law in fitted)
+    sufficient_lengths = [
         length
         for length in LENGTHS
         if runs and all(run.get(f"growth_{length:g}s") in allowed for run in runs)
     ]
-    if lengths:
-        row |= {"run_needed": lengths[0], "step_needed": max(run["step"] for run in runs)}
+    if sufficient_lengths:
+        row["run_needed"] = sufficient_lengths[0]
+        row["step_needed"] = max(run["step"] for run in runs)
     return row
 
 
+def _drift_verdict(laws: Sequence[Law], allowed: Sequence[str]) -> str:
+    """Return the verdict on a statement that is true with the `allowed` laws of growth."""
+    # A run that is too short does not count for or against the statement.
+    is_allowed = [law.verdict in allowed for law in laws if law.verdict != INCONCLUSIVE]
+    if not is_allowed:
+        return UNDECIDED
+    if all(is_allowed):
+        return HOLDS
+    return PARTLY if any(is_allowed) else FAILS
+
+
 def _examine(claim: Claim, views: Views) -> dict[str, Any]:
+    """Return the columns of a claim that follow from its measure: verdict, reason, margins, run and step needed."""
     if not claim.measure:
         return {"verdict": NOT_TESTABLE, "why": claim.why}
-    found = findings(claim, views)
-    said = verdict(claim, found)
-    why = "; ".join(
-        f"{part.label}: {finding.why}" for part, finding in found.items() if finding.why
-    )
-    return {
-        "verdict": said,
-        "why": claim.contradiction if said == CONTRADICTS else why,
-        "margin_kind": _QUOTED["margin"][claim.measure].format(LINE=LINE, **claim.arguments)
-        + claim.remark,
-        **{part.margin: finding.margin for part, finding in found.items()},
-        **(_needs(claim, views) if said in (HOLDS, STEADY, CONTRADICTS) else {}),
+    margins = margins_of(claim, views)
+    decision = verdict_of(claim, margins)
+    reasons = [f"{part.label}: {margin.why}" for part, margin in margins.items() if margin.why]
+    meaning = _QUOTED["margin"][claim.measure].format(LINE=LINE, **claim.arguments)
+    row: dict[str, Any] = {
+        "verdict": decision,
+        "why": claim.contradiction if decision == CONTRADICTS else "; ".join(reasons),
+        "margin_kind": meaning + claim.remark,
     }
+    row |= {part.margin: margin.margin for part, margin in margins.items()}
+    if decision in (HOLDS, STEADY, CONTRADICTS):
+        row["run_needed"] = _shortest_run(claim, views)
+        row["step_needed"] = _coarsest_step(claim, views)
+    return row
 
 
-def findings(claim: Claim, views: Views, truths_only: bool = False) -> dict[Part, ClaimMargin]:
-    """Measure a claim on each stretch of motion; one about the beginning on those from the start."""
-    where: dict[Part, View] = {
+def margins_of(claim: Claim, views: Views, truths_only: bool = False) -> dict[Part, ClaimMargin]:
+    """Measure a claim on each stretch of motion; a claim about the beginning only on stretches from the start."""
+    view_of_part: dict[Part, View] = {
         Part.TRUTH_FROM_START: views.truth,
         Part.TRUTH_STEADY: views.steady_truth,
     }
     if not truths_only:
-        where |= {
-            Part.RUN_FROM_START: partial(views.beginning, STEPS[-1]),
-            Part.RUN_LAST_PERIOD: partial(views.period, STEPS[-1], 0),
-        }
+        view_of_part[Part.RUN_FROM_START] = partial(views.beginning, STEPS[-1])
+        view_of_part[Part.RUN_LAST_PERIOD] = partial(views.period, STEPS[-1], 0)
     return {
-        part: claim.measured(views, view)
-        for part, view in where.items()
+        part: claim.margin_in(views, view)
+        for part, view in view_of_part.items()
         if not (part.is_steady and claim.beginning)
     }
 
 
-def verdict(claim: Claim, found: Mapping[Part, ClaimMargin]) -> str:
-    """Return the verdict that follows from the findings on each stretch.
+def verdict_of(claim: Claim, margins: Mapping[Part, ClaimMargin]) -> str:
+    """Return the verdict that follows from the margins on each stretch.
 
-    A claim holds where it does on all of them; in the steady state only where it does on both stretches of that, and
-    not on one from the start; partly where truth and run disagree, or where a part of it holds. A claim that holds and
-    contradicts another contradicts itself.
+    The constants of this module define the verdicts. A margin that is nan leaves the claim undecided.
     """
-    holds = {part: finding.holds for part, finding in found.items()}
-    if any(np.isnan(finding.margin) for finding in found.values()):
+    if any(np.isnan(margin.margin) for margin in margins.values()):
         return UNDECIDED
-    if all(holds.values()):
+    if all(margin.holds for margin in margins.values()):
         return CONTRADICTS if claim.contradiction else HOLDS
-    steady = [held for part, held in holds.items() if part.is_steady]
-    if steady and all(steady):
+    holds_in_steady_state = [margin.holds for part, margin in margins.items() if part.is_steady]
+    if holds_in_steady_state and all(holds_in_steady_state):
         return STEADY
-    return (
-        PARTLY if any(holds.values()) or any(finding.some for finding in found.values()) else FAILS
-    )
+    if any(margin.holds or margin.some for margin in margins.values()):
+        return PARTLY
+    return FAILS
 
 
-def _needs(claim: Claim, views: Views) -> dict[str, Any]:
-    """The shortest run from which on the claim holds in every period, and the largest step from which on it does."""
+def _shortest_run(claim: Claim, views: Views) -> float:
+    """Return the length (s) of the shortest run from which on the claim holds in every period."""
+    if claim.beginning:
+        return FROM_START
+    period = SliderBar.from_scene(views.cases[claim.number]).period()
+    # Go back from the last period, one period at a time, up to the first period of the run or to
+    # one in which the claim fails.
+    periods_back = 0
+    while (periods_back + 2) * period <= RUN:
+        age = (periods_back + 1) * period
+        if not claim.margin_in(views, partial(views.period, STEPS[-1], age)).holds:
+            break
+        periods_back += 1
+    return RUN - periods_back * period
 
-    def held(step: float, age: float) -> bool:
-        view = (
-            partial(views.beginning, step) if claim.beginning else partial(views.period, step, age)
-        )
-        return claim.measured(views, view).holds
 
-    period, number = SliderBar.from_scene(views.cases[claim.number]).period(), 0
-    while (
-        not claim.beginning
-        and (number + 2) * period <= RUN
-        and held(STEPS[-1], (number + 1) * period)
-    ):
-        number += 1
+def _coarsest_step(claim: Claim, views: Views) -> float:
+    """Return the coarsest of `STEPS` (s) with which, and with all finer ones, the claim holds."""
     coarsest = STEPS[-1]
-    for step in STEPS[-2::-1]:
-        if not held(step, 0):
+    for step in reversed(STEPS[:-1]):
+        view = partial(views.beginning, step) if claim.beginning else partial(views.period, step, 0)
+        if not claim.margin_in(views, view).holds:
             break
         coarsest = step
-    return {
-        "run_needed": FROM_START if claim.beginning else RUN - number * period,
-        "step_needed": coarsest,
-    }
+    return coarsest
 
 
 SAMPLING = 1e-5
-"""Part of a number by which it must differ to be said to change.
+"""Relative difference up to which two values of a quantity count as equal.
 
-Maxima are of 4000 samples a period. The fastest oscillation here is four periods of the bar in one of the load: they
-miss its maximum by up to (2 pi 4/4000)^2/8 = 5e-6 of it.
+Maxima are taken over 4000 samples a period. The fastest oscillation here has four periods of the bar in one period of
+the load, so that its maximum is missed by up to (2 pi 4/4000)^2/8 = 5e-6 of its value.
 """
 THRESHOLD = "threshold_on_F0"
+"""Column: the stick threshold of case 1, N."""
 
 
 @dataclass(frozen=True)
 class Sensitivity:
-    """The truth under one choice: numbers by column, verdicts by case and words, and why numbers are missing."""
+    """Results of the truth under one choice.
+
+    Attributes
+    ----------
+    numbers : Mapping[str, float]
+        Values by the key of their column.
+    verdicts : Mapping[str, str]
+        Verdicts by case and words of the claim.
+    reason : str
+        Why numbers are missing; empty if none is.
+    """
 
     numbers: Mapping[str, float]
     verdicts: Mapping[str, str]
@@ -432,21 +512,22 @@ def sensitivity(cases: Mapping[int, Scene], overrides: Mapping[str, Any]) -> Sen
     numbers = {} if threshold.F0 is None else {THRESHOLD: threshold.F0}
     reasons = [threshold.note] if threshold.F0 is None else []
     verdicts = {
-        f"case {claim.case}: {claim.words}": verdict(
-            claim, findings(claim, views, truths_only=True)
+        f"case {claim.case}: {claim.words}": verdict_of(
+            claim, margins_of(claim, views, truths_only=True)
         )
         for claim in claims()
         if claim.measure
     }
-    for case in varied:
+    for case, scene in varied.items():
         try:
-            steady = views.steady_truth(varied[case])
+            steady = views.steady_truth(scene)
         except (NoSteadyState, NoMotion) as error:
             reasons.append(f"case {case}: {error}")
             continue
-        stuck = steady.stick_time * steady.period / (steady.end - steady.start)
+        # The steady state may have several periods of the load: the stick time is per period.
+        stick_time = steady.stick_time * steady.period / (steady.end - steady.start)
         numbers |= {
-            f"stick_time_case_{case}": stuck,
+            f"stick_time_case_{case}": stick_time,
             f"largest_corner_force_case_{case}": steady.maximum(*CORNERS),
             f"largest_moment_case_{case}": steady.maximum(EFFORT),
         }
@@ -454,92 +535,94 @@ def sensitivity(cases: Mapping[int, Scene], overrides: Mapping[str, Any]) -> Sen
 
 
 def sensitivity_comparison(cases: Mapping[int, Scene]) -> Comparison[pd.DataFrame]:
-    """One row per choice that the paper leaves open, with the truth's numbers that depend on it.
+    """Plan the table of the choices that the paper leaves open: a row per choice.
 
-    Columns: ``choice``; ``reason`` why a number, or the whole row, is missing; ``claims that change``: verdicts on the
-    truth that are not those under the first choice; ``numbers that change``: those that differ from the first choice
-    by more than `SAMPLING`; `THRESHOLD` and the other numbers.
+    Columns: ``choice``; ``status`` and ``reason``, why a number or the whole row is missing; ``claims_that_change``,
+    the verdicts on the truth that differ from those under the first choice; ``numbers_that_change``, the values that
+    differ from those under the first choice by more than `SAMPLING`; and all of `Sensitivity.numbers`.
     """
 
     def tabulate(outcomes: Sequence[Outcome]) -> pd.DataFrame:
-        ours: Sensitivity | None = outcomes[0].value
-        return pd.DataFrame(
-            [
-                {
-                    "choice": choice,
-                    "status": outcome.status,
-                    "reason": outcome.reason,
-                    **({} if outcome.value is None else _changes(outcome.value, ours)),
-                }
-                for choice, outcome in zip(CHOICES, outcomes, strict=True)
-            ]
-        )
+        first: Sensitivity | None = outcomes[0].value
+        rows = []
+        for choice, outcome in zip(CHOICES, outcomes, strict=True):
+            row = {"choice": choice, "status": outcome.status, "reason": outcome.reason}
+            if outcome.value is not None:
+                row |= _sensitivity_columns(outcome.value, first)
+            rows.append(row)
+        return pd.DataFrame(rows)
 
-    return Comparison(
-        tuple(
-            Task(f"sensitivity/{choice}", sensitivity, (dict(cases), overrides))
-            for choice, overrides in CHOICES.items()
-        ),
-        tabulate,
-    )
+    tasks = [
+        Task(f"sensitivity/{choice}", sensitivity, (dict(cases), overrides))
+        for choice, overrides in CHOICES.items()
+    ]
+    return Comparison(tuple(tasks), tabulate)
 
 
-def _changes(found: Sensitivity, ours: Sensitivity | None) -> dict[str, Any]:
-    if ours is None:
-        of_claims = of_numbers = NOT_KNOWN
-    else:
-        before = {words: ours.verdicts.get(words, UNDECIDED) for words in found.verdicts}
-        of_claims = (
-            "; ".join(
-                f'"{textwrap.shorten(words, 90, placeholder=" ..")}" {said} (was: {before[words]})'
-                for words, said in found.verdicts.items()
-                if said != before[words]
-            )
-            or NO_CHANGE
-        )
-        changed = {
-            name: (old, new)
-            for name, old in ours.numbers.items()
-            if abs((new := found.numbers.get(name, old)) - old) > SAMPLING * abs(old)
-        }
-        of_numbers = (
-            "; ".join(
-                f"{quantity_of(name).label} {100 * (new / old - 1):+.2g} %"
-                if old
-                else f"{quantity_of(name).label} {new:.3g} (was: 0)"
-                for name, (old, new) in changed.items()
-            )
-            or NO_CHANGE
-        )
+def _sensitivity_columns(chosen: Sensitivity, first: Sensitivity | None) -> dict[str, Any]:
+    """Return the columns of a choice; `first` contains the results under the first choice, None if it failed."""
     return {
-        "reason": found.reason,
-        "claims_that_change": of_claims,
-        "numbers_that_change": of_numbers,
-        **found.numbers,
+        "reason": chosen.reason,
+        "claims_that_change": NOT_KNOWN if first is None else _changed_verdicts(chosen, first),
+        "numbers_that_change": NOT_KNOWN if first is None else _changed_numbers(chosen, first),
+        **chosen.numbers,
     }
 
 
-def general_claims() -> list[dict[str, Any]]:
-    """Rows as of `claims_table` for sentences about all systems: one counter-example decides.
+def _changed_verdicts(chosen: Sensitivity, first: Sensitivity) -> str:
+    """Return the claims whose verdicts differ under two choices, with both verdicts."""
+    changes = []
+    for words, verdict_of_choice in chosen.verdicts.items():
+        before = first.verdicts.get(words, UNDECIDED)
+        if verdict_of_choice != before:
+            claim = textwrap.shorten(words, 90, placeholder=" ..")
+            changes.append(f'"{claim}" {verdict_of_choice} (was: {before})')
+    return "; ".join(changes) or NO_CHANGE
 
-    The mechanism is of the paper's kind, with one driving constraint and one frictional translational joint. Its motion
-    is given by kinematics; the forces are all solutions of the HLCP at t = 0 (`Trajectory.alternatives`).
+
+def _changed_numbers(chosen: Sensitivity, first: Sensitivity) -> str:
+    """Return the quantities whose values differ under two choices, with the relative changes."""
+    changes = []
+    for name, before in first.numbers.items():
+        after = chosen.numbers.get(name, before)
+        is_changed = abs(after - before) > SAMPLING * abs(before)
+        if not is_changed:
+            continue
+        label = quantity_of(name).label
+        if before:
+            changes.append(f"{label} {100 * (after / before - 1):+.2g} %")
+        else:
+            changes.append(f"{label} {after:.3g} (was: 0)")
+    return "; ".join(changes) or NO_CHANGE
+
+
+def general_claims() -> list[dict[str, Any]]:
+    """Return rows, as those of `claims_table`, for statements about all systems.
+
+    One counter-example decides. It is a mechanism of the paper's kind, with one driving constraint and one
+    frictional translational joint. Its motion is given by kinematics; its forces at t = 0 are all solutions of the
+    HLCP (`Trajectory.alternatives`).
     """
     rows = []
     for entry in _QUOTED["general_claim"]:
         scene = load_scene(entry["scene"])
+        effort = entry["effort"]
         run = ReferenceEngine().simulate(scene, t_end=scene.t_end, dt=scene.t_end / 100)
-        forces = run.alternatives.get(entry["effort"])
-        known = run[entry["effort"]][:1] if forces is None else forces[0][~np.isnan(forces[0])]
-        margin = 2.0 - len(known)
-        why = f"{scene.name} at t = 0: {entry['effort']} of {' or '.join(f'{value:.5g}' for value in known)} N"
+        alternatives = run.alternatives.get(effort)
+        if alternatives is None:
+            solutions = run[effort][:1]
+        else:
+            solutions = alternatives[0][~np.isnan(alternatives[0])]
+        # Forces can be "computed easily" if the HLCP has fewer than two solutions.
+        margin = 2.0 - len(solutions)
+        values = " or ".join(f"{value:.5g}" for value in solutions)
         rows.append(
             {
                 "case": "-",
                 "place": entry["place"],
                 "claim": entry["words"],
                 "verdict": HOLDS if margin > 0.0 else FAILS,
-                "why": why,
+                "why": f"{scene.name} at t = 0: {effort} of {values} N",
                 "margin_kind": entry["margin"],
                 "truth_tier": "closed form",
                 Part.RUN_FROM_START.margin: margin,
@@ -549,27 +632,28 @@ def general_claims() -> list[dict[str, Any]]:
 
 
 def general_claims_comparison() -> Comparison[pd.DataFrame]:
-    """`general_claims` in a task of its own; a row that says why where it failed."""
+    """Plan `general_claims` as one task; if it fails, one row states the reason."""
 
     def tabulate(outcomes: Sequence[Outcome]) -> pd.DataFrame:
         (outcome,) = outcomes
-        failed = [
-            {
-                "case": "-",
-                "place": "",
-                "claim": "[about all systems]",
-                "verdict": UNDECIDED,
-                "why": outcome.reason,
-            }
-        ]
-        found = pd.DataFrame(failed if outcome.value is None else outcome.value)
-        return found.assign(status=outcome.status, reason=outcome.reason)
+        rows = outcome.value
+        if rows is None:
+            rows = [
+                {
+                    "case": "-",
+                    "place": "",
+                    "claim": "[about all systems]",
+                    "verdict": UNDECIDED,
+                    "why": outcome.reason,
+                }
+            ]
+        return pd.DataFrame(rows).assign(status=outcome.status, reason=outcome.reason)
 
     return Comparison((Task("claims/general", general_claims, ()),), tabulate)
 
 
 def plan(scope: Scope) -> Comparison[Tables]:
-    """Statements about the motion, about drift on the runs of its study, and at full depth about open choices."""
+    """Plan the claims about the motion, about drift and about all systems, and at full depth the open choices."""
     cases = dict(enumerate(scope.scenes, 1))
     parts: list[Comparison[Any]] = [
         claims_comparison(cases, scope.known[TRUTH][True]),
@@ -579,19 +663,20 @@ def plan(scope: Scope) -> Comparison[Tables]:
     if extent(scope.depth).sensitivity:
         parts.append(sensitivity_comparison(cases))
 
-    def tables(found: list[Any]) -> Tables:
-        motion, drift, general, *open_choices = found
+    def combine(yields: list[Any]) -> Tables:
+        motion, drift, general, *open_choices = yields
         about_drift = pd.DataFrame(drift_claims(drift.tables["study"], scope.scenes[0].name))
-        every = pd.concat(
-            [motion, about_drift.assign(status=Status.OK, reason=""), general], ignore_index=True
-        )
-        return Tables({"claims": every, **dict(zip(["sensitivity"], open_choices))})
+        about_drift = about_drift.assign(status=Status.OK, reason="")
+        tables = {"claims": pd.concat([motion, about_drift, general], ignore_index=True)}
+        if open_choices:
+            (tables["sensitivity"],) = open_choices
+        return Tables(tables)
 
-    return side_by_side(parts, tables)
+    return side_by_side(parts, combine)
 
 
 def present(results: Results) -> Presentation:
-    """The number of statements with each verdict, and those that do not simply hold, in full."""
+    """Present the number of statements with each verdict, and in full those that do not simply hold."""
     table = results.table("claims")
     if table.empty:
         return Presentation()
@@ -609,9 +694,9 @@ def present(results: Results) -> Presentation:
 
 
 def _open_choices(choices: pd.DataFrame) -> dict[str, int]:
-    """The numbers of choices: tried, with a result to compare, and with another verdict than the first."""
-    column = choices.get("claims_that_change", pd.Series(dtype=object)).dropna()
-    compared = column[column != NOT_KNOWN]
+    """Return the numbers of choices: tried, with a result to compare, and with a verdict that differs."""
+    changes = choices.get("claims_that_change", pd.Series(dtype=object)).dropna()
+    compared = changes[changes != NOT_KNOWN]
     return {
         "tried": len(choices),
         "compared": len(compared),
@@ -620,34 +705,38 @@ def _open_choices(choices: pd.DataFrame) -> dict[str, int]:
 
 
 def _claims_views(table: pd.DataFrame) -> list[TableView]:
-    """The statements that do not simply hold, and all of them; the rarest verdicts first."""
-    rarest = table.sort_values(
+    """Return the tables of the statements that do not simply hold, and of all; rare verdicts come first."""
+    ordered = table.sort_values(
         "verdict", key=lambda verdicts: verdicts.map(verdicts.value_counts()), kind="stable"
     )
     parts = [part for part in Part if part.margin in table]
-    rarest["margins"] = [
-        "; ".join(
-            f"{part.label}: {row[part.margin]:.2g}" for part in parts if pd.notna(row[part.margin])
-        )
-        for row in rarest.to_dict("records")
-    ]
-    brief = (
+    ordered["margins"] = [_margins_text(row, parts) for row in ordered.to_dict("records")]
+    columns_in_report = (
         Column("case"),
         Column("verdict"),
         Column("claim", "statement"),
         Column("why", "reason"),
     )
-    every = (
-        *brief,
+    all_columns = (
+        *columns_in_report,
         Column("place", "where"),
         Column("margins"),
         Column("run_needed", "run needed"),
         Column("step_needed", "step needed"),
     )
+    not_holding = ordered[ordered["verdict"] != HOLDS]
     return [
-        view("claims-open", rarest[rarest["verdict"] != HOLDS], brief, source="claims"),
-        view("claims", rarest, every, in_report=False),
+        view("claims-open", not_holding, columns_in_report, source="claims"),
+        view("claims", ordered, all_columns, in_report=False),
     ]
+
+
+def _margins_text(row: Mapping[Any, Any], parts: Sequence[Part]) -> str:
+    """Return the margins of a claim as text: ``truth, steady: 0.31; HLCP, last period: 0.3``."""
+    margins = [
+        f"{part.label}: {row[part.margin]:.2g}" for part in parts if pd.notna(row[part.margin])
+    ]
+    return "; ".join(margins)
 
 
 STUDY = Study(

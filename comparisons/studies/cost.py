@@ -1,4 +1,8 @@
-"""Cost of accuracy: CPU time over error on all cases, times to given errors, and what limits each method."""
+"""Cost of accuracy: error over CPU time in all cases, the time to reach given errors, and what limits each method.
+
+Times to given errors come from `stiction.comparisons.measures.equal_error`, errors and times of single runs from
+`stiction.comparisons.measures.work_precision`.
+"""
 
 from __future__ import annotations
 
@@ -65,8 +69,14 @@ from stiction.scenes import Scene, load_scene
 from stiction.scenes.fidelity import Fidelity
 from stiction.uncertain import bounded
 
-SET_UP, COMPILATION = "setup_time", "compile_time"
-ERROR, UNCERTAINTY = QUANTITIES[0].error, QUANTITIES[0].uncertainty
+SET_UP = "setup_time"
+"""Column: wall time before the first step, s."""
+COMPILATION = "compile_time"
+"""Column: time to compile code or to load what is compiled, s."""
+ERROR = QUANTITIES[0].error
+"""Column: position error, m."""
+UNCERTAINTY = QUANTITIES[0].uncertainty
+"""Column: uncertainty of the position error, m."""
 NEEDED = (
     "scene",
     "variant",
@@ -87,103 +97,116 @@ NEEDED = (
     ERROR,
     UNCERTAINTY,
 )
-"""Columns that a table in which all runs failed, or none was timed, may lack."""
+"""Columns that are added, without values, to a table that lacks them because all runs failed or none was timed."""
 TARGET = 1e-3
-"""Metres: the error at which the text compares methods."""
+"""Position error at which the text compares methods, m."""
 ERRORS = (1e-2, 1e-3, 1e-4, 1e-5, 1e-6)
-"""Metres: the errors of the tables."""
+"""Position errors of the columns of the tables, m."""
 UNSURE = "~"
-"""Sign before a time that is unsure, for the reasons in `TIMING`."""
+"""Sign before a time that is unsure; the column `TIMING` has the reason."""
 MILLI = 1e3
-"""Milliseconds in a second, millimetres in a metre."""
+"""Factor from s to ms and from m to mm."""
+PAPERS_CASES = SCENES[:3]
+"""Names of the paper's cases among the scenes on which equal errors are compared."""
+OTHER_MECHANISMS = SCENES[3:]
+"""Names of the other scenes on which equal errors are compared."""
 CONSTANTS = {"target": TARGET, "wide": WIDE}
-"""What the text of the study mentions besides results: m, and a part of a median."""
+"""Constants in the text of the study: an error in m, and a fraction of a median."""
 
 
 def plan(scope: Scope) -> Comparison[Tables]:
-    """Refinement series of all methods on all scenes, timed in the same rounds; at full depth of other mechanisms, too.
+    """Plan refinement series of all methods on all scenes, timed in the same rounds.
 
-    Variants without runs in the other studies are timed on the first scene only, unless the depth measures equal error
-    everywhere.
+    At a depth that measures equal error everywhere, all variants run on all of the paper's cases and on other
+    mechanisms. At other depths, variants that do not take part in the other studies run on the first scene only.
     """
     limits = extent(scope.depth)
-    chosen = cost_variants(scope.engines, scope.depth)
-    compared = {variant.label for variant in variants(scope.engines, scope.depth)}
-    few = (
-        chosen
-        if limits.equal_error
-        else tuple(variant for variant in chosen if variant.label in compared)
-    )
+    all_variants = cost_variants(scope.engines, scope.depth)
+    variants_of_other_scenes = all_variants
+    if not limits.equal_error:
+        labels = {variant.label for variant in variants(scope.engines, scope.depth)}
+        variants_of_other_scenes = tuple(
+            variant for variant in all_variants if variant.label in labels
+        )
 
-    def timed(scene: Scene, ways: Sequence[Variant]) -> Comparison[Timed]:
+    def timed(scene: Scene, variants_of_scene: Sequence[Variant]) -> Comparison[Timed]:
         return work_precision(
             scene,
-            scaled(ways, scene, scope.t_end),
+            scaled(variants_of_scene, scene, scope.t_end),
             t_end=scope.t_end,
             repeats=scope.repeats or limits.repeats,
             budget_s=limits.ladder,
         )
 
-    first, *others = scope.scenes
-    cases = [timed(first, chosen), *(timed(scene, few) for scene in others)]
-    known = {scene.name for scene in scope.scenes}
-    more = (
-        [load_scene(name) for name in SCENES[3:]]
-        if limits.equal_error and known == {*SCENES[:3]}
-        else []
-    )
+    first_scene, *other_scenes = scope.scenes
+    comparisons = [timed(first_scene, all_variants)]
+    comparisons += [timed(scene, variants_of_other_scenes) for scene in other_scenes]
+    is_of_papers_cases = {scene.name for scene in scope.scenes} == set(PAPERS_CASES)
+    if limits.equal_error and is_of_papers_cases:
+        comparisons += [timed(load_scene(name), all_variants) for name in OTHER_MECHANISMS]
+    number_of_cases = len(scope.scenes)
+    return side_by_side(comparisons, lambda yields: _tables(yields, number_of_cases))
 
-    def combine(found: list[Timed]) -> Tables:
-        def concatenated(tables: Iterable[pd.DataFrame]) -> pd.DataFrame:
-            return pd.concat([pd.DataFrame(), *tables], ignore_index=True)
 
-        of_cases, of_others = found[: len(cases)], found[len(cases) :]
-        equal = [
-            equal_error(
-                concatenated(one.table for one in part), concatenated(one.samples for one in part)
-            )
-            for part in (of_cases, of_others)
-            if part
-        ]
-        tables = {
-            "cost": concatenated(one.table for one in of_cases),
-            "equal-error": concatenated(equal),
-            "times": concatenated(one.samples for one in found),
-        }
-        return Tables(tables, timed=tuple(record for one in of_cases for record in one.records))
+def _tables(yields: Sequence[Timed], number_of_cases: int) -> Tables:
+    """Return the tables of the study from the yields of each scene, of which the first are the cases.
 
-    return side_by_side([*cases, *(timed(scene, chosen) for scene in more)], combine)
+    `equal_error` is evaluated separately for the cases and for the other mechanisms: the limit of a method in its table
+    is that over all scenes that it receives, and is to be the same at every depth.
+    """
+    cases, others = yields[:number_of_cases], yields[number_of_cases:]
+    equal = [
+        equal_error(
+            _concatenated(timed.table for timed in part),
+            _concatenated(timed.samples for timed in part),
+        )
+        for part in (cases, others)
+        if part
+    ]
+    tables = {
+        "cost": _concatenated(timed.table for timed in cases),
+        "equal-error": _concatenated(equal),
+        "times": _concatenated(timed.samples for timed in yields),
+    }
+    return Tables(tables, timed=tuple(record for timed in cases for record in timed.records))
+
+
+def _concatenated(tables: Iterable[pd.DataFrame]) -> pd.DataFrame:
+    """Return the rows of all tables; an empty table if there are none."""
+    return pd.concat([pd.DataFrame(), *tables], ignore_index=True)
 
 
 def present(results: Results) -> Presentation:
-    """CPU to a millimetre, the engine's part of it, what limits the error, and the times to other errors."""
+    """Present the CPU time to an error of `TARGET`, times to other errors, and what limits the error of each method."""
     cost = with_columns(results.table("cost"), *NEEDED)
     cost = cost[cost["status"] != Status.MISSING]
     if cost.empty:
         return Presentation()
-    if not _measured(cost).any():
+    if not _is_measured(cost).any():
         return Presentation(rows={"measured": False, **CONSTANTS})
     first = cost["scene"].iloc[0]
     equal = _times_to_position(results, cost)
     reached = equal[(equal["scene"] == first) & (equal["error"] == TARGET) & equal[TOTAL].notna()]
+    is_joint = reached["fidelity"] == Fidelity.JOINT
+    is_contact = reached["fidelity"] == Fidelity.CONTACT
     scenes = list(equal["scene"].unique())
-    by_scene = [_table(cost, equal[equal["scene"] == scene], scene, first) for scene in scenes]
+    by_scene = [_by_method(cost, equal[equal["scene"] == scene], scene, first) for scene in scenes]
     rows = {
         "measured": True,
         "first": first,
         "several_cases": cost["scene"].nunique() > 1,
-        "own": _own(reached),
-        "joints": _ends(reached[reached["steps"] & (reached["fidelity"] == Fidelity.JOINT)]),
-        "contacts": _ends(reached[reached["steps"] & (reached["fidelity"] == Fidelity.CONTACT)]),
-        "any": _ends(reached),
-        "without": _without(cost, reached, first),
-        **_limited(cost, equal),
-        "accelerations": _accelerations(cost, first),
-        "set_up": _set_up(cost),
+        "own": _times_of_own_methods(reached),
+        "joints": _shortest_and_longest(reached[reached["steps"] & is_joint]),
+        "contacts": _shortest_and_longest(reached[reached["steps"] & is_contact]),
+        "any": _shortest_and_longest(reached),
+        "without": _engines_off_target(cost, reached, first),
+        **_limits_of_methods(cost, equal),
+        "accelerations": _better_by_accelerations(cost, first),
+        "set_up": _longest_set_up(cost),
         "unsure": int(_is_unsure(cost).sum()),
         "timed": int(_is_timed(cost).sum()),
-        "load": _load(results.table("times")),
-        "first_run": _first_run(cost),
+        "load": _largest_load(results.table("times")),
+        "first_run": _longest_compilation(cost),
         "scene_of_table": {table.name: scene for table, scene in zip(by_scene, scenes)},
         **CONSTANTS,
     }
@@ -195,60 +218,66 @@ def present(results: Results) -> Presentation:
     )
 
 
-def _measured(cost: pd.DataFrame) -> pd.Series:
-    """The runs that reached their end and have an error."""
+def _is_measured(cost: pd.DataFrame) -> pd.Series:
+    """Return a mask of the runs that reached their end and have an error."""
     return succeeded(cost) & cost[ERROR].notna()
 
 
 def _is_timed(cost: pd.DataFrame) -> pd.Series:
+    """Return a mask of the runs that were timed."""
     return cost[TOTAL].notna() & cost["repeats"].gt(0)
 
 
 def _is_unsure(cost: pd.DataFrame) -> pd.Series:
-    """The timed runs whose time is unsure, for the reasons in `TIMING`."""
+    """Return a mask of the timed runs whose time is unsure, for the reasons in `TIMING`."""
     return _is_timed(cost) & cost[TIMING].astype(object).fillna("").ne("")
 
 
 def _times_to_position(results: Results, cost: pd.DataFrame) -> pd.DataFrame:
-    """Times to an error of position, of variants that succeeded once; ``steps``: an engine with steps."""
+    """Return the times to position errors on the scenes of `cost`, of variants with a run that succeeded.
+
+    The column ``steps`` is true for external engines that are refined by their step.
+    """
     equal = with_columns(results.table("equal-error"), *COLUMNS)
-    there = (
+    is_shown = (
         equal["quantity"].eq(QUANTITIES[0].name)
         & equal["scene"].isin(cost["scene"])
         & equal["because"].ne(FAILED)
     )
-    steps = cost.loc[(cost["parameter"] == "dt") & ~cost["engine"].isin(own_methods()), "variant"]
-    return equal[there].assign(
-        **{"is_bound": equal["is_bound"].eq(True), "steps": equal["variant"].isin(steps)}
+    is_stepped_engine = (cost["parameter"] == "dt") & ~cost["engine"].isin(own_methods())
+    stepped_engines = cost.loc[is_stepped_engine, "variant"]
+    return equal[is_shown].assign(
+        is_bound=equal["is_bound"].eq(True), steps=equal["variant"].isin(stepped_engines)
     )
 
 
 def _sign(time: Mapping[Hashable, Any], bound: str) -> str:
-    """The sign of a bound, and `UNSURE` where the time is."""
-    return bound + (UNSURE if isinstance(time[TIMING], str) and time[TIMING] else "")
+    """Return the sign of a bound, followed by `UNSURE` if the time is unsure."""
+    is_unsure = isinstance(time[TIMING], str) and time[TIMING] != ""
+    return bound + UNSURE if is_unsure else bound
 
 
 def _bound_sign(time: Mapping[Hashable, Any]) -> str:
-    """The sign before a time to an error: ``≤`` where the coarsest run already has a smaller one."""
+    """Return the sign before a time to an error: ``≤`` if even the coarsest run has a smaller error."""
     return _sign(time, "≤ " if time["is_bound"] else "")
 
 
 def _time_to(equal: pd.DataFrame, label: object) -> dict[str, object]:
-    """A total time to an error and the sign before it."""
+    """Return the total time to an error, as a cell, and the sign before it."""
     sign = _bound_sign(equal.loc[label].to_dict())
     return {"time": row_of("equal-error", equal, label)[TOTAL], "sign": sign}
 
 
-def _ends(equal: pd.DataFrame) -> list[dict[str, object]]:
-    """The shortest and the longest time to an error; one where they are the same, none of no times."""
+def _shortest_and_longest(equal: pd.DataFrame) -> list[dict[str, object]]:
+    """Return the shortest and the longest time to an error: one if they are the same, none if there are no times."""
     if equal.empty:
         return []
     labels = dict.fromkeys((equal[TOTAL].idxmin(), equal[TOTAL].idxmax()))
     return [_time_to(equal, label) for label in labels]
 
 
-def _own(reached: pd.DataFrame) -> list[dict[str, object]]:
-    """The times of the reference and of the paper's scheme."""
+def _times_of_own_methods(reached: pd.DataFrame) -> list[dict[str, object]]:
+    """Return the times of the reference and of the paper's scheme."""
     return [
         {"variant": variant, **_time_to(reached, label)}
         for variant in (REFERENCE, PAPERS_SCHEME)
@@ -256,77 +285,84 @@ def _own(reached: pd.DataFrame) -> list[dict[str, object]]:
     ]
 
 
-def _without(cost: pd.DataFrame, reached: pd.DataFrame, first: str) -> list[str]:
-    """Engines without a run that is accurate to `TARGET`; a finer one might be."""
-    made = cost[_measured(cost) & (cost["scene"] == first) & (cost["parameter"] == "dt")]
-    made = made[~made["engine"].isin(own_methods()) & ~made["variant"].isin(reached["variant"])]
-    return list(made["variant"].unique())
+def _engines_off_target(cost: pd.DataFrame, reached: pd.DataFrame, first: str) -> list[str]:
+    """Return the engines without a run accurate to `TARGET` on the first scene; a finer run might be accurate."""
+    runs = cost[_is_measured(cost) & (cost["scene"] == first) & (cost["parameter"] == "dt")]
+    runs = runs[~runs["engine"].isin(own_methods()) & ~runs["variant"].isin(reached["variant"])]
+    return list(runs["variant"].unique())
 
 
-def _limited(cost: pd.DataFrame, equal: pd.DataFrame) -> dict[str, object]:
-    """The number of methods whose error still falls at the finest runs, and the limits of the others."""
-    limits = equal.drop_duplicates("variant").groupby("because", sort=False)["variant"].agg(list)
-    falling = limits.get(INTEGRATION, [])
+def _limits_of_methods(cost: pd.DataFrame, equal: pd.DataFrame) -> dict[str, object]:
+    """Return the number of methods whose error still decreases at the finest runs, and the limits of the others."""
+    by_limit = equal.drop_duplicates("variant").groupby("because", sort=False)["variant"].agg(list)
+    falling = by_limit.get(INTEGRATION, [])
     others = [
-        {"limit": limit, "variants": variants}
-        for limit, variants in limits.items()
+        {"limit": limit, "variants": variants_of_limit}
+        for limit, variants_of_limit in by_limit.items()
         if limit != INTEGRATION
     ]
+    runs_of_falling = cost[_is_measured(cost) & cost["variant"].isin(falling)]
     return {
         "falling": len(falling),
-        "methods": sum(map(len, limits)),
+        "methods": sum(map(len, by_limit)),
         "limited": others,
-        "level": list(_level(cost[_measured(cost) & cost["variant"].isin(falling)])),
+        "level": list(_level(runs_of_falling)),
     }
 
 
 def _level(runs: pd.DataFrame) -> Iterator[dict[str, object]]:
-    """Methods and cases in which the error hardly falls between the last two runs, or rises."""
+    """Yield the variants and scenes in which the error hardly decreases between the last two runs, or increases."""
     for (variant, scene), series in runs.groupby(["variant", "scene"], sort=False):
         is_known = series[ERROR] > series[UNCERTAINTY]
-        last = series[is_known & (series["parameter"] != "iterations")].iloc[-2:]
-        if len(last) < 2:
+        last_two = series[is_known & (series["parameter"] != "iterations")].iloc[-2:]
+        if len(last_two) < 2:
             continue
-        error_ratio = last[ERROR].iloc[1] / last[ERROR].iloc[0]
-        step_ratio = last["step"].iloc[1] / last["step"].iloc[0]
+        error_ratio = last_two[ERROR].iloc[1] / last_two[ERROR].iloc[0]
+        step_ratio = last_two["step"].iloc[1] / last_two["step"].iloc[0]
         if error_ratio > step_ratio**FALLS:
             yield {"variant": variant, "scene": scene}
 
 
 def _method_of(runs: pd.DataFrame) -> pd.Series:
-    """The method that the settings of each run name; empty where they name none."""
-    named = runs["settings"].map(
+    """Return the method in the settings of each run; empty where the settings name none."""
+    stated = runs["settings"].map(
         lambda settings: json.loads(settings).get("method"), na_action="ignore"
     )
-    return named.fillna("")
+    return stated.fillna("")
 
 
-def _accelerations(cost: pd.DataFrame, first: str) -> dict[str, object] | None:
-    """Engines whose accelerations, under our integrator, come closer than their own steps do.
+def _better_by_accelerations(cost: pd.DataFrame, first: str) -> dict[str, object] | None:
+    """Compare the steps of engines with our integrator on the accelerations that the same engines compute.
 
-    With them are the largest of the errors under our integrator, and the smallest with own steps.
+    Return the engines whose smallest error is that with our integrator. With them are, over these engines, the
+    largest of their smallest errors with our integrator, and the smallest with their own steps. None if there are no
+    such engines.
     """
-    rows = cost[_measured(cost) & (cost["scene"] == first) & (cost["fidelity"] == Fidelity.JOINT)]
-    rows = rows.assign(integrated=_method_of(rows).eq("accelerations"))
-    closer = []
+    rows = cost[
+        _is_measured(cost) & (cost["scene"] == first) & (cost["fidelity"] == Fidelity.JOINT)
+    ]
+    rows = rows.assign(is_integrated=_method_of(rows).eq("accelerations"))
+    integrated_labels, stepped_labels = [], []
     for _, runs in rows.groupby("engine", sort=False):
-        integrated = runs.loc[runs["integrated"], ERROR]
-        stepped = runs.loc[~runs["integrated"] & (runs["parameter"] == "dt"), ERROR]
+        integrated = runs.loc[runs["is_integrated"], ERROR]
+        stepped = runs.loc[~runs["is_integrated"] & (runs["parameter"] == "dt"), ERROR]
         if len(integrated) and len(stepped) and integrated.min() < stepped.min():
-            closer.append((integrated.idxmin(), stepped.idxmin()))
-    if not closer:
+            integrated_labels.append(integrated.idxmin())
+            stepped_labels.append(stepped.idxmin())
+    if not integrated_labels:
         return None
-    integrated, stepped = (cost.loc[list(labels)] for labels in zip(*closer))
+    worst_integrated = cost.loc[integrated_labels, ERROR].idxmax()
+    best_stepped = cost.loc[stepped_labels, ERROR].idxmin()
     return {
-        "variants": list(stepped["variant"]),
-        "integrated": row_of("cost", cost, integrated[ERROR].idxmax())[ERROR],
-        "stepped": row_of("cost", cost, stepped[ERROR].idxmin())[ERROR],
+        "variants": list(cost.loc[stepped_labels, "variant"]),
+        "integrated": row_of("cost", cost, worst_integrated)[ERROR],
+        "stepped": row_of("cost", cost, best_stepped)[ERROR],
     }
 
 
-def _set_up(cost: pd.DataFrame) -> dict[str, object]:
-    """The longest time before the first step, of the reference and of the engines; None where there is none."""
-    times = cost.loc[_measured(cost) & cost[SET_UP].notna(), [SET_UP, "variant", "engine"]]
+def _longest_set_up(cost: pd.DataFrame) -> dict[str, object]:
+    """Return the longest time before the first step, of the reference and of the engines; None if not measured."""
+    times = cost.loc[_is_measured(cost) & cost[SET_UP].notna(), [SET_UP, "variant", "engine"]]
     parts = {
         "reference": times.loc[times["variant"] == REFERENCE, SET_UP],
         "engines": times.loc[times["engine"] != REFERENCE, SET_UP],
@@ -337,14 +373,14 @@ def _set_up(cost: pd.DataFrame) -> dict[str, object]:
     }
 
 
-def _first_run(cost: pd.DataFrame) -> Row | None:
-    """The run that took the longest to load what is compiled, which the first of a process does."""
-    times = cost.loc[_measured(cost) & cost[COMPILATION].gt(0), COMPILATION].astype(float)
+def _longest_compilation(cost: pd.DataFrame) -> Row | None:
+    """Return the run that took longest to load compiled code, which happens in the first run of a process."""
+    times = cost.loc[_is_measured(cost) & cost[COMPILATION].gt(0), COMPILATION].astype(float)
     return row_of("cost", cost, times.idxmax()) if len(times) else None
 
 
-def _load(times: pd.DataFrame) -> object:
-    """The largest load by other programs in a round of timing; None where it was not measured."""
+def _largest_load(times: pd.DataFrame) -> object:
+    """Return the largest load by other programs in a round of timing; None if it was not measured."""
     if OTHERS not in times or times[OTHERS].isna().all():
         return None
     return row_of("times", times, times[OTHERS].idxmax())[OTHERS]
@@ -353,44 +389,50 @@ def _load(times: pd.DataFrame) -> object:
 def _headlines(
     results: Results, cost: pd.DataFrame, reached: pd.DataFrame, first: str
 ) -> list[Headline]:
-    """Total time to `TARGET`, in brackets the engine's part if less; above the finest run's if none is so exact."""
-    timed = cost[_measured(cost) & _is_timed(cost) & (cost["scene"] == first)]
+    """Return the total time (ms) to `TARGET` of each method, with the engine's part in brackets if it is less.
+
+    For a method that does not reach `TARGET` the time of its finest run is a lower bound.
+    """
+    timed = cost[_is_measured(cost) & _is_timed(cost) & (cost["scene"] == first)]
     cells = {}
     for variant in methods(results):
         times = reached[reached["variant"] == variant].to_dict("records")
         runs = timed[timed["variant"] == variant].to_dict("records")
         if times:
-            time = times[0]
-            cells[variant] = bounded(MILLI * time[TOTAL], _bound_sign(time))
-            if time[OWN_CPU] != time[TOTAL]:
-                cells[variant] += f" ({bounded(MILLI * time[OWN_CPU], '')})"
+            total, engines_part = times[0][TOTAL], times[0][OWN_CPU]
+            cells[variant] = bounded(MILLI * total, _bound_sign(times[0]))
+            if engines_part != total:
+                cells[variant] += f" ({bounded(MILLI * engines_part, '')})"
         elif runs:
-            cells[variant] = bounded(MILLI * runs[-1][TOTAL], _sign(runs[-1], "> "))
+            finest = runs[-1]
+            cells[variant] = bounded(MILLI * finest[TOTAL], _sign(finest, "> "))
     if not cells:
         return []
     label = f"CPU time for an error of {MILLI * TARGET:g} mm (engine's part) in {scene_title(first)} [ms]"
     return [Headline(label, cells)]
 
 
-def _table(cost: pd.DataFrame, here: pd.DataFrame, scene: str, first: str) -> TableView:
-    """Times to `ERRORS` on a scene, a row a method; of the scenes of a validation the report has the first."""
+def _by_method(cost: pd.DataFrame, equal: pd.DataFrame, scene: str, first: str) -> TableView:
+    """Return the table of the times to `ERRORS` on a scene, a row per method.
+
+    The report contains the table of the first scene, and those of scenes that are not part of a validation.
+
+    Parameters
+    ----------
+    cost : DataFrame
+        All runs.
+    equal : DataFrame
+        Times to errors on this scene.
+    """
     rows = []
-    for group, part in groups(cost[cost["variant"].isin(here["variant"])]):
-        for variant in dict.fromkeys(part["variant"]):
-            times = here[here["variant"] == variant]
+    for group, runs_of_group in groups(cost[cost["variant"].isin(equal["variant"])]):
+        for variant in dict.fromkeys(runs_of_group["variant"]):
+            is_run = (runs_of_group["variant"] == variant) & (runs_of_group["scene"] == scene)
+            times = equal[equal["variant"] == variant]
             row = {"group": group.label, "variant": variant}
-            reached = times[times[TOTAL].notna()].to_dict("records")
-            for time in reached:
-                row |= _cells(time, time["error"], _bound_sign(time))
-            runs = part[(part["variant"] == variant) & (part["scene"] == scene)]
-            if reached and times[SMALLEST].iloc[0] <= runs[UNCERTAINTY].max():
-                # smaller errors cannot be measured
-                last = reached[-1]
-                for error in ERRORS:
-                    if error < last["error"]:
-                        row |= _cells(last, error, _sign(last, "≥ "))
+            row |= _times_to_errors(times, runs_of_group[is_run])
             rows.append((row, times))
-    times_to = [
+    columns = [
         Column(
             f"{TOTAL} {error:g}",
             f"{MILLI * error:g} mm",
@@ -402,18 +444,38 @@ def _table(cost: pd.DataFrame, here: pd.DataFrame, scene: str, first: str) -> Ta
         )
         for error in ERRORS
     ]
+    # Names of tables are names of files.
+    name = "cost" if scene == first else f"cost-{scene.replace('/', '-')}"
     return view(
-        "cost" if scene == first else f"cost-{scene.replace('/', '-')}",  # names files
+        name,
         rows,
-        [METHOD, *times_to],
+        [METHOD, *columns],
         source="equal-error",
         group="group",
         in_report=scene == first or scene not in SCENES,
     )
 
 
+def _times_to_errors(times: pd.DataFrame, runs: pd.DataFrame) -> dict[str, object]:
+    """Return the cells of a method with its times to `ERRORS` on a scene; `runs` are its runs there."""
+    cells: dict[str, object] = {}
+    reached = times[times[TOTAL].notna()].to_dict("records")
+    for time in reached:
+        cells |= _cells(time, time["error"], _bound_sign(time))
+    if not reached:
+        return cells
+    # A method may be as accurate as the truth. Then smaller errors cannot be measured, and the time
+    # to the smallest error that can be is a lower bound of the times to smaller ones.
+    if times[SMALLEST].iloc[0] <= runs[UNCERTAINTY].max():
+        last = reached[-1]
+        for error in ERRORS:
+            if error < last["error"]:
+                cells |= _cells(last, error, _sign(last, "≥ "))
+    return cells
+
+
 def _cells(time: Mapping[Hashable, Any], error: float, sign: str) -> dict[str, object]:
-    """Columns of the time to an error, with the sign before it."""
+    """Return the columns of the time to an error, with the sign before it."""
     return {
         f"{TOTAL} {error:g}": time[TOTAL],
         f"{OWN_CPU} {error:g}": time[OWN_CPU],
@@ -422,22 +484,23 @@ def _cells(time: Mapping[Hashable, Any], error: float, sign: str) -> dict[str, o
 
 
 def _limits(cost: pd.DataFrame, equal: pd.DataFrame) -> TableView:
-    """Smallest error and limit of each refinement series, and the costs of a run before its first step."""
+    """Return the table of the smallest error and the limit of each method, and of the costs before the first step."""
     rows = []
     for variant, times in equal.groupby("variant", sort=False):
         runs = cost[cost["variant"] == variant]
-        done, one = runs[succeeded(runs)], times.iloc[0]
+        completed = runs[succeeded(runs)]
+        limit = times.iloc[0]  # the same in all rows of a variant
         row = {
             "variant": variant,
             ERROR: times[SMALLEST].max(),
-            "order": one["order"],
-            "order uncertainty": one["order_uncertainty"],
-            "limit": one["because"],
-            "why": one["why"],
-            "setup_cpu_time": done[SET_UP].median(),
-            "compile_cpu_time": done[COMPILATION].max(),
+            "order": limit["order"],
+            "order uncertainty": limit["order_uncertainty"],
+            "limit": limit["because"],
+            "why": limit["why"],
+            "setup_cpu_time": completed[SET_UP].median(),
+            "compile_cpu_time": completed[COMPILATION].max(),
             "unsure": f"{_is_unsure(runs).sum()} of {_is_timed(runs).sum()}",
-            **done.iloc[0][[FRICTION_BY, EVENTS_BY]],
+            **completed.iloc[0][[FRICTION_BY, EVENTS_BY]],
         }
         rows.append((row, runs))
     columns = (
@@ -456,6 +519,7 @@ def _limits(cost: pd.DataFrame, equal: pd.DataFrame) -> TableView:
 
 
 def _every_run(cost: pd.DataFrame) -> TableView:
+    """Return the table of all timed runs."""
     columns = (
         Column("scene"),
         METHOD,
@@ -475,36 +539,38 @@ def _every_run(cost: pd.DataFrame) -> TableView:
 
 
 def _figure(cost: pd.DataFrame) -> Chart:
-    """Error over total time, of the first variant of each engine, fidelity and method; others change a setting.
+    """Return the work-precision diagram: error over total time.
 
-    An asterisk marks methods of which the adapter does a part.
+    It shows the first variant of each engine, fidelity and method; other variants differ in one setting. An asterisk
+    marks methods whose friction law or event location is, at least in part, the work of the adapter.
     """
-    drawn = cost[_measured(cost) & _is_timed(cost) & cost[ERROR].gt(0)]
+    drawn = cost[_is_measured(cost) & _is_timed(cost) & cost[ERROR].gt(0)]
     drawn = drawn.assign(method=_method_of(drawn))
-    first = drawn.drop_duplicates(["engine", "fidelity", "method"])
-    drawn = drawn[drawn["variant"].isin(first["variant"])]
+    first_variants = drawn.drop_duplicates(["engine", "fidelity", "method"])["variant"]
+    drawn = drawn[drawn["variant"].isin(first_variants)]
     friction, events = (known_of(drawn, column) for column in (FRICTION_BY, EVENTS_BY))
-    by_adapter = {
+    helped_by_adapter = {
         variant
         for variant in friction
         if {friction[variant], events[variant]} & {Supplier.ADAPTER, Supplier.BOTH}
     }
-    ends = drawn[TOTAL].agg(["min", "max"]).to_numpy(float)
+    target_times = drawn[TOTAL].agg(["min", "max"]).to_numpy(float)
 
-    def series(here: pd.DataFrame) -> list[Series]:
+    def series(rows: pd.DataFrame) -> list[Series]:
         lines = [
             Series(
-                f"{variant} *" if variant in by_adapter else variant,
+                f"{variant} *" if variant in helped_by_adapter else variant,
                 runs[TOTAL].to_numpy(float),
                 runs[ERROR].to_numpy(float),
                 look=variant,
                 points=True,
             )
-            for variant, runs in here.groupby("variant", sort=False)
+            for variant, runs in rows.groupby("variant", sort=False)
         ]
         if not lines:
             return []
-        return [*lines, Series("", ends, np.full(len(ends), TARGET), look=LIMIT)]
+        target = Series("", target_times, np.full(len(target_times), TARGET), look=LIMIT)
+        return [*lines, target]
 
     x = Axis("total CPU time [s]", log=True)
     return chart_by_case("work-precision", drawn, x, quantity_of("position_error").head, series)

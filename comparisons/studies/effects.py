@@ -1,8 +1,9 @@
-"""Effects of a scene: the change and the time of each, from one baseline and one run with that effect changed.
+"""Effects of a scene: how motion and CPU time change when the scene does without one of its effects.
 
-The baseline is the best way to run the scene: what it declares, and projection against drift. Baumgarte's terms are one
-of the effects. Differences are to the baseline of the same engine, in motion, events, driving effort, engine time and
-counters. A run that an engine refuses or cannot finish without an effect is a row with its reason.
+The baseline is the most accurate way to run the scene: all effects that it declares, and projection onto the
+constraints. Each other run differs from the baseline in one effect, such as gravity, friction or the stabilization.
+Its motion, events, driving effort, engine time and counters are compared with those of the baseline of the same
+engine. A run that an engine refuses or cannot complete is a row with the reason.
 """
 
 from __future__ import annotations
@@ -33,7 +34,13 @@ from stiction.comparisons.bench.study import Scope, Study, Tables
 from stiction.comparisons.bench.timing.intervals import ratio_interval
 from stiction.comparisons.bench.timing.visits import Timing
 from stiction.comparisons.bench.variants import Record, Variant, scaled
-from stiction.comparisons.measures.accuracy import graph, is_known
+from stiction.comparisons.measures.accuracy import (
+    KINDS,
+    POSITIONS,
+    VELOCITIES,
+    graph,
+    is_known,
+)
 from stiction.comparisons.measures.distances import l1
 from stiction.comparisons.measures.work_precision import (
     TOTAL,
@@ -51,51 +58,79 @@ from stiction.scenes.model import Baumgarte
 from stiction.uncertain import with_ends
 
 BASELINE = "all effects, projection"
+"""Name of the effect that changes nothing but the stabilization."""
 PROJECTED = "projection"
+"""Stabilization of the baseline, as the setting of the engine names it."""
 PROJECTION: Mapping[str, Any] = {"stabilization": {"method": PROJECTED}}
-NO_STABILIZATION, BAUMGARTE = "no stabilization", "Baumgarte"
+"""Overrides of the baseline."""
+NO_STABILIZATION = "no stabilization"
+BAUMGARTE = "Baumgarte"
 REFERENCE = Variant("reference", "reference", "rtol", (1e-9,))
-"""The reference with the stabilization that an effect sets."""
+"""The reference; its stabilization is that of the scene, which the effects set."""
 PAPERS = Baumgarte(method="baumgarte", alpha=90, beta=10)
 """Terms of Zhuang & Wang 2014, for scenes that declare none."""
-LEFT_OUT, PAIRS = "blocks_left_out", "hlcp_pairs"
-EFFECT_KIND, WITHOUT = "effect_kind", "effect_left_out"
-RATIO, LOW, HIGH = (f"engine_time_ratio{end}" for end in ("", "_low", "_high"))
-"""Ratio of times inside the engine's own calls, which are all of the reference's, and the ends of its interval."""
+LEFT_OUT = "blocks_left_out"
+"""Column: blocks of the equations that the run does without."""
+PAIRS = "hlcp_pairs"
+"""Column: complementarity pairs of the HLCP."""
+EFFECT_KIND = "effect_kind"
+"""Column: the `EffectKind` of a run."""
+WITHOUT = "effect_left_out"
+"""Column: the effect that the scene does without, for readers."""
+RATIO = "engine_time_ratio"
+"""Column: time inside the engine's own calls, relative to the baseline. For the reference it is the whole time."""
+LOW = "engine_time_ratio_low"
+"""Column: lower end of the interval of `RATIO`."""
+HIGH = "engine_time_ratio_high"
+"""Column: upper end of the interval of `RATIO`."""
 LARGEST_ERROR = 1e-3
-"""m; the largest error at which times to equal errors are compared."""
+"""Largest position error (m) at which the times to equal errors are compared."""
 BY_EVENTS: Mapping[str, Any] = {name: SETTINGS[name] for name in ("method", "solver")}
-"""Settings of the reference's runs whose times to equal errors are compared, one stabilization with another."""
+"""Settings of the runs of the reference that are compared with each other at equal errors."""
 NAMED = 3
-"""Effects in the answer, at most: those without which a scene is fastest."""
+"""Largest number of effects in the answer: those without which the scene is fastest."""
 NOTHING: Mapping[str, object] = {
     "faster": [],
     "baumgarte_at_equal_error": None,
     "baumgarte_at_same_tolerance": [],
     "smallest_problem": None,
 }
-"""Rows where no time is known."""
+"""Rows for the text if no time is known."""
 MOTION = "position_change"
-KINDS = ("slip", "stick", "reversal", "corner")
+"""Column: largest difference of a position from the baseline, m."""
 
 
 class EffectKind(StrEnum):
     """What an `Effect` changes."""
 
     BASELINE = "baseline"
+    """Nothing but the stabilization, which is projection."""
     LEFT_OUT = "left out"
     """The scene does without one of its effects."""
     UNSTABILIZED = "unstabilized"
+    """The scene has no stabilization."""
     BAUMGARTE = "Baumgarte"
+    """The scene has Baumgarte's stabilization."""
     SETTING = "setting"
     """A setting of an engine."""
 
 
 @dataclass(frozen=True)
 class Effect:
-    """A change of a scene, by overrides of `stiction.scenes.vary`, or of an engine's settings.
+    """A change of a scene or of the settings of an engine.
 
-    `kind` tells what is changed; `left_out` is the effect that the scene does without, in words.
+    Attributes
+    ----------
+    name : str
+        Name of the effect in tables.
+    overrides : Mapping
+        Changes of the scene, as for `stiction.scenes.vary`.
+    settings : Mapping
+        Changes of the engine's settings.
+    kind : EffectKind
+        What the effect changes.
+    left_out : str
+        The effect that the scene does without, for readers; empty for effects of other kinds.
     """
 
     name: str
@@ -106,75 +141,21 @@ class Effect:
 
 
 def toggles(scene: Scene) -> Iterator[Effect]:
-    """The baseline; the scene without each effect that it declares; other stabilizations than projection."""
+    """Yield the baseline, the scene without each effect that it declares, and stabilizations other than projection."""
     yield Effect(BASELINE, PROJECTION, kind=EffectKind.BASELINE)
-    guides, frictional = scene.guides, scene.frictional_guides
-    removed = (
-        ("gravity", "", ["gravity"] if scene.gravity and any(scene.gravity) else []),
-        (
-            "friction",
-            "",
-            [
-                f"{name}.{key}"
-                for name, guide in frictional.items()
-                for key in ("mu", "mus")
-                if getattr(guide, key) is not None
-            ],
-        ),
-        (
-            "static coefficient",
-            "mus = mu",
-            [
-                f"{name}.mus"
-                for name, guide in frictional.items()
-                if guide.static_coefficient > guide.kinetic_coefficient
-            ],
-        ),
-        (
-            "surface levers",
-            "width",
-            [f"{name}.width" for name, guide in frictional.items() if guide.width],
-        ),
-        (
-            "corner forces",
-            "length, width",
-            [
-                f"{name}.{key}"
-                for name, guide in guides.items()
-                for key in ("length", "width")
-                if getattr(guide, key) is not None
-            ],
-        ),
-        ("drive", "", [f"drives.{name}" for name in scene.drives]),
-        (
-            "spring",
-            "",
-            [
-                f"springs.{name}.stiffness"
-                for name, spring in scene.springs.items()
-                if spring.stiffness
-            ],
-        ),
-        (
-            "damper",
-            "",
-            [f"springs.{name}.damping" for name, spring in scene.springs.items() if spring.damping],
-        ),
-        ("load", "", [f"forces.{name}" for name in scene.forces]),
-    )
-    for effect, how, keys in removed:
-        if keys:
-            name = f"no {effect} ({how})" if how else f"no {effect}"
-            yield Effect(
-                name,
-                {**PROJECTION, **dict.fromkeys(keys)},
-                kind=EffectKind.LEFT_OUT,
-                left_out=effect,
-            )
-    terms = scene.stabilization if isinstance(scene.stabilization, Baumgarte) else PAPERS
+    for effect, manner, keys in _removals(scene):
+        if not keys:
+            continue
+        yield Effect(
+            f"no {effect} ({manner})" if manner else f"no {effect}",
+            {**PROJECTION, **dict.fromkeys(keys)},
+            kind=EffectKind.LEFT_OUT,
+            left_out=effect,
+        )
     yield Effect(
         NO_STABILIZATION, {"stabilization": {"method": "none"}}, kind=EffectKind.UNSTABILIZED
     )
+    terms = scene.stabilization if isinstance(scene.stabilization, Baumgarte) else PAPERS
     yield Effect(
         f"{BAUMGARTE} (alpha = {terms.alpha:g}, beta = {terms.beta:g})",
         {"stabilization": {"method": "baumgarte", "alpha": terms.alpha, "beta": terms.beta}},
@@ -182,12 +163,57 @@ def toggles(scene: Scene) -> Iterator[Effect]:
     )
 
 
+def _removals(scene: Scene) -> list[tuple[str, str, list[str]]]:
+    """Return for each effect its name, the manner of its removal, and the keys of the scene to remove.
+
+    The manner is empty where the name says it. There are no keys if the scene does not declare the effect.
+    """
+    frictional = scene.frictional_guides
+    with_static_friction = [
+        name
+        for name, guide in frictional.items()
+        if guide.static_coefficient > guide.kinetic_coefficient
+    ]
+    springs = scene.springs.items()
+    return [
+        ("gravity", "", ["gravity"] if scene.gravity and any(scene.gravity) else []),
+        ("friction", "", _declared_keys(frictional, "mu", "mus")),
+        ("static coefficient", "mus = mu", [f"{name}.mus" for name in with_static_friction]),
+        (
+            "surface levers",
+            "width",
+            [f"{name}.width" for name, guide in frictional.items() if guide.width],
+        ),
+        ("corner forces", "length, width", _declared_keys(scene.guides, "length", "width")),
+        ("drive", "", [f"drives.{name}" for name in scene.drives]),
+        (
+            "spring",
+            "",
+            [f"springs.{name}.stiffness" for name, spring in springs if spring.stiffness],
+        ),
+        ("damper", "", [f"springs.{name}.damping" for name, spring in springs if spring.damping]),
+        ("load", "", [f"forces.{name}" for name in scene.forces]),
+    ]
+
+
+def _declared_keys(guides: Mapping[str, Any], *attributes: str) -> list[str]:
+    """Return the keys of those attributes of guides that the scene declares: ``guide.mu``."""
+    return [
+        f"{name}.{attribute}"
+        for name, guide in guides.items()
+        for attribute in attributes
+        if getattr(guide, attribute) is not None
+    ]
+
+
 def effects_variants(engines: Sequence[str] = ()) -> tuple[Variant, ...]:
-    """The reference at rtol 1e-9, and the variants of the engines named at the middle of their refinement series."""
-    others = (variant for variant in all_variants(engines) if variant.engine != "reference")
-    return REFERENCE, *(
-        replace(variant, ladder=(variant.ladder[len(variant.ladder) // 2],)) for variant in others
-    )
+    """Return the reference at rtol 1e-9, and the variants of some engines at the middle of their refinement series."""
+    variants = [REFERENCE]
+    for variant in all_variants(engines):
+        if variant.engine != REFERENCE.engine:
+            middle = variant.ladder[len(variant.ladder) // 2]
+            variants.append(replace(variant, ladder=(middle,)))
+    return tuple(variants)
 
 
 def effects_comparison(
@@ -197,44 +223,43 @@ def effects_comparison(
     t_end: float | None = None,
     repeats: int = 5,
 ) -> Comparison[Timed]:
-    """One row per variant and effect; arguments as of `stiction.comparisons.measures.work_precision.work_precision`.
+    """Plan a table with a row per variant and effect.
 
-    Engine times are medians; their ratio to the baseline's has an interval, from the ratios of each round. Differences
-    are the largest over all bodies and the output instants that both runs have; that of the effort is the mean of
-    |difference| over time, of the scene's first drive.
+    Parameters are those of `stiction.comparisons.measures.work_precision.work_precision`. Engine times are medians.
+    Their ratio to the baseline's has an interval, which follows from the ratios in each round. Differences of motions
+    are the largest over all bodies and the output instants that both runs have; the difference of the effort is the
+    mean of |difference| over time, for the first drive of the scene.
     """
     runs, effects = list[TimedRun](), list[Effect]()
     for variant in scaled(variants, scene, t_end):
-        own = (Effect(name, PROJECTION, settings) for name, settings in variant.effects.items())
-        changed = (*toggles(scene), *own)
-        effects += changed
-        runs += [
-            TimedRun(
-                vary(scene, effect.overrides),
-                variant,
-                variant.ladder[0],
-                effect.name,
-                effect.settings,
-            )
-            for effect in changed
+        own_effects = [
+            Effect(name, PROJECTION, settings) for name, settings in variant.effects.items()
         ]
+        for effect in (*toggles(scene), *own_effects):
+            varied = vary(scene, effect.overrides)
+            effects.append(effect)
+            runs.append(TimedRun(varied, variant, variant.ladder[0], effect.name, effect.settings))
     drive = next(iter(scene.drives), None)
 
     def rows(
         records: Sequence[Record], timings: Sequence[Timing | None]
     ) -> Iterator[dict[str, Any]]:
         baselines = {
-            run.variant.label: timing for run, timing in zip(runs, timings) if run.name == BASELINE
+            run.variant.label: timing
+            for run, effect, timing in zip(runs, effects, timings, strict=True)
+            if effect.kind == EffectKind.BASELINE
         }
-        assembled = [block.name for block in blocks(runs[0].scene) if block.elements]
-        for run, effect, record, timing in zip(runs, effects, records, timings):
-            there = {block.name for block in blocks(run.scene) if block.elements}
+        blocks_of_baseline = _nonempty_blocks(runs[0].scene)
+        for run, effect, record, timing in zip(runs, effects, records, timings, strict=True):
+            blocks_of_run = _nonempty_blocks(run.scene)
             yield {
                 **record.describe(),
-                "effect": run.name,
+                "effect": effect.name,
                 EFFECT_KIND: str(effect.kind),
                 WITHOUT: effect.left_out or None,
-                LEFT_OUT: ", ".join(name for name in assembled if name not in there),
+                LEFT_OUT: ", ".join(
+                    name for name in blocks_of_baseline if name not in blocks_of_run
+                ),
                 PAIRS: hlcp_size(run.scene),
                 **_events(record.trajectory),
                 **_changes(timing, baselines[run.variant.label], drive),
@@ -244,8 +269,13 @@ def effects_comparison(
     return timed_comparison(scene, runs, t_end, repeats, rows)
 
 
+def _nonempty_blocks(scene: Scene) -> list[str]:
+    """Return the names of the blocks that the equations of motion of a scene have."""
+    return [block.name for block in blocks(scene) if block.elements]
+
+
 def _events(trajectory: Trajectory | None) -> dict[str, Any]:
-    """Number of events by kind and the first one; empty for an engine that locates none."""
+    """Return the number of events of each kind and the time of the first; empty for an engine that locates none."""
     if trajectory is None or trajectory.settings.get(EVENTS_LOCATED_BY) == Supplier.NOBODY:
         return {}
     count = Counter(event.kind for event in trajectory.events)
@@ -256,55 +286,67 @@ def _events(trajectory: Trajectory | None) -> dict[str, Any]:
 
 
 def _changes(timing: Timing | None, baseline: Timing | None, drive: str | None) -> dict[str, Any]:
-    """Largest effort, and differences from the baseline where there is one."""
-    row: dict[str, Any] = {}
+    """Return the largest effort of a run, and its differences from the baseline unless this failed."""
     if timing is None:
-        return row
+        return {}
+    row: dict[str, Any] = {}
     run, effort = timing.trajectory, f"{drive}.effort"
     if is_known(run, effort):
         row["largest_effort"] = float(np.max(np.abs(graph(run, effort).values)))
     if baseline is None:
         return row
+
+    # Runs are compared at the same output instants; one of them may have ended early.
     other = baseline.trajectory
     common = min(len(run.t), len(other.t))
     t = run.t[:common]
     if common < 2 or not np.array_equal(t, other.t[:common]):
-        return {
-            **row,
-            "status": Status.FAILED,
-            "reason": "output instants differ from those of the run with all effects, "
-            "which has the same settings",
-        }
-    for label, suffixes in ((MOTION, ("x", "y")), ("velocity_change", ("vx", "vy"))):
-        row[label] = max(
-            float(np.max(np.abs(run[name][:common] - other[name][:common])))
-            for name in run.columns
-            if name.rpartition(".")[2] in suffixes and name in other
+        row["status"] = Status.FAILED
+        row["reason"] = (
+            "output instants differ from those of the run with all effects, "
+            "which has the same settings"
         )
+        return row
+    row[MOTION] = _largest_change(run, other, POSITIONS, common)
+    row["velocity_change"] = _largest_change(run, other, VELOCITIES, common)
     if is_known(run, effort) and is_known(other, effort):
-        a, b = graph(run, effort), graph(other, effort)
-        row["effort_change"] = l1(a, b).value / float(t[-1] - t[0])
+        area = l1(graph(run, effort), graph(other, effort))
+        row["effort_change"] = area.value / float(t[-1] - t[0])
     row["time_compared"] = float(t[-1])
+
     ratio = ratio_interval(
-        *([sample.own_s for sample in each.samples] for each in (timing, baseline))
+        [sample.own_s for sample in timing.samples], [sample.own_s for sample in baseline.samples]
     )
     return row | {RATIO: ratio.value, LOW: ratio.low, HIGH: ratio.high}
 
 
+def _largest_change(
+    run: Trajectory, other: Trajectory, labels: Sequence[str], samples: int
+) -> float:
+    """Return the largest difference between two runs in the columns of all bodies with some labels."""
+    return max(
+        float(np.max(np.abs(run[name][:samples] - other[name][:samples])))
+        for name in run.columns
+        if name.rpartition(".")[2] in labels and name in other
+    )
+
+
 def plan(scope: Scope) -> Comparison[Tables]:
-    """The effects of the first scene, of the reference; with one scene, of the engines that are named as well."""
-    named = scope.engines or () if len(scope.scenes) == 1 else ()
-    found = effects_comparison(
+    """Plan the effects of the first scene with the reference; of a single scene also with the engines of the scope."""
+    engines: tuple[str, ...] = ()
+    if len(scope.scenes) == 1 and scope.engines is not None:
+        engines = scope.engines
+    comparison = effects_comparison(
         scope.scenes[0],
-        effects_variants(named),
+        effects_variants(engines),
         t_end=scope.t_end,
         repeats=scope.repeats or extent(scope.depth).repeats,
     )
-    return found.then(lambda timed: timed.as_tables("effects"))
+    return comparison.then(lambda timed: timed.as_tables("effects"))
 
 
 def present(results: Results) -> Presentation:
-    """Engine time of the scene without each effect over the baseline's, and the other changes that go with it."""
+    """Present the engine time of the scene without each effect, relative to the baseline, and other changes."""
     table = results.table("effects")
     failed = _failed(table) if len(table) else []
     if RATIO not in table or not (table[EFFECT_KIND] == EffectKind.BASELINE).any():
@@ -314,9 +356,9 @@ def present(results: Results) -> Presentation:
         & (table[EFFECT_KIND] != EffectKind.BASELINE)
         & table[RATIO].notna()
     ]
-    removed = own[own[EFFECT_KIND] == EffectKind.LEFT_OUT]
-    # what cannot be told from the time of the baseline saves none
-    faster = removed[removed[HIGH] < 1].sort_values(RATIO)
+    without_effect = own[own[EFFECT_KIND] == EffectKind.LEFT_OUT]
+    # Only runs that are faster than the baseline beyond the uncertainty of the timing.
+    faster = without_effect[without_effect[HIGH] < 1].sort_values(RATIO)
     baumgarte = own.index[own[EFFECT_KIND] == EffectKind.BAUMGARTE]
     rows = {
         "faster": [row_of("effects", table, label) for label in faster.index[:NAMED]],
@@ -332,7 +374,7 @@ def present(results: Results) -> Presentation:
 
 
 def _failed(table: pd.DataFrame) -> list[dict[str, object]]:
-    """The effects with which a run failed, by variant; engines that are not installed are none of them."""
+    """Return for each variant the effects with which its run failed; engines that are not installed do not count."""
     failures = table[~table["status"].isin([Status.OK, Status.MISSING])]
     return [
         {"variant": variant, "effects": list(runs["effect"])}
@@ -341,32 +383,40 @@ def _failed(table: pd.DataFrame) -> list[dict[str, object]]:
 
 
 def _by_stabilization(cost: pd.DataFrame) -> dict[str, str]:
-    """Variants of the event-driven reference, by the method of stabilization that their runs state."""
-    found: dict[str, str] = {}
+    """Return the variant of the event-driven reference with each stabilization, from the settings of its runs."""
+    variants: dict[str, str] = {}
     if not {"engine", "variant", "settings"} <= set(cost):
-        return found
+        return variants
     own = cost[(cost["engine"] == REFERENCE.engine) & cost["settings"].notna()]
-    for variant, settings in zip(own["variant"], map(json.loads, own["settings"])):
-        if all(settings.get(name) == value for name, value in BY_EVENTS.items()):
-            stated = settings.get("stabilization")
-            method = stated["method"] if isinstance(stated, Mapping) else stated
-            found.setdefault(str(method), variant)
-    return found
+    for variant, text in zip(own["variant"], own["settings"]):
+        settings = json.loads(text)
+        if any(settings.get(name) != value for name, value in BY_EVENTS.items()):
+            continue
+        stabilization = settings.get("stabilization")
+        if isinstance(stabilization, Mapping):
+            stabilization = stabilization["method"]
+        variants.setdefault(str(stabilization), variant)
+    return variants
 
 
 def _at_equal_error(
     equal: pd.DataFrame, by_stabilization: Mapping[str, str]
 ) -> dict[str, float] | None:
-    """The least and the largest ratio of the times of Baumgarte's terms and of projection, over scenes and errors."""
-    baumgarte, projection = map(by_stabilization.get, (PAPERS.method, PROJECTED))
+    """Return the range, over scenes and errors, of the time with Baumgarte's terms relative to that with projection.
+
+    None if there is no error that both reach.
+    """
+    baumgarte = by_stabilization.get(PAPERS.method)
+    projection = by_stabilization.get(PROJECTED)
     if equal.empty or baumgarte is None or projection is None:
         return None
-    times = equal[
+    is_compared = (
         (equal["quantity"] == "position")
         & (equal["error"] <= LARGEST_ERROR)
         & equal[TOTAL].notna()
         & ~equal["is_bound"].eq(True)
-    ].pivot(index=["scene", "error"], columns="variant", values=TOTAL)
+    )
+    times = equal[is_compared].pivot(index=["scene", "error"], columns="variant", values=TOTAL)
     if not {baumgarte, projection} <= set(times):
         return None
     ratios = (times[baumgarte] / times[projection]).dropna()
@@ -374,22 +424,24 @@ def _at_equal_error(
 
 
 def _smallest_problem(table: pd.DataFrame, faster: pd.DataFrame) -> dict[str, Row] | None:
-    """The run without the effect that makes the HLCP largest, of those that are faster without it, and the baseline."""
+    """Return the run with the smallest HLCP of those that are faster without an effect, and the baseline."""
     if LEFT_OUT not in faster:
         return None
-    sized = faster[faster[LEFT_OUT].fillna("") != ""]
-    if sized.empty:
+    with_fewer_blocks = faster[faster[LEFT_OUT].fillna("") != ""]
+    if with_fewer_blocks.empty:
         return None
-    is_baseline = table[EFFECT_KIND] == EffectKind.BASELINE
+    smallest = with_fewer_blocks.sort_values([PAIRS, RATIO]).index[0]
+    is_baseline = (table[EFFECT_KIND] == EffectKind.BASELINE) & (
+        table["engine"] == REFERENCE.engine
+    )
     return {
-        "run": row_of("effects", table, sized.sort_values([PAIRS, RATIO]).index[0]),
-        "baseline": row_of(
-            "effects", table, table.index[is_baseline & (table["engine"] == REFERENCE.engine)][0]
-        ),
+        "run": row_of("effects", table, smallest),
+        "baseline": row_of("effects", table, table.index[is_baseline][0]),
     }
 
 
 def _tables(table: pd.DataFrame) -> list[TableView]:
+    """Return the table of effects, and that of all columns of all runs."""
     ratios = [
         "" if pd.isna(ratio) else with_ends(ratio, low, high, is_single=low == high)
         for ratio, low, high in zip(table[RATIO], table[LOW], table[HIGH])
@@ -412,8 +464,8 @@ def _tables(table: pd.DataFrame) -> list[TableView]:
         columns,
         group="variant" if table["variant"].nunique() > 1 else "",
     )
-    every = [Column(name) for name in table if name not in ("settings", "version", "key")]
-    return [shown, view("effects-all", table, every, source="effects", in_report=False)]
+    all_columns = [Column(name) for name in table if name not in ("settings", "version", "key")]
+    return [shown, view("effects-all", table, all_columns, source="effects", in_report=False)]
 
 
 STUDY = Study(

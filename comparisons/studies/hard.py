@@ -1,4 +1,7 @@
-"""Hard cases: verdicts on every method, case by case and counted; `comparisons.hard` has the cases and their judges."""
+"""Hard cases: the verdicts on every method, counted and case by case.
+
+`stiction.comparisons.hard` defines the cases and judges the runs.
+"""
 
 from __future__ import annotations
 
@@ -36,7 +39,7 @@ from stiction.comparisons.hard.examination import (
 from stiction.engines.registry import own_methods
 
 HOSTILE = "hostile scenes"
-"""Topic of the cases that are about the reader of scene files, not about a method."""
+"""Topic of the cases that test the reader of scene files and not a method."""
 COUNTED = {
     "right": frozenset({RIGHT}),
     "declined": frozenset({DECLINED}),
@@ -44,8 +47,9 @@ COUNTED = {
     "degraded": frozenset({DEGRADED}),
     "wrong": frozenset({WRONG, FAILED}),
 }
-"""Headings of the counts, and the verdicts that each counts."""
+"""Headings of the counts, and the verdicts that are counted under each."""
 JUDGED = COUNTED["right"] | COUNTED["degraded"] | COUNTED["wrong"]
+"""Verdicts on an answer that was compared with the truth."""
 SIGNS = {
     "right": ("+", "#009E73"),
     "declined": ("o", "#56B4E9"),
@@ -53,18 +57,21 @@ SIGNS = {
     "degraded": ("~", "#E69F00"),
     "wrong": ("x", "#D55E00"),
 }
+"""Sign and colour of each heading in the heat map: grey and colour-blind safe colours of Okabe and Ito."""
 
 
 def plan(scope: Scope) -> Comparison[Tables]:
-    """Every case through the reference's methods and every engine."""
+    """Plan every case with the methods of the reference and with every engine."""
     return hard_comparison(scope.depth, scope.engines)
 
 
 def present(results: Results) -> Presentation:
-    """Counts of `COUNTED` for every installed method on the same mechanical cases."""
+    """Present the counts of verdicts on every installed method in the same mechanical cases."""
     table = results.table("hard")
-    tried = table[~table["verdict"].isin([NOT_INSTALLED, NOT_RUN])] if len(table) else table
-    mechanical = tried[tried["topic"] != HOSTILE] if len(tried) else tried
+    if table.empty:
+        return Presentation()
+    tried = table[~table["verdict"].isin([NOT_INSTALLED, NOT_RUN])]
+    mechanical = tried[tried["topic"] != HOSTILE]
     if mechanical.empty:
         return Presentation()
     counts = {
@@ -89,12 +96,12 @@ def present(results: Results) -> Presentation:
 
 
 def _counts(verdicts: pd.Series) -> dict[str, int]:
-    """The numbers of verdicts by heading."""
-    return {name: int(verdicts.isin(counted).sum()) for name, counted in COUNTED.items()}
+    """Return the numbers of verdicts by heading."""
+    return {heading: int(verdicts.isin(counted).sum()) for heading, counted in COUNTED.items()}
 
 
 def _judged(mechanical: pd.DataFrame, variant: str) -> dict[str, object]:
-    """The numbers of wrong answers of a method, and of those that are judged."""
+    """Return the numbers of wrong and of all judged answers of a method."""
     verdicts = mechanical.loc[mechanical["variant"] == variant, "verdict"]
     return {
         "variant": variant,
@@ -104,23 +111,25 @@ def _judged(mechanical: pd.DataFrame, variant: str) -> dict[str, object]:
 
 
 def _least_and_most_often_wrong(mechanical: pd.DataFrame) -> list[dict[str, object]]:
-    """The engines with the smallest and the largest part of wrong answers among those that are judged, by fidelity."""
-    of_engines = ~mechanical["engine"].isin(own_methods())
-    judged = mechanical[mechanical["verdict"].isin(JUDGED) & of_engines]
-    ends = []
+    """Return for each fidelity the engines with the smallest and the largest share of wrong among judged answers."""
+    is_engine = ~mechanical["engine"].isin(own_methods())
+    judged = mechanical[mechanical["verdict"].isin(JUDGED) & is_engine]
+    extremes = []
     for fidelity, rows in judged.groupby("fidelity", sort=False):
-        share = rows["verdict"].isin(COUNTED["wrong"]).groupby(rows["variant"], sort=False).mean()
+        is_wrong = rows["verdict"].isin(COUNTED["wrong"])
+        share = is_wrong.groupby(rows["variant"], sort=False).mean()
         variants = dict.fromkeys((share.idxmin(), share.idxmax()))
         methods = [_judged(mechanical, variant) for variant in variants]
-        ends.append({"fidelity": fidelity, "methods": methods})
-    return ends
+        extremes.append({"fidelity": fidelity, "methods": methods})
+    return extremes
 
 
 def _hostile(hostile: pd.DataFrame) -> dict[str, object] | None:
-    """The cases of the file reader, those that it refuses, and the wrong answers to others by method."""
+    """Return the numbers of cases of the file reader: all, refused, and answered wrongly by each method."""
     if hostile.empty:
         return None
-    wrong = hostile[hostile["verdict"].isin(COUNTED["wrong"])].groupby("variant", sort=False).size()
+    is_wrong = hostile["verdict"].isin(COUNTED["wrong"])
+    wrong = hostile[is_wrong].groupby("variant", sort=False).size()
     return {
         "cases": hostile["case"].nunique(),
         "refused": hostile.loc[hostile["verdict"] == UNREAD, "case"].nunique(),
@@ -129,97 +138,90 @@ def _hostile(hostile: pd.DataFrame) -> dict[str, object] | None:
 
 
 def _heat_map(mechanical: pd.DataFrame, variants: list[str]) -> HeatMap:
-    """The verdicts by heading: a row a case, by topic, and a column a method."""
-    headings = {verdict: name for name, verdicts in COUNTED.items() for verdict in verdicts}
-    wide = (
-        mechanical.replace({"verdict": headings})
-        .pivot(index="case", columns="variant", values="verdict")
-        .fillna("")
-    )
-    cases = {
+    """Return the map of verdicts by heading: a row per case, grouped by topic, and a column per method."""
+    heading_of = {verdict: heading for heading, verdicts in COUNTED.items() for verdict in verdicts}
+    headings = mechanical.replace({"verdict": heading_of})
+    wide = headings.pivot(index="case", columns="variant", values="verdict").fillna("")
+    cases_by_topic = {
         str(topic): list(dict.fromkeys(rows["case"]))
         for topic, rows in mechanical.groupby("topic", sort=False)
     }
-    order = [case for names in cases.values() for case in names]
+    order = [case for cases in cases_by_topic.values() for case in cases]
     return HeatMap(
         "hard-cases",
         order,
         variants,
         wide.loc[order, variants].to_numpy().tolist(),
         SIGNS,
-        {topic: len(names) for topic, names in cases.items()},
+        {topic: len(cases) for topic, cases in cases_by_topic.items()},
     )
 
 
 def _tables(
     table: pd.DataFrame, mechanical: pd.DataFrame, counts: Mapping[str, Mapping[str, int]]
 ) -> list[TableView]:
-    """Counts by method and by topic, the reasons for all answers that are not right, and the truth of each case."""
-    by_method = [
+    """Return the tables of counts by method and by topic, of reasons for bad answers, and of all cases."""
+    cases = view(
+        "hard-cases",
+        table.drop_duplicates("case"),
+        (Column("case"), Column("topic"), Column("must", "must be true")),
+        source="hard",
+        in_report=False,
+    )
+    return [
+        _by_method(table, counts),
+        _by_topic(mechanical, list(counts)),
+        _reasons(mechanical),
+        cases,
+    ]
+
+
+def _by_method(table: pd.DataFrame, counts: Mapping[str, Mapping[str, int]]) -> TableView:
+    """Return the table of the counts of verdicts, a row per method."""
+    rows = [
         ({"variant": variant, **numbers}, table[table["variant"] == variant])
         for variant, numbers in counts.items()
     ]
-    topics = []
-    for topic, rows in mechanical.groupby("topic", sort=False):
-        right = (
-            rows.loc[rows["verdict"] == RIGHT, "variant"]
-            .value_counts()
-            .reindex(list(counts), fill_value=0)
-        )
-        topics.append(({"topic": topic, "cases": rows["case"].nunique(), **right}, rows))
+    return view("hard-counts", rows, (METHOD, *map(Column, COUNTED)), source="hard")
+
+
+def _by_topic(mechanical: pd.DataFrame, variants: list[str]) -> TableView:
+    """Return the table of the numbers of right answers, a row per topic, a column per method."""
+    rows = []
+    for topic, runs in mechanical.groupby("topic", sort=False):
+        variants_of_right = runs.loc[runs["verdict"] == RIGHT, "variant"]
+        right = variants_of_right.value_counts().reindex(variants, fill_value=0)
+        row = {"topic": topic, "cases": runs["case"].nunique(), **right}
+        rows.append((row, runs))
+    columns = map(Column, ("topic", "cases", *variants))
+    return view("hard-topics", rows, columns, source="hard", in_report=False)
+
+
+def _reasons(mechanical: pd.DataFrame) -> TableView:
+    """Return the table of degraded and wrong answers, a row per method, verdict and reason."""
     bad = mechanical[mechanical["verdict"].isin(COUNTED["degraded"] | COUNTED["wrong"])]
-    reasons = [
-        (
-            {
-                "variant": variant,
-                "verdict": verdict,
-                "reason": about,
-                "cases": ", ".join(rows["case"]),
-            },
-            rows,
-        )
-        for (variant, verdict, about), rows in bad.groupby(
-            ["variant", "verdict", "about"], sort=False
-        )
-    ]
-    return [
-        view(
-            "hard-counts",
-            by_method,
-            (METHOD, *map(Column, COUNTED)),
-            source="hard",
-        ),
-        view(
-            "hard-topics",
-            topics,
-            map(Column, ("topic", "cases", *counts)),
-            source="hard",
-            in_report=False,
-        ),
-        view(
-            "hard-reasons",
-            reasons,
-            (
-                METHOD,
-                Column("verdict"),
-                Column("cases"),
-                Column("reason", brief=False),
-            ),
-            source="hard",
-            in_report=False,
-        ),
-        view(
-            "hard-cases",
-            table.drop_duplicates("case"),
-            (Column("case"), Column("topic"), Column("must", "must be true")),
-            source="hard",
-            in_report=False,
-        ),
-    ]
+    rows = []
+    for (variant, verdict, reason), runs in bad.groupby(
+        ["variant", "verdict", "about"], sort=False
+    ):
+        row = {
+            "variant": variant,
+            "verdict": verdict,
+            "reason": reason,
+            "cases": ", ".join(runs["case"]),
+        }
+        rows.append((row, runs))
+    columns = (
+        METHOD,
+        Column("verdict"),
+        Column("cases"),
+        Column("reason", brief=False),
+    )
+    return view("hard-reasons", rows, columns, source="hard", in_report=False)
 
 
 def failures_of_reference(results: Results) -> Iterator[str]:
-    """Yield the hard cases that the reference fails, or in which its answer is wrong."""
+    """Yield a line for each hard case in which the reference fails or gives a wrong answer."""
     for row in results.table("hard").itertuples():
         if row.variant == REFERENCE and row.verdict in COUNTED["wrong"]:
             yield f"{row.case}: {row.verdict}: {row.about}"

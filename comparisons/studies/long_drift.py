@@ -1,17 +1,19 @@
-"""Drift of the paper's scheme over long runs: no stabilization, Baumgarte's terms or projection, at several steps.
+"""Drift of the paper's scheme in long runs: without stabilization, with Baumgarte's terms and with projection.
 
 Baumgarte's stabilization replaces Phi'' = 0 by Phi'' + 2 alpha Phi' + beta^2 Phi = 0 (Zhuang & Wang 2014, eq. 25;
-Baumgarte 1972), whose roots are lambda = -alpha +- sqrt(alpha^2 - beta^2). The Runge-Kutta method of order 4 multiplies
-them per step by R(h lambda), R(z) = 1 + z + z^2/2 + z^3/6 + z^4/24 (Hairer & Wanner, Solving Ordinary Differential
-Equations II, Sect. IV.2). Where |R| > 1 residuals grow by that factor each step. Below, they stay, but the stages of
-the method are off the constraints by O(h^2), which 2 alpha multiplies: the larger h lambda, the more the correction
-itself disturbs the motion.
+Baumgarte 1972). The roots of its characteristic polynomial are lambda = -alpha +- sqrt(alpha^2 - beta^2). A step h of
+the Runge-Kutta method of order 4 multiplies the corresponding solutions by R(h lambda), where
+R(z) = 1 + z + z^2/2 + z^3/6 + z^4/24 (Hairer & Wanner, Solving Ordinary Differential Equations II, Sect. IV.2). If
+|R| > 1, residuals grow by this factor in each step. Otherwise they remain bounded. They do not vanish, because the
+stages of the method violate the constraints by O(h^2), and the term 2 alpha Phi' multiplies these violations: the
+larger h lambda, the more the correction itself disturbs the motion.
 
-Residuals by rounding grow where a coordinate does. The method adds four terms to each coordinate in each step, which
-moves a residual by up to 4 ulp(q)/2 per unit of its derivative. A displacement delta per step settles at
-delta/h 2 alpha/beta^2, the integral of the answer of Phi'' + 2 alpha Phi' + beta^2 Phi = 0 to Phi = delta. The angle of
-a bar that turns grows for ever, and so does its ulp. At small steps that is all that is left of drift: a run that
-starts with the angle of a later time has the later time's drift from the beginning.
+Rounding errors make residuals that grow with the coordinates. The method adds four terms to each coordinate q in each
+step. Each addition is rounded by at most ulp(q)/2, so that a residual changes by at most 4 ulp(q)/2 times its
+derivative with respect to q. If each step changes a residual by delta, it tends to (delta/h) 2 alpha/beta^2: the
+solution that starts from Phi = 1, Phi' = 0 has the integral 2 alpha/beta^2 over time. The angle of a turning bar
+grows without bound, and its ulp with it. At small steps the drift consists of nothing else; it then depends on the
+angle and not on the time since the start.
 """
 
 from __future__ import annotations
@@ -47,7 +49,14 @@ from stiction.comparisons.bench.study import Scope, Study, Tables
 from stiction.comparisons.bench.variants import run_command
 from stiction.comparisons.measures.accuracy import errors, size_of
 from stiction.comparisons.measures.drift import rounding_of
-from stiction.comparisons.measures.drift_growth import BOUNDED, GROWS, INCONCLUSIVE, ROUNDED, growth
+from stiction.comparisons.measures.drift_growth import (
+    BOUNDED,
+    GROWS,
+    INCONCLUSIVE,
+    ROUNDED,
+    Growth,
+    growth,
+)
 from stiction.comparisons.studies.drift import POSITION, VELOCITY, above_rounding
 from stiction.engines.isolation import Outcome, Task
 from stiction.engines.reference.engine import ReferenceEngine
@@ -57,68 +66,94 @@ from stiction.truths import slider_bar_truth
 from stiction.truths.reduced.slider_bar import SliderBar
 
 SHORT = 24.0
-"""s; the length of the paper's runs, over which accuracy is compared."""
+"""Length of the paper's runs, s; errors and drifts of different choices are compared over this time."""
 LENGTHS = (24.0, 240.0, 2400.0)
-"""s; after which the law of growth is looked for."""
+"""Lengths (s) after which the law of growth is determined; runs end after one of them."""
 SAMPLES = 48_000
-"""Samples of a long run, at most: 20 a second of 2400 s."""
+"""Largest number of samples of a run: 20 a second in 2400 s."""
 ADDITIONS = 4
-"""Terms that a step of the method adds to each coordinate: each is rounded by half an ulp at most."""
+"""Terms that a step of the method adds to each coordinate; each addition is rounded by half an ulp at most."""
 STEPS = (1e-3, 2e-3, 5e-3, 1e-2)
+"""Steps (s) of the runs on which the paper's statements are judged."""
+FINEST_COARSE_STEP = 5e-3
+"""Finest of the `STEPS` (s) whose long runs are cheap enough for every depth."""
 BEYOND = (1.25e-2, 1.5e-2, 1.6e-2)
-"""s; on both sides of the step at which the paper's choice becomes unstable, 15.5 ms."""
+"""Steps (s) around the one at which the paper's terms become unstable, 15.5 ms."""
 TWICE = 2.0
-"""Ratio to the error without stabilization, above which stabilization does harm."""
-IN_SHORT, ERROR, OCTAVE = "position_drift_24s", "position_error", "position_drift_rms"
-DRIFT_RATIO, ERROR_RATIO = "drift_ratio", "error_ratio"
+"""Ratio to the error without stabilization above which the text reports that stabilization does harm."""
+IN_SHORT = "position_drift_24s"
+"""Column: largest drift of the position in `SHORT` seconds, m."""
+ERROR = "position_error"
+"""Column: largest position error in `SHORT` seconds, m."""
+OCTAVE = "position_drift_rms"
+"""Column: root mean square of the drift over an octave of time, m."""
+DRIFT_RATIO = "drift_ratio"
+"""Column: `IN_SHORT` divided by that of the run without stabilization of the same scene and step."""
+ERROR_RATIO = "error_ratio"
+"""Column: `ERROR` divided by that of the run without stabilization of the same scene and step."""
 
 
 @dataclass(frozen=True)
 class Choice:
-    """A choice against drift: a method of the engine, with alpha and beta (1/s) for Baumgarte's."""
+    """A stabilization against drift.
+
+    Attributes
+    ----------
+    method : str
+        Value of the engine's setting ``stabilization``.
+    alpha, beta : float
+        Baumgarte's coefficients, 1/s; 0 for other methods.
+    """
 
     method: str
     alpha: float = 0.0
     beta: float = 0.0
 
     @property
+    def is_baumgarte(self) -> bool:
+        """Whether the stabilization is Baumgarte's."""
+        return self.method == "baumgarte"
+
+    @property
     def label(self) -> str:
-        return (
-            f"Baumgarte ({self.alpha:g}, {self.beta:g})"
-            if self.method == "baumgarte"
-            else self.method
-        )
+        """Name of the choice in tables and legends."""
+        if self.is_baumgarte:
+            return f"Baumgarte ({self.alpha:g}, {self.beta:g})"
+        return self.method
 
     @property
     def roots(self) -> np.ndarray:
+        """Roots of the characteristic polynomial of Baumgarte's equation, 1/s, shape (2,)."""
         return np.roots([1.0, 2 * self.alpha, self.beta**2])
 
     def amplification(self, step: float) -> float:
-        """Largest factor by which a step multiplies a residual with these Baumgarte terms; nan without them."""
-        return (
-            math.nan
-            if self.method != "baumgarte"
-            else float(np.max(np.abs(runge_kutta_factor(step * self.roots))))
-        )
+        """Return the largest factor by which a step (s) multiplies a residual; nan without Baumgarte's terms."""
+        if not self.is_baumgarte:
+            return math.nan
+        return float(np.max(np.abs(runge_kutta_factor(step * self.roots))))
 
     def largest_step(self) -> float:
-        """The step at which residuals begin to grow with these Baumgarte terms, s; infinite without them."""
-        if self.method != "baumgarte":
+        """Return the step (s) beyond which residuals grow; infinite without Baumgarte's terms."""
+        if not self.is_baumgarte:
             return math.inf
+        # On each ray with a negative real part, the region of stability of the method ends once,
+        # at |z| between 2.6 and 3.0. The fastest root therefore becomes unstable between these steps.
         fastest = float(np.max(np.abs(self.roots)))
+        shortest, longest = 1.0 / fastest, 10.0 / fastest
         return float(
-            brentq(
-                lambda step: self.amplification(step) - 1, 1.0 / fastest, 10.0 / fastest, xtol=1e-12
-            )
+            brentq(lambda step: self.amplification(step) - 1, shortest, longest, xtol=1e-12)
         )
 
 
 def runge_kutta_factor(z: np.ndarray) -> np.ndarray:
-    """The factor of a step of the Runge-Kutta method of order 4, for z = h lambda; the exact one is exp(z)."""
+    """Return the factor of a step of the Runge-Kutta method of order 4 for z = h lambda; the exact one is exp(z)."""
     return 1 + z + z**2 / 2 + z**3 / 6 + z**4 / 24
 
 
-NONE, PAPERS, PROJECTION = Choice("none"), Choice("baumgarte", 90.0, 10.0), Choice("projection")
+NONE = Choice("none")
+PAPERS = Choice("baumgarte", 90.0, 10.0)
+"""The paper's terms."""
+PROJECTION = Choice("projection")
 CHOICES = (
     NONE,
     PAPERS,
@@ -127,13 +162,14 @@ CHOICES = (
     Choice("baumgarte", 5.0, 5.0),
     PROJECTION,
 )
+"""The choices that are compared, in the order of the tables."""
 DESCRIBED = (NONE, PAPERS, PROJECTION)
 """The choices whose growth of drift the text of the study describes."""
 
 
 @dataclass(frozen=True)
 class LongRun:
-    """A run of the paper's scheme, of `t_end` seconds."""
+    """A run of the paper's scheme with a choice of stabilization; `step` and `t_end` are in s."""
 
     scene: Scene
     choice: Choice
@@ -142,33 +178,43 @@ class LongRun:
 
     @property
     def name(self) -> str:
+        """Key of the run in the tables."""
         return f"{self.scene.name}/{self.choice.label}/dt={self.step:g}"
 
 
 def long_runs(cases: Mapping[int, Scene], depth: Depth = Depth.FULL) -> list[LongRun]:
-    """The runs on the paper's cases, by number, at a depth.
+    """Return the runs on the paper's cases, by number, at a depth.
 
-    In full, those that the paper's statement is about for 2400 s, the rest for 240 s; in case 2 bar and drive move as
-    in case 1, and so does drift. At other depths, case 1 alone for 240 s: its coarser steps, by default also the
-    paper's statement at all steps. By default there are also 24 s of case 3, whose position suffers most: its coarser
-    steps, without stabilization and with the paper's.
+    - At every depth: case 1 with all choices and steps from `FINEST_COARSE_STEP` on, for 240 s.
+    - At the default depth also: case 1 with the choices that the text describes and all `STEPS`, for 240 s; case 3,
+      the case whose position errors increase most, with the coarser of these steps, without stabilization and with
+      the paper's terms, for 24 s.
+    - At full depth: cases 1 and 3 with all choices and steps, for 240 s; those that the paper's statement is about
+      for 2400 s.
+
+    Steps `BEYOND` the others are run without stabilization and with the paper's terms only. Case 2 is left out: its
+    bar and its drive move as those of case 1, so that it has the same drift.
     """
     runs = []
     for (case, scene), choice, step in product(cases.items(), CHOICES, (*STEPS, *BEYOND)):
-        of_paper, is_coarse = choice in (NONE, PAPERS), step >= STEPS[2]
-        stated = case == 1 and (of_paper or choice == PROJECTION) and step in STEPS
-        suffers = case == 3 and of_paper and step in STEPS[2:]
-        least = (
-            Depth.QUICK
-            if case == 1 and is_coarse
-            else Depth.DEFAULT
-            if stated or suffers
-            else Depth.FULL
-        )
-        if case == 2 or step in BEYOND and not of_paper or not depth.reaches(least):
+        is_of_paper = choice in (NONE, PAPERS)
+        is_coarse = step >= FINEST_COARSE_STEP
+        is_needed_for_statement = case == 1 and choice in DESCRIBED and step in STEPS
+        is_inaccurate = case == 3 and is_of_paper and is_coarse and step in STEPS
+        if case == 2 or (step in BEYOND and not is_of_paper):
             continue
+
+        if case == 1 and is_coarse:
+            least_depth = Depth.QUICK
+        elif is_needed_for_statement or is_inaccurate:
+            least_depth = Depth.DEFAULT
+        else:
+            least_depth = Depth.FULL
+        if not depth.reaches(least_depth):
+            continue
+
         if depth is Depth.FULL:
-            t_end = LENGTHS[2] if stated else LENGTHS[1]
+            t_end = LENGTHS[2] if is_needed_for_statement else LENGTHS[1]
         else:
             t_end = LENGTHS[1] if case == 1 else SHORT
         runs.append(LongRun(scene, choice, step, t_end))
@@ -178,7 +224,7 @@ def long_runs(cases: Mapping[int, Scene], depth: Depth = Depth.FULL) -> list[Lon
 def drift_study_comparison(
     cases: Mapping[int, Scene], depth: Depth = Depth.FULL
 ) -> Comparison[Tables]:
-    """The tables of `drift_study` for the paper's cases, by number; the longest runs begin first."""
+    """Plan the tables of `drift_study` for the paper's cases, by number; the longest runs begin first."""
     runs = sorted(long_runs(cases, depth), key=lambda run: -run.t_end / run.step)
     return Comparison(
         tuple(Task(f"drift/{run.name}", drift_run, (run,)) for run in runs),
@@ -187,45 +233,50 @@ def drift_study_comparison(
 
 
 def plan(scope: Scope) -> Comparison[Tables] | None:
-    """The long runs, of the paper's cases alone."""
+    """Plan the long runs; None for other scenes than the paper's cases."""
     if scope.scenes != tuple(validation_campaign().scenes):
         return None
     return drift_study_comparison(dict(enumerate(scope.scenes, 1)), scope.depth)
 
 
 def rounding_level(scene: Scene, choice: Choice, step: float, run: Trajectory) -> np.ndarray:
-    """The position residual that rounding may make, m, at each instant of a run; see the module.
+    """Return a bound of the position residual that rounding makes, m, at each instant of a run.
 
-    Without a Baumgarte term it is that of the residual's evaluation alone.
+    The docstring of the module derives it. Without Baumgarte's terms it is the rounding of the residual's evaluation
+    alone.
     """
     evaluation = np.full(len(run.t), rounding_of(run))
-    if choice.method != "baumgarte":
+    if not choice.is_baumgarte:
         return evaluation
-    states = [
+    coordinates = [
         np.abs(values)
         for name, values in run.columns.items()
         if name.endswith((".x", ".y", ".angle"))
     ]
-    ulp = np.spacing(np.maximum.accumulate(np.max(states, axis=0)))
-    lever = np.hypot(
-        1.0, scene.parameters["L"] / 2
-    )  # an angle is in the drive's residual, times L/2 in the pin's
-    return evaluation + ADDITIONS * ulp / 2 / step * 2 * choice.alpha / choice.beta**2 * lever
+    ulp = np.spacing(np.maximum.accumulate(np.max(coordinates, axis=0)))
+    # Derivatives of the residuals with respect to an angle: 1 in the equation of the drive, L/2 in
+    # that of the pin.
+    derivative = np.hypot(1.0, scene.parameters["L"] / 2)
+    displacement_per_second = ADDITIONS * ulp / 2 / step * derivative
+    return evaluation + displacement_per_second * 2 * choice.alpha / choice.beta**2
 
 
 DriftRun = tuple[dict[str, Any], tuple[tuple[float, float], ...]]
-"""Columns measured on a run, and end (s) and root mean square (m) of each octave of its drift."""
+"""Columns that are measured on a run, and the end (s) and the root mean square drift (m) of each octave of its time."""
 
 
 def drift_run(long: LongRun) -> DriftRun:
-    """Run the paper's scheme with a choice against drift, and measure drift and error."""
+    """Run the paper's scheme with a choice of stabilization, and measure drift and error."""
     scene, choice, step, t_end = long.scene, long.choice, long.step, long.t_end
-    terms = {"stabilization.alpha": choice.alpha, "stabilization.beta": choice.beta}
-    stabilized = vary(scene, terms) if choice.method == "baumgarte" else scene
+    if choice.is_baumgarte:
+        terms = {"stabilization.alpha": choice.alpha, "stabilization.beta": choice.beta}
+        simulated_scene = vary(scene, terms)
+    else:
+        simulated_scene = scene
 
     def simulate(end: float, output_step: float) -> Trajectory:
         return ReferenceEngine().simulate(
-            stabilized,
+            simulated_scene,
             t_end=end,
             dt=step,
             output_step=output_step,
@@ -234,87 +285,122 @@ def drift_run(long: LongRun) -> DriftRun:
         )
 
     run = simulate(t_end, max(step, t_end / SAMPLES))
-    rounding, drift = rounding_level(scene, choice, step, run), run["drift.position"]
+    drift = run["drift.position"]
     row: dict[str, Any] = {
         "reason": "" if run.termination == "end" else run.termination,
         IN_SHORT: float(np.max(drift[run.t <= SHORT])),
         POSITION: float(np.max(drift)),
         VELOCITY: float(np.max(run["drift.velocity"])),
     }
+
     octaves: tuple[tuple[float, float], ...] = ()
-    for length in LENGTHS if run.termination == "end" else ():
-        if length <= t_end:
+    if run.termination == "end":
+        rounding = rounding_level(scene, choice, step, run)
+        transient = SliderBar.from_scene(scene).period() / 2
+        for length in LENGTHS:
+            if length > t_end:
+                continue
             within = run.t <= length + step / 2
-            law = growth(
-                run.t[within],
-                drift[within],
-                SliderBar.from_scene(scene).period() / 2,
-                rounding[within],
-            )
+            law = growth(run.t[within], drift[within], transient, rounding[within])
+            row |= _growth_columns(law, length)
+            # Those of the longest time remain.
             octaves = law.octaves
-            row |= {
-                f"growth_{length:g}s": law.verdict,
-                f"growth_exponent_{length:g}s": law.exponent,
-                f"growth_exponent_uncertainty_{length:g}s": law.uncertainty,
-                f"walk_spread_{length:g}s": law.spread,
-            }
+
+    # The error is that of a run of its own, with samples at other instants.
     measured = errors(simulate(SHORT, 1e-2), slider_bar_truth(scene, SHORT), size_of(scene))
-    return row | {name: measured.get(name) for name in (ERROR, "position_uncertainty")}, octaves
+    row |= {name: measured.get(name) for name in (ERROR, "position_uncertainty")}
+    return row, octaves
+
+
+def _growth_columns(law: Growth, length: float) -> dict[str, Any]:
+    """Return the columns of the law of growth over a length of time (s)."""
+    return {
+        f"growth_{length:g}s": law.verdict,
+        f"growth_exponent_{length:g}s": law.exponent,
+        f"growth_exponent_uncertainty_{length:g}s": law.uncertainty,
+        f"walk_spread_{length:g}s": law.spread,
+    }
 
 
 def drift_study(runs: Sequence[LongRun], outcomes: Sequence[Outcome]) -> Tables:
-    """The tables of the study from the outcomes of its runs.
+    """Return the tables of the study from the outcomes of its runs.
 
-    ``study``: a row per run, with drift and error in units of the run without stabilization of the same scene and step.
-    ``octaves``: a row per octave of each run that reached its end.
+    ``study`` has a row per run, with drift and error also as ratios to those of the run without stabilization of the
+    same scene and step. ``octaves`` has a row per octave of each run that reached its end.
     """
     rows, octaves = [], []
     for run, outcome in zip(runs, outcomes, strict=True):
-        made: DriftRun = outcome.value or ({"reason": outcome.reason or outcome.status}, ())
-        row = {"scene": run.scene.name, "choice": run.choice.label, "step": run.step}
-        choice, gains = run.choice, run.choice.method == "baumgarte"
-        options = [
-            ("t-end", f"{run.t_end:g}"),
-            ("dt", f"{run.step:g}"),
-            ("setting", f"stabilization={choice.method}"),
-            *(
-                ("set", f"stabilization.{name}={getattr(choice, name):g}")
-                for name in ("alpha", "beta")
-                if gains
-            ),
-        ]
+        failure: DriftRun = {"reason": outcome.reason or outcome.status}, ()
+        measured, octaves_of_run = outcome.value or failure
+        choice = run.choice
+        identity = {"scene": run.scene.name, "choice": choice.label, "step": run.step}
         rows.append(
             {
-                **row,
+                **identity,
                 "run": run.name,
                 "alpha": choice.alpha or None,
                 "beta": choice.beta or None,
                 "time": run.t_end,
-                **made[0],
+                **measured,
                 "status": outcome.status,
-                AGAIN: run_command(run.scene.name, "reference", options) if outcome.value else None,
+                AGAIN: _rerun_command(run) if outcome.value else None,
             }
         )
-        octaves += [{**row, "octave_end": end, OCTAVE: size} for end, size in made[1]]
-    table = pd.DataFrame(rows)
-    if IN_SHORT in table:
-        without = table[table["choice"] == NONE.label].set_index(["scene", "step"])
-        without = without.reindex(pd.MultiIndex.from_frame(table[["scene", "step"]])).set_index(
-            table.index
-        )
-        for ratio, column in ((DRIFT_RATIO, IN_SHORT), (ERROR_RATIO, ERROR)):
-            table[ratio] = (table[column] / without[column]).where(table["choice"] != NONE.label)
-    order = {choice.label: number for number, choice in enumerate(CHOICES)}
+        octaves += [{**identity, "octave_end": end, OCTAVE: rms} for end, rms in octaves_of_run]
+    table = _with_ratios(pd.DataFrame(rows))
+    place = {choice.label: number for number, choice in enumerate(CHOICES)}
     table = table.sort_values(
         ["scene", "choice", "step"],
         ignore_index=True,
-        key=lambda column: column.map(order) if column.name == "choice" else column,
+        key=lambda column: column.map(place) if column.name == "choice" else column,
     )
     return Tables({"study": table, "octaves": pd.DataFrame(octaves)})
 
 
+def _rerun_command(run: LongRun) -> str | None:
+    """Return the command that repeats a run."""
+    choice = run.choice
+    options = [
+        ("t-end", f"{run.t_end:g}"),
+        ("dt", f"{run.step:g}"),
+        ("setting", f"stabilization={choice.method}"),
+    ]
+    if choice.is_baumgarte:
+        options.append(("set", f"stabilization.alpha={choice.alpha:g}"))
+        options.append(("set", f"stabilization.beta={choice.beta:g}"))
+    return run_command(run.scene.name, "reference", options)
+
+
+def _with_ratios(table: pd.DataFrame) -> pd.DataFrame:
+    """Return the table of runs with `DRIFT_RATIO` and `ERROR_RATIO`, unless all runs failed."""
+    if IN_SHORT not in table:
+        return table
+    # For each row, the row without stabilization of the same scene and step.
+    is_none = table["choice"] == NONE.label
+    scene_and_step = pd.MultiIndex.from_frame(table[["scene", "step"]])
+    without = table[is_none].set_index(["scene", "step"]).reindex(scene_and_step)
+    without = without.set_index(table.index)
+    ratios = {
+        ratio: (table[column] / without[column]).where(~is_none)
+        for ratio, column in ((DRIFT_RATIO, IN_SHORT), (ERROR_RATIO, ERROR))
+    }
+    return table.assign(**ratios)
+
+
 class Law(NamedTuple):
-    """A law of growth: verdict, exponent and its interval, spread in units of a random walk's, and time (s)."""
+    """The law of growth of the drift of a run.
+
+    Attributes
+    ----------
+    verdict, exponent : str, float
+        As in `Growth`.
+    interval : float
+        Half of the exponent's confidence interval.
+    spread : float
+        Spread of the octaves in units of that of a random walk, as in `Growth`.
+    length : float
+        Time over which the law was determined, s.
+    """
 
     verdict: str
     exponent: float
@@ -326,45 +412,59 @@ class Law(NamedTuple):
 def decisive_runs(
     table: pd.DataFrame, scene: str, choice: Choice
 ) -> list[tuple[dict[Hashable, Any], Law]]:
-    """Return the runs on a scene that decide what the paper says of drift, with the laws of their longest parts."""
+    """Return the runs by which the paper's statements about drift are judged, each with its law.
+
+    These are the runs on a scene with a choice that reached their end, with `STEPS`. The law is that over the longest
+    time for which the run has one.
+    """
     if table.empty:
         return []
-    decisive = (table["scene"] == scene) & (table["reason"] == "") & table["step"].isin(STEPS)
-    decided = []
-    for run in table[decisive & (table["choice"] == choice.label)].to_dict("records"):
-        length = max(
-            length for length in LENGTHS if isinstance(run.get(f"growth_{length:g}s"), str)
+    is_decisive = (
+        (table["scene"] == scene)
+        & (table["reason"] == "")
+        & table["step"].isin(STEPS)
+        & (table["choice"] == choice.label)
+    )
+    runs_and_laws = []
+    for run in table[is_decisive].to_dict("records"):
+        lengths = [length for length in LENGTHS if isinstance(run.get(f"growth_{length:g}s"), str)]
+        length = max(lengths)
+        law = Law(
+            run[f"growth_{length:g}s"],
+            run[f"growth_exponent_{length:g}s"],
+            run[f"growth_exponent_uncertainty_{length:g}s"],
+            run[f"walk_spread_{length:g}s"],
+            length,
         )
-        exponent, interval, spread = (
-            run[f"{name}_{length:g}s"]
-            for name in ("growth_exponent", "growth_exponent_uncertainty", "walk_spread")
-        )
-        law = Law(run[f"growth_{length:g}s"], exponent, interval, spread, length)
-        decided.append((run, law))
-    return decided
+        runs_and_laws.append((run, law))
+    return runs_and_laws
 
 
 def present(results: Results) -> Presentation:
-    """The growth of drift with each stabilization, its size, and the harm that the paper's terms do."""
+    """Present the growth and the size of drift with each stabilization, and the harm that the paper's terms do."""
     study, octaves = results.table("study"), results.table("octaves")
     if IN_SHORT not in study:
         return Presentation()
+
+    # A figure for each scene with octaves beyond the paper's time; the first scene's extends Fig. 14.
     scenes = octaves.loc[octaves["octave_end"] > SHORT, "scene"].unique() if len(octaves) else ()
-    drawn = {
+    figure_names = {
         scene: f"drift-{scene}" if number else "fig14-drift" for number, scene in enumerate(scenes)
     }
     figures = [
         _figure(study[study["scene"] == scene], octaves[octaves["scene"] == scene], name)
-        for scene, name in drawn.items()
+        for scene, name in figure_names.items()
     ]
+
+    laws = [_growth_of(study, choice) for choice in DESCRIBED]
     return Presentation(
         rows={
             "scene": study["scene"].iloc[0],
             "compared": _at_finest_and_coarsest_step(study),
-            "laws": [law for choice in DESCRIBED if (law := _growth_of(study, choice))],
+            "laws": [law for law in laws if law],
             "harmed": _most_harmed(study),
             "papers": _stability_of_papers_terms(),
-            "drawn": [{"figure": name, "scene": scene} for scene, name in drawn.items()],
+            "drawn": [{"figure": name, "scene": scene} for scene, name in figure_names.items()],
         },
         tables=[_by_choice(study), _all_runs(study)],
         figures=figures,
@@ -372,16 +472,16 @@ def present(results: Results) -> Presentation:
 
 
 def _growth_of(study: pd.DataFrame, choice: Choice) -> dict[str, object]:
-    """The numbers of runs by the growth of their drift over the longest time that has a law; empty if none has."""
+    """Count the runs with each law of growth over the longest time that has laws; empty if none has."""
     runs = study[study["choice"] == choice.label]
-    known = runs.dropna(axis="columns", how="all")
-    lengths = [length for length in LENGTHS[1:] if f"growth_{length:g}s" in known]
+    columns_with_values = runs.dropna(axis="columns", how="all")
+    lengths = [length for length in LENGTHS[1:] if f"growth_{length:g}s" in columns_with_values]
     if not lengths:
         return {}
     length = max(lengths)
     runs = runs[runs["time"] >= length]
     laws = runs[f"growth_{length:g}s"]
-    powers = runs.loc[laws == GROWS, f"growth_exponent_{length:g}s"].dropna()
+    exponents = runs.loc[laws == GROWS, f"growth_exponent_{length:g}s"].dropna()
     return {
         "method": choice.method,
         "length": length,
@@ -393,46 +493,52 @@ def _growth_of(study: pd.DataFrame, choice: Choice) -> dict[str, object]:
         "inconclusive": int((laws == INCONCLUSIVE).sum()),
         "unknown": int(laws.isna().sum()),  # the run failed or stopped early
         "steps": _smallest_and_largest(study, runs["step"]),
-        "powers": _smallest_and_largest(study, powers),
+        "powers": _smallest_and_largest(study, exponents),
     }
 
 
 def _smallest_and_largest(study: pd.DataFrame, values: pd.Series) -> list[object]:
-    """The cells of a column's least and largest value: one where they are equal, none where there is no value."""
+    """Return the cells of the smallest and the largest value of a column of `study`.
+
+    A single cell if both are the same, no cell if there are no values.
+    """
     if values.empty:
         return []
-    ends = dict.fromkeys((values.idxmin(), values.idxmax()))
-    return [row_of("study", study, label)[values.name] for label in ends]
+    labels = dict.fromkeys((values.idxmin(), values.idxmax()))
+    return [row_of("study", study, label)[values.name] for label in labels]
 
 
 def _papers_runs(study: pd.DataFrame) -> pd.DataFrame:
-    """The runs with the paper's terms which have a run without stabilization to compare with."""
-    chosen = (study["choice"] == PAPERS.label) & study["step"].isin(STEPS)
-    return study[chosen & study[DRIFT_RATIO].notna()]
+    """Return the runs with the paper's terms that have a counterpart without stabilization."""
+    is_of_paper = (study["choice"] == PAPERS.label) & study["step"].isin(STEPS)
+    return study[is_of_paper & study[DRIFT_RATIO].notna()]
 
 
 def _beside_none(study: pd.DataFrame, label: int) -> dict[str, Row]:
-    """A run with the paper's terms, and that without stabilization of the same scene and step."""
+    """Return a run with the paper's terms and the run without stabilization of the same scene and step."""
     scene, step = study.loc[label, ["scene", "step"]]
-    same = (study["scene"] == scene) & (study["step"] == step) & (study["choice"] == NONE.label)
+    is_counterpart = (
+        (study["scene"] == scene) & (study["step"] == step) & (study["choice"] == NONE.label)
+    )
     return {
         "papers": row_of("study", study, label),
-        "none": row_of("study", study, study.index[same][0]),
+        "none": row_of("study", study, study.index[is_counterpart][0]),
     }
 
 
 def _at_finest_and_coarsest_step(study: pd.DataFrame) -> list[dict[str, Row]]:
-    """Runs with and without the paper's terms on the first scene; drift by rounding is 0."""
+    """Return the runs with and without the paper's terms on the first scene at two steps; drift by rounding is 0."""
     papers = _papers_runs(study)
     steps = papers.loc[papers["scene"] == study["scene"].iloc[0], "step"]
     if steps.empty:
         return []
-    shown = above_rounding(study, [IN_SHORT])
-    return [_beside_none(shown, label) for label in dict.fromkeys((steps.idxmin(), steps.idxmax()))]
+    rounded = above_rounding(study, [IN_SHORT])
+    labels = dict.fromkeys((steps.idxmin(), steps.idxmax()))
+    return [_beside_none(rounded, label) for label in labels]
 
 
 def _most_harmed(study: pd.DataFrame) -> list[dict[str, Row]]:
-    """The runs on each scene whose error grows most by the paper's terms; none if it grows by `TWICE` in none."""
+    """Return the run on each scene whose error the paper's terms increase most; none if no ratio exceeds `TWICE`."""
     ratios = _papers_runs(study).dropna(subset=[ERROR_RATIO])
     if not (ratios[ERROR_RATIO] > TWICE).any():
         return []
@@ -442,10 +548,10 @@ def _most_harmed(study: pd.DataFrame) -> list[dict[str, Row]]:
 
 
 def _stability_of_papers_terms() -> dict[str, float]:
-    """Roots (1/s) of the error equation of the paper's terms, and what one step makes of a residual.
+    """Return the roots (1/s) of Baumgarte's equation with the paper's terms, and factors of a residual per step.
 
-    ``exact`` and ``computed``: the factor of the fast root in a step of ``step`` ms, exactly and by the Runge-Kutta
-    method. ``unstable``: the step, ms, beyond which residuals grow.
+    ``exact`` and ``computed`` are the factors of the fast root for a step of ``step`` ms, exactly and with the
+    Runge-Kutta method. ``unstable`` is the step (ms) beyond which residuals grow.
     """
     slow, fast = sorted(PAPERS.roots.real, key=abs)
     step = STEPS[-1]
@@ -462,20 +568,16 @@ def _stability_of_papers_terms() -> dict[str, float]:
 
 
 def _by_choice(study: pd.DataFrame) -> TableView:
-    """Drift on the first scene: a row a choice, a column a step, and the numbers of runs by their growth."""
+    """Return the table of drift on the first scene: a row per choice, a column per step, and the laws of growth."""
     runs = study[study["scene"] == study["scene"].iloc[0]]
     sizes = above_rounding(runs, [IN_SHORT]).pivot(index="choice", columns="step", values=IN_SHORT)
     names = {step: f"{IN_SHORT} at {step:g}" for step in STEPS}
-    frame = (
-        sizes.reindex(runs["choice"].unique(), columns=STEPS).rename(columns=names).reset_index()
-    )
-    behind = [runs.index[runs["choice"] == choice] + 1 for choice in frame["choice"]]
+    sizes = sizes.reindex(runs["choice"].unique(), columns=STEPS)
+    frame = sizes.rename(columns=names).reset_index()
+    labels = [runs.index[runs["choice"] == choice] for choice in frame["choice"]]
     law = "growth_240s"
     if law in runs:
-        counts = [runs.loc[rows - 1, law].value_counts() for rows in behind]
-        frame["laws"] = [
-            ", ".join(f"{verdict} {number}" for verdict, number in each.items()) for each in counts
-        ]
+        frame["laws"] = [_counts_text(runs.loc[labels_of_row, law]) for labels_of_row in labels]
     drifts = [
         Column(name, f"drift at {1e3 * step:g} ms", "m", of=IN_SHORT)
         for step, name in names.items()
@@ -485,11 +587,17 @@ def _by_choice(study: pd.DataFrame) -> TableView:
         *drifts,
         Column("laws", "growth in 240 s (number of runs)"),
     )
-    return view("study", frame, columns, source="study", rows=behind)
+    numbers = [labels_of_row + 1 for labels_of_row in labels]
+    return view("study", frame, columns, source="study", rows=numbers)
+
+
+def _counts_text(laws: pd.Series) -> str:
+    """Return the number of runs with each law, the most frequent first: ``bounded 3, grows 1``."""
+    return ", ".join(f"{law} {number}" for law, number in laws.value_counts().items())
 
 
 def _all_runs(study: pd.DataFrame) -> TableView:
-    """Every run, with its laws over each length."""
+    """Return the table of all runs with their laws over each length."""
     laws = [
         column
         for length in LENGTHS
@@ -522,56 +630,65 @@ def _all_runs(study: pd.DataFrame) -> TableView:
 
 
 def _figure(study: pd.DataFrame, octaves: pd.DataFrame, name: str) -> Chart:
-    """The paper's Fig. 14 over a longer time, and drift over the step, in one scene."""
+    """Return a figure of one scene: the paper's Fig. 14 over a longer time, and drift over the step."""
     steps = [step for step in STEPS if step in set(octaves["step"])]
-    over_time = [
-        Series(
-            "",
-            rows["octave_end"].to_numpy(),
-            rows[OCTAVE].to_numpy(),
-            look=choice.label,
-            points=True,
-            hollow=step != steps[-1],
-        )
-        for choice, step in product(
-            (NONE, PAPERS, PROJECTION), dict.fromkeys((steps[0], steps[-1]))
-        )
-        if len(rows := octaves[(octaves["choice"] == choice.label) & (octaves["step"] == step)])
-    ]
-    ended = study[(study["status"] == Status.OK) & (study["reason"] == "")].sort_values("step")
-    over_step = [
-        Series(
-            choice.label,
-            rows["step"].to_numpy(),
-            rows[IN_SHORT].to_numpy(),
-            look=choice.label,
-            points=True,
-        )
-        for choice in CHOICES
-        if len(rows := ended[ended["choice"] == choice.label])
-    ]
-    title = (
-        f"open markers: {1e3 * steps[0]:g} ms, filled: {1e3 * steps[-1]:g} ms"
-        if len(steps) > 1
-        else ""
-    )
-    unstable = PAPERS.largest_step()
+    title = ""
+    if len(steps) > 1:
+        title = f"open markers: {1e3 * steps[0]:g} ms, filled: {1e3 * steps[-1]:g} ms"
     panels = (
         Panel(
             title,
             Axis("time [s]", log=True, ticks=sorted(set(octaves["octave_end"]))),
             Axis("drift, rms over an octave [m, rad]", log=True),
-            over_time,
+            _drift_over_time(octaves, steps[0], steps[-1]),
         ),
         Panel(
             "largest in 24 s",
             Axis("step [s]", log=True, ticks=sorted(set(study["step"]))),
             Axis("drift, largest in 24 s [m, rad]", log=True),
-            over_step,
-            lines=(unstable,),
+            _drift_over_step(study),
+            lines=(PAPERS.largest_step(),),
         ),
     )
     return Chart(name, panels, columns=2, height=2.5)
+
+
+def _drift_over_time(octaves: pd.DataFrame, finest: float, coarsest: float) -> list[Series]:
+    """Return the series of drift in each octave: open markers for the finest step, filled ones for the coarsest."""
+    series = []
+    for choice, step in product(DESCRIBED, dict.fromkeys((finest, coarsest))):
+        rows = octaves[(octaves["choice"] == choice.label) & (octaves["step"] == step)]
+        if len(rows):
+            series.append(
+                Series(
+                    "",
+                    rows["octave_end"].to_numpy(),
+                    rows[OCTAVE].to_numpy(),
+                    look=choice.label,
+                    points=True,
+                    hollow=step != coarsest,
+                )
+            )
+    return series
+
+
+def _drift_over_step(study: pd.DataFrame) -> list[Series]:
+    """Return the series of drift over the step, of the runs that reached their end."""
+    completed = study[(study["status"] == Status.OK) & (study["reason"] == "")].sort_values("step")
+    series = []
+    for choice in CHOICES:
+        rows = completed[completed["choice"] == choice.label]
+        if len(rows):
+            series.append(
+                Series(
+                    choice.label,
+                    rows["step"].to_numpy(),
+                    rows[IN_SHORT].to_numpy(),
+                    look=choice.label,
+                    points=True,
+                )
+            )
+    return series
 
 
 STUDY = Study(

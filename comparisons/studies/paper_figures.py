@@ -1,4 +1,8 @@
-"""The mechanism, and the paper's Figs. 5-13: slider, corner forces and driving moment of each case, jumps vertical."""
+"""Pictures of the mechanisms, and the paper's Figs. 5-13, redrawn from our results.
+
+The figures show velocity and acceleration of the slider, the corner forces and the driving moment of each case. Unlike
+in the paper's figures, jumps are vertical.
+"""
 
 from __future__ import annotations
 
@@ -25,12 +29,18 @@ from stiction.scenes import catalogue, load_scene
 from stiction.truths import Truth
 
 TIME = "$t$ [s]"
+"""Label of the time axes."""
 SAMPLES = 2401
-"""Samples of a truth, over the whole of its time: every 10 ms of 24 s."""
+"""Number of samples of a truth over the whole of its time: every 10 ms of the 24 s of the paper's cases."""
 CASES = ("slider-bar-case-1", "slider-bar-case-2", "slider-bar-case-3")
-"""In the order of the paper's figures."""
+"""The paper's cases, in the order of its figures."""
+ROW_HEIGHT = 1.35
+"""Height of a row of panels, inches: those of two columns of panels fit on a page."""
 FIRST_FIGURE = 5
-"""The paper's number of the first figure of its first case; then in the order of `SETS`, case by case."""
+"""Number of the paper's first figure of its first case.
+
+The figures follow case by case, within a case in the order of `SETS`.
+"""
 SETS = {
     "velocity-acceleration": {
         "slider.vx": r"$\dot x_2$ [m/s]",
@@ -39,25 +49,28 @@ SETS = {
     "corner-forces": {f"guide.F{i}": f"$F_{i}$ [N]" for i in (1, 2, 3, 4)},
     "driving-moment": {"motor.effort": r"$\lambda_D$ [N m]"},
 }
-"""Figures of a case by the ending of their names: the label of each panel by the column that it shows."""
+"""Figures of a case by the ending of their names; each maps the column that a panel shows to the label of the panel."""
 
 
 def present(results: Results) -> Presentation:
-    """Each distinct mechanism once, as cases that differ in loads alone look the same; then the time series."""
-    names = list(dict.fromkeys(record.scene for record in results.records))
-    mechanisms = _distinct_mechanisms(names)
-    series = [one for name in names for one in _time_series(results, name)]
-    if not (mechanisms or series):
+    """Present a picture of each distinct mechanism, and the time series of each scene."""
+    scenes = list(dict.fromkeys(record.scene for record in results.records))
+    mechanisms = _distinct_mechanisms(scenes)
+    figures = [figure for scene in scenes for figure in _time_series(results, scene)]
+    if not mechanisms and not figures:
         return Presentation()
     rows = {
         "mechanisms": [_described(picture) for picture in mechanisms],
-        "series": [one.described() for one in series],
+        "series": [figure.described() for figure in figures],
     }
-    return Presentation(rows=rows, figures=[*mechanisms, *(one.chart for one in series)])
+    return Presentation(rows=rows, figures=[*mechanisms, *(figure.chart for figure in figures)])
 
 
 def _distinct_mechanisms(names: Sequence[str]) -> list[MechanismPicture]:
-    """A picture of each scene of the catalogue whose bodies and joints are not those of one before."""
+    """Return a picture of each scene of the catalogue whose bodies and joints differ from those before.
+
+    Scenes that differ only in their loads look the same.
+    """
     shapes, pictures = [], []
     for name in names:
         if name not in catalogue():
@@ -71,12 +84,13 @@ def _distinct_mechanisms(names: Sequence[str]) -> list[MechanismPicture]:
 
 
 def _described(picture: MechanismPicture) -> dict[str, object]:
-    """What the caption of a mechanism mentions; the corners of a slider are drawn where it has a length."""
+    """Return what the caption of a mechanism mentions."""
     scene = load_scene(picture.scene)
     return {
         "figure": picture.name,
         "scene": picture.scene,
         "parameters": scene.parameters,
+        # The corners of a slider are drawn if it has a length.
         "has_corners": any(guide.length is not None for guide in scene.guides.values()),
     }
 
@@ -87,10 +101,16 @@ class TimeSeries:
 
     Attributes
     ----------
+    scene : str
+        Name of the scene.
+    subject : str
+        Key in `SETS`.
     number : int or None
-        The paper's number of the figure; None of a scene that the paper does not have.
+        The paper's number of the figure; None if the scene is not one of its cases.
     has_stick_phases : bool
-        True if the panels have stick phases in grey.
+        True if the panels show stick phases in grey.
+    chart : Chart
+        The figure.
     """
 
     scene: str
@@ -100,7 +120,7 @@ class TimeSeries:
     chart: Chart
 
     def described(self) -> dict[str, object]:
-        """What its caption mentions."""
+        """Return what the caption of the figure mentions."""
         return {
             "figure": self.chart.name,
             "scene": self.scene,
@@ -111,15 +131,17 @@ class TimeSeries:
 
 
 def _time_series(results: Results, scene: str) -> Iterator[TimeSeries]:
+    """Yield the figures of a scene for those `SETS` of whose columns there are values."""
     truth = results.truths.get(scene)
     records = [record for record in results.records if record.scene == scene]
-    label, frame = _reference(records, truth)
+    label, frame = _drawn_motion(records, truth)
     shades = stick_phases(truth)
     for place, (subject, labels) in enumerate(SETS.items()):
-        known = {column: words for column, words in labels.items() if column in frame}
-        if not known:
+        shown = {column: words for column, words in labels.items() if column in frame}
+        if not shown:
             continue
-        name, number = f"{scene}-{subject}", None
+        name = f"{scene}-{subject}"
+        number = None
         if scene in CASES:
             number = FIRST_FIGURE + len(SETS) * CASES.index(scene) + place
             name = f"fig{number:02d}-{name}"
@@ -129,24 +151,24 @@ def _time_series(results: Results, scene: str) -> Iterator[TimeSeries]:
             Panel(
                 "", time, Axis(words), [Series(label, t, frame[column].to_numpy())], shades=shades
             )
-            for column, words in known.items()
+            for column, words in shown.items()
         ]
-        chart = Chart(name, panels, columns=2 if len(panels) > 2 else 1, height=1.35)
+        chart = Chart(name, panels, columns=2 if len(panels) > 2 else 1, height=ROW_HEIGHT)
         yield TimeSeries(scene, subject, number, bool(shades), chart)
 
 
-def _reference(records: list[Record], truth: Truth | None) -> tuple[str, pd.DataFrame]:
-    """Label and samples of the reference at its tightest tolerance, else of the truth."""
-    runs = [
-        (record, run)
+def _drawn_motion(records: list[Record], truth: Truth | None) -> tuple[str, pd.DataFrame]:
+    """Return label and samples of the event-driven run with the tightest tolerance, or else of the truth."""
+    completed = [
+        (record, record.trajectory)
         for record in records
-        if (run := record.trajectory) is not None
-        and run.settings.get("method") == "event"
-        and run.termination == "end"
+        if record.trajectory is not None
+        and record.trajectory.settings.get("method") == "event"
+        and record.trajectory.termination == "end"
     ]
-    if runs:
-        best, run = min(runs, key=lambda pair: pair[0].step)
-        return run_label(best), run.to_frame(events=True, interpolated=True)
+    if completed:
+        tightest, run = min(completed, key=lambda pair: pair[0].step)
+        return run_label(tightest), run.to_frame(events=True, interpolated=True)
     if truth is None:
         return "", pd.DataFrame()
     t = np.linspace(0.0, truth.t_end, SAMPLES)
@@ -154,10 +176,11 @@ def _reference(records: list[Record], truth: Truth | None) -> tuple[str, pd.Data
 
 
 def stick_phases(truth: Truth | None) -> list[tuple[float, float]]:
-    """Begin and end of each, s; one that lasts to the end ends there."""
+    """Return begin and end (s) of each stick phase; the last one may end with the truth. Empty without a truth."""
     if truth is None:
         return []
-    starts_at_rest = bool(truth(0.0).get("guide.mode", np.ones(1))[0] == 0)
+    columns = truth(0.0)
+    starts_at_rest = "guide.mode" in columns and bool(columns["guide.mode"][0] == 0)
     return stick_intervals(truth.events, 0.0, truth.t_end, starts_at_rest)
 
 

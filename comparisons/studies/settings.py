@@ -1,17 +1,17 @@
-"""Settings of each engine: errors of position and torque, and drift, against engine time, one changed at a time.
+"""Settings of the engines: errors, drift and engine time when one setting at a time is changed from its default.
 
-The trials are data: ``data/engine_settings.toml``. Every choice runs at every step, as does the adapter's default. A
-choice is on the Pareto front of a scene unless another is better: clearly faster with no larger error, or clearly more
-accurate in one and no slower. Clearly faster is its slowest repeat before the other's fastest; an error is larger by
-`MORE` at least, and no smaller than the truth's uncertainty. Drift counts as an error from the rounding of a coordinate
-on, however small it is against the position error: a scheme that leaves some in each step has more of it the longer it
-runs, and the study's runs are short.
+``data/engine_settings.toml`` lists the settings. Every choice, and the adapter's default, runs with every step. On a
+scene, a choice is Pareto-optimal unless another one is better: clearly faster with no larger error, or no slower with
+no larger error and clearly more accurate in one. It is clearly faster if its slowest repeat is faster than the other's
+fastest. An error is larger than another from a ratio of `MORE` on, where errors below the truth's uncertainty count
+as that uncertainty. Drift counts as an error if it exceeds the rounding of a coordinate, even if it is small against
+the position error: drift that accumulates in each step becomes larger in longer runs than those of this study.
 """
 
 from __future__ import annotations
 
 import tomllib
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from importlib import resources
 from typing import Any
@@ -45,20 +45,43 @@ from stiction.scenes import InputError, Trajectory, load_scene
 from stiction.scenes.fidelity import Fidelity
 
 DEFAULT = "default"
-ERROR, SUBJECT, SETTING, ON_FRONT = "position_error", "subject", "setting", "on_front"
-DRIFT, ROUNDING = "position_drift", "drift_rounding"
+"""Value of the column `SETTING` for runs in which no setting is changed."""
+ERROR = "position_error"
+"""Column: position error, m."""
+SUBJECT = "subject"
+"""Column: label of the `Subject` whose setting is changed."""
+SETTING = "setting"
+"""Column: the changed setting with its value, or `DEFAULT`."""
+ON_FRONT = "on_front"
+"""Column: whether the choice is Pareto-optimal on the scene."""
+DRIFT = "position_drift"
+"""Column: largest residual of the constraints of all joints and drives, see `stiction.comparisons.measures.drift`."""
+ROUNDING = "drift_rounding"
+"""Column: bound of the drift that rounding makes in the run."""
 JUDGED = {ERROR: "position_uncertainty", "torque_error": "torque_uncertainty", DRIFT: ROUNDING}
-"""Errors that a choice is judged by, and their uncertainties; no torque of a scene without a drive.
+"""Columns of the errors by which choices are compared, and of their uncertainties.
 
-The drift is that of all joints and drives, see `stiction.comparisons.measures.drift.drift`.
+Scenes without a drive have no torque error.
 """
-FACTOR, EVERYWHERE = "time_of_fastest", "better_everywhere"
-TIME_RATIO, ERROR_RATIO, FAILED = "time_ratio", "largest_error_ratio", "failed_runs"
+FACTOR = "time_of_fastest"
+"""Column: time of the default divided by that of the fastest choice with no larger errors."""
+EVERYWHERE = "better_everywhere"
+"""Column: whether a choice is better than the default everywhere, or the choices for which this holds."""
+TIME_RATIO = "time_ratio"
+"""Column: geometric mean of the times of a choice relative to the default."""
 TIME_RATIO_ENDS = f"{TIME_RATIO}, least", f"{TIME_RATIO}, most"
+"""Columns: smallest and largest time of a choice relative to the default."""
+ERROR_RATIO = "largest_error_ratio"
+"""Column: largest error of a choice relative to the default."""
+FAILED = "failed_runs"
+"""Column: number of scenes and steps on which a choice failed and the default did not."""
 MORE = 1.01
-"""Ratio from which one error counts as larger than another: a solver that has converged leaves less."""
+"""Ratio from which on one error counts as larger than another.
+
+The errors that a converged iterative solver leaves differ by less.
+"""
 ENDS = 0.5, 200.0
-"""Ends of the axis of errors in units of the default's: what lies beyond stands at the edge."""
+"""Limits of the axis of relative errors; values beyond are drawn at the edge."""
 NO_DEFAULT: Mapping[str, object] = {
     "compared": 0,
     "on_front": 0,
@@ -66,21 +89,27 @@ NO_DEFAULT: Mapping[str, object] = {
     "scene": None,
     "ends": ENDS,
 }
-"""Rows where no run with default settings succeeded."""
+"""Rows for the text if no run with default settings succeeded."""
+REPEATS_ON_ONE_SCENE = 3
+"""Rounds of timing on a single scene, unless the scope states a number: enough to see which intervals overlap."""
 
 
 @dataclass(frozen=True)
 class Subject:
-    """A method of an engine, and the settings of it that matter.
+    """A method of an engine whose settings are tried.
 
     Attributes
     ----------
+    engine : str
+        Name of the engine.
+    fidelity : Fidelity
+        Whether guides are joints or contacts.
     choices : Mapping[str, Sequence]
-        Values that are tried, by setting; the others stay at their defaults.
+        Values to try, by setting. Only one setting at a time differs from its default.
     fixed : Mapping[str, Any]
-        Settings that make the method, such as the engine's own friction instead of the adapter's.
+        Settings that select the method, such as the engine's own friction instead of the adapter's.
     name : str
-        Of the method, in place of the values of `fixed`.
+        Name of the method; the values of `fixed` if empty.
     """
 
     engine: str
@@ -91,16 +120,12 @@ class Subject:
 
     @property
     def label(self) -> str:
-        return ", ".join(
-            [
-                self.engine,
-                self.fidelity,
-                *([self.name] if self.name else map(str, self.fixed.values())),
-            ]
-        )
+        """Name of the subject in tables: engine, fidelity and method."""
+        method = [self.name] if self.name else [str(value) for value in self.fixed.values()]
+        return ", ".join([self.engine, self.fidelity, *method])
 
     def variants(self, steps: Sequence[float]) -> list[Variant]:
-        """The default and every choice, which the label names."""
+        """Return the variants with the default and with each choice, to be run with some steps (s)."""
         default = Variant(
             f"{self.label}: {DEFAULT}",
             self.engine,
@@ -111,25 +136,34 @@ class Subject:
             subject=self.label,
             setting=DEFAULT,
         )
-        return [
-            default,
-            *(
-                replace(
+        variants = [default]
+        for name, values in self.choices.items():
+            for value in values:
+                setting = f"{name}={value}"
+                variant = replace(
                     default,
-                    label=f"{self.label}: {name}={value}",
+                    label=f"{self.label}: {setting}",
                     settings={**self.fixed, name: value},
-                    setting=f"{name}={value}",
+                    setting=setting,
                     changed=name,
                 )
-                for name, values in self.choices.items()
-                for value in values
-            ),
-        ]
+                variants.append(variant)
+        return variants
 
 
 @dataclass(frozen=True)
 class Trials:
-    """The methods and steps that are tried (s, times `time_factor` of a scene), and by scene the seconds of a run."""
+    """The content of ``data/engine_settings.toml``.
+
+    Attributes
+    ----------
+    steps : tuple of float
+        Steps of all runs, s; for each scene they are multiplied by its `time_factor`.
+    scenes : Mapping[str, float]
+        Duration of a run, s, by the name of the scene.
+    subjects : tuple of Subject
+        The methods whose settings are tried.
+    """
 
     steps: tuple[float, ...]
     scenes: Mapping[str, float]
@@ -137,7 +171,7 @@ class Trials:
 
 
 def load_study() -> Trials:
-    """The trials of ``data/engine_settings.toml``."""
+    """Read ``data/engine_settings.toml``."""
     file = resources.files("stiction.comparisons") / "data" / "engine_settings.toml"
     data = tomllib.loads(file.read_text(encoding="utf-8"))
     return Trials(
@@ -148,203 +182,238 @@ def load_study() -> Trials:
 
 
 def settings_table(timed: Timed) -> pd.DataFrame:
-    """The rows of `work_precision` for the choices on a scene, with the setting, its drift, and the front."""
+    """Return the rows of `work_precision` for the choices on a scene, with the columns of this study.
+
+    These are `DRIFT`, `ROUNDING`, `SUBJECT`, `SETTING` and `ON_FRONT`.
+    """
     drifts = [drift_and_rounding(record.trajectory) for record in timed.records]
     table = timed.table.join(pd.DataFrame(drifts, columns=[DRIFT, ROUNDING]))
-    tried = {record.key: record.variant for record in timed.records}
-    table[SUBJECT] = [tried[key].subject for key in table["key"]]
-    table[SETTING] = [tried[key].setting for key in table["key"]]
+    variants = {record.key: record.variant for record in timed.records}
+    table[SUBJECT] = [variants[key].subject for key in table["key"]]
+    table[SETTING] = [variants[key].setting for key in table["key"]]
     table[ON_FRONT] = False
     for _, rows in _measured(table).groupby(SUBJECT, sort=False):
-        times = (rows[name].to_numpy(float) for name in (LOW, HIGH))
-        table.loc[rows.index, ON_FRONT] = front(_errors(rows), *times)
+        fastest = rows[LOW].to_numpy(float)
+        slowest = rows[HIGH].to_numpy(float)
+        table.loc[rows.index, ON_FRONT] = front(_errors(rows), fastest, slowest)
     return table
 
 
 def drift_and_rounding(trajectory: Trajectory | None) -> dict[str, float]:
-    """`DRIFT` and `ROUNDING` of a run."""
+    """Return the columns `DRIFT` and `ROUNDING` of a run; empty for a run that failed."""
     if trajectory is None:
         return {}
     return {DRIFT: float(np.max(trajectory["drift.position"])), ROUNDING: rounding_over(trajectory)}
 
 
 def front(errors: np.ndarray, fastest: np.ndarray, slowest: np.ndarray) -> np.ndarray:
-    """The points that no other is better than.
+    """Return a mask of the Pareto-optimal points: those than which no other point is better.
 
     Parameters
     ----------
     errors : ndarray, shape (errors, points)
+        Errors that all count.
     fastest, slowest : ndarray, shape (points,)
-        Ends of the intervals of their times.
+        Ends of the intervals of the times.
+
+    Returns
+    -------
+    ndarray of bool, shape (points,)
     """
-    this, other = errors[:, :, None], errors[:, None, :]
-    no_larger, smaller = _no_larger(other, this), _smaller(other, this)
-    faster, no_slower = slowest[None] < fastest[:, None], fastest[None] <= slowest[:, None]
-    return ~np.any(no_larger & (faster | smaller & no_slower), axis=1)
+    # Compare each point (second axis) with each other one (third axis).
+    point, other = errors[:, :, None], errors[:, None, :]
+    has_no_larger_error = _no_larger(other, point)
+    has_smaller_error = _smaller(other, point)
+    is_faster = slowest[None] < fastest[:, None]
+    is_no_slower = fastest[None] <= slowest[:, None]
+    is_better = has_no_larger_error & (is_faster | has_smaller_error & is_no_slower)
+    return ~np.any(is_better, axis=1)
 
 
 def _no_larger(errors: np.ndarray, others: np.ndarray) -> np.ndarray:
+    """Return where none of the errors (first axis) is larger than the corresponding other one."""
     return np.all(errors <= MORE * others, axis=0)
 
 
 def _smaller(errors: np.ndarray, others: np.ndarray) -> np.ndarray:
-    """True where one of the errors is smaller; where nothing moves, they may be 0."""
+    """Return where at least one of the errors (first axis) is smaller than the corresponding other one.
+
+    Both may be 0, where nothing moves: then neither is smaller.
+    """
     return np.any((MORE * errors <= others) & (errors < others), axis=0)
 
 
 def _measured(table: pd.DataFrame) -> pd.DataFrame:
+    """Return the rows of runs that reached their end and have a position error."""
     table = with_columns(table, ERROR)
     return table[succeeded(table) & table[ERROR].notna()]
 
 
 def _errors(rows: pd.DataFrame) -> np.ndarray:
-    """Errors that are `JUDGED`, shape (errors, rows), or their uncertainties where these are larger.
+    """Return the errors that are `JUDGED`, at least their uncertainties, shape (errors, rows).
 
-    They are 0 where no row has one, infinite where only others have.
+    An error that no row has is 0; one that only some rows have is infinite in the others.
     """
-    found = []
-    for error, unsure in JUDGED.items():
-        pair = rows.reindex(columns=[error, unsure]).astype(float)
-        known = pair[error].notna()
-        found.append(
-            pair.max(axis="columns").where(known, np.inf if known.any() else 0.0).to_numpy()
-        )
-    return np.array(found)
+    errors = []
+    for error, uncertainty in JUDGED.items():
+        values = rows.reindex(columns=[error, uncertainty]).astype(float)
+        is_known = values[error].notna()
+        substitute = np.inf if is_known.any() else 0.0
+        errors.append(values.max(axis="columns").where(is_known, substitute).to_numpy())
+    return np.array(errors)
 
 
 def ranks_of_defaults(table: pd.DataFrame) -> pd.DataFrame:
-    """Default of each method of an engine among its other choices, over all scenes.
+    """Compare the default of each subject with its other choices, over all scenes.
 
-    On a scene and step the fastest choices are those with no larger errors that no other is clearly faster than.
+    Parameters
+    ----------
+    table : DataFrame
+        Rows of `settings_table` for all scenes.
 
     Returns
     -------
     DataFrame
-        A row per subject. `SUBJECT`; `ON_FRONT`, of the scenes and steps, as ``8 of 12``; `EVERYWHERE`, the choices of
-        `better_everywhere`, or ``none``; and where another choice gains most in time at no larger error: `FACTOR`,
-        ``choice`` (with its step, if that is another), ``scene``, ``step`` of the default; empty where the default is
-        among the fastest on each.
+        A row per subject: `SUBJECT`; `ON_FRONT`, the number of scenes and steps on which the default is
+        Pareto-optimal, as ``8 of 12``; `EVERYWHERE`, the choices of `better_everywhere`, or ``none``. The other
+        columns describe the largest gain in time at no larger errors, as `_gains` yields it; they are empty if the
+        default is among the fastest choices everywhere.
     """
     rows = []
-    for subject, group in _measured(table).groupby(SUBJECT, sort=False):
-        fronts, gains = [], []
-        for scene, here in group.groupby("scene", sort=False):
-            errors = _errors(here)
-            for place in np.flatnonzero(here[SETTING] == DEFAULT):
-                default, rivals = here.iloc[place], here[_no_larger(errors, errors[:, [place]])]
-                best = rivals.loc[rivals[OWN_CPU].idxmin()]
-                fastest = list(dict.fromkeys(rivals.loc[rivals[LOW] <= best[HIGH], SETTING]))
-                elsewhere = "" if best["step"] == default["step"] else f" at {best['step']:g} s"
-                fronts.append(default[ON_FRONT])
-                if DEFAULT not in fastest:
-                    gains.append(
-                        {
-                            FACTOR: default[OWN_CPU] / best[OWN_CPU],
-                            "choice": ", ".join(fastest) + elsewhere,
-                            "scene": scene,
-                            "step": default["step"],
-                        }
-                    )
-        if fronts:
-            better = ", ".join(better_everywhere(group)) or "none"
-            rows.append(
-                {
-                    SUBJECT: subject,
-                    ON_FRONT: f"{sum(fronts)} of {len(fronts)}",
-                    EVERYWHERE: better,
-                    **max(gains, key=lambda gain: gain[FACTOR], default={}),
-                }
-            )
+    for subject, runs in _measured(table).groupby(SUBJECT, sort=False):
+        defaults = runs[runs[SETTING] == DEFAULT]
+        if defaults.empty:
+            continue
+        on_front = int(defaults[ON_FRONT].sum())
+        gains = list(_gains(runs))
+        largest_gain = max(gains, key=lambda gain: gain[FACTOR]) if gains else {}
+        rows.append(
+            {
+                SUBJECT: subject,
+                ON_FRONT: f"{on_front} of {len(defaults)}",
+                EVERYWHERE: ", ".join(better_everywhere(runs)) or "none",
+                **largest_gain,
+            }
+        )
     return pd.DataFrame(
         rows, columns=[SUBJECT, ON_FRONT, EVERYWHERE, FACTOR, "choice", "scene", "step"]
     )
 
 
+def _gains(runs: pd.DataFrame) -> Iterator[dict[str, Any]]:
+    """Yield, for a subject, what the fastest choice gains on each scene and step of the default.
+
+    The fastest choices are those with no larger errors than which none is clearly faster; they may have another step.
+    Nothing is yielded where the default is one of them.
+
+    Yields
+    ------
+    dict
+        `FACTOR`; ``choice``, the fastest choices, with their step if it is another; ``scene``; ``step``, of the
+        default.
+    """
+    for scene, rows in runs.groupby("scene", sort=False):
+        errors = _errors(rows)
+        for place in np.flatnonzero(rows[SETTING] == DEFAULT):
+            default = rows.iloc[place]
+            rivals = rows[_no_larger(errors, errors[:, [place]])]
+            best = rivals.loc[rivals[OWN_CPU].idxmin()]
+            fastest = list(dict.fromkeys(rivals.loc[rivals[LOW] <= best[HIGH], SETTING]))
+            if DEFAULT in fastest:
+                continue
+            other_step = "" if best["step"] == default["step"] else f" at {best['step']:g} s"
+            yield {
+                FACTOR: default[OWN_CPU] / best[OWN_CPU],
+                "choice": ", ".join(fastest) + other_step,
+                "scene": scene,
+                "step": default["step"],
+            }
+
+
 def better_everywhere(table: pd.DataFrame) -> list[str]:
-    """Choices of a subject that are `EVERYWHERE` better than its default."""
+    """Return the choices of a subject that are better than its default `EVERYWHERE`."""
     choices = against_defaults(table)
     return list(choices.loc[choices[EVERYWHERE], SETTING])
 
 
 def against_defaults(table: pd.DataFrame) -> pd.DataFrame:
-    """Each choice in units of its method's default, over all scenes and steps at which the default succeeded.
+    """Compare each choice with its subject's default, over all scenes and steps on which both succeeded.
 
     Returns
     -------
     DataFrame
-        A row per subject and setting. `SUBJECT`, `SETTING`; `TIME_RATIO`, the geometric mean of the times, with the
-        least and the most under `TIME_RATIO_ENDS`; `ERROR_RATIO`, the largest of an error that is `JUDGED`, infinite
-        where the default has none; `FAILED`, the scenes and steps at which only the default succeeded; `EVERYWHERE`,
-        whether it is no worse in errors and in time on every scene and step, and clearly better on one.
+        A row per subject and setting: `SUBJECT`, `SETTING`; `TIME_RATIO`, the geometric mean of the times relative to
+        the default, with the smallest and the largest under `TIME_RATIO_ENDS`; `ERROR_RATIO`, the largest relative
+        error of those that are `JUDGED`, infinite where the default has none; `FAILED`, the number of scenes and
+        steps on which only the default succeeded; `EVERYWHERE`, whether the choice is no worse in errors and time on
+        every scene and step, and clearly better on one.
     """
     rows = []
-    for subject, group in _measured(table).groupby(SUBJECT, sort=False):
-        here = group.set_index(["scene", "step"])
-        defaults = here[here[SETTING] == DEFAULT]
-        for setting, found in here.groupby(SETTING, sort=False):
-            shared = defaults.index.intersection(found.index)
+    for subject, runs in _measured(table).groupby(SUBJECT, sort=False):
+        runs = runs.set_index(["scene", "step"])
+        defaults = runs[runs[SETTING] == DEFAULT]
+        for setting, choices in runs.groupby(SETTING, sort=False):
+            shared = defaults.index.intersection(choices.index)
             if shared.empty:
                 continue
-            found, default = found.loc[shared], defaults.loc[shared]
-            errors, others = np.split(_errors(pd.concat([found, default])), 2, axis=1)
-            larger = np.divide(
-                errors,
-                others,
-                out=np.where(errors > others, np.inf, 1.0),
-                where=(others > 0) & np.isfinite(others),
-            )
-            times, failed = found[OWN_CPU] / default[OWN_CPU], len(defaults) - len(shared)
-            no_worse = _no_larger(errors, others) & (found[LOW] <= default[HIGH])
-            better = _smaller(errors, others) | (found[HIGH] < default[LOW])
-            rows.append(
-                {
-                    SUBJECT: subject,
-                    SETTING: setting,
-                    TIME_RATIO: float(np.exp(np.log(times).mean())),
-                    **dict(zip(TIME_RATIO_ENDS, (times.min(), times.max()))),
-                    ERROR_RATIO: float(larger.max()),
-                    FAILED: failed,
-                    EVERYWHERE: bool(
-                        setting != DEFAULT and not failed and no_worse.all() and better.any()
-                    ),
-                }
-            )
-    return pd.DataFrame(
-        rows,
-        columns=[SUBJECT, SETTING, TIME_RATIO, *TIME_RATIO_ENDS, ERROR_RATIO, FAILED, EVERYWHERE],
+            failed = len(defaults) - len(shared)
+            comparison = _comparison(choices.loc[shared], defaults.loc[shared])
+            if setting == DEFAULT or failed:
+                comparison[EVERYWHERE] = False
+            rows.append({SUBJECT: subject, SETTING: setting, FAILED: failed, **comparison})
+    columns = [SUBJECT, SETTING, TIME_RATIO, *TIME_RATIO_ENDS, ERROR_RATIO, FAILED, EVERYWHERE]
+    return pd.DataFrame(rows, columns=columns)
+
+
+def _comparison(choices: pd.DataFrame, defaults: pd.DataFrame) -> dict[str, Any]:
+    """Return the columns of `against_defaults` that compare the runs of a choice with those of the default.
+
+    Both tables have the same scenes and steps in the same order. `EVERYWHERE` is about these alone.
+    """
+    # All errors together, so that one that only some of the runs have is infinite in the others.
+    errors, default_errors = np.split(_errors(pd.concat([choices, defaults])), 2, axis=1)
+    error_ratios = np.divide(
+        errors,
+        default_errors,
+        out=np.where(errors > default_errors, np.inf, 1.0),
+        where=(default_errors > 0) & np.isfinite(default_errors),
     )
+    times = choices[OWN_CPU] / defaults[OWN_CPU]
+    is_no_worse = _no_larger(errors, default_errors) & (choices[LOW] <= defaults[HIGH])
+    is_better = _smaller(errors, default_errors) | (choices[HIGH] < defaults[LOW])
+    least, most = TIME_RATIO_ENDS
+    return {
+        TIME_RATIO: float(np.exp(np.log(times).mean())),
+        least: times.min(),
+        most: times.max(),
+        ERROR_RATIO: float(error_ratios.max()),
+        EVERYWHERE: bool(is_no_worse.all() and is_better.any()),
+    }
 
 
 def plan(scope: Scope) -> Comparison[Tables] | None:
-    """All settings on all scenes of the trials, at a depth that has them; of one scene at any depth.
+    """Plan all settings on all scenes of the trials, or on the single scene of the scope.
 
-    Rows of a subject follow each other.
+    None at a depth without these trials, unless the scope has a single scene, and if no engine takes part. The rows
+    of a subject follow each other in the table.
 
     Raises
     ------
     InputError
-        If the study has no settings of an engine that is named for one scene.
+        If the scope has a single scene and names an engine of which the study has no settings.
     """
-    trials, limits, engines = load_study(), extent(scope.depth), scope.engines
-    order = {subject.label: place for place, subject in enumerate(trials.subjects)}
-    known = dict.fromkeys(subject.engine for subject in trials.subjects)
+    trials, limits = load_study(), extent(scope.depth)
+    engines = scope.engines
     if len(scope.scenes) == 1:
-        where, engines, repeats = (
-            [(scope.scenes[0], scope.t_end)],
-            engines or None,
-            scope.repeats or 3,
-        )
-        if unknown := set(engines or ()) - set(known):
-            raise InputError(
-                f"engines: found {min(unknown)!r}; expected some of {', '.join(known)}, "
-                "which the study has settings of"
-            )
+        # `stiction compare` on one scene: an empty list of engines stands for all.
+        engines = engines or None
+        _check_engines(engines, trials)
+        scenes = [(scope.scenes[0], scope.t_end)]
+        repeats = scope.repeats or REPEATS_ON_ONE_SCENE
     else:
-        where = (
-            [(load_scene(name), seconds) for name, seconds in trials.scenes.items()]
-            if limits.settings
-            else []
-        )
+        scenes = []
+        if limits.settings:
+            scenes = [(load_scene(name), t_end) for name, t_end in trials.scenes.items()]
         repeats = scope.repeats or limits.repeats
     variants = [
         variant
@@ -352,28 +421,37 @@ def plan(scope: Scope) -> Comparison[Tables] | None:
         if engines is None or subject.engine in engines
         for variant in subject.variants(trials.steps)
     ]
+    if not scenes or not variants:
+        return None
+    places = {subject.label: place for place, subject in enumerate(trials.subjects)}
 
-    def tables(found: list[pd.DataFrame]) -> Tables:
-        return Tables(
-            {
-                "settings": pd.concat(found).sort_values(
-                    SUBJECT, key=lambda labels: labels.map(order), kind="stable", ignore_index=True
-                )
-            }
+    def combine(tables: list[pd.DataFrame]) -> Tables:
+        ordered = pd.concat(tables).sort_values(
+            SUBJECT, key=lambda labels: labels.map(places), kind="stable", ignore_index=True
         )
+        return Tables({"settings": ordered})
 
-    parts = [
-        work_precision(scene, scaled(variants, scene, t_end), t_end=t_end, repeats=repeats).then(
-            settings_table
+    parts = []
+    for scene, t_end in scenes:
+        scaled_variants = scaled(variants, scene, t_end)
+        timed = work_precision(scene, scaled_variants, t_end=t_end, repeats=repeats)
+        parts.append(timed.then(settings_table))
+    return side_by_side(parts, combine)
+
+
+def _check_engines(engines: Sequence[str] | None, trials: Trials) -> None:
+    """Raise InputError if the trials have no settings of one of the engines."""
+    with_settings = dict.fromkeys(subject.engine for subject in trials.subjects)
+    unknown = sorted(set(engines or ()) - set(with_settings))
+    if unknown:
+        raise InputError(
+            f"engines: found {unknown[0]!r}; expected some of {', '.join(with_settings)}, "
+            "which the study has settings of"
         )
-        for scene, t_end in where
-        if variants
-    ]
-    return side_by_side(parts, tables) if parts else None
 
 
 def present(results: Results) -> Presentation:
-    """Number of comparisons in which defaults are on the front of error and time, and the choices that are better."""
+    """Present how often defaults are Pareto-optimal in error and time, and the choices that are better everywhere."""
     table = results.table("settings")
     if table.empty or not {SUBJECT, SETTING, "status"} <= set(table):
         return Presentation()
@@ -401,7 +479,7 @@ def present(results: Results) -> Presentation:
 
 
 def _ranks_view(ranks: pd.DataFrame, table: pd.DataFrame) -> TableView:
-    """How the default of each method of an engine stands among its other choices."""
+    """Return the table that compares the default of each subject with its other choices."""
     ranks = ranks.assign(where=ranks["scene"].map(scene_title, na_action="ignore"))
     columns = (
         Column(SUBJECT, "engine"),
@@ -412,12 +490,12 @@ def _ranks_view(ranks: pd.DataFrame, table: pd.DataFrame) -> TableView:
         Column("where", "in"),
         Column("step", unit="s", form="g"),
     )
-    by_method = [(row, table[table[SUBJECT] == row[SUBJECT]]) for row in ranks.to_dict("records")]
-    return view("settings", by_method, columns)
+    rows = [(row, table[table[SUBJECT] == row[SUBJECT]]) for row in ranks.to_dict("records")]
+    return view("settings", rows, columns)
 
 
 def _choices_view(choices: pd.DataFrame, table: pd.DataFrame) -> TableView:
-    """Every choice in units of its default."""
+    """Return the table of all choices relative to their defaults."""
     columns = (
         Column(SUBJECT, "engine"),
         Column(SETTING),
@@ -427,19 +505,20 @@ def _choices_view(choices: pd.DataFrame, table: pd.DataFrame) -> TableView:
         Column(ERROR_RATIO, form=".2g"),
         Column(FAILED),
     )
-    by_choice = [
-        (row, table[(table[SUBJECT] == row[SUBJECT]) & (table[SETTING] == row[SETTING])])
-        for row in choices.to_dict("records")
-    ]
-    return view("settings-all", by_choice, columns, source="settings", in_report=False)
+    rows = []
+    for row in choices.to_dict("records"):
+        is_run = (table[SUBJECT] == row[SUBJECT]) & (table[SETTING] == row[SETTING])
+        rows.append((row, table[is_run]))
+    return view("settings-all", rows, columns, source="settings", in_report=False)
 
 
 def _figure(choices: pd.DataFrame) -> Chart:
-    """Each choice once, in units of the default; a panel for each method of an engine."""
+    """Return a chart with a panel per subject: largest error over time, both relative to the default."""
     panels = []
     for subject, rows in choices.groupby(SUBJECT, sort=False):
-        is_default, is_better = rows[SETTING] == DEFAULT, rows[EVERYWHERE]
-        kinds = (
+        is_default = rows[SETTING] == DEFAULT
+        is_better = rows[EVERYWHERE]
+        groups = (
             ("another choice", OTHER, ~is_better & ~is_default),
             (EVERYWHERE, BETTER, is_better),
             (DEFAULT, CHOSEN, is_default),
@@ -447,14 +526,14 @@ def _figure(choices: pd.DataFrame) -> Chart:
         series = [
             Series(
                 label,
-                rows.loc[chosen, TIME_RATIO].to_numpy(float),
-                rows.loc[chosen, ERROR_RATIO].clip(*ENDS).to_numpy(float),
+                rows.loc[is_in_group, TIME_RATIO].to_numpy(float),
+                rows.loc[is_in_group, ERROR_RATIO].clip(*ENDS).to_numpy(float),
                 look=look,
                 line=False,
                 points=True,
             )
-            for label, look, chosen in kinds
-            if chosen.any()
+            for label, look, is_in_group in groups
+            if is_in_group.any()
         ]
         panels.append(
             Panel(

@@ -1,25 +1,33 @@
-"""Stabilization as a choice of its own: none, Baumgarte, projection after each step; cost, drift and error together.
+"""Stabilizations of the reference: their cost, and the drift and the error that they leave.
 
-The two ways of the reference take each choice at equal rtol or step; nothing else differs between the rows.
+The two methods of the reference run with no stabilization, with Baumgarte's terms and with projection after each step.
+Runs of one method at the same tolerance or step differ in nothing else.
 """
 
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
 from typing import Any
 
 import pandas as pd
 
 from stiction.comparisons.bench.methods import with_columns
 from stiction.comparisons.bench.participants import extent
-from stiction.comparisons.bench.presentation import Column, Presentation, row_of, view
+from stiction.comparisons.bench.presentation import (
+    Column,
+    Presentation,
+    TableView,
+    row_of,
+    view,
+)
 from stiction.comparisons.bench.presentation.cells import setting_of
 from stiction.comparisons.bench.results import Results
 from stiction.comparisons.bench.runner import Comparison
 from stiction.comparisons.bench.study import Scope, Study, Tables
 from stiction.comparisons.bench.timing.intervals import Interval, ratio_interval
 from stiction.comparisons.bench.timing.visits import Timing
-from stiction.comparisons.bench.variants import OWN_CPU, Record, Variant, scaled
+from stiction.comparisons.bench.variants import OWN_CPU, Parameter, Record, Variant, scaled
 from stiction.comparisons.measures.accuracy import errors, size_of
 from stiction.comparisons.measures.drift import drift
 from stiction.comparisons.measures.scene_truth import truth_for
@@ -34,41 +42,68 @@ from stiction.comparisons.studies.drift import POSITION, VELOCITY, above_roundin
 from stiction.engines.status import Status
 
 ERROR = "position_error"
+"""Column: position error, m."""
 CHOICES = ("none", "baumgarte", "projection")
-WAYS = (("reference", "rtol", (1e-6, 1e-9)), ("paper's scheme", "dt", (1e-2, 1e-3)))
+"""Stabilizations, as the setting of the engine names them."""
+
+
+@dataclass(frozen=True)
+class Method:
+    """A method of the reference that runs with each stabilization.
+
+    Attributes
+    ----------
+    label : str
+        Beginning of the labels of its variants.
+    setting : str
+        Value of the engine's setting ``method``.
+    parameter : {"rtol", "dt"}
+        What is refined.
+    values : tuple of float
+        Relative tolerances, or steps in s.
+    """
+
+    label: str
+    setting: str
+    parameter: Parameter
+    values: tuple[float, ...]
+
+
+METHODS = (
+    Method("reference", "event", "rtol", (1e-6, 1e-9)),
+    Method("paper's scheme", "paper", "dt", (1e-2, 1e-3)),
+)
 
 
 def suppression_variants() -> tuple[Variant, ...]:
-    """Both ways of the reference with each choice, at two tolerances or steps."""
+    """Return the variants of both methods with each stabilization, at two tolerances or steps."""
     return tuple(
         Variant(
-            f"{way}, {choice}",
+            f"{method.label}, {choice}",
             "reference",
-            parameter,
-            steps,
-            settings={
-                "method": "event" if parameter == "rtol" else "paper",
-                "stabilization": choice,
-            },
+            method.parameter,
+            method.values,
+            settings={"method": method.setting, "stabilization": choice},
         )
-        for way, parameter, steps in WAYS
+        for method in METHODS
         for choice in CHOICES
     )
 
 
 def plan(scope: Scope) -> Comparison[Tables]:
-    """A row per way, choice and tolerance or step on the first scene.
+    """Plan a row per method, stabilization and tolerance or step on the first scene.
 
-    Baumgarte's alpha and beta are the scene's or, where it declares none, the paper's; they stand in the column
-    settings.
+    Baumgarte's alpha and beta are those of the scene or, if it declares none, of the paper. The column ``settings``
+    contains them.
     """
     scene, t_end = scope.scenes[0], scope.t_end
 
     def rows(
         records: Sequence[Record], timings: Sequence[Timing | None]
     ) -> Iterator[dict[str, Any]]:
-        truth, size = truth_for(scene, records, t_end), size_of(scene)
-        for record, timing in zip(records, timings):
+        truth = truth_for(scene, records, t_end)
+        size = size_of(scene)
+        for record, timing in zip(records, timings, strict=True):
             yield {
                 **record.describe(),
                 "suppression": record.variant.settings["stabilization"],
@@ -82,27 +117,76 @@ def plan(scope: Scope) -> Comparison[Tables]:
         for variant in scaled(suppression_variants(), scene, t_end)
         for step in variant.ladder
     ]
-    timed = timed_comparison(scene, runs, t_end, scope.repeats or extent(scope.depth).repeats, rows)
-    return timed.then(lambda timed: timed.as_tables("suppression"))
+    repeats = scope.repeats or extent(scope.depth).repeats
+    comparison = timed_comparison(scene, runs, t_end, repeats, rows)
+    return comparison.then(lambda timed: timed.as_tables("suppression"))
 
 
 def present(results: Results) -> Presentation:
-    """The engine time that each stabilization takes, and the drift and the error that it leaves."""
+    """Present the engine time of each stabilization, and the drift and the error that it leaves."""
     table = results.table("suppression")
-    failed = dict.fromkeys(table.loc[table["status"] != Status.OK, "variant"] if len(table) else ())
+    failed: list[str] = []
+    if len(table):
+        failed = list(table.loc[table["status"] != Status.OK, "variant"].unique())
     if POSITION not in table or LOW not in table:
-        return Presentation(rows={"compared": [], "failed": list(failed)} if failed else {})
+        return Presentation(rows={"compared": [], "failed": failed} if failed else {})
     table = above_rounding(table)
     samples = with_columns(results.table("times"), "key", OWN_CPU)
-    times = {key: part[OWN_CPU].tolist() for key, part in samples.groupby("key")}
+    times = {key: rows[OWN_CPU].tolist() for key, rows in samples.groupby("key")}
+
+    # Stabilizations are compared at the tightest tolerance and at the finest step.
     measured = table[table[POSITION].notna() & table["key"].isin(times)]
     finest = measured.groupby("parameter", sort=False)["step"].transform("min")
+    at_finest = measured[measured["step"] == finest]
     compared = [
-        _compared(table, rows, times)
-        for _, rows in measured[measured["step"] == finest].groupby("parameter", sort=False)
+        _compared(table, runs, times) for _, runs in at_finest.groupby("parameter", sort=False)
     ]
+    rows = {"compared": compared, "failed": failed}
+    return Presentation(rows=rows, tables=[_main_table(table), _all_runs(results)])
+
+
+def _compared(
+    table: pd.DataFrame, runs: pd.DataFrame, times: Mapping[str, Sequence[float]]
+) -> dict[str, object]:
+    """Return the runs of one method at one tolerance or step by their stabilization, and ratios of their times.
+
+    A ratio is found from the ratios in each round of timing, which contains both runs. It is None if one of the runs
+    is missing.
+
+    Parameters
+    ----------
+    table : DataFrame
+        All rows of the study.
+    runs : DataFrame
+        The rows to compare: at most one per stabilization.
+    times : Mapping[str, sequence of float]
+        Engine times (s) in each round, by the key of a run.
+    """
+    labels = dict(zip(runs["suppression"], runs.index, strict=True))
+
+    def time_ratio(numerator: str, denominator: str) -> Interval | None:
+        if numerator not in labels or denominator not in labels:
+            return None
+        return ratio_interval(
+            times[table.at[labels[numerator], "key"]], times[table.at[labels[denominator], "key"]]
+        )
+
+    row: dict[str, object] = {"parameter": runs["parameter"].iloc[0]}
+    for choice in CHOICES:
+        row[choice] = None
+        if choice in labels:
+            row[choice] = row_of("suppression", table, labels[choice])
+    row["baumgarte_over_projection"] = time_ratio("baumgarte", "projection")
+    row["projection_over_none"] = time_ratio("projection", "none")
+    return row
+
+
+def _main_table(table: pd.DataFrame) -> TableView:
+    """Return the table of cost, drift and error of each run; times have the larger half of their interval."""
     half = (table[HIGH] - table[OWN_CPU]).combine(table[OWN_CPU] - table[LOW], max)
-    settings = [setting_of(*run) for run in zip(table["parameter"], table["step"])]
+    settings = [
+        setting_of(parameter, step) for parameter, step in zip(table["parameter"], table["step"])
+    ]
     columns = (
         Column("variant", "method, stabilization"),
         Column("setting"),
@@ -113,41 +197,14 @@ def present(results: Results) -> Presentation:
         Column(ERROR),
         Column("reason", brief=False),
     )
-    shown = view("suppression", table.assign(half=half, setting=settings), columns)
-    every = [Column(name) for name in table if name not in ("settings", "version", "key")]
-    runs = view(
-        "suppression-all",
-        results.table("suppression"),
-        every,
-        source="suppression",
-        in_report=False,
-    )
-    return Presentation(rows={"compared": compared, "failed": list(failed)}, tables=[shown, runs])
+    return view("suppression", table.assign(half=half, setting=settings), columns)
 
 
-def _compared(
-    table: pd.DataFrame, rows: pd.DataFrame, times: Mapping[str, Sequence[float]]
-) -> dict[str, object]:
-    """The runs of one method at one tolerance or step by their stabilization, and ratios of their times.
-
-    Ratios are those of the rounds, each of which has both runs; None where one of them is missing.
-    """
-    labels = {choice: None for choice in CHOICES} | dict(zip(rows["suppression"], rows.index))
-
-    def time_ratio(over: str, under: str) -> Interval | None:
-        if labels[over] is None or labels[under] is None:
-            return None
-        return ratio_interval(*(times[table.at[labels[choice], "key"]] for choice in (over, under)))
-
-    return {
-        "parameter": rows["parameter"].iloc[0],
-        **{
-            choice: None if label is None else row_of("suppression", table, label)
-            for choice, label in labels.items()
-        },
-        "baumgarte_over_projection": time_ratio("baumgarte", "projection"),
-        "projection_over_none": time_ratio("projection", "none"),
-    }
+def _all_runs(results: Results) -> TableView:
+    """Return the table of all columns of all runs."""
+    table = results.table("suppression")
+    columns = [Column(name) for name in table if name not in ("settings", "version", "key")]
+    return view("suppression-all", table, columns, source="suppression", in_report=False)
 
 
 STUDY = Study(

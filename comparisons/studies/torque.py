@@ -1,4 +1,7 @@
-"""Torque jumps: friction, and with it the driving torque, jumps at a reversal, a stick and a slip; who shows that."""
+"""Torque jumps: how well each method resolves the jumps of the driving torque.
+
+Friction jumps where a slider reverses, sticks or slips, and the torque of a drive jumps with it.
+"""
 
 from __future__ import annotations
 
@@ -57,7 +60,10 @@ from stiction.scenes.fidelity import Fidelity
 from stiction.truths import Tier, Truth
 from stiction.uncertain import rounded_up
 
-TRUE_JUMP, LATE = "true_jump", "time_error"
+TRUE_JUMP = "true_jump"
+"""Column: jump of the truth, N m."""
+TIME_ERROR = "time_error"
+"""Column: error of the time at which a run has the jump, s."""
 ABOUT = [
     "scene",
     "variant",
@@ -71,50 +77,48 @@ ABOUT = [
     "reason",
     "key",
 ]
+"""Columns that describe the run of a jump."""
 WINDOWS = "event-windows"
 """Name of the table of the driving torque around some events."""
 HALF_WINDOW = 0.03
-"""Seconds before and after an event, times `time_factor`."""
+"""Time before and after an event that is shown, s, for scenes whose `time_factor` is 1."""
 TRUTH_STEP = 1e-3
-"""Seconds between samples of the truth around an event, times `time_factor`."""
+"""Time between samples of the truth around an event, s, for scenes whose `time_factor` is 1."""
+ROUNDING = 1e-9
+"""Relative rounding of the times of samples, so that those at the ends of a window belong to it."""
 KINDS_SHOWN = ("reversal", "stick")
+"""Kinds of events that the figure shows."""
 MOST_EVENTS = 3
-"""In a figure."""
+"""Largest number of events in the figure: columns that fit into the width of a page."""
 BEYOND = 0.5
-"""Part of the truth's range that an axis shows beyond it, above and below."""
+"""Fraction of the truth's range by which an axis extends beyond it, above and below."""
 CONSTANTS = {"latest": LATEST, "farthest": FARTHEST}
-"""What the text of the study mentions besides results: s, and a part of a jump."""
+"""Constants in the text of the study: a time in s, and a fraction of a jump."""
 
 
 def plan(scope: Scope) -> Comparison[Tables]:
-    """The jumps of the first drive's effort, or of the drive in the options, in the runs of the accuracy study.
+    """Plan the runs of the accuracy study, and the tables of the jumps of one drive's effort in them.
+
+    The drive is that in the option ``drive`` of the scope, else the first one of each scene.
 
     Raises
     ------
     InputError
         If a scene has no such drive.
     """
-    efforts = {
-        scene.name: f"{drive_of(scene, scope.options.get('drive'))}.effort"
-        for scene in scope.scenes
-    }
+    drive = scope.options.get("drive")
+    efforts = {scene.name: f"{drive_of(scene, drive)}.effort" for scene in scope.scenes}
 
     def tables(records: tuple[Record, ...]) -> Tables:
         jumps, windows, all_truths = [], [], dict[str, Truth]()
         for scene in scope.scenes:
-            own = [record for record in records if record.scene == scene.name]
-            truths = truths_for(scene, own, scope.t_end)
+            effort = efforts[scene.name]
+            runs = [record for record in records if record.scene == scene.name]
+            truths = truths_for(scene, runs, scope.t_end)
             all_truths |= truths
-            coefficients = {
-                record.key: coefficients_of(record.variant)[COEFFICIENTS] for record in own
-            }
-            table = torque_table(own, truths, efforts[scene.name])
-            if len(table):
-                table = table.assign(**{COEFFICIENTS: table["key"].map(coefficients)})
-            jumps.append(table)
-            windows.append(
-                windows_table(own, truths, efforts[scene.name], time_factor(scene, scope.t_end))
-            )
+            jumps.append(_jumps_table(runs, truths, effort))
+            factor = time_factor(scene, scope.t_end)
+            windows.append(windows_table(runs, truths, effort, factor))
         known = {truth.scene: truth for truth in all_truths.values() if truth.tier != Tier.NONE}
         tables = {
             "torque": pd.concat(jumps, ignore_index=True),
@@ -125,8 +129,19 @@ def plan(scope: Scope) -> Comparison[Tables]:
     return compared_runs(scope).then(tables)
 
 
+def _jumps_table(
+    records: Sequence[Record], truths: Mapping[str, Truth], effort: str
+) -> pd.DataFrame:
+    """Return `torque_table` with the column `COEFFICIENTS`."""
+    table = torque_table(records, truths, effort)
+    if table.empty:
+        return table
+    coefficients = {record.key: coefficients_of(record.variant)[COEFFICIENTS] for record in records}
+    return table.assign(**{COEFFICIENTS: table["key"].map(coefficients)})
+
+
 def drive_of(scene: Scene, name: str | None) -> str:
-    """The drive of this name, or the first one."""
+    """Return the name of the drive if the scene has it, or of its first drive if `name` is None."""
     if not scene.drives:
         raise InputError(f"{scene.name}: no drive; expected one, whose effort can jump")
     if name is not None and name not in scene.drives:
@@ -137,60 +152,74 @@ def drive_of(scene: Scene, name: str | None) -> str:
 def windows_table(
     records: Sequence[Record], truths: Mapping[str, Truth], effort: str, factor: float = 1.0
 ) -> pd.DataFrame:
-    """The effort around the largest reversal and the largest stick event of a scene: one run per method, and the truth.
+    """Return the effort around the largest reversal and the largest stick event of a scene.
 
-    A run has all of its samples, and both sides of events that it locates; the truth is sampled every `TRUTH_STEP`.
+    The table contains the truth, sampled every `TRUTH_STEP`, and one run per method with all of its samples and both
+    sides of the events that it locates.
 
     Parameters
     ----------
-    factor
+    records : sequence of Record
+        Runs on the scene.
+    truths : Mapping[str, Truth]
+        The truth of each run, by the key of the run.
+    effort : str
+        Column of trajectories.
+    factor : float
         `time_factor` of the scene.
     """
-    half = HALF_WINDOW * factor
-    chosen = representatives(one_per_variant(records))
-    known = {truths[record.key].scene: truths[record.key] for record in chosen}
-    rows = []
-    for number, wanted in enumerate(
-        largest_events(next(iter(known.values())), effort) if known else ()
-    ):
-        for name, truth in known.items():
-            event = counterpart(truth.events, wanted, effort, half)
+    half_width = HALF_WINDOW * factor
+    drawn = representatives(one_per_variant(records))
+    if not drawn:
+        return pd.DataFrame()
+    # Truths differ in the coefficients of friction. Events are chosen in the first one, and the
+    # corresponding events are shown in the others.
+    truths_by_name = {truths[record.key].scene: truths[record.key] for record in drawn}
+    first_truth = truths[drawn[0].key]
+    windows = []
+    for number, event_of_first in enumerate(largest_events(first_truth, effort)):
+        for name, truth in truths_by_name.items():
+            event = counterpart(truth.events, event_of_first, effort, half_width)
             if event is None:
                 continue
-            t = event.time + np.linspace(-half, half, 2 * round(HALF_WINDOW / TRUTH_STEP) + 1)
-            t = t[(t >= 0) & (t <= truth.t_end)]
-            about = {
+            columns = {
                 "scene": records[0].scene,
                 "truth": name,
                 "event": number,
                 "kind": event.kind,
                 "event_time": event.time,
             }
-            rows.append(
-                _window(t, truth(t)[effort], truth.events, event.time, half, effort).assign(
-                    variant=TRUTH, key=None, **about
-                )
-            )
-            rows += [
-                _window(run.t, run[effort], run.events, event.time, half, effort).assign(
-                    variant=record.variant.label, key=record.key, **about
-                )
-                for record in chosen
-                if (run := record.trajectory) is not None
-                and truths[record.key].scene == name
-                and effort in run
-            ]
+            window = _truth_window(truth, event.time, half_width, effort)
+            windows.append(window.assign(variant=TRUTH, key=None, **columns))
+            for record in drawn:
+                run = record.trajectory
+                if run is None or truths[record.key].scene != name or effort not in run:
+                    continue
+                window = _window(run.t, run[effort], run.events, event.time, half_width, effort)
+                variant = record.variant.label
+                windows.append(window.assign(variant=variant, key=record.key, **columns))
+    if not windows:
+        return pd.DataFrame()
     order = ["scene", "variant", "key", "truth", "event", "kind", "event_time", "t", "effort_value"]
-    return pd.concat(rows, ignore_index=True)[order] if rows else pd.DataFrame()
+    return pd.concat(windows, ignore_index=True)[order]
 
 
 def largest_events(truth: Truth, effort: str) -> list[Event]:
-    """The event with the largest jump of each of `KINDS_SHOWN`."""
-    found = []
+    """Return the event with the largest jump of each of `KINDS_SHOWN`."""
+    largest = []
     for kind in KINDS_SHOWN:
         events = [event for event in truth.events if event.kind == kind and effort in event.before]
-        found += sorted(events, key=lambda event: -abs(event.jump(effort)))[:1]
-    return found
+        if events:
+            largest.append(max(events, key=lambda event: abs(event.jump(effort))))
+    return largest
+
+
+def _truth_window(truth: Truth, centre: float, half_width: float, effort: str) -> pd.DataFrame:
+    """Return samples of the truth within `half_width` of an instant, as `_window` does."""
+    samples = 2 * round(HALF_WINDOW / TRUTH_STEP) + 1
+    t = centre + np.linspace(-half_width, half_width, samples)
+    t = t[(t >= 0) & (t <= truth.t_end)]
+    return _window(t, truth(t)[effort], truth.events, centre, half_width, effort)
 
 
 def _window(
@@ -198,68 +227,85 @@ def _window(
     values: np.ndarray,
     events: Iterable[Event],
     centre: float,
-    half: float,
+    half_width: float,
     effort: str,
 ) -> pd.DataFrame:
-    """Samples within `half` of an instant; at events both sides in place of a sample."""
-    sides = [
-        (event.time, side[effort])
-        for event in events
-        for side in (event.before, event.after)
-        if effort in side
-    ]
-    between = ~np.isin(t, [time for time, _ in sides])
+    """Return the samples within `half_width` (s) of an instant, in the columns ``t`` and ``effort_value``.
+
+    At an event both sides of the jump take the place of a sample.
+    """
+    event_times, event_values = [], []
+    for event in events:
+        for side in (event.before, event.after):
+            if effort in side:
+                event_times.append(event.time)
+                event_values.append(side[effort])
+    is_between_events = ~np.isin(t, event_times)
     frame = pd.DataFrame(
         {
-            "t": [*t[between], *(time for time, _ in sides)],
-            "effort_value": [*values[between], *(value for _, value in sides)],
+            "t": [*t[is_between_events], *event_times],
+            "effort_value": [*values[is_between_events], *event_values],
         }
     )
-    inside = frame[(frame["t"] - centre).abs() <= half * (1 + 1e-9)]
+    inside = frame[(frame["t"] - centre).abs() <= half_width * (1 + ROUNDING)]
     return inside.sort_values("t", kind="stable", ignore_index=True)
 
 
-def summed_up(jumps: pd.DataFrame, *by: str) -> pd.DataFrame:
-    """A row per group of jumps, with the columns `ABOUT` of its first.
+def summarize(jumps: pd.DataFrame, *by: str) -> pd.DataFrame:
+    """Return a row per group of jumps, with the columns `ABOUT` of the first jump of the group.
 
-    ``read``, ``jumps``: the jumps that are resolved, of all; ``share``, their ratio; of those that are resolved
-    `BOUND`, `LATE`: the largest; ``worst``: the row with that bound; ``bound``: it in words, rounded up.
+    Parameters
+    ----------
+    jumps : DataFrame
+        Rows of `torque_table`; those without a `BOUND` are left out.
+    *by : str
+        Columns whose values define the groups.
+
+    Returns
+    -------
+    DataFrame
+        Further columns: ``read`` and ``jumps``, the numbers of resolved and of all jumps; ``share``, their ratio;
+        `BOUND` and `TIME_ERROR`, the largest values of resolved jumps; ``worst``, the label of the row of `jumps`
+        with the largest bound; ``bound``, this bound as text, rounded up.
     """
+    keys = list(by)
     jumps = jumps[jumps[BOUND].notna()]
-    late = jumps[LATE].abs() if LATE in jumps else np.nan
-    jumps = jumps.assign(**{LATE: late}, read=jumps["resolved"].eq(True))
-    sums = jumps.groupby(list(by), sort=False).agg(read=("read", "sum"), jumps=("read", "size"))
-    read = jumps[jumps["read"]].groupby(list(by), sort=False)
-    sums = sums.join(read[[BOUND, LATE]].max()).join(read[BOUND].idxmax().rename("worst"))
+    time_errors = jumps[TIME_ERROR].abs() if TIME_ERROR in jumps else np.nan
+    jumps = jumps.assign(**{TIME_ERROR: time_errors}, read=jumps["resolved"].eq(True))
+    sums = jumps.groupby(keys, sort=False).agg(read=("read", "sum"), jumps=("read", "size"))
+    resolved = jumps[jumps["read"]].groupby(keys, sort=False)
+    sums = sums.join(resolved[[BOUND, TIME_ERROR]].max())
+    sums = sums.join(resolved[BOUND].idxmax().rename("worst"))
     sums = sums.assign(
         share=sums["read"] / sums["jumps"], bound=sums[BOUND].map(rounded_up, na_action="ignore")
     )
-    return jumps.drop_duplicates(list(by))[ABOUT].join(sums, on=list(by)).reset_index(drop=True)
+    return jumps.drop_duplicates(keys)[ABOUT].join(sums, on=keys).reset_index(drop=True)
 
 
 def present(results: Results) -> Presentation:
-    """The number of true jumps that each method resolves, and a bound for the worst of them."""
+    """Present the number of true jumps that each method resolves, and the largest bound of their errors."""
     table = results.table("torque")
     if not {BOUND, "truth"} <= set(table) or table[BOUND].isna().all():
         return Presentation()
-    equal = table.loc[
-        [row for variant in methods(results) for row in at_equal_step(table, variant).index]
+    labels = [
+        label for variant in methods(results) for label in at_equal_step(table, variant).index
     ]
-    compared = summed_up(equal, "variant")
-    if compared.empty:
+    at_equal_steps = table.loc[labels]
+    summaries = summarize(at_equal_steps, "variant")
+    if summaries.empty:
         return Presentation()
-    is_own = compared["engine"] == REFERENCE
+    is_own = summaries["engine"] == REFERENCE
     sizes = table[TRUE_JUMP].abs()
     by_scene = _by_scene(table)
     rows = {
         "own": [
-            {"variant": one.variant, **_counts(one), "bound": _bound(table, one)}
-            for one in compared[is_own].itertuples()
+            {"variant": method.variant, **_counts(method), "bound": _bound(table, method)}
+            for method in summaries[is_own].itertuples()
         ],
-        "engines": list(_engines(table, compared[~is_own])),
+        "engines": list(_engines(table, summaries[~is_own])),
         "unresolved": [
-            {"variant": one.variant, **_counts(one)}
-            for one in compared[compared["share"] < 1].itertuples()
+            {"variant": method.variant, **_counts(method)}
+            for method in summaries[summaries["share"] < 1].itertuples()
         ],
         "smallest_jump": row_of("torque", table, sizes.idxmin())[TRUE_JUMP],
         "largest_jump": row_of("torque", table, sizes.idxmax())[TRUE_JUMP],
@@ -268,62 +314,67 @@ def present(results: Results) -> Presentation:
     }
     headline = Headline(
         "jumps resolved, error bound [N m]",
-        {
-            one.variant: _words(int(one.read), int(one.jumps), one.bound)
-            for one in compared.itertuples()
-        },
+        {method.variant: _cell(method) for method in summaries.itertuples()},
     )
-    chosen = list(compared["variant"])
-    over_step = step_chart("torque", summed_up(table, "key"), chosen, BOUND, "error bound [N m]")
+    variants = list(summaries["variant"])
+    by_run = summarize(table, "key")
     return Presentation(
         rows=rows,
         headlines=[headline],
-        tables=[_by_method(table, equal, compared), *by_scene.values()],
-        figures=[_events_figure(results.table(WINDOWS), table, chosen), over_step],
+        tables=[_by_method(table, at_equal_steps, summaries), *by_scene.values()],
+        figures=[
+            _events_figure(results.table(WINDOWS), table, variants),
+            step_chart("torque", by_run, variants, BOUND, "error bound [N m]"),
+        ],
     )
 
 
-def _words(read: int, jumps: int, bound: str) -> str:
-    """``14/15, 0.02``: jumps resolved, of all, and the bound of their errors; ``0/15`` has none."""
-    return f"{read}/{jumps}, {bound}" if read else f"{read}/{jumps}"
+def _cell(summary: Any) -> str:
+    """Return the resolved of all jumps and the bound of their errors: ``14/15, 0.02``, or ``0/15`` without a bound."""
+    counts = f"{summary.read}/{summary.jumps}"
+    return f"{counts}, {summary.bound}" if summary.read else counts
 
 
-def _counts(method: Any) -> dict[str, int]:
-    """The jumps that a method resolves, and all."""
-    return {"read": int(method.read), "jumps": int(method.jumps)}
+def _counts(summary: Any) -> dict[str, int]:
+    """Return the numbers of resolved and of all jumps of a method."""
+    return {"read": int(summary.read), "jumps": int(summary.jumps)}
 
 
-def _bound(table: pd.DataFrame, method: Any) -> object:
-    """The bound for the worst jump that a method resolves; None if it resolves none."""
-    return row_of("torque", table, method.worst)[BOUND] if method.read else None
+def _bound(table: pd.DataFrame, summary: Any) -> object:
+    """Return the largest bound of the jumps that a method resolves, as a cell; None if it resolves none."""
+    return row_of("torque", table, summary.worst)[BOUND] if summary.read else None
 
 
 def _engines(table: pd.DataFrame, engines: pd.DataFrame) -> Iterator[dict[str, object]]:
-    """The engines with the fewest and the most jumps, and the least and the largest bound, by fidelity.
+    """Yield for each fidelity the ranges of the counts and of the bounds of the engines.
 
-    Bounds that are written alike are one.
+    Two bounds that are rounded to the same text count as one.
     """
     for fidelity in Fidelity:
-        alike = engines[engines["fidelity"] == fidelity]
-        if alike.empty:
+        members = engines[engines["fidelity"] == fidelity]
+        if members.empty:
             continue
-        by_share = list(alike.sort_values("share", kind="stable").itertuples())
-        by_bound = alike[alike["read"] > 0].sort_values(BOUND, kind="stable")
-        ends = by_bound.iloc[[0, -1]] if len(by_bound) else by_bound
+        by_share = list(members.sort_values("share", kind="stable").itertuples())
+        by_bound = members[members["read"] > 0].sort_values(BOUND, kind="stable")
+        if len(by_bound):
+            by_bound = by_bound.iloc[[0, -1]].drop_duplicates("bound")
         yield {
             "fidelity": fidelity,
             "fewest": _counts(by_share[0]),
             "most": _counts(by_share[-1]),
-            "bounds": [_bound(table, one) for one in ends.drop_duplicates("bound").itertuples()],
+            "bounds": [_bound(table, method) for method in by_bound.itertuples()],
         }
 
 
-def _by_method(table: pd.DataFrame, equal: pd.DataFrame, compared: pd.DataFrame) -> TableView:
-    """A row per method: jumps resolved and worst bound, of all cases and of each."""
-    cases = summed_up(equal, "variant", "scene")
-    cases["text"] = [_words(int(one.read), int(one.jumps), one.bound) for one in cases.itertuples()]
-    texts = cases.pivot(index="variant", columns="scene", values="text")
-    by_variant = compared.set_index("variant")
+def _by_method(
+    table: pd.DataFrame, at_equal_steps: pd.DataFrame, summaries: pd.DataFrame
+) -> TableView:
+    """Return the table of jumps resolved and of their largest bound, a row per method, a column per case."""
+    by_case = summarize(at_equal_steps, "variant", "scene")
+    by_case["text"] = [_cell(method) for method in by_case.itertuples()]
+    texts = by_case.pivot(index="variant", columns="scene", values="text")
+    by_variant = summaries.set_index("variant")
+    is_measured = at_equal_steps[BOUND].notna()
     rows = []
     for group, members in groups(table):
         for variant in members["variant"].unique():
@@ -337,8 +388,8 @@ def _by_method(table: pd.DataFrame, equal: pd.DataFrame, compared: pd.DataFrame)
                 **method[["read", "jumps", BOUND, "bound"]],
                 **{in_scene("read", scene): text for scene, text in texts.loc[variant].items()},
             }
-            behind = equal[(equal["variant"] == variant) & equal[BOUND].notna()]
-            rows.append((row, behind))
+            jumps = at_equal_steps[(at_equal_steps["variant"] == variant) & is_measured]
+            rows.append((row, jumps))
     columns = (
         Column("method"),
         Column("run", brief=False),
@@ -354,7 +405,7 @@ def _by_method(table: pd.DataFrame, equal: pd.DataFrame, compared: pd.DataFrame)
 
 
 def _by_scene(table: pd.DataFrame) -> dict[str, TableView]:
-    """Every run of a scene."""
+    """Return for each scene the table of all its runs."""
     columns = (
         METHOD,
         REFINED_BY,
@@ -362,79 +413,98 @@ def _by_scene(table: pd.DataFrame) -> dict[str, TableView]:
         Column("read", "resolved", form=".0f"),
         Column("jumps", "all jumps", form=".0f"),
         Column("bound", "error bound", of="jump_bound"),
-        Column(LATE, "largest time error"),
+        Column(TIME_ERROR, "largest time error"),
         Column("status"),
         Column("reason"),
     )
     views = {}
     for scene, jumps in table[~table["status"].isin(UNMADE)].groupby("scene", sort=False):
-        runs = summed_up(jumps, "key")
+        runs = summarize(jumps, "key")
         if runs.empty:
             continue
-        behind = [jumps.index[jumps["key"] == key] + 1 for key in runs["key"]]
+        numbers = [jumps.index[jumps["key"] == key] + 1 for key in runs["key"]]
         views[str(scene)] = view(
-            f"torque-{scene}", runs, columns, source="torque", rows=behind, in_report=False
+            f"torque-{scene}", runs, columns, source="torque", rows=numbers, in_report=False
         )
     return views
 
 
-def _events_figure(windows: pd.DataFrame, table: pd.DataFrame, chosen: Sequence[str]) -> Chart:
-    """A row of panels per group of methods, a column per event."""
+def _events_figure(windows: pd.DataFrame, table: pd.DataFrame, variants: Sequence[str]) -> Chart:
+    """Return the figure of the torque around events: a row of panels per group of methods, a column per event."""
     events = shown_events(windows)
+    windows_of_events = [
+        windows[(windows["scene"] == scene) & (windows["event"] == event)]
+        for scene, event in events
+    ]
     panels = list[Panel]()
     for group, rows in groups(table) if events else ():
-        variants = [variant for variant in dict.fromkeys(rows["variant"]) if variant in chosen]
+        variants_of_group = [
+            variant for variant in dict.fromkeys(rows["variant"]) if variant in variants
+        ]
         label = f"{group.label}\ndriving torque [N m]"
-        around = [
-            windows[(windows["scene"] == scene) & (windows["event"] == event)]
-            for scene, event in events
-        ]
         row = [
-            event_panel(window, variants, "" if number else label)
-            for number, window in enumerate(around)
+            event_panel(window, variants_of_group, "" if number else label)
+            for number, window in enumerate(windows_of_events)
         ]
-        has_runs = any(len(panel.series) > 1 for panel in row)
-        panels += row if has_runs else []
+        # A panel with one series contains the truth alone.
+        if any(len(panel.series) > 1 for panel in row):
+            panels += row
     return Chart("torque-events", panels, max(1, len(events)), ROW_HEIGHT, share_x=True)
 
 
 def shown_events(windows: pd.DataFrame) -> list[tuple[str, int]]:
-    """Scene and number of the events to show: those of the first scene, then the largest of each other scene."""
+    """Return scene and number of the events to show.
+
+    These are the events of the first scene, followed by the largest event of each other scene in the order of their
+    sizes, `MOST_EVENTS` at most.
+    """
     if windows.empty:
         return []
-    truth, first_scene = windows[windows["variant"] == TRUTH], windows["scene"].iloc[0]
+    truth = windows[windows["variant"] == TRUTH]
+    first_scene = windows["scene"].iloc[0]
     sizes = truth.groupby(["scene", "event"], sort=False)["effort_value"].agg(np.ptp)
-    first = [event for event in sizes.index if event[0] == first_scene]
-    others = [
-        part.idxmax()
-        for scene, part in sizes.groupby(level="scene", sort=False)
+    events_of_first_scene = [event for event in sizes.index if event[0] == first_scene]
+    largest_of_others = [
+        sizes_in_scene.idxmax()
+        for scene, sizes_in_scene in sizes.groupby(level="scene", sort=False)
         if scene != first_scene
     ]
-    return [*first, *sorted(others, key=lambda event: -sizes[event])][:MOST_EVENTS]
+    largest_of_others.sort(key=lambda event: -sizes[event])
+    return [*events_of_first_scene, *largest_of_others][:MOST_EVENTS]
 
 
 def event_panel(window: pd.DataFrame, variants: Sequence[str], label: str) -> Panel:
-    """The truth of the methods' physics and a line per method, over the time from the true event in ms."""
+    """Return a panel of the torque around an event: a line per variant, and the truth for their friction law.
+
+    The time is measured from the true event, in ms. The panel is empty if no variant has a run in the window.
+
+    Parameters
+    ----------
+    window : DataFrame
+        Rows of `windows_table` for one event.
+    label : str
+        Label of the y axis.
+    """
 
     def series(rows: pd.DataFrame, label: str, points: bool) -> Series:
-        t = 1e3 * (rows["t"] - rows["event_time"])
+        t_ms = 1e3 * (rows["t"] - rows["event_time"])
         return Series(
             label,
-            t.to_numpy(float),
+            t_ms.to_numpy(float),
             rows["effort_value"].to_numpy(float),
             look=label,
             points=points,
         )
 
     runs = window[window["variant"].isin(variants)]
-    true = window[(window["variant"] == TRUTH) & window["truth"].isin(set(runs["truth"]))]
-    lines = [series(part, variant, True) for variant, part in runs.groupby("variant", sort=False)]
-    if true.empty:
+    truth = window[(window["variant"] == TRUTH) & window["truth"].isin(set(runs["truth"]))]
+    if truth.empty:
         return Panel("", Axis(), Axis(), ())
-    low, high = true["effort_value"].min(), true["effort_value"].max()
+    lines = [series(rows, variant, True) for variant, rows in runs.groupby("variant", sort=False)]
+    lines.append(series(truth, TRUTH, False))
+    low, high = truth["effort_value"].min(), truth["effort_value"].max()
     limits = (low - BEYOND * (high - low), high + BEYOND * (high - low))
     title = f"{scene_title(window['scene'].iloc[0])}, {window['kind'].iloc[0]}"
-    lines.append(series(true, TRUTH, False))
     return Panel(title, Axis("time from the event [ms]"), Axis(label, limits=limits), lines)
 
 

@@ -16,7 +16,7 @@ from stiction.comparisons.bench.timing.timed_runs import call_of
 from stiction.comparisons.bench.variants import COMMON_STEP, job
 from stiction.comparisons.hard import hard_cases
 from stiction.comparisons.measures.work_precision import work_precision
-from stiction.comparisons.validation import _Watch
+from stiction.comparisons.validation import _Progress
 from stiction.engines import Outcome, Task
 from stiction.scenes import load_scene
 
@@ -126,17 +126,16 @@ def plan():
 @pytest.mark.parametrize("order", [["run 2", "case", "run 1"], ["case", "run 1", "run 2"]])
 def test_a_study_is_told_with_the_last_of_its_runs(order):
     shares, told = [], []
-    watch = _Watch(
+    progress = _Progress(
         plan(),
         shares.append,
-        lambda study, so_far: told.append(
-            (study.name, list(so_far.table(study.name)["label"]), len(shares))
+        lambda study, tables: told.append(
+            (study.name, list(union(tables).table(study.name)["label"]), len(shares))
         ),
-        union,
     )
-    watch.start(4)
+    progress.begin(4)
     for label in (*order, "timed/run 1"):
-        watch.result(Outcome(label, "ok"))
+        progress.add(Outcome(label, "ok"))
     assert sorted(told) == [
         ("accuracy", ["run 1", "run 2"], 1 + max(order.index("run 1"), order.index("run 2"))),
         ("hard", ["case"], 1 + order.index("case")),
@@ -146,13 +145,13 @@ def test_a_study_is_told_with_the_last_of_its_runs(order):
 
 def test_after_an_interrupt_nothing_more_is_told():
     told = []
-    watch = _Watch(plan(), lambda share: None, lambda study, so_far: told.append(study.name), union)
-    watch.start(4)
+    progress = _Progress(plan(), lambda share: None, lambda study, tables: told.append(study.name))
+    progress.begin(4)
     for label, status in (
         ("case", "ok"),
         ("run 1", "ok"),
         ("run 2", "not run"),
         ("timed/run 1", "not run"),
     ):
-        watch.result(Outcome(label, status))
-    assert told == ["hard"] and watch.interrupted
+        progress.add(Outcome(label, status))
+    assert told == ["hard"] and progress.interrupted

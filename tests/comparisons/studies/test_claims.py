@@ -38,12 +38,12 @@ from stiction.comparisons.studies.claims import (
     Views,
     claims,
     drift_claims,
-    findings,
     general_claims,
+    margins_of,
     paper_run,
     sensitivity,
     sensitivity_comparison,
-    verdict,
+    verdict_of,
 )
 from stiction.engines import load_engine
 from stiction.engines.isolation import Outcome
@@ -173,15 +173,15 @@ FAULTS = {
 @pytest.mark.parametrize("fault", FAULTS)
 def test_a_fault_in_the_scheme_turns_the_verdict(fault):
     words, said, damage = FAULTS[fault]
-    whole, damaged = (findings(claim(words), views) for views in (WHOLE, Damaged(damage)))
-    assert verdict(claim(words), whole) == said != verdict(claim(words), damaged)
+    whole, damaged = (margins_of(claim(words), views) for views in (WHOLE, Damaged(damage)))
+    assert verdict_of(claim(words), whole) == said != verdict_of(claim(words), damaged)
 
 
 def test_verdicts_follow_from_what_was_found():
     about = Claim("1", "442", "words")
 
     def said(*margins, claim=about, some=False):
-        return verdict(
+        return verdict_of(
             claim, {part: ClaimMargin(margin, some) for part, margin in zip(Part, margins)}
         )
 

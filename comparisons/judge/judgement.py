@@ -287,7 +287,7 @@ def judge(
 
 
 class _Progress:
-    """Reports the completed fraction of the work, which never decreases although the truth is computed several times."""
+    """Reports the completed fraction of the work, which never decreases although the truth is computed repeatedly."""
 
     def __init__(self, report: Callable[[float], None] | None):
         self._report = report
@@ -304,9 +304,7 @@ class _Progress:
         return lambda fraction: self.advance(begin + length * fraction)
 
 
-def _scene_and_truth(
-    scene: Scene | str | Path, t_end: float | None
-) -> tuple[Scene, Truth | None]:
+def _scene_and_truth(scene: Scene | str | Path, t_end: float | None) -> tuple[Scene, Truth | None]:
     """Return the scene that is meant, until `t_end` (s), and its truth if the scene is the folder of a truth."""
     truth = None
     if isinstance(scene, Scene):
@@ -344,9 +342,7 @@ def sample_distance(t: np.ndarray) -> float:
     return float(np.median(np.diff(t)))
 
 
-def _summary(
-    scene: Scene, table: ResultTable, run: Trajectory, truth: Truth
-) -> dict[str, Any]:
+def _summary(scene: Scene, table: ResultTable, run: Trajectory, truth: Truth) -> dict[str, Any]:
     """Return a row with the sampling, the errors of all columns together, the drift and the energy balance."""
     row: dict[str, Any] = {
         "two_sided_instants": len(run.events),

@@ -378,9 +378,7 @@ def _differences(judged: Judgement) -> Iterator[Panel]:
         yield Panel("positions", Axis("time [s]"), Axis("difference [m]", log=True), series)
 
 
-def _compared_columns(
-    judged: Judgement, shades: Sequence[tuple[float, float]]
-) -> Iterator[Panel]:
+def _compared_columns(judged: Judgement, shades: Sequence[tuple[float, float]]) -> Iterator[Panel]:
     """Yield a panel for each slip velocity and effort: some rows of the table as points, the truth as a line."""
     run = judged.trajectory
     true = judged.truth(run.t)

@@ -34,10 +34,7 @@ TIME_ROUNDING = 1e-9
 def has_columns(columns: Collection[str], scene: Scene, *labels: tuple[str, ...]) -> bool:
     """Test whether all bodies have the columns with these labels, for example `POSITIONS`."""
     return all(
-        f"{body}.{label}" in columns
-        for body in scene.bodies
-        for group in labels
-        for label in group
+        f"{body}.{label}" in columns for body in scene.bodies for group in labels for label in group
     )
 
 
@@ -154,7 +151,7 @@ def derived_columns(scene: Scene, run: Trajectory, truth: Truth) -> Mapping[str,
 
 
 def _columns_of_states(scene: Scene, run: Trajectory) -> Mapping[str, np.ndarray]:
-    """Compute displacements, slip velocities and drift from positions and velocities; without velocities these are 0."""
+    """Compute displacements, slip velocities and drift from positions and, if they are known, velocities."""
     mechanism = Mechanism(scene, stabilization="none")
     names = [
         f"{guide}.{label}" for guide in scene.guides for label in ("displacement", "slip_velocity")

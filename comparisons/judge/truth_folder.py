@@ -48,7 +48,8 @@ MAX_INTERVAL_S = 0.02
 ERROR_PLACES = (0.28, 0.5, 0.72)
 """Fractions of an interval at which the error of the interpolation is measured. The error of a polynomial of degree
 five for the position has the shape s^3 (1 - s)^3, which is largest at 0.5. Its derivative, the error of the velocity,
-is largest at 0.5 -+ 0.5 / sqrt(5), about 0.28 and 0.72. At 0.5 the error of a cubic spline, s^2 (1 - s)^2, is largest."""
+is largest at 0.5 -+ 0.5 / sqrt(5), about 0.28 and 0.72. The error of a cubic spline, s^2 (1 - s)^2, is largest at
+0.5."""
 SAFETY = 2.0
 """Factor on the measured error of the interpolation."""
 

@@ -312,9 +312,7 @@ def updated(
     if conflicts:
         title = "a truth of a tier above our own run is not what the baseline says, and no update changes one:"
         raise BaselineRefused("\n  ".join([title, *conflicts]))
-    return Baseline(
-        format=FORMAT, updates=(*baseline.updates, _update(reason, origin)), runs=runs
-    )
+    return Baseline(format=FORMAT, updates=(*baseline.updates, _update(reason, origin)), runs=runs)
 
 
 def _conflicts(row: Row, baseline: Baseline) -> Iterator[str]:

@@ -364,9 +364,7 @@ def _missing_number(row: Row, old: Metric) -> Finding:
     if tiers and old.tier not in tiers:
         severity = NOT_JUDGED
         now = ", ".join(tier.label for tier in tiers)
-        reason = (
-            f"not judged: the baseline's truth ({old.tier.label}) has it, that of now ({now}) has not"
-        )
+        reason = f"not judged: the baseline's truth ({old.tier.label}) has it, that of now ({now}) has not"
     elif old.rounding == math.inf:
         severity, reason = NOT_JUDGED, "not judged: with other rounding it is not there"
     return Finding(severity, old.kind, row.key, old.name, old.value, None, math.inf, reason)
@@ -417,9 +415,7 @@ def _compare_motion(row: Row, old: Metric, new: Metric) -> Finding | None:
     if old.uncertainty is None:  # a path
         ratio = _ratio(old.value, new.value)
         relative_change = abs(new.value / old.value - 1) if old.value else math.inf
-        reason = (
-            f"by {relative_change:.2g} of itself; allowed {PATH_MOVED:g}: fixed steps stay where they are"
-        )
+        reason = f"by {relative_change:.2g} of itself; allowed {PATH_MOVED:g}: fixed steps stay where they are"
     else:
         ratio = excess
         reason = f"it ends {change:.2g} from where it did; allowed {allowed:.2g}"
@@ -436,12 +432,8 @@ def _compare_own_truth(row: Row, old: Metric, new: Metric) -> Finding | None:
     allowed = tolerance(old, _uncertainty(old, new))
     if change <= allowed:
         return None
-    reason = (
-        f"the run that stands in for a truth has moved by {change:.2g}; allowed {allowed:.2g}"
-    )
-    return Finding(
-        REGRESSION, TRUTH, row.key, old.name, old.value, new.value, math.inf, reason
-    )
+    reason = f"the run that stands in for a truth has moved by {change:.2g}; allowed {allowed:.2g}"
+    return Finding(REGRESSION, TRUTH, row.key, old.name, old.value, new.value, math.inf, reason)
 
 
 def _compare_error(row: Row, old: Metric, new: Metric) -> Finding | None:
@@ -469,9 +461,7 @@ def _compare_error(row: Row, old: Metric, new: Metric) -> Finding | None:
     )
 
 
-def _compare_time(
-    key: str, old: Metric, times: Times, has_same_conditions: bool
-) -> Finding | None:
+def _compare_time(key: str, old: Metric, times: Times, has_same_conditions: bool) -> Finding | None:
     """Return the finding of a time, which leads to no verdict.
 
     It is compared with the history if this is long enough, and else with the baseline.
@@ -528,9 +518,7 @@ def _compare_times_in_turns(
             yield finding
 
 
-def _compare_engine_in_turns(
-    engine: str, name: str, ratios: Sequence[float]
-) -> Finding | None:
+def _compare_engine_in_turns(engine: str, name: str, ratios: Sequence[float]) -> Finding | None:
     """Return the finding of the ratios of an engine's times to those with older code; None if they are noise."""
     now = median(ratios)
     if len(ratios) < MIN_RUNS_IN_TURNS:

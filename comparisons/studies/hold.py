@@ -450,8 +450,8 @@ def _description(trial: Trial, outcome: Outcome) -> dict[str, Any]:
     }
 
 
-def _command(trial: Trial) -> str:
-    """Return the command that repeats a run."""
+def _command(trial: Trial) -> str | None:
+    """Return the command that repeats a run (`run_command`)."""
     options: list[tuple[str, str]] = [
         (trial.variant.parameter, f"{trial.step:g}"),
         ("fidelity", trial.variant.fidelity),

@@ -667,7 +667,12 @@ def test_the_worst_error_is_farthest_beyond_what_its_truth_can_show():
 def test_the_worst_count_is_farthest_beyond_what_rounding_makes():
     """A counter that rounding leaves alone may not differ at all, and yet by one it is not the worst."""
     one, many = (
-        replace(RUN, key=f"s/{name}/dt=0.1", identity=name, metrics=(Metric("rhs", "counter", 100, rounding=moved),))
+        replace(
+            RUN,
+            key=f"s/{name}/dt=0.1",
+            identity=name,
+            metrics=(Metric("rhs", "counter", 100, rounding=moved),),
+        )
         for name, moved in (("one", 0), ("many", 2))
     )
     now = [changed(one, rhs=101), changed(many, rhs=900)]

@@ -212,7 +212,7 @@ def verdict(differences: Iterable[Finding], compared: int) -> str:
     return FINE if compared else NOTHING
 
 
-def compared(rows: Iterable[Row], baseline: Baseline) -> int:
+def count_compared(rows: Iterable[Row], baseline: Baseline) -> int:
     """Count the runs that were made and that the baseline has, without truths."""
     return sum(
         row.variant != TRUTH and row.outcome in _STATUSES and baseline.expected(row) is not None

@@ -59,7 +59,7 @@ FORMAT = 2
 """Version of the format, ``PRAGMA user_version`` of the file."""
 TIMEOUT_S = 60.0
 """Time for which a process waits while another one writes to the file, s."""
-LAST = "~"
+AFTER_ALL_NIGHTS = "~"
 """A name that follows all nights in their order: nights begin with a digit."""
 
 _SCHEMA = f"""
@@ -261,7 +261,7 @@ class History:
             if stated_in == last_night[engine]
         )
 
-    def finished_before(self, night: str = LAST) -> str | None:
+    def finished_before(self, night: str = AFTER_ALL_NIGHTS) -> str | None:
         """Return the last finished night before another one, or None."""
         [last] = self._connection.execute(
             "SELECT max(night) FROM nights WHERE finished IS NOT NULL AND night < ?", (night,)
@@ -270,9 +270,11 @@ class History:
 
     def last_finished(self) -> str | None:
         """Return the last finished night, or None."""
-        return self.finished_before(LAST)
+        return self.finished_before(AFTER_ALL_NIGHTS)
 
-    def times(self, conditions: str, night: str = LAST) -> dict[tuple[str, str], list[float]]:
+    def times(
+        self, conditions: str, night: str = AFTER_ALL_NIGHTS
+    ) -> dict[tuple[str, str], list[float]]:
         """Return the times of finished nights before `night`, oldest first, by identity and engine of the run.
 
         Only times under the same `environment.conditions` are returned.

@@ -33,11 +33,16 @@ from stiction.comparisons.regression.check import (
     SESSIONS,
     Finding,
     Times,
-    compared,
+    count_compared,
     findings,
     verdict,
 )
-from stiction.comparisons.regression.history import LAST, History, HistoryRefused, open_history
+from stiction.comparisons.regression.history import (
+    AFTER_ALL_NIGHTS,
+    History,
+    HistoryRefused,
+    open_history,
+)
 from stiction.comparisons.regression.measurement import task_of
 from stiction.comparisons.regression.night_changes import engine_versions, environment_changes
 from stiction.comparisons.regression.older_code import times_in_turns
@@ -164,7 +169,7 @@ def run_night(
         extended, first_nights = _with_first_nights(baseline, rows, history, night)
         night_before, changed = _since_night_before(history, night, here, rows)
         result = replace(
-            _judged(night, campaign, rows, extended, times, here, started),
+            _result_of(night, campaign, rows, extended, times, here, started),
             resumed=len(stored),
             first_nights=first_nights,
             night_before=night_before,
@@ -230,7 +235,7 @@ def run_check(
     if history is not None:
         with open_history(history, write=False) as nights:
             past = nights.times(here["conditions"])
-            night_before, changed = _since_night_before(nights, LAST, here, rows)
+            night_before, changed = _since_night_before(nights, AFTER_ALL_NIGHTS, here, rows)
     times = {}
     for row in rows:
         now = _times(row)
@@ -241,7 +246,7 @@ def run_check(
         timed = [run for run in runs if run.key in times]
         turns = times_in_turns(timed, control, campaign.budget.run)
     return replace(
-        _judged("check", campaign, rows, baseline, times, here, started, turns),
+        _result_of("check", campaign, rows, baseline, times, here, started, turns),
         night_before=night_before,
         changed=changed,
     )
@@ -274,7 +279,7 @@ def _versions(engines: Iterable[str]) -> dict[str, str]:
     return versions
 
 
-def _judged(
+def _result_of(
     name: str,
     campaign: Campaign,
     rows: Sequence[Row],
@@ -286,7 +291,7 @@ def _judged(
 ) -> Result:
     """Return the result of runs that began at the monotonic time `started` (s)."""
     differences = findings(rows, baseline, campaign.measure, times, here["conditions"], turns)
-    compared_runs = compared(rows, baseline)
+    compared_runs = count_compared(rows, baseline)
     return Result(
         name,
         campaign,

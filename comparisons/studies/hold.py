@@ -167,7 +167,7 @@ def changes(scene: Scene, test: str, load: float, static_coefficient: bool) -> d
     return changed
 
 
-def measured(
+def measure_slip(
     engine: str, scene: Scene, test: str, arguments: Mapping[str, Any], timed: bool = False
 ) -> tuple[Slip, Trajectory]:
     """Run a scene, and reduce the run to the numbers of its slip.
@@ -379,7 +379,7 @@ def _task(trial: Trial) -> Task:
     """Return the task of a run. Engine times are compared, and therefore measured well, where settings are varied."""
     engine = trial.variant.engine
     arguments = (engine, trial.scene, trial.test, trial.arguments, trial.varies_setting)
-    return Task(trial.key, measured, arguments)
+    return Task(trial.key, measure_slip, arguments)
 
 
 def _computes_published_creep(scope: Scope, series: Iterable[_Series]) -> bool:
@@ -404,7 +404,7 @@ def _row(trial: Trial, outcome: Outcome, truth: Outcome | None) -> dict[str, Any
     Parameters
     ----------
     outcome
-        Of `measured`.
+        Of `measure_slip`.
     truth
         Of `true_slip`; None for a test whose truth is rest.
     """

@@ -60,8 +60,8 @@ from stiction.comparisons.studies.hold_tables import (
     TIME,
     UNSURE,
     USUAL,
-    fastest,
-    moving,
+    certainly_moves,
+    fastest_run,
 )
 from stiction.comparisons.studies.settings import DEFAULT, SETTING, SUBJECT
 from stiction.engines.registry import own_methods
@@ -171,7 +171,7 @@ def _verdicts(table: pd.DataFrame, methods: pd.DataFrame) -> dict[str, object]:
     ranked = _ranked(methods)
     shown = _without_rounding(methods)
     is_own = ranked["engine"].isin(own_methods())
-    is_moving = moving(ranked)
+    is_moving = certainly_moves(ranked)
     breaks_away = is_moving & ranked[LETS_GO].eq(True)
     creeping = [
         row_of("hold-methods", shown, label) for label in ranked.index[is_moving & ~breaks_away]
@@ -300,7 +300,7 @@ def _by_load(table: pd.DataFrame, methods: pd.DataFrame, loads: Sequence[float])
             under_load = held[held[LOAD] == load]
             if under_load.empty:
                 continue
-            worst = under_load.loc[fastest(under_load)]
+            worst = under_load.loc[fastest_run(under_load)]
             columns = load_columns(load)
             row[columns.creep] = abs(worst[CREEP])
             row[columns.uncertainty] = worst[UNSURE]
@@ -337,7 +337,7 @@ def _run_table(table: pd.DataFrame) -> TableView:
         runs[SUBJECT].isna() & runs[TEST].eq(HELD) & runs[LOAD].eq(USUAL) & runs[CREEP].notna()
     )
     runs = runs[is_shown]
-    labels = [fastest(group) for _, group in runs.groupby(["variant", "step"], sort=False)]
+    labels = [fastest_run(group) for _, group in runs.groupby(["variant", "step"], sort=False)]
     return view(
         "hold-steps",
         _without_rounding(runs.loc[labels]),

@@ -91,19 +91,19 @@ REST = "none: it rests"
 """What the creep of the reference increases with, according to its law."""
 
 
-def moving(runs: pd.DataFrame) -> pd.Series:
+def certainly_moves(runs: pd.DataFrame) -> pd.Series:
     """Test which runs certainly creep, or break away."""
     return (runs[CREEP].abs() > STILL + SURE * runs[UNSURE]) | runs[LETS_GO].eq(True)
 
 
-def fastest(runs: pd.DataFrame) -> Any:
+def fastest_run(runs: pd.DataFrame) -> Any:
     """Return the label of the run whose creep represents all of them.
 
-    It is the fastest of those that are `moving`. If none is, it is the run with the largest bound of its creep, where a
-    creep of exactly 0, which does not exceed its rounding, counts as rest.
+    It is the fastest of those that certainly move. If none does, it is the run with the largest bound of its creep,
+    where a creep of exactly 0, which does not exceed its rounding, counts as rest.
     """
     speed = runs[CREEP].abs()
-    speed_of_moving = speed[moving(runs)]
+    speed_of_moving = speed[certainly_moves(runs)]
     if len(speed_of_moving):
         return speed_of_moving.idxmax()
     bound = (speed + runs[UNSURE]).where(speed > 0, 0.0)
@@ -122,8 +122,8 @@ def methods_table(table: pd.DataFrame) -> pd.DataFrame:
     -------
     DataFrame
         `HOLDS` is True if every load is held with a creep of at most `STILL`, and None if uncertainties or failed runs
-        leave this open. `CREEP`, `UNSURE`, `LETS_GO` and `OF_ZONE` are those of the `fastest` run, ``scene`` and `LOAD`
-        its scene and load. ``failed`` is the number of failed runs.
+        leave this open. `CREEP`, `UNSURE`, `LETS_GO` and `OF_ZONE` are those of the `fastest_run`, ``scene`` and
+        `LOAD` its scene and load. ``failed`` is the number of failed runs.
     """
     own = with_columns(table, CREEP, UNSURE, LETS_GO, OF_ZONE)
     is_held = own[SUBJECT].isna() & own[TEST].eq(HELD) & ~own["status"].isin(UNMADE)
@@ -147,7 +147,7 @@ def _method_row(runs: pd.DataFrame) -> dict[str, Any]:
     }
     if made.empty:
         return row
-    worst = made.loc[fastest(made)]
+    worst = made.loc[fastest_run(made)]
     return row | {
         HOLDS: _holds(made, has_failed_runs=len(made) < len(runs)),
         LETS_GO: worst[LETS_GO],
@@ -161,7 +161,7 @@ def _method_row(runs: pd.DataFrame) -> dict[str, Any]:
 
 def _holds(made: pd.DataFrame, has_failed_runs: bool) -> bool | None:
     """Return whether all loads are held; None if uncertainties or failed runs leave this open."""
-    if moving(made).any():
+    if certainly_moves(made).any():
         return False
     may_move = (made[CREEP].abs() + made[UNSURE] > STILL).any()
     # A run that failed shows neither rest nor creep.
@@ -286,9 +286,9 @@ def verdict(measured: Uncertain | None, law: float, band: float) -> str:
 def settings_table(table: pd.DataFrame) -> pd.DataFrame:
     """Return one row per setting of each method whose settings are varied.
 
-    A setting is compared with the default on the scenes and loads at which both succeeded. `CREEP` is the `fastest`,
-    `SLOWER` its ratio to that of the default, `TIME` the median ratio of the engine times, `TIME_LOW` and `TIME_HIGH`
-    the ends of its interval. ``failed`` is the number of failed runs.
+    A setting is compared with the default on the scenes and loads at which both succeeded. `CREEP` is that of the
+    `fastest_run`, `SLOWER` its ratio to that of the default, `TIME` the median ratio of the engine times, `TIME_LOW`
+    and `TIME_HIGH` the ends of its interval. ``failed`` is the number of failed runs.
     """
     tried = with_columns(table, CREEP, UNSURE, LETS_GO)
     tried = tried[tried[SUBJECT].notna() & ~tried["status"].isin(UNMADE)]
@@ -315,9 +315,9 @@ def _setting_row(runs: pd.DataFrame, setting: str) -> dict[str, Any]:
         return row
     changed = changed.loc[shared]
     default = default.loc[shared]
-    worst = changed.loc[fastest(changed)]
+    worst = changed.loc[fastest_run(changed)]
     creep = abs(worst[CREEP])
-    default_creep = abs(default.at[fastest(default), CREEP])
+    default_creep = abs(default.at[fastest_run(default), CREEP])
     times = ratio_interval(changed[OWN_CPU].tolist(), default[OWN_CPU].tolist())
     return row | {
         CREEP: creep,

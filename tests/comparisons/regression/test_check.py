@@ -44,7 +44,7 @@ from stiction.comparisons.regression.check import (
     REGRESSION,
     Finding,
     Times,
-    compared,
+    count_compared,
     findings,
     verdict,
 )
@@ -492,8 +492,11 @@ def test_a_quantity_that_one_truth_lacks_is_compared_within_a_tier_only():
 
 def test_only_runs_that_the_baseline_has_count_as_compared():
     stranger = replace(RUN, identity="f, joint, dt = 0.1; scene 1")
-    assert compared([RUN, TRUE, stranger, replace(RUN, status="missing")], baseline(RUN, TRUE)) == 1
-    assert compared([TRUE], baseline(TRUE)) == 0
+    assert (
+        count_compared([RUN, TRUE, stranger, replace(RUN, status="missing")], baseline(RUN, TRUE))
+        == 1
+    )
+    assert count_compared([TRUE], baseline(TRUE)) == 0
 
 
 class TestRounding:

@@ -22,7 +22,7 @@ from stiction.comparisons.bench.variants import COEFFICIENTS, OWN_CPU, Coefficie
 from stiction.comparisons.measures.published_creep import CREEP as OURS
 from stiction.comparisons.measures.published_creep import MATCHED, PUBLISHED, UNCERTAINTY
 from stiction.comparisons.studies import hold, hold_tables
-from stiction.comparisons.studies.hold import STUDY, changes, measured, plan, true_slip
+from stiction.comparisons.studies.hold import STUDY, changes, measure_slip, plan, true_slip
 from stiction.comparisons.studies.hold_data import Law
 from stiction.comparisons.studies.hold_presentation import present
 from stiction.comparisons.studies.hold_tables import (
@@ -135,7 +135,7 @@ def test_the_reference_rests_below_the_limit(name, static, compiled):
             np.max(np.abs(run["guide.slip_velocity"])) <= bound
             and np.ptp(run["guide.displacement"]) <= bound
         )
-        assert measured("reference", scene, HELD, {"rtol": 1e-6})[0].creep.value == 0.0
+        assert measure_slip("reference", scene, HELD, {"rtol": 1e-6})[0].creep.value == 0.0
 
 
 @pytest.mark.parametrize("static", [True, False])
@@ -250,7 +250,7 @@ def test_the_regularization_of_exudyn_is_the_one_it_states(damage, monkeypatch):
 
     monkeypatch.setattr(hold, "load_engine", lambda name: Damaged())
     scene = loaded(load_scene("hold-level"), HELD, 0.5, False)
-    found, ends = measured("exudyn", scene, HELD, {"dt": 1e-3, "fidelity": "contact"})
+    found, ends = measure_slip("exudyn", scene, HELD, {"dt": 1e-3, "fidelity": "contact"})
     ratio = found.creep.value / ends.settings["friction_zone"]
     assert (abs(ratio / 0.5 - 1) < 0.05) == (damage == 1.0)
 
@@ -262,7 +262,7 @@ def test_a_run_beyond_the_limit_against_the_truth(engine, compiled):
     given = {"rtol": 1e-12} if engine == "reference" else {"dt": 1e-3}
     for test in (RAMP, STOP):
         scene = loaded(load_scene("hold-moment"), test, 0.8, True)
-        found, (exact, _) = measured(engine, scene, test, given)[0], true_slip(scene, test)
+        found, (exact, _) = measure_slip(engine, scene, test, given)[0], true_slip(scene, test)
         if test == RAMP:
             assert abs(found.let_go - exact.let_go) < 3e-3 and found.acceleration == pytest.approx(
                 exact.acceleration, rel=0.02
@@ -618,14 +618,14 @@ def test_the_time_of_a_setting_is_the_median_of_repeats(monkeypatch, compiled):
     monkeypatch.setattr(hold, "visit", visit)
     scene = loaded(load_scene("hold-level"), HELD, 0.5, False)
     times = [
-        measured("reference", scene, HELD, {"rtol": 1e-6}, timed)[1].cost.own_s
+        measure_slip("reference", scene, HELD, {"rtol": 1e-6}, timed)[1].cost.own_s
         for timed in (False, True)
     ]
     assert times[0] != 0.125 == times[1] and visits == [("reference", scene, {"rtol": 1e-6})]
     tasks = plan(Scope((load_scene("hold-level"),), Depth.FULL, ("pymunk",))).tasks
     assert {task.args[-1] for task in tasks if ": " in task.label} == {True}
     assert {
-        task.args[-1] for task in tasks if task.function is measured and ": " not in task.label
+        task.args[-1] for task in tasks if task.function is measure_slip and ": " not in task.label
     } == {False}
 
 

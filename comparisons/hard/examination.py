@@ -244,8 +244,11 @@ def _measured(
     else:
         scene, run = scenes[len(runs) - 1], last
         measures = _beyond(case, scene, run)
-        stop = {"stopped": run.termination, "stop_time": float(run.t[-1])}
-        if run.breakdown is not None:
+        stop["stopped"] = run.termination
+        if run.breakdown is None:
+            stop["stop_time"] = float(run.t[-1])
+        else:
+            # A run that stops at the start may have no rows.
             stop |= {"stop_kind": run.breakdown.kind, "stop_time": run.breakdown.time}
     problems: Sequence[Problem] = ()
     if is_reference and variant.parameter == "rtol":

@@ -1,9 +1,9 @@
-"""Hard cases: where the mathematics gets difficult for solvers; what must happen is derived, never observed.
+"""Hard cases: mechanisms that are difficult to solve, with expected outcomes that are derived, not simulated.
 
-``cases.toml``    the cases, by topic; ``case`` reads them
-``checks``        measures of their runs; ``closed_forms``: formulas for them; ``scaled_scenes``: a scene in other units
-``examination``   one case through one variant, and the verdict
-``table``         all of them
+``cases.toml``     the cases, by topic; ``case`` reads them
+``checks``         measures of their runs; ``closed_forms`` contains formulas, ``scaled_scenes`` converts units
+``examination``    runs one case with one variant, and judges the result
+``table``          runs and judges all cases
 """
 
 from stiction.comparisons.hard.case import hard_cases

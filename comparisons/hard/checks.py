@@ -1,13 +1,15 @@
-"""Measures of hard cases: closed forms, invariances and independent solutions, as errors relative to a size.
+"""Measures of hard cases: relative errors against closed forms, invariances and independent solutions.
 
-A check takes a case, its scenes and their runs, and returns errors by the name of the measure. Keys of ``cases.toml``:
+A measure takes a case, its scenes and their runs, and returns errors by name. These keys of ``cases.toml`` select
+measures:
 
 ===============  ===========================================================================================
-``rests``        bodies that stay where they are
-``follows``      formula by column, see `closed_forms.value`; ``let``: definitions in it
-``truth``        the truth ``of`` a mechanism: ``columns`` (``slider.x``), ``events`` (true), ``time_at_rest`` (false)
-``same_motion``  the run in other units is the first one
-``checks``       names of the checks of single cases below
+``rests``        bodies that must stay at rest
+``follows``      a formula by column, see `closed_forms.value`; ``let``: definitions that it uses
+``truth``        the truth ``of`` a mechanism, which is compared in ``columns`` (by default ``slider.x``), in
+                 ``events`` (by default true) and in ``time_at_rest`` (by default false)
+``same_motion``  true if the run in other units must agree with the first run
+``checks``       names of measures of single cases, `NAMED`
 ===============  ===========================================================================================
 """
 
@@ -33,241 +35,302 @@ from stiction.truths.reduced.steady_state import steady_state
 
 Scenes = Sequence[Scene]
 Runs = Sequence[Trajectory]
+Measure = Callable[[HardCase, Scenes, Runs], dict[str, float]]
+"""Returns errors by name, from a case, its scenes and their runs."""
 FIRST_STEPS = 10
-"""Steps in which contacts build up their forces; as many steps' error of a method of first order is right."""
-STATE = ("x", "y", "angle", "vx", "vy", "omega")
+"""Steps in which contacts build up their forces, which are not measured. The error of as many steps of a first-order
+method is right, too."""
+EVENT_WINDOW = 0.01
+"""Largest distance of an event from the true one, as a fraction of the run."""
+LEAST_LOAD = 1e-6
+"""Smallest load by which excesses of friction are divided, N: a guide may carry none."""
+TRANSIENT_PERIODS = 20
+"""Periods after which a slider-bar moves periodically."""
+BEFORE_BREAK_AWAY = 0.95
+"""Fraction of the time until the break-away in which friction is measured: methods with steps may break away early."""
+POSITIONS = ("x", "y", "angle")
+VELOCITIES = ("vx", "vy", "omega")
 
 
 def measures(case: HardCase, scenes: Scenes, runs: Runs) -> dict[str, float]:
-    """Return all errors that a case asks for."""
-    keyed = {
-        "rests": at_rest,
-        "follows": follows,
-        "truth": follows_truth,
-        "same_motion": same_motion,
-    }
-    checks = [check for key, check in keyed.items() if getattr(case, key)] + [
-        NAMED[name] for name in case.checks
-    ]
-    return {name: error for check in checks for name, error in check(case, scenes, runs).items()}
+    """Return all errors that a case asks for, by name."""
+    selected: list[Measure] = []
+    if case.rests:
+        selected.append(at_rest)
+    if case.follows:
+        selected.append(follows)
+    if case.truth:
+        selected.append(follows_truth)
+    if case.same_motion:
+        selected.append(same_motion)
+    selected += [NAMED[name] for name in case.checks]
+    errors: dict[str, float] = {}
+    for measure in selected:
+        errors |= measure(case, scenes, runs)
+    return errors
 
 
 def gap(
-    found: np.ndarray | float, expected: np.ndarray | float, size: float | None = None
+    values: np.ndarray | float, expected: np.ndarray | float, size: float | None = None
 ) -> float:
-    """Largest difference, relative to `size` (the largest expected value where None); infinite if one is not finite."""
-    size = float(np.max(np.abs(expected))) if size is None else size
-    worst = float(np.max(np.abs(np.asarray(found) - expected))) if np.size(found) else np.inf
-    return worst / size if np.isfinite(worst) else np.inf
+    """Return the largest difference of values from the expected ones, relative to a size.
+
+    The size is the largest expected value if it is None. The result is infinite if a value is not finite.
+    """
+    if size is None:
+        size = float(np.max(np.abs(expected)))
+    largest = np.inf
+    if np.size(values):
+        largest = float(np.max(np.abs(np.asarray(values) - expected)))
+    return largest / size if np.isfinite(largest) else np.inf
 
 
 def at_rest(case: HardCase, _: Scenes, runs: Runs) -> dict[str, float]:
-    """Measure by how much (m, rad) bodies of the first run leave their places."""
-    return {
-        f"creep of {body}": max(
-            gap(column, column[0], 1.0)
-            for column in (runs[0][f"{body}.{key}"] for key in STATE[:3])
-        )
-        for body in case.rests
-    }
+    """Return how far (m, rad) bodies of the first run move that must stay at rest."""
+    run = runs[0]
+    errors = {}
+    for body in case.rests:
+        columns = [run[f"{body}.{label}"] for label in POSITIONS]
+        errors[f"creep of {body}"] = max(gap(column, column[0], 1.0) for column in columns)
+    return errors
 
 
 def follows(case: HardCase, scenes: Scenes, runs: Runs) -> dict[str, float]:
-    """Compare columns of the first run with formulas, forces of contacts once they are `carried`."""
-    [run, *_], found = runs, {}
+    """Return the errors of columns of the first run against formulas, where the columns are `carried`."""
+    scene, run = scenes[0], runs[0]
+    errors = {}
     for name, formula in case.follows.items():
-        expected, seen = value(formula, scenes[0], run.t, case.let), carried(run, name)
-        found[name] = gap(run[name][seen], expected[seen], float(np.max(np.abs(expected))))
-    return found
+        expected = value(formula, scene, run.t, case.let)
+        counts = carried(scene, run, name)
+        size = float(np.max(np.abs(expected)))
+        errors[name] = gap(run[name][counts], expected[counts], size)
+    return errors
 
 
-def carried(run: Trajectory, column: str) -> np.ndarray:
-    """Instants at which a column counts: of normal force and friction at contact fidelity those from the tenth step on.
+def carried(scene: Scene, run: Trajectory, column: str) -> np.ndarray:
+    """Return the instants at which a column is measured, bool (n,).
 
-    A box between two surfaces begins without overlap, so without load; contacts take some steps to carry it. A method
-    without a step has none to wait for.
+    With contacts, a box between two surfaces begins without overlap, and therefore without load. Normal force and
+    friction are measured only after some steps (`FIRST_STEPS`), which the contacts take to carry the load.
     """
-    waits = run.fidelity == Fidelity.CONTACT and column.endswith((".normal_force", ".friction"))
-    return run.t >= (FIRST_STEPS * run.settings.get("dt", 0.0) if waits else 0.0)
+    forces = [
+        f"{guide}.{label}" for guide in scene.guides for label in ("normal_force", "friction")
+    ]
+    begin = 0.0
+    if run.fidelity == Fidelity.CONTACT and column in forces:
+        # A method without a step has none to wait for.
+        begin = FIRST_STEPS * run.settings.get("dt", 0.0)
+    return run.t >= begin
 
 
 def follows_truth(case: HardCase, scenes: Scenes, runs: Runs) -> dict[str, float]:
-    """Compare columns of the first run with a truth, by their range; of a method that locates events, those as well."""
-    [run, *_], wanted = (
-        runs,
-        {"columns": ["slider.x"], "events": True, "time_at_rest": False, **case.truth},
-    )
+    """Return the errors of columns of the first run against a truth, relative to their range, and of its events.
+
+    Events are compared only if the method locates them.
+    """
+    scene, run = scenes[0], runs[0]
+    solve = getattr(truths, f"{case.truth['of']}_truth")
     t_end = float(run.t[-1])
-    true: Truth = _known(getattr(truths, f"{wanted['of']}_truth"), pickle.dumps(scenes[0]), t_end)
-    expected = true(np.minimum(run.t, true.t_end))
-    found = {}
-    for name in wanted["columns"]:
-        seen = carried(run, name)
-        found[name] = gap(
-            run[name][seen], expected[name][seen], float(np.ptp(expected[name])) or None
-        )
-    if run.events and wanted["events"]:
-        kinds = {event.kind for event in run.events} | {
-            "slip",
-            "stick",
-            "reversal",
-        }  # not all locate corners
-        found |= _other_events(
-            [event for event in true.events if event.kind in kinds], run.events, true.t_end
-        )
-    if run.events and wanted["time_at_rest"]:
-        found["time at rest"] = abs(time_at_rest(run.events) - time_at_rest(true.events)) / t_end
-    return found
+    truth: Truth = _cached_solution(solve, pickle.dumps(scene), t_end)
+    true = truth(np.minimum(run.t, truth.t_end))
+    errors = {}
+    for name in case.truth.get("columns", ["slider.x"]):
+        counts = carried(scene, run, name)
+        # Of a constant column, the largest value is the size.
+        value_range = float(np.ptp(true[name]))
+        size = value_range if value_range > 0.0 else None
+        errors[name] = gap(run[name][counts], true[name][counts], size)
+    if not run.events:
+        return errors
+    if case.truth.get("events", True):
+        # Not all methods locate changes of corners.
+        kinds = {"slip", "stick", "reversal", *(event.kind for event in run.events)}
+        expected = [event for event in truth.events if event.kind in kinds]
+        errors |= _event_errors(expected, run.events, truth.t_end)
+    if case.truth.get("time_at_rest", False):
+        difference = abs(time_at_rest(run.events) - time_at_rest(truth.events))
+        errors["time at rest"] = difference / t_end
+    return errors
 
 
-def _other_events(
-    expected: Sequence[Event | Instant], found: Sequence[Event], t_end: float
+def _event_errors(
+    expected: Sequence[Event | Instant], events: Sequence[Event], t_end: float
 ) -> dict[str, float]:
-    matched = match_events(expected, found, 0.01 * t_end)
+    """Return the number of events that are missed or have no counterpart in the expected ones."""
+    matched = match_events(expected, events, EVENT_WINDOW * t_end)
     return {"events missed or invented": float(len(matched.missed) + len(matched.spurious))}
 
 
 @lru_cache(maxsize=4)
-def _known(solve: Callable[[Scene, float], Any], scene: bytes, t_end: float) -> Any:
-    """Solve a pickled scene once: all variants of a case follow each other, and it often takes longer than a run."""
+def _cached_solution(solve: Callable[[Scene, float], Any], scene: bytes, t_end: float) -> Any:
+    """Return the solution of a pickled scene, which is computed once.
+
+    All variants of a case follow each other, and the solution often takes longer than a run.
+    """
     return solve(pickle.loads(scene), t_end)
 
 
 def time_at_rest(events: Iterable[Event]) -> float:
-    """Seconds between each stick and the next slip."""
-    total, since = 0.0, None
+    """Return the sum of the times between each stick and the next slip, s."""
+    total = 0.0
+    rest_begin = None
     for event in events:
-        if event.kind == "slip" and since is not None:
-            total, since = total + event.time - since, None
+        if event.kind == "slip" and rest_begin is not None:
+            total += event.time - rest_begin
+            rest_begin = None
         elif event.kind == "stick":
-            since = event.time
+            rest_begin = event.time
     return total
 
 
 def same_motion(case: HardCase, _: Scenes, runs: Runs) -> dict[str, float]:
-    """Compare the second run, of the scene in other units, with the first: the same numbers in those units."""
-    (one, other), units = runs, case.units
-    n = min(len(one.t), len(other.t))
-    size = float(np.ptp(one["slider.x"]))
-    found = {
-        "motion in other units": gap(
-            other["slider.x"][:n] / units.length, one["slider.x"][:n], size
-        )
-    }
-    if one.events or other.events:
-        same = [event.kind for event in one.events] == [event.kind for event in other.events]
-        times, expected = (np.array([event.time for event in run.events]) for run in (other, one))
-        found["events in other units"] = (
-            gap(times / units.time, expected, one.t[-1]) if same else np.inf
-        )
-    return found
+    """Return the differences of the second run, whose scene has other units, from the first run."""
+    first, second = runs
+    units = case.units
+    rows = min(len(first.t), len(second.t))
+    converted = second["slider.x"][:rows] / units.length
+    size = float(np.ptp(first["slider.x"]))
+    errors = {"motion in other units": gap(converted, first["slider.x"][:rows], size)}
+    if not first.events and not second.events:
+        return errors
+    event_error = np.inf
+    if [event.kind for event in first.events] == [event.kind for event in second.events]:
+        times = np.array([event.time for event in first.events])
+        converted_times = np.array([event.time for event in second.events]) / units.time
+        event_error = gap(converted_times, times, first.t[-1])
+    errors["events in other units"] = event_error
+    return errors
 
 
 def friction_excess(scene: Scene, columns: Mapping[str, np.ndarray]) -> float:
-    """Distance of accepted forces from Coulomb's law: slip off -mu N sgn(g_T'), stick past mus N.
+    """Return how far forces are from Coulomb's law, relative to the largest load of any guide.
 
-    It is relative to the largest load of any guide, as all forces come from one linear system. Infinite where a corner
-    is pressed to both surfaces, or pulled, or a force is not finite.
+    A guide that slips must have the friction -mu N sgn(g_T'), one that sticks a friction of at most mus N. All forces
+    are relative to the same load, because they are solutions of one linear system.
+
+    Returns
+    -------
+    float
+        Infinite if a corner is pressed against both surfaces or pulled, or if a force is not finite.
     """
-    worst, size = 0.0, 1e-6
+    largest_excess, largest_load = 0.0, LEAST_LOAD
     for name, guide in scene.frictional_guides.items():
-        f, mode = columns[f"{name}.friction"], columns[f"{name}.mode"]
+        friction, mode = columns[f"{name}.friction"], columns[f"{name}.mode"]
         if guide.length is None:
             load = np.abs(columns[f"{name}.normal_force"])
         else:
-            F = np.array([columns[f"{name}.F{i}"] for i in (1, 2, 3, 4)])
-            if not (np.all(F >= 0) and np.all(F[0] * F[3] == 0) and np.all(F[1] * F[2] == 0)):
+            corners = np.array([columns[f"{name}.F{corner}"] for corner in (1, 2, 3, 4)])
+            lower_rear, lower_front, upper_front, upper_rear = corners
+            is_pressed_once = np.all(lower_rear * upper_rear == 0) and np.all(
+                lower_front * upper_front == 0
+            )
+            if not np.all(corners >= 0) or not is_pressed_once:
                 return np.inf
-            load = F.sum(axis=0)
-        size = max(size, float(np.max(load)))
-        excess = np.where(
-            mode != 0,
-            np.abs(f + guide.mu * mode * load),
-            np.abs(f) - guide.static_coefficient * load,
-        )
-        worst = max(worst, float(np.max(excess))) if np.isfinite(excess).all() else np.inf
-    return worst / size
+            load = corners.sum(axis=0)
+        slip_excess = np.abs(friction + guide.mu * mode * load)
+        stick_excess = np.abs(friction) - guide.static_coefficient * load
+        excess = np.where(mode != 0, slip_excess, stick_excess)
+        if not np.isfinite(excess).all():
+            return np.inf
+        largest_excess = max(largest_excess, float(np.max(excess)))
+        largest_load = max(largest_load, float(np.max(load)))
+    return largest_excess / largest_load
 
 
 def settled(run: Trajectory, column: str) -> np.ndarray:
-    """Force in the second half of a run: before that, methods with clearance or compliance may build it up."""
+    """Return a force in the second half of a run: before, methods with clearance or compliance may build it up."""
     return run[column][run.t >= run.t[-1] / 2]
 
 
-def shared(force: np.ndarray) -> np.ndarray:
-    """Sum of forces that guides at rest share, at the instants at which an engine states it: elsewhere it is nan."""
+def determined(force: np.ndarray) -> np.ndarray:
+    """Return the values of a force that are not NaN, as it is where guides at rest share a load in an open way."""
     return force[~np.isnan(force)]
 
 
 def accepted_start(_: HardCase, scenes: Scenes, runs: Runs) -> dict[str, float]:
-    """Measure a run from an inconsistent start: the residual it began with, and how far it moved the start silently."""
+    """Return the residual with which a run from an inconsistent start begins, and how far it has changed the start."""
     scene, run = scenes[0], runs[0]
-    moved = [
-        abs(run[f"{name}.{column}"][0] - declared)
-        for name, body in scene.bodies.items()
-        for column, declared in zip(
-            STATE, (*body.position, body.angle, *body.velocity, body.angular_velocity)
-        )
-    ]
+    changes = []
+    for name, body in scene.bodies.items():
+        declared = [*body.position, body.angle, *body.velocity, body.angular_velocity]
+        for label, number in zip([*POSITIONS, *VELOCITIES], declared, strict=True):
+            changes.append(abs(run[f"{name}.{label}"][0] - number))
+    residual = max(run["drift.position"][0], run["drift.velocity"][0])
     return {
-        "start accepted off its constraints": float(
-            max(run["drift.position"][0], run["drift.velocity"][0])
-        ),
-        "start moved silently": float(max(moved)),
+        "start accepted off its constraints": float(residual),
+        "start moved silently": float(max(changes)),
     }
 
 
 def comes_to_rest(_: HardCase, scenes: Scenes, runs: Runs) -> dict[str, float]:
-    """Compare the rest of a mechanism of one freedom with its independent motion: place, no slip, balance of forces.
+    """Return the errors of the rest of a mechanism of one degree of freedom: its place, slip and forces.
 
-    How guides share the load is not determined, the virtual power of their frictions is.
+    The motion is compared with an independent one (`enumerated_motion`). How guides at rest share the load is not
+    determined. The virtual power of their frictions is, and must balance that of the other forces.
+
+    Raises
+    ------
+    Undecided
+        If the independent motion does not come to rest.
     """
     scene, run = scenes[0], runs[0]
-    motion: Motion = _known(simulate, pickle.dumps(scene), float(run.t[-1]))
+    motion: Motion = _cached_solution(simulate, pickle.dumps(scene), float(run.t[-1]))
     if motion.rest is None:
         raise truths.Undecided(
             f"{scene.name}: found {motion.breakdown or 'a motion'} up to {motion.t[-1]:g} s; "
             "expected a mechanism of one freedom that comes to rest"
         )
-    equations, names, q = motion.contact.equations, motion.contact.names, motion.q[-1]
-    slips = [run[f"{name}.slip_velocity"] for name in names]
+    equations, guides, q = motion.contact.equations, motion.contact.names, motion.q[-1]
+
+    # The direction d of the free motion satisfies J d = 0 and d^T M d = 1. Reactions have no power in it.
     terms = equations.at(motion.rest, q, np.zeros_like(q))
-    # the direction that the constraints leave, J N = 0 with N^T M N = 1, in which reactions have no power
-    root = np.sqrt(equations.mass)
-    way = np.linalg.svd(terms.J / root)[2][-1] / root
-    power = shared(np.array([way @ terms.W.T @ [run[f"{name}.friction"][-1] for name in names]]))
-    place = [run[f"{name}.{key}"][-1] for name in scene.bodies for key in STATE[:3]]
-    found = {
+    root_mass = np.sqrt(equations.mass)
+    right_vectors = np.linalg.svd(terms.J / root_mass)[2]
+    direction = right_vectors[-1] / root_mass
+    frictions = np.array([run[f"{name}.friction"][-1] for name in guides])
+    power = determined(np.array([direction @ terms.W.T @ frictions]))
+
+    place = [run[f"{body}.{label}"][-1] for body in scene.bodies for label in POSITIONS]
+    slips = [run[f"{name}.slip_velocity"] for name in guides]
+    slip_errors = [gap(slip[-1], 0.0, float(np.max(np.abs(slip)))) for slip in slips]
+    errors = {
         "place of rest": gap(np.array(place), q),
-        "virtual power of friction": gap(power, -way @ terms.Q) if power.size else 0.0,
-        "slip at rest": max(gap(slip[-1], 0.0, float(np.max(np.abs(slip)))) for slip in slips),
+        "virtual power of friction": gap(power, -direction @ terms.Q) if power.size else 0.0,
+        "slip at rest": max(slip_errors),
     }
     if run.events:
         located = [event for event in run.events if event.kind != "corner"]
         expected = [event for event in motion.events if event.kind != "corner"]
-        found |= _other_events(expected, located, run.t[-1])
-    return found
+        errors |= _event_errors(expected, located, run.t[-1])
+    return errors
 
 
 def rod_force_at_start(_: HardCase, scenes: Scenes, runs: Runs) -> dict[str, float]:
-    """Compare the normal force at t = 0 with the one that the balances of `sliding-rod` have."""
-    expected = rod_normal_force(scenes[0])
-    found = float(runs[0]["guide.normal_force"][0])
-    return {
-        "normal force at t = 0": min(gap(found, one) for one in expected)
-        if expected
-        else abs(found)
-    }
+    """Return the error of the normal force of `sliding-rod` at t = 0; if no force is consistent, the force itself."""
+    force = float(runs[0]["guide.normal_force"][0])
+    consistent = rod_normal_force(scenes[0])
+    error = abs(force)
+    if consistent:
+        error = min(gap(force, expected) for expected in consistent)
+    return {"normal force at t = 0": error}
 
 
 def periodic(_: HardCase, scenes: Scenes, runs: Runs) -> dict[str, float]:
-    """Compare with the slider-bar's steady motion: state at the end, change over the last period, drift, events."""
-    run, bar = runs[0], SliderBar.from_scene(scenes[0])
-    period, (x, v) = bar.period(), steady_state(bar).state
+    """Return the errors of a slider-bar against its steady motion.
+
+    These are the state at the end of the last complete period, the change over this period, the drift, and changes of
+    the number of events per period.
+    """
+    run = runs[0]
+    bar = SliderBar.from_scene(scenes[0])
+    period = bar.period()
+    x, v = steady_state(bar).state
     size = float(np.ptp(run["slider.x"]))
-    whole = int(np.floor(run.t[-1] / period * (1 + 1e-12))) * period
-    last, before = (int(np.argmin(np.abs(run.t - t))) for t in (whole, whole - period))
-    found = {
+    # The end of the last period, up to rounding.
+    end = int(np.floor(run.t[-1] / period * (1 + 1e-12))) * period
+    last = int(np.argmin(np.abs(run.t - end)))
+    before = int(np.argmin(np.abs(run.t - (end - period))))
+    errors = {
         "position after the last period": gap(run["slider.x"][last], x, size),
         "velocity after the last period": gap(run["slider.vx"][last], v, size * 2 * np.pi / period),
         "change over the last period": gap(run["slider.x"][last], run["slider.x"][before], size),
@@ -275,65 +338,76 @@ def periodic(_: HardCase, scenes: Scenes, runs: Runs) -> dict[str, float]:
     }
     if run.events:
         times = np.array([event.time for event in run.events])
-        counts = np.histogram(times, np.arange(20 * period, whole + period / 2, period))[0]
-        found["events of a period"] = float(np.ptp(counts)) if len(counts) else 0.0
-    return found
+        period_ends = np.arange(TRANSIENT_PERIODS * period, end + period / 2, period)
+        counts = np.histogram(times, period_ends)[0]
+        errors["events of a period"] = float(np.ptp(counts)) if len(counts) else 0.0
+    return errors
 
 
 def sums_of_three_guides(_: HardCase, scenes: Scenes, runs: Runs) -> dict[str, float]:
-    """Compare the sums of the forces of `three-guides-at-rest` with the weight, in any order and units."""
-    incline, found = np.deg2rad(15), dict[str, float]()
+    """Return the errors of the sums of the forces of `three-guides-at-rest`, the largest of all orders and units."""
+    incline = np.deg2rad(15)
+    errors: dict[str, float] = {}
     for scene, run in zip(scenes, runs):
         weight = -(scene.gravity or (0.0, 0.0))[1] * scene.bodies["slider"].mass
-        for name, total in (
-            ("friction", -weight * np.sin(incline)),
-            ("normal_force", weight * np.cos(incline)),
-        ):
-            first, second, third = (settled(run, f"guide-{i}.{name}") for i in (1, 2, 3))
-            sums = shared(first + second + third)
+        expected = {"friction": -weight * np.sin(incline), "normal_force": weight * np.cos(incline)}
+        for label, total in expected.items():
+            forces = [settled(run, f"guide-{number}.{label}") for number in (1, 2, 3)]
+            sums = determined(forces[0] + forces[1] + forces[2])
+            # A sum that no run states has no error.
             if len(sums):
-                found[f"sum of {name}"] = max(gap(sums, total), found.get(f"sum of {name}", 0.0))
-    return found
+                name = f"sum of {label}"
+                errors[name] = max(gap(sums, total), errors.get(name, 0.0))
+    return errors
 
 
 def normal_force_of_two_guides(_: HardCase, scenes: Scenes, runs: Runs) -> dict[str, float]:
-    """Compare the normal forces of `two-guides-sliding` with the weight across the incline, and with each other."""
+    """Return the error of the sum of the normal forces of `two-guides-sliding`, and of their distribution.
+
+    Only the reference defines how parallel guides share a load: with the least norm, that is, equally.
+    """
+    run = runs[0]
     total = 9.81 * np.cos(scenes[0].parameters["incline"])
-    each = [settled(runs[0], f"guide-{i}.normal_force") for i in (1, 2)]
-    found = {"sum of normal_force": gap(sum(each), total)}
-    if runs[0].engine == "reference":  # no other says how it shares them
-        found["minimum-norm normal forces"] = max(gap(one, total / 2) for one in each)
-    return found
+    first, second = (settled(run, f"guide-{number}.normal_force") for number in (1, 2))
+    errors = {"sum of normal_force": gap(first + second, total)}
+    if run.engine == "reference":
+        errors["minimum-norm normal forces"] = max(gap(first, total / 2), gap(second, total / 2))
+    return errors
 
 
 def virtual_power_of_friction(_: HardCase, scenes: Scenes, runs: Runs) -> dict[str, float]:
-    """Compare the virtual power of the frictions of `trammel-at-rest` with that of torque and weight.
+    """Return the error of the virtual power of the frictions of `trammel-at-rest` against that of torque and weight.
 
-    The guides' directions are +x and +y; slider x moves with -L sin p, slider y with L cos p.
+    The directions of the guides are +x and +y. In the free motion, slider x moves by -L sin phi and slider y by
+    L cos phi. The result is empty if no friction is determined.
     """
     p, run = scenes[0].parameters, runs[0]
-    weight = (p["m"] / 2 + p["m1"]) * p["g"] * p["L"] * np.cos(p["phi"])
-    fx, fy = (settled(run, f"guide-{axis}.friction") for axis in "xy")
-    power = shared(p["L"] * (np.cos(p["phi"]) * fy - np.sin(p["phi"]) * fx))
-    return {"virtual power of friction": gap(power, p["T"] + weight, weight)} if len(power) else {}
+    sine, cosine = np.sin(p["phi"]), np.cos(p["phi"])
+    weight = (p["m"] / 2 + p["m1"]) * p["g"] * p["L"] * cosine
+    friction_x = settled(run, "guide-x.friction")
+    friction_y = settled(run, "guide-y.friction")
+    power = determined(p["L"] * (cosine * friction_y - sine * friction_x))
+    if not len(power):
+        return {}
+    return {"virtual power of friction": gap(power, p["T"] + weight, weight)}
 
 
 def friction_balances_the_pull(_: HardCase, scenes: Scenes, runs: Runs) -> dict[str, float]:
-    """Compare the friction of `wedged-slider` with its load until that breaks it away."""
-    p, run = scenes[0].parameters, runs[0]
-    start = p["mus"] * 2 * p["T"] / p["a"] / p["rate"]
-    held = (run.t < 0.95 * start) & carried(run, "guide.friction")
-    return {
-        "friction before it breaks away": gap(run["guide.friction"][held], -p["rate"] * run.t[held])
-    }
+    """Return the error of the friction of `wedged-slider` against the load, which increases until it breaks away."""
+    scene, run = scenes[0], runs[0]
+    p = scene.parameters
+    break_away = p["mus"] * 2 * p["T"] / p["a"] / p["rate"]
+    held = (run.t < BEFORE_BREAK_AWAY * break_away) & carried(scene, run, "guide.friction")
+    error = gap(run["guide.friction"][held], -p["rate"] * run.t[held])
+    return {"friction before it breaks away": error}
 
 
 def drift_accepted(_: HardCase, __: Scenes, runs: Runs) -> dict[str, float]:
-    """Residual of the constraints at the end of a run that there should not be."""
+    """Return the residual of the constraints at the end of a run that should have been refused."""
     return {"drift accepted": float(runs[0]["drift.position"][-1])}
 
 
-NAMED = {
+NAMED: dict[str, Measure] = {
     check.__name__: check
     for check in (
         accepted_start,
@@ -347,3 +421,4 @@ NAMED = {
         virtual_power_of_friction,
     )
 }
+"""Measures of single cases by name."""

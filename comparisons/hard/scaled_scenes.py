@@ -1,4 +1,4 @@
-"""Dimensional analysis: a scene in other units of length, mass and time has the same motion in those units."""
+"""Scenes in other units of length, mass and time, whose motion is the same in those units."""
 
 from __future__ import annotations
 
@@ -11,8 +11,13 @@ from stiction.scenes import Scene, scene_from_dict
 Dimension = tuple[int, int, int]
 """Exponents of length, mass and time."""
 
-NUMBER, LENGTH, TIME, MASS = (0, 0, 0), (1, 0, 0), (0, 0, 1), (0, 1, 0)
-FORCE, TORQUE = (1, 1, -2), (2, 1, -2)
+NUMBER: Dimension = (0, 0, 0)
+LENGTH: Dimension = (1, 0, 0)
+MASS: Dimension = (0, 1, 0)
+ACCELERATION: Dimension = (1, 0, -2)
+FORCE: Dimension = (1, 1, -2)
+TORQUE: Dimension = (2, 1, -2)
+RATE: Dimension = (0, 0, -1)
 DIMENSIONS: Mapping[str, Mapping[str, Dimension]] = {
     "bodies": {
         "mass": MASS,
@@ -20,7 +25,7 @@ DIMENSIONS: Mapping[str, Mapping[str, Dimension]] = {
         "position": LENGTH,
         "angle": NUMBER,
         "velocity": (1, 0, -1),
-        "angular_velocity": (0, 0, -1),
+        "angular_velocity": RATE,
     },
     "revolute": {"points": LENGTH},
     "translational": {"point": LENGTH, "slider_point": LENGTH, "length": LENGTH, "width": LENGTH},
@@ -35,41 +40,36 @@ DIMENSIONS: Mapping[str, Mapping[str, Dimension]] = {
     "torsional": {"stiffness": TORQUE, "damping": (2, 1, -1), "rest_angle": NUMBER},
     "force": {"point": LENGTH, "law": FORCE},
     "torque": {"law": TORQUE},
-    "stabilization": {"alpha": (0, 0, -1), "beta": (0, 0, -1)},
+    "stabilization": {"alpha": RATE, "beta": RATE},
 }
-"""By section of a scene, or by type of an element, the dimensions of its keys; a law has those of its values."""
-LAW = {
-    "value": 0,
-    "offset": 0,
-    "amplitude": 0,
-    "values": 0,
-    "rate": -1,
-    "frequency": -1,
-    "times": 1,
-}
-"""Exponents of time of a law's keys, in addition to the law's own dimension."""
-OF_TIME = ("frequency", "times")
-"""Keys of a law that have no other dimension."""
+"""Dimensions of the keys of a section of a scene, or of an element by its type. A law of time has the dimension of its
+values."""
+VALUE_KEYS = {"value": 0, "offset": 0, "amplitude": 0, "values": 0, "rate": -1}
+"""Keys of a law that contain its values or their rate: the exponent of time by which they differ from the values."""
+TIME_KEYS = {"frequency": -1, "times": 1}
+"""Keys of a law that contain times or frequencies only: their exponent of time."""
 
 
 @dataclass(frozen=True)
 class Units:
-    """Factors by which lengths, masses and times of a scene are multiplied."""
+    """Factors by which the numbers of lengths, masses and times in a scene are multiplied."""
 
     length: float = 1.0
     mass: float = 1.0
     time: float = 1.0
 
     def of(self, dimension: Dimension) -> float:
-        return self.length ** dimension[0] * self.mass ** dimension[1] * self.time ** dimension[2]
+        """Return the factor of a quantity with a dimension."""
+        length, mass, time = dimension
+        return self.length**length * self.mass**mass * self.time**time
 
 
 def scaled(scene: Scene, units: Units) -> Scene:
-    """The scene with every quantity multiplied as its dimension requires, without parameters and under its name."""
+    """Return a scene in other units, with the same name and without parameters."""
     raw = scene.model_dump(exclude={"parameters"})
     raw["t_end"] *= units.time
     if raw["gravity"] is not None:
-        raw["gravity"] = _times(raw["gravity"], units.of((1, 0, -2)))
+        raw["gravity"] = _multiplied(raw["gravity"], units.of(ACCELERATION))
     for section in ("bodies", "joints", "drives", "springs", "forces"):
         for element in raw[section].values():
             _scale(element, DIMENSIONS[element.get("type", section)], units)
@@ -78,23 +78,28 @@ def scaled(scene: Scene, units: Units) -> Scene:
 
 
 def _scale(element: dict[str, Any], dimensions: Mapping[str, Dimension], units: Units) -> None:
+    """Convert the numbers of an element in place; keys without a value are left out."""
     for key, dimension in dimensions.items():
         value = element.get(key)
         if isinstance(value, dict):
-            for name, exponent in LAW.items():
-                if name in value:
-                    length, mass, time = dimension
-                    power = (
-                        (length, mass, time + exponent) if name not in OF_TIME else (0, 0, exponent)
-                    )
-                    value[name] = _times(value[name], units.of(power))
+            _scale_law(value, dimension, units)
         elif value is not None:
-            element[key] = _times(value, units.of(dimension))
+            element[key] = _multiplied(value, units.of(dimension))
 
 
-def _times(value: Any, factor: float) -> Any:
-    return (
-        [_times(item, factor) for item in value]
-        if isinstance(value, (list, tuple))
-        else value * factor
-    )
+def _scale_law(law: dict[str, Any], dimension: Dimension, units: Units) -> None:
+    """Convert the numbers of a law in place; `dimension` is that of its values."""
+    length, mass, time = dimension
+    for name, exponent in VALUE_KEYS.items():
+        if name in law:
+            law[name] = _multiplied(law[name], units.of((length, mass, time + exponent)))
+    for name, exponent in TIME_KEYS.items():
+        if name in law:
+            law[name] = _multiplied(law[name], units.of((0, 0, exponent)))
+
+
+def _multiplied(value: Any, factor: float) -> Any:
+    """Return a number times a factor, or a list of which each number is multiplied, however deeply it is nested."""
+    if isinstance(value, (list, tuple)):
+        return [_multiplied(item, factor) for item in value]
+    return value * factor

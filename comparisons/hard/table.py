@@ -1,4 +1,4 @@
-"""The table of hard cases: every case through the reference's methods and every engine."""
+"""Table of hard cases: each case with the methods of the reference and with all engines."""
 
 from __future__ import annotations
 
@@ -28,18 +28,19 @@ REFERENCE = (
         settings={"solver": "trial", "stabilization": "projection"},
     ),
 )
-"""The methods of the reference. A method of fixed steps has no ladder: each case gives its step."""
+"""The methods of the reference. A method with fixed steps has no series of steps: each case has its own step."""
 
 
 def hard_variants(engines: Iterable[str] | None = None) -> tuple[Variant, ...]:
-    """Return the reference's methods and the external engines.
+    """Return the methods of the reference, followed by those of the external engines.
 
-    Where `engines` is given, only those of the external engines are returned that it names.
+    Parameters
+    ----------
+    engines
+        Names of the external engines; all of them if None.
     """
-    return (
-        *REFERENCE,
-        *(variant for variant in variants(engines) if variant.engine != "reference"),
-    )
+    external = [variant for variant in variants(engines) if variant.engine != "reference"]
+    return (*REFERENCE, *external)
 
 
 def hard_comparison(

@@ -1,1 +1,1 @@
-"""The judge of results from anywhere: tables, programs, and the truths as folders."""
+"""Judgements of tables of results and of engines, and folders of truths."""

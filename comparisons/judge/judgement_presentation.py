@@ -1,4 +1,7 @@
-"""What the text of a judgement mentions, its tables and its figure; the text is in reports/templates/judgement.md."""
+"""Presentation of a judgement: the rows that its text mentions, its tables and its figure.
+
+The text is in ``reports/templates/judgement.md``.
+"""
 
 from __future__ import annotations
 
@@ -34,14 +37,28 @@ from stiction.comparisons.measures.accuracy import TORQUE_ERROR, truth_over_time
 from stiction.comparisons.measures.other_parameters import Hypothesis
 from stiction.comparisons.measures.result_errors import COARSE, UNDETERMINED
 from stiction.comparisons.measures.scene_truth import OWN_RTOL
+from stiction.engines.examined import RESIDUALS
 from stiction.reference_impl.energies import needed_columns
 from stiction.scenes.columns import unit_of
 from stiction.truths import Tier
 
-DRAWN, POINTS, LINES = 2000, 100, 6
-"""Samples of a line in the figure, points of the table, and positions, those with the largest errors; at most."""
+LINE_SAMPLES = 2000
+"""Largest number of samples of a line in the figure: more than it has pixels."""
+TABLE_POINTS = 100
+"""Largest number of rows of the table that are drawn as points: more would cover the line of the truth."""
+MAX_POSITIONS = 6
+"""Largest number of positions in the figure, those with the largest errors."""
 JUMPING = ("m/s²", "rad/s²", "N", "N m")
-"""Units of accelerations and forces, which jump."""
+"""Units of accelerations and forces, which jump at events."""
+BASE_UNITS = {
+    "m": "m",
+    "m/s": "m",
+    "m/s²": "m",
+    "rad": "rad",
+    "rad/s": "rad",
+    "rad/s²": "rad",
+}
+"""Units of lengths and angles by those that are converted together with them; other units stand alone."""
 MENTIONED = (
     "table_begin",
     "table_end",
@@ -60,11 +77,11 @@ MENTIONED = (
     "completed_energy_error",
     "completed_energy_exchanged",
 )
-"""Columns of the summary that the text mentions; a judgement without one of them has no value there."""
+"""Columns of the summary that the text mentions; they are empty where a judgement does not have them."""
 
 
 def presentation(judged: Judgement) -> Presentation:
-    """What a table of results is worth: errors, stick phases, jumps, drift, energy, and what samples can show."""
+    """Return what the text, the tables and the figure of a judgement show."""
     summary = with_columns(judged.tables["summary"], *MENTIONED)
     rows = {
         "scene": judged.scene.name,
@@ -91,27 +108,29 @@ def presentation(judged: Judgement) -> Presentation:
 
 
 def _worst(judged: Judgement) -> dict[str, object]:
-    """The position that may be most off; of a table without positions, the largest part of a column's size.
+    """Return the row with the largest error of a position, or the largest relative error if there are no positions.
 
-    A position may be off by its error and the uncertainty of its truth.
+    The uncertainty of the truth is added to the error of a position. The error of another column is relative to the
+    size of the column.
     """
     table = judged.tables["errors"]
-    sizes = judged.in_metres("error") + judged.in_metres("uncertainty")
-    has_positions = bool(sizes.notna().any())
-    parts = sizes if has_positions else table["error"] / table["size"].where(table["size"] > 0.0)
-    if parts.isna().all():
+    errors = judged.in_metres("error") + judged.in_metres("uncertainty")
+    has_positions = bool(errors.notna().any())
+    if not has_positions:
+        errors = table["error"] / table["size"].where(table["size"] > 0.0)
+    if errors.isna().all():
         return {"worst": None, "worst_is_position": False, "worst_is_certain": False}
-    label = parts.idxmax()
+    label = errors.idxmax()
     return {
         "worst": row_of("errors", table, label),
         "worst_is_position": has_positions,
-        # an error within the uncertainty of the truth has no instant that means anything
+        # The time of an error that is within the uncertainty of the truth is arbitrary.
         "worst_is_certain": bool(table.at[label, "error"] > table.at[label, "uncertainty"]),
     }
 
 
 def _truth(judged: Judgement) -> dict[str, object]:
-    """What the truth rests on, and the position of it that is known least."""
+    """Return the kind of the truth, and its position with the largest uncertainty."""
     uncertainties = judged.in_metres("uncertainty")
     least_known = None
     if uncertainties.notna().any():
@@ -126,32 +145,32 @@ def _truth(judged: Judgement) -> dict[str, object]:
 
 
 def _misread(judged: Judgement) -> list[str]:
-    """Columns that seem to have other units, signs or origins."""
+    """Return the columns that seem to have other units, signs or origins."""
     table = judged.tables["errors"]
     return list(table.loc[table["is_input"], "column"])
 
 
 def _hints(judged: Judgement) -> list[dict[str, object]]:
-    """Causes that explain errors; `right` are columns that an option for the units of all would make wrong."""
+    """Return the causes that explain errors, with their columns.
+
+    If the cause is a unit that an option converts in all columns, `right` contains those columns which the option would
+    make wrong.
+    """
     table = judged.tables["errors"]
-    # velocities are converted with positions: m/s with m
-    kinds = table["unit"].map(lambda unit: unit.partition("/")[0])
+    base_units = table["unit"].replace(BASE_UNITS)
     is_right = (table["hint"] == "") & (table["error"] <= COARSE * table["size"])
     hints = []
     for cause, rows in table[table["hint"] != ""].groupby("hint", sort=False):
-        right = table.loc[is_right & kinds.isin(kinds[rows.index]), "column"]
-        hints.append(
-            {
-                "cause": cause,
-                "columns": list(rows["column"]),
-                "right": list(right) if rows["has_unit_option"].all() else [],
-            }
-        )
+        right: list[str] = []
+        if rows["has_unit_option"].all():
+            is_converted = base_units.isin(base_units[rows.index])
+            right = list(table.loc[is_right & is_converted, "column"])
+        hints.append({"cause": cause, "columns": list(rows["column"]), "right": right})
     return hints
 
 
 def _other_parameters(judged: Judgement) -> list[dict[str, object]]:
-    """The parameter with which the scene's motion is that of the table, where one alone explains the errors."""
+    """Return the hypothesis about a parameter of the scene that explains the errors, if exactly one does."""
     table = judged.tables["other-parameters"]
     return [
         {
@@ -163,110 +182,123 @@ def _other_parameters(judged: Judgement) -> list[dict[str, object]]:
 
 
 def _coarse(judged: Judgement) -> list[dict[str, object]]:
-    """Accelerations and forces whose mean error is more than `COARSE` of their size, the worst of each unit."""
+    """Return the accelerations and forces with a mean error above `COARSE` of their size, the worst of each unit.
+
+    Efforts are left out, because the text mentions each of them.
+    """
     table = judged.tables["errors"]
-    jumps = table["unit"].isin(JUMPING) & ~table["column"].str.endswith(".effort")
-    part = ((table["error"] - table["uncertainty"]) / table["size"])[jumps & (table["size"] > 0.0)]
-    wrong = table.loc[part.index[part > COARSE]]
-    found = []
-    for _, rows in wrong.groupby("unit", sort=False):
-        worst = part[rows.index].idxmax()
-        found.append(
+    is_compared = (
+        table["unit"].isin(JUMPING)
+        & ~table["column"].isin(_effort_columns(judged))
+        & (table["size"] > 0.0)
+    )
+    relative_errors = ((table["error"] - table["uncertainty"]) / table["size"])[is_compared]
+    coarse = table.loc[relative_errors.index[relative_errors > COARSE]]
+    entries: list[dict[str, object]] = []
+    for _, rows in coarse.groupby("unit", sort=False):
+        worst = relative_errors[rows.index].idxmax()
+        entries.append(
             {
                 "row": row_of("errors", table, worst),
-                "part": float(part[worst]),
+                "part": float(relative_errors[worst]),
                 "others": list(rows["column"].drop(worst)),
             }
         )
-    return found
+    return entries
+
+
+def _effort_columns(judged: Judgement) -> list[str]:
+    """Return the names of the columns of efforts, one per drive of the scene."""
+    return [f"{drive}.effort" for drive in judged.scene.drives]
 
 
 def _efforts(judged: Judgement) -> list[Row]:
-    """The errors of the efforts of drives: those of a motor are in N m, those of an actuator in N."""
+    """Return the rows with the errors of the efforts of drives: in N m of a motor, in N of an actuator."""
     table = judged.tables["errors"]
-    efforts = [f"{drive}.effort" for drive in judged.scene.drives]
-    is_known = table["column"].isin(efforts) & table["error"].notna()
+    is_known = table["column"].isin(_effort_columns(judged)) & table["error"].notna()
     return [row_of("errors", table, label) for label in table.index[is_known]]
 
 
 def _stick_phases(judged: Judgement) -> dict[str, object]:
-    """Numbers of phases by verdict, those of the truth together, and the shortest of those that are too short."""
+    """Return the numbers of stick phases by verdict, and the shortest one with too few samples."""
     table = judged.tables["stick-phases"]
-    numbers = table["verdict"].value_counts()
-    short = table[table["verdict"] == UNRESOLVED]
+    counts = table["verdict"].value_counts()
+    unresolved = table[table["verdict"] == UNRESOLVED]
     shortest = None
-    if len(short):
-        shortest = row_of("stick-phases", table, short["duration"].idxmin())
+    if len(unresolved):
+        shortest = row_of("stick-phases", table, unresolved["duration"].idxmin())
     return {
-        "true": int(numbers.reindex([FOUND, MISSED, UNRESOLVED]).sum()),
-        "found": int(numbers.get(FOUND, 0)),
-        "unresolved": len(short),
+        "true": int(counts.reindex([FOUND, MISSED, UNRESOLVED]).sum()),
+        "found": int(counts.get(FOUND, 0)),
+        "unresolved": len(unresolved),
         "shortest": shortest,
-        "invented": int(numbers.get(INVENTED, 0)),
+        "invented": int(counts.get(INVENTED, 0)),
     }
 
 
 def _jumps(judged: Judgement) -> list[dict[str, object]]:
-    """Numbers of jumps of each effort, and the one that is most off, of those that the table shows."""
+    """Return for each effort the numbers of its jumps, and the jump with the largest error in the table."""
     table = judged.tables["jumps"]
-    found = []
+    efforts: list[dict[str, object]] = []
     for effort, rows in table.groupby("effort", sort=False):
         read = rows[rows["resolved"]]
         worst: Row | None = None
         if len(read):
             worst = row_of("jumps", table, read["jump_error"].abs().idxmax())
-        found.append(
+        is_too_close = ~rows["readable"] & ~rows["resolved"]
+        efforts.append(
             {
                 "effort": effort,
                 "unit": unit_of(str(effort), judged.scene),
                 "true": len(rows),
                 "read": len(read),
                 "worst": worst,
-                "too_close": int((~rows["readable"] & ~rows["resolved"]).sum()),
+                "too_close": int(is_too_close.sum()),
             }
         )
-    return found
+    return efforts
 
 
 def _not_judged(judged: Judgement) -> dict[str, object]:
-    """True for each question that the table has no columns for; `energy` has the columns that are missing."""
+    """Return which questions are not answered because columns are missing; of ``energy``, the missing columns."""
     scene, run = judged.scene, judged.trajectory
-    slips = any(
+    has_slip = any(
         f"{guide}.{label}" in run
         for guide in scene.frictional_guides
         for label in ("slip_velocity", "mode")
     )
-    efforts = any(f"{drive}.effort" in run for drive in scene.drives)
+    has_effort = any(name in run for name in _effort_columns(judged))
     summary = judged.tables["summary"]
     is_balanced = "energy_error" in summary or "completed_energy_error" in summary
     missing = [name for name in needed_columns(scene) if name not in judged.table.columns]
     return {
-        "stick_phases": bool(scene.frictional_guides) and not slips,
-        "jumps": bool(scene.frictional_guides and scene.drives) and not efforts,
+        "stick_phases": bool(scene.frictional_guides) and not has_slip,
+        "jumps": bool(scene.frictional_guides and scene.drives) and not has_effort,
         "drift": "drift.position" not in run,
         "energy": [] if is_balanced else missing,
     }
 
 
 def _unknown(judged: Judgement) -> list[str]:
-    """Columns that the truth does not have."""
+    """Return the columns that the truth does not have.
+
+    Modes and residuals of the constraints are no such columns: stick phases and drift are judged instead.
+    """
     if judged.truth.tier == Tier.NONE:
         return []
-    known = set(judged.tables["errors"]["column"])
-    return [
-        name
-        for name in judged.table.columns
-        if name not in known and not name.endswith(".mode") and not name.startswith("drift.")
-    ]
+    modes = {f"{guide}.mode" for guide in judged.scene.guides}
+    judged_elsewhere = {*judged.tables["errors"]["column"], *modes, *RESIDUALS}
+    return [name for name in judged.table.columns if name not in judged_elsewhere]
 
 
 def _undetermined(judged: Judgement) -> list[str]:
-    """Columns that the motion and Coulomb's law leave open."""
+    """Return the columns that the motion and Coulomb's law do not determine."""
     table = judged.tables["errors"]
     return list(table.loc[table["measure"] == UNDETERMINED, "column"])
 
 
 def _tables(judged: Judgement) -> Iterator[TableView]:
+    """Yield the tables of errors, stick phases and jumps that have rows."""
     errors = judged.tables["errors"]
     columns = (
         Column("column"),
@@ -279,18 +311,8 @@ def _tables(judged: Judgement) -> Iterator[TableView]:
         Column("hint"),
     )
     views = (
-        view(
-            "worst",
-            judged.worst,
-            columns,
-            source="errors",
-            in_report=False,
-        ),
-        view(
-            "errors",
-            errors,
-            columns,
-        ),
+        view("worst", judged.worst, columns, source="errors", in_report=False),
+        view("errors", errors, columns),
         view(
             "stick-phases",
             judged.tables["stick-phases"],
@@ -320,56 +342,65 @@ def _tables(judged: Judgement) -> Iterator[TableView]:
             ),
         ),
     )
-    yield from (one for one in views if len(one.frame))
+    yield from (table for table in views if len(table.frame))
 
 
 def _figures(judged: Judgement) -> Iterator[Chart]:
+    """Yield the figure of a judgement, unless there is no truth or no column to draw."""
     if judged.truth.tier == Tier.NONE:
         return
-    true = judged.tables["stick-phases"].query("verdict != @INVENTED")
-    shades = list(zip(true["begin"], true["end"]))
-    panels = [*_differences(judged), *_both(judged, shades)]
+    phases = judged.tables["stick-phases"]
+    true_phases = phases[phases["verdict"] != INVENTED]
+    shades = list(zip(true_phases["begin"], true_phases["end"]))
+    panels = [*_differences(judged), *_compared_columns(judged, shades)]
     if panels:
         yield Chart("judgement", panels, 1, share_x=True)
 
 
 def _differences(judged: Judgement) -> Iterator[Panel]:
-    """The positions with the largest errors: the largest difference from the truth in each of `DRAWN` parts of time."""
-    run, known = judged.trajectory, judged.truth(judged.trajectory.t)
+    """Yield a panel with the differences of positions from the truth, of those with the largest errors.
+
+    The time is divided into at most `LINE_SAMPLES` parts, and each part is represented by its largest difference.
+    """
+    run = judged.trajectory
+    true = judged.truth(run.t)
     errors = judged.tables["errors"]
+    positions = errors[errors["unit"] == "m"].nlargest(MAX_POSITIONS, "error")["column"]
     series = []
-    for name in errors[errors["unit"] == "m"].nlargest(LINES, "error")["column"]:
-        off = pd.Series(np.abs(run[name] - known[name]))
-        top = off.groupby(np.arange(len(off)) * DRAWN // len(off)).idxmax().to_numpy()
-        top = top[off[top] > 0]  # a logarithmic axis has no zero
-        series.append(Series(name, run.t[top], off[top].to_numpy(), look=name))
-    if any(len(one.x) for one in series):
+    for name in positions:
+        differences = pd.Series(np.abs(run[name] - true[name]))
+        part_of_row = np.arange(len(differences)) * LINE_SAMPLES // len(differences)
+        largest = differences.groupby(part_of_row).idxmax().to_numpy()
+        # A logarithmic axis has no zero.
+        largest = largest[differences[largest] > 0]
+        series.append(Series(name, run.t[largest], differences[largest].to_numpy(), look=name))
+    if any(len(line.x) for line in series):
         yield Panel("positions", Axis("time [s]"), Axis("difference [m]", log=True), series)
 
 
-def _both(judged: Judgement, shades: Sequence[tuple[float, float]]) -> Iterator[Panel]:
-    """Slip velocities and efforts of the table, at some of its rows, and of the truth."""
-    run, known = judged.trajectory, judged.truth(judged.trajectory.t)
-    t = np.linspace(run.t[0], run.t[-1], DRAWN)
-    some = slice(None, None, -(-len(run.t) // POINTS))
+def _compared_columns(judged: Judgement, shades: Sequence[tuple[float, float]]) -> Iterator[Panel]:
+    """Yield a panel for each slip velocity and effort: some rows of the table as points, the truth as a line."""
+    run = judged.trajectory
+    true = judged.truth(run.t)
+    t = np.linspace(run.t[0], run.t[-1], LINE_SAMPLES)
+    stride = -(-len(run.t) // TABLE_POINTS)
     labels = {
         f"{guide}.slip_velocity": "slip velocity [m/s]" for guide in judged.scene.frictional_guides
     }
-    for drive in judged.scene.drives:
-        effort = f"{drive}.effort"
+    for effort in _effort_columns(judged):
         labels[effort] = f"effort [{unit_of(effort, judged.scene)}]"
     for name, label in labels.items():
-        if name not in known or name not in run:
+        if name not in true or name not in run:
             continue
         times, values = truth_over_time(judged.truth, name, t)
-        table = Series(
+        points = Series(
             "table",
-            run.t[some],
-            run[name][some],
+            run.t[::stride],
+            run[name][::stride],
             look="table",
             line=False,
             points=True,
             hollow=True,
         )
-        series = [Series("truth", times, values, look=TRUTH), table]
+        series = [Series("truth", times, values, look=TRUTH), points]
         yield Panel(name, Axis("time [s]"), Axis(label), series, shades=shades)

@@ -26,11 +26,11 @@ from stiction.truths import Tier, Truth
 from stiction.truths.proof.truth import certificate_of
 
 FORMAT = "stiction truth"
-"""What `ABOUT` says of the kind of folder."""
+"""Value of the key ``format`` in `ABOUT`, which identifies such a folder."""
 VERSION = 1
 """Version of the format; a folder of another version is not read."""
 ABOUT = "truth.json"
-"""File that says where a truth comes from and how uncertain it is."""
+"""File with the origin of a truth and its uncertainties."""
 SCENE = "scene.json"
 """File of the resolved scene."""
 MOTION = "truth.parquet"
@@ -39,22 +39,23 @@ EVENTS = "events.csv"
 """File of the events."""
 SUMS = "SHA256SUMS"
 """File of the checksums of all other files."""
-INTERVALS = 1200
+MIN_INTERVALS = 1200
 """Least number of intervals between the rows of a motion."""
-FEWEST = 8
+MIN_PIECE_INTERVALS = 8
 """Least number of intervals in each smooth piece of a motion, however short it is."""
-DISTANCE = 0.02
-"""Largest interval between two rows, seconds."""
-SHARES = (0.28, 0.5, 0.72)
-"""Parts of an interval at which the error of the interpolation is measured. The error of a polynomial of degree five
-for the position has the shape s^3 (1 - s)^3, which is largest at 0.5. Its derivative, the error of the velocity, is
-largest at 0.5 -+ 0.5 / sqrt(5), about 0.28 and 0.72. At 0.5 the error of a cubic spline, s^2 (1 - s)^2, is largest."""
+MAX_INTERVAL_S = 0.02
+"""Largest interval between two rows, s."""
+ERROR_PLACES = (0.28, 0.5, 0.72)
+"""Fractions of an interval at which the error of the interpolation is measured. The error of a polynomial of degree
+five for the position has the shape s^3 (1 - s)^3, which is largest at 0.5. Its derivative, the error of the velocity,
+is largest at 0.5 -+ 0.5 / sqrt(5), about 0.28 and 0.72. The error of a cubic spline, s^2 (1 - s)^2, is largest at
+0.5."""
 SAFETY = 2.0
 """Factor on the measured error of the interpolation."""
 
 
 class TruthFolderError(FileError):
-    """A folder does not contain a truth, or its files were changed."""
+    """Raised if a folder does not contain a truth, or if its files were changed."""
 
 
 def write_truth(scene: Scene, truth: Truth, folder: Path) -> dict[str, Any]:
@@ -75,11 +76,12 @@ def write_truth(scene: Scene, truth: Truth, folder: Path) -> dict[str, Any]:
         "uncertainty": {name: float(value) for name, value in truth.uncertainty.items()},
         "uncertainty between rows": _interpolation_errors(truth, frame),
     }
-    for name, text in {
+    texts = {
         SCENE: resolved_text(scene),
         "scene.toml": scene_to_toml(scene),
         ABOUT: json.dumps(about, indent=1) + "\n",
-    }.items():
+    }
+    for name, text in texts.items():
         (folder / name).write_text(text, encoding="utf-8")
     scene.draw().write(folder / "scene.svg")
     frame.to_csv(folder / "truth.csv", index=False)
@@ -94,19 +96,19 @@ def write_truth(scene: Scene, truth: Truth, folder: Path) -> dict[str, Any]:
 
 def _interpolation_errors(truth: Truth, frame: pd.DataFrame) -> dict[str, float]:
     """Return for each column the largest error between the rows of a motion, times `SAFETY`."""
-    t = frame["t"].to_numpy()
-    between = np.unique(np.concatenate([t[:-1] + share * np.diff(t) for share in SHARES]))
-    true = truth(between)
-    found = interpolated(frame)(between, "after")
+    rows = frame["t"].to_numpy()
+    t = np.unique(np.concatenate([rows[:-1] + place * np.diff(rows) for place in ERROR_PLACES]))
+    true = truth(t)
+    interpolation = interpolated(frame)(t, "after")
     return {
-        name: SAFETY * float(np.max(np.abs(true[name] - found[name])))
+        name: SAFETY * float(np.max(np.abs(true[name] - interpolation[name])))
         for name in true
         if name in frame
     }
 
 
 def is_truth_folder(name: str | Path) -> bool:
-    """Return True for a folder whose path is not also the name of a scene of the catalogue."""
+    """Return True if a name is the path of a folder, and not also the name of a scene of the catalogue."""
     # The path of an empty name would be the working folder.
     if not str(name) or str(name) in (*catalogue(), *catalogue("hard")):
         return False
@@ -119,7 +121,7 @@ def read_truth(folder: Path) -> tuple[Scene, Truth]:
     Raises
     ------
     TruthFolderError
-        If files are absent or were changed, or the format is another one; with all that is wrong.
+        If files are absent or were changed, or if the folder has another format. The error lists all problems.
     """
     problems = _file_problems(folder)
     if problems:
@@ -133,7 +135,7 @@ def read_truth(folder: Path) -> tuple[Scene, Truth]:
 
 
 def _file_problems(folder: Path) -> list[Problem]:
-    """Return the files of a folder that are absent or do not have their checksum."""
+    """Return a problem for each file of a folder that is absent or does not have its checksum."""
     if not (folder / ABOUT).is_file():
         expected = "expected the folder of a scene"
         # The folder may be that of a whole data set, with a folder for each scene.
@@ -141,13 +143,14 @@ def _file_problems(folder: Path) -> list[Problem]:
         if inside:
             expected += f", such as {inside[0].parent}"
         return [Problem(ABOUT, "no such file", expected)]
-    listed: set[str] = set()
+    checksum_lines: set[str] = set()
     if (folder / SUMS).is_file():
-        listed.update((folder / SUMS).read_text(encoding="utf-8", errors="replace").splitlines())
+        text = (folder / SUMS).read_text(encoding="utf-8", errors="replace")
+        checksum_lines.update(text.splitlines())
     problems = []
     for name in (ABOUT, SCENE, MOTION, EVENTS):
         path = folder / name
-        if not path.is_file() or _checksum_line(path, folder) not in listed:
+        if not path.is_file() or _checksum_line(path, folder) not in checksum_lines:
             problems.append(
                 Problem(
                     name,
@@ -159,10 +162,11 @@ def _file_problems(folder: Path) -> list[Problem]:
 
 
 def _format_problems(about: Mapping[str, Any]) -> list[Problem]:
-    """Return what is wrong with the format and its version."""
+    """Return a problem for a wrong format, and one for a wrong version of it."""
+    expected_values = {"format": FORMAT, "version": VERSION}
     return [
         Problem(key, shown(about.get(key)), f"expected {shown(expected)}")
-        for key, expected in (("format", FORMAT), ("version", VERSION))
+        for key, expected in expected_values.items()
         if about.get(key) != expected
     ]
 
@@ -195,27 +199,26 @@ def motion_frame(truth: Truth) -> pd.DataFrame:
 
     Rows are at equal distances on each smooth piece. Each event has two rows, before and after it.
     """
-    ends = np.unique([0.0, *(event.time for event in truth.events), truth.t_end])
-    distance = min(truth.t_end / INTERVALS, DISTANCE)
-    counts = np.maximum(FEWEST, np.ceil(np.diff(ends) / distance)).astype(int)
-    inner = [
-        np.linspace(begin, end, count + 1)[1:-1]
-        for begin, end, count in zip(ends, ends[1:], counts)
-    ]
-    t = np.setdiff1d(
-        np.concatenate([[0.0, truth.t_end], *inner]), [event.time for event in truth.events]
-    )
+    event_times = [event.time for event in truth.events]
+    ends = np.unique([0.0, *event_times, truth.t_end])
+    distance = min(truth.t_end / MIN_INTERVALS, MAX_INTERVAL_S)
+    counts = np.maximum(MIN_PIECE_INTERVALS, np.ceil(np.diff(ends) / distance)).astype(int)
+    times = [np.array([0.0, truth.t_end])]
+    for begin, end, count in zip(ends, ends[1:], counts):
+        times.append(np.linspace(begin, end, count + 1)[1:-1])
+    # `with_sides` adds the rows of the events.
+    t = np.setdiff1d(np.concatenate(times), event_times)
     return with_sides(pd.DataFrame({"t": t, **truth(t)}), truth.events)
 
 
 def write_sums(folder: Path) -> None:
     """Write `SUMS` for all files in a folder and below it, as ``sha256sum --check`` reads them."""
     files = sorted(path for path in folder.rglob("*") if path.is_file() and path != folder / SUMS)
-    (folder / SUMS).write_text(
-        "".join(f"{_checksum_line(path, folder)}\n" for path in files), encoding="utf-8"
-    )
+    lines = [f"{_checksum_line(path, folder)}\n" for path in files]
+    (folder / SUMS).write_text("".join(lines), encoding="utf-8")
 
 
 def _checksum_line(path: Path, folder: Path) -> str:
-    """Return the line of a file of the folder in `SUMS`."""
-    return f"{hashlib.sha256(path.read_bytes()).hexdigest()}  {path.relative_to(folder).as_posix()}"
+    """Return the line of `SUMS` for a file of the folder: its SHA-256 and its path in the folder."""
+    checksum = hashlib.sha256(path.read_bytes()).hexdigest()
+    return f"{checksum}  {path.relative_to(folder).as_posix()}"

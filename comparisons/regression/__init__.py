@@ -1,1 +1,1 @@
-"""What changed since before: baselines, checks, nights and their history."""
+"""Regressions: baselines, checks of changes, nightly runs and their history."""

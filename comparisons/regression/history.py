@@ -54,9 +54,13 @@ from stiction.scenes.atomic_files import NotWritten
 from stiction.truths import Tier
 
 PRIMARY_CODE = 0xFF
-"""Bits of SQLite's extended codes of errors that are the code of the kind."""
+"""Bits of an extended error code of SQLite that contain the primary code, the kind of the error."""
 FORMAT = 2
-"""``PRAGMA user_version`` of the file."""
+"""Version of the format, ``PRAGMA user_version`` of the file."""
+TIMEOUT_S = 60.0
+"""Time for which a process waits while another one writes to the file, s."""
+AFTER_ALL_NIGHTS = "~"
+"""A name that follows all nights in their order: nights begin with a digit."""
 
 _SCHEMA = f"""
 CREATE TABLE nights (
@@ -77,31 +81,49 @@ CREATE VIEW history AS
 PRAGMA user_version = {FORMAT};
 """
 NO_DRAW = "identity NOT LIKE 'random; %'"
-"""Condition on runs: older histories also hold scenes that a night drew at random, which nothing
-reads any more."""
-_RUN = "key, identity, scene, variant, engine, version, fidelity, parameter, step, status, reason"
-"""Columns of a run that are fields of a `Row` of the same names, before its settings."""
+"""Condition on runs: older histories also contain randomly generated scenes, which are ignored."""
+_RUN_COLUMNS = (
+    "key",
+    "identity",
+    "scene",
+    "variant",
+    "engine",
+    "version",
+    "fidelity",
+    "parameter",
+    "step",
+    "status",
+    "reason",
+)
+"""Columns of the table of runs that are fields of a `Row`, with the same names and in the same order."""
 
 
 class HistoryRefused(StictionError):
-    """The file is no history, or one of another format."""
+    """Raised if a file is no history, or one of another format."""
 
 
 class History:
-    """An open history; see the module for what is in it."""
+    """An open history, whose content is described in the docstring of the module."""
 
     def __init__(self, connection: sqlite3.Connection):
         self._connection = connection
 
     @property
     def connection(self) -> sqlite3.Connection:
-        """The connection, to read tables by queries of one's own."""
+        """The connection to the database, for other queries."""
         return self._connection
 
     def begin(self, campaign: str, digest: str, origin: Mapping[str, Any]) -> str:
-        """Return the night to go on with: the last one, if it was cut off with the same digest, else a new one.
+        """Return the night to which runs are added: the last one if it was interrupted, or else a new one.
 
-        The digest stands for all that the numbers depend on; `origin` is that of `environment.origin`.
+        Parameters
+        ----------
+        campaign
+            Name of the campaign.
+        digest
+            Digest of all that the numbers depend on. An interrupted night with another digest is not resumed.
+        origin
+            The `environment.origin` of the numbers.
         """
         last = self._connection.execute(
             "SELECT night, digest, finished FROM nights ORDER BY night DESC LIMIT 1"
@@ -124,30 +146,36 @@ class History:
         return night
 
     def append(self, night: str, row: Row) -> None:
-        """Add a run and its numbers, all or nothing; `sqlite3.IntegrityError` if the night has the run already."""
-        fields = [getattr(row, name) for name in _RUN.split(", ")]
+        """Add a run and all of its numbers to a night in one transaction.
+
+        Raises
+        ------
+        sqlite3.IntegrityError
+            If the night already has the run.
+        """
+        fields = [getattr(row, name) for name in _RUN_COLUMNS]
         settings = None if row.settings is None else json.dumps(row.settings, default=str)
-        with self._connection:
-            self._connection.execute(
-                f"INSERT INTO runs VALUES ({', '.join('?' * 13)})", (night, *fields, settings)
+        run = (night, *fields, settings)
+        metrics = [
+            (
+                night,
+                row.key,
+                metric.name,
+                metric.kind,
+                metric.value,
+                metric.uncertainty,
+                metric.tier,
             )
+            for metric in row.metrics
+        ]
+        with self._connection:
+            self._connection.execute(f"INSERT INTO runs VALUES ({', '.join('?' * len(run))})", run)
             self._connection.executemany(
-                "INSERT INTO metrics VALUES (?, ?, ?, ?, ?, ?, ?)",
-                [
-                    (
-                        night,
-                        row.key,
-                        metric.name,
-                        metric.kind,
-                        metric.value,
-                        metric.uncertainty,
-                        metric.tier,
-                    )
-                    for metric in row.metrics
-                ],
+                "INSERT INTO metrics VALUES (?, ?, ?, ?, ?, ?, ?)", metrics
             )
 
     def finish(self, night: str, verdict: str) -> None:
+        """Mark a night as finished, with its verdict."""
         with self._connection:
             self._connection.execute(
                 "UPDATE nights SET finished = ?, verdict = ? WHERE night = ?",
@@ -155,129 +183,160 @@ class History:
             )
 
     def rows(self, night: str) -> list[Row]:
-        """Return the rows that the night has so far, in the order in which they were added."""
+        """Return the rows of a night so far, in the order in which they were added."""
         return self._rows("night = ?", night)
 
     def first(self, identity: str, before: str) -> tuple[str, Row] | None:
-        """Return the first finished night before another one in which a run of an identity succeeded or was refused.
+        """Return the first night in which a run succeeded or was refused, and its row; None if there is none.
 
-        With it comes the row of the run, whatever its name.
+        Parameters
+        ----------
+        identity
+            Identity of the run, whose key may have been another one.
+        before
+            Only finished nights before this one are considered.
         """
-        found = self._connection.execute(
+        first = self._connection.execute(
             "SELECT night, key FROM runs JOIN nights USING (night) WHERE identity = ? AND night < ? "
             "AND finished IS NOT NULL AND status IN (?, ?) ORDER BY night LIMIT 1",
             (identity, before, Status.OK, Status.REFUSED),
         ).fetchone()
-        return None if found is None else (found[0], self._rows("night = ? AND key = ?", *found)[0])
+        if first is None:
+            return None
+        night, key = first
+        [row] = self._rows("night = ? AND key = ?", night, key)
+        return night, row
 
-    def _rows(self, where: str, *values: str) -> list[Row]:
-        metrics: dict[str, list[tuple[Any, ...]]] = {}
+    def _rows(self, condition: str, *values: str) -> list[Row]:
+        """Return the rows of the runs that satisfy an SQL condition with these values."""
+        # Runs that are ignored may have tiers that do not exist any more: only numbers of runs
+        # that are returned become metrics.
+        numbers_of: dict[str, list[tuple[Any, ...]]] = {}
         numbers = self._connection.execute(
-            f"SELECT key, metric, kind, value, uncertainty, tier FROM metrics WHERE {where} ORDER BY rowid",
+            f"SELECT key, metric, kind, value, uncertainty, tier FROM metrics WHERE {condition} "
+            "ORDER BY rowid",
             values,
         )
-        for key, *metric in numbers:
-            metrics.setdefault(key, []).append(metric)
+        for key, *number in numbers:
+            numbers_of.setdefault(key, []).append(tuple(number))
         runs = self._connection.execute(
-            f"SELECT {_RUN}, settings FROM runs WHERE {where} AND {NO_DRAW} ORDER BY rowid", values
+            f"SELECT {', '.join(_RUN_COLUMNS)}, settings FROM runs WHERE {condition} AND {NO_DRAW} "
+            "ORDER BY rowid",
+            values,
         )
-        return [
-            Row(
-                *(
-                    *run,
-                    Status(status),
-                    reason,
-                    settings and json.loads(settings),
-                    tuple(
-                        Metric(*(*metric, Tier(tier))) for *metric, tier in metrics.get(run[0], ())
-                    ),
-                )
+        rows = []
+        for *fields, settings in runs:
+            run = dict(zip(_RUN_COLUMNS, fields, strict=True))
+            run["status"] = Status(run["status"])
+            run["settings"] = None if settings is None else json.loads(settings)
+            metrics = tuple(
+                Metric(name, kind, value, uncertainty, Tier(tier))
+                for name, kind, value, uncertainty, tier in numbers_of.get(run["key"], ())
             )
-            for *run, status, reason, settings in runs
-        ]
+            rows.append(Row(**run, metrics=metrics))
+        return rows
 
     def origin(self, night: str) -> dict[str, Any]:
-        """Return the `environment.origin` of its numbers."""
-        return json.loads(
-            self._connection.execute(
-                "SELECT origin FROM nights WHERE night = ?", (night,)
-            ).fetchone()[0]
-        )
+        """Return the `environment.origin` of the numbers of a night."""
+        [text] = self._connection.execute(
+            "SELECT origin FROM nights WHERE night = ?", (night,)
+        ).fetchone()
+        return json.loads(text)
 
     def engines(self, night: str) -> dict[str, str]:
-        """Return the versions of engines by name: of each in its last night up to this one in which it ran.
+        """Return the versions of engines by name, each in the last night up to `night` in which it ran.
 
-        A run that fails states no version. So an engine that crashes for some nights is compared with what it was
-        before.
+        A run that fails does not state a version. An engine that crashes for some nights is therefore compared with its
+        version before.
         """
-        last: dict[str, str] = {}
         stated = self._connection.execute(
             "SELECT DISTINCT night, engine, version FROM runs "
             "WHERE version IS NOT NULL AND night <= ? ORDER BY night, rowid",
             (night,),
         ).fetchall()
-        for when, engine, _ in stated:
-            last[engine] = when
+        last_night = {engine: stated_in for stated_in, engine, _ in stated}
         return engine_versions(
-            (engine, version) for when, engine, version in stated if when == last[engine]
+            (engine, version)
+            for stated_in, engine, version in stated
+            if stated_in == last_night[engine]
         )
 
-    def finished_before(self, night: str = "~") -> str | None:
-        """Return the last night before another one that is finished."""
-        return self._connection.execute(
+    def finished_before(self, night: str = AFTER_ALL_NIGHTS) -> str | None:
+        """Return the last finished night before another one, or None."""
+        [last] = self._connection.execute(
             "SELECT max(night) FROM nights WHERE finished IS NOT NULL AND night < ?", (night,)
-        ).fetchone()[0]
+        ).fetchone()
+        return last
 
     def last_finished(self) -> str | None:
-        return self._connection.execute(
-            "SELECT max(night) FROM nights WHERE finished IS NOT NULL"
-        ).fetchone()[0]
+        """Return the last finished night, or None."""
+        return self.finished_before(AFTER_ALL_NIGHTS)
 
-    def times(self, conditions: str, night: str = "~") -> dict[tuple[str, str], list[float]]:
-        """Return times of finished nights before `night`, oldest first, by identity and engine of the run."""
-        found: dict[tuple[str, str], list[float]] = {}
-        for identity, engine, value in self._connection.execute(
+    def times(
+        self, conditions: str, night: str = AFTER_ALL_NIGHTS
+    ) -> dict[tuple[str, str], list[float]]:
+        """Return the times of finished nights before `night`, oldest first, by identity and engine of the run.
+
+        Only times under the same `environment.conditions` are returned.
+        """
+        numbers = self._connection.execute(
             "SELECT identity, engine, value FROM history WHERE kind = 'time' AND metric = ? AND machine = ? "
             "AND finished IS NOT NULL AND night < ? ORDER BY night",
             (TIME, conditions, night),
-        ):
-            found.setdefault((identity, engine), []).append(value)
-        return found
+        )
+        times: dict[tuple[str, str], list[float]] = {}
+        for identity, engine, value in numbers:
+            times.setdefault((identity, engine), []).append(value)
+        return times
 
 
 @contextmanager
 def open_history(path: Path, write: bool = True) -> Iterator[History]:
-    """Open the history in a file, made if it is not there.
+    """Open the history in a file, which is created if it does not exist and `write` is True.
 
-    Raises `HistoryRefused` if the file cannot be used, and `NotWritten` if the disk is full: what is in there stays.
+    Raises
+    ------
+    HistoryRefused
+        If the file cannot be used.
+    NotWritten
+        If the disk is full. What has been written before is kept.
     """
     if path.is_dir():
         raise HistoryRefused(
             f"{path}: found a folder; expected the file of a history, such as "
             f"{path / 'history.sqlite'}"
         )
-    address = f"{path.absolute().as_uri()}?mode={'rwc' if write else 'ro'}"
+    mode = "rwc" if write else "ro"
+    address = f"{path.absolute().as_uri()}?mode={mode}"
     try:
-        with closing(sqlite3.connect(address, uri=True, timeout=60.0)) as connection:
+        with closing(sqlite3.connect(address, uri=True, timeout=TIMEOUT_S)) as connection:
             _prepare(path, connection, write)
             yield History(connection)
     except sqlite3.OperationalError as error:
-        if error.sqlite_errorcode & PRIMARY_CODE in (sqlite3.SQLITE_FULL, sqlite3.SQLITE_IOERR):
+        code = error.sqlite_errorcode & PRIMARY_CODE
+        if code in (sqlite3.SQLITE_FULL, sqlite3.SQLITE_IOERR):
             raise NotWritten(path, OSError(str(error))) from error
         raise HistoryRefused(f"{path}: {error}") from error
 
 
 def _prepare(path: Path, connection: sqlite3.Connection, write: bool) -> None:
+    """Create the tables of a new file, or check the format of an existing one; then set the options.
+
+    Raises
+    ------
+    HistoryRefused
+        If the file is no history, or one of another format.
+    """
     try:
-        found = connection.execute("PRAGMA user_version").fetchone()[0]
-        empty = not connection.execute("SELECT count(*) FROM sqlite_schema").fetchone()[0]
-        if empty and write:
+        [version] = connection.execute("PRAGMA user_version").fetchone()
+        [tables] = connection.execute("SELECT count(*) FROM sqlite_schema").fetchone()
+        if tables == 0 and write:
             connection.execute("PRAGMA journal_mode = WAL")
             connection.executescript(f"BEGIN; {_SCHEMA} COMMIT;")
-        elif found != FORMAT:
-            what = "an empty file" if empty else f"a database of format {found}"
+        elif version != FORMAT:
+            content = "an empty file" if tables == 0 else f"a database of format {version}"
             raise HistoryRefused(
-                f"{path}: found {what}; expected a history of format {FORMAT}, or no file"
+                f"{path}: found {content}; expected a history of format {FORMAT}, or no file"
             )
         connection.execute("PRAGMA synchronous = FULL")
         connection.execute("PRAGMA foreign_keys = ON")
@@ -286,4 +345,5 @@ def _prepare(path: Path, connection: sqlite3.Connection, write: bool) -> None:
 
 
 def _now() -> str:
+    """Return the current time in UTC, as it names a night: ISO 8601 with milliseconds."""
     return datetime.now(UTC).isoformat(timespec="milliseconds").replace("+00:00", "Z")

@@ -1,24 +1,30 @@
-"""What differs between two nights besides their numbers: versions of engines and packages, the machine, the commit."""
+"""Differences between the environments of two nights: versions of engines and packages, the machine and the commit."""
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from itertools import chain
 from typing import Any
 
 ABSENT = "none"
-"""Stands for a version that one of two nights does not have."""
-COMMIT_SIGNS = 12
-"""Signs of a commit that tell it from others."""
+"""Written in place of a version that one of two nights does not have."""
+COMMIT_DIGITS = 12
+"""Number of digits of a commit that are written; they identify it."""
 
 
 def engine_versions(versions: Iterable[tuple[str, str | None]]) -> dict[str, str]:
-    """Return the versions of engines by name, from pairs of both in the runs of a night."""
-    found: dict[str, list[str]] = {}
+    """Return the versions of engines by name, from pairs of name and version; pairs without a version are ignored.
+
+    Different versions of one engine are joined by "and".
+    """
+    versions_of: dict[str, list[str]] = {}
     for engine, version in versions:
-        if version is not None and version not in found.setdefault(engine, []):
-            found[engine].append(version)
-    return {engine: " and ".join(several) for engine, several in found.items() if several}
+        if version is None:
+            continue
+        known = versions_of.setdefault(engine, [])
+        if version not in known:
+            known.append(version)
+    return {engine: " and ".join(several) for engine, several in versions_of.items()}
 
 
 def environment_changes(
@@ -27,41 +33,47 @@ def environment_changes(
     engines_before: Mapping[str, str],
     engines_now: Mapping[str, str],
 ) -> list[str]:
-    """Return what changed from one night to another, as ``"numba 0.61.0 -> 0.62.1"``.
+    """Return what changed from one night to another, for example ``"numba 0.61.0 -> 0.62.1"``.
 
-    `before` and `now` are what `bench.environment.origin` returned. An engine that has runs in one of
-    the nights only is no change of its version.
+    Parameters
+    ----------
+    before, now
+        The `bench.environment.origin` of both nights.
+    engines_before, engines_now
+        Versions of the engines by name. An engine that only one of the nights has does not count as changed.
     """
-    both = {
-        name: (version, engines_now[name])
-        for name, version in engines_before.items()
-        if name in engines_now
-    }
     pairs = chain(
-        both.items(),
-        _pairs(before, now, "versions"),
-        _pairs(before, now, "machine"),
-        [("commit", (_short(before.get("commit")), _short(now.get("commit"))))],
+        _engine_pairs(engines_before, engines_now),
+        _pairs(before.get("versions", {}), now.get("versions", {})),
+        _pairs(before.get("machine", {}), now.get("machine", {})),
+        [("commit", _short(before.get("commit")), _short(now.get("commit")))],
     )
-    found: dict[str, str] = {}
-    for name, (old, new) in pairs:
-        if old != new:
-            found.setdefault(name, f"{name} {old} -> {new}")
-    return list(found.values())
+    changes: dict[str, str] = {}
+    for name, old, new in pairs:
+        # An engine may also be listed among the packages: its first entry counts.
+        if old != new and name not in changes:
+            changes[name] = f"{name} {old} -> {new}"
+    return list(changes.values())
 
 
-def _pairs(
-    before: Mapping[str, Any], now: Mapping[str, Any], part: str
-) -> list[tuple[str, tuple[str, str]]]:
-    old, new = before.get(part, {}), now.get(part, {})
-    return [
-        (name, (str(old.get(name, ABSENT)), str(new.get(name, ABSENT)))) for name in {**old, **new}
-    ]
+def _engine_pairs(
+    before: Mapping[str, str], now: Mapping[str, str]
+) -> Iterator[tuple[str, str, str]]:
+    """Yield name and both versions of each engine that both nights have."""
+    for name, version in before.items():
+        if name in now:
+            yield name, version, now[name]
+
+
+def _pairs(before: Mapping[str, Any], now: Mapping[str, Any]) -> Iterator[tuple[str, str, str]]:
+    """Yield name and both values of each entry that one of the nights has."""
+    for name in {**before, **now}:
+        yield name, str(before.get(name, ABSENT)), str(now.get(name, ABSENT))
 
 
 def _short(commit: str | None) -> str:
-    """A hash as short as people write it, with what says that files differ."""
+    """Return a commit with `COMMIT_DIGITS`, and with the suffix that tells that files differ from it."""
     if commit is None:
         return "unknown"
-    head, _, rest = commit.partition("-")
-    return head[:COMMIT_SIGNS] + ("-" + rest if rest else "")
+    digits, hyphen, suffix = commit.partition("-")
+    return digits[:COMMIT_DIGITS] + hyphen + suffix

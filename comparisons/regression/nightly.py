@@ -1,4 +1,7 @@
-"""A campaign run to its end whatever happens: every night into the history, or now as a check of a change."""
+"""Runs of a campaign as a night, which is stored in a history, or as a check of a change.
+
+Both come to an end even if runs fail, hang or terminate their processes.
+"""
 
 from __future__ import annotations
 
@@ -30,11 +33,16 @@ from stiction.comparisons.regression.check import (
     SESSIONS,
     Finding,
     Times,
-    compared,
+    count_compared,
     findings,
     verdict,
 )
-from stiction.comparisons.regression.history import History, HistoryRefused, open_history
+from stiction.comparisons.regression.history import (
+    AFTER_ALL_NIGHTS,
+    History,
+    HistoryRefused,
+    open_history,
+)
 from stiction.comparisons.regression.measurement import task_of
 from stiction.comparisons.regression.night_changes import engine_versions, environment_changes
 from stiction.comparisons.regression.older_code import times_in_turns
@@ -47,6 +55,7 @@ from stiction.scenes.atomic_files import make_folder
 from stiction.scenes.digest import digest
 
 HISTORY = "history.sqlite"
+"""Name of the file of the history in its folder."""
 
 OnStart = Callable[[int], None] | None
 """Called with the number of runs."""
@@ -56,11 +65,34 @@ OnRow = Callable[[Row], None] | None
 
 @dataclass(frozen=True)
 class Result:
-    """Rows and findings of a night, or of a ``check``; worst findings first.
+    """The result of a night or a check.
 
-    `compared` runs were compared with something; an interrupted run of the same night had made `resumed` rows.
-    `first_nights` has the nights with which runs without a baseline are compared. `night_before` is the finished night
-    before, empty if there is none, `changed` what is different since then (`night_changes.environment_changes`).
+    Attributes
+    ----------
+    name : str
+        The night, or ``check``.
+    campaign : Campaign
+        The campaign, of which a check may contain a part.
+    rows : tuple of Row
+        The runs, in the order of the campaign.
+    findings : tuple of Finding
+        Differences from the baseline and the history, worst first.
+    verdict : str
+        See `check.verdict`.
+    origin : Mapping
+        Machine, versions and commit (`environment.origin`).
+    compared : int
+        Number of runs that were compared.
+    wall_s : float
+        Duration, s.
+    resumed : int
+        Number of runs that an interrupted call for the same night had made.
+    first_nights : Mapping
+        By key of the run, the night with which a run is compared that the baseline does not have.
+    night_before : str
+        The last finished night before; empty if there is none.
+    changed : tuple of str
+        What has changed in the environment since then (`night_changes.environment_changes`).
     """
 
     name: str
@@ -78,7 +110,7 @@ class Result:
 
 
 class _Spent(Exception):
-    """The campaign has used up its time."""
+    """Raised if the campaign has used up its time."""
 
 
 def run_night(
@@ -91,11 +123,24 @@ def run_night(
     on_start: OnStart = None,
     on_result: OnRow = None,
 ) -> Result:
-    """Run the rest of the last night, if it was cut off, or a new one; each run is in the history as soon as it ended.
+    """Run a night, or the rest of the last one if it was interrupted.
 
-    The history is in `folder`. `publish` is called with the result before the night counts as finished: if it is cut
-    off in there, the next call resumes. On a cluster (`isolated`) no run may be timed. Raises `HistoryRefused` if the
-    history cannot be used, or another night is being written to it.
+    Parameters
+    ----------
+    folder
+        Folder of the history. Each run is stored there as soon as it has ended.
+    publish
+        Called with the result before the night counts as finished. If it is interrupted, the next call resumes the
+        night.
+    isolated
+        How the runs are made; on a cluster, no run may be timed.
+    on_start, on_result
+        Called with the number of runs, and with each row.
+
+    Raises
+    ------
+    HistoryRefused
+        If the history cannot be used, or if another night is being written to it.
     """
     started = time.monotonic()
     make_folder(folder)
@@ -105,28 +150,27 @@ def run_night(
     except Timeout:
         raise HistoryRefused(f"{folder / HISTORY}: another night is being written to it") from None
     with lock, open_history(folder / HISTORY) as history:
+        # Make the runs that the history does not have.
         here = origin()
         night = history.begin(campaign.name, _digest(campaign), here)
-        done = {row.key for row in history.rows(night)}
+        stored = {row.key for row in history.rows(night)}
 
-        def keep(row: Row) -> None:
+        def store(row: Row) -> None:
             history.append(night, row)
             if on_result is not None:
                 on_result(row)
 
-        left = [run for run in campaign.runs if run.key not in done]
-        _measure(left, campaign, isolated, on_start, keep)
-        rows, past = history.rows(night), history.times(here["conditions"], night)
-        times = {}
-        for row in rows:
-            sessions = past.get((row.identity, row.engine), []) + _times(row)
-            if len(sessions) >= SESSIONS and _times(row):
-                times[row.key] = Times(sessions[-SESSIONS:], sessions[:-SESSIONS])
-        known, first_nights = _with_first_nights(baseline, rows, history, night)
+        missing = [run for run in campaign.runs if run.key not in stored]
+        _measure(missing, campaign, isolated, on_start, store)
+
+        # Judge all runs of the night.
+        rows = history.rows(night)
+        times = _times_of_nights(rows, history.times(here["conditions"], night))
+        extended, first_nights = _with_first_nights(baseline, rows, history, night)
         night_before, changed = _since_night_before(history, night, here, rows)
         result = replace(
-            _judged(night, campaign, rows, known, times, here, started),
-            resumed=len(done),
+            _result_of(night, campaign, rows, extended, times, here, started),
+            resumed=len(stored),
             first_nights=first_nights,
             night_before=night_before,
             changed=changed,
@@ -134,6 +178,24 @@ def run_night(
         publish(result)
         history.finish(night, result.verdict)
     return result
+
+
+def _times_of_nights(
+    rows: Iterable[Row], past: Mapping[tuple[str, str], Sequence[float]]
+) -> dict[str, Times]:
+    """Return the times that are judged in a night, by key of the run: those of the last `SESSIONS` nights.
+
+    `past` are the times of earlier nights, oldest first, by identity and engine.
+    """
+    times = {}
+    for row in rows:
+        now = _times(row)
+        if not now:
+            continue
+        sessions = [*past.get((row.identity, row.engine), ()), *now]
+        if len(sessions) >= SESSIONS:
+            times[row.key] = Times(sessions[-SESSIONS:], sessions[:-SESSIONS])
+    return times
 
 
 def run_check(
@@ -146,32 +208,45 @@ def run_check(
     on_start: OnStart = None,
     on_result: OnRow = None,
 ) -> Result:
-    """Run the part of a campaign for checks, or the `whole`.
+    """Check a change by the part of a campaign that is meant for checks.
 
-    Times are compared with those of a file with nights, the `history`, else with the baseline's. They lead to a verdict
-    only against the code before: `control`, its checkout (`older_code.times_in_turns`).
+    Parameters
+    ----------
+    baseline
+        What the runs are compared with.
+    history
+        File of nights with whose times those of the runs are compared; the baseline's if None. The comparison leads to
+        no verdict.
+    control
+        Checkout of the older code against which the times are judged (`older_code.times_in_turns`); they are not judged
+        if None.
+    whole
+        True if all runs of the campaign are to be made.
+    on_start, on_result
+        Called with the number of runs, and with each row.
     """
-    started, here, runs = (
-        time.monotonic(),
-        origin(),
-        campaign.runs if whole else campaign.check_runs,
-    )
-    past: Mapping[tuple[str, str], Sequence[float]] = {}
+    started = time.monotonic()
+    here = origin()
+    runs = campaign.runs if whole else campaign.check_runs
     rows = _measure(runs, campaign, isolate, on_start, on_result)
-    night_before, changed = "", tuple[str, ...]()
+    past: Mapping[tuple[str, str], Sequence[float]] = {}
+    night_before = ""
+    changed: tuple[str, ...] = ()
     if history is not None:
         with open_history(history, write=False) as nights:
             past = nights.times(here["conditions"])
-            night_before, changed = _since_night_before(nights, "~", here, rows)
-    times = {
-        row.key: Times(_times(row), past.get((row.identity, row.engine), ()))
-        for row in rows
-        if _times(row)
-    }
-    timed = [run for run in runs if run.key in times]
-    turns = {} if control is None else times_in_turns(timed, control, campaign.budget.run)
+            night_before, changed = _since_night_before(nights, AFTER_ALL_NIGHTS, here, rows)
+    times = {}
+    for row in rows:
+        now = _times(row)
+        if now:
+            times[row.key] = Times(now, past.get((row.identity, row.engine), ()))
+    turns: Mapping[str, Mapping[str, float] | str] = {}
+    if control is not None:
+        timed = [run for run in runs if run.key in times]
+        turns = times_in_turns(timed, control, campaign.budget.run)
     return replace(
-        _judged("check", campaign, rows, baseline, times, here, started, turns),
+        _result_of("check", campaign, rows, baseline, times, here, started, turns),
         night_before=night_before,
         changed=changed,
     )
@@ -180,31 +255,31 @@ def run_check(
 def _since_night_before(
     history: History, night: str, here: Mapping[str, Any], rows: Sequence[Row]
 ) -> tuple[str, tuple[str, ...]]:
-    """The finished night before a night, and what changed since then; empty where there is none."""
+    """Return the last finished night before a night, and what has changed since then; empty if there is none."""
     before = history.finished_before(night)
     if before is None:
         return "", ()
-    stated = engine_versions((row.engine, row.version) for row in rows)
-    engines = {**_versions(row.engine for row in rows if row.engine not in stated), **stated}
-    return before, tuple(
-        environment_changes(history.origin(before), here, history.engines(before), engines)
-    )
+    engines = engine_versions((row.engine, row.version) for row in rows)
+    engines |= _versions(row.engine for row in rows if row.engine not in engines)
+    changes = environment_changes(history.origin(before), here, history.engines(before), engines)
+    return before, tuple(changes)
 
 
 def _versions(engines: Iterable[str]) -> dict[str, str]:
-    """Return the versions of engines of which no run came out, as they state them; without those that do not."""
-    found = {}
+    """Return the versions that engines state themselves; engines that cannot be loaded are left out."""
+    versions = {}
     for name in dict.fromkeys(engines):
         if name == TRUTH:
             continue
         try:
-            found[name] = load_engine(name).version
+            versions[name] = load_engine(name).version
         except StictionError:
-            continue  # its runs are rows with the reason
-    return found
+            # The rows of its runs contain the reason.
+            continue
+    return versions
 
 
-def _judged(
+def _result_of(
     name: str,
     campaign: Campaign,
     rows: Sequence[Row],
@@ -214,16 +289,17 @@ def _judged(
     started: float,
     turns: Mapping[str, Mapping[str, float] | str] = MappingProxyType({}),
 ) -> Result:
-    found = findings(rows, baseline, campaign.measure, times, here["conditions"], turns)
-    count = compared(rows, baseline)
+    """Return the result of runs that began at the monotonic time `started` (s)."""
+    differences = findings(rows, baseline, campaign.measure, times, here["conditions"], turns)
+    compared_runs = count_compared(rows, baseline)
     return Result(
         name,
         campaign,
         tuple(rows),
-        tuple(found),
-        verdict(found, count),
+        tuple(differences),
+        verdict(differences, compared_runs),
         here,
-        count,
+        compared_runs,
         time.monotonic() - started,
     )
 
@@ -231,44 +307,41 @@ def _judged(
 def measured_rounding(
     campaign: Campaign, rows: Sequence[Row], on_start: OnStart = None, on_result: OnRow = None
 ) -> list[Row]:
-    """Return the rows with the effect of rounding on each number, for which the runs are made again.
+    """Return rows with the effect of rounding on each number, for which the runs are repeated in all `WAYS`.
 
-    They stay as they are where the campaign's time is over first.
+    Rows of runs for which the time of the campaign is not sufficient are returned unchanged.
     """
-    known = {row.key for row in rows if row.metrics}
-    runs = [run for run in campaign.runs if run.variant is not None and run.key in known]
-    again = [replace(run, way=way) for run in runs for way in WAYS]
-    untimed = campaign.model_copy(
-        update={  # so that runs may disturb each other
-            "workers": os.cpu_count() or 1,
-            "measure": tuple(kind for kind in campaign.measure if kind != "time"),
-        }
-    )
-    found: dict[str, list[Row]] = defaultdict(list)
-    for run, row in zip(again, _measure(again, untimed, isolate, on_start, on_result), strict=True):
-        if row.status not in (
-            Status.NOT_RUN,
-            Status.TIMED_OUT,
-            Status.CRASHED,
-        ):
-            # these are of a busy machine, and no rounding
-            found[replace(run, way="").key].append(row)
-    return [with_rounding(row, found[row.key]) for row in rows]
+    keys = {row.key for row in rows if row.metrics}
+    runs = [run for run in campaign.runs if run.variant is not None and run.key in keys]
+    repeated = [replace(run, way=way) for run in runs for way in WAYS]
+    # Without times, runs may disturb each other, and all processors are used.
+    kinds = tuple(kind for kind in campaign.measure if kind != "time")
+    untimed = campaign.model_copy(update={"workers": os.cpu_count() or 1, "measure": kinds})
+    repeated_rows = _measure(repeated, untimed, isolate, on_start, on_result)
+    rows_of: dict[str, list[Row]] = defaultdict(list)
+    for run, row in zip(repeated, repeated_rows, strict=True):
+        # Other causes than rounding, such as a busy machine, are left out.
+        if row.status not in (Status.NOT_RUN, Status.TIMED_OUT, Status.CRASHED):
+            rows_of[replace(run, way="").key].append(row)
+    return [with_rounding(row, rows_of[row.key]) for row in rows]
 
 
 def _with_first_nights(
     baseline: Baseline, rows: Sequence[Row], history: History, night: str
 ) -> tuple[Baseline, dict[str, str]]:
-    """Return the baseline with the first nights of runs that it does not have, and by key these nights."""
-    runs, nights = dict(baseline.runs), dict[str, str]()
+    """Return a baseline that also has the first nights of runs which it lacks, and these nights by key of the run."""
+    runs = dict(baseline.runs)
+    nights: dict[str, str] = {}
     for row in rows:
         if baseline.expected(row) is not None:
             continue
         first = history.first(row.identity, night)
-        if first is not None:
-            earlier, old = first
-            runs[row.key] = expected_of(old, history.origin(earlier)["conditions"])
-            nights |= {row.key: earlier} if row.variant != TRUTH else {}
+        if first is None:
+            continue
+        earlier, old = first
+        runs[row.key] = expected_of(old, history.origin(earlier)["conditions"])
+        if row.variant != TRUTH:
+            nights[row.key] = earlier
     return baseline.model_copy(update={"runs": runs}), nights
 
 
@@ -279,40 +352,44 @@ def _measure(
     on_start: OnStart,
     on_row: OnRow,
 ) -> list[Row]:
-    """Return the rows of the runs; a run that there is no time left for has a row as well."""
+    """Make runs and return their rows, in the order of the runs.
+
+    If the time of the campaign is over, the remaining runs have rows with the status `Status.NOT_RUN`.
+    """
     prepare(variant.engine for variant in campaign.variants)
     calibration_kernel()
     if on_start is not None:
         on_start(len(runs))
-    by_key, budget = {run.key: run for run in runs}, campaign.budget
+    run_of = {run.key: run for run in runs}
     rows: dict[str, Row] = {}
+    budget = campaign.budget
     end = time.monotonic() + budget.total
 
     def keep(outcome: Outcome) -> None:
-        rows[outcome.label] = row_of(by_key[outcome.label], outcome)
+        row = row_of(run_of[outcome.label], outcome)
+        rows[outcome.label] = row
         if on_row is not None:
-            on_row(rows[outcome.label])
+            on_row(row)
         if time.monotonic() > end and outcome.status != Status.NOT_RUN:
             raise _Spent
 
+    tasks = [task_of(run, campaign.measure, campaign.repeats) for run in runs]
     try:
-        tasks = [task_of(run, campaign.measure, campaign.repeats) for run in runs]
         isolated(tasks, workers=campaign.workers, timeout_s=budget.run, on_result=keep)
     except _Spent:
-        for key in [key for key in by_key if key not in rows]:
-            keep(
-                Outcome(
-                    key, Status.NOT_RUN, reason=f"the {budget.total:g} s of the campaign were over"
-                )
-            )
-    return [rows[key] for key in by_key]
+        reason = f"the {budget.total:g} s of the campaign were over"
+        for key in [key for key in run_of if key not in rows]:
+            keep(Outcome(key, Status.NOT_RUN, reason=reason))
+    return [rows[key] for key in run_of]
 
 
 def _times(row: Row) -> list[float]:
+    """Return the time of a run as a list, which is empty if it was not measured."""
     return [metric.value for metric in row.metrics if metric.kind == "time"]
 
 
 def _digest(campaign: Campaign) -> str:
+    """Return a digest of all that the numbers of a campaign depend on; an interrupted night is resumed only with it."""
     engines = dict.fromkeys(["reference", *(variant.engine for variant in campaign.variants)])
     return digest(
         [

@@ -1,8 +1,10 @@
-"""A plugin of pytest that makes any scene a test, in any repository that has stiction installed.
+"""Plugin of pytest with which a test can simulate a scene, in any repository that has stiction installed.
 
-def test_slider_bar(stiction_scene):
-    numbers = stiction_scene("slider-bar-case-1", "my_solver:MySolver", dt=1e-3)
-    assert numbers["position_error"] < 1e-4
+For example::
+
+    def test_slider_bar(stiction_scene):
+        numbers = stiction_scene("slider-bar-case-1", "my_solver:MySolver", dt=1e-3)
+        assert numbers["position_error"] < 1e-4
 """
 
 from __future__ import annotations
@@ -16,35 +18,42 @@ import pytest
 
 @pytest.fixture
 def stiction_scene(request: pytest.FixtureRequest) -> Callable[..., dict[str, float]]:
-    """Simulate a scene with an engine and measure: ``stiction_scene(scene, engine, dt=.. or rtol=.., **options)``.
+    """Return a function that simulates a scene with an engine, and measures the result.
+
+    It is called as ``stiction_scene(scene, engine, dt=.., **options)``, or with ``rtol`` instead of ``dt``.
 
     Parameters of the call
     ----------------------
     scene : str
-        A name of the catalogue, or a TOML file in the folder of the test.
+        Name of a scene of the catalogue, or of a TOML file in the folder of the test.
     engine : str
-        A name or ``module:Class``.
+        Name of an engine, or ``module:Class``.
     dt, rtol : float
-        One of them: step (s) or relative tolerance.
+        Step (s) or relative tolerance; exactly one of them must be given.
     fidelity : str, optional
-        ``"joint"``, which is meant where it is not given, or ``"contact"``.
+        ``"joint"`` (default) or ``"contact"``.
     overrides : Mapping, optional
-        Values of the scene to replace, as ``--set`` does.
+        Values of the scene to replace, as with ``--set``.
     timeout_s : float, optional
-        Seconds that the run may take, 120 if not given. It happens in a child process.
+        Time that the run may take, s; 120 by default. It takes place in a child process.
     **settings
-        Of the engine.
+        Settings of the engine.
 
     Returns
     -------
     dict of float
-        Errors against the best truth there is, events, drift and counters, as far as scene and engine have them:
-        ``"position_error"``, ``"velocity_error"``, ``"torque_error"``,
-        ``"event_time_error"``, ``"events_missed"``, ``"position_drift"``, ``"steps"``, ..
+        Errors against the best available truth, events, drift and counters, as far as the scene and the engine have
+        them, by name: ``"position_error"``, ``"velocity_error"``, ``"torque_error"``, ``"event_time_error"``,
+        ``"events_missed"``, ``"position_drift"``, ``"steps"``, ..
 
-    A run that fails, or ends early, fails the test with the engine's own words.
+    If the run fails or ends early, the test fails with the reason that the engine gives.
     """
-    return lambda scene, engine, **options: _numbers(scene, engine, request.path.parent, **options)
+    folder = request.path.parent
+
+    def simulate(scene: str, engine: str, **options: Any) -> dict[str, float]:
+        return _numbers(scene, engine, folder, **options)
+
+    return simulate
 
 
 def _numbers(
@@ -59,7 +68,9 @@ def _numbers(
     timeout_s: float = 120.0,
     **settings: Any,
 ) -> dict[str, float]:
-    # imported here: pytest loads this module in every run of every project on the machine
+    """Return the numbers of a run; scenes that are not in the catalogue are files in a folder."""
+    # Imported here, because pytest loads this module in each run of each project that has stiction
+    # installed.
     from stiction.comparisons.bench.planned_runs import PlannedRun, row_of
     from stiction.comparisons.bench.variants import Variant
     from stiction.comparisons.regression.measurement import task_of
@@ -81,7 +92,8 @@ def _numbers(
     modelled = Fidelity.JOINT if fidelity is None else fidelity_of(fidelity)
     variant = Variant(engine, engine, parameter, (step,), modelled, settings)
     run = PlannedRun(loaded, variant, step)
-    compile_kernels()  # here, lest the child does it within its time limit
+    # Compiled here, so that it does not count towards the time limit of the child.
+    compile_kernels()
     [outcome] = isolate(
         [task_of(run, ("accuracy", "event", "drift", "counter"), 1)], workers=1, timeout_s=timeout_s
     )

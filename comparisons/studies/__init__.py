@@ -1,7 +1,8 @@
 """The questions of the report: one file is one question, and has a `STUDY`.
 
-File, command of `stiction compare` and main table have the same name. `hold_data` has the runs of `hold`;
-`paper_figures` redraws the figures of the paper and is no command.
+File, command of `stiction compare` and main table have the same name. `hold_data`, `hold_tables` and
+`hold_presentation` contain the runs, tables and presentation of `hold`; `paper_figures` redraws the figures of the
+paper and is no command.
 """
 
 from __future__ import annotations

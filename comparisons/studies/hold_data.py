@@ -1,4 +1,4 @@
-"""Runs, settings and laws of creep of the study `hold`: ``data/hold.toml``."""
+"""Runs, settings and laws of creep of the study `hold`, read from ``data/hold.toml``."""
 
 from __future__ import annotations
 
@@ -14,21 +14,44 @@ from stiction.comparisons.bench.depth import Depth
 from stiction.comparisons.studies.settings import Subject
 from stiction.scenes.fields import Model, Positive
 
-FORMS: Mapping[str, Callable[[Any, Any], Any]] = {
-    "linear_zone": lambda part, zone: part * zone,
-    "soft_norm": lambda part, tolerance: tolerance * part / np.sqrt(1.0 - part * part),
-}
-"""Creep at a part p of mu N by a law f = mu N g(v) that is zero at rest: g^-1(p), whatever mu and N are.
 
-`linear_zone` has g = v/zone (Exudyn's ``friction_zone``), `soft_norm` g = v/sqrt(v^2 + e^2): Drake's "lagged",
-"similar" and continuous contacts with e = ``stiction_tolerance`` (Castro, Han & Masterjohn 2023, "A theory of
-irrotational contact fields"). In discrete steps h this holds from e = 1e-3 w h mu N on, of a contact with the normal
-force N and the inverse mass w: below it that regularization, the only one of "sap", is the wider one.
+def _linear_zone(part: Any, zone: Any) -> Any:
+    """Return the speed at which f = mu N v/zone is a part of mu N."""
+    return part * zone
+
+
+def _soft_norm(part: Any, tolerance: Any) -> Any:
+    """Return the speed at which f = mu N v/sqrt(v^2 + tolerance^2) is a part of mu N."""
+    return tolerance * part / np.sqrt(1.0 - part * part)
+
+
+FORMS: Mapping[str, Callable[[Any, Any], Any]] = {
+    "linear_zone": _linear_zone,
+    "soft_norm": _soft_norm,
+}
+"""Creep (m/s) by forms of a regularized friction law f = mu N g(v), whatever mu and N are: the solution v of g(v) = p,
+where p is friction as a part of mu N.
+
+The form ``linear_zone`` is Exudyn's with its ``friction_zone`` (m/s). The form ``soft_norm`` is that of Drake's
+contacts "lagged" and "similar" and of its continuous contacts, with the tolerance ``stiction_tolerance`` (Castro, Han &
+Masterjohn 2023, "A theory of irrotational contact fields"). In discrete steps h it holds if the tolerance exceeds
+1e-3 w h mu N, where w is the inverse mass of a contact and N its normal force. For smaller tolerances another
+regularization, which is the only one of "sap", is the wider one.
 """
 
 
 class Ramp(Model):
-    """Changed parameters of a ramp: from `part` of the limit, at the rate `ramp` (1/s), for `t_end` seconds."""
+    """Parameters of a scene for a load that increases slowly.
+
+    Attributes
+    ----------
+    part : float
+        Load at the beginning, as a fraction of the limit.
+    ramp : float
+        Rate of the load, as a fraction of the limit, 1/s.
+    t_end : float
+        End of the run, s.
+    """
 
     part: Positive
     ramp: Positive
@@ -36,7 +59,17 @@ class Ramp(Model):
 
 
 class Stop(Model):
-    """The load of a stop, as a part of the limit, the first speed (m/s), and the seconds within which it rests."""
+    """Parameters of a scene whose slider stops under a load below the limit.
+
+    Attributes
+    ----------
+    part : float
+        Load, as a fraction of the limit.
+    v0 : float
+        Initial velocity, m/s.
+    landed : float
+        Time within which the slider stops, s.
+    """
 
     part: Positive
     v0: Positive
@@ -44,7 +77,21 @@ class Stop(Model):
 
 
 class Runs(Model):
-    """The runs of a depth: scenes, loads, steps (s), whether ramp and stop are run, scenes on which settings are."""
+    """The runs of a depth.
+
+    Attributes
+    ----------
+    scenes : tuple of str
+        Scenes with which all methods are run.
+    loads : tuple of float
+        Loads, as fractions of the limit.
+    steps : tuple of float
+        Fixed steps, s.
+    moved : bool
+        True if ramp and stop are run, too.
+    settings : tuple of str
+        Scenes with which settings are varied.
+    """
 
     scenes: tuple[str, ...]
     loads: tuple[Positive, ...]
@@ -54,9 +101,22 @@ class Runs(Model):
 
 
 class Law(Model):
-    """A law of the creep of a subject over one of its settings, from the value `least` on.
+    """A law of creep: either an exponent over a setting, or a form that predicts the creep itself.
 
-    Either its `exponent`, or its `form`: one of `FORMS`.
+    Attributes
+    ----------
+    subject : str
+        The method, as in `Subject.label`.
+    over : str
+        Name of the setting.
+    source : str
+        Where the law comes from.
+    exponent : float or None
+        Exponent of the creep over the setting.
+    form : str or None
+        One of `FORMS`.
+    least : float
+        Smallest value of the setting for which the law holds.
     """
 
     subject: str
@@ -67,13 +127,27 @@ class Law(Model):
     least: float = 0.0
 
     def inconsistencies(self) -> Iterator[tuple[str, Any, str]]:
-        """Yield a law with both, or neither."""
+        """Yield key, value and expectation of a law that has both a form and an exponent, or neither."""
         if (self.exponent is None) == (self.form is None):
             yield "form", self.form, "a form or an exponent"
 
 
 class Data(Model):
-    """Runs, settings and laws of the study; `regularization` is the setting with its speed, by engine and fidelity."""
+    """Runs, settings and laws of the study.
+
+    Attributes
+    ----------
+    ramp, stop : Ramp, Stop
+        Parameters of the tests beyond the limit.
+    depths : dict
+        Runs by depth.
+    regularization : dict
+        By engine and fidelity (``"exudyn, contact"``), the setting with the speed at which friction is regularized.
+    subjects : tuple of Subject
+        Methods whose settings are varied.
+    laws : tuple of Law
+        Laws of creep.
+    """
 
     ramp: Ramp
     stop: Stop
@@ -85,6 +159,6 @@ class Data(Model):
 
 @cache
 def load_data() -> Data:
-    """``data/hold.toml``."""
+    """Return the content of ``data/hold.toml``."""
     file = resources.files("stiction.comparisons") / "data" / "hold.toml"
     return Data.model_validate(tomllib.loads(file.read_text(encoding="utf-8")))

@@ -147,7 +147,7 @@ def dataset(
 
 def _verdict(judged: Judgement, max_error: float | None) -> tuple[int, str] | None:
     """Exit code and reason of a table that is misread, misses the bound, or cannot be held to it."""
-    from stiction.comparisons.judge.judgement import FEW
+    from stiction.comparisons.judge.judgement import LARGEST_GAP
 
     origin, error, unsure, t = (
         judged.table.origin,
@@ -182,7 +182,7 @@ def _verdict(judged: Judgement, max_error: float | None) -> tuple[int, str] | No
     if not judged.is_covered:
         return BAD_INPUT, (
             f"{origin}: found rows {judged.widest_gap:g} s from each other; expected at most "
-            f"{FEW * judged.scene.t_end:g} s, a tenth of the scene: what lies between was not "
+            f"{LARGEST_GAP * judged.scene.t_end:g} s, a tenth of the scene: what lies between was not "
             "judged"
         )
     if judged.says_nothing:

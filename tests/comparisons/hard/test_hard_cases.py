@@ -78,6 +78,15 @@ def test_reference_is_right_or_says_why_not(case):
         )  # what no reader accepts is no method's merit
 
 
+@pytest.mark.parametrize("case", ["slider-bar started beyond it", "rod 1e-8 above"])
+def test_a_run_that_stops_at_the_start_has_a_time_without_rows(case):
+    """The paper's scheme returns no row there."""
+    [paper_scheme] = [one for one in REFERENCE if one.settings.get("method") == "paper"]
+    [chosen] = [one for one in hard_cases() if one.name == case]
+    found = verdict(chosen, paper_scheme)
+    assert (found.word, found.size) == (RIGHT, 0.0), found
+
+
 def test_every_scene_has_a_derivation_and_a_case():
     used = {case.scene for case in hard_cases()}
     for name in catalogue("hard"):

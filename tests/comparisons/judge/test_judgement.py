@@ -15,9 +15,9 @@ from stiction.comparisons.judge.judgement import (
     MISSED,
     UNRESOLVED,
     judge,
-    prescribed,
 )
 from stiction.comparisons.judge.judgement_presentation import presentation
+from stiction.comparisons.judge.prescribed_coordinates import prescribed
 from stiction.comparisons.measures.scene_truth import ground_truth
 from stiction.reports.judgement_page import judgement_section
 from stiction.scenes import load_scene
@@ -336,14 +336,14 @@ def test_an_acceleration_or_force_that_is_off_is_named_among_the_findings(column
 )
 def test_long_tables_are_judged_like_short_ones(monkeypatch, two_sided, change):
     """The same table as a whole and in parts of some hundred rows, whose columns are in files."""
-    from stiction.comparisons.judge import judgement
+    from stiction.comparisons.judge import consistency, judgement, table_trajectory
     from stiction.comparisons.measures import accuracy, result_errors
     from stiction.reference_impl import energies
     from stiction.scenes import result_table
 
     frame = change(true_table(two_sided=two_sided))
     whole = judge(CASE, frame)
-    for module in (judgement, accuracy, result_errors, energies):
+    for module in (consistency, table_trajectory, accuracy, result_errors, energies):
         monkeypatch.setattr(module, "AT_ONCE", 300)
     monkeypatch.setattr(judgement, "SOLVED", 250)
     monkeypatch.setattr(result_table, "FILE_THRESHOLD_BYTES", 0)

@@ -34,17 +34,17 @@ from stiction.comparisons.regression.baseline import (
 from stiction.comparisons.regression.check import (
     BETTER,
     COULD_NOT_RUN,
-    FEWEST,
     FINE,
-    HISTORY,
     IN_TURNS,
+    MIN_HISTORY,
+    MIN_RUNS_IN_TURNS,
     NEW,
     NOT_JUDGED,
     NOTHING,
     REGRESSION,
     Finding,
     Times,
-    compared,
+    count_compared,
     findings,
     verdict,
 )
@@ -492,8 +492,11 @@ def test_a_quantity_that_one_truth_lacks_is_compared_within_a_tier_only():
 
 def test_only_runs_that_the_baseline_has_count_as_compared():
     stranger = replace(RUN, identity="f, joint, dt = 0.1; scene 1")
-    assert compared([RUN, TRUE, stranger, replace(RUN, status="missing")], baseline(RUN, TRUE)) == 1
-    assert compared([TRUE], baseline(TRUE)) == 0
+    assert (
+        count_compared([RUN, TRUE, stranger, replace(RUN, status="missing")], baseline(RUN, TRUE))
+        == 1
+    )
+    assert count_compared([TRUE], baseline(TRUE)) == 0
 
 
 class TestRounding:
@@ -575,7 +578,7 @@ NIGHTS = [10.0, 10.1, 9.9, 10.2, 9.8, 10.0, 10.1]
         ([14.6], [], False),
         ([16.0], [], True),
         ([6.0], [], True),  # the baseline alone
-        ([16.0], [20.0] * (HISTORY[0] - 1), True),  # too few nights make no history
+        ([16.0], [20.0] * (MIN_HISTORY - 1), True),  # too few nights make no history
         # a Xeon took 1.7 to 1.9 times the calibrated time of the baseline's processor, a busy machine 1.46 times
         ([17.0] * 3, [], True),
         ([19.0] * 3, [], True),
@@ -603,8 +606,8 @@ HALF_AGAIN = [1.186, 1.251, 1.523, 1.747, 1.756]
         (SAME_AGAIN, []),
         (HALF_AGAIN, [REGRESSION]),
         ([1 / ratio for ratio in HALF_AGAIN], [BETTER]),
-        ([1.2] * FEWEST, []),
-        (HALF_AGAIN[: FEWEST - 1], [NOT_JUDGED]),
+        ([1.2] * MIN_RUNS_IN_TURNS, []),
+        (HALF_AGAIN[: MIN_RUNS_IN_TURNS - 1], [NOT_JUDGED]),
         ([], []),
     ],
 )
@@ -626,7 +629,7 @@ def test_engines_are_judged_apart_and_a_run_without_times_is_told():
     rows = [
         replace(RUN, key=f"s/{engine}/dt={i}", engine=engine, identity=f"{engine} {i}")
         for engine in ("e", "f")
-        for i in range(FEWEST)
+        for i in range(MIN_RUNS_IN_TURNS)
     ]
     turns = {row.key: {TOTAL: 1.5 if row.engine == "e" else 1.0} for row in rows} | {
         "s/f/dt=0": "before: EngineMissing: f"
@@ -642,6 +645,53 @@ def test_worst_comes_first():
     worse = changed(RUN, position_error=1e-3, position_drift=1.0, events_missed=2, rhs=200)
     kinds = [finding.kind for finding in found(worse, times=Times([30.0]))]
     assert kinds == ["event", "accuracy", "drift", "counter", "time"]
+
+
+def test_the_worst_error_is_farthest_beyond_what_its_truth_can_show():
+    """Both errors are beyond their bounds: a tiny one 900 times its value before, another 40 times."""
+    tiny, large = (
+        replace(
+            RUN,
+            key=f"s/{name}/dt=0.1",
+            identity=name,
+            metrics=(Metric("position_error", "accuracy", before, unsure, Tier.CLOSED_FORM),),
+        )
+        for name, before, unsure in (("tiny", 1e-15, 1e-13), ("large", 1e-6, 1e-9))
+    )
+    now = [changed(tiny, position_error=9e-13), changed(large, position_error=4e-5)]
+    first, second = findings(now, baseline(tiny, large), KINDS, {}, HERE)
+    assert (first.key, second.key) == (large.key, tiny.key)
+    # what is allowed: four uncertainties more than before, or the double of it with a fixed step
+    assert first.excess == pytest.approx(4e-5 / 2e-6, rel=1e-9)
+    assert second.excess == pytest.approx(9e-13 / (1e-15 + 4e-13), rel=1e-9)
+    assert second.ratio > first.ratio
+
+
+def test_the_worst_count_is_farthest_beyond_what_rounding_makes():
+    """A counter that rounding leaves alone may not differ at all, and yet by one it is not the worst."""
+    one, many = (
+        replace(
+            RUN,
+            key=f"s/{name}/dt=0.1",
+            identity=name,
+            metrics=(Metric("rhs", "counter", 100, rounding=moved),),
+        )
+        for name, moved in (("one", 0), ("many", 2))
+    )
+    now = [changed(one, rhs=101), changed(many, rhs=900)]
+    first, second = findings(now, baseline(one, many), KINDS, {}, HERE)
+    assert (first.key, second.key) == (many.key, one.key)
+    assert (first.excess, second.excess) == (800 / (FURTHER["counter"] * 2), 1.0)
+
+
+def test_an_error_or_truth_that_is_no_number_is_a_regression():
+    [finding] = found(changed(RUN, position_error=math.nan))
+    assert (finding.severity, finding.excess) == (REGRESSION, math.inf)
+    lost = changed(TRUE, end_mass_x=math.nan)
+    [finding] = found(lost, TRUE)
+    assert (finding.severity, finding.metric) == (REGRESSION, "end:mass.x")
+    with pytest.raises(BaselineRefused, match="now nan"):
+        updated(baseline(TRUE), [lost], "lost", ORIGIN, [TRUE.key])
 
 
 class TestBaselineFile:

@@ -184,7 +184,7 @@ class TestControl:
         with closing(
             older_code._Code(
                 ROOT,
-                [older_code._task(run, run.variant, False) for run in (hanging, fine)],
+                [older_code._task(run, run.variant, run.variant.engine) for run in (hanging, fine)],
                 limit_s=0.5,
             )
         ) as code:

@@ -19,9 +19,13 @@ from stiction.comparisons.bench.results import Results
 from stiction.comparisons.bench.study import Scope, union
 from stiction.comparisons.bench.timing.visits import VisitTimes
 from stiction.comparisons.bench.variants import COEFFICIENTS, OWN_CPU, Coefficients
-from stiction.comparisons.measures.published_creep import UNCERTAINTY
-from stiction.comparisons.studies import hold
-from stiction.comparisons.studies.hold import (
+from stiction.comparisons.measures.published_creep import CREEP as OURS
+from stiction.comparisons.measures.published_creep import MATCHED, PUBLISHED, UNCERTAINTY
+from stiction.comparisons.studies import hold, hold_tables
+from stiction.comparisons.studies.hold import STUDY, changes, measure_slip, plan, true_slip
+from stiction.comparisons.studies.hold_data import Law
+from stiction.comparisons.studies.hold_presentation import present
+from stiction.comparisons.studies.hold_tables import (
     BROKEN,
     CREEP,
     HELD,
@@ -32,21 +36,14 @@ from stiction.comparisons.studies.hold import (
     RAMP,
     SLOWER,
     STOP,
-    STUDY,
     TEST,
     TIME,
     UNSURE,
-    changes,
     laws_table,
-    measured,
     methods_table,
-    plan,
-    present,
     settings_table,
-    true_slip,
     verdict,
 )
-from stiction.comparisons.studies.hold_data import Law
 from stiction.comparisons.studies.settings import DEFAULT, SETTING, SUBJECT
 from stiction.engines import load_engine
 from stiction.reports.text import section_of
@@ -138,7 +135,7 @@ def test_the_reference_rests_below_the_limit(name, static, compiled):
             np.max(np.abs(run["guide.slip_velocity"])) <= bound
             and np.ptp(run["guide.displacement"]) <= bound
         )
-        assert measured("reference", scene, HELD, {"rtol": 1e-6})[0].creep.value == 0.0
+        assert measure_slip("reference", scene, HELD, {"rtol": 1e-6})[0].creep.value == 0.0
 
 
 @pytest.mark.parametrize("static", [True, False])
@@ -253,7 +250,7 @@ def test_the_regularization_of_exudyn_is_the_one_it_states(damage, monkeypatch):
 
     monkeypatch.setattr(hold, "load_engine", lambda name: Damaged())
     scene = loaded(load_scene("hold-level"), HELD, 0.5, False)
-    found, ends = measured("exudyn", scene, HELD, {"dt": 1e-3, "fidelity": "contact"})
+    found, ends = measure_slip("exudyn", scene, HELD, {"dt": 1e-3, "fidelity": "contact"})
     ratio = found.creep.value / ends.settings["friction_zone"]
     assert (abs(ratio / 0.5 - 1) < 0.05) == (damage == 1.0)
 
@@ -265,7 +262,7 @@ def test_a_run_beyond_the_limit_against_the_truth(engine, compiled):
     given = {"rtol": 1e-12} if engine == "reference" else {"dt": 1e-3}
     for test in (RAMP, STOP):
         scene = loaded(load_scene("hold-moment"), test, 0.8, True)
-        found, (exact, _) = measured(engine, scene, test, given)[0], true_slip(scene, test)
+        found, (exact, _) = measure_slip(engine, scene, test, given)[0], true_slip(scene, test)
         if test == RAMP:
             assert abs(found.let_go - exact.let_go) < 3e-3 and found.acceleration == pytest.approx(
                 exact.acceleration, rel=0.02
@@ -285,7 +282,7 @@ def made_up(subject, setting, load, creep, unsure=0.0, cpu=1.0, scene="s", statu
         "fidelity": "contact",
         "truth": scene,
         COEFFICIENTS: str(Coefficients.ONE),
-        hold.CHANGED: setting.partition("=")[0] if "=" in (setting or "") else None,
+        hold_tables.CHANGED: setting.partition("=")[0] if "=" in (setting or "") else None,
         "parameter": "dt",
         "step": 1e-3,
         "status": status,
@@ -297,8 +294,8 @@ def made_up(subject, setting, load, creep, unsure=0.0, cpu=1.0, scene="s", statu
         SETTING: setting or None,
         TEST: HELD,
         LOAD: load,
-        hold.PART: load,
-        hold.LETS_GO: creep > 0.1,
+        hold_tables.PART: load,
+        hold_tables.LETS_GO: creep > 0.1,
         CREEP: creep,
         UNSURE: unsure,
         "key": f"{subject}{setting}{load}",
@@ -341,7 +338,7 @@ def over_impratio(power, noise=0.0):
 )
 def test_an_exponent_is_obeyed_broken_or_open(power, noise, word):
     [law] = laws_table(over_impratio(power, noise)).to_dict("records")
-    assert law["verdict"] == word and (noise or law[hold.FOUND] == pytest.approx(-power))
+    assert law["verdict"] == word and (noise or law[hold_tables.FOUND] == pytest.approx(-power))
 
 
 @pytest.mark.parametrize(
@@ -364,7 +361,7 @@ def test_a_predicted_creep_is_obeyed_broken_or_open(factor, unsure, word):
         ]
     )
     [law] = laws_table(runs).to_dict("records")
-    assert law["verdict"] == word and law[hold.FOUND] == pytest.approx(factor)
+    assert law["verdict"] == word and law[hold_tables.FOUND] == pytest.approx(factor)
 
 
 def test_creep_within_its_uncertainty_and_single_runs_decide_nothing():
@@ -441,8 +438,8 @@ def test_engines_are_counted_without_our_own_and_what_a_setting_makes_is_said():
         ]
     )
     runs["engine"] = runs["engine"].mask(runs["variant"] == "ours", "reference")
-    runs[hold.OF_ZONE] = [None, None, 0.9, None, None]
-    runs.loc[4, [TEST, hold.BREAK_AWAY, hold.BREAK_UNSURE]] = [RAMP, 1.2e-3, 2.5e-4]
+    runs[hold_tables.OF_ZONE] = [None, None, 0.9, None, None]
+    runs.loc[4, [TEST, hold_tables.BREAK_AWAY, hold_tables.BREAK_UNSURE]] = [RAMP, 1.2e-3, 2.5e-4]
     results = Results((), {}, {"hold": runs, "hold-methods": methods_table(runs)})
     assert verdicts_of(results) == {
         "engines": (1, 3),
@@ -453,8 +450,8 @@ def test_engines_are_counted_without_our_own_and_what_a_setting_makes_is_said():
     }
     said = present(results)
     [regularized], [gone] = said.rows["regularized"], said.rows["let_go"]
-    assert regularized["variant"] == "b" and float(regularized[hold.OF_ZONE]) == 0.9
-    assert gone["method"]["scene"] == "s" and float(gone["ramp"][hold.BREAK_AWAY]) == 1.2e-3
+    assert regularized["variant"] == "b" and float(regularized[hold_tables.OF_ZONE]) == 0.9
+    assert gone["method"]["scene"] == "s" and float(gone["ramp"][hold_tables.BREAK_AWAY]) == 1.2e-3
     assert gone["ramp"]["bound"] is None and said.headlines[0].cells["c"] == "breaks away"
     section = section_of(STUDY, results)
     assert {number.text for number in section.numbers} == {"9e-05", "0.9", "+0.12"}
@@ -469,13 +466,15 @@ def test_engines_are_counted_without_our_own_and_what_a_setting_makes_is_said():
 def test_what_rounding_makes_is_0_and_the_reference_alone_is_no_table_of_laws():
     runs = pd.DataFrame([made_up("a", "", 0.9, 0.0), made_up("a", "", 0.5, 0.0)])
     runs["engine"] = "reference"
-    runs.loc[1, [TEST, hold.STOPPED, hold.STOP_UNSURE, hold.BREAK_AWAY]] = [
+    runs.loc[1, [TEST, hold_tables.STOPPED, hold_tables.STOP_UNSURE, hold_tables.BREAK_AWAY]] = [
         STOP,
         7.8e-18,
         2.1e-18,
         0.0,
     ]
-    laws = pd.DataFrame([{SUBJECT: "reference", "over": hold.REST, "runs": 1, "verdict": OBEYED}])
+    laws = pd.DataFrame(
+        [{SUBJECT: "reference", "over": hold_tables.REST, "runs": 1, "verdict": OBEYED}]
+    )
     shown = {
         table.name: table
         for table in present(
@@ -547,21 +546,21 @@ def test_verdicts_on_laws_and_on_published_creep():
     runs = pd.DataFrame([made_up("reference", "", 0.9, 0.0)]).assign(engine="reference")
     laws = pd.DataFrame(
         [
-            {SUBJECT: "reference", "over": hold.REST, "runs": 4, "verdict": OPEN},
+            {SUBJECT: "reference", "over": hold_tables.REST, "runs": 4, "verdict": OPEN},
             {SUBJECT: "x", "over": "a", "kind": "ratio", "law": 1.0, "verdict": OBEYED},
             {SUBJECT: "y", "over": "b", "kind": "exponent", "law": -1.0, "verdict": BROKEN},
             {SUBJECT: "z", "over": "c", "kind": "exponent", "law": -1.0, "verdict": OPEN},
         ]
     )
-    laws[hold.FOUND] = [None, 1.001, -0.5, None]
-    laws[hold.FOUND_UNSURE] = [None, 1e-4, 0.02, None]
+    laws[hold_tables.FOUND] = [None, 1.001, -0.5, None]
+    laws[hold_tables.FOUND_UNSURE] = [None, 1e-4, 0.02, None]
     published = pd.DataFrame(
         {
             "case": ["a", "b", "c", "d"],
-            hold.PUBLISHED: [10.0, 20.0, 30.0, np.nan],
-            hold.OURS: [11.0, 20.5, 90.0, 5.0],
+            PUBLISHED: [10.0, 20.0, 30.0, np.nan],
+            OURS: [11.0, 20.5, 90.0, 5.0],
             UNCERTAINTY: [0.5, 0.1, 1.0, 0.1],
-            hold.MATCHED: [False, False, True, False],
+            MATCHED: [False, False, True, False],
         }
     )
     tables = {
@@ -579,7 +578,7 @@ def test_verdicts_on_laws_and_on_published_creep():
     }
     reference = rows["reference"]
     assert not reference["rests"] and not reference["creeps"] and float(reference["runs"]) == 4
-    assert float(rows["farthest"][hold.OURS]) == 11.0
+    assert float(rows["farthest"][OURS]) == 11.0
     section = section_of(STUDY, results)
     texts = [number.text for number in section.numbers]
     assert texts == ["4", "-0.50 ± 0.02", "-1", "10", "11.0 ± 0.5"]
@@ -619,14 +618,14 @@ def test_the_time_of_a_setting_is_the_median_of_repeats(monkeypatch, compiled):
     monkeypatch.setattr(hold, "visit", visit)
     scene = loaded(load_scene("hold-level"), HELD, 0.5, False)
     times = [
-        measured("reference", scene, HELD, {"rtol": 1e-6}, timed)[1].cost.own_s
+        measure_slip("reference", scene, HELD, {"rtol": 1e-6}, timed)[1].cost.own_s
         for timed in (False, True)
     ]
     assert times[0] != 0.125 == times[1] and visits == [("reference", scene, {"rtol": 1e-6})]
     tasks = plan(Scope((load_scene("hold-level"),), Depth.FULL, ("pymunk",))).tasks
     assert {task.args[-1] for task in tasks if ": " in task.label} == {True}
     assert {
-        task.args[-1] for task in tasks if task.function is measured and ": " not in task.label
+        task.args[-1] for task in tasks if task.function is measure_slip and ": " not in task.label
     } == {False}
 
 

@@ -354,12 +354,14 @@ def chart_by_case(
     scenes = list(dict.fromkeys(table["scene"]))
     panels = list[Panel]()
     for group, rows in groups(table) if scenes else ():
+        # no line of a title may end within "mus > mu"
+        unbroken = group.label.replace(" > ", "\N{NO-BREAK SPACE}>\N{NO-BREAK SPACE}")
         lines = {scene: series(rows[rows["scene"] == scene]) for scene in scenes}
         values = np.concatenate([np.empty(0), *(one.y for row in lines.values() for one in row)])
         limits = (values.min() / MARGIN, values.max() * MARGIN) if len(values) else None
         panels += [
             Panel(
-                f"{scene_title(scene)}; {group.label}",
+                f"{scene_title(scene)}; {unbroken}",
                 x,
                 Axis(label if scene == scenes[0] else "", log=True, limits=limits),
                 lines[scene],

@@ -24,7 +24,7 @@ from stiction.comparisons.measures.steady_stretch import stick_intervals
 from stiction.scenes import catalogue, load_scene
 from stiction.truths import Truth
 
-TIME = "$t$ [s]"
+TIME = "time [s]"
 SAMPLES = 2401
 """Samples of a truth, over the whole of its time: every 10 ms of 24 s."""
 CASES = ("slider-bar-case-1", "slider-bar-case-2", "slider-bar-case-3")
@@ -33,11 +33,11 @@ FIRST_FIGURE = 5
 """The paper's number of the first figure of its first case; then in the order of `SETS`, case by case."""
 SETS = {
     "velocity-acceleration": {
-        "slider.vx": r"$\dot x_2$ [m/s]",
-        "slider.ax": r"$\ddot x_2$ [m/s$^2$]",
+        "slider.vx": "velocity [m/s]",
+        "slider.ax": "acceleration [m/s²]",
     },
-    "corner-forces": {f"guide.F{i}": f"$F_{i}$ [N]" for i in (1, 2, 3, 4)},
-    "driving-moment": {"motor.effort": r"$\lambda_D$ [N m]"},
+    "corner-forces": {f"guide.F{i}": f"corner force F{i} [N]" for i in (1, 2, 3, 4)},
+    "driving-moment": {"motor.effort": "driving torque [N m]"},
 }
 """Figures of a case by the ending of their names: the label of each panel by the column that it shows."""
 

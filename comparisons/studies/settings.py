@@ -408,8 +408,8 @@ def _ranks_view(ranks: pd.DataFrame, table: pd.DataFrame) -> TableView:
         Column(ON_FRONT, "default Pareto-optimal"),
         Column(EVERYWHERE),
         Column(FACTOR, "largest gain in time", form=".2g"),
-        Column("choice", "by"),
-        Column("where", "in"),
+        Column("choice", "choice with this gain"),
+        Column("where", "scene"),
         Column("step", unit="s", form="g"),
     )
     by_method = [(row, table[table[SUBJECT] == row[SUBJECT]]) for row in ranks.to_dict("records")]

@@ -268,7 +268,8 @@ def sweep(
             )
     except KeyboardInterrupt as interrupt:
         raise interrupted(
-            interrupt, f"the same command goes on with the points that are kept for {folder}"
+            interrupt,
+            f"the finished runs are stored in {folder}; the same command resumes the sweep",
         ) from None
     _show_sweep(result, folder)
 

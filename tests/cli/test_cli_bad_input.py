@@ -96,7 +96,7 @@ BAD_COMMANDS = [  # arguments, what the message must name
     ("new none/scene.toml", ["FILE", "folder"]),
     ("new mine.toml --like slider-bra", ["slider-bra", "did you mean"]),
     ("schema --out schema.toml", ["--out", ".json"]),
-    ("page nosuch", ["nosuch", "not there", "folder of a run"]),
+    ("page nosuch", ["nosuch", "does not exist", "folder of a run"]),
     (
         "check --baseline bad.toml",
         ["format: found nothing; this key is required", "foo: found 1; unknown key"],

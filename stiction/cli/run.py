@@ -269,7 +269,7 @@ def sweep(
     except KeyboardInterrupt as interrupt:
         raise interrupted(
             interrupt,
-            f"the finished runs are stored in {folder}; the same command resumes the sweep",
+            f"the finished runs are stored; the same command resumes the sweep in {folder}",
         ) from None
     _show_sweep(result, folder)
 

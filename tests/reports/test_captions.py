@@ -104,7 +104,9 @@ def required(report: Report, data: Data) -> Iterator[tuple[str, Rule, list[float
 
 def missing(true: list[float], written: list[float]) -> list[float]:
     return [
-        one for one in true if not any(other == pytest.approx(one, rel=PRINTED) for other in written)
+        one
+        for one in true
+        if not any(other == pytest.approx(one, rel=PRINTED) for other in written)
     ]
 
 

@@ -149,7 +149,9 @@ def test_it_comes_out_whatever_is_missing(full, missing):
     empty = page_one_markdown(report_of(Results((), {}, {})), "", "Run.")
     title, _, *paragraph = empty.splitlines()
     assert title == f"# {TITLE}"
-    assert "" not in paragraph and paragraph[-1].endswith("Run.")  # one paragraph, no table, no list
+    assert "" not in paragraph and paragraph[-1].endswith(
+        "Run."
+    )  # one paragraph, no table, no list
     assert not re.search(r"\d|\||^- ", " ".join(paragraph))
 
 

@@ -83,8 +83,8 @@ class MujocoEngine(TreeEngine):
     Further settings at contact fidelity: `impedance` of contacts; `recovery`, the fraction of their overlap that hard
     contacts correct in one step; `friction_damping`, the damping by which friction opposes slip: with ``adapted``,
     the deceleration that it causes is at most `slip_reference` times the larger of two values, the deceleration in the
-    last step and the largest one that friction can cause; with ``step``, slip ends within one step; `clearance` between a
-    slider and both surfaces together, in m.
+    last step and the largest one that friction can cause; with ``step``, slip ends within one step; `clearance` between
+    a slider and both surfaces together, in m.
 
     MuJoCo's manual recommends three settings against slow slip: `cone`, elliptic or pyramidal; `impratio`, the ratio of
     frictional to normal impedance, to which the creep of a sticking slider is inversely proportional; and

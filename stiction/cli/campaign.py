@@ -132,8 +132,8 @@ def _say_if_disk_is_small(folder: Path) -> None:
     free = disk_usage(place).free
     if free < KEPT_RUNS_BYTES:
         say(
-            f"only {free / 1e6:.0f} MB are free at {place}, where all runs are stored until the report is written; they "
-            "need about 80 MB with --quick and one engine, and more otherwise. If the disk is full, the command ends; "
+            f"only {free / 1e6:.0f} MB are free at {place}, where all runs are stored until the report is written; "
+            "they need about 80 MB with --quick and one engine, and more otherwise. If the disk is full, the command ends; "
             "the same command resumes it"
         )
 
@@ -301,9 +301,9 @@ def baseline_update(
 ) -> None:
     """Replace the numbers in the baseline by those of the current code.
 
-    Truths of a higher tier than "our own run" are never replaced. To measure the effect of rounding, each run is repeated
-    with five changes that make no difference in exact arithmetic. Numbers for which this effect exceeds the permitted
-    change are recorded, but not judged by `check`.
+    Truths of a higher tier than "our own run" are never replaced. To measure the effect of rounding, each run is
+    repeated with five changes that make no difference in exact arithmetic. Numbers for which this effect exceeds the
+    permitted change are recorded, but not judged by `check`.
     """
     from stiction.comparisons.bench.environment import origin
     from stiction.comparisons.regression import baseline as files

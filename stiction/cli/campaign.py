@@ -133,8 +133,8 @@ def _say_if_disk_is_small(folder: Path) -> None:
     if free < KEPT_RUNS_BYTES:
         say(
             f"only {free / 1e6:.0f} MB are free at {place}, where all runs are stored until the report is written; "
-            "they need about 80 MB with --quick and one engine, and more otherwise. If the disk is full, the command ends; "
-            "the same command resumes it"
+            "they need about 80 MB with --quick and one engine, and more otherwise. If the disk is full, the command "
+            "ends; the same command resumes it"
         )
 
 

@@ -404,6 +404,8 @@ def chart_by_case(
     scenes = list(dict.fromkeys(table["scene"]))
     panels = list[Panel]()
     for group, rows in groups(table) if scenes else ():
+        # no line of a title may end within "mus > mu"
+        unbroken = group.label.replace(" > ", "\N{NO-BREAK SPACE}>\N{NO-BREAK SPACE}")
         lines = {scene: series(rows[rows["scene"] == scene]) for scene in scenes}
         values = np.concatenate(
             [np.empty(0), *(line.y for lines_of_panel in lines.values() for line in lines_of_panel)]
@@ -411,7 +413,7 @@ def chart_by_case(
         limits = (values.min() / MARGIN, values.max() * MARGIN) if len(values) else None
         for scene in scenes:
             y = Axis(label if scene == scenes[0] else "", log=True, limits=limits)
-            panels.append(Panel(f"{scene_title(scene)}; {group.label}", x, y, lines[scene]))
+            panels.append(Panel(f"{scene_title(scene)}; {unbroken}", x, y, lines[scene]))
     return Chart(name, panels, max(1, len(scenes)), ROW_HEIGHT, share_x=True)
 
 

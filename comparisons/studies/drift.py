@@ -253,9 +253,9 @@ def _by_method(table: pd.DataFrame, runs: pd.DataFrame, worst: pd.DataFrame) -> 
         Column("fidelity"),
         Column("cases", "cases measured", brief=bool(runs[POSITION].isna().any())),
         Column(POSITION, "drift"),
-        Column("position in", "in"),
+        Column("position in", "largest drift in"),
         Column(VELOCITY, "velocity drift"),
-        Column("velocity in", "in"),
+        Column("velocity in", "largest velocity drift in"),
         Column("growth", "growth of the position drift"),
     )
     return view("drift", rows, columns)

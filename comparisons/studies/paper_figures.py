@@ -28,7 +28,7 @@ from stiction.comparisons.measures.steady_stretch import stick_intervals
 from stiction.scenes import catalogue, load_scene
 from stiction.truths import Truth
 
-TIME = "$t$ [s]"
+TIME = "time [s]"
 """Label of the time axes."""
 SAMPLES = 2401
 """Number of samples of a truth over the whole of its time: every 10 ms of the 24 s of the paper's cases."""
@@ -43,11 +43,11 @@ The figures follow case by case, within a case in the order of `SETS`.
 """
 SETS = {
     "velocity-acceleration": {
-        "slider.vx": r"$\dot x_2$ [m/s]",
-        "slider.ax": r"$\ddot x_2$ [m/s$^2$]",
+        "slider.vx": "velocity [m/s]",
+        "slider.ax": "acceleration [m/s²]",
     },
-    "corner-forces": {f"guide.F{i}": f"$F_{i}$ [N]" for i in (1, 2, 3, 4)},
-    "driving-moment": {"motor.effort": r"$\lambda_D$ [N m]"},
+    "corner-forces": {f"guide.F{i}": f"corner force F{i} [N]" for i in (1, 2, 3, 4)},
+    "driving-moment": {"motor.effort": "driving torque [N m]"},
 }
 """Figures of a case by the ending of their names; each maps the column that a panel shows to the label of the panel."""
 

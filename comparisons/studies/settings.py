@@ -486,8 +486,8 @@ def _ranks_view(ranks: pd.DataFrame, table: pd.DataFrame) -> TableView:
         Column(ON_FRONT, "default Pareto-optimal"),
         Column(EVERYWHERE),
         Column(FACTOR, "largest gain in time", form=".2g"),
-        Column("choice", "by"),
-        Column("where", "in"),
+        Column("choice", "choice with this gain"),
+        Column("where", "scene"),
         Column("step", unit="s", form="g"),
     )
     rows = [(row, table[table[SUBJECT] == row[SUBJECT]]) for row in ranks.to_dict("records")]

@@ -103,8 +103,9 @@ class ExudynEngine(Engine):
     creeps. Exudyn subdivides steps in which a contact changes.
 
     ``method="bristles"``, at joint fidelity, uses Exudyn's own friction model (`bristles`). It has the further settings
-    `bristle_stiffness` (N/m), `bristle_damping` (N s/m) and `static_decay`, the speed at which 37 % of the excess of
-    static over kinetic friction remain, divided by the change of slip speed that this excess causes in one step.
+    `bristle_stiffness` (N/m), `bristle_damping` (N s/m) and `static_decay`. The excess of static over kinetic friction
+    decreases exponentially with the slip speed, to 37 % at `static_decay` times the change of speed that the excess
+    causes in one step.
     """
 
     name = "exudyn"

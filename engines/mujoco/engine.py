@@ -82,14 +82,15 @@ class MujocoEngine(TreeEngine):
 
     Further settings at contact fidelity: `impedance` of contacts; `recovery`, the fraction of their overlap that hard
     contacts correct in one step; `friction_damping`, the damping by which friction opposes slip: with ``adapted``,
-    the resulting acceleration is at most `slip_reference` times that which follows from the friction bound and the
-    last step; with ``step``, slip ends within one step; `clearance` between a slider and both surfaces together, in
-    m.
+    the deceleration that it causes is at most `slip_reference` times the larger of two values, the deceleration in the
+    last step and the largest one that friction can cause; with ``step``, slip ends within one step; `clearance` between
+    a slider and both surfaces together, in m.
 
-    Four settings are those that MuJoCo's manual recommends against slow slip: `cone`, elliptic or pyramidal;
-    `impratio`, the ratio of frictional to normal impedance, to which the creep of a sticking slider is inversely
-    proportional; `noslip_iterations`, iterations of the noslip solver (with pyramidal cones); `time_constant` (s). If
-    the time constant is positive, contacts and their friction are damped as specified by MuJoCo's ``solref``, and
+    MuJoCo's manual recommends three settings against slow slip: `cone`, elliptic or pyramidal; `impratio`, the ratio of
+    frictional to normal impedance, to which the creep of a sticking slider is inversely proportional; and
+    `noslip_iterations`, iterations of the noslip solver (with pyramidal cones).
+
+    With a positive `time_constant` (s), contacts and their friction are damped as specified by MuJoCo's ``solref``, and
     `recovery`, `friction_damping` and `slip_reference` have no effect. The contacts of an ordinary MuJoCo model are
     ``time_constant=0.02 impedance=0.95 impratio=1 cone=pyramidal``.
     """

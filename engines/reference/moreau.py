@@ -28,9 +28,9 @@ class MoreauEngine(Engine):
     (`Arrays.length_scale`; the settings of a trajectory also contain it in metres); `restitution`, Newton's coefficient
     of restitution.
 
-    Scenes are refused only for static coefficients above the kinetic ones; guides may be on moving bodies. A run ends
-    early if Lemke's method ends on a ray in the complementarity problem of a step, and either no contact mode solves
-    this problem or there are too many to try.
+    Scenes are refused only for static coefficients above the kinetic ones; guides may be on moving bodies. If
+    Lemke's method finds no solution of the complementarity problem of a step, all contact modes are tried. The run ends
+    early if none of them is a solution, or if there are too many to try.
     """
 
     name = "moreau"

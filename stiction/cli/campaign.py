@@ -54,7 +54,9 @@ KEPT_RUNS_BYTES = 200e6
 """Free bytes below which `validate` says what it needs: twice what it takes with --quick and one engine, and more."""
 commands = typer.Typer()
 baselines = typer.Typer(
-    cls=Commands, no_args_is_help=True, help="The baseline with which runs are compared."
+    cls=Commands,
+    no_args_is_help=True,
+    help="Update the baseline, the numbers with which runs are compared.",
 )
 
 
@@ -80,7 +82,7 @@ def validate(
 
     if quick and full:
         raise typer.BadParameter(
-            "found both; expected one of them, or neither", param_hint="--quick, --full"
+            "found both; expected at most one of them", param_hint="--quick, --full"
         )
     folder = out or Path("runs") / datetime.now().strftime("%Y-%m-%d-%H%M%S")
     with about("--out"):
@@ -94,8 +96,8 @@ def validate(
         stack.callback(_say_what_is_kept, kept, folder)
         if kept.kept:
             say(
-                f"{kept.kept} runs of an earlier call are kept; those of the same scenes, engines and code are taken "
-                "over"
+                f"found {kept.kept} stored runs of an earlier call; those with the same scenes, engines and code are "
+                "not repeated"
             )
         made_by = stack.enter_context(open_isolate(executor, workers))
         stack.enter_context(first_signal(partial(_end_runs, kept)))
@@ -119,7 +121,7 @@ def validate(
     print(file)
     show_summary(report)
     if kept.interrupt is not None:
-        raise interrupted(kept.interrupt, "the report has what was done until then")
+        raise interrupted(kept.interrupt, "the report contains the runs that were finished")
     if failed := list(_failures_of_reference(results)):
         raise ended(FAILED, f"{len(failed)} runs of the reference failed: {failed[0]}")
 
@@ -130,8 +132,9 @@ def _say_if_disk_is_small(folder: Path) -> None:
     free = disk_usage(place).free
     if free < KEPT_RUNS_BYTES:
         say(
-            f"{free / 1e6:.0f} MB are free at {place}, where all runs are kept until the report is there: some 80 MB "
-            "with --quick and one engine, more otherwise. On a full disk the command ends; called again, it goes on"
+            f"only {free / 1e6:.0f} MB are free at {place}, where all runs are stored until the report is written; "
+            "they need about 80 MB with --quick and one engine, and more otherwise. If the disk is full, the command "
+            "ends; the same command resumes it"
         )
 
 
@@ -153,14 +156,12 @@ def _end_runs(kept: KeptRuns, interrupt: KeyboardInterrupt) -> None:
     finally:
         if kept.settled:
             with suppress(OSError):  # of a standard error that is closed
-                say("no more runs are made; the report of what is done follows")
+                say("interrupted; writing the report of the finished runs")
 
 
 def _say_what_is_kept(kept: KeptRuns, folder: Path) -> None:
     if kept.kept and not kept.finished:
-        say(
-            f"the runs that are done are kept; the same command with --out {folder} goes on with them"
-        )
+        say(f"the finished runs are stored; to resume, repeat the command with --out {folder}")
 
 
 @commands.command()
@@ -188,7 +189,7 @@ def nightly(
     if executor != "processes" and "time" in chosen.measure:
         raise typer.BadParameter(
             f"found {executor!r}, and the campaign {chosen.name} measures time; expected "
-            "processes, or a campaign whose `measure` leaves it out",
+            "processes, or a campaign without time in `measure`",
             param_hint="--executor",
         )
     try:
@@ -209,7 +210,7 @@ def nightly(
         raise ended(COULD_NOT_RUN, str(error)) from None
     except KeyboardInterrupt as interrupt:
         raise interrupted(
-            interrupt, f"the same command goes on with the runs that are in {out}"
+            interrupt, f"the finished runs are stored in {out}; the same command resumes the night"
         ) from None
     print(out / result.name.replace(":", ""))
     _conclude(result)
@@ -239,7 +240,7 @@ def check(
         ),
     ] = None,
 ) -> None:
-    """Run the fast part of a campaign, and print all changes that exceed noise as Markdown, the worst first."""
+    """Run the fast part of a campaign, and print the results that have changed beyond noise (Markdown, worst first)."""
     from stiction.comparisons.regression.history import HistoryRefused
     from stiction.comparisons.regression.nightly import HISTORY, run_check
     from stiction.comparisons.regression.older_code import ControlRefused
@@ -278,8 +279,8 @@ def baseline_update(
         typer.Option(
             "--file",
             metavar="FILE",
-            help="Baseline to update; it is created if it does not exist. Default: the "
-            "baseline of the suite.",
+            help="Baseline to update; it is created if it does not exist. Default: "
+            "stiction's own baseline.",
         ),
     ] = None,
     night: Annotated[
@@ -298,10 +299,11 @@ def baseline_update(
         ),
     ] = False,
 ) -> None:
-    """Replace the expected numbers by those of the current code.
+    """Replace the numbers in the baseline by those of the current code.
 
-    Truths of a tier above our own run are never changed. Each run is then repeated in five variants that differ only in
-    rounding; numbers that these change by more than their tolerance are not judged.
+    Truths of a higher tier than "our own run" are never replaced. To measure the effect of rounding, each run is
+    repeated with five changes that make no difference in exact arithmetic. Numbers for which this effect exceeds the
+    permitted change are recorded, but not judged by `check`.
     """
     from stiction.comparisons.bench.environment import origin
     from stiction.comparisons.regression import baseline as files
@@ -310,11 +312,11 @@ def baseline_update(
 
     if whole and night is not None:
         raise typer.BadParameter(
-            "found both; expected one of them, or neither", param_hint="--whole, --night"
+            "found both; expected at most one of them", param_hint="--whole, --night"
         )
     if not reason.strip():
         raise typer.BadParameter(
-            "found nothing; expected why the numbers changed", param_hint="--reason"
+            "found nothing; expected the reason why the numbers changed", param_hint="--reason"
         )
     path = file or files.DEFAULT
     check_written(path, option="--file")

@@ -136,7 +136,7 @@ def _command(study: Study) -> Callable[..., None]:
         for name, value in {**given, **options}.items():
             if value is not None and name not in study.takes:
                 raise typer.BadParameter(
-                    f"found {value!r}; `compare {study.name}` makes no use of it",
+                    f"found {value!r}; `compare {study.name}` does not have this option",
                     param_hint=f"--{name.replace('_', '-')}",
                 )
         distinct("--plot", plot, out)
@@ -162,19 +162,20 @@ def _subject(
         )
     if not study.takes_scene and (given := " ".join(scenes) or overrides or assemble):
         raise typer.BadParameter(
-            f"found {given!r}; `compare {study.name}` has scenes of its own",
+            f"found {given!r}; expected nothing: `compare {study.name}` uses fixed scenes",
             param_hint="SCENE" if scenes else "--set, --assemble",
         )
     if len(scenes) > 1 and "scenes" not in study.takes:
         raise typer.BadParameter(
-            f"found {' '.join(scenes)}; `compare {study.name}` takes one", param_hint="SCENE"
+            f"found {' '.join(scenes)}; `compare {study.name}` accepts one scene",
+            param_hint="SCENE",
         )
     found = tuple(with_consistent_start(scene_of(name, overrides), assemble) for name in scenes)
     if twice := [
         name for name, count in Counter(scene.name for scene in found).items() if count > 1
     ]:
         raise typer.BadParameter(
-            f"found {names(twice)} more than once; expected scenes of different names",
+            f"found {names(twice)} more than once; expected scenes with different names",
             param_hint="SCENE",
         )
     return found
@@ -225,7 +226,8 @@ def _show(
 
         if not said.figures:
             raise ended(
-                FAILED, f"{plot}: not written: `compare {study.name}` has no figure of these runs"
+                FAILED,
+                f"{plot}: not written, because `compare {study.name}` has no figure for these runs",
             )
         with rc(), whole_file(plot) as partial:
             [drawing] = drawn(said.figures[:1], results)

@@ -75,7 +75,7 @@ def list_engines(
     if try_it:
         if not name:
             raise typer.BadParameter(
-                "found none; expected the engine to run: stiction engines NAME --try",
+                "found none; expected the name of an engine: stiction engines NAME --try",
                 param_hint="NAME",
             )
         _try_engine(name, timeout)
@@ -87,7 +87,7 @@ def list_engines(
 
 @commands.command()
 def explain(scene: SceneName, overrides: Overrides = []) -> None:
-    """Show what the reference assembles for a scene: equations, complementarity problem, and engines that refuse it."""
+    """Show the equations of a scene, the sizes of its complementarity problems, and which engines can represent it."""
     loaded = scene_of(scene, overrides)
     print(f"{loaded.name}: {loaded.title}\n")
     _show_blocks(loaded)
@@ -172,7 +172,7 @@ def _try_engine(name: str, timeout: float) -> None:
         if trial.verdict not in (RIGHT, Status.REFUSED):
             raise ended(FAILED, f"{name}: {trial.scene}: {trial.verdict}")
     if not has_run:
-        raise ended(FAILED, f"{name}: found no verdict; expected one for each scene")
+        raise ended(FAILED, f"{name}: the trial returned no verdict; expected one for each scene")
 
 
 def _describe_engine(name: str) -> None:

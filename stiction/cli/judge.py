@@ -76,7 +76,7 @@ def judge(
         ),
     ] = None,
 ) -> None:
-    """Judge a table of results of any program: errors against the truth, stick phases, jumps, drift and energy."""
+    """Judge a table of results from any program: errors, stick phases, jumps, drift and energy."""
     from stiction.comparisons.judge.judgement import judge as judged_by
     from stiction.comparisons.judge.truth_folder import is_truth_folder
     from stiction.reports.judgement_page import MAIN, judgement_section, write_judgement
@@ -93,9 +93,9 @@ def judge(
     is_folder = is_truth_folder(scene)
     if is_folder and overrides:
         raise typer.BadParameter(
-            "found it with the folder of a truth; expected a scene", param_hint="--set"
+            "found this option with a folder of a data set; expected a scene", param_hint="--set"
         )
-    announce(f"solving {scene} by another method, and comparing")
+    announce(f"computing the true solution of {scene}, and comparing")
     chosen = scene if is_folder else scene_of(scene, overrides)
     with progress("judge") as bar:
         judged = judged_by(chosen, result, mapping, sizes, t_end, tell=bar.share)
@@ -140,7 +140,7 @@ def dataset(
         bar.start(len(names))
         index = write_dataset(folder, names, bar.result)
     if index.empty:
-        raise ended(FAILED, "none of these scenes has a truth that is not our own run")
+        raise ended(FAILED, "none of these scenes has a truth that is independent of the reference")
     show_table(index[["scene", "tier", "events", "position uncertainty [m]", "certificate"]])
     print(folder / MAIN)
 

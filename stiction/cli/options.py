@@ -68,7 +68,7 @@ def _engines(given: list[str]) -> list[str]:
         if (other := labels.setdefault(label_of(name), name)) != name:
             raise typer.BadParameter(
                 f"found {other!r} and {name!r}, both named {label_of(name)}; expected programs "
-                "and FMUs with names of their own"
+                "and FMUs with different names"
             )
     return names
 
@@ -144,8 +144,7 @@ def distinct(option: str, path: Path | None, other: Path | None) -> None:
     """Refuse an output that the command reads, or writes as something else."""
     if path is not None and other is not None and path.resolve() == other.resolve():
         raise typer.BadParameter(
-            f"found {str(path)!r}, which the command needs for something else; expected another "
-            "file",
+            f"found {str(path)!r}, which the command also reads or writes; expected another file",
             param_hint=option,
         )
 
@@ -177,8 +176,8 @@ SceneNames = Annotated[
     typer.Argument(
         metavar="SCENE",
         autocompletion=_scene_names,
-        help="Names of scenes of the catalogue (see `stiction scenes`), or paths of "
-        "TOML files. Some studies compare several scenes.",
+        help="Name of a scene of the catalogue (see `stiction scenes`), or path of a TOML "
+        "file. Some studies accept several scenes, and some have scenes of their own.",
     ),
 ]
 Overrides = Annotated[
@@ -252,7 +251,7 @@ Timeout = Annotated[
 Assemble = Annotated[
     bool,
     typer.Option(
-        "--assemble", help="Project an initial state that violates the constraints onto them."
+        "--assemble", help="If the initial state violates the constraints, project it onto them."
     ),
 ]
 EndTime = Annotated[
@@ -289,7 +288,7 @@ RunFolder = Annotated[
 CampaignFile = Annotated[
     Path | None,
     typer.Argument(
-        metavar="[CAMPAIGN.toml]", help="Campaign to run. Default: the campaign of the suite."
+        metavar="[CAMPAIGN.toml]", help="Campaign to run. Default: stiction's own campaign."
     ),
 ]
 BaselineFile = Annotated[
@@ -297,9 +296,9 @@ BaselineFile = Annotated[
     typer.Option(
         "--baseline",
         metavar="REF",
-        help="Baseline to compare with: a file, a commit (the suite's baseline in that "
-        "commit), or COMMIT:PATH. Default: the baseline of the suite, unless "
-        "a campaign is given.",
+        help="Baseline to compare with: a file, a commit (stiction's own baseline in that "
+        "commit), or COMMIT:PATH. Default: stiction's own baseline, or none if a "
+        "campaign is given.",
     ),
 ]
 OneEngine = Annotated[
@@ -308,8 +307,8 @@ OneEngine = Annotated[
         "--engine",
         metavar="NAME",
         callback=_engine,
-        help="Run only this engine: a name, module:Class, FILE.toml or FILE.fmu. A "
-        "subclass of an engine of the campaign replaces that engine.",
+        help="Run only this engine: a name, module:Class, FILE.toml or FILE.fmu. A class "
+        "derived from that of an engine in the campaign replaces this engine.",
     ),
 ]
 OtherScenes = Annotated[
@@ -317,6 +316,6 @@ OtherScenes = Annotated[
     typer.Option(
         "--scenes",
         metavar="A,B,..",
-        help="Scenes of the catalogue, or TOML files, instead of those of the campaign.",
+        help="Scenes of the catalogue, or TOML files, to run instead of the scenes in the campaign.",
     ),
 ]

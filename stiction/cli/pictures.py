@@ -77,7 +77,7 @@ def new(
         ),
     ] = None,
 ) -> None:
-    """Create a scene file, and the schema with which an editor completes and checks it."""
+    """Create a scene file, and a JSON schema with which text editors complete and check it."""
     from stiction.scenes import new_scene_text, scene_text
     from stiction.scenes.atomic_files import write_text
     from stiction.scenes.schema import SCHEMA_FILE, scene_schema_text
@@ -85,7 +85,7 @@ def new(
     text = new_scene_text() if like is None else scene_text(like)
     if file.exists():
         raise typer.BadParameter(
-            f"found {str(file)!r}, which is there already; expected a new name", param_hint="FILE"
+            f"found {str(file)!r}, which already exists; expected a new name", param_hint="FILE"
         )
     write_text(file, f"#:schema {SCHEMA_FILE}\n{text}")
     print(file)
@@ -134,8 +134,8 @@ def schema(
         bool,
         typer.Option(
             "--resolved",
-            help="Print the schema of resolved scenes, the JSON with all keys present and "
-            "all expressions evaluated that programs read.",
+            help="Print the schema of resolved scenes, the JSON files that programs read: "
+            "all keys are present, and all expressions are evaluated.",
         ),
     ] = False,
 ) -> None:

@@ -79,9 +79,9 @@ def prove(
         ),
     ] = None,
 ) -> None:
-    """Prove enclosures of a motion, its contact modes and events, and its existence and uniqueness.
+    """Prove bounds for a motion and its events, its contact modes, and that the motion exists and is unique.
 
-    The proof is for the numbers of the scene as written, not for their rounded values.
+    The proof holds for the numbers as they are written in the scene, not for their rounded values.
     """
     _require_library()
     if t_end is not None:  # as text: the number as it is written
@@ -89,7 +89,8 @@ def prove(
     if check:
         if overrides or out is not None:
             raise typer.BadParameter(
-                "found --set, --t-end or --out, too; expected a file alone", param_hint="--check"
+                "found --set, --t-end or --out as well; expected only a proof file",
+                param_hint="--check",
             )
         _check(Path(scene))
         return
@@ -120,7 +121,7 @@ def verified_set(solver: str, problems: Path | None) -> pd.DataFrame:
 def _require_library() -> None:
     if find_spec("flint") is None:
         raise ended(
-            FAILED, "python-flint is not installed; it comes with the extra stiction[proof]"
+            FAILED, "python-flint is not installed; it is part of the extra stiction[proof]"
         )
 
 
@@ -140,7 +141,7 @@ def _check(path: Path) -> None:
         print(f"{form.part} {failure.part}: {failure.reason}")
     if failures:
         raise ended(FAILED, f"{path}: {len(failures)} of {what} are not proven")
-    print(f"{claims['scene']}: all {what} proven anew")
+    print(f"{claims['scene']}: all {what} were proven again")
 
 
 def _proven_motion(scene: Scene, digits: int) -> dict[str, Any]:

@@ -78,7 +78,7 @@ def page(
 
     if not source.exists():
         raise typer.BadParameter(
-            f"found {str(source)!r}, which is not there; expected the folder of a run, or a "
+            f"found {str(source)!r}, which does not exist; expected the folder of a run, or a "
             "history",
             param_hint="RUN|HISTORY",
         )

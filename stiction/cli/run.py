@@ -112,7 +112,8 @@ def run(
     }
     if taken := chosen.keys() & arguments.keys():
         raise typer.BadParameter(
-            f"found {', '.join(taken)}; expected it as an option of its own", param_hint="--setting"
+            f"found {', '.join(taken)}, which is no setting; expected an option such as --dt",
+            param_hint="--setting",
         )
     title = f"{engine} on {loaded.name}"
     given = engine, loaded, assemble, arguments | chosen
@@ -236,7 +237,7 @@ def sweep(
         ),
     ] = None,
 ) -> None:
-    """Measure the steady state over a grid of parameters.
+    """Measure the steady state on a grid of parameter values.
 
     Initial states are projected onto the constraints. A motion that neither comes to rest nor becomes periodic has no
     steady state, and its point has no value.
@@ -267,7 +268,8 @@ def sweep(
             )
     except KeyboardInterrupt as interrupt:
         raise interrupted(
-            interrupt, f"the same command goes on with the points that are kept for {folder}"
+            interrupt,
+            f"the finished runs are stored; the same command resumes the sweep in {folder}",
         ) from None
     _show_sweep(result, folder)
 
@@ -370,8 +372,8 @@ def replay(
             "--run",
             metavar="SCENE",
             help="Instead of a stored set, use the problems of a run of the reference: at "
-            "the ends of its steps, at the audited instants within them, and on both "
-            "sides of its events.",
+            "the ends of its steps, before and after its events, and at the instants "
+            "within steps at which it verifies Coulomb's law.",
         ),
     ] = None,
     overrides: Overrides = [],
@@ -379,8 +381,8 @@ def replay(
         bool,
         typer.Option(
             "--verify",
-            help="Prove for each problem whether it has a solution, and judge the solver "
-            "by that (needs the extra stiction[proof]).",
+            help="Prove for each problem whether it has a solution, and judge the answers "
+            "of the solver by this proof (needs the extra stiction[proof]).",
         ),
     ] = False,
     export: Annotated[
@@ -395,11 +397,15 @@ def replay(
     timeout: Timeout = 60,
     out: TableFile = None,
 ) -> None:
-    """Test a solver for (horizontal) linear complementarity problems on a set of problems, with one row per class."""
+    """Test a solver for (horizontal) linear complementarity problems on a set of problems.
+
+    The table has one row for each class of problems.
+    """
     distinct("--out", out, problems)
     if run is None and overrides:
         raise typer.BadParameter(
-            "found it without --run; expected a scene whose values it replaces", param_hint="--set"
+            "found this option without --run; expected --run with the scene to which it applies",
+            param_hint="--set",
         )
     if run is not None and problems is not None:
         raise typer.BadParameter(

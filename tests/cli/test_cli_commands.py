@@ -658,6 +658,6 @@ def test_what_is_cut_off_says_how_it_goes_on(command, work, monkeypatch, tmp_pat
     monkeypatch.setattr(work, lambda *_, **__: terminate())
     result = invoke(*command.split(), exit_code=TERMINATED)
     assert (
-        result.stderr.startswith("stiction: ended by SIGTERM: the same command goes on with")
+        result.stderr.startswith("stiction: ended by SIGTERM: the finished runs are stored")
         and "made" in result.stderr
     )

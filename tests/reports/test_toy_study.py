@@ -122,7 +122,7 @@ def test_it_is_a_command(toy, in_this_process, tmp_path):
         and (tmp_path / "toy.svg").stat().st_size > 1000
     )
     refused = invoke("compare toy --drive motor", exit_code=2)
-    assert "`compare toy` makes no use of it" in " ".join(refused.stderr.split())
+    assert "`compare toy` does not have this option" in " ".join(refused.stderr.split())
 
 
 def test_it_is_in_the_report_and_on_the_terminal(run):

@@ -163,7 +163,7 @@ def test_an_output_that_is_the_input(tmp_path):
     problems = tmp_path / "problems.parquet"
     shutil.copy(source, problems)
     ended = invoke("replay", "--problems", problems, "--out", problems, exit_code=2)
-    assert "needs for something else" in ended.output
+    assert "also reads or writes" in ended.output
     assert problems.read_bytes() == source.read_bytes()
 
 

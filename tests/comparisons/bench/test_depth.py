@@ -59,7 +59,7 @@ def test_a_step_of_the_cost_ladder_that_is_compared_too_is_run_once(depth):
     shared = [(compared[key], timed[key]) for key in compared.keys() & timed.keys()]
     # the finest of one ladder need not be that of the other
     alike = [pair for pair in shared if len({task.args[2]["output_step"] for task in pair}) == 1]
-    assert len(alike) > 20 and all(call_of(one) == call_of(other) for one, other in alike)
+    assert alike and all(call_of(one) == call_of(other) for one, other in alike)
 
 
 def test_each_depth_has_the_hard_cases_of_the_one_before():

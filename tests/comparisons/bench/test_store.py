@@ -265,7 +265,7 @@ def test_validate_goes_on_where_it_stopped(
         patch.setattr(executors, "isolate", isolate)
         cut = invoke(*command, exit_code=TERMINATED)
     assert "the report of what is done follows" in cut.stderr
-    assert "ended by SIGTERM: the report has what was done until then" in cut.stderr
+    assert "ended by SIGTERM: the report contains the runs that were finished" in cut.stderr
     assert (
         "the same command with --out report goes on" in cut.output
         and kept_file(Path("report")).exists()

@@ -199,4 +199,4 @@ def test_command_needs_an_engine(command):
 def test_command_without_a_verdict_is_no_success(monkeypatch):
     monkeypatch.setattr(f"{conformance.__module__}.conformance", lambda *_: iter(()))
     ended = invoke("engines", "pymunk", "--try", exit_code=1)
-    assert "found no verdict" in ended.output
+    assert "returned no verdict" in ended.output

@@ -175,7 +175,7 @@ def test_drift_is_compared_at_both_ends_of_the_steps_and_errors_where_they_are_w
     texts = [number.text for number in section.numbers]
     answer = ["1e-11", "1e-09", "1", "1e-11", "1e-08", "10"]
     laws = ["1.5", "1.8", "1", "10", "1", "10", "1", "10"]
-    harmed = ["1", "1e-05", "0.0004", "1", "1e-05", "1e-05"]
+    harmed = ["40", "1e-05", "0.0004", "1", "1", "1e-05", "1e-05", "1"]
     assert texts == answer + laws + harmed
     assert 0 < len(section.answer) <= ANSWER_LENGTH and len(section.findings) == 4
 

@@ -368,8 +368,11 @@ def test_command(tmp_path, in_this_process, monkeypatch):
     assert "which the study has settings of" in ended.output
 
 
-MILLISECONDS, UNSTABLE = "load above static friction for 2 ms", "Baumgarte unstable for the step"
-BELOW, WIDE = "static friction below kinetic", "slider wider than long by 1/mus"
+MILLISECONDS, UNSTABLE = (
+    "load above static friction for 2 ms",
+    "Baumgarte's terms unstable at the step",
+)
+BELOW, WIDE = "static friction below kinetic", "slider that can jam: width > length/mus"
 
 
 @pytest.mark.parametrize(

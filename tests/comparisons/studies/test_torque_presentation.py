@@ -68,9 +68,8 @@ def jump_cells(made):
 def test_the_answer_counts_all_jumps_and_the_worst_bound():
     made = results(unread={("pymunk, contact", CASES[0], 0), ("pymunk, contact", CASES[2], 1)})
     written, rows = section(made), present(made).rows
-    assert all(
-        part in written.answer for part in ("9/9", "1e-12 N m", "0.00022", "7/9 with contacts")
-    )
+    assert written.answer.count("9/9") == 3 and written.answer.count("7/9") == 1
+    assert {"1e-12", "0.00022"} <= {number.text for number in written.numbers}
     assert len(f"Torque jumps: {written.answer}") <= ANSWER_LENGTH
     assert [(one["variant"], one["read"], one["jumps"]) for one in rows["own"]] == [
         ("reference", 9, 9),

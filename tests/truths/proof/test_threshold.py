@@ -119,7 +119,7 @@ def proven_before(monkeypatch, sticking, sliding):
 @pytest.mark.long  # in every run: an end of a theorem of the suite
 def test_the_theorem_is_checked_by_its_file_alone(certificate):
     ended = invoke("prove", certificate, "--check")
-    assert "all 2 ends proven anew" in ended.output
+    assert "all 2 ends were proven again" in ended.output
 
 
 def changed(decimals):

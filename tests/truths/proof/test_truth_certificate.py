@@ -52,7 +52,7 @@ def test_a_certificate_is_proven_again(claims, tmp_path):
     path = tmp_path / "truth.json.gz"
     write_certificate(claims, path)
     ended = invoke("prove", "--check", path)
-    assert "all 9 columns proven anew" in ended.output
+    assert "all 9 columns were proven again" in ended.output
 
 
 @pytest.mark.parametrize(

@@ -142,7 +142,7 @@ class _Reduced:
         self.right = self.rows * self.b
         rows_on_x = (self.rows * on_x).tolist()
         rows_on_y = (self.rows * on_y).tolist()
-        self.columns = {}
+        self.columns: dict[tuple[int, int], list[fmpq]] = {}
         for i in self.pairs:
             self.columns[i, Y_IS_ZERO] = [row[i] for row in rows_on_x]
             self.columns[i, X_IS_ZERO] = [row[i] for row in rows_on_y]

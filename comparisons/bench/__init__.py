@@ -1,1 +1,1 @@
-"""The bench: what runs are made with, timed, kept and shown. It knows no study."""
+"""Planning, execution, timing, storage and presentation of runs; nothing here is specific to a study."""

@@ -1,4 +1,4 @@
-"""Depth of `stiction validate`; the runs of each are data of ``campaigns/validation.toml``."""
+"""Depths of `stiction validate`: how many runs it makes; ``campaigns/validation.toml`` has the values."""
 
 from __future__ import annotations
 
@@ -13,56 +13,60 @@ from stiction.scenes.fields import Model, Positive
 
 
 class Depth(StrEnum):
-    """From a smoke test, over what a person waits for, to all there is."""
+    """Number of runs, in ascending order; each depth includes the runs of the depths before it."""
 
     QUICK = "quick"
     DEFAULT = "default"
     FULL = "full"
 
     def reaches(self, other: Depth) -> bool:
-        """Tell if what belongs to `other` is part of this one: each depth has all of the depths before it."""
-        return list(Depth).index(self) >= list(Depth).index(other)
+        """Return whether this depth includes the runs of another one."""
+        order = list(Depth)
+        return order.index(self) >= order.index(other)
 
 
 Finest = dict[Parameter, Positive]
-"""Finest value of a refinement series by parameter; all values where a parameter is not named."""
+"""Finest value of a series, by parameter. A parameter that is not a key has no limit."""
 
 
 class Extent(Model):
-    """The runs of a depth."""
+    """Limits of the runs of one depth."""
 
     limit: Positive
-    """Seconds that one run or measurement may take."""
+    """Time limit of one run or measurement, s."""
     runs: Finest = {}
-    """Finest runs that are compared."""
+    """Finest values of the runs that are compared."""
     cost: Finest = {}
-    """Finest runs of work-precision diagrams."""
+    """Finest values of work-precision diagrams."""
     threshold: Finest = {}
-    """Finest runs of the stick threshold."""
+    """Finest values for the stick threshold."""
     bracket: Positive
-    """N; width of a stick threshold's bracket."""
+    """Width of the interval to which a stick threshold is narrowed down, N."""
     repeats: Annotated[int, Field(ge=1)]
-    """Rounds in which runs are timed, at least; see `stiction.comparisons.bench.timing.visits`."""
+    """Minimum number of timing rounds; see `stiction.comparisons.bench.timing.visits`."""
     ladder: Positive
-    """CPU seconds that all rounds of one series of a work-precision diagram may take on one scene. Finer steps are
-    timed once."""
+    """CPU time of all rounds of one series of a work-precision diagram on one scene, s. The runs
+    that exceed it are timed once."""
     sensitivity: bool
-    """Vary what the paper leaves open."""
+    """True to vary the values that the paper does not specify."""
     equal_error: bool
-    """Measure the cost of an error on other mechanisms than the cases, too, and of all variants on all cases."""
+    """True to measure the time to equal error on further mechanisms, with all variants."""
     settings: bool
-    """Try the settings of the engines: `stiction.comparisons.studies.settings`."""
+    """True to run the study of engine settings, `stiction.comparisons.studies.settings`."""
     trajectories: Literal["drawn", "all"]
-    """Runs that are stored: those that a figure shows, or every one that is compared."""
+    """Trajectories that are stored: those shown in figures, or those of all runs compared."""
 
 
 def down_to(
     ladder: tuple[float, ...], parameter: str, finest: Mapping[str, float]
 ) -> tuple[float, ...]:
-    """Return the part of a series that is no finer than `finest`: no shorter step, no more iterations."""
+    """Return the values of a series up to the limit in `finest`, itself included.
+
+    The limit is the largest number of iterations, or the smallest step or tolerance.
+    """
     limit = finest.get(parameter)
     if limit is None:
         return ladder
-    return tuple(
-        step for step in ladder if (step <= limit if parameter == "iterations" else step >= limit)
-    )
+    if parameter == "iterations":
+        return tuple(count for count in ladder if count <= limit)
+    return tuple(step for step in ladder if step >= limit)

@@ -1,7 +1,8 @@
-"""Identity of what is run: two runs have the same one where everything is the same that their numbers depend on.
+"""Identity of the code, packages, machine and engines that the results of runs depend on.
 
-A run is identified by parts of these, by `computation` and `call_of` of `bench.timing.timed_runs`, and by
-`bench.planned_runs.PlannedRun` and `bench.store`.
+Stored results are used again only if this identity has not changed. The identity of a single run is
+defined by `bench.timing.timed_runs` (`computation`, `call_of`), `bench.planned_runs.PlannedRun` and
+`bench.store`.
 """
 
 from __future__ import annotations
@@ -15,12 +16,15 @@ from stiction.engines.registry import EngineMissing, load_engine
 
 
 def circumstances(engines: Iterable[str]) -> list[Any]:
-    """Return what numbers depend on besides the run: code, versions, machine, engines by their names."""
+    """Return the code, versions, machine and engines (given by name) that results depend on."""
     return [source_digest(), versions(), machine(), [engine_identity(name) for name in engines]]
 
 
 def engine_identity(name: str) -> list[str]:
-    """Return name, version and digest of an engine: its author may change its module or program at the same version."""
+    """Return name, version and content digest of an engine, or name and reason if it is missing.
+
+    The digest is needed because a user's module or program may change without a new version.
+    """
     try:
         engine = load_engine(name)
     except EngineMissing as error:

@@ -1,4 +1,4 @@
-"""Runs that stand for a method in tables and figures, its name there, and the methods that may be compared with it."""
+"""Methods in tables and figures: the runs that represent a method, and the groups in which methods are compared."""
 
 from __future__ import annotations
 
@@ -26,66 +26,85 @@ from stiction.scenes.fidelity import Fidelity
 
 
 def one_per_variant(records: Iterable[Record]) -> list[Record]:
-    """The run of each variant nearest to `COMMON_STEP` or at the tightest tolerance, of those with a trajectory."""
-    made: dict[str, list[Record]] = {}
+    """Return the run of each variant that is nearest to `COMMON_STEP`, or has the tightest tolerance.
+
+    Variants without a run that has a trajectory are left out.
+    """
+    runs_of: dict[str, list[Record]] = {}
     for record in records:
         if record.trajectory is not None:
-            made.setdefault(record.variant.label, []).append(record)
+            runs_of.setdefault(record.variant.label, []).append(record)
     return [
-        min(runs, key=lambda run: rank(run.variant.parameter, run.step)) for runs in made.values()
+        min(runs, key=lambda run: rank(run.variant.parameter, run.step))
+        for runs in runs_of.values()
     ]
 
 
 def representatives(records: Iterable[Record]) -> list[Record]:
-    """The first variant of each engine, fidelity and method: others change a setting of it."""
-    chosen: dict[tuple[str, str, object], Record] = {}
+    """Return the first record of each engine, fidelity and method.
+
+    The variants that follow it in the list differ from it only by a setting.
+    """
+    first: dict[tuple[str, str, object], Record] = {}
     for record in records:
         method = None if record.trajectory is None else record.trajectory.settings.get("method")
-        chosen.setdefault((record.variant.engine, record.variant.fidelity, method), record)
-    return list(chosen.values())
+        first.setdefault((record.variant.engine, record.variant.fidelity, method), record)
+    return list(first.values())
 
 
 def drawn_runs(results: Results) -> list[Record]:
-    """The run that stands for each engine, fidelity and method on each scene."""
-    scenes = dict.fromkeys(record.scene for record in results.records)
-    return [
-        run
-        for scene in scenes
-        for run in representatives(
-            one_per_variant(run for run in results.records if run.scene == scene)
-        )
-    ]
+    """Return the runs shown in figures: on each scene, one for each engine, fidelity and method."""
+    by_scene: dict[str, list[Record]] = {}
+    for record in results.records:
+        by_scene.setdefault(record.scene, []).append(record)
+    drawn: list[Record] = []
+    for records in by_scene.values():
+        drawn += representatives(one_per_variant(records))
+    return drawn
 
 
 def rank(parameter: str, step: float) -> float:
-    """Distance from `COMMON_STEP`, or the tolerance: the smallest is chosen."""
-    return abs(math.log(step / COMMON_STEP)) if parameter == "dt" else step
+    """Return a number that is smallest for the run to be compared with others.
+
+    It is the logarithmic distance of a step from `COMMON_STEP`, or else the tolerance itself.
+    """
+    if parameter == "dt":
+        return abs(math.log(step / COMMON_STEP))
+    return step
 
 
 def stored_keys(results: Results) -> frozenset[str]:
-    """Keys of the runs whose trajectories a run folder keeps: the `drawn_runs` at a depth that says so, else all."""
-    drawn = results.settings.get("trajectories") == "drawn"
-    return frozenset(record.key for record in (drawn_runs(results) if drawn else results.records))
+    """Return the keys of the runs whose trajectories are stored: `drawn_runs` or all, as the settings say."""
+    only_drawn = results.settings.get("trajectories") == "drawn"
+    stored = drawn_runs(results) if only_drawn else results.records
+    return frozenset(record.key for record in stored)
 
 
 def run_label(record: Record) -> str:
-    """``pymunk (dt = 0.001 s)``."""
+    """Return the label of a run with its step or tolerance: ``pymunk (dt = 0.001 s)``."""
     return f"{record.variant.label} ({setting_of(record.variant.parameter, record.step)})"
 
 
 @cache
 def scene_title(scene: str) -> str:
-    """Return the title of a scene of the catalogue, the name of another: ``Slider-bar, case 1``."""
+    """Return the title of a scene of the catalogue, ``Slider-bar, case 1``; the name of any other scene."""
     return load_scene(scene).title if scene in catalogue() else scene
 
 
 @dataclass(frozen=True)
 class Group:
-    """Methods that may be compared: of one fidelity and one physics.
+    """Methods that may be compared, because they have the same fidelity and coefficients of friction.
 
-    They may be ranked only if the engine does the same part of the work in each.
+    They may be ranked only if the engine also does the same part of the work.
 
-    `friction_by` and `events_by` are empty where the group is not for a ranking.
+    Attributes
+    ----------
+    fidelity : Fidelity
+    coefficients : str
+        Value of `variants.Coefficients`.
+    friction_by, events_by : str
+        Who supplies the friction law and locates the events; empty in groups that are not for a
+        ranking.
     """
 
     fidelity: Fidelity
@@ -100,100 +119,124 @@ class Group:
 
 
 def groups(table: pd.DataFrame) -> Iterator[tuple[Group, pd.DataFrame]]:
-    """The rows that answer one question: one fidelity, and mus > mu or, for engines without it, mus = mu."""
+    """Yield the groups of methods that may be compared, and the rows of each."""
     for (fidelity, coefficients), rows in table.groupby(["fidelity", COEFFICIENTS], sort=False):
         yield Group(Fidelity(fidelity), coefficients), rows
 
 
 def same_work(table: pd.DataFrame) -> Iterator[tuple[Group, pd.DataFrame]]:
-    """The rows of `groups` that may be ranked with each other: engines do the same part of the work.
+    """Yield the groups of methods that may be ranked, and the rows of each.
 
-    Who supplies the friction law and who locates events is that of the variant's other runs where one failed.
+    These are parts of the `groups` in which the same side, engine or adapter, supplies the friction
+    law and locates events. For a failed run this is taken from other runs of its variant.
     """
     for group, rows in groups(table):
-        parts = [rows["variant"].map(known_of(rows, column)) for column in (FRICTION_BY, EVENTS_BY)]
-        for (friction, events), there in rows.groupby(parts, sort=False):
-            yield replace(group, friction_by=friction, events_by=events), there
+        suppliers = [
+            rows["variant"].map(known_of(rows, column)) for column in (FRICTION_BY, EVENTS_BY)
+        ]
+        for (friction, events), part in rows.groupby(suppliers, sort=False):
+            yield replace(group, friction_by=friction, events_by=events), part
 
 
 def known_of(rows: pd.DataFrame, column: str) -> dict[str, str]:
-    """Value of a column by variant, in the first of its runs that has one, else ``not known``.
+    """Return the supplier in a column by variant, ``not known`` if none of its runs reports one.
 
-    In a scene without friction nobody supplies its law, whoever does in others: such a run counts where no other is.
+    If a scene has no friction, the supplier of the friction law is `Supplier.NOBODY`. This value is
+    only returned if no run of the variant has another.
     """
-    values: Mapping[str, str] = {}
+    supplier_of: Mapping[str, str] = {}
     if column in rows:
-        # runs without a supplier last, so that the first of a variant is one with a supplier, if
-        # there is any
-        stated = rows[rows[column].notna()]
-        ordered = stated.sort_values(
+        # The first value of each variant is taken, after `NOBODY` has been sorted to the end.
+        reported = rows[rows[column].notna()]
+        ordered = reported.sort_values(
             column, key=lambda suppliers: suppliers == Supplier.NOBODY, kind="stable"
         )
-        values = ordered.groupby("variant")[column].first().to_dict()
-    return {variant: values.get(variant, "not known") for variant in rows["variant"]}
+        supplier_of = ordered.groupby("variant")[column].first().to_dict()
+    return {variant: supplier_of.get(variant, "not known") for variant in rows["variant"]}
 
 
 def methods(results: Results) -> list[str]:
-    """Labels of the variants that stand for a method: the first of each engine, fidelity and way of solving.
+    """Return the labels of the variants that represent a method, in the order of the records.
 
-    Of an engine without any trajectory, as in a stored run, it is the first of each fidelity; of one that is not
-    installed there is none.
+    They are the first of each engine, fidelity and method. Results that were read from a run folder
+    may have no trajectories, which contain the method: the first of each engine and fidelity is
+    taken then. Engines that are not installed are left out.
     """
-    made = representatives(record for record in results.records if record.trajectory is not None)
-    known = {(record.variant.engine, record.variant.fidelity) for record in made}
-    failed = representatives(
+    with_trajectory = representatives(
+        record for record in results.records if record.trajectory is not None
+    )
+    represented = {(record.variant.engine, record.variant.fidelity) for record in with_trajectory}
+    without_trajectory = representatives(
         record
         for record in results.records
         if record.outcome.status != Status.MISSING
-        and (record.variant.engine, record.variant.fidelity) not in known
+        and (record.variant.engine, record.variant.fidelity) not in represented
     )
-    chosen = {record.variant.label for record in (*made, *failed)}
-    return [
-        label
-        for label in dict.fromkeys(record.variant.label for record in results.records)
-        if label in chosen
-    ]
+    chosen = {record.variant.label for record in (*with_trajectory, *without_trajectory)}
+    labels = dict.fromkeys(record.variant.label for record in results.records)
+    return [label for label in labels if label in chosen]
 
 
 Grouping = Callable[[pd.DataFrame], Iterator[tuple[Group, pd.DataFrame]]]
+"""`groups` or `same_work`."""
 
 
 def grouped_methods(
     results: Results, grouping: Grouping = groups
 ) -> Iterator[tuple[Group, list[str]]]:
-    """`methods` by `groups` or, for rankings, by `same_work`."""
-    accuracy, chosen = results.tables.get("accuracy", pd.DataFrame()), methods(results)
-    for group, rows in grouping(accuracy) if len(accuracy) else ():
-        in_group = set(rows["variant"])
-        methods_of_group = [variant for variant in chosen if variant in in_group]
-        if methods_of_group:
-            yield group, methods_of_group
+    """Yield the groups of the table ``accuracy``, and the labels of the `methods` in each."""
+    accuracy = results.tables.get("accuracy", pd.DataFrame())
+    if accuracy.empty:
+        return
+    labels = methods(results)
+    for group, rows in grouping(accuracy):
+        variants_in_group = set(rows["variant"])
+        labels_in_group = [label for label in labels if label in variants_in_group]
+        if labels_in_group:
+            yield group, labels_in_group
 
 
 def succeeded(table: pd.DataFrame) -> pd.Series:
-    """Rows of runs that reached their end: one that stopped early is cheap, and may not have met what is hard."""
+    """Return, for each row, whether its run succeeded and reached its end.
+
+    A run that stopped early must not be ranked: it costs less, and may not have reached the
+    difficult part of the motion.
+    """
     return (table["status"] == Status.OK) & (table["reason"].fillna("") == "")
 
 
 def with_columns(table: pd.DataFrame, *names: str) -> pd.DataFrame:
-    """Return a table that has these columns, without values where it had none of that name."""
+    """Return a table with additional columns, empty if it does not have them already."""
     return table.reindex(columns=list(dict.fromkeys([*table, *names])))
 
 
 def at_equal_step(table: pd.DataFrame, variant: str) -> pd.DataFrame:
-    """The rows of a variant at the step nearest to `COMMON_STEP`, or at its tightest tolerance."""
-    rows = table[table["variant"] == variant] if "variant" in table else pd.DataFrame()
+    """Return the rows of a variant at the step nearest to `COMMON_STEP`, or at its tightest tolerance."""
+    if "variant" not in table:
+        return pd.DataFrame()
+    rows = table[table["variant"] == variant]
     if rows.empty:
         return rows
     ranks = pd.Series(
-        [rank(*pair) for pair in zip(rows["parameter"], rows["step"])], index=rows.index
+        [rank(parameter, step) for parameter, step in zip(rows["parameter"], rows["step"])],
+        index=rows.index,
     )
     return rows[ranks == ranks.min()]
 
 
 @dataclass(frozen=True)
 class Method:
-    """The runs of a variant at equal step that were made: rows of a table, ranked by the error in a column."""
+    """The runs of a variant at equal step, which are ranked by their largest error.
+
+    Attributes
+    ----------
+    variant : str
+        Label of the variant.
+    rows : DataFrame
+        Rows of a table, one for each scene, without runs that were not executed.
+    column : str
+        Column of the error.
+    """
 
     variant: str
     rows: pd.DataFrame
@@ -201,20 +244,22 @@ class Method:
 
     @property
     def engine(self) -> str:
+        """Name of the engine."""
         return str(self.rows["engine"].iloc[0])
 
     @property
     def fidelity(self) -> str:
+        """Value of `Fidelity`."""
         return str(self.rows["fidelity"].iloc[0])
 
     @property
     def is_own(self) -> bool:
-        """True for the reference and the paper's scheme."""
+        """True if the engine is the reference, which includes the paper's scheme."""
         return self.engine == REFERENCE
 
     @cached_property
     def failed(self) -> pd.DataFrame:
-        """Rows of runs that failed, ended early, or are no approximation of the motion."""
+        """Rows without an error: the run failed, ended early, or does not approximate the motion."""
         return self.rows[~(succeeded(self.rows) & self.rows[self.column].notna())]
 
     @cached_property
@@ -224,22 +269,23 @@ class Method:
 
     @property
     def worst_row(self) -> int:
-        """The same of a method with a run that succeeded; raises ValueError for others."""
+        """Label of the row with the largest error; raises ValueError if all runs failed."""
         return int(self.rows.drop(index=self.failed.index)[self.column].abs().idxmax())
 
     @property
     def is_ranked(self) -> bool:
-        """True if every run succeeded, so that its worst case is that of all cases."""
+        """True if all runs succeeded; otherwise the largest error is not that of all scenes."""
         return self.failed.empty
 
 
 def made_methods(table: pd.DataFrame, variants: Iterable[str], column: str) -> dict[str, Method]:
-    """The methods of which a run was made, by label of their variants, in the order of these."""
-    made = {}
+    """Return the methods of variants by label, ranked by an error; without those that were not executed."""
+    method_of = {}
     for variant in variants:
         rows = at_equal_step(with_columns(table, column), variant)
-        if len(rows):
-            rows = rows[~rows["status"].isin(UNMADE)]
-        if len(rows):
-            made[variant] = Method(variant, rows, column)
-    return made
+        if rows.empty:
+            continue
+        executed = rows[~rows["status"].isin(UNMADE)]
+        if len(executed):
+            method_of[variant] = Method(variant, executed, column)
+    return method_of

@@ -1,14 +1,15 @@
-"""Outcomes as bytes, in less than half the space of a pickle where they hold trajectories; nothing is rounded.
+"""Lossless compression of outcomes to less than half the size of a pickle, if they contain trajectories.
 
-What fills a pickled trajectory are its columns of numbers, which follow smooth curves at equal distances in time. The
-bits of a number that a general compressor can save are then those that two neighbours share:
+Most of a pickled trajectory consists of columns of floats, sampled from smooth curves at equal time
+steps. A general compressor does not recognize that neighbouring floats are similar. Therefore:
 
-1. Each array's 64-bit words are replaced by their second differences, as integers modulo 2^64. Numbers of one sign and
-   similar size are close to each other as integers too, so these differences have leading zeros (or ones). Any bytes
-   come back exactly, whatever they mean.
-2. The first bytes of all words are put next to each other, then all second bytes, and so on ("byte shuffle", as in
-   HDF5 and Parquet's BYTE_STREAM_SPLIT), which makes long runs of the equal leading bytes.
-3. Zstandard compresses all of it.
+1. The 64-bit words of each array are replaced by their second differences, as integers modulo 2^64.
+   Floats of the same sign and similar size are similar as integers, too, so these differences begin
+   with zero bits (or one bits, if negative). The inverse is exact for arbitrary bytes.
+2. The first bytes of all words are stored together, then all second bytes, and so on ("byte
+   shuffle", as in HDF5 and in Parquet's BYTE_STREAM_SPLIT). Equal leading bytes then form long
+   runs.
+3. Zstandard compresses the result.
 """
 
 from __future__ import annotations
@@ -22,43 +23,45 @@ from stiction.engines.isolation import Outcome
 from stiction.scenes import StictionError
 
 MARK = b"outcome 2\n"
-"""Begins the bytes of this format; an earlier one was a pickle and nothing else."""
+"""First bytes of this format; version 1 was a plain pickle, without a mark."""
 CODEC = "zstd"
-_WORD = 8  # bytes of a number
-_SIZE = 8  # bytes for the size before compression, which the codec wants to know
+"""Compression, by its name in pyarrow."""
+_WORD = 8
+"""Bytes of a word, which is the size of a float."""
+_SIZE = 8
+"""Bytes of the integer that holds the uncompressed size, which pyarrow needs for decompression."""
 
 
 class NotAnOutcome(StictionError):
-    """The bytes are not what `pack` makes."""
+    """The error of bytes that `pack` has not returned, or that are damaged."""
 
 
 def pack(outcome: Outcome) -> bytes:
-    """Return an outcome as bytes for `unpack`; raises what pickle does if it cannot be pickled."""
+    """Return an outcome as bytes for `unpack`; errors of pickle are raised unchanged."""
+    # Protocol 5 passes the data of arrays out of band, that is, separately from the pickle.
     arrays: list[pickle.PickleBuffer] = []
     frame = pickle.dumps(outcome, protocol=5, buffer_callback=arrays.append)
-    whole = pickle.dumps((frame, [_shuffled(array.raw()) for array in arrays]))
-    return (
-        MARK + len(whole).to_bytes(_SIZE, "little") + pa.compress(whole, codec=CODEC, asbytes=True)
-    )
+    content = pickle.dumps((frame, [_shuffle(array.raw()) for array in arrays]))
+    size = len(content).to_bytes(_SIZE, "little")
+    return MARK + size + pa.compress(content, codec=CODEC, asbytes=True)
 
 
-def unpack(content: bytes) -> Outcome:
-    """Return the outcome of `pack`. Raises NotAnOutcome."""
-    if not content.startswith(MARK):
+def unpack(packed: bytes) -> Outcome:
+    """Return the outcome from which `pack` made these bytes; raises NotAnOutcome for other bytes."""
+    if not packed.startswith(MARK):
         raise NotAnOutcome("found a run of another version of stiction, or something else")
-    rest = content[len(MARK) :]
+    body = packed[len(MARK) :]
+    size = int.from_bytes(body[:_SIZE], "little")
     try:
-        whole = pa.decompress(
-            rest[_SIZE:], int.from_bytes(rest[:_SIZE], "little"), codec=CODEC, asbytes=True
-        )
-        frame, arrays = pickle.loads(whole)
-        return pickle.loads(frame, buffers=[_unshuffled(array) for array in arrays])
+        content = pa.decompress(body[_SIZE:], size, codec=CODEC, asbytes=True)
+        frame, arrays = pickle.loads(content)
+        return pickle.loads(frame, buffers=[_unshuffle(array) for array in arrays])
     except (pa.ArrowException, OSError, MemoryError, pickle.UnpicklingError, EOFError) as error:
         raise NotAnOutcome(f"{type(error).__name__}: {error}") from error
 
 
-def _shuffled(content: memoryview) -> bytes:
-    """Second differences of the words, byte by byte, and what is left behind the last word as it is."""
+def _shuffle(content: memoryview) -> bytes:
+    """Return the second differences of the words, byte-shuffled; bytes after the last word follow unchanged."""
     end = len(content) // _WORD * _WORD
     words = np.frombuffer(content[:end], dtype="<u8").copy()
     for _ in range(2):
@@ -66,8 +69,8 @@ def _shuffled(content: memoryview) -> bytes:
     return words.view(np.uint8).reshape(-1, _WORD).T.tobytes() + bytes(content[end:])
 
 
-def _unshuffled(content: bytes) -> bytearray:
-    """The inverse of `_shuffled`; arrays in it can be written to, as those of a pickle can."""
+def _unshuffle(content: bytes) -> bytearray:
+    """Return the bytes from which `_shuffle` made `content`, as a bytearray so that arrays in it are writable."""
     end = len(content) // _WORD * _WORD
     shuffled = np.frombuffer(content, dtype=np.uint8, count=end)
     words = np.ascontiguousarray(shuffled.reshape(_WORD, -1).T).view("<u8").ravel()

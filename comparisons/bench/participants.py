@@ -1,7 +1,8 @@
-"""Variants of `validate` and `compare` with their steps and tolerances: data of ``campaigns/validation.toml``.
+"""Variants that take part in `stiction validate` and `stiction compare`, with their steps and tolerances.
 
-Nothing here knows an engine by name but the reference, to which the others are compared. An engine without a variant in
-the file takes part in every comparison, at each of its fidelities with the file's steps for ``others``.
+They are read from ``campaigns/validation.toml``. An engine without a variant in this file takes
+part in every comparison, too: in each of its fidelities, with the steps of the section ``others``.
+The only engine with a special role is the reference, which always takes part.
 """
 
 from __future__ import annotations
@@ -15,79 +16,99 @@ from stiction.comparisons.bench.depth import Depth, Extent, down_to
 from stiction.comparisons.bench.variants import Variant
 from stiction.engines.registry import absolute_name, engine_names, entry_of
 
-REFERENCE, PAPERS_SCHEME = "reference", "paper's scheme"
-"""Labels of the variants of the reference in its default method and in that of the paper."""
+REFERENCE = "reference"
+"""Name of the engine that is the reference implementation, and label of the variant with its
+default method."""
+PAPERS_SCHEME = "paper's scheme"
+"""Label of the variant of the reference with the method of the paper."""
 
 
 @cache
 def validation_campaign() -> Campaign:
-    """Return the campaign of `stiction validate`, with the variants of all engines that it knows."""
+    """Return the campaign of `stiction validate`."""
     return load_campaign(CAMPAIGNS / "validation.toml")
 
 
 def participants(engines: Iterable[str] | None = None) -> tuple[Variant, ...]:
-    """Return all variants of the reference and of these engines; those of the file first.
+    """Return all variants of the reference and of other engines, those of the campaign file first.
 
-    Where None, of all known ones but those that the system runs, which take part where they are named.
+    Parameters
+    ----------
+    engines : iterable of str, optional
+        Names of engines. If None, all known engines except those that the operating system
+        provides, which must be named to take part.
     """
     campaign = validation_campaign()
-    known_here = [
-        name for name in engine_names() if not ((entry := entry_of(name)) and entry.run_by_system)
-    ]
-    chosen = dict.fromkeys(
-        [REFERENCE, *(known_here if engines is None else map(absolute_name, engines))]
-    )
-    with_variants = {variant.engine for variant in campaign.variants}
-    return (
-        *(variant for variant in campaign.variants if variant.engine in chosen),
-        *(
-            variant
-            for name in chosen
-            if name not in with_variants
-            for variant in campaign.variants_of(name)
-        ),
-    )
+    if engines is None:
+        names = [name for name in engine_names() if not _is_run_by_system(name)]
+    else:
+        names = [absolute_name(name) for name in engines]
+    selected = dict.fromkeys([REFERENCE, *names])  # each name once, in order
+    chosen = [variant for variant in campaign.variants if variant.engine in selected]
+    engines_of_file = {variant.engine for variant in campaign.variants}
+    for name in selected:
+        if name not in engines_of_file:
+            chosen += campaign.variants_of(name)
+    return tuple(chosen)
+
+
+def _is_run_by_system(name: str) -> bool:
+    """Return whether the operating system provides the program of an engine."""
+    entry = entry_of(name)
+    return entry is not None and entry.run_by_system
 
 
 def extent(depth: Depth) -> Extent:
-    """Return how far `validate` goes at a depth."""
+    """Return the limits of the runs that `stiction validate` makes at a depth."""
     return validation_campaign().depths[depth]
 
 
 def variants(
     engines: Iterable[str] | None = None, depth: Depth = Depth.FULL
 ) -> tuple[Variant, ...]:
-    """Return those whose runs are compared."""
+    """Return the participants with the steps at which runs are compared."""
     return _refined(engines, depth, "ladder", "runs")
 
 
 def cost_variants(
     engines: Iterable[str] | None = None, depth: Depth = Depth.FULL
 ) -> tuple[Variant, ...]:
-    """Return those of work-precision diagrams, with the steps for it."""
+    """Return the participants with the steps of work-precision diagrams."""
     return _refined(engines, depth, "cost", "cost")
 
 
 def threshold_variants(
     engines: Iterable[str] | None = None, depth: Depth = Depth.FULL
 ) -> tuple[Variant, ...]:
-    """Return those whose stick threshold is measured, with the steps for it."""
+    """Return the participants with the steps at which the stick threshold is measured."""
     return _refined(engines, depth, "threshold", "threshold")
 
 
 def _refined(
-    engines: Iterable[str] | None, depth: Depth, series: str, of_depth: str
+    engines: Iterable[str] | None, depth: Depth, series_name: str, limit_name: str
 ) -> tuple[Variant, ...]:
-    """Return the participants with one of their series as ladder, as far as a depth goes, if any is left."""
-    finest = getattr(extent(depth), of_depth)
+    """Return the participants whose ladder is one of their series, cut off at the limit of a depth.
+
+    Parameters
+    ----------
+    engines : iterable of str, optional
+        See `participants`.
+    depth : Depth
+    series_name : str
+        Field of `Variant` with the series; participants that have no value in it are left out.
+    limit_name : str
+        Field of `Extent` with the finest value of this series.
+    """
+    finest = getattr(extent(depth), limit_name)
     refined = []
-    for variant in participants(engines):
-        ladder = down_to(getattr(variant, series), variant.parameter, finest)
+    for participant in participants(engines):
+        ladder = down_to(getattr(participant, series_name), participant.parameter, finest)
         if ladder:
-            refined.append(replace(variant, ladder=ladder))
+            refined.append(replace(participant, ladder=ladder))
     return tuple(refined)
 
 
 def variant(label: str) -> Variant:
-    """Return a variant of the file by its label."""
-    return next(variant for variant in validation_campaign().variants if variant.label == label)
+    """Return the variant of the campaign of `stiction validate` with a label."""
+    by_label = {variant.label: variant for variant in validation_campaign().variants}
+    return by_label[label]

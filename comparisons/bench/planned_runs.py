@@ -1,6 +1,6 @@
-"""Planned runs, the rows of what came of them with every number that is kept, and ways to disturb a run.
+"""Planned runs, rows with the numbers of runs, and ways to perturb a run.
 
-How they are measured is in `stiction.comparisons.regression.measurement`.
+`stiction.comparisons.regression.measurement` computes the numbers.
 """
 
 from __future__ import annotations
@@ -18,27 +18,46 @@ from stiction.scenes.digest import scene_digest
 from stiction.truths.truth import Tier
 
 TRUTH = "truth"
-"""Kind of the numbers that say what is true, and engine and variant of their rows."""
+"""Kind of the numbers of a truth; also the engine and the variant of its row."""
 MOTION = "motion"
-"""Kind of the positions of all bodies at the end of a run, and of the path of one with fixed steps."""
+"""Kind of the final positions of all bodies, and of the length of their path in runs with fixed
+steps."""
 Kind = Literal["accuracy", "motion", "event", "drift", "counter", "time"]
 KINDS: tuple[Kind, ...] = get_args(Kind)
-"""Kinds of numbers that can be measured of a run."""
+"""Kinds of numbers that can be computed for a run."""
 
 ULPS = 8
-"""Units in the last place by which a number is moved at most: some operations' rounding."""
-MOVED, ORDER, GRID = "numbers", "order", "grid"
-WAYS = (*(f"{MOVED} {seed}" for seed in (1, 2, 3)), ORDER, GRID)
-"""Ways in which a run is made again; `GRID`, with half as many samples, is the last."""
+"""Largest change of a number of the scene by `MOVED`, in units in the last place: the rounding of a
+few operations."""
+MOVED = "numbers"
+"""Perturbation of a run: the numbers of its scene are changed at random, within `ULPS`."""
+ORDER = "order"
+"""Perturbation of a run: the bodies of its scene are listed in reverse order."""
+GRID = "grid"
+"""Perturbation of a run: half as many samples."""
+WAYS = (f"{MOVED} 1", f"{MOVED} 2", f"{MOVED} 3", ORDER, GRID)
+"""All perturbations, `MOVED` with three seeds; `GRID` is the last."""
 
 
 @dataclass(frozen=True)
 class Metric:
-    """A number: `name` is its quantity's key, `kind` one of `KINDS` or `TRUTH`; None is unknown.
+    """A number of a run.
 
-    The uncertainty of an error is that of the truth, of a time the distance of the second shortest repeat. `tier` is
-    that of the truth behind an error, `Tier.OWN_RUN` for counters and times. `rounding` is the largest change by
-    rounding alone (`tolerances.with_rounding`).
+    Attributes
+    ----------
+    name : str
+        Key of its quantity (`stiction.comparisons.bench.quantities`).
+    kind : str
+        One of `KINDS`, or `TRUTH`.
+    value : float
+        In the unit of the quantity.
+    uncertainty : float or None
+        For an error the uncertainty of the truth, for a time the difference between the shortest
+        and the second shortest repeat; None if it is unknown.
+    tier : Tier
+        Tier of the truth with which an error was computed; `Tier.OWN_RUN` for counters and times.
+    rounding : float or None
+        Largest change by rounding alone (`tolerances.with_rounding`); None if it was not measured.
     """
 
     name: str
@@ -51,11 +70,33 @@ class Metric:
 
 @dataclass(frozen=True)
 class Row:
-    """A run, its status, and its numbers.
+    """The status and the numbers of one run, or the numbers of one truth.
 
-    Of a truth, `variant` and `engine` are `TRUTH`, `fidelity` and `parameter` are empty.
-    `key` and `identity` are those of a `PlannedRun`. `traceback` is that of a bug, which no history keeps. `other_ends`
-    are the outcomes that the run has with other rounding, where that was measured.
+    Attributes
+    ----------
+    key, identity : str
+        As of the `PlannedRun`.
+    scene : str
+        Name of the scene.
+    variant, engine : str
+        Label of the variant and name of the engine; `TRUTH` in the row of a truth.
+    version : str or None
+        Version of the engine, None if the run failed.
+    fidelity, parameter : str
+        Empty in the row of a truth.
+    step : float
+        Value of `parameter`.
+    status : Status
+    reason : str
+        Why the run failed or ended early; empty otherwise.
+    settings : Mapping or None
+        All settings of the run, as the engine reports them.
+    metrics : tuple of Metric
+    traceback : str
+        Traceback of a bug, which is not stored in the history.
+    other_ends : tuple of Status
+        Other outcomes of the run if rounding differs; empty if there are none, or if this was not
+        measured.
     """
 
     key: str
@@ -76,24 +117,35 @@ class Row:
 
     @property
     def label(self) -> str:
+        """The key, under the name that tasks and outcomes use."""
         return self.key
 
     @property
     def outcome(self) -> Status:
+        """Status that also tells whether the run is complete, see `outcome_of`."""
         return outcome_of(self.status, self.reason)
 
 
 def outcome_of(status: Status, reason: str) -> Status:
-    """Return the status of a run, `Status.INCOMPLETE` where it ended early or there is no truth for it."""
+    """Return the status of a run; `Status.INCOMPLETE` if it ended early or has no truth, see its reason."""
     return Status.INCOMPLETE if status == Status.OK and reason else status
 
 
 @dataclass(frozen=True)
 class PlannedRun:
-    """A variant with a step on a scene, or the truth of a scene where `variant` is None.
+    """One step of a variant on a scene, or the truth of a scene.
 
-    One that is `followed` is of a scene on which a check runs every variant. A run that is made again has a `way`, one
-    of `WAYS`.
+    Attributes
+    ----------
+    scene : Scene
+    variant : Variant or None
+        None for the truth.
+    step : float
+        Value of the variant's parameter; 0 for the truth.
+    followed : bool
+        True if a check runs every variant on this scene.
+    way : str
+        Perturbation, one of `WAYS`; empty for the run itself.
     """
 
     scene: Scene
@@ -104,51 +156,61 @@ class PlannedRun:
 
     @property
     def key(self) -> str:
-        """Name of the run, for people."""
-        name = (
-            f"{self.scene.name}/{TRUTH}"
-            if self.variant is None
-            else run_key(self.scene, self.variant, self.step)
-        )
+        """Readable name of the run, unique in a campaign."""
+        if self.variant is None:
+            name = f"{self.scene.name}/{TRUTH}"
+        else:
+            name = run_key(self.scene, self.variant, self.step)
         return f"{name}, {self.way}" if self.way else name
 
     @property
     def identity(self) -> str:
-        """Content of the run, whatever its name: ``"pymunk, joint, dt = 0.01; scene 53f1d0c2a9e84b67"``.
+        """Contents of the run, independent of its name: ``"pymunk, joint, dt = 0.01; scene 53f1d0c2a9e84b67"``.
 
-        Only runs of the same identity are compared. The version of the engine is no part of it: whether a new one is
-        worse is the question of a check.
+        Only runs with the same identity are compared. It does not contain the version of the
+        engine, because a check compares versions.
         """
-        variant, scene = self.variant, f"scene {scene_digest(self.scene)}"
+        variant = self.variant
+        scene = f"scene {scene_digest(self.scene)}"
         if variant is None:
             return f"{TRUTH}; {scene}"
-        settings = sorted({**variant.settings, variant.parameter: self.step}.items())
-        words = ", ".join(
-            f"{name} = {json.dumps(value, sort_keys=True, default=str)}" for name, value in settings
-        )
-        return f"{variant.stands_for or variant.engine}, {variant.fidelity}, {words}; {scene}"
+        settings = {**variant.settings, variant.parameter: self.step}
+        assignments = [
+            f"{name} = {json.dumps(value, sort_keys=True, default=str)}"
+            for name, value in sorted(settings.items())
+        ]
+        engine = variant.stands_for or variant.engine
+        return f"{engine}, {variant.fidelity}, {', '.join(assignments)}; {scene}"
 
     @property
     def row(self) -> Row:
-        """Row before the run is made."""
-        variant = self.variant
-        return Row(
-            self.key,
-            self.identity,
-            self.scene.name,
-            variant.label if variant else TRUTH,
-            variant.engine if variant else TRUTH,
-            None,
-            variant.fidelity if variant else "",
-            variant.parameter if variant else "",
-            self.step,
-            Status.NOT_RUN,
-            "",
+        """Row of the run before its execution, without numbers."""
+        row = Row(
+            key=self.key,
+            identity=self.identity,
+            scene=self.scene.name,
+            variant=TRUTH,
+            engine=TRUTH,
+            version=None,
+            fidelity="",
+            parameter="",
+            step=self.step,
+            status=Status.NOT_RUN,
+            reason="",
+        )
+        if self.variant is None:
+            return row
+        return replace(
+            row,
+            variant=self.variant.label,
+            engine=self.variant.engine,
+            fidelity=self.variant.fidelity,
+            parameter=self.variant.parameter,
         )
 
 
 def row_of(run: PlannedRun, outcome: Outcome) -> Row:
-    """Return the row of a run whose task had an outcome."""
+    """Return the row of a run from the outcome of its task, whose value is the row if it succeeded."""
     if outcome.status == Status.OK:
         return outcome.value
     return replace(

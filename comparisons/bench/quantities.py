@@ -1,8 +1,9 @@
-"""Quantities: what the columns of all tables are, in one place.
+"""Quantities: the label, unit and number format of every column of the tables of results.
 
-A table of results is a DataFrame whose columns are *keys*: ``position_error``, ``cpu_time``. What a key stands for, in
-which unit, and how its numbers are written is looked up here when something is rendered. Nothing is ever read out of a
-label or out of the name of a column: a label may be changed, and no number, ranking or group changes with it.
+A table of results is a DataFrame whose columns are named by keys such as ``position_error`` or
+``cpu_time``. When a table is rendered, the keys are looked up here. Computations must not depend on
+labels or on parts of keys, so that a label can be changed without changing any number, ranking or
+group.
 """
 
 from __future__ import annotations
@@ -20,34 +21,36 @@ from stiction.truths.truth import TIER_LABELS
 
 
 class Kind(StrEnum):
-    """What a quantity is, which decides how it is written."""
+    """Kind of a quantity, which determines how its values are written."""
 
     ERROR = "error"
-    """An error, a drift, a residual or a change: its size matters, two digits are enough."""
+    """Error, drift, residual or change, of which only the order of magnitude matters; sign
+    omitted."""
     UNCERTAINTY = "uncertainty"
-    """A bound of the error of another quantity, or half of its confidence interval."""
+    """Bound of the error of another quantity, or half the width of its confidence interval."""
     TIME = "time"
-    """A measured CPU or wall time, or a ratio of such times."""
+    """Measured CPU or wall time, or a ratio of such times."""
     EXPONENT = "exponent"
-    """An order of convergence, or the exponent of a power law."""
+    """Order of convergence, or exponent of a power law."""
     JUMP = "jump"
-    """A jump, of which the size is written."""
+    """Jump; sign omitted."""
     VALUE = "value"
     """Any other real number."""
     EXACT = "exact"
-    """A number that is known to ten digits, such as the amplitude at a stick threshold."""
+    """Real number known to ten digits, such as the amplitude at a stick threshold."""
     COUNT = "count"
-    """A whole number."""
+    """Whole number."""
     CATEGORY = "category"
-    """One of few words: an engine, a status, a tier of truth."""
+    """Element of a small set of words, such as an engine, a status, or a tier of truths."""
     FLAG = "flag"
     """True or False."""
     TEXT = "text"
-    """Words for people."""
+    """Any text."""
     INTERVALS = "intervals"
-    """Intervals of a real number: pairs of a lower and an upper end, as a JSON list; empty for none."""
+    """Intervals of a real number as a JSON list of pairs (lower end, upper end); empty if there are
+    none."""
     JSON = "json"
-    """Settings, as a JSON object."""
+    """Settings as a JSON object."""
 
 
 DIGITS: Mapping[Kind, int] = {
@@ -60,16 +63,17 @@ DIGITS: Mapping[Kind, int] = {
     Kind.EXACT: 10,
     Kind.COUNT: 6,
 }
-"""Significant digits with which a number of a kind is written; whole numbers are written as they are."""
+"""Significant digits of the numbers of each kind; whole numbers are written with all their
+digits."""
 NO_WORDS: Mapping[str, str] = MappingProxyType({})
-"""Of categories whose values are written as they are."""
+"""Default of `Quantity.words`: the values of the category are written as they are stored."""
 NUMERIC = frozenset(DIGITS)
-"""Kinds of numbers."""
+"""Kinds whose values are numbers."""
 
 
 @dataclass(frozen=True)
 class Quantity:
-    """What the values of a column are.
+    """The meaning and the format of the values of a column.
 
     Attributes
     ----------
@@ -78,17 +82,17 @@ class Quantity:
     label : str
         Heading, without unit.
     unit : str
-        Unit of the stored numbers, SI but for times and creep in millionths; empty for numbers without
-        dimension, and for words.
+        Unit of the stored numbers: SI, except for some times in us and creep in um/s. Empty for
+        dimensionless numbers and for words.
     kind : Kind
     uncertainty : str
         Key of the quantity that is the uncertainty of this one; empty if there is none.
     symbol : str
         Symbol in formulas, as LaTeX; empty if there is none.
     description : str
-        A sentence for who reads the data without the report; the label if empty.
+        Explanation for readers of the data; if empty, the label is sufficient.
     words : Mapping
-        Of a category whose values are those of an enum: what is written for each. The data have the values.
+        For a category, the words that are written instead of the stored values.
     """
 
     key: str
@@ -102,12 +106,17 @@ class Quantity:
 
     @property
     def head(self) -> str:
-        """The label with its unit in brackets."""
+        """The label, followed by the unit in brackets."""
         return f"{self.label} [{self.unit}]" if self.unit else self.label
 
     @property
     def is_number(self) -> bool:
+        """True if the values are numbers."""
         return self.kind in NUMERIC
+
+
+# The following functions return a quantity of the kind that their names contain. Without a label,
+# the words of the key are the label.
 
 
 def _category(
@@ -152,12 +161,18 @@ def _time(key: str, label: str, unit: str = "s", description: str = "") -> Quant
 
 
 def _measured(
-    kind: Kind, key: str, label: str, unit: str, uncertainty: str, of: str, description: str = ""
+    kind: Kind,
+    key: str,
+    label: str,
+    unit: str,
+    uncertainty: str,
+    noun: str,
+    description: str = "",
 ) -> tuple[Quantity, Quantity]:
-    """A quantity and its uncertainty, the latter of `of` in words."""
+    """Return a quantity, and its uncertainty with the key `uncertainty` and the label "uncertainty of `noun`"."""
     return (
         Quantity(key, label, unit, kind, uncertainty, description=description),
-        Quantity(uncertainty, f"uncertainty of {of}", unit, Kind.UNCERTAINTY),
+        Quantity(uncertainty, f"uncertainty of {noun}", unit, Kind.UNCERTAINTY),
     )
 
 
@@ -207,7 +222,7 @@ RUN = (
     _category("solver", description="of the contact problem, where an engine has several"),
     _text("other_settings"),
 )
-"""Which run a row is of, and how it went."""
+"""Identity, settings and status of a run."""
 
 TRUTHS = (
     _text("truth", "truth", "name of the truth that the row is compared with"),
@@ -223,7 +238,7 @@ TRUTHS = (
     ),
     _text("theorem"),
 )
-"""What is true, and how well it is known."""
+"""Truths that results are compared with."""
 
 COST = (
     _time("cpu_time", "CPU time", description="CPU time of all steps, the adapter included"),
@@ -256,7 +271,7 @@ COST = (
     _time("relative_time", "least CPU time per calibration kernel", ""),
     Quantity("position_order", "observed order of the position", kind=Kind.EXPONENT),
 )
-"""What a run costs."""
+"""Cost of a run."""
 
 ACCURACY = (
     _value("time_covered", "time covered", "s"),
@@ -443,7 +458,7 @@ EFFECTS = (
     _time("engine_time_ratio_low", "engine's CPU time, of the baseline's, lower end", ""),
     _time("engine_time_ratio_high", "engine's CPU time, of the baseline's, upper end", ""),
 )
-"""What each effect of a scene changes, and costs."""
+"""Changes of the motion and of its cost by single effects of a scene, such as friction."""
 
 EQUAL_ERROR = (
     _category("quantity", description="what the error is of"),
@@ -461,7 +476,7 @@ EQUAL_ERROR = (
     _text("why"),
     *_measured(Kind.EXPONENT, "order", "order", "", "order_uncertainty", "the order"),
 )
-"""Time to reach an error."""
+"""Time to reach a given error, and what limits the error."""
 
 ORDERS = (
     _value("mean_step", "mean step", "s"),
@@ -489,7 +504,7 @@ SETTINGS = (
     _flag("better_everywhere"),
     _count("failed_runs"),
 )
-"""What a setting of an engine does."""
+"""Changes of error and cost by settings of engines."""
 
 HOLD = (
     _category("test"),
@@ -528,7 +543,7 @@ HOLD = (
     _value("load_N", "load", "N"),
     _value("margin"),
 )
-"""Whether a method holds below the limit of static friction."""
+"""Creep, landing and break-away of a slider that is held by static friction."""
 
 HARD = (
     _category("topic"),
@@ -538,7 +553,7 @@ HARD = (
     _value("size"),
     _value("limit"),
 )
-"""Hard cases."""
+"""Checks of scenes that are difficult to solve."""
 
 CLAIMS = (
     _text("claim"),
@@ -570,7 +585,7 @@ CLAIMS = (
     ),
     Quantity("threshold_on_F0", "threshold on F0", "N", Kind.EXACT),
 )
-"""Claims of the paper."""
+"""Statements of the paper, and the margins by which they hold."""
 
 JUDGE = (
     _category("measure", description="how the error of a column is measured"),
@@ -609,14 +624,14 @@ JUDGE = (
     ),
     _value("completed_energy_exchanged", "energy exchanged by the completed motion", "J"),
 )
-"""Judgement of a table of results from anywhere."""
+"""Judgement of a table of results that a user supplies."""
 
 REPLAY = (
     _category("class"),
     _time("median_time", "median time", "us"),
     _error("largest_residual", "largest residual", ""),
 )
-"""Complementarity problems that are solved again."""
+"""Results of solvers for stored complementarity problems."""
 
 QUANTITIES: Mapping[str, Quantity] = {
     quantity.key: quantity
@@ -652,22 +667,23 @@ FAMILIES: Mapping[str, Quantity] = {
         _count("counter", "{}"),
     )
 }
-"""Quantities of something in particular, by the first part of their keys: ``end:slider.x``."""
+"""Quantities of individual objects, by the first part of their keys, as in ``end:slider.x``."""
 
 
 def quantity_of(key: str) -> Quantity:
-    """Return the quantity of a column or metric; one with its key as label where nothing is known of it.
+    """Return the quantity with a key; the key is also the label if the quantity is unknown.
 
-    A key of one of the `FAMILIES` is ``family:subject``, where the subject is a column of a trajectory, whose unit an
-    end value has, a guide with a kind of event, a counter of an engine (`stiction.scenes.Cost`), or another quantity.
+    A key of one of the `FAMILIES` is ``family:subject``. The subject is a column of a trajectory, a
+    guide with a kind of event, a counter of an engine (`stiction.scenes.Cost`), or another
+    quantity.
     """
     if key in QUANTITIES:
         return QUANTITIES[key]
-    family, _, subject = key.partition(":")
-    if subject and family in FAMILIES:
-        base = FAMILIES[family]
-        words = QUANTITIES[subject].label if subject in QUANTITIES else subject
-        return replace(
-            base, key=key, label=base.label.format(words), unit=base.unit or unit_of(subject)
-        )
-    return Quantity(key, key)
+    family_key, _, subject = key.partition(":")
+    if not subject or family_key not in FAMILIES:
+        return Quantity(key, key)
+    family = FAMILIES[family_key]
+    noun = QUANTITIES[subject].label if subject in QUANTITIES else subject
+    # a family without a unit has the unit of its subject, if this is a column of a trajectory
+    unit = family.unit or unit_of(subject)
+    return replace(family, key=key, label=family.label.format(noun), unit=unit)

@@ -1,4 +1,4 @@
-"""Results of the studies: tables, runs, truths, and the machine they were made on."""
+"""Results of studies: tables, runs, truths, settings and times."""
 
 from __future__ import annotations
 
@@ -15,21 +15,26 @@ from stiction.truths import Truth
 
 @dataclass(frozen=True)
 class Results:
-    """Yield of the main job: every run, failures included, the truths, and tables by name.
-
-    Truths have the names of their scenes; with the ending `variants.MUS_EQUALS_MU`, of the scene with mus = mu.
-    Settings are those of the campaign, among them whether an interrupt left runs unmade, and the machine's load.
-    `timed` are the runs behind ``cost``, ``effects`` and ``suppression``, `problems` the complementarity problems that
-    the reference met in the hard cases.
+    """Results of one or several studies.
 
     Attributes
     ----------
+    records : tuple of Record
+        All runs that are compared, failed ones included.
+    truths : Mapping[str, Truth]
+        By name of the scene; the names of truths with mus = mu end with `variants.MUS_EQUALS_MU`.
     tables : Mapping[str, DataFrame]
-        ``accuracy``, ``drift``, ``study`` and ``octaves`` of drift over long runs, ``threshold``, ``torque``,
-        ``claims`` and, in full, their ``sensitivity``, ``hard``; ``hold`` and its ``hold-..``; of the first scene
-        ``orders``, ``effects``, ``suppression``; of all cases ``cost``, and ``times``: the samples behind all times;
-        ``equal-error`` of all cases and, in full, of all of `stiction.comparisons.measures.equal_error.SCENES`; in full
-        ``settings``: what the settings of the engines do, `stiction.comparisons.studies.settings`.
+        By name. Each study has a table of its own name, and lists further ones in `Study.tables`;
+        the samples of all measured times are the table ``times``.
+    settings : Mapping
+        Settings of the campaign; among them are whether it was interrupted before all runs were
+        executed, and the load of the machine.
+    wall_s, cpu_s : float
+        Wall time and CPU time of all runs, s.
+    timed : tuple of Record
+        Runs whose times are measured, for the studies of cost.
+    problems : tuple of Problem
+        Complementarity problems that the reference solved in the hard cases.
     """
 
     records: tuple[Record, ...]
@@ -42,15 +47,16 @@ class Results:
     problems: tuple[Problem, ...] = ()
 
     def truth_of_runs(self) -> dict[str, str]:
-        """Return the name of the truth that a run was compared with, by the run's key."""
-        return {
-            key: truth
-            for table in self.tables.values()
-            if {"key", "truth"} <= set(table.columns)
-            for key, truth in zip(table["key"], table["truth"])
-            if isinstance(truth, str)
-        }
+        """Return, by key of a run, the name of the truth that it was compared with."""
+        truths = {}
+        for table in self.tables.values():
+            if "key" not in table or "truth" not in table:
+                continue
+            for key, truth in zip(table["key"], table["truth"]):
+                if isinstance(truth, str):  # missing values are None or nan
+                    truths[key] = truth
+        return truths
 
     def table(self, name: str) -> pd.DataFrame:
-        """Return a table, rows numbered from 0 as in the data; an empty one where the study was not made."""
+        """Return a table with rows numbered from 0; it is empty if there is none with this name."""
         return self.tables.get(name, pd.DataFrame()).reset_index(drop=True)

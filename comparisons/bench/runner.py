@@ -1,9 +1,10 @@
-"""Runs are planned, made in child processes, and turned into something, a table mostly: the way of every command.
+"""Execution of comparisons: their runs are executed in child processes, and their results are tabulated.
 
-A comparison only plans. `make` makes the runs of any number of comparisons, so that all that may share the machine
-shares it. A run that several of them request is made once. Timed runs are made again afterwards, one at a time with
-nothing else, in rounds over the runs of all comparisons (`bench.timing.visits`). A computation that
-several comparisons have is timed once, and has one time in all tables.
+A `Comparison` is a plan. `make` executes the runs of any number of comparisons together, so that
+all processors are used, and executes a run only once if several comparisons need it. Runs whose
+times are measured are executed again afterwards, one at a time, in rounds over all comparisons
+(`bench.timing.visits`). A computation that belongs to several comparisons is timed once, so that
+all tables contain the same time.
 """
 
 from __future__ import annotations
@@ -34,19 +35,31 @@ S = TypeVar("S")
 T = TypeVar("T")
 
 TIME_LIMIT = 240.0
-"""Seconds that one run or measurement may take."""
+"""Default time limit of one run or measurement, s."""
 PREPARATION_LIMIT = 600.0
-"""Seconds that an engine may take to compile what it keeps on disk."""
+"""Time limit for compiling the kernels of one engine, which are then stored on disk, s."""
 
 
 @dataclass(frozen=True)
 class Comparison(Generic[T]):
-    """Runs, and what becomes of them: `tabulate` makes the yield from the outcomes of the tasks, in their order.
+    """A plan: tasks, and a function that computes the result of the comparison from their outcomes.
 
-    The engines of the variants are prepared first. Where there are `rounds`, the tasks are simulations, which are timed
-    in so many at least; the values of their outcomes are `bench.timing.visits.Timing`. `ladders` names
-    the refinement series of each, with steps from coarse to fine. The rounds of one series may take `budget_s` CPU
-    seconds. Finer steps are timed once.
+    Attributes
+    ----------
+    tasks : tuple of Task
+    tabulate : callable
+        Computes the result from the outcomes, which are in the order of the tasks.
+    variants : tuple of Variant
+        The variants whose engines must be prepared before the tasks.
+    rounds : int
+        Minimum number of timing rounds; 0 if times are not measured. If it is not 0, all tasks are
+        simulations, and the value of each outcome is a `bench.timing.visits.Timing` instead of a
+        trajectory.
+    ladders : tuple of str
+        Name of the refinement series of each task, if `rounds` is not 0. The tasks of a series go
+        from coarse to fine.
+    budget_s : float
+        CPU time for the rounds of one series, s. Runs that exceed it are timed once.
     """
 
     tasks: tuple[Task, ...]
@@ -57,7 +70,7 @@ class Comparison(Generic[T]):
     budget_s: float = math.inf
 
     def then(self, convert: Callable[[T], S]) -> Comparison[S]:
-        """Return a comparison of the same runs whose yield is converted."""
+        """Return a comparison of the same runs whose result is `convert` of this one's result."""
         return Comparison(
             self.tasks,
             lambda outcomes: convert(self.tabulate(outcomes)),
@@ -68,16 +81,24 @@ class Comparison(Generic[T]):
         )
 
     def make(self, **options: Any) -> T:
-        """Make the runs and return the yield; options of `make`."""
+        """Execute the runs and return the result; `options` are those of the function `make`."""
         return make([self], **options)[0]
 
 
 def side_by_side(parts: Sequence[Comparison[S]], combine: Callable[[list[S]], T]) -> Comparison[T]:
-    """Return comparisons as one, timed in the same rounds with the same budget, whose yields are combined."""
+    """Return several comparisons as one, whose result is `combine` of the list of their results.
+
+    The rounds and the budget of the first one apply to all.
+    """
 
     def tabulate(outcomes: Sequence[Outcome]) -> T:
-        rest = iter(outcomes)
-        return combine([part.tabulate([next(rest) for _ in part.tasks]) for part in parts])
+        results = []
+        first = 0
+        for part in parts:
+            end = first + len(part.tasks)
+            results.append(part.tabulate(outcomes[first:end]))
+            first = end
+        return combine(results)
 
     variants = {variant.label: variant for part in parts for variant in part.variants}
     return Comparison(
@@ -93,10 +114,10 @@ def side_by_side(parts: Sequence[Comparison[S]], combine: Callable[[list[S]], T]
 def records_comparison(
     scenes: Sequence[Scene], variants: Sequence[Variant], t_end: float | None = None
 ) -> Comparison[tuple[Record, ...]]:
-    """Return the comparison of every variant with every step on every scene; it yields the records in this order.
+    """Return the comparison of all steps of all variants on all scenes; its result is the records.
 
-    Engines without a static coefficient run the scene with mus = mu. The finest steps are begun first, so that no core
-    waits for another at the end.
+    Records are ordered by scene, variant and step. Engines without a static coefficient simulate
+    the scene with mus = mu.
     """
     runs = [
         (scene, variant, step)
@@ -110,14 +131,22 @@ def records_comparison(
         )
         for scene, variant, step in runs
     ]
-    order = sorted(range(len(runs)), key=lambda i: (runs[i][1].parameter, runs[i][2]))
+
+    # The finest steps, which take longest, are executed first. Otherwise one of them might begin
+    # last and keep all but one processor idle.
+    def parameter_and_step(i: int) -> tuple[str, float]:
+        _, variant, step = runs[i]
+        return variant.parameter, step
+
+    order = sorted(range(len(runs)), key=parameter_and_step)
 
     def tabulate(outcomes: Sequence[Outcome]) -> tuple[Record, ...]:
-        by_run = dict(zip(order, outcomes))
-        return tuple(
-            Record(by_run[i].label, scene.name, variant, step, by_run[i])
-            for i, (scene, variant, step) in enumerate(runs)
-        )
+        outcome_of_run = dict(zip(order, outcomes))
+        records = []
+        for i, (scene, variant, step) in enumerate(runs):
+            outcome = outcome_of_run[i]
+            records.append(Record(outcome.label, scene.name, variant, step, outcome))
+        return tuple(records)
 
     return Comparison(tuple(tasks[i] for i in order), tabulate, tuple(variants))
 
@@ -132,46 +161,52 @@ def make(
     isolated: Isolate | None = None,
     timed_by: Isolate | None = None,
 ) -> list[Any]:
-    """Make all runs of comparisons, and return their yields.
+    """Execute all runs of comparisons, and return the results of the comparisons.
 
     Parameters
     ----------
-    workers, timeout_s
-        As of `stiction.engines.isolate`; the rounds of those that are timed go one by one.
-    on_start, on_result
-        Called with the number of runs, those of the rounds that are sure to come included, and each outcome.
-    isolated, timed_by
-        Make the runs, and those that are timed again, on this machine; `stiction.engines.isolate` where None.
-        `checkpoint.KeptRuns.isolate` keeps each outcome, `executors.open_isolate` has one for a cluster.
+    comparisons : sequence of Comparison
+    workers : int, optional
+        Number of child processes at a time, as of `stiction.engines.isolate`. Times are measured
+        one at a time.
+    timeout_s : float
+        Time limit of each run, s.
+    on_start : callable, optional
+        Called once with the number of runs, including those of the timing rounds that are planned.
+    on_result : callable, optional
+        Called with each outcome.
+    isolated : callable, optional
+        Executes the runs; `stiction.engines.isolate` if None. Others are `store.KeptRuns.isolate`,
+        which stores each outcome, and those of `executors.open_isolate`.
+    timed_by : callable, optional
+        Executes the timing rounds, on this machine; `isolated` if None.
     """
     isolated = isolated or isolate
     prepare(variant.engine for comparison in comparisons for variant in comparison.variants)
-    least = max((comparison.rounds for comparison in comparisons), default=0)
+    rounds = max((comparison.rounds for comparison in comparisons), default=0)
     tasks = [task for comparison in comparisons for task in comparison.tasks]
     if on_start is not None:
         timed = sum(len(comparison.tasks) for comparison in comparisons if comparison.rounds)
-        on_start(len(tasks) + least * timed)
+        on_start(len(tasks) + rounds * timed)
 
-    # All runs of all comparisons together, so that equal ones are made once; then each comparison
-    # takes its own back.
+    # Execute the runs of all comparisons together, so that equal ones are executed once. Then
+    # distribute the outcomes to the comparisons.
     outcomes = iter(_outcomes(tasks, isolated, on_result, workers=workers, timeout_s=timeout_s))
     pairs = [[(task, next(outcomes)) for task in comparison.tasks] for comparison in comparisons]
 
-    # Those that are timed have run once before: only what succeeded is timed, and what it costs is
-    # known.
-    to_time = [
-        run
-        for comparison, part in zip(comparisons, pairs)
-        if comparison.rounds
-        for run in affordable(part, comparison.ladders, least, comparison.budget_s)
-    ]
-    times = time_runs(to_time, least, timed_by or isolated, timeout_s, on_result, workers)
-    return [
-        comparison.tabulate(
-            [with_time(task, outcome, times, comparison.rounds > 0) for task, outcome in part]
-        )
-        for comparison, part in zip(comparisons, pairs)
-    ]
+    # Measure the times of the runs that succeeded. Their cost is known from the first execution.
+    to_time: list[tuple[Task, Outcome, bool]] = []
+    for comparison, part in zip(comparisons, pairs):
+        if comparison.rounds:
+            to_time += affordable(part, comparison.ladders, rounds, comparison.budget_s)
+    times = time_runs(to_time, rounds, timed_by or isolated, timeout_s, on_result, workers)
+
+    results = []
+    for comparison, part in zip(comparisons, pairs):
+        is_timed = comparison.rounds > 0
+        with_times = [with_time(task, outcome, times, is_timed) for task, outcome in part]
+        results.append(comparison.tabulate(with_times))
+    return results
 
 
 def _outcomes(
@@ -180,43 +215,55 @@ def _outcomes(
     on_result: Callable[[Outcome], None] | None,
     **options: Any,
 ) -> list[Outcome]:
-    """Return the outcome of each task. Equal tasks are made once, under whatever labels; CPU time counts once."""
+    """Return the outcome of each task, and report each to `on_result`.
+
+    Tasks that differ in their labels only are executed once. The CPU time is reported with the
+    first of them, and as zero with the others.
+    """
     calls = [call_of(task) for task in tasks]
-    alike: dict[str, list[Task]] = defaultdict(list)
+    equal_tasks: dict[str, list[Task]] = defaultdict(list)
     for call, task in zip(calls, tasks):
-        alike[call].append(task)
-    # The first of equal tasks is made; the others wait for its outcome, by its label.
-    others: dict[str, list[Task]] = defaultdict(list)
-    for first, *rest in alike.values():
-        others[first.label] += rest
+        equal_tasks[call].append(task)
+    # The first of equal tasks is executed. The others are found by its label when it has finished.
+    executed = []
+    duplicates: dict[str, list[Task]] = defaultdict(list)
+    for first, *rest in equal_tasks.values():
+        executed.append(first)
+        duplicates[first.label] += rest
 
     def report(outcome: Outcome) -> None:
         if on_result is not None:
             on_result(outcome)
-            for task in others.pop(outcome.label, ()):
+            for task in duplicates.pop(outcome.label, ()):
                 on_result(replace(outcome, label=task.label, cpu_s=0.0))
 
     if not tasks:
         return []
-    outcomes = isolated([first for first, *_ in alike.values()], on_result=report, **options)
-    by_call = dict(zip(alike, outcomes, strict=True))
+    outcomes = isolated(executed, on_result=report, **options)
+    by_call = dict(zip(equal_tasks, outcomes, strict=True))
     return [replace(by_call[call], label=task.label) for call, task in zip(calls, tasks)]
 
 
 def prepare(engines: Iterable[str]) -> None:
-    """Have kernels compiled before any run has a time limit; other engines' in children, as all that is theirs."""
+    """Compile the kernels of the reference and of other engines, so that no run spends its time limit on it.
+
+    Other engines compile in child processes, because they may crash. An error is not reported here:
+    it occurs again in the runs of the engine, whose rows give the reason.
+    """
     compile_kernels()
     names = [name for name in dict.fromkeys(engines) if name != "reference" and _compiles(name)]
-    if names:  # whatever fails here fails in the runs as well, whose rows say why
+    if names:
         isolate([Task(name, _prepare, (name,)) for name in names], timeout_s=PREPARATION_LIMIT)
 
 
 def _compiles(engine: str) -> bool:
+    """Return whether an engine has kernels to compile; False if it is missing."""
     try:
         return type(load_engine(engine)).prepare is not Engine.prepare
-    except EngineMissing:  # the rows of its runs say so
+    except EngineMissing:
         return False
 
 
 def _prepare(engine: str) -> None:
+    """Compile the kernels of an engine; the task of a child process."""
     load_engine(engine).prepare()

@@ -1,8 +1,8 @@
-"""A study is one question of the report: the runs it needs, the tables they make, and what the tables say.
+"""Studies: a study answers one question by runs, tables computed from them, and their presentation.
 
-A new question is a new file in ``comparisons/studies`` whose module has a `STUDY`, a template of its text in
-``reports/templates/studies``, and a test. It then appears in `stiction compare` and in `stiction validate` (terminal,
-report, page, paper), without another line.
+A new study is a module in ``comparisons/studies`` that defines `STUDY`, a template of its text in
+``reports/templates/studies``, and a test. Then it takes part in `stiction compare` and `stiction
+validate` (terminal, report, page and paper) without further changes.
 """
 
 from __future__ import annotations
@@ -27,20 +27,24 @@ from stiction.truths import Truth
 
 @dataclass(frozen=True)
 class Scope:
-    """The scenes and limits of a study.
+    """The scenes, engines and limits for which a study plans its runs.
 
     Attributes
     ----------
     scenes : tuple of Scene
-        The paper's cases in their order, or those of `stiction compare`; studies of one scene take the first.
+        The cases of the paper in their order, or the scenes given to `stiction compare`. Studies of
+        one scene use the first.
+    depth : Depth
     engines : tuple of str or None
-        External engines that take part; all known ones where None. The reference always does.
+        Engines that take part besides the reference; all known ones if None.
     t_end : float or None
-        Seconds; each scene's own where None.
+        End of the simulations, s; that of each scene if None.
     repeats : int or None
-        Least number of rounds of timing; that of the depth where None.
-    options, known : Mapping
-        Options of the study's own, and the yields of `Study.requires`, by name.
+        Minimum number of timing rounds; that of the depth if None.
+    options : Mapping
+        Options that only this study has, by name.
+    known : Mapping
+        Results of the comparisons in `Study.requires`, by name.
     """
 
     scenes: tuple[Scene, ...]
@@ -54,7 +58,7 @@ class Scope:
 
 @dataclass(frozen=True)
 class Tables:
-    """Tables of a study by name, and the runs, truths and problems that are kept with them."""
+    """Tables of a study by name, and the data stored with them; see `Results` for the fields."""
 
     tables: Mapping[str, pd.DataFrame]
     records: tuple[Record, ...] = ()
@@ -65,42 +69,45 @@ class Tables:
 
 @dataclass(frozen=True, eq=False)
 class Study:
-    """One question.
+    """The definition of a study.
 
     Attributes
     ----------
     name : str
-        The name of its main table and of its command.
+        Name of its main table and of its command.
     title : str
-        A word or three that stand above its answer on page one and on the terminal.
+        One to three words, the heading of its answer on page one and on the terminal.
     question : str
-        The heading of its section.
+        Heading of its section.
     present : callable
-        Returns the rows that the text mentions, tables and figures; the results may be those of a stored run, and
-        may lack some studies or engines.
+        Returns the rows that the text mentions, the tables and the figures. The results may be read
+        from a run folder and may lack some studies or engines.
     plan : callable or None
-        Returns the runs within a `Scope`, or None at a depth that leaves the study out; None for a study of others'
-        tables.
+        Returns the comparison for a `Scope`, or None if the study is left out at its depth. None
+        for a study that only uses the tables of other studies.
     requires : Mapping
-        Comparisons by name that are made before `plan`, which has their yields in `Scope.known`.
+        Comparisons, by name, that are executed before `plan` is called; their results are in
+        `Scope.known`.
     seconds : float
-        CPU seconds that a run takes, roughly, for the estimate of the time that is left.
+        Approximate CPU time of one run, s, from which the remaining time is estimated.
     on_page_one : bool
-        True if page one has its answer; its headlines are columns there in any case.
+        True if its answer is on page one of the report. Its headlines are columns there in any
+        case.
     compared : bool
-        True if it is a command of `stiction compare`, which one about the paper's own cases is not.
+        True if it is a command of `stiction compare`; False for studies that only apply to the
+        cases of the paper.
     takes_scene, needs_scene : bool
-        True if that command takes a scene, and if it must be given one.
-    tables : Mapping[str, str]
-        Titles of its tables of the data, by name.
-    failures_of_reference : callable or None
-        Yields a line for each run of the reference that its tables show to be wrong; such a run fails
-        `stiction validate`.
-    text : str
-        The template of its section, for a study that has none in ``reports/templates/studies``.
+        True if this command accepts scenes, and if it requires one.
     takes : frozenset of str
-        Fields and options of a `Scope` that `plan` uses; the command refuses others, and several scenes without
-        ``scenes``.
+        Fields and options of `Scope` that `plan` uses. The command rejects other options, and
+        several scenes unless ``scenes`` is included.
+    tables : Mapping[str, str]
+        Titles of its tables, by name.
+    failures_of_reference : callable or None
+        Yields one line for each run of the reference that is wrong according to the tables.
+        `stiction validate` fails if there is one.
+    text : str
+        Template of its section, for a study without a file in ``reports/templates/studies``.
     """
 
     name: str
@@ -120,64 +127,86 @@ class Study:
     text: str = ""
 
     def presented(self, results: Results) -> Presentation:
-        """Return what the study presents, without charts that have no point."""
-        said = self.present(results)
+        """Return the presentation of the study, without charts that have no points."""
+        presentation = self.present(results)
         figures = [
             figure
-            for figure in said.figures
-            if not isinstance(figure, Chart)
-            or any(len(series.x) for panel in figure.panels for series in panel.series)
+            for figure in presentation.figures
+            if not isinstance(figure, Chart) or _has_points(figure)
         ]
-        return replace(said, figures=figures)
+        return replace(presentation, figures=figures)
+
+
+def _has_points(chart: Chart) -> bool:
+    """Return whether any series of a chart has a point."""
+    return any(len(series.x) for panel in chart.panels for series in panel.series)
 
 
 def planned(
     scope: Scope, chosen: Sequence[Study], **options: Any
 ) -> dict[Study, Comparison[Tables]]:
-    """Return the runs of each study within a scope, the longest first, so that no core waits for them in the end.
+    """Plan the comparison of each study for a scope, after executing the comparisons that studies require.
 
-    Requirements of studies are made on the way; options of `make`.
+    Parameters
+    ----------
+    scope : Scope
+    chosen : sequence of Study
+    **options
+        Options of `make`, for the comparisons of `Study.requires`.
+
+    Returns
+    -------
+    dict
+        Comparisons by study, those with the longest runs first: if these began last, most
+        processors would be idle at the end. Studies that are left out at the depth of the scope are
+        not included.
     """
-    # What several studies require is made once, before the first of them plans its runs.
+    # Comparisons that several studies require have the same name, and are executed once.
     required = {name: plan for study in chosen for name, plan in study.requires.items()}
-    made = make([plan(scope) for plan in required.values()], **options) if required else []
-    known = dict(zip(required, made, strict=True))
+    known = {}
+    if required:
+        results = make([plan(scope) for plan in required.values()], **options)
+        known = dict(zip(required, results, strict=True))
     scope = replace(scope, known=known)
-    plans = {study: study.plan(scope) for study in chosen if study.plan is not None}
-    return {
-        study: plan
-        for study, plan in sorted(plans.items(), key=lambda item: -item[0].seconds)
-        if plan is not None
-    }
+
+    plans = {}
+    for study in sorted(chosen, key=lambda study: -study.seconds):
+        comparison = None if study.plan is None else study.plan(scope)
+        if comparison is not None:
+            plans[study] = comparison
+    return plans
 
 
 def union(
-    made: Sequence[Tables],
+    parts: Sequence[Tables],
     settings: Mapping[str, object] = MappingProxyType({}),
     wall_s: float = 0.0,
     cpu_s: float = 0.0,
 ) -> Results:
-    """Return the results of several studies as one.
+    """Return the results of several studies as one; `settings` and times are described at `Results`.
 
-    Tables of one name follow each other. Runs of one key are kept once, the first of them.
+    Tables with the same name are concatenated. Of runs with the same key the first one is included.
     """
-    parts: dict[str, list[pd.DataFrame]] = defaultdict(list)
+    tables: dict[str, list[pd.DataFrame]] = defaultdict(list)
     records: dict[str, Record] = {}
     truths: dict[str, Truth] = {}
-    for results in made:
-        for name, table in results.tables.items():
-            parts[name].append(table)
-        for record in results.records:
+    timed: list[Record] = []
+    problems: list[Problem] = []
+    for part in parts:
+        for name, table in part.tables.items():
+            tables[name].append(table)
+        for record in part.records:
             records.setdefault(record.key, record)
-        truths |= results.truths
-    tables = {name: pd.concat(tables, ignore_index=True) for name, tables in parts.items()}
+        truths |= part.truths
+        timed += part.timed
+        problems += part.problems
     return Results(
-        tuple(records.values()),
-        truths,
-        tables,
-        settings,
-        wall_s,
-        cpu_s,
-        tuple(record for results in made for record in results.timed),
-        tuple(problem for results in made for problem in results.problems),
+        records=tuple(records.values()),
+        truths=truths,
+        tables={name: pd.concat(same, ignore_index=True) for name, same in tables.items()},
+        settings=settings,
+        wall_s=wall_s,
+        cpu_s=cpu_s,
+        timed=tuple(timed),
+        problems=tuple(problems),
     )

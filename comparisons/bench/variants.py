@@ -1,4 +1,4 @@
-"""Variants, which are compared: an engine in one fidelity with fixed settings, over steps or tolerances."""
+"""Variants of engines that are compared, their runs, and the steps and output instants of these runs."""
 
 from __future__ import annotations
 
@@ -16,44 +16,65 @@ from stiction.engines.registry import EngineMissing, label_of, load_engine
 from stiction.scenes import Scene, Trajectory, catalogue
 from stiction.scenes.fidelity import Fidelity
 from stiction.scenes.laws import Linear, Sine
-from stiction.scenes.model import LinearSpring
+from stiction.scenes.model import LinearSpring, TorsionalSpring
 
 Parameter = Literal["dt", "rtol", "iterations"]
 PARAMETERS: tuple[Parameter, ...] = get_args(Parameter)
-"""Parameters that are refined: a step (s), a relative tolerance, the iterations by which an engine solves a step."""
+"""Parameters that are refined: step size (s), relative tolerance, number of iterations per step."""
 
 OWN_CPU = "engine_time"
-"""Column of tables: CPU seconds inside the engine's own calls (`stiction.scenes.Cost.own_s`), part of ``cpu_time``."""
+"""Column: CPU time in calls of the engine (`stiction.scenes.Cost.own_s`), a part of ``cpu_time``;
+s."""
 
-FRICTION_BY, EVENTS_BY = "friction_by", "events_by"
-"""Columns of tables: who supplies the friction law of a run, and who locates its events (`Supplier`)."""
+FRICTION_BY = "friction_by"
+"""Column: the `Supplier` of the friction law of a run."""
+EVENTS_BY = "events_by"
+"""Column: the `Supplier` of the location of events of a run."""
 COEFFICIENTS = "coefficients"
-"""Column of tables: the `Coefficients` of friction of a run and of its truth."""
+"""Column: the `Coefficients` of friction of a run and of the truth that it is compared with."""
 
 
 class Coefficients(StrEnum):
-    """How many coefficients of friction an engine has in a scene: runs of different ones answer different questions."""
+    """Coefficients of friction that an engine represents; only runs with the same ones are compared."""
 
     BOTH = "mus > mu"
-    """The static and the kinetic one."""
+    """Static and kinetic coefficient."""
     ONE = "mus = mu"
-    """The kinetic one alone; such a run is compared with the truth for mus = mu."""
+    """Kinetic coefficient only; such a run is compared with the truth for mus = mu."""
 
     @classmethod
     def of(cls, static_coefficient: bool) -> Coefficients:
+        """Return the coefficients of an engine that represents, or does not represent, a static one."""
         return cls.BOTH if static_coefficient else cls.ONE
 
 
 @dataclass(frozen=True)
 class Variant:
-    """An engine with settings, over a `ladder` of steps or tolerances, from coarse to fine.
+    """An engine in one fidelity and with fixed settings, together with its refinement series.
 
-    The label is short and unique, as it stands in legends: ``"pymunk, contact"``; the parameter is one of `PARAMETERS`.
-    With a baseline it is compared in the place of the engine that it `stands_for`, its own if empty. `cost` and
-    `threshold` are series of the same parameter for comparisons that take other steps (`campaigns/validation.toml`).
-    `effects` are settings by name that `stiction.comparisons.studies.effects` toggles. `subject` and `setting` are of a
-    variant that tries a setting: the method whose setting it is, and what is set; `changed` is the name of that
-    setting, empty for the default.
+    Attributes
+    ----------
+    label : str
+        Short unique name, as in legends: ``"pymunk, contact"``.
+    engine : str
+        Name of the engine.
+    parameter : str
+        The parameter that is refined, one of `PARAMETERS`.
+    ladder : tuple of float
+        Values of the parameter, from coarse to fine.
+    fidelity : Fidelity
+    settings : Mapping
+        Settings of the engine.
+    stands_for : str
+        Name of the engine with whose baseline the runs are compared; `engine` if empty.
+    cost, threshold : tuple of float
+        Other values of the parameter, for work-precision diagrams and for the stick threshold.
+    effects : Mapping
+        By name, settings that `stiction.comparisons.studies.effects` switches on or off.
+    subject, setting, changed : str
+        Only for variants of `stiction.comparisons.studies.settings`: the method whose setting is
+        varied, the setting with its value, and the name of the setting, which is empty for the
+        default.
     """
 
     label: str
@@ -73,9 +94,19 @@ class Variant:
 
 @dataclass(frozen=True)
 class Record:
-    """One run of the campaign and its outcome, whose value is the trajectory, None unless the status is `Status.OK`.
+    """One run and its outcome.
 
-    The key ``"<scene>/<variant>/<parameter>=<step>"`` leads from a row of a table to the trajectory.
+    Attributes
+    ----------
+    key : str
+        ``"<scene>/<variant>/<parameter>=<step>"``; rows of tables refer to the run by it.
+    scene : str
+        Name of the scene.
+    variant : Variant
+    step : float
+        Value of the variant's parameter.
+    outcome : Outcome
+        Its value is the trajectory if the status is `Status.OK`, and None otherwise.
     """
 
     key: str
@@ -86,11 +117,12 @@ class Record:
 
     @property
     def trajectory(self) -> Trajectory | None:
+        """The trajectory, None if the run failed."""
         return self.outcome.value
 
     @property
     def run(self) -> Trajectory:
-        """The trajectory of a run that succeeded; raises ValueError for others."""
+        """The trajectory; raises ValueError if the run failed."""
         if self.trajectory is None:
             raise ValueError(
                 f"{self.key}: found a run that is {self.outcome.status}; expected one that succeeded"
@@ -98,78 +130,98 @@ class Record:
         return self.trajectory
 
     def describe(self) -> dict[str, Any]:
-        """Return the columns that every table begins with."""
+        """Return the values of the columns that every table of runs begins with."""
         trajectory = self.trajectory
-        early = trajectory.termination if trajectory and trajectory.termination != "end" else ""
-        return {
+        row: dict[str, Any] = {
             "scene": self.scene,
             "variant": self.variant.label,
             "engine": label_of(self.variant.engine),
-            "version": trajectory.version if trajectory else None,
+            "version": None,
             "fidelity": self.variant.fidelity,
-            FRICTION_BY: trajectory.settings.get(FRICTION_SUPPLIED_BY) if trajectory else None,
-            EVENTS_BY: trajectory.settings.get(EVENTS_LOCATED_BY) if trajectory else None,
+            FRICTION_BY: None,
+            EVENTS_BY: None,
             "parameter": self.variant.parameter,
             "step": self.step,
             "status": self.outcome.status,
-            "reason": self.outcome.reason or early,
-            "cpu_time": trajectory.cost.stepping_s if trajectory else None,
-            OWN_CPU: trajectory.cost.own_s if trajectory else None,
-            "settings": json.dumps(dict(trajectory.settings), default=str) if trajectory else None,
+            "reason": self.outcome.reason,
+            "cpu_time": None,
+            OWN_CPU: None,
+            "settings": None,
             "key": self.key,
         }
+        if trajectory is None:
+            return row
+        row["version"] = trajectory.version
+        row[FRICTION_BY] = trajectory.settings.get(FRICTION_SUPPLIED_BY)
+        row[EVENTS_BY] = trajectory.settings.get(EVENTS_LOCATED_BY)
+        if not self.outcome.reason and trajectory.termination != "end":
+            row["reason"] = trajectory.termination
+        row["cpu_time"] = trajectory.cost.stepping_s
+        row[OWN_CPU] = trajectory.cost.own_s
+        row["settings"] = json.dumps(dict(trajectory.settings), default=str)
+        return row
 
 
 COARSEST = 1e-2
-"""Seconds; the coarsest step of the runs that are compared, chosen for the paper's cases: 24 s, excited with periods of
-seconds. Steps for cost begin up to four times as coarse."""
-STEPS_PER_RUN, STEPS_PER_PERIOD = 100, 20
-"""Coarsest steps in a run, and in its fastest period, at least: with fewer an output says nothing of the motion, and a
-method of first order is off by a third of the amplitude (2 pi/20)."""
+"""Coarsest step of the runs that are compared, s. It was chosen for the paper's cases, which last
+24 s and have excitations with periods of seconds. Series for cost begin with steps up to four times
+as long."""
+STEPS_PER_RUN = 100
+"""Minimum number of the coarsest steps in a run; with fewer, the output does not show the
+motion."""
+STEPS_PER_PERIOD = 20
+"""Minimum number of the coarsest steps in the fastest period. A method of first order then has an
+error of about a third of the amplitude (2 pi / 20)."""
 MOST_STEPS = 20_000
-"""Largest number of coarsest steps in a run because of fast periods: the period of a spring on a light body is a bound,
-which constraints may make far too small."""
-
-
+"""Largest number of the coarsest steps in a run that a fast period may require: the period of a
+spring at a light body is a lower bound, which may be far too small if constraints connect the body
+to others."""
 COMMON_STEP = 1e-3
-"""Seconds, times `time_factor`: the step at which methods are compared with each other."""
-FINE_OUTPUT, OUTPUT = 0.002, 0.01
-"""Seconds, times `time_factor`: distance of the samples that are kept of runs that resolve jumps, and of the others."""
+"""Step at which methods are compared, s; to be multiplied by `time_factor`."""
+FINE_OUTPUT = 0.002
+"""Time between output samples of runs in which jumps are resolved, s; to be multiplied by
+`time_factor`."""
+OUTPUT = 0.01
+"""Time between output samples of all other runs, s; to be multiplied by `time_factor`."""
 ROUNDING = 1e-9
-"""Relative rounding of quotients of steps, so that a whole one counts as such."""
+"""Relative tolerance of quotients of times, which must not be affected by rounding if they are
+whole numbers."""
 STEP_DIGITS = 12
-"""Digits of a step: the last ones, which multiplication leaves, would stand in keys and tables."""
+"""Significant digits of a step; further ones are rounding of a product, which keys and tables
+should not contain."""
 
 
 def time_factor(scene: Scene, t_end: float | None = None) -> float:
-    """Return the factor on the steps and on the distance of outputs for a scene: 1, 0.5, 0.2, 0.1, ..
+    """Return the factor by which steps and times between samples are multiplied: 1, 0.5, 0.2, 0.1, ..
 
-    It is the largest with which the coarsest step is at most 1/`STEPS_PER_RUN` of the run and 1/`STEPS_PER_PERIOD` of
-    the fastest period. For the latter a run has no more than some `MOST_STEPS`.
+    It is the largest factor with which the coarsest step is at most 1/`STEPS_PER_RUN` of the run
+    and 1/`STEPS_PER_PERIOD` of the fastest period. The second condition is limited to `MOST_STEPS`
+    steps per run.
     """
     end = scene.t_end if t_end is None else t_end
-    longest = min(
-        end / STEPS_PER_RUN, max(fastest_period(scene) / STEPS_PER_PERIOD, end / MOST_STEPS)
-    )
-    # a run of 1 s has 100 steps of 1e-2 s, whatever rounding says
+    longest_for_period = max(fastest_period(scene) / STEPS_PER_PERIOD, end / MOST_STEPS)
+    longest = min(end / STEPS_PER_RUN, longest_for_period)
+    # A run of 1 s has 100 steps of 1e-2 s in spite of rounding.
     limit = longest / COARSEST * (1 + ROUNDING)
     if limit >= 1:
         return 1.0
-    # the next lower one of 5, 2, 1 in its decade
+    # Round down to 5, 2 or 1 times a power of ten. 1 is the factor if 5 and 2 are too large.
     decade = math.floor(math.log10(limit))
-    return next(
-        float(f"{digit}e{decade}")
-        for digit in (5, 2, 1)
-        if digit * 10.0**decade <= limit * (1 + ROUNDING)
-    )
+    digit = 1
+    for candidate in (2, 5):
+        if candidate * 10.0**decade <= limit * (1 + ROUNDING):
+            digit = candidate
+    # from text, because 5 * 10.0**-3 is not the float 0.005
+    return float(f"{digit}e{decade}")
 
 
 def fastest_period(scene: Scene) -> float:
-    """Return the shortest period that the scene declares, s: of laws, turns and springs; infinite without any.
+    """Return the shortest period of laws of time, rotating drives and springs of a scene, s; inf if there is none.
 
-    The frequency of a spring alone between two bodies is at most sqrt(k c), where c is what a unit force at its points
-    accelerates them by: 1/m + r^2/I of each (Rayleigh's quotient; constraints only add mass), of a torsional spring 1/I
-    of each.
+    A spring of stiffness k between two otherwise free bodies has the angular frequency sqrt(k c).
+    The compliance c is the sum of 1/m + r^2/I over both bodies, with the distance r of the spring's
+    point from the centre of mass, or of 1/I for a torsional spring. It is an upper bound in a
+    mechanism, because constraints add mass (Rayleigh's quotient).
     """
     frequencies = [0.0]
     for element in (*scene.drives.values(), *scene.forces.values()):
@@ -178,40 +230,49 @@ def fastest_period(scene: Scene) -> float:
         elif isinstance(element.law, Linear) and getattr(element, "type", "") == "angle":
             frequencies.append(abs(element.law.rate))
     for spring in scene.springs.values():
-        arms = spring.points if isinstance(spring, LinearSpring) else (None, None)
-        compliance = 0.0
-        for name, arm in zip(spring.bodies, arms):
-            # the ground does not move
-            if (body := scene.bodies.get(name)) is not None:
-                turned = 1.0 if arm is None else arm[0] ** 2 + arm[1] ** 2
-                compliance += (0.0 if arm is None else 1 / body.mass) + turned / body.inertia
-        frequencies.append(math.sqrt(spring.stiffness * compliance))
+        frequencies.append(math.sqrt(spring.stiffness * _compliance(scene, spring)))
     fastest = max(frequencies)
     return 2 * math.pi / fastest if fastest else math.inf
 
 
+def _compliance(scene: Scene, spring: LinearSpring | TorsionalSpring) -> float:
+    """Return the largest relative acceleration of a spring's ends by a unit force or torque, 1/kg or 1/(kg m^2)."""
+    compliance = 0.0
+    for i, name in enumerate(spring.bodies):
+        body = scene.bodies.get(name)
+        if body is None:
+            continue  # the ground does not move
+        if isinstance(spring, LinearSpring):
+            x, y = spring.points[i]
+            compliance += 1 / body.mass + (x**2 + y**2) / body.inertia
+        else:
+            compliance += 1.0 / body.inertia
+    return compliance
+
+
 def scaled(
-    given: Iterable[Variant], scene: Scene, t_end: float | None = None
+    variants: Iterable[Variant], scene: Scene, t_end: float | None = None
 ) -> tuple[Variant, ...]:
-    """Return the variants with their steps, and a step among their settings, times `time_factor`."""
+    """Return variants whose steps, including a step among the settings, are multiplied by `time_factor`."""
     factor = time_factor(scene, t_end)
     if factor == 1:
-        return tuple(given)
-
-    def scaled_one(variant: Variant) -> Variant:
-        steps = tuple(_rounded(step * factor) for step in variant.ladder)
-        own = {"dt": _rounded(variant.settings["dt"] * factor)} if "dt" in variant.settings else {}
-        return replace(
-            variant,
-            ladder=steps if variant.parameter == "dt" else variant.ladder,
-            settings={**variant.settings, **own},
-        )
-
-    return tuple(map(scaled_one, given))
+        return tuple(variants)
+    return tuple(_with_scaled_steps(variant, factor) for variant in variants)
 
 
-def _rounded(step: float) -> float:
-    """Drop the digits of a step beyond `STEP_DIGITS`."""
+def _with_scaled_steps(variant: Variant, factor: float) -> Variant:
+    """Return a variant with its steps multiplied by a factor."""
+    ladder = variant.ladder
+    if variant.parameter == "dt":
+        ladder = tuple(_round_step(step * factor) for step in ladder)
+    settings = dict(variant.settings)
+    if "dt" in settings:
+        settings["dt"] = _round_step(settings["dt"] * factor)
+    return replace(variant, ladder=ladder, settings=settings)
+
+
+def _round_step(step: float) -> float:
+    """Return a step rounded to `STEP_DIGITS` significant digits."""
     return float(f"{step:.{STEP_DIGITS}g}")
 
 
@@ -221,17 +282,17 @@ def run_key(scene: Scene, variant: Variant, step: float) -> str:
 
 
 def job(scene: Scene, variant: Variant, step: float, **arguments: Any) -> Job:
-    """Return the run of a variant with one of its steps; arguments that are None are left out.
+    """Return the job of a run; `arguments` of `Engine.simulate` override the settings unless they are None.
 
-    Samples are kept every 10 ms; every 2 ms with the finest step and at `COMMON_STEP` and below, for the jumps of the
-    driving effort: methods that are compared have the same. Both times `time_factor`.
+    Output is sampled with `FINE_OUTPUT` if the step is the finest of its variant, or at most
+    `COMMON_STEP`, so that jumps of the driving effort are resolved by all methods that are
+    compared; otherwise with `OUTPUT`.
     """
     arguments = {name: value for name, value in arguments.items() if value is not None}
     factor = time_factor(scene, arguments.get("t_end"))
-    fine = step == variant.ladder[-1] or (
-        variant.parameter == "dt" and step <= _rounded(COMMON_STEP * factor)
-    )
-    output = {"output_step": _rounded((FINE_OUTPUT if fine else OUTPUT) * factor)}
+    is_finest = step == variant.ladder[-1]
+    is_common_or_finer = variant.parameter == "dt" and step <= _round_step(COMMON_STEP * factor)
+    output_step = FINE_OUTPUT if is_finest or is_common_or_finer else OUTPUT
     return Job(
         run_key(scene, variant, step),
         variant.engine,
@@ -239,7 +300,7 @@ def job(scene: Scene, variant: Variant, step: float, **arguments: Any) -> Job:
         {
             variant.parameter: step,
             "fidelity": variant.fidelity,
-            **output,
+            "output_step": _round_step(output_step * factor),
             **variant.settings,
             **arguments,
         },
@@ -247,34 +308,37 @@ def job(scene: Scene, variant: Variant, step: float, **arguments: Any) -> Job:
 
 
 def run_command(scene: str, engine: str, options: Iterable[tuple[str, str]]) -> str | None:
-    """Return the command of a run, for a shell, options by name; None if its scene is not in the catalogue."""
+    """Return the shell command of a run, with options given by name and value.
+
+    Returns None if the scene is not in the catalogue: the command would need its file.
+    """
+    if scene not in catalogue():
+        return None
     words = ["stiction", "run", scene, "--engine", engine]
-    return (
-        shlex.join(words + [word for name, value in options for word in (f"--{name}", value)])
-        if scene in catalogue()
-        else None
-    )
+    for name, value in options:
+        words += [f"--{name}", value]
+    return shlex.join(words)
 
 
 def has_static_coefficient(variant: Variant) -> bool:
-    """Tell if the variant represents mus > mu; else it is compared with the truth for mus = mu."""
+    """Return whether a variant represents mus > mu; otherwise it is compared with the truth for mus = mu."""
     try:
-        return load_engine(variant.engine).capabilities.static_coefficient.get(
-            variant.fidelity, False
-        )
+        capabilities = load_engine(variant.engine).capabilities
     except EngineMissing:
-        return True  # its runs will be rows with status `Status.MISSING`; any truth will do
+        # Its runs fail with `Status.MISSING`, so that they are not compared with any truth.
+        return True
+    return capabilities.static_coefficient.get(variant.fidelity, False)
 
 
 def coefficients_of(variant: Variant) -> dict[str, str]:
-    """Return the column `COEFFICIENTS` of a run of the variant, for tables that compare it with a truth."""
+    """Return the column `COEFFICIENTS` of the runs of a variant, for tables that compare them with a truth."""
     return {COEFFICIENTS: str(Coefficients.of(has_static_coefficient(variant)))}
 
 
 MUS_EQUALS_MU = " (mus = mu)"
-"""Ending of the key of a truth for engines without a static coefficient."""
+"""End of the name of a truth for engines without a static coefficient."""
 
 
 def truth_key(scene: str, static_coefficient: bool) -> str:
-    """Return the name of the truth of a scene with the physics of an engine."""
+    """Return the name of the truth of a scene for engines with or without a static coefficient."""
     return scene if static_coefficient else scene + MUS_EQUALS_MU

@@ -1,1 +1,1 @@
-"""From trajectories to numbers: errors, distances, drift, jumps of the driving effort."""
+"""Functions that reduce trajectories to numbers: errors, distances, drift, jumps of efforts, creep."""

@@ -1,7 +1,8 @@
-"""Quantities that the paper's sentences are about, each with the margin by which a sentence holds.
+"""Margins by which statements of the paper hold.
 
-A quantity is taken of stretches of motion and ends in one of four predicates, which give the margin, positive where the
-sentence holds: `below`, `above`, `all_of` and `as_said`.
+Each function of `MEASURES` computes quantities from stretches of motion, and passes them to one of
+the functions `below`, `above`, `all_of` and `as_said`. These return a margin, which is positive if
+the statement holds.
 """
 
 from __future__ import annotations
@@ -17,25 +18,47 @@ from stiction.truths import StickThreshold
 from stiction.truths.reduced.slider_bar import SliderBar
 
 LINE = 1 / 500
-"""Part of the range: the width of a line, 0.1 mm, to the height of a printed figure, 50 mm.
+"""Largest change per period, relative to the range, of a motion that repeats itself.
 
-The paper shows by figures that the motion repeats itself; a smaller change per period could not be seen in them.
+The paper shows this by figures. The value is the width of a line, 0.1 mm, divided by the height of
+a printed figure, 50 mm; a smaller change would not be visible.
 """
 AMPLITUDES = (0.1, 0.5, 0.99, 1.01, 2.0)
-"""Multiples of the threshold on F0: from a tenth of it to twice, and as near as 1 %.
+"""Amplitudes F0, relative to the threshold, at which the slider must stick or must not.
 
-The latter is some forty times the uncertainty of the scheme's threshold at 2.5 ms.
+The smallest distance from the threshold, 1 %, is about forty times the uncertainty of the scheme's
+threshold with a step of 2.5 ms.
 """
 STILL = 1e-9
-"""Part of their largest values that rounding leaves of velocity and acceleration in a stick phase."""
+"""Velocity and acceleration in a stick phase, relative to their largest values, that rounding can
+cause."""
 CORNERS = ("guide.F1", "guide.F2", "guide.F3", "guide.F4")
-EFFORT, ACCELERATION, FRICTION = "motor.effort", "slider.ax", "guide.friction"
-ADJACENT, OPPOSITE = ("1+2", "3+4"), ("1+3", "2+4")
+"""Columns of the corner forces, N."""
+EFFORT = "motor.effort"
+"""Column of the driving torque, N m."""
+ACCELERATION = "slider.ax"
+"""Column of the acceleration of the slider, m/s^2."""
+FRICTION = "guide.friction"
+"""Column of the friction force, N."""
+ADJACENT = ("1+2", "3+4")
+"""Configurations in which both corners of one surface carry load."""
+OPPOSITE = ("1+3", "2+4")
+"""Configurations in which corners of opposite surfaces carry load."""
 
 
 @dataclass(frozen=True)
 class ClaimMargin:
-    """A margin, positive where the claim holds; `some`: it holds of a part of its subject; `why` there is no number."""
+    """The margin by which a statement holds.
+
+    Attributes
+    ----------
+    margin : float
+        Positive if the statement holds.
+    some : bool
+        True if the statement holds for a part of its subject.
+    why : str
+        Why no margin can be computed; empty if it can.
+    """
 
     margin: float
     some: bool = False
@@ -43,12 +66,23 @@ class ClaimMargin:
 
     @property
     def holds(self) -> bool:
+        """True if the statement holds."""
         return self.margin > 0
 
 
 @dataclass(frozen=True)
 class Example:
-    """The paper's cases, the threshold of case 1, and the stretch of a scene's motion on which claims are measured."""
+    """The example of the paper.
+
+    Attributes
+    ----------
+    cases : Mapping[int, Scene]
+        The three cases by number.
+    threshold : StickThreshold
+        Stick threshold of case 1.
+    stretch_of : callable
+        Returns the part of the motion of a scene on which statements are tested.
+    """
 
     cases: Mapping[int, Scene]
     threshold: StickThreshold
@@ -56,143 +90,153 @@ class Example:
 
     def stretch(self, case: int, **parameters: float) -> Stretch:
         """Return the motion of a case, with other values of some parameters."""
-        return self.stretch_of(
-            vary(self.cases[case], parameters) if parameters else self.cases[case]
-        )
+        scene = self.cases[case]
+        if parameters:
+            scene = vary(scene, parameters)
+        return self.stretch_of(scene)
 
     def with_parameter(self, name: str, case: int, other: int) -> Stretch:
-        """Return the motion of a case with a parameter as in another one."""
+        """Return the motion of a case with the value that a parameter has in another case."""
         return self.stretch(case, **{name: self.cases[other].parameters[name]})
 
 
 def below(value: float, limit: float) -> ClaimMargin:
-    """Judge a value that is to be less than a limit."""
+    """Return the margin of the statement that a value is less than a limit."""
     return ClaimMargin(limit - value)
 
 
 def above(values: Sequence[float], limit: float) -> ClaimMargin:
-    """Judge values that are all to exceed a limit."""
+    """Return the margin of the statement that all values exceed a limit."""
     return ClaimMargin(min(values) - limit, max(values) > limit)
 
 
-def all_of(so: Sequence[bool]) -> ClaimMargin:
-    """Judge a statement that is to hold each time; the margin is half a time where it does."""
-    return ClaimMargin(sum(so) / len(so) - 1 + 1 / (2 * len(so)), any(so))
+def all_of(conditions: Sequence[bool]) -> ClaimMargin:
+    """Return the margin of the statement that all conditions hold: half of the part of a single one if they do."""
+    count = len(conditions)
+    return ClaimMargin(sum(conditions) / count - 1 + 1 / (2 * count), any(conditions))
 
 
-def as_said(so: bool, sizes: Sequence[float], some: bool = False) -> ClaimMargin:
-    """Judge a statement by the smallest of the sizes that make it hold."""
-    return ClaimMargin(min(sizes) if so else -1.0, some)
+def as_said(holds: bool, sizes: Sequence[float], some: bool = False) -> ClaimMargin:
+    """Return the margin of a statement whose quantities have some sizes: the smallest if it holds, else -1."""
+    return ClaimMargin(min(sizes) if holds else -1.0, some)
 
 
 def sticks(example: Example, case: int) -> ClaimMargin:
-    """Shortest stick phase, in which velocity and acceleration must vanish."""
+    """Test that the slider sticks; the margin is the duration of the shortest stick phase, s.
+
+    If there is none, it is minus the acceleration after a stop; if velocity or acceleration do not
+    vanish in a stick phase, it is minus their size relative to their largest value.
+    """
     stretch = example.stretch(case)
     if not stretch.phases:
-        return ClaimMargin(-_restart(stretch))
-    rests = 0.0
+        return ClaimMargin(-_smallest_acceleration_after_stop(stretch))
+    motion = 0.0
     for start, end in stretch.phases:
         inside = (stretch.t > start) & (stretch.t < end)
         for name in ("slider.vx", ACCELERATION):
             largest = np.max(np.abs(stretch.columns[name][inside]), initial=0.0)
-            rests = max(rests, float(largest) / stretch.maximum(name))
-    return ClaimMargin(
-        min(end - start for start, end in stretch.phases) if rests <= STILL else -rests
-    )
+            motion = max(motion, float(largest) / stretch.maximum(name))
+    if motion > STILL:
+        return ClaimMargin(-motion)
+    return ClaimMargin(min(end - start for start, end in stretch.phases))
 
 
 def slips(example: Example, case: int) -> ClaimMargin:
-    """Smallest acceleration after a stop."""
+    """Test that the slider never sticks; the margin is the smallest acceleration after a stop, m/s^2.
+
+    If the slider sticks, it is minus the time for which it does, s.
+    """
     stretch = example.stretch(case)
-    return ClaimMargin(-stretch.stick_time if stretch.phases else _restart(stretch))
+    if stretch.phases:
+        return ClaimMargin(-stretch.stick_time)
+    return ClaimMargin(_smallest_acceleration_after_stop(stretch))
 
 
-def _restart(stretch: Stretch) -> float:
-    """Smallest acceleration with which the slider goes on after its velocity was zero, m/s^2."""
+def _smallest_acceleration_after_stop(stretch: Stretch) -> float:
+    """Return the smallest acceleration of the slider after its velocity has been zero, m/s^2; inf without stops."""
     return min((abs(event.after[ACCELERATION]) for event in stretch.turning), default=np.inf)
 
 
 NO_EVENT = ClaimMargin(-1.0, why="no event")
+"""Margin of a statement about events, if there are none."""
+LARGEST_REST = 0.5
+"""Part of a jump that has other causes than friction, below which friction is its cause."""
 
 
 def periodic(example: Example, case: int) -> ClaimMargin:
-    """Change from one period to the next."""
+    """Test that the motion repeats itself, by the largest change from one period to the next."""
     return below(example.stretch(case).change(), LINE)
 
 
 def jumps(example: Example, case: int, column: str, unit: str) -> ClaimMargin:
-    """Jumps of a column at events, against the largest smooth change; in its unit."""
+    """Test that a column jumps at events by more than its largest smooth change.
+
+    The margin is in the unit of the column, which is the argument `unit`.
+    """
     stretch = example.stretch(case)
     sizes = [abs(event.jump(column)) for event in stretch.turning]
     return above(sizes, stretch.resolution(column)) if sizes else NO_EVENT
 
 
 def friction_causes_jumps(example: Example, case: int) -> ClaimMargin:
-    """Part of the jump of mass times acceleration that is no jump of friction, the largest of all events."""
+    """Test that friction causes the jumps of the acceleration.
+
+    At all events, the part of the jump of mass times acceleration that is not a jump of friction is
+    below `LARGEST_REST`.
+    """
     mass = SliderBar.from_scene(example.cases[case]).mass
-    rest = [
+    rests = [
         abs(1 - event.jump(FRICTION) / (mass * event.jump(ACCELERATION)))
         for event in example.stretch(case).turning
         if event.jump(ACCELERATION)
     ]
-    return below(max(rest), 0.5) if rest else NO_EVENT
+    return below(max(rests), LARGEST_REST) if rests else NO_EVENT
 
 
 def friction_turns(example: Example, case: int) -> ClaimMargin:
-    """Friction of opposite signs before and after each event."""
+    """Test that the friction changes its sign at all events."""
     events = example.stretch(case).turning
-    return (
-        all_of([event.before[FRICTION] * event.after[FRICTION] < 0 for event in events])
-        if events
-        else NO_EVENT
-    )
+    if not events:
+        return NO_EVENT
+    return all_of([event.before[FRICTION] * event.after[FRICTION] < 0 for event in events])
 
 
 def contacts_alternate(example: Example, case: int) -> ClaimMargin:
-    """Two adjacent and two opposite corners in turn, and how long each kind lasts."""
+    """Test that adjacent and opposite corners carry load alternately; the margin is the shorter of their times, s."""
     configurations = example.stretch(case).configurations
-    adjacent = [name in ADJACENT for name, _ in configurations]
-    pairs = all(name in ADJACENT + OPPOSITE for name, _ in configurations)
-    turns = all(one != other for one, other in zip(adjacent, adjacent[1:]))
-    return as_said(
-        pairs and turns,
-        [
-            sum(
-                seconds
-                for (_, seconds), is_adjacent in zip(configurations, adjacent)
-                if is_adjacent == kind
-            )
-            for kind in (True, False)
-        ],
-    )
+    are_pairs = all(name in ADJACENT + OPPOSITE for name, _ in configurations)
+    is_adjacent = [name in ADJACENT for name, _ in configurations]
+    alternate = all(one != other for one, other in zip(is_adjacent, is_adjacent[1:]))
+    adjacent_s = sum(seconds for name, seconds in configurations if name in ADJACENT)
+    opposite_s = sum(seconds for name, seconds in configurations if name not in ADJACENT)
+    return as_said(are_pairs and alternate, [adjacent_s, opposite_s])
 
 
 def contacts_in_order(example: Example, case: int, order: Sequence[str]) -> ClaimMargin:
-    """The first configurations, and how long each lasts."""
+    """Test the order of the first configurations; the margin is the time of the shortest, s."""
     configurations = example.stretch(case).configurations[: len(order)]
-    return as_said(
-        [name for name, _ in configurations] == list(order),
-        [seconds for _, seconds in configurations],
-    )
+    names = [name for name, _ in configurations]
+    return as_said(names == list(order), [seconds for _, seconds in configurations])
 
 
 def contacts_as_in(example: Example, case: int, other: int) -> ClaimMargin:
-    """The same cycle of configurations in the last period, and how long each lasts."""
-    whole = (example.stretch(case), example.stretch(other))
-    last = [stretch.between(stretch.end - stretch.period, stretch.end) for stretch in whole]
-    one, two = (stretch.cycle() for stretch in last)
-    return as_said(
-        one == two,
-        [
-            seconds
-            for stretch in last
-            for _, seconds in stretch.configurations[1:-1] or stretch.configurations
-        ],
-    )
+    """Test that two cases have the same cycle of configurations in the last period.
+
+    The margin is the time of the shortest configuration, s, except the first and the last, which
+    the period cuts off.
+    """
+    cycles, times = [], []
+    for number in (case, other):
+        stretch = example.stretch(number)
+        last_period = stretch.between(stretch.end - stretch.period, stretch.end)
+        cycles.append(last_period.cycle())
+        complete = last_period.configurations[1:-1] or last_period.configurations
+        times += [seconds for _, seconds in complete]
+    return as_said(cycles[0] == cycles[1], times)
 
 
 def all_contacts(example: Example, case: int) -> ClaimMargin:
-    """Times of the four configurations."""
+    """Test that all four configurations occur; the margin is the shortest of their total times, s."""
     configurations = example.stretch(case).configurations
     times = [
         sum(seconds for name, seconds in configurations if name == pair)
@@ -201,61 +245,69 @@ def all_contacts(example: Example, case: int) -> ClaimMargin:
     return as_said(all(times), times, any(times))
 
 
-def _ratios(one: Stretch, other: Stretch) -> list[float]:
-    """Largest corner force and largest moment, in units of another motion's."""
-    return [one.maximum(*columns) / other.maximum(*columns) for columns in (CORNERS, (EFFORT,))]
+def _ratios(stretch: Stretch, other: Stretch) -> list[float]:
+    """Return the ratios of the largest corner forces and of the largest driving torques of two motions."""
+    return [stretch.maximum(*columns) / other.maximum(*columns) for columns in (CORNERS, (EFFORT,))]
 
 
 def larger_than_in(example: Example, case: int, other: int) -> ClaimMargin:
-    """Largest corner force and largest moment, in units of the other case's."""
+    """Test that the largest corner force and the largest driving torque exceed those of another case."""
     return above(_ratios(example.stretch(case), example.stretch(other)), 1)
 
 
 def larger_by_parameters(
     example: Example, case: int, other: int, names: Sequence[str]
 ) -> ClaimMargin:
-    """Largest corner force and moment of the other case with each of the parameters alone as in this one."""
-    return above(
-        [
-            ratio
-            for name in names
-            for ratio in _ratios(example.with_parameter(name, other, case), example.stretch(other))
-        ],
-        1,
-    )
+    """Test that each parameter alone, changed in the other case to its value in this one, makes loads larger.
+
+    The loads are the largest corner force and the largest driving torque.
+    """
+    ratios: list[float] = []
+    for name in names:
+        ratios += _ratios(example.with_parameter(name, other, case), example.stretch(other))
+    return above(ratios, 1)
 
 
 def parameter_decides(example: Example, case: int, other: int, name: str) -> ClaimMargin:
-    """One parameter exchanged between the two cases: this one must stick, the other must not."""
-    return _one_sticks(
+    """Test that one parameter, exchanged between two cases, decides: this case sticks, the other does not."""
+    return _only_first_sticks(
         example.with_parameter(name, case, other), example.with_parameter(name, other, case)
     )
 
 
 def amplitude_decides(example: Example, case: int, other: int) -> ClaimMargin:
-    """Two cases that differ in F0 alone: this one must stick, the other must not."""
+    """Test that two cases differ in F0 only, and that this case sticks and the other does not."""
     parameters = example.cases[other].parameters
     differing = {
         name for name, value in example.cases[case].parameters.items() if value != parameters[name]
     }
-    return _one_sticks(example.stretch(case), example.stretch(other), alone=differing == {"F0"})
+    only_F0 = differing == {"F0"}
+    return _only_first_sticks(example.stretch(case), example.stretch(other), only_F0)
 
 
-def _one_sticks(sticking: Stretch, slipping: Stretch, alone: bool = True) -> ClaimMargin:
-    one, two = bool(sticking.stick_time), bool(slipping.stick_time)
-    return as_said(one and not two and alone, (sticking.stick_time, _restart(slipping)), one != two)
+def _only_first_sticks(first: Stretch, second: Stretch, condition: bool = True) -> ClaimMargin:
+    """Test a condition, and that the first of two motions sticks and the second does not.
+
+    The margin is the smaller of the first one's stick time (s) and the second one's acceleration
+    after a stop (m/s^2).
+    """
+    first_sticks, second_sticks = bool(first.stick_time), bool(second.stick_time)
+    sizes = (first.stick_time, _smallest_acceleration_after_stop(second))
+    holds = first_sticks and not second_sticks and condition
+    return as_said(holds, sizes, first_sticks != second_sticks)
 
 
 def sticks_below_threshold(example: Example, case: int) -> ClaimMargin:
-    """Stick phases below the threshold, none above it, at `AMPLITUDES` of it."""
+    """Test that there are stick phases at all `AMPLITUDES` below the threshold, and at none above it."""
     F0 = example.threshold.F0
     if F0 is None:
         return ClaimMargin(-1.0, why=f"no threshold: {example.threshold.note}")
-    right = [
-        bool(example.stretch(case, F0=factor * F0).stick_time) == (factor < 1)
-        for factor in AMPLITUDES
-    ]
-    return as_said(all(right), [abs(factor - 1) for factor in AMPLITUDES], any(right))
+    are_right = []
+    for factor in AMPLITUDES:
+        has_stick = bool(example.stretch(case, F0=factor * F0).stick_time)
+        are_right.append(has_stick == (factor < 1))
+    distances = [abs(factor - 1) for factor in AMPLITUDES]
+    return as_said(all(are_right), distances, any(are_right))
 
 
 MEASURES: dict[str, Callable[..., ClaimMargin]] = {
@@ -278,3 +330,5 @@ MEASURES: dict[str, Callable[..., ClaimMargin]] = {
         sticks_below_threshold,
     )
 }
+"""The functions that test statements, by the names that ``comparisons/data/paper_claims.toml``
+uses."""

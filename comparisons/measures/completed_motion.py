@@ -1,11 +1,13 @@
-"""The motion of all bodies from some coordinates of a table: what constraints and drives determine beside them.
+"""Completion of a motion: the coordinates and velocities of all bodies, computed from some of them.
 
-Of a mechanism with one freedom one coordinate determines all others. The unknown coordinates are those with Phi(q, t) =
-0, from the truth's as a guess, by Gauss-Newton; the unknown velocities those with J v + Phi_t = 0.
+In a mechanism with one degree of freedom, one coordinate determines all others by the constraints
+and drives. The unknown coordinates are the solution of Phi(q, t) = 0 by the Gauss-Newton method,
+which starts from the truth. The unknown velocities are the solution of J v + Phi_t = 0.
 """
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 
@@ -23,33 +25,47 @@ from stiction.scenes.column_file import row_slices
 from stiction.truths import Truth
 
 RANK = 1e-9
-"""Ratio of the smallest to the largest singular value of the equations of the unknown coordinates below which these are
-not determined."""
+"""Ratio of the smallest to the largest singular value of the equations for the unknown coordinates,
+below which they do not determine these."""
 ENLARGED = 20.0
-"""Factor by which errors of given coordinates may be enlarged in completed ones (angles times the mechanism's size):
-near a dead centre it is larger, and a completed motion says nothing of the table."""
-ROUNDS, CONVERGED = 20, 1e-10
-"""Gauss-Newton steps at most, and the last of them, in parts of the mechanism's size."""
+"""Largest factor by which errors of given coordinates are amplified in completed ones, with angles
+multiplied by the mechanism's size. Near a dead centre it is larger, and the completed motion is not
+that of the table."""
+ROUNDS = 20
+"""Largest number of Gauss-Newton steps."""
+CONVERGED = 1e-10
+"""Size of the last Gauss-Newton step, relative to the mechanism's size."""
 LEFT = 1e-2
-"""Part of the mechanism's size by which a completed state may violate the constraints: columns that contradict each
-other by more are of no motion of it."""
+"""Largest violation of the constraints in a completed state, relative to the mechanism's size. If
+it is larger, the columns contradict each other and are not a motion of the mechanism."""
 AT_ONCE = 2**13
-"""Instants that are solved together."""
+"""Number of instants that are solved together, which limits the memory."""
 MOST = 20_001
-"""Instants whose energy is balanced where accelerations are differences of velocities: of closer ones the differences
-are rounding."""
-STRIDES, FEWEST = (2, 3), 9
-"""Distances of the rows of coarser balances, and instants at least: second-order differences take three."""
+"""Largest number of instants of an energy balance with accelerations from differences of
+velocities. With closer instants, the differences would be rounding errors."""
+STRIDES = (2, 3)
+"""Every second and every third row are used to estimate the error of the energy balance."""
+FEWEST = 9
+"""Smallest number of rows of an energy balance: three remain with the larger stride, as
+second-order differences need."""
 STILL = 1e-3
-"""A guide is at rest below this part of its largest slip velocity."""
+"""Slip velocity below which a guide is at rest, relative to its largest slip velocity."""
 
 
 @dataclass(frozen=True)
 class Completion:
-    """Which coordinates of a scene a table has, and that the others follow from them.
+    """The coordinates and velocities of a scene that a table contains, from which the others are computed.
 
-    `places`, `rates`: of the coordinates and velocities (order: x, y, angle of each body) that are given, bool (k,).
-    `ways`: guides whose displacement is given, while a coordinate of a body is not.
+    Attributes
+    ----------
+    scene : Scene
+    truth : Truth
+        Truth of the scene; its positions are the initial guess.
+    places, rates : ndarray of bool, shape (k,)
+        Which coordinates, and which velocities, are given. The order is x, y, angle of each body, k
+        = 3 bodies.
+    ways : tuple of str
+        Guides whose displacement is given; empty if all coordinates are given.
     """
 
     scene: Scene
@@ -60,7 +76,7 @@ class Completion:
 
     @classmethod
     def of(cls, scene: Scene, columns: Mapping[str, np.ndarray], truth: Truth) -> Completion | None:
-        """Return the completion of a table; None where it has no coordinate."""
+        """Return the completion for the columns of a table; None if no coordinate is given."""
         places, rates = (
             np.array([f"{body}.{label}" in columns for body in scene.bodies for label in labels])
             for labels in (POSITIONS, VELOCITIES)
@@ -71,11 +87,11 @@ class Completion:
         return cls(scene, truth, places, rates, ways) if places.any() or ways else None
 
     def names(self, labels: tuple[str, ...]) -> list[str]:
-        """Columns of all bodies."""
+        """Return the names of the columns of all bodies with some labels."""
         return [f"{body}.{label}" for body in self.scene.bodies for label in labels]
 
     def positions(self, t: np.ndarray, columns: Mapping[str, np.ndarray]) -> np.ndarray | None:
-        """Coordinates of all bodies, (n, k); None where the given ones do not determine the others at all instants."""
+        """Return the coordinates of all bodies, shape (n, k); None if they are not determined at all instants."""
         parts = []
         for part in row_slices(len(t), AT_ONCE):
             given = {name: columns[name][part] for name in self._given(columns)}
@@ -84,6 +100,7 @@ class Completion:
         return np.concatenate(known) if len(known) == len(parts) else None
 
     def _given(self, columns: Mapping[str, np.ndarray]) -> list[str]:
+        """Return the names of the columns with coordinates or velocities."""
         labels = {
             f"{guide}.{label}"
             for guide in self.scene.guides
@@ -129,7 +146,7 @@ class Completion:
         return q
 
     def _scale(self) -> np.ndarray:
-        """1 of lengths, the mechanism's size of angles, (k,)."""
+        """Return the length of a unit of each coordinate, shape (k,), m: the mechanism's size for angles."""
         size = Mechanism(self.scene, stabilization="none").arrays.length_scale
         return np.tile([1.0, 1.0, size], len(self.scene.bodies))
 
@@ -140,7 +157,7 @@ class Completion:
         q: np.ndarray,
         columns: Mapping[str, np.ndarray],
     ) -> tuple[np.ndarray, np.ndarray]:
-        """Residuals (n, rows) of the constraints and of given displacements, and their Jacobian (n, rows, k)."""
+        """Return residuals (n, rows) of the constraints and of given displacements, and their Jacobian (n, rows, k)."""
         terms = equations.at(t, q, np.zeros_like(q))
         motion = Motion(list(self.scene.bodies), t, q, np.zeros_like(q))
         residuals, jacobians = [terms.phi], [terms.J]
@@ -156,7 +173,7 @@ class Completion:
     def velocities(
         self, t: np.ndarray, q: np.ndarray, columns: Mapping[str, np.ndarray]
     ) -> np.ndarray | None:
-        """Velocities of all bodies, (n, k), from those that are given, where these determine the others; else None."""
+        """Return the velocities of all bodies, shape (n, k); None if the given ones do not determine the others."""
         return self._velocities(
             t, q, {name: columns[name] for name in self._given(columns)}, self.rates
         )
@@ -164,7 +181,7 @@ class Completion:
     def differences(
         self, t: np.ndarray, q: np.ndarray, columns: Mapping[str, np.ndarray]
     ) -> np.ndarray:
-        """Velocities of all bodies: given ones, and else the difference quotients of coordinates."""
+        """Return the velocities of all bodies, shape (n, k): given ones, and differences of coordinates for others."""
         v = np.gradient(q, t, axis=0, edge_order=2)
         for place, name in enumerate(self.names(VELOCITIES)):
             if name in columns:
@@ -192,9 +209,16 @@ class Completion:
 
 
 def _are_determined(J: np.ndarray, unknown: np.ndarray, ways: int = 0) -> bool:
-    """Test if linear equations (n, rows, k) determine the unknown coordinates (k,) by the others at all instants.
+    """Return whether linear equations determine the unknown coordinates at all instants.
 
-    The last rows `ways` hold given displacements, whose errors count like those of given coordinates.
+    Parameters
+    ----------
+    J : ndarray, shape (n, rows, k)
+        Jacobian of the equations, scaled to lengths.
+    unknown : ndarray of bool, shape (k,)
+    ways : int
+        Number of the last rows that are those of given displacements, which have errors like given
+        coordinates.
     """
     wanted, rows = J[..., unknown], J.shape[-2]
     if wanted.shape[-1] > rows:
@@ -202,8 +226,7 @@ def _are_determined(J: np.ndarray, unknown: np.ndarray, ways: int = 0) -> bool:
     singular = np.linalg.svd(wanted, compute_uv=False)
     if not np.all(singular[:, -1] > RANK * singular[:, 0]):
         return False
-    # d(unknown) = -pinv d(given): how much errors of coordinates, and of displacements, are
-    # enlarged
+    # Errors of given coordinates and displacements are amplified by these matrices.
     inverse = np.linalg.pinv(wanted)
     gains = [inverse @ J[..., ~unknown], inverse[..., rows - ways :]]
     return all(np.max(np.abs(gain), initial=0.0) <= ENLARGED for gain in gains)
@@ -212,9 +235,10 @@ def _are_determined(J: np.ndarray, unknown: np.ndarray, ways: int = 0) -> bool:
 def slips(
     completion: Completion, t: np.ndarray, columns: Mapping[str, np.ndarray]
 ) -> dict[str, np.ndarray]:
-    """Return slip velocities of the frictional guides; none where the columns do not determine them.
+    """Return the slip velocities of all guides with friction, m/s, by column; empty if they are not determined.
 
-    Of given velocities where they determine all others, else difference quotients of displacements.
+    They are computed from the given velocities if these determine all others, and otherwise as
+    differences of displacements.
     """
     q = completion.positions(t, columns)
     if q is None:
@@ -235,7 +259,7 @@ def slips(
 def _ways(
     scene: Scene, t: np.ndarray, q: np.ndarray, v: np.ndarray | None
 ) -> Iterator[tuple[str, np.ndarray, np.ndarray]]:
-    """Name, displacement and slip velocity of each frictional guide."""
+    """Yield name, displacement (m) and slip velocity (m/s) of each guide with friction."""
     motion = Motion(list(scene.bodies), t, q, np.zeros_like(q) if v is None else v)
     for name, guide in scene.frictional_guides.items():
         way = motion.direction(guide.guide, guide.direction).dot(
@@ -247,18 +271,34 @@ def _ways(
 def energy_of_motion(
     completion: Completion, t: np.ndarray, columns: Mapping[str, np.ndarray]
 ) -> tuple[float, float, float] | None:
-    """Return what `unaccounted_energy` does, for a table that lacks velocities, efforts or frictions.
+    """Return the energy that is not accounted for, like `unaccounted_energy`, if velocities or forces are not given.
 
-    Forces are those that the motion needs, with difference quotients for accelerations (`recover_columns`). Only what
-    guides dissipate is Coulomb's: the kinetic coefficient times the load of the guide times the slip. So the balance is
-    that of the table's motion with the scene's friction. It is unsure by twice its difference to those of every
-    second and every third row: at the kinks of a velocity difference quotients are of first order, and half as wrong
-    with half the step; how wrong also depends on where between two rows a kink is, which is another place in each.
-    None where the columns do not determine the motion or its forces. Times are distinct, shape (n,).
+    The forces are those that the motion requires (`recover_columns`), with accelerations from
+    differences. The dissipation in guides, however, is that of Coulomb's law with the kinetic
+    coefficient. So the balance shows whether the motion of the table is possible with the friction
+    of the scene.
+
+    The uncertainty is twice the largest difference from the balances of every second and of every
+    third row. Differences are of first order at kinks of the velocity, so that the error is about
+    half as large with half the step. It also depends on the position of a kink between two rows,
+    which is different with each stride.
+
+    Parameters
+    ----------
+    completion : Completion
+    t : ndarray, shape (n,)
+        Distinct times, s.
+    columns : Mapping[str, ndarray]
+        Columns of the table, each of shape (n,).
+
+    Returns
+    -------
+    tuple of float or None
+        Largest energy that is not accounted for, its uncertainty, and the sum of all changes of the
+        kinetic energy; J. None if the columns do not determine the motion or its forces.
     """
-    # Every n-th row, n rounded up: neighbours that are too close would make differences of
-    # rounding.
-    every = -(-len(t) // MOST)
+    # With at most MOST rows, differences are not dominated by rounding.
+    every = math.ceil(len(t) / MOST)
     t = t[::every]
     chosen = {
         name: columns[name][::every]
@@ -285,7 +325,7 @@ def energy_of_motion(
 def _balance(
     completion: Completion, t: np.ndarray, columns: Mapping[str, np.ndarray]
 ) -> pd.DataFrame | None:
-    """`energy_columns` of the completed motion; None where forces are not determined."""
+    """Return `energy_columns` of the completed motion; None if motion or forces are not determined."""
     scene = completion.scene
     q = completion.positions(t, columns)
     if q is None:
@@ -298,8 +338,7 @@ def _balance(
         for name in needed_columns(scene)
         if name in columns and name.endswith((".effort", ".friction"))
     }
-    # Forces that the motion needs, with the accelerations as differences; given ones stay as they
-    # are.
+    # Forces that the motion requires; given ones are used as they are.
     accelerations = np.gradient(v, t, axis=0, edge_order=2)
     completed = {**recover_columns(scene, t, q, v, accelerations, given), **given}
     for name, _, slip in _ways(scene, t, q, v):
@@ -313,7 +352,7 @@ def _balance(
 def _coulomb(
     scene: Scene, name: str, slip: np.ndarray, columns: Mapping[str, np.ndarray]
 ) -> np.ndarray:
-    """Friction on the slider of a guide by the kinetic coefficient; zero at rest, where it does no work."""
+    """Return the friction force on the slider of a guide, N; zero at rest, where it does no work."""
     guide = scene.guides[name]
     mode = np.where(np.abs(slip) > STILL * np.max(np.abs(slip)), np.sign(slip), 0.0)
     if guide.length is None:

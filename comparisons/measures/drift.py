@@ -1,4 +1,4 @@
-"""Constraint drift of single runs: size and growth of the residuals of Phi and Phi' (the paper's Fig. 14)."""
+"""Constraint drift of single runs: size and growth of the residuals of Phi and Phi', as in Fig. 14 of the paper."""
 
 from __future__ import annotations
 
@@ -12,30 +12,34 @@ from stiction.scenes import Scene, Trajectory
 from stiction.uncertain import Uncertain
 
 ROUNDING = 1e-13
-"""Residuals below this, m: rounding of coordinates of some metres (eps * 1 m = 2e-16, summed over some hundred steps'
-noise)."""
+"""Size of residuals that rounding can cause, m: coordinates of some metres, each rounded by about
+2e-16 m, accumulated over some hundred steps."""
 DECAY_ERROR = "decay_error"
+"""Column: see `decay_error`."""
 CLEAR = 1e-3
-"""Largest part of a start off the constraints that rounding may be, for the decay of the start to be measured."""
+"""Largest ratio of rounding to the initial residual at which its decay is measured."""
 SETTLED = 16
-"""The growth is measured from the end of the run over this on: over four octaves."""
+"""The growth is measured from t_end / SETTLED on, that is, over four octaves."""
 EQUAL_ROOTS = 1e-8
-"""Half the distance of the roots, relative to alpha, in place of none.
+"""Half the difference of the roots of Baumgarte's equation, relative to alpha, that replaces 0 if
+the roots are equal.
 
-The quotient for equal roots is a limit. An error of the square of this, and rounding over it, are
-both below 1e-7.
+The formula for different roots can then be used. Its relative error is the square of this number,
+and its rounding error is that of a float divided by this number; both are below 1e-7.
 """
 STATE_ROUNDING = 16
-"""Roundings of a coordinate that a residual may have: it sums some squares of differences of some products."""
+"""Rounding error of a residual in units of that of the largest coordinate: a residual is a norm of
+sums of some products."""
 
 
 def drift(trajectory: Trajectory | None) -> dict[str, Any]:
-    """Return size and growth of the residuals of the scene's constraints in a run; without a run there are none.
+    """Return size and growth of the residuals of the constraints in a run, as columns of a table.
 
-    Residuals are recomputed from the states by the same constraint equations for every engine
-    (`trajectory_columns.residual_norms`); the engine's own formulation may satisfy others better. At contact fidelity
-    they contain the penetration and clearance of contacts. Growth over so short a run is often inconclusive;
-    `stiction.comparisons.studies.long_drift` has longer ones.
+    There are none if the run failed (None). The residuals of all engines are computed from the
+    states by the constraint equations of the suite (`trajectory_columns.residual_norms`); an engine
+    may satisfy the constraints more accurately in its own formulation. At contact fidelity, they
+    include the penetration and clearance of contacts. The growth in so short a run is often
+    inconclusive; `stiction.comparisons.studies.long_drift` measures longer ones.
     """
     row: dict[str, Any] = {"truth_tier": "closed form"}
     if trajectory is None or len(trajectory.t) < 3:
@@ -55,16 +59,21 @@ def drift(trajectory: Trajectory | None) -> dict[str, Any]:
 
 
 def decay_error(trajectory: Trajectory, scene: Scene) -> Uncertain | None:
-    """Compare the decay of a start off the constraints with that of Baumgarte's equation, over its size at the start.
+    """Return the largest error of the decay of an initial constraint violation, relative to the violation.
 
-    Phi'' + 2 alpha Phi' + beta^2 Phi = 0 (Baumgarte 1972; eq. (25) of the paper) holds for each row, so that |Phi|
-    falls by the same factor in every mechanism where Phi' = 0 at the start. None for a run that stabilizes otherwise,
-    and where rounding is more than `CLEAR` of the start.
+    With Baumgarte's stabilization, Phi'' + 2 alpha Phi' + beta^2 Phi = 0 (Baumgarte 1972; eq. (25)
+    of the paper) for each constraint. If Phi' = 0 at the start, |Phi| therefore decays by the same
+    factor in every mechanism.
+
+    Returns None if the scene or the run has another stabilization, or if rounding or Phi' at the
+    start exceed `CLEAR` times the violation.
     """
-    law, used = scene.stabilization, trajectory.settings.get("stabilization")
-    position, rounding = trajectory["drift.position"], rounding_of(trajectory)
+    law = scene.stabilization
+    used = trajectory.settings.get("stabilization")
     if law.method != "baumgarte" or not isinstance(used, Mapping) or used["method"] != "baumgarte":
         return None
+    position = trajectory["drift.position"]
+    rounding = rounding_of(trajectory)
     if not rounding + trajectory["drift.velocity"][0] < CLEAR * position[0]:
         return None
     # Solution with Phi' = 0 at the start, by the roots of the characteristic polynomial.
@@ -77,19 +86,19 @@ def decay_error(trajectory: Trajectory, scene: Scene) -> Uncertain | None:
 
 
 def rounding_of(trajectory: Trajectory) -> float:
-    """Return a bound of what rounding adds to the residuals of a state: a multiple of eps times its largest coordinate.
+    """Return a bound of the rounding error of the residuals of a state, m.
 
-    A coordinate is rounded by eps times its size, which for the angle of a turning bar grows.
+    It is proportional to the largest coordinate, which may be the growing angle of a rotating bar.
     """
-    states = [
+    coordinates = [
         values
         for name, values in trajectory.columns.items()
         if name.rpartition(".")[2] in ("x", "y", "angle")
     ]
-    largest = float(max((np.max(np.abs(values)) for values in states), default=0.0))
+    largest = float(max((np.max(np.abs(values)) for values in coordinates), default=0.0))
     return STATE_ROUNDING * np.finfo(float).eps * largest
 
 
 def rounding_over(trajectory: Trajectory) -> float:
-    """Return a bound of what rounding adds over a run, m: `rounding_of` a state, for each step that it counts."""
+    """Return a bound of the rounding error accumulated over a run, m: `rounding_of` times the number of steps."""
     return rounding_of(trajectory) * max(1, trajectory.cost.counters.get("steps", 1))

@@ -1,7 +1,7 @@
-"""Cost of a step of each engine, the table of their pages (``make bench-engines``).
+"""CPU time of one step of each engine, for the tables on the pages of the engines (``make bench-engines``).
 
-Times are CPU times of the process that did the work, measured by the protocol of `bench.timing.visits`:
-medians over rounds that visit all that is compared. They depend on the machine: read the ratios.
+The times are measured as described in `bench.timing.visits`. As they depend on the machine, only
+their ratios are meaningful elsewhere.
 """
 
 from __future__ import annotations
@@ -18,14 +18,16 @@ from stiction.engines.status import Status
 from stiction.scenes import Scene, load_scene
 
 SCENE = "slider-bar-case-1"
+"""Name of the scene that is simulated."""
 PERIOD = 8.0
-"""Seconds of the runs: one period."""
+"""Length of the runs, one period of the motion, s."""
 REPEATS = 8
-"""Rounds: the interval leaves out the smallest and the largest sample."""
+"""Number of timing rounds; the smallest and the largest of eight samples are outside of the
+interval."""
 
 
 def main() -> None:
-    """Print the machine and `engine_costs`."""
+    """Print a description of the machine, and the lines of `engine_costs`."""
     machine = f"{platform.platform()}, Python {platform.python_version()}, {os.cpu_count()} CPUs"
     print(f"{machine}, load {os.getloadavg()[0]:.2f} at the start\n")
     for line in engine_costs(load_scene(SCENE)):
@@ -33,39 +35,44 @@ def main() -> None:
 
 
 def engine_costs(scene: Scene) -> Iterator[str]:
-    """Lines of Markdown for the engines' pages: microseconds of CPU a `COMMON_STEP`, in all and inside the engine.
+    """Yield the lines of a Markdown table with the CPU time of one step, in total and inside the engine, in us.
 
-    Every method of every engine is run at that step, equally often, in turns; where there is no time the reason stands.
+    All methods of all engines that have a step size are run with `COMMON_STEP`. Failed runs have
+    their reasons instead.
     """
-    engines = [
+    variants = [
         replace(variant, ladder=(COMMON_STEP,))
         for variant in cost_variants()
         if variant.engine != REFERENCE and variant.parameter == "dt"
     ]
-    table = work_precision(scene, engines, t_end=PERIOD, repeats=REPEATS).make().table
+    table = work_precision(scene, variants, t_end=PERIOD, repeats=REPEATS).make().table
     yield (
         f"{scene.name}, {PERIOD:g} s, {1e3 * COMMON_STEP:g} ms: us of CPU a step, "
         f"medians of {table['repeats'].max():.0f} repeats each"
     )
     yield "\n| method | version | total | the engine | the rest / its own | error [m] |\n|---|---|---|---|---|---|"
-    notes: dict[str, int] = {}
+    steps = PERIOD / COMMON_STEP
+    number_of_note: dict[str, int] = {}
     for row in table.to_dict("records"):
-        found = [f"{row['status']}: {row['reason']}", "", "", ""]
+        version = row["version"] if row["status"] == Status.OK else ""
+        cells = [f"{row['status']}: {row['reason']}", "", "", ""]
         if row["status"] == Status.OK and not row["reason"]:
-            total, own = (
-                1e6 * row[name] / (PERIOD / COMMON_STEP) for name in ("cpu_time", OWN_CPU)
-            )
-            mark = f" ({notes.setdefault(row['timing'], len(notes) + 1)})" if row["timing"] else ""
-            found = [
-                f"{total:.3g}{mark}",
-                f"{own:.3g}",
-                f"{total / own - 1:.1f}",
+            total_us = 1e6 * row["cpu_time"] / steps
+            own_us = 1e6 * row[OWN_CPU] / steps
+            mark = ""
+            if row["timing"]:
+                number = number_of_note.setdefault(row["timing"], len(number_of_note) + 1)
+                mark = f" ({number})"
+            cells = [
+                f"{total_us:.3g}{mark}",
+                f"{own_us:.3g}",
+                f"{total_us / own_us - 1:.1f}",
                 f"{row['position_error']:.1e}",
             ]
-        version = row["version"] if row["status"] == Status.OK else ""
-        yield f"| {' | '.join([row['variant'], version, *found])} |"
+        yield f"| {' | '.join([row['variant'], version, *cells])} |"
     yield ""
-    yield from (f"({number}) {note}" for note, number in notes.items())
+    for note, number in number_of_note.items():
+        yield f"({number}) {note}"
 
 
 if __name__ == "__main__":

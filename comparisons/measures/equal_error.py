@@ -1,22 +1,27 @@
 """Time to equal error, and what limits the error of each refinement series.
 
-Engines are compared at equal error, not at equal step. Between neighbouring runs of a refinement series, coarse to
-fine, log(time) is linear in log(error); nothing is extrapolated. A run meets an error only if neither its own error nor
-the truth's uncertainty is above it. The interval of an interpolated time comes from the same interpolation in every
-round of timing (`bench.timing.visits`): it has the spread of the times, not that of the errors, which
-are the same in every run.
+Engines are compared at equal error, not at equal step. The time to an error is interpolated between
+neighbouring runs of a refinement series, linearly in log(time) and log(error); it is not
+extrapolated. A run reaches an error if neither its own error nor the uncertainty of the truth is
+larger. The interval of an interpolated time is that of its values in all rounds of timing
+(`bench.timing.visits`). It accounts for the scatter of the times only, because the errors of a run
+are the same in every round.
 
-A series ends at its smallest error. `limit_of` finds its limit from the order with which the errors fall at the finest
-runs, one order for all scenes together, with its interval (`order_of`):
+A series ends at its smallest error. `limit_of` determines what limits it from the observed order of
+the finest runs, one order for all scenes together, and the confidence interval of this order
+(`order_of`):
 
-- integration: the order is above zero with its whole interval, and on every scene the finest of these runs has a
-  smaller error than the first: a finer one would go on; or the step is fixed and only iterations change;
-- model: the order is below half of one with its whole interval, and bodies are in contact, with clearance or contacts
-  that give way; or the engine's own accelerations under an integrator of high order end there too;
-- adapter: the order is as low, but the engine's own accelerations lead further, or the adapter supplies the law of
-  friction; or the quantity needs events, which the adapter does not locate;
-- truth: the error is below the uncertainty of the truth, on every scene;
-- inconclusive: all else, such as an interval that holds both zero and half of one.
+- integration: the whole interval is above zero, and on every scene the finest run has a smaller
+  error than the first of the runs for the order, so that a finer run would have a smaller error; or
+  the step is fixed and only the iterations change;
+- model: the whole interval is below one half, and bodies are in contact, with clearance or
+  compliance; or the engine's own accelerations, integrated with high order, do not lead to smaller
+  errors either;
+- adapter: the whole interval is below one half, but the engine's own accelerations lead to smaller
+  errors, or the adapter supplies the friction law; or the quantity needs events, which the adapter
+  does not locate;
+- truth: the error is below the uncertainty of the truth on every scene;
+- inconclusive: all other cases, for example an interval that contains both zero and one half.
 """
 
 from __future__ import annotations
@@ -56,24 +61,43 @@ SCENES = (
     "elliptic-trammel",
     "hard/stiff-spring",
 )
-"""The paper's cases, and mechanisms with a truth: a guide that moves, two guides with friction, a stiff spring."""
+"""The paper's cases, and mechanisms with a truth: a guide that moves, two guides with friction, a
+stiff spring."""
 COARSEST = -2
-"""Power of ten of the largest error of the table."""
-INTEGRATION, MODEL, ADAPTER, TRUTH = "integration", "model", "adapter", "truth"
-FAILED, UNKNOWN = "all runs failed", "inconclusive"
+"""Exponent of the largest error of the table, a power of ten, unless all errors are larger."""
+INTEGRATION = "integration"
+"""Limit of an error, see the module."""
+MODEL = "model"
+"""Limit of an error, see the module."""
+ADAPTER = "adapter"
+"""Limit of an error, see the module."""
+TRUTH = "truth"
+"""Limit of an error, see the module."""
+FAILED = "all runs failed"
+"""Instead of the limit of an error."""
+UNKNOWN = "inconclusive"
+"""Limit of an error, see the module."""
 FALLS = 0.5
-"""Order below which an error does not fall as that of any method does: half the lowest order of a method here."""
+"""Order below which the step does not limit the error: half the lowest order of all methods."""
 FINEST = 3
-"""Number of the finest runs on each scene from which an order is found."""
+"""Number of the finest runs on each scene from which the order is computed."""
 FURTHER = 0.1
-"""Ratio to a series' smallest error below which the engine's own accelerations lead further."""
+"""Ratio of the errors with the engine's own accelerations and in a series below which the former
+are much smaller."""
 
 
 @dataclass(frozen=True)
 class Quantity:
-    """A quantity with an error, columns of `stiction.comparisons.measures.accuracy.errors`.
+    """A quantity whose error is to be reached.
 
-    `without_events`: why a run that locates no events does not know the quantity; empty if it does.
+    Attributes
+    ----------
+    name : str
+    error, uncertainty : str
+        Columns of `stiction.comparisons.measures.accuracy.errors`.
+    unit : str
+    without_events : str
+        Why the error is unknown in runs that do not locate events; empty if it is known.
     """
 
     name: str
@@ -100,7 +124,9 @@ QUANTITIES = (
         "there is nothing to compare",
     ),
 )
+"""The quantities whose errors are compared."""
 SMALLEST = "smallest_error"
+"""Column: smallest error of a series."""
 COLUMNS = (
     "scene",
     "truth",
@@ -130,14 +156,16 @@ COLUMNS = (
 
 @dataclass(frozen=True)
 class Limit:
-    """Limit of the error of a variant's refinement series.
+    """What limits the error of a variant's refinement series.
 
     Attributes
     ----------
-    because, why : str
-        The limit, of the names of the module, and the evidence.
+    because : str
+        The limit, see the module.
+    why : str
+        The evidence in words.
     order : Uncertain or None
-        With which the error falls at the finest runs; None where that is not known.
+        Observed order of the finest runs; None if it is unknown.
     """
 
     because: str
@@ -146,21 +174,22 @@ class Limit:
 
 
 def equal_error(runs: pd.DataFrame, samples: pd.DataFrame) -> pd.DataFrame:
-    """Time to errors of 10^n, down to the first that a variant does not reach; a row per scene, variant and quantity.
+    """Return the table of times to errors of 10^n, down to the first error that a variant does not reach.
 
     Parameters
     ----------
-    runs, samples
-        Table and samples of `stiction.comparisons.measures.work_precision.Timed`, of one scene or of several, whose
-        limits are found together.
+    runs, samples : DataFrame
+        Table and samples of `stiction.comparisons.measures.work_precision.Timed`, of one or several
+        scenes. Limits are determined for all scenes together.
 
     Returns
     -------
     DataFrame
-        `COLUMNS`: ``truth``, its name (that with mus = mu is another); ``quantity`` of `QUANTITIES`, ``error`` in its
-        ``unit``; median and interval of the time to it, inside the engine's own calls and in total, empty where no run
-        reaches it; their `LEVEL`, and `TIMING`, the reason why it is unsure; ``at most``: the coarsest run already
-        meets it; `SMALLEST` error on this scene; over all scenes the fields of `Limit`.
+        One row for each scene, quantity, variant and error, with `COLUMNS`: ``truth``, its name;
+        ``quantity``, one of `QUANTITIES`; ``error``, in its ``unit``; median and interval of the
+        time to this error, in the engine's own calls and in total, empty if it is not reached;
+        `LEVEL` and `TIMING`; ``is_bound``, True if the coarsest run already reaches the error, so
+        that the time is an upper bound; `SMALLEST` error on this scene; and the fields of `Limit`.
     """
     limits = {
         (quantity.name, variant): limit_of(series, quantity, accelerations_of(series, runs))
@@ -182,8 +211,8 @@ def _rows(
     quantity: Quantity,
     limits: Mapping[tuple[str, str], Limit],
 ) -> Iterator[dict[str, Any]]:
-    # Powers of ten from the largest error of all variants down to the smallest, whole powers beyond
-    # both.
+    """Yield the rows of one scene and quantity."""
+    # The errors are powers of ten from the largest to the smallest error of all variants.
     sizes = _sizes(runs[succeeded(runs)], quantity)
     sizes = sizes[np.isfinite(sizes) & (sizes > 0)]
     if sizes.empty:
@@ -210,13 +239,13 @@ def _rows(
         for target in targets:
             time = time_to(series, samples, quantity, target)
             yield columns | {"error": target} | time
-            # the first error that is not reached has a row; smaller ones are not reached either
+            # The first error that is not reached still has a row.
             if not time:
                 break
 
 
 def _sizes(rows: pd.DataFrame, quantity: Quantity) -> pd.Series:
-    """Errors, or their uncertainties where these are larger."""
+    """Return the errors, or their uncertainties if these are larger; nan without an error."""
     if quantity.error not in rows:
         return pd.Series(np.nan, rows.index)
     sizes = rows[[quantity.error, quantity.uncertainty]].astype(float).max(axis=1)
@@ -224,14 +253,14 @@ def _sizes(rows: pd.DataFrame, quantity: Quantity) -> pd.Series:
 
 
 def _smallest(rows: pd.DataFrame, quantity: Quantity) -> float:
-    """The largest of all scenes of the smallest error on each; nan where no scene has an error."""
+    """Return the smallest error on each scene, and of these the largest; nan if there are no errors."""
     return float(_sizes(rows, quantity).groupby(rows["scene"]).min().max())
 
 
 def time_to(
     series: pd.DataFrame, samples: pd.DataFrame, quantity: Quantity, target: float
 ) -> dict[str, Any]:
-    """Columns of the time at which a series, coarse to fine, meets an error first; none where it does not."""
+    """Return the columns of the shortest time in which a series reaches an error; empty if it does not reach it."""
     rounds = rounds_to(series, samples, quantity, target)
     if rounds is None:
         return {}
@@ -253,28 +282,32 @@ def time_to(
 def rounds_to(
     series: pd.DataFrame, samples: pd.DataFrame, quantity: Quantity, target: float
 ) -> pd.DataFrame | None:
-    """Time to an error by round, `OWN_CPU` and `TOTAL`; for a ratio to another variant's of the same round."""
+    """Return the shortest time in which a series reaches an error, by round; None if it does not reach it.
+
+    The columns are `OWN_CPU` and `TOTAL`, in s. Ratios of two variants are computed from the times
+    of the same round.
+    """
     rows = series[succeeded(series)]
     sizes, keys = _sizes(rows, quantity).to_numpy(), list(rows["key"])
     times = {
         key: part.set_index("round")[[OWN_CPU, TOTAL]]
         for key, part in samples[samples["key"].isin(keys)].groupby("key", sort=False)
     }
-    # Runs that meet the error themselves.
-    meetings = [times[key] for key, size in zip(keys, sizes) if size <= target and key in times]
-    # Between neighbouring runs on either side of it: log(time) linear in log(error), round by
-    # round.
+    # Runs whose error is small enough.
+    candidates = [times[key] for key, size in zip(keys, sizes) if size <= target and key in times]
+    # Interpolation in logarithms between neighbouring runs with a larger and a smaller error, in
+    # each round. Rounds in which only one of them was timed become nan.
     for i in range(1, len(keys)):
-        if sizes[i - 1] > target > sizes[i] and {keys[i - 1], keys[i]} <= set(times):
+        coarse, fine = keys[i - 1], keys[i]
+        if sizes[i - 1] > target > sizes[i] and coarse in times and fine in times:
             share = math.log(sizes[i - 1] / target) / math.log(sizes[i - 1] / sizes[i])
-            interpolated = times[keys[i - 1]] ** (1 - share) * times[keys[i]] ** share
-            # rounds that only one of the two has are empty
-            meetings.append(interpolated.dropna())
-    return min(meetings, key=lambda rounds: rounds[TOTAL].median(), default=None)
+            interpolated = times[coarse] ** (1 - share) * times[fine] ** share
+            candidates.append(interpolated.dropna())
+    return min(candidates, key=lambda rounds: rounds[TOTAL].median(), default=None)
 
 
 def accelerations_of(series: pd.DataFrame, runs: pd.DataFrame) -> pd.DataFrame | None:
-    """The runs of the same engine's accelerations under an integrator of high order; None where there are none."""
+    """Return the runs in which the same engine's accelerations are integrated with high order; None if missing."""
     first, rows = series.iloc[0], runs[succeeded(runs)]
     alike = (rows["engine"] == first["engine"]) & (rows["fidelity"] == first["fidelity"])
     rows = rows[alike & (rows["variant"] != first["variant"])]
@@ -286,20 +319,21 @@ def accelerations_of(series: pd.DataFrame, runs: pd.DataFrame) -> pd.DataFrame |
 def limit_of(
     series: pd.DataFrame, quantity: Quantity, accelerations: pd.DataFrame | None = None
 ) -> Limit:
-    """Find the limit of the error of a variant by the rules of the module, in their order.
+    """Return what limits the error of a variant, by the rules in the module.
 
     Parameters
     ----------
-    series
-        Rows of one variant as `work_precision` makes them, of one scene or of several, from coarse to fine.
-    accelerations
-        The yield of `accelerations_of`.
+    series : DataFrame
+        Rows of one variant in the table of `work_precision`, for one or several scenes, from coarse
+        to fine.
+    quantity : Quantity
+    accelerations : DataFrame, optional
+        Result of `accelerations_of`.
     """
     rows = series[succeeded(series)]
     if rows.empty:
         return Limit(FAILED, f"{series['status'].iloc[-1]}: {series['reason'].iloc[-1]}")
-    # Without an error above the truth's uncertainty: no events, nothing to compare with, or as
-    # exact as the truth.
+    # Cases without an error above the uncertainty of the truth.
     sizes = _sizes(rows, quantity).dropna()
     locates = "events_matched" in rows and rows["events_matched"].notna().any()
     best = sizes.groupby(rows["scene"]).idxmin()
@@ -314,7 +348,7 @@ def limit_of(
     if order is None:
         return Limit(UNKNOWN, "too few runs for an order with an interval")
 
-    # By the order of the finest runs and its whole interval.
+    # Cases by the confidence interval of the order.
     parameter = rows["parameter"].iloc[0]
     low, high = order.value - order.uncertainty, order.value + order.uncertainty
     evidence = (
@@ -332,22 +366,24 @@ def limit_of(
         )
     if high >= FALLS:
         return Limit(UNKNOWN, evidence, order)
-    because, why = _level(rows, quantity, accelerations, settings, f"does not fall: {evidence}")
+    because, why = _limit_of_constant(
+        rows, quantity, accelerations, settings, f"does not fall: {evidence}"
+    )
     return Limit(because, why, order)
 
 
-def _level(
+def _limit_of_constant(
     rows: pd.DataFrame,
     quantity: Quantity,
     accelerations: pd.DataFrame | None,
     settings: Mapping[str, Any],
     evidence: str,
 ) -> tuple[str, str]:
-    """Return the limit of an error that does not fall, and the evidence."""
+    """Return what limits an error that does not decrease with the step, and the evidence in words."""
     if rows["fidelity"].iloc[0] == Fidelity.CONTACT:
         return MODEL, f"{evidence}; bodies in contact, with clearance or contacts that give way"
-    # Is it the engine's model or our adapter? The engine's accelerations alone, integrated exactly,
-    # tell.
+    # The engine's accelerations, integrated with high order, distinguish engine and adapter: they
+    # contain the errors of the engine's model, but not those of the adapter.
     if accelerations is not None:
         stepped = _smallest(rows[rows["scene"].isin(accelerations["scene"])], quantity)
         exact = _smallest(accelerations[accelerations["scene"].isin(rows["scene"])], quantity)
@@ -363,9 +399,10 @@ def _level(
 
 
 def order_of(rows: pd.DataFrame, quantity: Quantity) -> Uncertain | None:
-    """Exponent with which the error falls with step or tolerance at the `FINEST` runs, or grows fewer with iterations.
+    """Return the observed order of the `FINEST` runs; None if there are too few.
 
-    Errors that are not above the uncertainty of the truth are left out. None where the runs are too few.
+    It is the exponent of the step or tolerance, or minus the exponent of the number of iterations.
+    Errors that are not above the uncertainty of the truth are left out.
     """
     order = fitted_exponent(_finest(rows, quantity))
     if order is None or rows["parameter"].iloc[0] != "iterations":
@@ -374,7 +411,7 @@ def order_of(rows: pd.DataFrame, quantity: Quantity) -> Uncertain | None:
 
 
 def _finest(rows: pd.DataFrame, quantity: Quantity) -> list[tuple[np.ndarray, np.ndarray]]:
-    """The `FINEST` steps on each scene and their errors, coarse to fine, those above the truth's uncertainty."""
+    """Return the `FINEST` steps and their errors on each scene, of the runs with errors above the uncertainty."""
     sizes = _sizes(rows, quantity)
     known = rows[sizes > rows[quantity.uncertainty]] if quantity.error in rows else rows.iloc[:0]
     finest = [series.iloc[-FINEST:] for _, series in known.groupby("scene", sort=False)]

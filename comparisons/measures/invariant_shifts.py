@@ -1,28 +1,33 @@
-"""Shifts of a mechanism in place and time that leave its equations of motion as they are, read off its scene.
+"""Shifts of a mechanism in position and time that do not change its equations of motion.
 
-A block that a spring pulls, on a hand of constant speed, is in the same state again after block and hand have moved on
-together: neither guide, spring nor load tells one place from the other. Such a motion is periodic but for the shift.
+For example, a block is pulled by a spring whose other end, the hand, moves at constant speed. If
+block and hand are shifted by the same distance, neither guide nor spring nor load changes. A
+stick-slip motion of the block may therefore be periodic except for such a shift.
 
-A shift moves body b by d_b, turns it by a_b, and moves the clock by s. Each element of the scene is the same after it
-under conditions that are linear in (d, a, s). With r = d_0 - d_1, the shift of `bodies[0]` (the slider) against
-`bodies[1]` (the guide):
+A shift displaces body b by d_b, rotates it by a_b, and shifts the time by s. An element of the
+scene remains unchanged under conditions that are linear in (d, a, s). Let r = d_0 - d_1 be the
+shift of `bodies[0]` (the slider) relative to `bodies[1]` (the guide):
 
-- A pin, and a spring or distance drive without axis: r = 0. Without it the points are elsewhere as seen from the other.
-- A guide: n . r = 0, n its normal. The angle of slider less guide is given: a_0 = a_1.
+- A pin, and a spring or distance drive without axis: r = 0. Otherwise the relative position of the
+  points changes.
+- A guide with the normal n: n . r = 0. The guide prescribes the relative angle of its bodies: a_0 =
+  a_1.
 - A spring with an axis u and stiffness: u . r = 0. With damping alone no condition.
 - A distance drive with an axis u: u . r = rate s, where its law grows at a rate.
-- An axis or direction in the axes of a body other than the ground turns with it. And the force along it, or the normal
-  force, acts at the point of `bodies[0]`: r changes its torque on `bodies[1]`. So r = 0, unless that body cannot turn
-  and its torque is taken up where it has no influence: by a guide without a length, which answers with a torque alone.
+- An axis or direction in the axes of a body other than the ground turns with it. And the force
+  along it, or the normal force, acts at the point of `bodies[0]`: r changes its torque on
+  `bodies[1]`. So r = 0, unless that body cannot turn and its torque is taken up where it has no
+  influence: by a guide without a length, which answers with a torque alone.
 - A torsional spring with stiffness: a_0 = a_1. An angle drive: a_0 - a_1 = rate s.
-- A body with a point beside its centre of mass, or with an axis or a guide in its axes: a = 0, or whole turns.
+- A body with a point beside its centre of mass, or with an axis or a guide in its axes: a = 0, or
+  whole turns.
 - Weight, forces and torques: their directions are those of the ground. No condition.
 
 That laws of time are periodic with s, such as a sine's, is no condition here: s is a multiple of
 `stiction.comparisons.measures.settling.excitation_period`, or any time where that is infinite.
 
-The conditions are sufficient. They are not necessary where several elements make up for each other, such as two springs
-with forces that add up to the same at another place.
+The conditions are sufficient. They are not necessary where several elements make up for each other,
+such as two springs with forces that add up to the same at another place.
 """
 
 from __future__ import annotations
@@ -38,9 +43,9 @@ from stiction.scenes.laws import Law, Linear
 from stiction.scenes.model import Drive, LinearSpring, Revolute, TorsionalSpring, Translational
 
 TURN = 2 * np.pi
-"""rad."""
+"""A whole turn, rad."""
 Condition = tuple[np.ndarray, float, bool]
-"""A row of the conditions, its rate, and whether whole turns of it count as nothing."""
+"""Coefficients of a condition on (d, a), its rate, and whether whole turns make no difference."""
 
 
 @dataclass(frozen=True)
@@ -65,31 +70,50 @@ class InvariantShifts:
     units: np.ndarray
 
     def places(self, t: np.ndarray | float, q: np.ndarray) -> np.ndarray:
-        """What of positions makes a difference, in m: (instants, conditions), from q of (instants, 3 bodies).
+        """Return the quantities that invariant shifts do not change, except by whole turns.
 
-        Positions that are an invariant shift apart have the same places, but for whole turns.
+        Parameters
+        ----------
+        t : ndarray, shape (instants,)
+            Times, s.
+        q : ndarray, shape (instants, 3 bodies)
+            Positions.
+
+        Returns
+        -------
+        ndarray, shape (instants, conditions)
+            In m.
         """
         return (q @ self.rows.T - np.multiply.outer(t, self.rates)) * self.units
 
     def whole_turns(self, change: np.ndarray) -> np.ndarray:
-        """The whole turns in a change of places, which make no difference; m."""
+        """Return the part of a change of `places` that consists of whole turns, which make no difference; m."""
         turn = TURN * self.units
         return np.where(self.turns, turn * np.round(change / turn), 0.0)
 
     def nearest(self, time: float, change: np.ndarray, unit: np.ndarray) -> np.ndarray:
-        """The invariant shift in a time (s) that is nearest to a change of positions, shape (3 bodies,).
+        """Return the invariant shift that is nearest to a change of positions.
 
-        `unit` are metres in a unit of each position.
+        Parameters
+        ----------
+        time : float
+            Shift of time, s.
+        change, unit : ndarray, shape (3 bodies,)
+            Change of positions, and the length in m that corresponds to one unit of each of them.
+
+        Returns
+        -------
+        ndarray, shape (3 bodies,)
         """
-        # what the change lacks of the conditions, taken off by the smallest correction in metres
-        missed = self.places(np.array([time]), change[None])[0]
-        missed -= self.whole_turns(missed)
-        scaled = self.units[:, None] * self.rows / unit
-        return change - np.linalg.lstsq(scaled, missed, rcond=None)[0] / unit
+        # Subtract the smallest correction, measured in m, with which the conditions are satisfied.
+        violation = self.places(np.array([time]), change[None])[0]
+        violation -= self.whole_turns(violation)
+        scaled_rows = self.units[:, None] * self.rows / unit
+        return change - np.linalg.lstsq(scaled_rows, violation, rcond=None)[0] / unit
 
 
 def invariant_shifts(scene: Scene, size: float) -> InvariantShifts:
-    """Return the conditions on a shift of a scene; `size` is the length (m) that goes with a radian."""
+    """Return the conditions on the shifts of a scene; `size` is the length (m) that corresponds to one radian."""
     conditions = list(_conditions(scene))
     count = 3 * len(scene.bodies)
     rows = np.array([row for row, _, _ in conditions]).reshape(-1, count)
@@ -103,7 +127,7 @@ def invariant_shifts(scene: Scene, size: float) -> InvariantShifts:
 
 
 def _conditions(scene: Scene) -> Iterator[Condition]:
-    """The conditions of every element."""
+    """Yield the conditions of all elements of a scene."""
     rules = _Rules(scene)
     for joint in scene.joints.values():
         if isinstance(joint, Revolute):
@@ -119,35 +143,56 @@ def _conditions(scene: Scene) -> Iterator[Condition]:
         yield rules.row((body, GROUND), ANGLE), 0.0, True
 
 
-X, Y, ANGLE = (1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0)
-"""Coefficients of the coordinates of a body."""
+X = (1.0, 0.0, 0.0)
+"""Coefficients (x, y, angle) that select the coordinate x of a body."""
+Y = (0.0, 1.0, 0.0)
+"""Coefficients (x, y, angle) that select the coordinate y of a body."""
+ANGLE = (0.0, 0.0, 1.0)
+"""Coefficients (x, y, angle) that select the angle of a body."""
 
 
 class _Rules:
-    """Conditions of elements of a scene, as rows on the coordinates of its bodies."""
+    """The conditions for each type of element, see the module.
+
+    Attributes
+    ----------
+    numbers : dict of str to int
+        Position of each body in the scene.
+    angles : dict of str to float
+        Angles (rad) of the bodies, including the ground, that cannot rotate and on which a torque
+        has no influence on other forces.
+    """
 
     def __init__(self, scene: Scene):
-        self.places = {name: number for number, name in enumerate(scene.bodies)}
-        held, free_of_torque = _held_angles(scene), _free_of_torque(scene)
-        self.angles = {body: angle for body, angle in held.items() if body in free_of_torque}
+        self.numbers = {name: number for number, name in enumerate(scene.bodies)}
+        unaffected_by_torque = _free_of_torque(scene)
+        self.angles = {
+            body: angle
+            for body, angle in _held_angles(scene).items()
+            if body in unaffected_by_torque
+        }
 
     def row(self, bodies: tuple[str, str], first: tuple[float, float, float]) -> np.ndarray:
-        """Coefficients of x, y and angle of the first body, and their opposites of the second; the ground has none."""
-        coefficients = np.zeros((len(self.places), 3))
+        """Return the coefficients of a difference between two bodies, shape (3 bodies,).
+
+        Those of the first body (x, y, angle) are given. Those of the second are their opposites.
+        The ground has none.
+        """
+        coefficients = np.zeros((len(self.numbers), 3))
         for body, sign in zip(bodies, (1.0, -1.0)):
             if body != GROUND:
-                coefficients[self.places[body]] += sign * np.array(first)
+                coefficients[self.numbers[body]] += sign * np.array(first)
         return coefficients.ravel()
 
     def together(self, bodies: tuple[str, str]) -> Iterator[Condition]:
-        """Two bodies move on as one."""
+        """Yield the conditions that two bodies are displaced alike."""
         yield self.row(bodies, X), 0.0, False
         yield self.row(bodies, Y), 0.0, False
 
     def grows(self, rate: float) -> Iterator[Condition]:
-        """No shift makes up for a coordinate that grows: 0 = rate s."""
+        """Yield the condition 0 = rate s of a growing coordinate that no shift of bodies compensates."""
         if rate:
-            yield np.zeros(3 * len(self.places)), rate, False
+            yield np.zeros(3 * len(self.numbers)), rate, False
 
     def along(
         self,
@@ -156,12 +201,21 @@ class _Rules:
         rate: float | None,
         across: bool,
     ) -> Iterator[Condition]:
-        """A coordinate along a direction in the axes of the second body changes at a rate; None leaves it free.
+        """Yield the condition on the relative coordinate of two bodies along a direction.
 
-        `across`: the coordinate is the one across the direction, which is then the guide's.
+        Parameters
+        ----------
+        bodies : (str, str)
+        direction : (float, float)
+            In the axes of the second body.
+        rate : float or None
+            Rate of the coordinate, m/s; None if it is free.
+        across : bool
+            True for the coordinate perpendicular to the direction, as in a guide.
         """
         if bodies[1] not in self.angles:
-            # the direction turns, or the torque of the force along it matters: no relative shift
+            # The direction rotates, or the torque of the force along it has an influence: then no
+            # relative shift is invariant.
             yield from self.together(bodies)
             yield from self.grows(rate or 0.0)
         elif rate is not None:
@@ -170,18 +224,22 @@ class _Rules:
             yield self.row(bodies, (np.cos(angle), np.sin(angle), 0.0)), rate, False
 
     def spring(self, spring: LinearSpring | TorsionalSpring) -> Iterator[Condition]:
+        """Yield the conditions of a spring and damper."""
         if isinstance(spring, TorsionalSpring):
             if spring.stiffness:
                 yield self.row(spring.bodies, ANGLE), 0.0, False
-        elif spring.axis is not None:
-            if spring.stiffness or spring.damping:
-                yield from self.along(
-                    spring.bodies, spring.axis, 0.0 if spring.stiffness else None, across=False
-                )
-        elif spring.stiffness or spring.damping:
+            return
+        if not (spring.stiffness or spring.damping):
+            return
+        if spring.axis is None:
             yield from self.together(spring.bodies)
+        else:
+            # a damper does not depend on the coordinate along its axis
+            rate = 0.0 if spring.stiffness else None
+            yield from self.along(spring.bodies, spring.axis, rate, across=False)
 
     def drive(self, drive: Drive) -> Iterator[Condition]:
+        """Yield the conditions of a drive."""
         rate = _rate(drive.law)
         if drive.type == "angle":
             yield self.row(drive.bodies, ANGLE), rate, False
@@ -193,12 +251,15 @@ class _Rules:
 
 
 def _rate(law: Law) -> float:
-    """The rate of a law that grows; 0 of one that is constant or swings."""
+    """Return the rate of a linear law, 0 of others, which are constant or oscillate."""
     return law.rate if isinstance(law, Linear) else 0.0
 
 
 def _oriented(scene: Scene) -> list[str]:
-    """The bodies whose angle matters: with a guide or an axis in their axes, or a point beside their centre of mass."""
+    """Return the bodies whose angle has an influence.
+
+    These have a guide or an axis in their axes, or a point outside of their centre of mass.
+    """
     oriented = {body for guide in scene.guides.values() for body in guide.bodies}
     for element in (*scene.joints.values(), *scene.drives.values(), *scene.springs.values()):
         if isinstance(element, (Revolute, Drive, LinearSpring)):
@@ -210,8 +271,12 @@ def _oriented(scene: Scene) -> list[str]:
 
 
 def _linked(guides: list[Translational]) -> Iterator[tuple[str, str, float]]:
-    """Pairs of bodies with the angle of the second less the first, from the ground on, as far as guides link them."""
-    # Depth-first search over the graph of guides, which are passed in both directions.
+    """Yield the bodies that guides connect to the ground, in an order in which their predecessors come first.
+
+    Each is yielded as its predecessor, its own name, and its angle minus that of its predecessor,
+    rad.
+    """
+    # Depth-first search in the graph whose edges are guides, in both directions.
     reached, waiting = {GROUND}, [GROUND]
     while waiting:
         body = waiting.pop()
@@ -228,7 +293,7 @@ def _linked(guides: list[Translational]) -> Iterator[tuple[str, str, float]]:
 
 
 def _held_angles(scene: Scene) -> dict[str, float]:
-    """Angles (rad) of the bodies that cannot turn, as guides lead from the ground to them."""
+    """Return the angles (rad) of the bodies that cannot rotate because guides connect them to the ground."""
     angles = {GROUND: 0.0}
     for first, second, angle in _linked(list(scene.guides.values())):
         angles[second] = angles[first] + angle
@@ -236,9 +301,10 @@ def _held_angles(scene: Scene) -> dict[str, float]:
 
 
 def _free_of_torque(scene: Scene) -> set[str]:
-    """The ground, and bodies whose guides pass a torque on to it without an influence on forces.
+    """Return the ground, and the bodies on which a torque does not change forces in guides.
 
-    A guide without a length answers a torque with a torque. One with a length does so with corner forces.
+    These are connected to the ground by guides without a length, whose reaction to a torque is a
+    torque. A guide with a length reacts with corner forces, which have friction.
     """
     guides = [guide for guide in scene.guides.values() if guide.length is None]
     return {GROUND, *(second for _, second, _ in _linked(guides))}

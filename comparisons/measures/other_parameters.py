@@ -1,10 +1,11 @@
-"""Parameters of the scene that a table of results may have been made with instead: friction and weight.
+"""Other parameters of the scene that explain the errors of a table of results: friction and gravity.
 
-A table that is off may be the exact motion of a scene with another coefficient of friction, with one coefficient where
-the scene has two, or with another g. Each of these is a hypothesis with one number or none. The number is fitted: the
-error is linear in a small change p of it, r(p) = r - s p with the sensitivity s from two runs of the reference, so that
-least squares give p = (s.r)/(s.s) (Gauss-Newton with a secant for the derivative). Then the run with that number
-verifies the hypothesis. Nothing is concluded from the linear prediction.
+A table with errors may be the accurate motion of a scene with another coefficient of friction, with
+mus = mu, or with another g. Each of these is a hypothesis with at most one number, which is fitted
+by least squares. For a small change p of the number the error is r(p) = r - s p, with the
+sensitivity s from two runs of the reference, and p = (s.r)/(s.s) is the next step (the Gauss-Newton
+method with a secant in place of the derivative). A hypothesis is accepted by the errors of a run
+with the fitted number, not by the linear prediction.
 """
 
 from __future__ import annotations
@@ -28,34 +29,49 @@ from stiction.scenes.result_table import ResultTable
 from stiction.truths import Truth
 
 MEDIAN_OF_NORMAL = 0.6745
-"""Median of |x| of a normal distribution of deviation 1; of here - (before + behind) / 2 the variance is 1.5."""
+"""Median of |x| for a normal distribution with standard deviation 1."""
 INSTANTS = 1001
-"""Instants of a table that are compared, at most: a thousand numbers determine one."""
+"""Largest number of instants of a table that are compared, which is enough to fit one number."""
 RTOL = 1e-9
-"""Tolerance of the runs: below all errors that are explained."""
-OFF, LOST = 1e-5, 3.0
-"""Errors of a table, in parts of the motion's size (root mean square), between which an explanation is sought: smaller
-ones are those of most solvers, and larger ones of a motion that has nothing to do with the scene's."""
+"""Relative tolerance of the runs, whose errors are then well below those that are explained."""
+OFF = 1e-5
+"""Error of a table above which an explanation is searched for; many solvers have smaller errors.
+Errors are root mean squares relative to the size of the motion."""
+LOST = 3.0
+"""Error of a table below which an explanation is searched for; a motion with larger errors is
+unrelated to the scene."""
 ABOVE_NOISE = 10.0
-"""Ratio of the error to the table's own noise from which on there is something to explain."""
-EXPLAINED, QUIET, LEAST = 1e-2, 1.5, 0.1
-"""An explanation leaves at most the first part of the error, or the second times the noise of the table if that is
-more, but never more than the last part of the error. A mass, a stiffness or a load that is some per cent off looks like
-another friction to a twentieth of the error, and is none."""
-ALONE, FITTED = 3.0, 1e-3
-"""Factor by which every other explanation is worse than one that is named. Below the second part of the error, and
-below a hundredth of `OFF`, what is left says how well a number was fitted, and not which number it was."""
-FIRST_CHANGE, SMALLEST_CHANGE = 1e-2, 1e-7
-"""Relative changes of a number: the first, by which the sensitivity is found, and that at which the fit ends."""
-WINDOWS, ROUNDS = (1 / 16, 1 / 4, 1.0), 4
-"""Parts of the table's time over which a number is fitted, one after another, and Gauss-Newton steps in each at most.
-Near its beginning a motion is close to linear in a number whose later effect is a change of phase."""
+"""Ratio of the error to the noise of the table above which an explanation is searched for."""
+EXPLAINED = 1e-2
+"""Largest error that remains with an explanation, relative to the error without it."""
+QUIET = 1.5
+"""Largest error that remains with an explanation, relative to the noise of the table, if this is
+larger."""
+LEAST = 0.1
+"""Upper limit of both. With a mass, a stiffness or a load that is wrong by some per cent, another
+friction can reduce the error to a twentieth, but is not the explanation."""
+ALONE = 3.0
+"""Smallest ratio of the errors that remain with any other explanation and with one that is
+named."""
+FITTED = 1e-3
+"""Error that remains with an explanation, relative to the error without it, below which
+explanations are equally good: it then depends on the accuracy of the fit."""
+FIRST_CHANGE = 1e-2
+"""First relative change of a number, from which the sensitivity is computed."""
+SMALLEST_CHANGE = 1e-7
+"""Relative change of a number at which the fit ends."""
+WINDOWS = (1 / 16, 1 / 4, 1.0)
+"""Fractions of the table's duration over which a number is fitted, one after another. The beginning
+of a motion depends almost linearly on a number, which later changes the phase."""
+ROUNDS = 4
+"""Largest number of Gauss-Newton steps in each window."""
 RANGE = (0.1, 10.0)
-"""Factors on a parameter that are sought."""
+"""Smallest and largest factor on a parameter."""
 USUAL_G = (9.8, 9.80665, 9.81, 10.0)
-"""Values of g in common use, m/s²; one that explains a table as well as the fitted value (`AS_GOOD`) is taken."""
+"""Values of g in common use, m/s². One of them is reported instead of the fitted value if it
+explains the table as well (`AS_GOOD`)."""
 AS_GOOD = 1.2
-"""Ratio of what a usual value of g may leave of the error to what the fitted one leaves."""
+"""Largest ratio of the errors that remain with a common value of g and with the fitted one."""
 COLUMNS = [
     "hypothesis",
     "element",
@@ -70,7 +86,7 @@ COLUMNS = [
 
 
 class Hypothesis(Enum):
-    """What a table may have been made with instead of the scene's own."""
+    """A difference between a scene and the one that a table may have been computed with."""
 
     ONE_COEFFICIENT = "mus = mu"
     KINETIC = "another mu"
@@ -82,35 +98,47 @@ class Hypothesis(Enum):
 
 
 RELATED = {Hypothesis.KINETIC, Hypothesis.FRICTION}
-"""Hypotheses that are the same where no guide comes to rest: neither stands against the other."""
+"""Hypotheses that have the same effect if no guide comes to rest. They do not exclude each
+other."""
 
 
 RIVALS = 12
-"""Masses, stiffnesses and loads that are held against an explanation, at most: they are fitted only where there is one,
-and the parameters of a large mechanism would take minutes."""
+"""Largest number of masses, stiffnesses and loads that are tested against an explanation; with
+more, none is tested, because this would take minutes."""
 
 
 @dataclass(frozen=True)
 class Parameter:
-    """A hypothesis, and the body, spring or load that it is about; the friction of all guides and g have none."""
+    """A hypothesis, and the body, spring or load that it concerns; empty for the friction of all guides and for g."""
 
     hypothesis: Hypothesis
     element: str = ""
 
     @property
     def has_number(self) -> bool:
-        """True where there is a number to fit."""
+        """True if the hypothesis has a number, which is fitted."""
         return self.hypothesis is not Hypothesis.ONE_COEFFICIENT
 
 
 @dataclass(frozen=True)
 class Explanation:
-    """A hypothesis with the number that fits a table best.
+    """A hypothesis, with the number that fits a table best.
 
-    `factor`: on the scene's coefficients or its g; nan of `ONE_COEFFICIENT`. `value`: the coefficient, where all guides
-    have the same, or g in m/s²; else nan. `before`, `after`: root mean square of the errors, in parts of the motion's
-    size, of the scene and of the hypothesis. `noise`: that of the table's own scatter from row to row. `is_named`: it
-    explains the errors, and no other hypothesis does as well.
+    Attributes
+    ----------
+    parameter : Parameter
+    factor : float
+        Factor on the coefficients of friction, or on g, or on the parameter of an element; nan of
+        `ONE_COEFFICIENT`.
+    value : float
+        The coefficient if it is the same in all guides, or g in m/s²; otherwise nan.
+    before, after : float
+        Error of the table compared with the motion of the scene, and with that of the hypothesis:
+        root mean square relative to the size of the motion.
+    noise : float
+        Scatter of the table from row to row, in the same unit.
+    is_named : bool
+        True if this is the only hypothesis that explains the errors.
     """
 
     parameter: Parameter
@@ -123,18 +151,18 @@ class Explanation:
 
     @property
     def hypothesis(self) -> Hypothesis:
+        """The hypothesis of the parameter."""
         return self.parameter.hypothesis
 
     @property
     def explains(self) -> bool:
-        """True where little of the error is left, see `EXPLAINED`."""
-        return self.after <= min(
-            max(EXPLAINED * self.before, QUIET * self.noise), LEAST * self.before
-        )
+        """True if the error that remains is small, see `EXPLAINED`, `QUIET` and `LEAST`."""
+        limit = max(EXPLAINED * self.before, QUIET * self.noise)
+        return self.after <= min(limit, LEAST * self.before)
 
     def row(self) -> tuple[object, ...]:
-        """As a row with `COLUMNS`."""
-        unit = {Hypothesis.GRAVITY: "m/s²"}.get(self.hypothesis, "")
+        """Return the values of `COLUMNS`."""
+        unit = "m/s²" if self.hypothesis is Hypothesis.GRAVITY else ""
         return (
             self.hypothesis.value,
             self.parameter.element,
@@ -149,12 +177,12 @@ class Explanation:
 
 
 def explanations(scene: Scene, table: ResultTable, truth: Truth) -> list[Explanation]:
-    """Return the hypotheses that the scene allows with what they leave of a table's errors, the best first.
+    """Return the hypotheses that are possible for a scene, fitted to a table, the best first.
 
-    None where the table is not off, or not in a way that a run could explain, see `OFF`. Of a table that is off some
-    ten to a hundred runs of the reference are made.
+    The list is empty if the error of the table is outside of the range from `OFF` to `LOST`.
+    Otherwise ten to a hundred runs of the reference are executed.
     """
-    # Is there something to explain, and may a run explain it?
+    # Is there an error that may be explained?
     parameters = list(_possible(scene))
     seen = _Seen.of(scene, table, truth) if parameters else None
     own = _motion(scene, seen, float(seen.t[-1])) if seen else None
@@ -163,7 +191,7 @@ def explanations(scene: Scene, table: ResultTable, truth: Truth) -> list[Explana
     before, noise = seen.size_of(own), seen.noise
     if not max(OFF, ABOVE_NOISE * noise) < before < LOST:
         return []
-    # errors below this are those of the fit
+    # remaining errors below this are due to noise or to the fit
     equal = max(noise, FITTED * before, OFF / 100)
 
     def explained(parameter: Parameter, start: float = 1.0) -> Explanation:
@@ -171,7 +199,7 @@ def explanations(scene: Scene, table: ResultTable, truth: Truth) -> list[Explana
 
     ranked = sorted(map(explained, parameters), key=_what_is_left)
     best = ranked[0]
-    # of two related ones that do as well the one that changes less is meant
+    # Of two related hypotheses that are equally good, the one with fewer changes is preferred.
     if (
         len(ranked) > 1
         and {best.hypothesis, ranked[1].hypothesis} == RELATED
@@ -181,7 +209,7 @@ def explanations(scene: Scene, table: ResultTable, truth: Truth) -> list[Explana
     if not best.explains:
         return ranked
 
-    # The others again, from the best one's number: none must have failed for want of a start.
+    # Fit the others again from the best one's number, in case that their start was too far away.
     others = []
     for other in ranked:
         if other is best:
@@ -190,9 +218,9 @@ def explanations(scene: Scene, table: ResultTable, truth: Truth) -> list[Explana
             other = min(other, explained(other.parameter, best.factor), key=_what_is_left)
         others.append(other)
 
-    # It is named if no rival does nearly as well. What is never named itself, a mass or a
-    # stiffness, is a rival too; it is tried last, as that takes most runs, and not against a value
-    # of g in common use.
+    # The best one is named if all rivals are much worse. Masses, stiffnesses and loads are rivals
+    # as well, although they are never named. They are tested last, because they take most runs, and
+    # not if a common value of g is the explanation.
     rivals = [
         other
         for other in others
@@ -210,13 +238,14 @@ def explanations(scene: Scene, table: ResultTable, truth: Truth) -> list[Explana
 
 
 def _what_is_left(explanation: Explanation) -> float:
+    """Return the error that remains with an explanation, the key for sorting."""
     return explanation.after
 
 
 def _explanation(
     scene: Scene, parameter: Parameter, seen: _Seen, before: float, start: float
 ) -> Explanation:
-    """A hypothesis with its number fitted, from a start on."""
+    """Return a hypothesis with its number fitted, beginning at the factor `start`."""
     t_end = float(seen.t[-1])
     if not parameter.has_number:
         after = _left(scene, parameter, 1.0, seen, t_end)
@@ -232,7 +261,7 @@ def _explanation(
 
 
 def _possible(scene: Scene) -> Iterator[Parameter]:
-    """The hypotheses that change something in a scene."""
+    """Yield the hypotheses that can be named, if they change the scene."""
     rubbing = [guide for guide in scene.frictional_guides.values() if guide.static_coefficient > 0]
     if any(guide.static_coefficient > guide.kinetic_coefficient for guide in rubbing):
         yield Parameter(Hypothesis.ONE_COEFFICIENT)
@@ -245,7 +274,7 @@ def _possible(scene: Scene) -> Iterator[Parameter]:
 
 
 def _not_asked(scene: Scene) -> list[Parameter]:
-    """Parameters that are never named, but may explain a table as well as one that would be; none of many."""
+    """Return the parameters that are never named, but may explain a table as well; none if there are many."""
     parameters = [
         Parameter(kind, name)
         for kind, names in (
@@ -259,8 +288,8 @@ def _not_asked(scene: Scene) -> list[Parameter]:
 
 
 def changed(scene: Scene, parameter: Parameter, factor: float) -> Scene:
-    """Return the scene of a hypothesis; `factor` multiplies the coefficients of all guides, g, or a mass, .."""
-    # Copies of the models: a factor on a valid value needs no validation of the file again.
+    """Return the scene of a hypothesis, whose parameter is multiplied by a factor."""
+    # The models are copied without validation, because a factor leaves a valid value valid.
     hypothesis, name = parameter.hypothesis, parameter.element
     if hypothesis is Hypothesis.MASS:
         body = scene.bodies[name]
@@ -303,7 +332,7 @@ def changed(scene: Scene, parameter: Parameter, factor: float) -> Scene:
 
 
 def _scaled_load(load: Load, factor: float) -> Load:
-    """A load whose law is `factor` times as large at all times."""
+    """Return a load whose law is multiplied by a factor."""
     law = load.law
     sizes = ("value", "offset", "rate", "amplitude") if not isinstance(law, Table) else ()
     update: dict[str, object] = {
@@ -315,7 +344,7 @@ def _scaled_load(load: Load, factor: float) -> Load:
 
 
 def _value(scene: Scene, parameter: Parameter, factor: float) -> float:
-    """What is used instead: g in m/s², or the coefficient of all guides where it is the same; else nan."""
+    """Return the value of a changed parameter: g in m/s², or the common coefficient of all guides; otherwise nan."""
     hypothesis = parameter.hypothesis
     if hypothesis not in {Hypothesis.GRAVITY, Hypothesis.ONE_COEFFICIENT, *RELATED}:
         return math.nan
@@ -331,7 +360,19 @@ def _value(scene: Scene, parameter: Parameter, factor: float) -> float:
 
 @dataclass(frozen=True)
 class _Seen:
-    """What a fit looks at: instants (n,), columns with their scales, each (n,), and the noise in these units."""
+    """The part of a table that is compared with motions.
+
+    Attributes
+    ----------
+    t : ndarray, shape (n,)
+        Instants, s.
+    columns : Mapping[str, ndarray]
+        Columns without jumps, each of shape (n,).
+    scales : Mapping[str, float]
+        Size of the motion in the unit of each column, by which its errors are divided.
+    noise : float
+        Scatter of the table from row to row, see `_noise`.
+    """
 
     t: np.ndarray
     columns: Mapping[str, np.ndarray]
@@ -340,7 +381,7 @@ class _Seen:
 
     @classmethod
     def of(cls, scene: Scene, table: ResultTable, truth: Truth) -> _Seen | None:
-        """Some rows of the columns that do not jump; None where there is none with a truth, or nothing moves."""
+        """Select at most `INSTANTS` rows of a table; None if no column has a truth, or if nothing moves."""
         rows = np.unique(np.linspace(0, len(table.t) - 1, INSTANTS).round().astype(int))
         true = truth(table.t[rows])
         names = [
@@ -358,7 +399,7 @@ class _Seen:
         return cls(table.t[rows], columns, scales, _noise(table, truth, scales))
 
     def errors(self, motion: Mapping[str, np.ndarray]) -> np.ndarray:
-        """Errors of the table's first instants against a motion, in parts of its size, all columns in one array."""
+        """Return the scaled errors of all columns in one array, at the first instants, which the motion contains."""
         parts = []
         for name, scale in self.scales.items():
             off = self.columns[name][: len(motion[name])] - motion[name]
@@ -368,15 +409,17 @@ class _Seen:
         return np.concatenate(parts)
 
     def size_of(self, motion: Mapping[str, np.ndarray] | None) -> float:
-        """Root mean square of the errors; infinite where there is no motion."""
+        """Return the root mean square of the errors compared with a motion; inf if there is no motion."""
         return math.inf if motion is None else _rms(self.errors(motion))
 
 
 def _noise(table: ResultTable, truth: Truth, scales: Mapping[str, float]) -> float:
-    """Scatter of a table from row to row, in parts of the motion's size, root mean square over its columns.
+    """Return the scatter of a table from row to row, relative to the size of the motion.
 
-    Half the second differences of an error that is smooth are small; those of independent scatter of deviation d have
-    the deviation sqrt(1.5) d. Their median does not depend on the few at kinks.
+    It is the root mean square over the columns. For each column it is computed from the second
+    differences of the error, x_i - (x_(i-1) + x_(i+1)) / 2, which are small for a smooth error.
+    With independent scatter of standard deviation d, they have the standard deviation sqrt(1.5) d.
+    The median is insensitive to the few at kinks.
     """
     single = table.last[1:-1]
     if len(single) < 3:
@@ -398,13 +441,15 @@ def _noise(table: ResultTable, truth: Truth, scales: Mapping[str, float]) -> flo
 
 
 def _rms(values: np.ndarray) -> float:
-    """Root mean square; scaled by the largest, as squares of huge numbers overflow."""
+    """Return the root mean square; values are divided by the largest one, so that squares do not overflow."""
     largest = float(np.max(np.abs(values), initial=0.0))
-    return largest * float(np.sqrt(np.mean((values / largest) ** 2))) if largest > 0.0 else 0.0
+    if not largest > 0.0:
+        return 0.0
+    return largest * float(np.sqrt(np.mean((values / largest) ** 2)))
 
 
 def _motion(scene: Scene, seen: _Seen, until: float) -> Mapping[str, np.ndarray] | None:
-    """The reference's motion of a scene at the instants until one of them; None where it does not get there."""
+    """Return the motion of a scene by the reference at the instants up to `until` (s); None if it ends earlier."""
     t = seen.t[seen.t <= until]
     mechanism = Mechanism(scene, "projection")
     try:
@@ -418,11 +463,12 @@ def _motion(scene: Scene, seen: _Seen, until: float) -> Mapping[str, np.ndarray]
 
 
 def _left(scene: Scene, parameter: Parameter, factor: float, seen: _Seen, until: float) -> float:
+    """Return the error that remains with a factor on a parameter, up to the instant `until` (s)."""
     return seen.size_of(_motion(changed(scene, parameter, factor), seen, until))
 
 
 def _fitted(scene: Scene, parameter: Parameter, seen: _Seen, best: float) -> tuple[float, float]:
-    """The factor on a parameter with the smallest error, from a start on, and that error over the whole table."""
+    """Fit the factor on a parameter, beginning at `best`; return it and the error over the whole table."""
     for window in WINDOWS:
         until = float(seen.t[0] + window * (seen.t[-1] - seen.t[0]))
         until = float(seen.t[np.searchsorted(seen.t, until, side="right") - 1])
@@ -438,8 +484,8 @@ def _fitted(scene: Scene, parameter: Parameter, seen: _Seen, best: float) -> tup
 
 
 def _gauss_newton(errors: Callable[[float], np.ndarray | None], start: float) -> float:
-    """The factor of the smallest sum of squares from a start on; the start where nothing is better."""
-    # Two factors with their errors: the secant between them stands for the derivative.
+    """Return the factor with the smallest sum of squared errors; the start if no other is better."""
+    # The secant between two factors replaces the derivative.
     current, other = start, start * (1 + FIRST_CHANGE)
     r_current, r_other = errors(current), errors(other)
     for _ in range(ROUNDS):
@@ -459,7 +505,7 @@ def _gauss_newton(errors: Callable[[float], np.ndarray | None], start: float) ->
         other, r_other = current, r_current
         current, r_current = following, errors(following)
         if r_current is None or r_current @ r_current > r_other @ r_other:
-            # no better: half the way, once a round
+            # If the step has increased the error, try half of it.
             current = (following + other) / 2
             r_current = errors(current)
     candidates = [
@@ -469,11 +515,12 @@ def _gauss_newton(errors: Callable[[float], np.ndarray | None], start: float) ->
 
 
 def _usual(scene: Scene, seen: _Seen, factor: float, after: float) -> tuple[float, float]:
-    """The nearest value of g in common use, where it explains as much; else the fitted one."""
+    """Return factor and error of the nearest value of g in common use if it is as good; else those of the fit."""
     own = math.hypot(*(scene.gravity or (0.0, 0.0)))
     usual = min(USUAL_G, key=lambda g: abs(g / own - factor)) / own
-    # the scene's own value has been tried before: it is what does not explain the table
-    left = math.inf
-    if usual != 1.0:
-        left = _left(scene, Parameter(Hypothesis.GRAVITY), usual, seen, float(seen.t[-1]))
-    return (usual, left) if left <= AS_GOOD * max(after, seen.noise) else (factor, after)
+    if usual == 1.0:
+        return factor, after  # the value of the scene does not explain the table
+    left = _left(scene, Parameter(Hypothesis.GRAVITY), usual, seen, float(seen.t[-1]))
+    if left <= AS_GOOD * max(after, seen.noise):
+        return usual, left
+    return factor, after

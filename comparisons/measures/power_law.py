@@ -11,30 +11,33 @@ from scipy.stats import t as student
 from stiction.uncertain import Uncertain
 
 CONFIDENCE = 0.95
-"""Probability of the interval of an exponent."""
+"""Level of the confidence interval of an exponent."""
 
 
 def fitted_exponent(series: Sequence[tuple[np.ndarray, np.ndarray]]) -> Uncertain | None:
-    """Fit sizes ~ constant * steps^exponent by least squares: one exponent for all series, a constant for each.
+    """Fit sizes = constant * steps^exponent by least squares in logarithms.
 
     Parameters
     ----------
-    series
-        Pairs of steps and sizes, positive.
+    series : sequence of (ndarray, ndarray)
+        Steps and sizes, positive. All series have the same exponent, and each has a constant of its
+        own.
 
     Returns
     -------
     Uncertain or None
-        With half the width of its interval of `CONFIDENCE`, by Student's distribution, from the scatter about the
-        fit. None with no more points than the fit has unknowns.
+        The exponent, with half the width of its confidence interval as uncertainty, which is
+        computed from the scatter about the fit by Student's distribution. None if there are not
+        more points than unknowns.
     """
-    free = sum(len(steps) for steps, _ in series) - len(series) - 1
-    if free < 1:
+    degrees_of_freedom = sum(len(steps) for steps, _ in series) - len(series) - 1
+    if degrees_of_freedom < 1:
         return None
-    x, y = (
-        np.concatenate([np.log(part) - np.log(part).mean() for part in parts])
-        for parts in zip(*series)
-    )
+    # With the mean of each series subtracted, the constants vanish from the fit.
+    x = np.concatenate([np.log(steps) - np.log(steps).mean() for steps, _ in series])
+    y = np.concatenate([np.log(sizes) - np.log(sizes).mean() for _, sizes in series])
     exponent = float(x @ y / (x @ x))
-    scatter = math.sqrt(float(np.sum((y - exponent * x) ** 2)) / free / float(x @ x))
-    return Uncertain(exponent, float(student.ppf((1 + CONFIDENCE) / 2, free)) * scatter)
+    residual_square = float(np.sum((y - exponent * x) ** 2))
+    standard_error = math.sqrt(residual_square / degrees_of_freedom / float(x @ x))
+    quantile = float(student.ppf((1 + CONFIDENCE) / 2, degrees_of_freedom))
+    return Uncertain(exponent, quantile * standard_error)

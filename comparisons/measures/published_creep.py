@@ -1,8 +1,9 @@
-"""Creep of a capsule between two pads, as MuJoCo has it here and as others published it.
+"""Creep of a capsule held between two pads in MuJoCo, compared with published values.
 
-It is an anchor outside of this suite: its model, its numbers and its engine are not ours. The listing of the model and
-the numbers are in ``comparisons/data/published_creep.toml`` with their sources; what could not be read there, and was
-chosen to meet some of the numbers, is named there as matched.
+This comparison is independent of the suite, because the model, the numbers and the engine are by
+other authors. They are listed with their sources in ``comparisons/data/published_creep.toml``.
+Values that the sources do not contain were chosen such that some of the published numbers are
+reproduced; they are the table ``matched``.
 """
 
 from __future__ import annotations
@@ -19,25 +20,27 @@ _DATA = tomllib.loads(
     (resources.files("stiction.comparisons") / "data" / "published_creep.toml").read_text("utf-8")
 )
 ENGINE = _DATA["engine"]
-"""The engine whose creep was published."""
-PUBLISHED, CREEP, UNCERTAINTY, MATCHED = (
-    "published_creep",
-    "creep_um",
-    "creep_um_uncertainty",
-    "matched",
-)
+"""Name of the engine whose creep was published."""
+PUBLISHED = "published_creep"
+"""Column: published creep, um/s downwards; nan if only the load was published."""
+CREEP = "creep_um"
+"""Column: creep in the simulation, um/s downwards."""
+UNCERTAINTY = "creep_um_uncertainty"
+"""Column: difference of two estimates of the creep over the same 2 s, by the ends and by least
+squares, um/s. They differ if the capsule rocks."""
+MATCHED = "matched"
+"""Column: True if the case was used to choose values that the sources do not contain."""
 
 
 def published_creep() -> pd.DataFrame:
-    """Run all published cases in MuJoCo; some seconds.
+    """Simulate all published cases in MuJoCo, which takes some seconds.
 
     Returns
     -------
     DataFrame
-        A row a case: `case`, `published_creep`, `creep_um` downwards with its `creep_um_uncertainty` (between
-        ends and least squares of the same 2 s, which differ by what rocks), `load_N` of both pads and
-        `published_load`, `margin` (Coulomb's limit over weight), `matched` (True where the case had part in
-        the choice of what the source does not say), `source`, `version`.
+        One row for each case, with the columns ``case``, `PUBLISHED`, `CREEP`, `UNCERTAINTY`,
+        ``load_N`` (load of both pads) and ``published_load``, ``margin`` (limit of static friction
+        divided by weight), `MATCHED`, ``source`` and ``version`` of the engine.
 
     Raises
     ------

@@ -1,11 +1,11 @@
-"""Errors of a table of results against a truth, column by column, at the table's own instants; likely causes of them.
+"""Errors of the columns of a table of results, at its own instants, and likely causes of these errors.
 
-Nothing is interpolated between samples of the table but the error itself, where a quantity jumps.
+The values of the table are not interpolated. For quantities with jumps, the error is.
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from typing import NamedTuple
 
 import numpy as np
@@ -19,7 +19,8 @@ from stiction.scenes.result_table import ResultTable
 from stiction.truths import Tier, Truth
 
 CONTINUOUS = (*BODY_COLUMNS[0], *BODY_COLUMNS[1], "displacement", "slip_velocity")
-"""Columns without jumps: their largest error counts; of the others, which a jump a step late makes large, the mean."""
+"""Labels of the columns without jumps. Their error is the largest one. For other columns it is the
+mean over time, because the largest error is that of a jump at a slightly wrong time."""
 COLUMNS = [
     "column",
     "unit",
@@ -33,27 +34,38 @@ COLUMNS = [
     "is_input",
     "has_unit_option",
 ]
+"""Columns of `column_errors`."""
 TURN = 2 * np.pi
-"""rad; angles count up to whole turns."""
+"""A whole turn, rad. Errors of angles are reduced by whole turns."""
 EXPLAINS = 0.1
-"""Part of the mean error, and of the mean size, that is left at most where a cause explains it: what has blown up to a
-thousand times the truth has no other unit."""
-COARSE, SLIGHT = 1e-2, 1e-6
-"""Parts of a column's size: errors above the one may come from other units, signs or origins; below the other, no cause
-is sought."""
+"""Largest mean error that remains if a cause explains it, relative to the mean error, and to the
+mean size of the truth: a solution that has grown to a thousand times the truth is not in another
+unit."""
+COARSE = 1e-2
+"""Error, relative to the column's mean size, above which it may be caused by other units, signs or
+origins."""
+SLIGHT = 1e-6
+"""Error, relative to the column's mean size, below which no cause is searched for."""
 UNDETERMINED = "not determined by the motion"
-"""Measure of a column that the motion and Coulomb's law leave open throughout."""
+"""Measure of a column that the motion and Coulomb's law do not determine at any instant."""
 AT_ONCE = 2**17
-"""Rows of a table that are summed together."""
+"""Number of rows of a table that are processed together, which limits the memory."""
 KNOWN = 1e3
-"""Ratio of a column's size to its uncertainty above which it is not nothing but rounding."""
+"""Ratio of a column's size to its uncertainty above which causes are searched for. Smaller columns
+are rounding errors."""
 
 
 class Hint(NamedTuple):
-    """A cause that explains the errors of a column.
+    """A likely cause of the errors of a column.
 
-    `is_input` where the column must be read in another way; `has_unit_option` where ``--units`` does that, for all
-    columns at once.
+    Attributes
+    ----------
+    cause : str
+        The cause in words; empty if there is none.
+    is_input : bool
+        True if the column should be read differently, for example in other units.
+    has_unit_option : bool
+        True if the option ``--units`` does this, for all columns.
     """
 
     cause: str = ""
@@ -64,88 +76,118 @@ class Hint(NamedTuple):
 def column_errors(
     table: ResultTable, trajectory: Trajectory, truth: Truth, scene: Scene
 ) -> pd.DataFrame:
-    """Return a row per column that both the table and the truth have: error, its instant, uncertainty, size, hint.
+    """Return the errors of the columns that both a table and the truth have.
 
-    `trajectory` holds the same results, one row per instant and the sides of jumps as events. Angles are compared up to
-    whole turns. Of a column that jumps the error is the mean of |error| over time.
+    Parameters
+    ----------
+    table : ResultTable
+    trajectory : Trajectory
+        The same results, with one row for each instant and the sides of jumps as events.
+    truth : Truth
+    scene : Scene
+
+    Returns
+    -------
+    DataFrame
+        One row for each column, with `COLUMNS`: error and its time, uncertainty, size of the truth,
+        measure of the error (largest or mean over time), and the fields of `Hint`.
     """
-    before, after = (
-        {} if truth.tier == Tier.NONE else truth(table.t, side) for side in ("before", "after")
-    )
-    # Rows whose instant occurs once: causes are sought there, as the sides of a jump have no row
-    # before or behind.
-    single = np.isin(table.t, table.t[table.last[table.first == table.last]])
+    before: Mapping[str, np.ndarray] = {}
+    after: Mapping[str, np.ndarray] = {}
+    if truth.tier != Tier.NONE:
+        before = truth(table.t, "before")
+        after = truth(table.t, "after")
+    # Causes are searched for in the rows whose instant occurs once: one side of a jump has no
+    # neighbouring row on the other side.
+    is_single = np.isin(table.t, table.t[table.last[table.first == table.last]])
+    # Most tables only have such rows; a slice avoids copies of them.
+    single = slice(None) if is_single.all() else is_single
     rows = []
     for name, values in table.columns.items():
-        label, unit = name.rpartition(".")[2], unit_of(name, scene)
-        unsure = truth.uncertainty.get(name, 0.0)
+        label = name.rpartition(".")[2]
         if name not in after or label == "mode" or name.startswith("drift."):
             continue
-
-        # Row by row, at an event from the side that the row is nearer to; a table need not say
-        # which side it has.
-        off = np.empty(len(values))
-        for part in row_slices(len(values), AT_ONCE):
-            off_after, off_before = (
-                values[part] - after[name][part],
-                values[part] - before[name][part],
-            )
-            nearer = np.where(np.abs(off_before) <= np.abs(off_after), off_before, off_after)
-            off[part] = nearer - TURN * np.round(nearer / TURN) if label == "angle" else nearer
+        unit = unit_of(name, scene)
+        off = _differences(values, before[name], after[name], is_angle=label == "angle")
         known_truth = after[name]
         if np.isnan(known_truth).any():
             known_truth = known_truth[~np.isnan(known_truth)]
-        size, tier = float(np.max(np.abs(known_truth), initial=0.0)), truth.effort_tier
+        size = float(np.max(np.abs(known_truth), initial=0.0))
+        # A proof encloses positions and velocities only.
+        tier = truth.tier if label in CONTINUOUS[:6] else truth.effort_tier
 
-        # The number that stands for all rows: the largest of a continuous column, the mean of one
-        # that jumps.
-        time, error, measure = None, None, "left open at some instants"
+        # One number for all rows: the largest error of a continuous column, the mean of others.
+        time, error = None, None
+        uncertainty = truth.uncertainty.get(name, 0.0)
+        measure = "left open at some instants"
         if label in CONTINUOUS:
             worst = int(np.argmax(np.abs(off)))
-            time, error, measure = float(table.t[worst]), abs(float(off[worst])), "largest"
-            # a proof encloses positions and velocities
-            if label in CONTINUOUS[:6]:
-                tier = truth.tier
+            time, error = float(table.t[worst]), abs(float(off[worst]))
+            measure = "largest"
         elif is_known(trajectory, name):
             mean = effort_error(trajectory, truth, name)
             if mean is None:
                 measure = UNDETERMINED
             else:
-                error, unsure = mean.value, mean.uncertainty
+                error, uncertainty = mean.value, mean.uncertainty
                 measure = "mean over time"
                 if len(known_truth) < len(values):
                     measure = "mean over the time it is determined"
 
-        # A likely cause, where the truth is more than its rounding.
         is_complete = np.isfinite(values).all() and np.isfinite(after[name]).all()
-        known = is_complete and size > KNOWN * truth.uncertainty.get(name, 0.0) and single.any()
-        # most tables have a row for each instant, and are taken as they are
-        rows_of_one = slice(None) if single.all() else single
+        is_significant = size > KNOWN * truth.uncertainty.get(name, 0.0)
         cause = Hint()
-        if known:
-            cause = hint(values[rows_of_one], after[name][rows_of_one], off[rows_of_one], unit)
-        rows.append((name, unit, size, tier, time, error, unsure, measure, *cause))
+        if is_complete and is_significant and is_single.any():
+            cause = hint(values[single], after[name][single], off[single], unit)
+        rows.append((name, unit, size, tier, time, error, uncertainty, measure, *cause))
     return pd.DataFrame(rows, columns=COLUMNS).astype({"error_time": float, "error": float})
 
 
-def hint(found: np.ndarray, true: np.ndarray, off: np.ndarray, unit: str) -> Hint:
-    """Return what explains the differences `off` of a column from the truth, all of shape (n,); empty if nothing does.
+def _differences(
+    values: np.ndarray, before: np.ndarray, after: np.ndarray, is_angle: bool
+) -> np.ndarray:
+    """Return the differences of a column from the truth, shape (n,); those of angles without whole turns.
 
-    Causes are other units, the other sign, a step early or late, another origin.
+    At an event, the nearer side of the truth is taken, because a table need not tell which side a
+    row is.
     """
-    # The cause that leaves least of the error, if it leaves little: a wrong guess would mislead.
+    off = np.empty(len(values))
+    for part in row_slices(len(values), AT_ONCE):
+        off_after = values[part] - after[part]
+        off_before = values[part] - before[part]
+        nearer = np.where(np.abs(off_before) <= np.abs(off_after), off_before, off_after)
+        if is_angle:
+            nearer = nearer - TURN * np.round(nearer / TURN)
+        off[part] = nearer
+    return off
+
+
+def hint(found: np.ndarray, true: np.ndarray, off: np.ndarray, unit: str) -> Hint:
+    """Return a likely cause of the errors of a column; an empty one if there is none.
+
+    Causes are other units, the opposite sign, a shift by one row, or another origin.
+
+    Parameters
+    ----------
+    found, true, off : ndarray, shape (n,)
+        Values of the column, of the truth, and their differences.
+    unit : str
+        Unit of the truth.
+    """
     error, size = _mean_size(off), _mean_size(true)
     if not error > SLIGHT * size:
         return Hint()
-    left, best = min(
+    # The cause with the smallest remaining error, if this is small enough: a wrong hint would be
+    # misleading.
+    remaining, best = min(
         (_mean_left(cause, found, true), cause.hint)
         for cause in _causes(true, off, unit, size, error > COARSE * size)
     )
-    return best if left <= EXPLAINS * min(error, size) else Hint()
+    return best if remaining <= EXPLAINS * min(error, size) else Hint()
 
 
 class _Cause(NamedTuple):
-    """A reading of a column: each value times `factor` and less `origin` is that of the truth `shift` rows before."""
+    """A cause as a transformation: each value times `factor`, minus `origin`, is the truth `shift` rows earlier."""
 
     hint: Hint
     factor: float = 1.0
@@ -156,8 +198,19 @@ class _Cause(NamedTuple):
 def _causes(
     true: np.ndarray, off: np.ndarray, unit: str, size: float, is_coarse: bool
 ) -> Iterator[_Cause]:
-    """Causes that there can be; `size` is the mean of |true|."""
-    # factors and signs change a column by its own size: nothing smaller is explained by them
+    """Yield the causes that are possible for a column with this unit.
+
+    Parameters
+    ----------
+    true, off : ndarray, shape (n,)
+        Values of the truth, and differences from it.
+    unit : str
+    size : float
+        Mean of |true|.
+    is_coarse : bool
+        True if the errors are above `COARSE`. Other factors and signs cause errors as large as the
+        values.
+    """
     kind = unit.partition("/")[0]
     if is_coarse and kind == "rad":
         yield _Cause(Hint("57.3 times the truth: degrees? (--units deg)", True, True), np.pi / 180)
@@ -178,19 +231,19 @@ def _causes(
 
 
 def _mean_left(cause: _Cause, found: np.ndarray, true: np.ndarray) -> float:
-    """The mean of what is left of |found - true| where a cause is taken away; nan without rows."""
+    """Return the mean of |found - true| that remains after a cause has been removed; nan without rows."""
     later, earlier = max(cause.shift, 0), max(-cause.shift, 0)
     rows = len(found) - later - earlier
     total = 0.0
     for part in row_slices(rows, AT_ONCE):
         with np.errstate(over="ignore"):
-            # huge values in another unit: infinite, and no explanation
-            read = cause.factor * found[later:][part] - cause.origin
-            total += float(np.sum(np.abs(read - true[earlier:][part])))
+            # The product may overflow; an infinite mean is not an explanation.
+            transformed = cause.factor * found[later:][part] - cause.origin
+            total += float(np.sum(np.abs(transformed - true[earlier:][part])))
     return total / rows if rows > 0 else np.nan
 
 
 def _mean_size(values: np.ndarray) -> float:
-    return sum(
-        float(np.sum(np.abs(values[part]))) for part in row_slices(len(values), AT_ONCE)
-    ) / len(values)
+    """Return the mean of |values|."""
+    total = sum(float(np.sum(np.abs(values[part]))) for part in row_slices(len(values), AT_ONCE))
+    return total / len(values)

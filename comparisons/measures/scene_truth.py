@@ -1,4 +1,4 @@
-"""The truth that a scene is compared with: an independent one where there is one, else our own run."""
+"""The truth that the runs of a scene are compared with: an independent solution, or else a run of the reference."""
 
 from __future__ import annotations
 
@@ -45,28 +45,35 @@ INDEPENDENT = (
     trammel_truth,
     moving_guide_truth,
 )
-OWN_RTOL, COARSER_RTOL = 1e-12, 1e-10
+"""Functions that return an independent truth, or raise NotThisMechanism; at most one applies to a
+scene."""
+OWN_RTOL = 1e-12
+"""Relative tolerance of a run of the reference that is used as truth."""
+COARSER_RTOL = 1e-10
+"""Relative tolerance of the run whose difference from it is the uncertainty of this truth."""
 
 
 class NoOwnRun(TruthRefused):
-    """Our own run did not reach its end."""
+    """The error of a run of the reference that does not reach its end."""
 
 
 _CHECK_INSTANTS = 101
-"""Instants at which two own runs are compared: their difference is smooth but at events, which are compared apart."""
-_KEPT = 16
-"""Truths that are kept: those of a comparison of several scenes, with and without a static coefficient."""
+"""Number of instants at which the two runs are compared. Their difference is smooth except at
+events, which are compared separately."""
+_CACHE_SIZE = 16
+"""Number of truths that are cached: enough for a comparison of several scenes, with and without a
+static coefficient."""
 
 
 def ground_truth(scene: Scene, t_end: float | None = None) -> Truth:
-    """Return the best truth known for a scene; if a tier has no answer, the next one, with the reason as note.
+    """Return the truth of the best tier that is available for a scene; its note says why better ones are not.
 
-    If the scene has the structure of one of `stiction.truths`, its truth is that independent
-    solution, or the proven one if a certificate for the scene exists. Otherwise it is the reference
-    implementation's own event-driven run at rtol 1e-12 with projection, with the tier "our own
-    run"; its uncertainty is the difference to the run at rtol 1e-10. If that run ends early, or if
-    the equations have no motion or several, the tier is "none" and nothing can be compared. In all
-    tiers only the events of `rubbing_guides` count. Truths are cached.
+    If one of the mechanisms of `stiction.truths` has the structure of the scene, the truth is its
+    independent solution, or the proven one if there is a certificate for the scene. Otherwise it is
+    an event-driven run of the reference at `OWN_RTOL` with projection (`Tier.OWN_RUN`), whose
+    uncertainty is the difference from the run at `COARSER_RTOL`. If this run ends early, or if the
+    equations have no motion or several, the tier is `Tier.NONE`, and runs cannot be compared. Only
+    the events of `rubbing_guides` are included. Truths are cached.
     """
     end = scene.t_end if t_end is None else t_end
     return _best_truth(_Request(scene_to_toml(scene), scene.name, end, scene))
@@ -74,7 +81,7 @@ def ground_truth(scene: Scene, t_end: float | None = None) -> Truth:
 
 @dataclass(frozen=True)
 class _Request:
-    """A scene and the end of its truth, with a hash, which scenes themselves do not have."""
+    """The key of the cache of truths: the contents of a scene as text, and the end of the truth, s."""
 
     text: str
     name: str
@@ -82,32 +89,35 @@ class _Request:
     scene: Scene = field(compare=False)
 
 
-@lru_cache(maxsize=_KEPT)
+@lru_cache(maxsize=_CACHE_SIZE)
 def _best_truth(request: _Request) -> Truth:
-    scene, t_end, note = request.scene, request.t_end, ""
-    # At most one mechanism fits a scene. Where its equations have no motion, our own run would show
-    # none either.
+    """Return the truth of a request; see `ground_truth`."""
+    scene, t_end = request.scene, request.t_end
+    note = ""
     for independent in INDEPENDENT:
         try:
             truth = independent(scene, t_end)
         except NotThisMechanism:
             continue
         except NoMotion as error:
+            # A run of the reference would not have a motion either.
             return Truth.unknown(scene.name, t_end, str(error))
         except Undecided as error:
             note = str(error)
             break
-        return with_proof(scene, _counted(scene, truth))
+        return with_proof(scene, _with_rubbing_guides(scene, truth))
     try:
-        return _counted(scene, replace(_own_truth(scene, t_end), note=note))
+        truth = _own_truth(scene, t_end)
     except NoOwnRun as error:
-        return Truth.unknown(scene.name, t_end, "; ".join(filter(None, (note, str(error)))))
+        reasons = [reason for reason in (note, str(error)) if reason]
+        return Truth.unknown(scene.name, t_end, "; ".join(reasons))
+    return _with_rubbing_guides(scene, replace(truth, note=note))
 
 
 def truth_for(scene: Scene, records: Sequence[Record], t_end: float | None = None) -> Truth:
-    """Return `ground_truth` for the physics that the engines of some runs share, under the name of `truth_key`.
+    """Return the truth of runs whose engines represent the same coefficients of friction; its name is `truth_key`.
 
-    Where all runs failed it is not sought.
+    If all runs have failed, it is not computed, and its tier is `Tier.NONE`.
     """
     static_coefficient = has_static_coefficient(records[0].variant)
     if any(record.trajectory is not None for record in records):
@@ -124,28 +134,30 @@ def truth_for(scene: Scene, records: Sequence[Record], t_end: float | None = Non
 def truths_for(
     scene: Scene, records: Iterable[Record], t_end: float | None = None
 ) -> dict[str, Truth]:
-    """Return `truth_for` each run by its key: of a failed one, if another with its physics did not fail."""
+    """Return, by key of a run, the truth that it is compared with; see `truth_for`."""
     by_physics: dict[bool, list[Record]] = defaultdict(list)
     for record in records:
         by_physics[has_static_coefficient(record.variant)].append(record)
     truths = {}
-    for records_alike in by_physics.values():
-        truth = truth_for(scene, records_alike, t_end)
-        truths.update({record.key: truth for record in records_alike})
+    for same_physics in by_physics.values():
+        truth = truth_for(scene, same_physics, t_end)
+        truths.update({record.key: truth for record in same_physics})
     return truths
 
 
-def _counted(scene: Scene, truth: Truth) -> Truth:
-    """The truth with the events that count."""
+def _with_rubbing_guides(scene: Scene, truth: Truth) -> Truth:
+    """Return a truth that only has the events of guides with friction."""
     guides = rubbing_guides(scene)
-    kept = [i for i, event in enumerate(truth.events) if event.joint in guides]
-    jumps = None if truth.jump_closed_form is None else truth.jump_closed_form[kept]
-    return replace(
-        truth, events=tuple(truth.events[i] for i in kept), jump_closed_form=jumps, guides=guides
-    )
+    numbers = [i for i, event in enumerate(truth.events) if event.joint in guides]
+    events = tuple(truth.events[i] for i in numbers)
+    jumps = truth.jump_closed_form
+    if jumps is not None:
+        jumps = jumps[numbers]
+    return replace(truth, events=events, jump_closed_form=jumps, guides=guides)
 
 
 def _own_truth(scene: Scene, t_end: float) -> Truth:
+    """Return the truth by a run of the reference; NoOwnRun if it does not reach `t_end` (s)."""
     compile_kernels()
     mechanism = Mechanism(scene, "projection")
     q, v = consistent_start(mechanism)
@@ -158,23 +170,13 @@ def _own_truth(scene: Scene, t_end: float) -> Truth:
 
     check = np.linspace(0.0, t_end, _CHECK_INSTANTS)
     fine, coarse = run(check), run(check, COARSER_RTOL)
-    # By guide and kind: events of several guides at one instant may come in another order.
-    fine_events, coarse_events = (
-        sorted((event.joint, event.kind, event.time) for event in result.events)
-        for result in (fine, coarse)
-    )
-    same = [event[:2] for event in fine_events] == [event[:2] for event in coarse_events]
-    # where the two have other events nothing is known of their times
-    shift = t_end
-    if same:
-        shift = max((abs(a[2] - b[2]) for a, b in zip(fine_events, coarse_events)), default=0.0)
 
     def columns(t: np.ndarray, side: str) -> dict[str, np.ndarray]:
-        # The run is made again, with these instants as its output: nothing is interpolated.
+        """Return the columns at times t, by another run with this output, so that nothing is interpolated."""
         order = np.argsort(t, kind="stable")
-        values_at_t = {
-            name: values[np.argsort(order)] for name, values in run(t[order]).columns.items()
-        }
+        rank = np.argsort(order)
+        values_at_t = {name: values[rank] for name, values in run(t[order]).columns.items()}
+        # The output of a run at an event is the state after it.
         if side == "before":
             for event in fine.events:
                 for name, value in event.before.items():
@@ -185,6 +187,18 @@ def _own_truth(scene: Scene, t_end: float) -> Truth:
         name: float(np.max(np.abs(fine.columns[name] - coarse.columns[name])))
         for name in fine.columns
     }
-    return Truth(
-        scene.name, Tier.OWN_RUN, t_end, columns, {**uncertainty, "event time": shift}, fine.events
+    uncertainty["event time"] = _event_time_difference(fine, coarse, t_end)
+    return Truth(scene.name, Tier.OWN_RUN, t_end, columns, uncertainty, fine.events)
+
+
+def _event_time_difference(fine: Run, coarse: Run, t_end: float) -> float:
+    """Return the largest difference of the event times of two runs, s; `t_end` if they have different events."""
+    # sorted by guide and kind, because simultaneous events of several guides may be in any order
+    fine_events, coarse_events = (
+        sorted((event.joint, event.kind, event.time) for event in result.events)
+        for result in (fine, coarse)
     )
+    if [event[:2] for event in fine_events] != [event[:2] for event in coarse_events]:
+        return t_end
+    differences = [abs(one[2] - other[2]) for one, other in zip(fine_events, coarse_events)]
+    return max(differences, default=0.0)

@@ -1,4 +1,4 @@
-"""Steady states of sampled motions: the period of the excitation, and motions that have come to repeat themselves."""
+"""Steady states of sampled motions: the period of the excitation, and when a motion has become periodic."""
 
 from __future__ import annotations
 
@@ -11,68 +11,86 @@ import numpy as np
 from stiction.scenes import InputError, Scene, StictionError
 from stiction.scenes.laws import Linear, Sine, Table
 
-MOST_PERIODS, LEAST_PASSES = 8, 4
-"""Highest order of a subharmonic that is looked for; states that show that they repeat."""
+MOST_PERIODS = 8
+"""Highest order of a subharmonic, that is, the largest number of periods of the excitation in a
+period of the motion."""
+LEAST_PASSES = 4
+"""Smallest number of states, one period of the motion apart, from which a steady state can be
+recognized."""
 SETTLED = 1e-7
-"""In units of the range of x: distance from its limit below which a motion is settled, and change from pass to pass
-from which on a run at rtol 1e-9 shows its contraction and not its own errors."""
+"""Largest distance of a steady motion from its limit, relative to the range of x. It is also the
+smallest change from period to period that is not attributed to integration errors, which are
+smaller at rtol = 1e-9."""
 PASSES = 10
-"""Changes from pass to pass, at most, over which the contraction is averaged."""
-MOST_RATIO, RATIONAL = 64, 1e-9
-"""Largest denominator of a ratio of frequencies that have a common period, and how near a ratio must be to it."""
+"""Largest number of changes from period to period over which the contraction is averaged."""
+MOST_RATIO = 64
+"""Largest denominator of the ratio of two frequencies with a common period."""
+RATIONAL = 1e-9
+"""Largest difference of a ratio of frequencies from a rational number."""
 
 
 class NoCommonPeriod(InputError):
-    """The excitation of a scene is not periodic, so that it has no steady state."""
+    """The error of a scene whose excitation is not periodic, so that there is no steady state."""
 
 
 class NotSettled(StictionError):
-    """A motion has no steady state, or a very slow transient."""
+    """The error of a motion that does not reach a steady state, or only after a very long transient."""
 
 
 def excitation_period(scene: Scene, since: float = 0.0) -> float:
-    """Return the smallest period (s) of loads and drives from `since` on; inf where they or their rates are constant.
+    """Return the smallest common period of loads and drives from a time on, s; inf if they are constant.
+
+    Drives with a constant rate count as constant, except rotating ones.
+
+    Parameters
+    ----------
+    scene : Scene
+    since : float
+        Time from which on the laws must be periodic, s.
 
     Raises
     ------
     NoCommonPeriod
-        If a law is not periodic, or the frequencies have no common period (ratios up to 64, to 1e-9).
+        If a law is not periodic, or the frequencies have no common period (ratios up to 64, to
+        1e-9).
     """
-    rates = []
+    frequencies = []
     for name, element in [*scene.forces.items(), *scene.drives.items()]:
         law = element.law
         if isinstance(law, Sine):
-            rates.append(abs(law.frequency))
+            frequencies.append(abs(law.frequency))
         elif isinstance(law, Linear) and element.type == "angle":
-            rates.append(abs(law.rate))
+            frequencies.append(abs(law.rate))
         elif isinstance(law, Linear) and law.rate and element.type != "distance":
             raise NoCommonPeriod(f"{scene.name}: the law of {name} grows for ever")
         elif isinstance(law, Table) and (law.interpolation == "cubic" or law.times[-1] > since):
             raise NoCommonPeriod(
                 f"{scene.name}: the law of {name} is a table that has not come to its end"
             )
-    changing = tuple(rate for rate in rates if rate > 0)
-    if not changing:
+    frequencies = [frequency for frequency in frequencies if frequency > 0]
+    if not frequencies:
         return np.inf
-    ratios = [Fraction(rate / changing[0]).limit_denominator(MOST_RATIO) for rate in changing]
-    if any(
-        abs(rate / changing[0] - ratio) > RATIONAL or not ratio
-        for rate, ratio in zip(changing, ratios)
-    ):
-        raise NoCommonPeriod(
-            f"{scene.name}: frequencies {list(changing)} rad/s have no common period"
-        )
-    # The greatest common divisor of the ratios: all frequencies are multiples of changing[0] *
-    # divisor.
+    # The frequencies must be rational multiples of the first one.
+    first = frequencies[0]
+    ratios = []
+    for frequency in frequencies:
+        ratio = Fraction(frequency / first).limit_denominator(MOST_RATIO)
+        if ratio == 0 or abs(frequency / first - ratio) > RATIONAL:
+            raise NoCommonPeriod(
+                f"{scene.name}: frequencies {frequencies} rad/s have no common period"
+            )
+        ratios.append(ratio)
+    # The fundamental frequency is the first one times the greatest common divisor of the ratios.
     denominator = int(np.lcm.reduce([ratio.denominator for ratio in ratios]))
     numerators = [int(ratio * denominator) for ratio in ratios]
     divisor = Fraction(int(np.gcd.reduce(numerators)), denominator)
-    return float(2 * np.pi / (changing[0] * float(divisor)))
+    return float(2 * np.pi / (first * float(divisor)))
 
 
 def common_period(scene: Scene) -> float:
-    """Return `excitation_period`; a constant excitation has none."""
-    if (period := excitation_period(scene)) == np.inf:
+    """Return `excitation_period`, s; NoCommonPeriod also if the excitation is constant."""
+    period = excitation_period(scene)
+    if period == np.inf:
         raise NoCommonPeriod(
             f"{scene.name}: no sine law or turning drive; expected a periodic excitation"
         )
@@ -81,10 +99,16 @@ def common_period(scene: Scene) -> float:
 
 @dataclass(frozen=True)
 class Settled:
-    """A motion at the common period's multiples: its `order` in periods, and the distance that is left to its limit.
+    """A motion that has become periodic.
 
-    The distance is d / (1 - r) in units of the range. The last change from pass to pass is d; r is the ratio of
-    successive changes above a floor.
+    Attributes
+    ----------
+    order : int
+        Its period in units of the period of the excitation.
+    distance : float
+        Estimated distance from its limit, relative to the range: d / (1 - r), where d is the last
+        change from period to period and r the ratio of successive changes, which form a geometric
+        series.
     """
 
     order: int
@@ -98,17 +122,21 @@ def settled(
     orders: Iterable[int] = range(1, MOST_PERIODS + 1),
     size: float | None = None,
 ) -> Settled | None:
-    """Find the way in which states at successive multiples of a period repeat themselves; None if they do not.
+    """Test if states at successive multiples of the excitation's period have become periodic; None if not.
 
     Parameters
     ----------
     x : ndarray, shape (n,) or (n, coordinates)
-    distance, floor : float
-        From the limit, below which they have; and the change that the contraction is measured above.
+        The states.
+    distance : float
+        Largest distance from the limit, relative to `size`.
+    floor : float
+        Change from period to period, relative to `size`, above which the ratio of changes is
+        computed.
     orders : iterable of int
-        Orders of the subharmonics that are looked for.
+        Orders of subharmonics that are tried, in ascending order.
     size : float, optional
-        Unit of both; the range of x if not given.
+        The range of x by default.
     """
     size = size or float(np.ptp(x)) or float(np.max(np.abs(x))) or 1.0
     for order in orders:
@@ -117,15 +145,14 @@ def settled(
             return None
         states = x[-passes * order :].reshape(passes, -1)
         change = np.max(np.abs(np.diff(states, axis=0)), axis=1) / size
-        # Contraction from pass to pass: the mean over the last changes that are not a run's own
-        # errors.
+        # Ratio of successive changes: the geometric mean over the last changes above the floor.
         above = np.flatnonzero(change > floor)
         last = int(above[-1]) if len(above) else 0
         first = max(last - PASSES, 0)
         ratio = 0.0
         if last > first:
             ratio = float(change[last] / change[first]) ** (1 / (last - first))
-        # What is left is a geometric series.
+        # The sum of all further changes is that of a geometric series.
         if ratio < 1 and change[-1] / (1 - ratio) <= distance:
             return Settled(order, float(change[-1]) / (1 - ratio))
     return None

@@ -1,6 +1,7 @@
-"""Stretches of motions of the paper's example, from the independent solution and from runs of the HLCP scheme alike.
+"""Stretches of motions of the paper's example, from the independent solution or from a run.
 
-A claim about the example is measured on stretches alone, so that truth and run undergo the same measurement.
+Statements of the paper are tested on stretches, so that truths and runs are tested by the same
+functions.
 """
 
 from __future__ import annotations
@@ -18,26 +19,33 @@ from stiction.truths.reduced.steady_state import steady_state
 from stiction.truths.reduced.truth_of_motion import motion_columns, motion_events
 
 GUIDE = "guide"
+"""Name of the guide in the scenes of the example."""
 TURNING = ("slip", "stick", "reversal")
-"""Kinds of the events at which friction jumps."""
+"""Kinds of events at which friction jumps."""
 SAMPLES_PER_PERIOD = 4001
-"""Instants of one period, both ends included: every 2 ms of 8 s."""
+"""Number of samples of one period, both ends included: one every 2 ms for a period of 8 s."""
 ROUNDING = 1e-9
-"""Seconds by which the ends of a stretch may miss a sample or an event."""
+"""Tolerance of times at the ends of a stretch, s."""
 
 
 def stick_intervals(
     events: Iterable[Event], start: float, end: float, starts_at_rest: bool
 ) -> list[tuple[float, float]]:
-    """Return begin and end of each stick phase, s, from the events of one guide; a phase lasts to `end` at most."""
-    intervals, since = [], start if starts_at_rest else None
+    """Return begin and end of each stick phase between two times, s, from the events of one guide.
+
+    A phase that has not ended at `end` ends there.
+    """
+    intervals = []
+    begin = start if starts_at_rest else None
     for event in events:
         if event.kind == "stick":
-            since = event.time
-        elif event.kind == "slip" and since is not None:
-            intervals.append((since, event.time))
-            since = None
-    return intervals if since is None else [*intervals, (since, end)]
+            begin = event.time
+        elif event.kind == "slip" and begin is not None:
+            intervals.append((begin, event.time))
+            begin = None
+    if begin is not None:
+        intervals.append((begin, end))
+    return intervals
 
 
 @dataclass(frozen=True)
@@ -47,18 +55,19 @@ class Stretch:
     Attributes
     ----------
     start, end : float
-        s.
+        Instants, s.
     period : float
         Common period of load and bar, s.
     t : ndarray, shape (n,)
+        Times of the samples, s.
     columns : Mapping[str, ndarray]
-        As of `stiction.scenes.Trajectory`, each of shape (n,).
+        As in `stiction.scenes.Trajectory`, each of shape (n,).
     events : tuple of Event
-        Events after `start` and before `end`, with two-sided values.
+        Events after `start` and before `end`, with values on both sides.
     step : float
-        The method's, s; 0 for the truth.
+        Step size of the run, s; 0 for a truth.
     uncertainty : Mapping[str, float]
-        By name of a column, where it is known.
+        By column, if it is known.
     """
 
     start: float
@@ -71,7 +80,7 @@ class Stretch:
     uncertainty: Mapping[str, float] = field(default_factory=dict)
 
     def between(self, start: float, end: float) -> Stretch:
-        """Return a part of the stretch."""
+        """Return the part of the stretch between two instants, s."""
         inside = (self.t >= start - ROUNDING) & (self.t <= end + ROUNDING)
         return replace(
             self,
@@ -84,25 +93,24 @@ class Stretch:
 
     @cached_property
     def phases(self) -> list[tuple[float, float]]:
-        """Start and end of each stick phase, cut at the ends of the stretch."""
+        """Begin and end of each stick phase within the stretch, s."""
         return stick_intervals(
             self.events, self.start, self.end, bool(self.columns[f"{GUIDE}.mode"][0] == 0)
         )
 
     @property
     def stick_time(self) -> float:
-        """Seconds in which the slider is stuck."""
+        """Time for which the slider sticks, s."""
         return float(sum(end - start for start, end in self.phases))
 
     def maximum(self, *names: str) -> float:
-        """Return the largest size of columns, both sides of events included."""
-        sides = [
-            abs(side[name])
-            for event in self.events
-            for side in (event.before, event.after)
-            for name in names
-        ]
-        return float(max([np.max(np.abs(self.columns[name])) for name in names] + sides))
+        """Return the largest size of the values in columns, including both sides of events."""
+        sizes = []
+        for name in names:
+            sizes.append(np.max(np.abs(self.columns[name])))
+            for event in self.events:
+                sizes += [abs(event.before[name]), abs(event.after[name])]
+        return float(max(sizes))
 
     @property
     def turning(self) -> list[Event]:
@@ -110,41 +118,46 @@ class Stretch:
         return [event for event in self.events if event.kind in TURNING]
 
     def resolution(self, column: str) -> float:
-        """Return the size of the smallest distinguishable jump: the largest smooth change in a step, or uncertainty."""
-        # changes of intervals in which no event lies: what is smooth there looks like a jump to a
-        # method of this step
+        """Return the size of the smallest jump that can be distinguished, in the unit of the column.
+
+        It is the largest change within a step where the column is smooth, plus the uncertainty: the
+        run cannot distinguish such a change from a jump.
+        """
         t, values = self.t, self.columns[column]
-        quiet = np.ones(len(t) - 1, dtype=bool)
+        is_smooth = np.ones(len(t) - 1, dtype=bool)
         for event in self.turning:
-            quiet &= (t[1:] < event.time - ROUNDING) | (t[:-1] > event.time + ROUNDING)
+            is_smooth &= (t[1:] < event.time - ROUNDING) | (t[:-1] > event.time + ROUNDING)
         rate = np.abs(np.diff(values)) / np.diff(t)
-        return float(
-            self.step * np.max(rate[quiet], initial=0.0) + self.uncertainty.get(column, 0.0)
-        )
+        smooth_change = self.step * np.max(rate[is_smooth], initial=0.0)
+        return float(smooth_change + self.uncertainty.get(column, 0.0))
 
     def change(self) -> float:
         """Return the largest change of position and velocity from one period to the next, relative to their ranges."""
         instants = np.arange(self.start, self.end + ROUNDING, self.period)
-        worst = 0.0
+        largest = 0.0
         for name in ("slider.x", "slider.vx"):
             values = np.interp(instants, self.t, self.columns[name])
-            size = float(np.ptp(self.columns[name])) or 1.0
-            worst = max(worst, float(np.max(np.abs(np.diff(values)))) / size)
-        return worst
+            value_range = float(np.ptp(self.columns[name])) or 1.0
+            largest = max(largest, float(np.max(np.abs(np.diff(values)))) / value_range)
+        return largest
 
     @cached_property
     def configurations(self) -> list[tuple[str, float]]:
-        """Corners that touch, in their order, each with the seconds it lasts: ``"1+3"``: corners 1 and 3 touch."""
-        touching = np.stack([self.columns[f"{GUIDE}.F{i}"] > 0 for i in range(1, 5)], axis=1)
-        starts = np.flatnonzero(np.append(True, np.any(np.diff(touching, axis=0), axis=1)))
-        names = [
-            "+".join(str(corner + 1) for corner in np.flatnonzero(touching[i])) for i in starts
-        ]
-        return list(zip(names, np.diff([*self.t[starts], self.end]).tolist()))
+        """Successive sets of corners that carry load, such as ``"1+3"``, each with its duration, s."""
+        is_loaded = np.stack([self.columns[f"{GUIDE}.F{i}"] > 0 for i in range(1, 5)], axis=1)
+        is_start = np.append(True, np.any(np.diff(is_loaded, axis=0), axis=1))
+        starts = np.flatnonzero(is_start)
+        names = []
+        for i in starts:
+            corners = np.flatnonzero(is_loaded[i]) + 1
+            names.append("+".join(str(corner) for corner in corners))
+        durations = np.diff([*self.t[starts], self.end])
+        return list(zip(names, durations.tolist()))
 
     def cycle(self) -> list[str]:
-        """Return the configurations of one period as a cycle, beginning with 2+4 where there is one."""
+        """Return the configurations of one period as a cycle that begins with 2+4, if this occurs."""
         names = [name for name, _ in self.configurations]
+        # The end of the period cuts a configuration into two parts, the last and the first.
         if len(names) > 1 and names[0] == names[-1]:
             names = names[:-1]
         first = names.index("2+4") if "2+4" in names else 0
@@ -152,12 +165,12 @@ class Stretch:
 
 
 def steady_stretch(scene: Scene) -> Stretch:
-    """Return one period of the motion that the scene's start leads to, by the independent solution's return map.
+    """Return one period of the steady motion that is reached from the scene's start, by the return map of the truth.
 
     Raises
     ------
     NoSteadyState, NoMotion
-        Where there is none.
+        If there is no steady motion, or no motion at all.
     """
     mechanism = SliderBar.from_scene(scene)
     steady, period = steady_state(mechanism), mechanism.period()
@@ -176,7 +189,7 @@ def steady_stretch(scene: Scene) -> Stretch:
 
 
 def truth_stretch(scene: Scene, truth: Truth) -> Stretch:
-    """Return all of an independent solution."""
+    """Return the stretch of a truth from its start to its end."""
     period = SliderBar.from_scene(scene).period()
     t = np.linspace(0.0, truth.t_end, round((SAMPLES_PER_PERIOD - 1) * truth.t_end / period) + 1)
     return Stretch(
@@ -185,7 +198,7 @@ def truth_stretch(scene: Scene, truth: Truth) -> Stretch:
 
 
 def run_stretch(scene: Scene, run: Trajectory, step: float) -> Stretch:
-    """Return all of a run of a method of fixed step."""
+    """Return the stretch of a whole run with a fixed step, s."""
     return Stretch(
         0.0,
         float(run.t[-1]),

@@ -1,4 +1,4 @@
-"""Jumps of the driving effort: size and time at every event of the truth, and as read off the runs of engines."""
+"""Jumps of the effort of a drive at events: true size and time, and those determined from the samples of runs."""
 
 from __future__ import annotations
 
@@ -18,39 +18,53 @@ from stiction.engines.status import UNMADE
 from stiction.scenes import Event, Trajectory
 from stiction.truths import Tier, Truth
 
-SAMPLES, GAP = (6, 10), 5
-"""Samples on either side of a jump through which a parabola is laid: few, to stay within the smooth piece, or more, to
-average what rings after an impulse; and intervals that the jump itself may take: with five, four samples between its
-sides."""
-CONFIDENCE, CERTAIN = 0.95, 2.5
-"""Confidence of the interval of a size, and the least ratio of a jump's size to half its interval: of all gaps that are
-tried, noise alone gets as far in one of 30 searches."""
-
+SAMPLES = (6, 10)
+"""Numbers of samples on either side of a jump to which a parabola is fitted. Both are tried: fewer
+samples do not leave the smooth part of the effort; more samples average oscillations after an
+impulse."""
+GAP = 5
+"""Largest number of output intervals between the samples of both sides, which the jump may extend
+over."""
+CONFIDENCE = 0.95
+"""Level of the confidence interval of the size of a jump."""
+CERTAIN = 2.5
+"""Smallest ratio of the size of a jump to half its interval. As several gaps are tried, noise alone
+reaches this ratio in one of 30 searches."""
 SEARCH = 0.05
-"""Seconds around a true event in which an engine's jump is sought, at least SAMPLES samples; half the distance to the
-next event if that is less."""
-
+"""Distance from a true event up to which the jump of a run is searched for, s; less if other events
+are near, and more if there are too few samples."""
 SMALLEST = 1e-9
-"""N m; events whose true jump is smaller (corner forces through zero) are kinks and have no row."""
-
+"""Smallest size of a true jump that has a row, N m. The effort is continuous at other events, for
+example if a corner force passes through zero."""
 AT_ONCE = 1e-9
-"""s; events of the truth that are closer are one jump."""
+"""Difference of times below which several true events are one jump, s."""
 COEFFICIENTS = 3
-"""Of a parabola."""
+"""Number of coefficients of a parabola."""
 ROUNDINGS = 4
-"""Roundings of the largest sample that the size of a jump has: of two continuations and their difference."""
-
+"""Rounding error of the size of a jump, in units of that of the largest sample: two extrapolations
+and a difference."""
 LATEST = 0.01
-"""Largest distance of a reading from the true event beyond its own uncertainty, s: a step of the coarsest runs."""
+"""Largest difference of the times of a jump in a run and of the true event, beyond its uncertainty,
+s. It is one step of the coarsest runs."""
 FARTHEST = 0.5
-"""Part of a jump that its reading may be off by: a reading of less than half of a jump is nearer to none at all."""
+"""Largest error of a resolved jump, relative to the true jump. With a larger error, it could as
+well be no jump."""
 BOUND = "jump_bound"
-"""Column: bound of the error of the size of a jump; of a jump that is not read at least its whole size."""
+"""Column: bound of the error of a jump's size; for a jump that is not resolved, at least its whole
+size."""
 
 
 @dataclass(frozen=True)
 class JumpEstimate:
-    """A jump read off a trajectory: time (s), size, and their uncertainty from sampling."""
+    """A jump determined from a trajectory.
+
+    Attributes
+    ----------
+    time, time_uncertainty : float
+        s.
+    size, size_uncertainty : float
+        In the unit of the effort, N m or N.
+    """
 
     time: float
     size: float
@@ -61,14 +75,19 @@ class JumpEstimate:
 def torque_table(
     records: Iterable[Record], truths: Mapping[str, Truth], effort: str = "motor.effort"
 ) -> pd.DataFrame:
-    """Return one row per run and jump of the truth; per run where it was not made or there is no truth.
+    """Return the table of jumps, one row for each run and true jump.
 
-    The true jump is two-sided, and for the slider-bar also known in closed form, -c sin(th) times the jump of the
-    slider's acceleration; the larger of the difference of both and the truth's own uncertainty is the truth's
-    uncertainty here. Located events of a run give its jumps directly; otherwise `estimate_jump`.
+    A run that was not executed, or has no truth, has a single row without a jump.
 
-    A jump is ``resolved`` if it is read within `LATEST` of its time and `FARTHEST` of its size. A run that failed or
-    ended early has not read the jumps that it did not reach. `BOUND` is the error and its uncertainty together.
+    The true jump is the difference of both sides of an event. For the slider-bar, a closed form is
+    known as well, -c sin(th) times the jump of the slider's acceleration; if its difference from
+    the first value is larger than the uncertainty of the truth, this difference is the uncertainty.
+    The jumps of a run that locates events are those of its events. The jumps of other runs are
+    determined by `estimate_jump`.
+
+    A jump is ``resolved`` if the errors of time and size are below `LATEST` and `FARTHEST`. Jumps
+    that a run does not reach are not resolved. `BOUND` is the sum of the error of the size and its
+    uncertainty.
     """
     rows = []
     for record in records:
@@ -92,7 +111,7 @@ def torque_table(
 
 
 def jump_rows(trajectory: Trajectory | None, truth: Truth, effort: str) -> list[dict[str, Any]]:
-    """Return a row per jump of the truth, read off a run as `torque_table` says; None is a run that failed."""
+    """Return the rows of `torque_table` for one run; None is a run that failed."""
     return [
         _row(trajectory, truth, i, effort)
         for i, event in enumerate(truth.events)
@@ -101,15 +120,14 @@ def jump_rows(trajectory: Trajectory | None, truth: Truth, effort: str) -> list[
 
 
 def _row(trajectory: Trajectory | None, truth: Truth, i: int, effort: str) -> dict[str, Any]:
-    # Two independent values of the true jump, where a closed form gives one: their difference shows
-    # errors of either.
+    """Return the row of the jump at the i-th event of the truth."""
     event = truth.events[i]
     true = event.jump(effort)
-    closed, difference = None, 0.0
+    unsure = truth.uncertainty.get(effort, 0.0)
+    closed_form = None
     if truth.jump_closed_form is not None:
-        closed = truth.jump_closed_form[i]
-        difference = abs(true - closed)
-    unsure = max(truth.uncertainty.get(effort, 0.0), difference)
+        closed_form = truth.jump_closed_form[i]
+        unsure = max(unsure, abs(true - closed_form))
     row: dict[str, Any] = {
         "effort": effort,
         "event": i,
@@ -117,34 +135,40 @@ def _row(trajectory: Trajectory | None, truth: Truth, i: int, effort: str) -> di
         "kind": event.kind,
         "joint": event.joint,
         "true_jump": true,
-        "closed_form_jump": closed,
+        "closed_form_jump": closed_form,
         "truth_tier": truth.effort_tier,
         "truth_note": truth.note,
         "true_jump_uncertainty": unsure,
     }
-    estimate = _read(trajectory, truth, i, effort)
+    estimate = _estimate_at_event(trajectory, truth, i, effort)
+    bound_of_unresolved = abs(true) + unsure
     if estimate is None:
-        return {**row, "resolved": False, BOUND: abs(true) + unsure}
-    # A reading that is too far off is no better than none, and has at least the bound of a jump
-    # that is not read.
+        return {**row, "resolved": False, BOUND: bound_of_unresolved}
     error = estimate.size - true
+    is_resolved = abs(error) < FARTHEST * abs(true)
     bound = abs(error) + estimate.size_uncertainty + unsure
-    is_read = abs(error) < FARTHEST * abs(true)
+    if not is_resolved:
+        bound = max(bound, bound_of_unresolved)
     return {
         **row,
-        "resolved": is_read,
+        "resolved": is_resolved,
         "jump": estimate.size,
         "jump_error": error,
         "jump_uncertainty": estimate.size_uncertainty + unsure,
         "time": estimate.time,
         "time_error": estimate.time - event.time,
         "time_uncertainty": estimate.time_uncertainty + truth.uncertainty.get("event time", 0.0),
-        BOUND: bound if is_read else max(bound, abs(true) + unsure),
+        BOUND: bound,
     }
 
 
-def _read(trajectory: Trajectory | None, truth: Truth, i: int, effort: str) -> JumpEstimate | None:
-    """The jump of a run at an event of the truth; None if the run did not reach it, or has none near enough to it."""
+def _estimate_at_event(
+    trajectory: Trajectory | None, truth: Truth, i: int, effort: str
+) -> JumpEstimate | None:
+    """Return the jump of a run at the i-th event of the truth.
+
+    Returns None if the run failed, did not reach the event, or has no jump within `LATEST` of it.
+    """
     event = truth.events[i]
     if trajectory is None or event.time > trajectory.t[-1]:
         return None
@@ -154,95 +178,103 @@ def _read(trajectory: Trajectory | None, truth: Truth, i: int, effort: str) -> J
         if located is not None and not math.isnan(located.jump(effort)):
             estimate = JumpEstimate(located.time, located.jump(effort), 0.0, 0.0)
     else:
-        # Samples up to halfway to the next event; events at the same instant are one jump.
+        # The jump is searched for up to half the distance to the nearest other event.
         times = np.array([event.time for event in truth.events])
-        others = np.abs(np.delete(times, i) - times[i])
-        half_way = 0.5 * float(np.min(others[others > AT_ONCE], initial=truth.t_end))
-        estimate = estimate_jump(trajectory, event, half_way, effort)
+        distances = np.abs(np.delete(times, i) - times[i])
+        nearest = float(np.min(distances[distances > AT_ONCE], initial=truth.t_end))
+        estimate = estimate_jump(trajectory, event, 0.5 * nearest, effort)
     if estimate is None or abs(estimate.time - event.time) > LATEST + estimate.time_uncertainty:
         return None
     return estimate
 
 
 def counterpart(events: Iterable[Event], event: Event, effort: str, reach: float) -> Event | None:
-    """Return the event of the same kind that is nearest in time, with the effort, if it is within reach (s)."""
-    alike = [
+    """Return the nearest event of the same kind and joint that has the effort; None if none is within reach (s)."""
+    candidates = [
         other
         for other in events
         if (other.kind, other.joint) == (event.kind, event.joint) and effort in other.before
     ]
-    nearest = min(alike, key=lambda other: abs(other.time - event.time), default=None)
-    return nearest if nearest is not None and abs(nearest.time - event.time) <= reach else None
+    nearest = min(candidates, key=lambda other: abs(other.time - event.time), default=None)
+    if nearest is None or abs(nearest.time - event.time) > reach:
+        return None
+    return nearest
 
 
 def estimate_jump(
     trajectory: Trajectory, event: Event, room: float, effort: str = "motor.effort"
 ) -> JumpEstimate | None:
-    """Read size and time of a jump off samples.
+    """Determine size and time of a jump from samples near a true event.
 
-    An engine of fixed step has one value in the step of a jump, anywhere between the two sides of it or beyond both.
-    So parabolas are laid through each number of `SAMPLES` on either side of a gap of one to `GAP` intervals, and
-    continued to its middle; samples in the gap belong to neither side. Of all such gaps the jump is the one whose size
-    is the largest in units of its own uncertainty. Time is unsure by half the gap. Size is unsure by the standard
-    error of both continuations (least squares, at `CONFIDENCE` by Student's distribution). To it comes the difference
-    of their slopes over half the gap and an interval more: a value inside may belong to either side.
+    An engine with fixed steps has one value in the step of a jump, which may be anywhere between or
+    beyond the values of both sides. Therefore parabolas are fitted to samples on either side of a
+    gap of one to `GAP` intervals, and extrapolated to the middle of the gap; samples within the gap
+    belong to neither side. This is done for each number of `SAMPLES` and all gaps. The jump is the
+    one whose size is the largest relative to its uncertainty.
+
+    The uncertainty of the time is half the gap. The uncertainty of the size is that of both
+    extrapolations (least squares, at the level `CONFIDENCE` by Student's distribution), plus the
+    difference of their slopes times half the gap and one interval, because the time of the jump
+    within the gap is unknown.
 
     Parameters
     ----------
+    trajectory : Trajectory
+    event : Event
+        The true event.
     room : float
-        Seconds on either side of the true event in which the jump is sought; samples beyond twice that, where other
-        events are, are not used.
+        Largest distance of the jump from the true event, s. Samples at more than twice this
+        distance are not used, because other events may be there.
+    effort : str
+        Column of the effort.
 
     Returns
     -------
     JumpEstimate or None
-        None if the samples do not suffice, guides at rest leave one of them open, or no size exceeds `CERTAIN` times
-        its uncertainty.
+        None if there are too few samples, or one of them is nan (undetermined by guides at rest),
+        or no size exceeds `CERTAIN` times its uncertainty.
     """
     inside = np.abs(trajectory.t - event.time) < 2 * room
     t, values = trajectory.t[inside], trajectory[effort][inside]
     if len(t) < 2 * min(SAMPLES) or np.isnan(values).any():
         return None
-    # Samples after which a gap may begin, of a coarse run at least two intervals on either side.
+    # Samples at which a gap may begin; in a coarse run at least those within two intervals.
     reach = min(max(SEARCH, 2 * float(np.median(np.diff(t)))), room)
     near = np.flatnonzero(np.abs(t - event.time) <= reach)
-    # All gaps are tried; the one that stands out most from its own scatter is the jump.
-    estimates = [
-        estimate
-        for count, gap in product(SAMPLES, range(1, GAP + 1))
-        for estimate in _over_gaps(t, values, near, count, gap)
-    ]
-    best = max(
-        estimates, key=lambda estimate: abs(estimate.size) / estimate.size_uncertainty, default=None
-    )
-    return best if best is not None and abs(best.size) > CERTAIN * best.size_uncertainty else None
+    estimates: list[JumpEstimate] = []
+    for count, gap in product(SAMPLES, range(1, GAP + 1)):
+        estimates += _over_gaps(t, values, near, count, gap)
+    if not estimates:
+        return None
+    best = max(estimates, key=lambda estimate: abs(estimate.size) / estimate.size_uncertainty)
+    return best if abs(best.size) > CERTAIN * best.size_uncertainty else None
 
 
 def _over_gaps(
     t: np.ndarray, values: np.ndarray, last: np.ndarray, count: int, gap: int
 ) -> Iterator[JumpEstimate]:
-    """The jump over `gap` intervals after each of the samples `last` that has `count` samples on either side."""
+    """Return the jumps over gaps of `gap` intervals that begin at the samples `last`.
+
+    Samples with fewer than `count` samples on either side of the gap are skipped.
+    """
     last = last[(last >= count - 1) & (last + gap + count <= len(t))]
-    middle, half = (t[last + gap] + t[last]) / 2, (t[last + gap] - t[last]) / 2
+    middle = (t[last + gap] + t[last]) / 2
+    half = (t[last + gap] - t[last]) / 2
     before, slope_before, squares_before, leverage_before = _continued(
         t, values, last - count + 1, count, middle
     )
     after, slope_after, squares_after, leverage_after = _continued(
         t, values, last + gap, count, middle
     )
-    # Standard error of the difference: both parabolas share one deviation of a sample, estimated
-    # from the residuals of both with the degrees of freedom that their coefficients leave.
-    freedom = 2 * (count - COEFFICIENTS)
-    deviation = np.sqrt((squares_before + squares_after) / freedom)
-    error = (
-        student.ppf((1 + CONFIDENCE) / 2, freedom)
-        * deviation
-        * np.sqrt(leverage_before + leverage_after)
-    )
-    # Where in the gap the jump is matters if the slopes differ; one interval more, as a value may
-    # be of either side.
+    # Error of the difference of both extrapolations. The standard deviation of a sample is
+    # estimated from the residuals of both fits together.
+    degrees_of_freedom = 2 * (count - COEFFICIENTS)
+    deviation = np.sqrt((squares_before + squares_after) / degrees_of_freedom)
+    quantile = student.ppf((1 + CONFIDENCE) / 2, degrees_of_freedom)
+    error = quantile * deviation * np.sqrt(leverage_before + leverage_after)
+    # If the slopes differ, the size depends on the time of the jump within the gap.
     bend = np.abs(slope_after - slope_before) * (half + 2 * half / gap)
-    # Samples of a constant have no residuals: the rounding of the differences is left.
+    # The residuals of constant samples are zero: only rounding errors remain.
     unsure = error + bend + ROUNDINGS * np.spacing(np.max(np.abs(values)))
     return map(
         JumpEstimate, middle.tolist(), (after - before).tolist(), half.tolist(), unsure.tolist()
@@ -252,12 +284,21 @@ def _over_gaps(
 def _continued(
     t: np.ndarray, values: np.ndarray, first: np.ndarray, count: int, to: np.ndarray
 ) -> tuple[np.ndarray, ...]:
-    """Continue parabolas through `count` samples from each of `first` on to the instants `to`; all of shape (n,).
+    """Fit parabolas to samples, and extrapolate them to the times `to`.
 
-    Value and slope there, sum of the squared residuals of the samples, and the value's variance over a sample's.
+    Each parabola is fitted to `count` samples, which begin with one of the samples `first`.
+
+    Returns
+    -------
+    value, slope : ndarray, shape (n,)
+        At the times `to`.
+    squares : ndarray, shape (n,)
+        Sum of the squared residuals.
+    leverage : ndarray, shape (n,)
+        Variance of the value divided by the variance of a sample.
     """
-    # Least squares for all windows at once, in powers of the time from `to` in units of the window:
-    # the constant term is the value there.
+    # Least squares for all windows together. The time is measured from `to` in units of the
+    # window's length, so that the constant coefficient is the extrapolated value.
     window = first[:, None] + np.arange(count)
     scale = t[window[:, -1]] - t[window[:, 0]]
     powers = ((t[window] - to[:, None]) / scale[:, None])[..., None] ** np.arange(COEFFICIENTS)

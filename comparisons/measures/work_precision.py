@@ -1,7 +1,8 @@
-"""Error against CPU time, run by run, along the refinement series of every variant.
+"""Errors and CPU times of the runs of refinement series, for work-precision diagrams.
 
-A refinement series is a sequence of runs from coarse to fine: steps, tolerances or iterations. The time to a given
-error is that of `stiction.comparisons.measures.equal_error`. Series of steps also have an observed order.
+A refinement series is a sequence of runs from coarse to fine steps, tolerances or iterations.
+`stiction.comparisons.measures.equal_error` computes from it the time to a given error. For series
+of steps, the observed order of convergence is computed here.
 """
 
 from __future__ import annotations
@@ -32,33 +33,67 @@ from stiction.engines.isolation import Outcome, simulation
 from stiction.scenes import Scene
 from stiction.truths.physics import physics_of
 
-POSITION, ORDER = "position_error", "position_order"
+POSITION = "position_error"
+"""Column: position error, m."""
+ORDER = "position_order"
+"""Column: observed order of the position error between a run and the next coarser one."""
 FLOOR = 100.0
-"""Multiple of the truth's uncertainty below which errors are not differences of the method any more."""
-TOTAL, TOTAL_LOW, TOTAL_HIGH = "cpu_time", "cpu_time_low", "cpu_time_high"
-"""Median of the time of a whole run, the adapter included, and the ends of its interval."""
-LOW, HIGH = "engine_time_low", "engine_time_high"
-"""Ends of the interval of `OWN_CPU`, by which engines are ranked; the reference is counted whole."""
-LEVEL, TIMING = "interval_level", "timing"
-"""Probability of the interval, and what makes the time unsure, in words."""
+"""Ratio of an error to the truth's uncertainty above which the order is computed: the uncertainty
+changes the error by at most 1 %."""
+TOTAL = "cpu_time"
+"""Column: median of the CPU time of all steps, including the adapter, s."""
+TOTAL_LOW = "cpu_time_low"
+"""Column: lower end of the interval of `TOTAL`, s."""
+TOTAL_HIGH = "cpu_time_high"
+"""Column: upper end of the interval of `TOTAL`, s."""
+LOW = "engine_time_low"
+"""Column: lower end of the interval of `OWN_CPU`, by which engines are ranked, s."""
+HIGH = "engine_time_high"
+"""Column: upper end of the interval of `OWN_CPU`, s."""
+LEVEL = "interval_level"
+"""Column: level of the intervals."""
+TIMING = "timing"
+"""Column: why the time is uncertain; empty if it is not."""
 
 
 @dataclass(frozen=True)
 class Timed:
-    """A row per timed run, the runs with their trajectories, and the samples of their times, see `samples_table`."""
+    """The result of a comparison with measured times.
+
+    Attributes
+    ----------
+    table : DataFrame
+        One row for each run.
+    records : tuple of Record
+        The runs.
+    samples : DataFrame
+        Samples of their times, see `samples_table`.
+    """
 
     table: pd.DataFrame
     records: tuple[Record, ...]
     samples: pd.DataFrame
 
     def as_tables(self, name: str) -> Tables:
-        """The table under a name, its times, and its runs."""
+        """Return the table under a name, the samples as ``times``, and the runs, as tables of a study."""
         return Tables({name: self.table, "times": self.samples}, timed=self.records)
 
 
 @dataclass(frozen=True)
 class TimedRun:
-    """A run of a variant at a step on a scene to be timed, with the engine's settings that it changes."""
+    """A run to be timed.
+
+    Attributes
+    ----------
+    scene : Scene
+    variant : Variant
+    step : float
+        Value of the variant's parameter.
+    name : str
+        Appended to the key of the run, to distinguish runs that differ in their settings only.
+    settings : Mapping
+        Settings that differ from those of the variant.
+    """
 
     scene: Scene
     variant: Variant
@@ -68,6 +103,8 @@ class TimedRun:
 
 
 Rows = Callable[[Sequence[Record], Sequence[Timing | None]], Iterable[dict[str, Any]]]
+"""A function that computes the rows of a table from runs and their times, which are None for failed
+runs."""
 
 
 def timed_comparison(
@@ -78,27 +115,45 @@ def timed_comparison(
     rows: Rows,
     budget_s: float = math.inf,
 ) -> Comparison[Timed]:
-    """Time runs in at least `repeats` rounds, those of a variant beyond `budget_s` once; `rows` makes the table."""
+    """Return the comparison that times runs.
+
+    Parameters
+    ----------
+    scene : Scene
+        The scene whose name the records have.
+    runs : sequence of TimedRun
+        The runs of a variant go from coarse to fine.
+    t_end : float or None
+        End of the simulations, s; that of the scene if None.
+    repeats : int
+        Minimum number of timing rounds.
+    rows : callable
+        Computes the rows of the table.
+    budget_s : float
+        CPU time for the rounds of one variant, s. Runs that exceed it are timed once.
+    """
     jobs = []
     for run in runs:
-        made = job(run.scene, run.variant, run.step, t_end=t_end, **run.settings)
-        jobs.append(replace(made, label=made.label + (f"/{run.name}" if run.name else "")))
+        run_job = job(run.scene, run.variant, run.step, t_end=t_end, **run.settings)
+        if run.name:
+            run_job = replace(run_job, label=f"{run_job.label}/{run.name}")
+        jobs.append(run_job)
 
     def tabulate(outcomes: Sequence[Outcome]) -> Timed:
+        records = []
         timings = [outcome.value for outcome in outcomes]
-        made = [
-            replace(outcome, value=timing.trajectory if timing else None)
-            for outcome, timing in zip(outcomes, timings)
-        ]
-        records = tuple(
-            Record(job.label, scene.name, run.variant, run.step, outcome)
-            for run, job, outcome in zip(runs, jobs, made)
-        )
-        times = samples_table({record.key: timing for record, timing in zip(records, timings)})
-        return Timed(pd.DataFrame(list(rows(records, timings))), records, times)
+        for run, run_job, outcome, timing in zip(runs, jobs, outcomes, timings):
+            with_trajectory = replace(outcome, value=timing.trajectory if timing else None)
+            records.append(
+                Record(run_job.label, scene.name, run.variant, run.step, with_trajectory)
+            )
+        samples = samples_table({record.key: timing for record, timing in zip(records, timings)})
+        table = pd.DataFrame(list(rows(records, timings)))
+        return Timed(table, tuple(records), samples)
 
-    # a label of its own: another comparison may have a run with the same key
-    tasks = tuple(replace(simulation(job), label=f"timed/{job.label}") for job in jobs)
+    # Labels must be different from those of other comparisons, which may have runs with the same
+    # key.
+    tasks = tuple(replace(simulation(run_job), label=f"timed/{run_job.label}") for run_job in jobs)
     variants = tuple({run.variant.label: run.variant for run in runs}.values())
     return Comparison(
         tasks,
@@ -118,14 +173,15 @@ def work_precision(
     repeats: int = 5,
     budget_s: float = math.inf,
 ) -> Comparison[Timed]:
-    """Error and cost of every run of every refinement series, a row per run, failures included.
+    """Return the comparison of errors and times of all runs of refinement series, one row for each run.
 
     Parameters
     ----------
-    repeats
-        Rounds in which every run is timed, at least; times are medians.
-    budget_s
-        CPU seconds that the rounds of one series may take. Finer runs are timed once, as `TIMING` says.
+    scene : Scene
+    variants : sequence of Variant
+        The ladders are the refinement series.
+    t_end, repeats, budget_s
+        As of `timed_comparison`.
     """
     size = size_of(scene)
 
@@ -151,7 +207,7 @@ def work_precision(
 
 
 def cost_of(timing: Timing | None) -> dict[str, Any]:
-    """The columns of what a run costs, for tables whose rows begin with `Record.describe`."""
+    """Return the columns of the cost of a run, in addition to those of `Record.describe`; none if it failed."""
     if timing is None:
         return {}
     cost = timing.trajectory.cost
@@ -172,17 +228,17 @@ def cost_of(timing: Timing | None) -> dict[str, Any]:
 
 
 def _with_orders(table: pd.DataFrame) -> pd.DataFrame:
-    """Add observed orders between neighbouring steps."""
+    """Return the table of runs with the column `ORDER`, for runs with a step size."""
     table = table.assign(**{ORDER: np.nan})
     if POSITION not in table:
         return table
     stepped = table[succeeded(table) & (table["parameter"] == "dt")]
     for _, series in stepped.groupby("variant", sort=False):
-        step, error, unsure = (
-            series[name].to_numpy(float) for name in ("step", POSITION, "position_uncertainty")
-        )
-        # where the finer of two errors is that of the method, not of the truth
-        fine = 1 + np.flatnonzero((error[1:] > FLOOR * unsure[1:]) & (error[:-1] > 0))
-        ratio = np.log(error[fine - 1] / error[fine])
-        table.loc[series.index[fine], ORDER] = ratio / np.log(step[fine - 1] / step[fine])
+        step = series["step"].to_numpy(float)
+        error = series[POSITION].to_numpy(float)
+        uncertainty = series["position_uncertainty"].to_numpy(float)
+        # Each pair of neighbours whose finer error is well above the uncertainty of the truth.
+        fine = 1 + np.flatnonzero((error[1:] > FLOOR * uncertainty[1:]) & (error[:-1] > 0))
+        error_ratio = np.log(error[fine - 1] / error[fine])
+        table.loc[series.index[fine], ORDER] = error_ratio / np.log(step[fine - 1] / step[fine])
     return table

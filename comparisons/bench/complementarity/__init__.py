@@ -1,1 +1,1 @@
-"""Stored complementarity problems: collected, replayed through any solver, exchanged as files."""
+"""Storage and exchange of complementarity problems, and comparison of solvers on them."""

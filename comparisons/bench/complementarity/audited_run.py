@@ -1,9 +1,10 @@
-"""The complementarity problems of a run of the reference at every instant that its method has a say in.
+"""The complementarity problems of a run of the reference.
 
-The event-driven method chooses a contact mode at the start and at events, and freezes it in between. At one instant of
-each step, the audit, it verifies the mode. Hence the instants: the start, both sides of each event, the end of each
-accepted step and the audit in it. States within a step are those of its dense output. The stages of a step are none:
-they are approximations that the step corrects, and no state of the motion.
+The event-driven method chooses a contact mode at the start and at events, and keeps it between
+them. In each step it verifies the mode at one instant, the audit. Accordingly, the problems are
+those at the start, on both sides of each event, at the end of each accepted step, and at the
+audits, with the states of the dense output. The stages of a step are not used, because they are not
+states of the motion: the step corrects their errors.
 """
 
 from __future__ import annotations
@@ -26,16 +27,19 @@ from stiction.reference_impl.multibody.subsystems import independent_parts
 from stiction.scenes import InputError, Scene
 
 RTOL = 1e-9
-"""Tolerance of the run: the reference's own."""
+"""Relative tolerance of the run, the default of the reference."""
 
 
 def write_problems_of_run(scene: Scene, path: str | Path) -> int:
-    """Simulate a scene with the reference and write the problems of the run; returns their number.
+    """Simulate a scene with the reference, write the problems of the run, and return their number.
 
-    Raises InputError if there are none, as of a scene without friction, or the start is inconsistent.
+    Raises InputError if there are none, as in a scene without friction, or if the start is
+    inconsistent.
     """
     load_engine("reference").prepare_run(scene)
-    problems = [problem for part in independent_parts(scene) for problem in _of_part(part)]
+    problems: list[Problem] = []
+    for part in independent_parts(scene):
+        problems += _problems_of_part(part)
     if not problems:
         raise InputError(
             f"{scene.name}: found no complementarity problem; expected a scene with friction"
@@ -43,12 +47,13 @@ def write_problems_of_run(scene: Scene, path: str | Path) -> int:
     return write_problems(problems, path)
 
 
-def _of_part(scene: Scene) -> list[Problem]:
+def _problems_of_part(scene: Scene) -> list[Problem]:
+    """Return the problems of the run of an independent part of a scene; none without guides."""
     mechanism = Mechanism(scene)
     if not mechanism.guide_names:
         return []
-    # A first run for the ends of its steps, a second one for the states there and at the audits
-    # within.
+    # A first run yields the ends of its steps. A second run has its output there and at the audits,
+    # which are placed by the golden ratio as in `step_audit`.
     q, v = consistent_start(mechanism)
     ends = [0.0]
     simulate_event_driven(mechanism, q, v, np.zeros(0), scene.t_end, RTOL, sides=False, ends=ends)

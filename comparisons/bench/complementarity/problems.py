@@ -1,10 +1,12 @@
-"""Stored complementarity problems, with their solutions and the instants at which they were met.
+"""Stored complementarity problems, with their solutions and the instants at which they occurred.
 
-A set is one Parquet file, a row a problem of the form of eqs. (34)-(38)
+The problems have the form of eqs. (34)-(38) of the paper,
 
     A0 y = A1 x + b,   y >= 0,  x >= 0,  y^T x = 0 .
 
-Its columns are those of `bench.complementarity.exchange.FIELDS`, matrices row by row, and ``n``.
+A set of problems is a Parquet file with one row for each problem.
+`bench.complementarity.exchange.FIELDS` explains the columns. Matrices are stored row by row, and
+``n`` is the number of pairs (y_i, x_i).
 """
 
 from __future__ import annotations
@@ -26,22 +28,46 @@ from stiction.scenes.event_values import rows_of
 if TYPE_CHECKING:
     from stiction.reference_impl.integration.result import Run
 
-SOLVED, UNSOLVABLE = "solved", "no solution"
+SOLVED = "solved"
+"""Outcome: the reference has found a solution."""
+UNSOLVABLE = "no solution"
+"""Outcome: the reference has found that there is no solution."""
 STORED = "hard-problems-3.parquet"
-"""The set that comes with the suite, made by ``tests/support/collect_problems.py``.
+"""The set of the suite, written by ``tests/support/collect_problems.py``.
 
-A changed set gets the next number, so that results name their set.
+If the set changes, its number is increased, so that results refer to their set.
 """
 COLUMNS = ["class", "scene", "t", "n", "A0", "A1", "b", "y", "x", "outcome", "lcp"]
+"""Columns of a set."""
 AT_REST = 1e-9
-"""Slip speed, relative to the largest speed of the run, up to which a guide belongs to the stick set."""
+"""Slip speed, relative to the largest speed of the run, up to which a guide counts as sticking."""
 PER_RUN = 12
-"""Problems kept of one run: more of a periodic motion say the same."""
+"""Largest number of problems of one run. Further ones of a periodic motion would be similar."""
+RANK_TOLERANCE = 1e-9
+"""Singular value below which A0 counts as singular, with rows scaled to a largest element of 1."""
 
 
 @dataclass(frozen=True)
 class Problem:
-    """One problem; attributes as the columns of a stored set, matrices of shape (n, n)."""
+    """A complementarity problem with n pairs.
+
+    Attributes
+    ----------
+    kind : str
+        Why the problem is hard; the column ``class``.
+    scene : str
+        Name of the scene.
+    t : float
+        Time, s.
+    A0, A1 : ndarray, shape (n, n)
+    b : ndarray, shape (n,)
+    y, x : ndarray, shape (n,) or (0,)
+        Solution; empty if there is none.
+    outcome : str
+        `SOLVED` or `UNSOLVABLE`.
+    lcp : bool
+        True if A0 is regular, so that the problem is a linear complementarity problem.
+    """
 
     kind: str
     scene: str
@@ -58,10 +84,26 @@ class Problem:
 def problem_at(
     kind: str, scene: Scene, t: float, q: np.ndarray, v: np.ndarray, rest_speed: float
 ) -> Problem | None:
-    """The HLCP at a state (q, v of shape (3 * bodies,)) with its solution by the reference.
+    """Return the HLCP at a state, with its solution by the reference.
 
-    None without friction, or where it is not known whether there is a solution. The least-squares answer of redundant
-    constraints that contradict each other is none.
+    Parameters
+    ----------
+    kind : str
+        Field of the problem.
+    scene : Scene
+    t : float
+        Time, s.
+    q, v : ndarray, shape (3 * bodies,)
+        Positions and velocities.
+    rest_speed : float
+        Slip speed up to which a guide sticks, m/s.
+
+    Returns
+    -------
+    Problem or None
+        None if there is no friction, or if the reference cannot determine whether there is a
+        solution. Least-squares solutions of contradictory redundant constraints do not count as
+        solutions.
     """
     from stiction.reference_impl.friction import hlcp
     from stiction.reference_impl.friction.outcomes import NONE
@@ -79,69 +121,79 @@ def problem_at(
     if outcome not in (FOUND, NONE):
         return None
     A0, A1, b, *_ = hlcp.assemble(m, w, slip)
-    solved = outcome == FOUND and hlcp.residual(A0, A1, b, y, x) <= hlcp.ACCURATE
-    y, x = (np.array(value) if solved else np.zeros(0) for value in (y, x))
+    is_solved = outcome == FOUND and hlcp.residual(A0, A1, b, y, x) <= hlcp.ACCURATE
+    row_sizes = np.abs(A0).max(axis=1, keepdims=True)
+    rank = np.linalg.matrix_rank(A0 / row_sizes, RANK_TOLERANCE)
     return Problem(
-        kind,
-        scene.name,
-        float(t),
-        A0,
-        A1,
-        b,
-        y,
-        x,
-        SOLVED if solved else UNSOLVABLE,
-        bool(np.linalg.matrix_rank(A0 / np.abs(A0).max(axis=1, keepdims=True), 1e-9) == len(b)),
+        kind=kind,
+        scene=scene.name,
+        t=float(t),
+        A0=A0,
+        A1=A1,
+        b=b,
+        y=np.array(y) if is_solved else np.zeros(0),
+        x=np.array(x) if is_solved else np.zeros(0),
+        outcome=SOLVED if is_solved else UNSOLVABLE,
+        lcp=bool(rank == len(b)),
     )
 
 
 def problems_met(
     kind: str, scene: Scene, run: Trajectory | Run, everywhere: bool = False
 ) -> list[Problem]:
-    """Problems at the start, before the first events and at the end of a run of the reference.
+    """Return problems that occur in a run of the reference.
 
-    With `everywhere` those at each row and on both sides of each event.
+    These are the problems at the start, before the first events, and at the end; with `everywhere`,
+    those at all samples and on both sides of all events.
     """
     states = list(_states(scene, run, everywhere))
-    speed = max((float(np.max(np.abs(v))) for _, _, v in states), default=0.0)
-    problems = (problem_at(kind, scene, t, q, v, AT_REST * speed) for t, q, v in states)
-    return [problem for problem in problems if problem is not None]
+    largest_speed = max((float(np.max(np.abs(v))) for _, _, v in states), default=0.0)
+    problems = []
+    for t, q, v in states:
+        problem = problem_at(kind, scene, t, q, v, AT_REST * largest_speed)
+        if problem is not None:
+            problems.append(problem)
+    return problems
 
 
 def _states(
     scene: Scene, run: Trajectory | Run, everywhere: bool
 ) -> Iterator[tuple[float, np.ndarray, np.ndarray]]:
-    """Yield times and states (q, v) of a run, in order; the start of the scene where the run has none."""
+    """Yield time, positions q and velocities v of the states of `problems_met`, in order of time.
+
+    A run without samples yields the start of the scene.
+    """
     from stiction.reference_impl.multibody.mechanism import Mechanism
 
     if not len(run.t):
         yield 0.0, *Mechanism(scene, "none").initial_state()
         return
-    names = [
-        [f"{body}.{label}" for body in scene.bodies for label in labels]
-        for labels in BODY_COLUMNS[:2]
-    ]
-    samples: list[tuple[float, Mapping[str, float]]] = list(zip(run.t, rows_of(run.columns)))
-    events = run.events if everywhere else run.events[: PER_RUN - 2]
-    # An event of a part of the scene has not all coordinates: it gives no state of the whole.
-    sides = [
-        (event.time, side)
-        for event in events
-        for side in ((event.before, event.after) if everywhere else (event.before,))
-        if side.keys() >= {*names[0], *names[1]}
-    ]
-    for t, columns in sorted(
-        [*(samples if everywhere else [samples[0], samples[-1]]), *sides], key=itemgetter(0)
-    ):
-        q, v = (np.array([columns[name] for name in part]) for part in names)
+    position_labels, velocity_labels = BODY_COLUMNS[:2]
+    positions = [f"{body}.{label}" for body in scene.bodies for label in position_labels]
+    velocities = [f"{body}.{label}" for body in scene.bodies for label in velocity_labels]
+
+    # Samples, and sides of events. Events of an independent part of the scene do not contain the
+    # coordinates of the other bodies; they are left out.
+    rows: list[tuple[float, Mapping[str, float]]] = list(zip(run.t, rows_of(run.columns)))
+    events = run.events
+    if not everywhere:
+        rows = [rows[0], rows[-1]]
+        events = events[: PER_RUN - len(rows)]
+    for event in events:
+        sides = (event.before, event.after) if everywhere else (event.before,)
+        rows += [(event.time, side) for side in sides if side.keys() >= {*positions, *velocities}]
+    for t, row in sorted(rows, key=itemgetter(0)):
+        q = np.array([row[name] for name in positions])
+        v = np.array([row[name] for name in velocities])
         yield t, q, v
 
 
 def write_problems(problems: Iterable[Problem], path: str | Path) -> int:
-    """Write a set; returns the number of problems. Equal ones of a scene are written once."""
+    """Write a set, and return the number of problems. Equal problems of a scene are written once."""
     import pandas as pd
 
     unique = {(p.scene, p.A0.tobytes(), p.A1.tobytes(), p.b.tobytes()): p for p in problems}
+    # in the order of COLUMNS
     rows = [
         (
             p.kind,
@@ -164,9 +216,18 @@ def write_problems(problems: Iterable[Problem], path: str | Path) -> int:
 
 
 def read_problems(path: str | Path | None = None) -> Iterator[Problem]:
-    """Read a set: a file, a folder of `bench.complementarity.exchange`, or where None that of the suite.
+    """Yield the problems of a set.
 
-    Raises InputError if it is no such set.
+    Parameters
+    ----------
+    path : str or Path, optional
+        A Parquet file, or a folder of `bench.complementarity.exchange`; the set of the suite if
+        None.
+
+    Raises
+    ------
+    InputError
+        If the file or folder is not a set of problems.
     """
     import pandas as pd
     import pyarrow as pa
@@ -176,15 +237,16 @@ def read_problems(path: str | Path | None = None) -> Iterator[Problem]:
 
         yield from read_folder(path)
         return
-    where = (
-        resources.files("stiction.comparisons") / "data" / STORED if path is None else Path(path)
-    )
+    if path is None:
+        file = resources.files("stiction.comparisons") / "data" / STORED
+    else:
+        file = Path(path)
     try:
-        rows = pd.read_parquet(where, columns=COLUMNS)
+        rows = pd.read_parquet(file, columns=COLUMNS)
     except (OSError, pa.ArrowException) as error:
-        words = f"{type(error).__name__}: {str(error).splitlines()[0]}"
+        reason = f"{type(error).__name__}: {str(error).splitlines()[0]}"
         raise InputError(
-            f"{where}: found {words}; expected a set of problems, a Parquet file with the columns "
+            f"{file}: found {reason}; expected a set of problems, a Parquet file with the columns "
             f"{', '.join(COLUMNS)}"
         ) from None
     for kind, scene, t, n, A0, A1, *rest in rows.itertuples(index=False, name=None):

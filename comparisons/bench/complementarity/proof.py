@@ -1,20 +1,23 @@
-"""Complementarity problems decided with a proof: an exact solution, or a certificate that there is none.
+"""Proofs for complementarity problems: an exact solution, or a certificate that there is none.
 
-    A0 y = A1 x + b ,   y >= 0 ,  x >= 0 ,  y^T x = 0 ,
+The problem is
 
-with the stored floats taken as the rational numbers that they are, and everything that is claimed computed in rational
-arithmetic.
+    A0 y = A1 x + b ,   y >= 0 ,  x >= 0 ,  y^T x = 0 .
 
-- A pair whose columns in A0 and A1 are the same is y_i - x_i = u, a number of any sign (the reaction of a pin or a
-  motor, split in two): such unknowns are eliminated by rational row reduction, without asking who of the pair is zero.
-- Of each other pair one of the two is zero. A choice for all pairs leaves a linear system, and a solution of it that is
-  nonnegative solves the problem; where it is positive and the system regular, no other solution is near: it is the only
-  one with this choice and in a neighbourhood.
-- A choice for some of the pairs leaves a cone of columns. A vector l with l^T c <= 0 for each column c of it and
-  l^T b > 0 proves that no solution has that choice (Farkas; A. Schrijver, Theory of Linear and Integer Programming,
-  1986, sect. 7.3). Choices are branched on until each branch is solved or refuted.
+The stored floats are rational numbers, and all computations use rational arithmetic.
 
-`holds` tests all that by the problem alone.
+- If a pair has the same column in A0 and in A1, only the difference u = y_i - x_i occurs in the
+  equations. It may have any sign: it is the reaction of a pin or a motor, split into two parts.
+  Such unknowns are eliminated by row reduction, and no choice is needed for their pairs.
+- In each other pair one of the two unknowns is zero. A choice for all pairs leaves a linear system,
+  and a nonnegative solution of it solves the problem. If it is positive and the system is regular,
+  this solution is isolated, that is, a neighbourhood of it contains no other.
+- A choice for some of the pairs leaves a set of columns c. A vector l with l^T c <= 0 for all of
+  them and l^T b > 0 proves that there is no solution with this choice (Farkas' lemma; A. Schrijver,
+  Theory of Linear and Integer Programming, 1986, sect. 7.3). Branch and bound over the choices ends
+  when a solution is found or all branches are refuted.
+
+`holds` checks a proof independently of the way in which it was found.
 """
 
 from __future__ import annotations
@@ -26,17 +29,33 @@ from flint import fmpq, fmpq_mat
 
 from stiction.comparisons.bench.complementarity.problems import Problem
 
-SOLVED, NONE, OPEN = "solution", "no solution", "not decided"
-_MOST_CHOICES, _MOST_PIVOTS = 300, 40
-"""Branches that are tried before a problem is left open, and steps of the search near a choice."""
+SOLVED = "solution"
+"""Decision: there is a solution."""
+NONE = "no solution"
+"""Decision: there is no solution."""
+OPEN = "not decided"
+"""Decision: neither a solution nor a proof was found."""
+_MOST_CHOICES = 300
+"""Number of branches after which a problem is left open."""
+_MOST_PIVOTS = 40
+"""Largest number of steps from a choice to a solution near it."""
 
 
 @dataclass(frozen=True)
 class Decision:
-    """A decision on a problem, `SOLVED`, `NONE` or `OPEN`, with its proof.
+    """A decision on a problem, with its proof.
 
-    Either an exact solution y, x, `isolated` where no other one is near: one of each pair is positive (of those not
-    eliminated) and its system regular. Or refutations, whose branches together are all choices.
+    Attributes
+    ----------
+    decided : str
+        `SOLVED`, `NONE` or `OPEN`.
+    y, x : tuple of fmpq
+        Exact solution, if `SOLVED`.
+    isolated : bool
+        True if the solution is proven to be isolated: in each pair that is not eliminated one
+        unknown is positive, and the linear system is regular.
+    refutations : tuple of Refutation
+        If `NONE`, refutations of branches that together contain all choices.
     """
 
     decided: str
@@ -48,192 +67,264 @@ class Decision:
 
 @dataclass(frozen=True)
 class Refutation:
-    """A choice of who is zero, by pair (1: y, -1: x), and the vector l (n numbers) that refutes it."""
+    """A proof that there is no solution with a choice.
+
+    Attributes
+    ----------
+    zero : tuple of (int, int)
+        Pairs, each with the unknown that is zero: 1 for y, -1 for x. Pairs that are not listed are
+        not restricted.
+    vector : tuple of fmpq, n elements
+        The vector l of Farkas' lemma.
+    """
 
     zero: tuple[tuple[int, int], ...]
     vector: tuple[fmpq, ...]
 
 
 def _matrix(values: np.ndarray) -> fmpq_mat:
-    """The rational numbers that floats are."""
+    """Return a matrix of floats as rational numbers, without rounding."""
     return fmpq_mat([[fmpq(*x.as_integer_ratio()) for x in row] for row in values.tolist()])
 
 
-class _Reduced:
-    """The problem without the unknowns of any sign: rows that combine the given ones so that these drop out.
+Y_IS_ZERO = 1
+"""Choice for a pair whose y is zero, so that x remains."""
+X_IS_ZERO = -1
+"""Choice for a pair whose x is zero, so that y remains."""
+Choice = dict[int, int]
+"""`Y_IS_ZERO` or `X_IS_ZERO` by pair, for all pairs or some."""
 
-    `y` and `x` are the columns of y and x in A0 y - A1 x = b; `columns` those of the rows that are left, by pair and
-    side (1: x, -1: y).
+
+class _Reduced:
+    """The problem with the unknowns of arbitrary sign eliminated.
+
+    Attributes
+    ----------
+    n : int
+        Number of pairs.
+    free : list of int
+        Pairs with the same column in A0 and A1, whose difference y_i - x_i may have any sign.
+    pairs : list of int
+        All other pairs.
+    y, x : list of list of fmpq
+        Columns of y and x in A0 y - A1 x = b, by pair.
+    b : fmpq_mat, shape (n, 1)
+    rows : fmpq_mat, shape (rows, n)
+        Combinations of the equations in which the pairs `free` do not occur.
+    columns : dict
+        Columns of these combinations for the unknown that remains, by pair and choice.
+    right : fmpq_mat, shape (rows, 1)
+        Right side of these combinations.
     """
 
     def __init__(self, problem: Problem):
-        n = self.n = len(problem.b)
-        self.free = [i for i in range(n) if np.array_equal(problem.A0[:, i], problem.A1[:, i])]
-        self.pairs = [i for i in range(n) if i not in self.free]
-        y, x, self.b = _matrix(problem.A0), _matrix(-problem.A1), _matrix(problem.b[:, None])
-        self.y, self.x = y.transpose().tolist(), x.transpose().tolist()
-        k, units = len(self.free), [[int(r == j) for j in range(n)] for r in range(n)]
-        form, _ = fmpq_mat(
-            [[self.y[i][r] for i in self.free] + unit for r, unit in enumerate(units)]
-        ).rref()
-        rows = [row[k:] for row in form.tolist() if not any(row[:k])]
-        self.rows = fmpq_mat(len(rows), n, sum(rows, []))
-        self.right, sides = self.rows * self.b, ((1, self.rows * x), (-1, self.rows * y))
-        self.columns = {
-            (i, side): [row[i] for row in matrix.tolist()]
-            for i in self.pairs
-            for side, matrix in sides
-        }
+        self.n = len(problem.b)
+        numbers = range(self.n)
+        self.free = [i for i in numbers if np.array_equal(problem.A0[:, i], problem.A1[:, i])]
+        self.pairs = [i for i in numbers if i not in self.free]
+        on_y = _matrix(problem.A0)
+        on_x = _matrix(-problem.A1)
+        self.b = _matrix(problem.b[:, None])
+        self.y = on_y.transpose().tolist()
+        self.x = on_x.transpose().tolist()
 
+        # Row reduction of (free columns | identity): a row whose left part is zero has on its right
+        # a combination of the equations without the free unknowns.
+        k = len(self.free)
+        augmented = []
+        for r in numbers:
+            unit = [int(r == j) for j in numbers]
+            augmented.append([self.y[i][r] for i in self.free] + unit)
+        form, _ = fmpq_mat(augmented).rref()
+        combinations = [row[k:] for row in form.tolist() if not any(row[:k])]
+        self.rows = fmpq_mat(len(combinations), self.n, sum(combinations, []))
 
-Choice = dict[int, int]
-"""1 by pair where y is zero (x is left), -1 where x is zero."""
+        self.right = self.rows * self.b
+        rows_on_x = (self.rows * on_x).tolist()
+        rows_on_y = (self.rows * on_y).tolist()
+        self.columns: dict[tuple[int, int], list[fmpq]] = {}
+        for i in self.pairs:
+            self.columns[i, Y_IS_ZERO] = [row[i] for row in rows_on_x]
+            self.columns[i, X_IS_ZERO] = [row[i] for row in rows_on_y]
+
+    def remaining_column(self, pair: int, choice: int) -> list[fmpq]:
+        """Return the column of A0 y - A1 x = b that belongs to the unknown of a pair that is not zero."""
+        return self.x[pair] if choice == Y_IS_ZERO else self.y[pair]
 
 
 def decide(problem: Problem) -> Decision:
-    """Decide a problem; see the module's text."""
+    """Find a solution of a problem, or a proof that there is none, as the module describes."""
     reduced = _Reduced(problem)
     if len(problem.y):
-        stored = {i: 1 if problem.x[i] >= problem.y[i] else -1 for i in reduced.pairs}
-        # The stored solution in floats says who is zero: mostly its choice, or one near it, has an
-        # exact solution.
-        solution = _pivoted(reduced, stored)
+        # The choice of the stored solution in floats, or one near it, usually has an exact
+        # solution.
+        choice = {}
+        for i in reduced.pairs:
+            choice[i] = Y_IS_ZERO if problem.x[i] >= problem.y[i] else X_IS_ZERO
+        solution = _solution_near(reduced, choice)
         if solution is not None:
             return solution
     return _search(reduced)
 
 
-def _pivoted(reduced: _Reduced, choice: Choice) -> Decision | None:
-    """A solution near a choice: who would be negative changes places, all of them while they get fewer, else the last.
+def _solution_near(reduced: _Reduced, choice: Choice) -> Decision | None:
+    """Return a solution with a choice or one near it; None if none is found.
 
-    Where a pair is zero to rounding, the exact numbers may require the other choice (K. G. Murty, Linear
-    Complementarity, 1988, sect. 4.1).
+    Unknowns that would be negative become zero, and the other unknowns of their pairs take their
+    places. This is done for all negative ones at once as long as their number decreases, and
+    otherwise for the last one (block pivoting; K. G. Murty, Linear Complementarity, 1988, sect.
+    4.1).
     """
     fewest = len(reduced.pairs) + 1
     for _ in range(_MOST_PIVOTS):
-        values, regular = _values(reduced, choice)
+        values, is_regular = _values(reduced, choice)
         if values is None:
             return None
         negative = [i for i in reduced.pairs if values[i] < 0]
         if not negative:
-            isolated = regular and all(values[i] > 0 for i in reduced.pairs)
-            return _solution(
-                [choice.get(i, -1) * value for i, value in enumerate(values)], isolated
-            )
-        flipped = negative if len(negative) < fewest else negative[-1:]
+            is_isolated = is_regular and all(values[i] > 0 for i in reduced.pairs)
+            differences = [choice.get(i, X_IS_ZERO) * value for i, value in enumerate(values)]
+            return _solution(differences, is_isolated)
+        exchanged = negative if len(negative) < fewest else negative[-1:]
         fewest = min(fewest, len(negative))
-        choice = {i: -side if i in flipped else side for i, side in choice.items()}
+        choice = {i: -side if i in exchanged else side for i, side in choice.items()}
     return None
 
 
 def _values(reduced: _Reduced, choice: Choice) -> tuple[list[fmpq] | None, bool]:
-    """The unknowns that a full choice leaves, by pair, and whether their system is regular; None without a solution."""
-    columns = [(reduced.x if choice.get(i) == 1 else reduced.y)[i] for i in range(reduced.n)]
+    """Solve the linear system of a choice for all pairs.
+
+    Returns
+    -------
+    values : list of fmpq or None
+        The remaining unknown of each pair, y_i - x_i of the pairs `free`; None if there is no
+        solution.
+    is_regular : bool
+        True if the system is regular.
+    """
+    columns = [reduced.remaining_column(i, choice.get(i, X_IS_ZERO)) for i in range(reduced.n)]
     try:
         return fmpq_mat(columns).transpose().solve(reduced.b).entries(), True
     except ZeroDivisionError:
-        order = [*reduced.free, *reduced.pairs]
-    values = _particular([columns[i] for i in order], reduced.b.entries())
-    return values and [values[order.index(i)] for i in range(reduced.n)], False
+        pass  # singular
+    # The free unknowns come first: those of the pairs that depend on them become zero.
+    order = [*reduced.free, *reduced.pairs]
+    values_in_order = _particular_solution([columns[i] for i in order], reduced.b.entries())
+    if values_in_order is None:
+        return None, False
+    value_of = dict(zip(order, values_in_order))
+    return [value_of[i] for i in range(reduced.n)], False
 
 
-def _particular(columns: list[list[fmpq]], right: list[fmpq]) -> list[fmpq] | None:
-    """A solution of a linear system, zero where a column depends on those before it; None if there is none."""
+def _particular_solution(columns: list[list[fmpq]], right: list[fmpq]) -> list[fmpq] | None:
+    """Return a solution of a linear system, None if there is none.
+
+    The unknown of a column is zero if the column is a combination of the columns before it.
+    """
     count = len(columns)
     # reduced row echelon form of the system with its right side as the last column
-    form, rank = fmpq_mat(
-        [[*(column[r] for column in columns), value] for r, value in enumerate(right)]
-    ).rref()
+    augmented = [[*(column[r] for column in columns), value] for r, value in enumerate(right)]
+    form, rank = fmpq_mat(augmented).rref()
     values = [fmpq(0)] * count
     for row in form.tolist()[:rank]:
         pivot = next(j for j, value in enumerate(row) if value != 0)
-        # 0 = 1: a contradiction
         if pivot == count:
-            return None
+            return None  # the row is the equation 0 = 1
         values[pivot] = row[count]
     return values
 
 
-def _solution(signed: list[fmpq], isolated: bool = False) -> Decision:
-    """The solution with x - y given: one of each pair is zero."""
+def _solution(differences: list[fmpq], isolated: bool = False) -> Decision:
+    """Return the decision for a solution, given x_i - y_i of all pairs; one of x_i and y_i is zero."""
     zero = fmpq(0)
-    return Decision(
-        SOLVED, tuple(max(-u, zero) for u in signed), tuple(max(u, zero) for u in signed), isolated
-    )
+    y = tuple(max(-difference, zero) for difference in differences)
+    x = tuple(max(difference, zero) for difference in differences)
+    return Decision(SOLVED, y, x, isolated)
 
 
 def _search(reduced: _Reduced) -> Decision:
-    """Branch on who is zero, where a solution of the linear conditions has both of a pair."""
+    """Decide a problem by branch and bound over the choices, in depth-first order."""
     refutations: list[Refutation] = []
     choices: list[Choice] = [{}]
     for _ in range(_MOST_CHOICES):
         if not choices:
             return Decision(NONE, refutations=tuple(refutations))
-        # The linear conditions of a branch: the columns that its choice leaves, with nonnegative
-        # weights.
+        # Without the condition y^T x = 0, a branch is a linear program: its columns are those that
+        # its choice leaves, with nonnegative weights. If it is infeasible, the branch is refuted.
         choice = choices.pop()
-        allowed = [key for key in reduced.columns if choice.get(key[0], key[1]) == key[1]]
+        allowed = [(i, side) for i, side in reduced.columns if choice.get(i, side) == side]
         point, vector = _feasible([reduced.columns[key] for key in allowed], reduced.right)
         if vector is not None:
             full = fmpq_mat([vector]) * reduced.rows
             refutations.append(Refutation(tuple(sorted(choice.items())), tuple(full.entries())))
             continue
-        # A solution of them that has at most one of each pair solves the problem. Else its larger
-        # ones are a guess of the whole choice, and the first pair that has both is branched on, the
-        # guess first.
+
+        # The larger unknown of each pair at the feasible point is a guess of the whole choice.
         values = dict(zip(allowed, point))
-        guess = {
-            i: 1 if values.get((i, 1), 0) > values.get((i, -1), 0) else -1 for i in reduced.pairs
-        }
-        solution = _pivoted(reduced, guess)
+        x_of = {i: values.get((i, Y_IS_ZERO), fmpq(0)) for i in reduced.pairs}
+        y_of = {i: values.get((i, X_IS_ZERO), fmpq(0)) for i in reduced.pairs}
+        guess = {i: Y_IS_ZERO if x_of[i] > y_of[i] else X_IS_ZERO for i in reduced.pairs}
+        solution = _solution_near(reduced, guess)
         if solution is not None:
             return solution
-        both = [
-            i for i in reduced.pairs if values.get((i, 1), 0) > 0 and values.get((i, -1), 0) > 0
-        ]
-        if not both:
+        # A point with at most one positive unknown in each pair is a solution itself. Otherwise
+        # branch on the first pair with two. The last choice is examined first: the guess.
+        with_both = [i for i in reduced.pairs if x_of[i] > 0 and y_of[i] > 0]
+        if not with_both:
             return _completed(reduced, values)
-        choices += [{**choice, both[0]: -guess[both[0]]}, {**choice, both[0]: guess[both[0]]}]
+        pair = with_both[0]
+        choices.append({**choice, pair: -guess[pair]})
+        choices.append({**choice, pair: guess[pair]})
     return Decision(OPEN)
 
 
 def _feasible(columns: list[list[fmpq]], right: fmpq_mat) -> tuple[list[fmpq], list[fmpq] | None]:
-    """Nonnegative weights of columns that sum to the right side; or else a vector as in Farkas' lemma.
+    """Find nonnegative weights with which columns sum to the right side, or a proof that there are none.
 
-    The simplex method, phase 1, with Bland's rule, in rationals. The row of costs is at all times a combination l of
-    the given rows, and l stands in the columns of the artificial variables.
+    The method is phase 1 of the simplex method with Bland's rule, in rational numbers. The row of
+    costs is at all times the sum of the artificial variables' rows plus a combination l of the
+    given rows, which can be read off its columns of the artificial variables.
+
+    Returns
+    -------
+    weights : list of fmpq
+        Empty if there are none.
+    vector : list of fmpq or None
+        The vector of Farkas' lemma, if there are no weights.
     """
     count, n = right.nrows(), len(columns)
-    # Tableau with right sides made nonnegative and one artificial variable for each row, which form
-    # the first basis. The costs are the sum of the rows: phase 1 minimizes the sum of the
-    # artificial variables.
+    # Tableau: the right sides are made nonnegative, and each row has an artificial variable. These
+    # are the first basis. Phase 1 minimizes their sum; the costs are therefore the sum of the rows.
     signs = [-1 if right[r, 0] < 0 else 1 for r in range(count)]
-    rows = [
-        [sign * column[r] for column in columns]
-        + [fmpq(int(r == k)) for k in range(count)]
-        + [sign * right[r, 0]]
-        for r, sign in enumerate(signs)
-    ]
+    rows = []
+    for r, sign in enumerate(signs):
+        unit = [fmpq(int(r == k)) for k in range(count)]
+        rows.append([sign * column[r] for column in columns] + unit + [sign * right[r, 0]])
     costs = [sum((row[j] for row in rows), fmpq(0)) for j in range(n + count + 1)]
     basis = list(range(n, n + count))
-    while (enters := next((j for j in range(n) if costs[j] > 0), None)) is not None:
-        # ratio test; of equal ratios the row whose basic variable has the smallest number (Bland),
-        # so that it cannot cycle
+    while True:
+        # Bland's rule, which prevents cycles: the first column with a positive cost enters, and of
+        # the rows with the smallest ratio the one whose basic variable has the smallest number is
+        # the pivot.
+        entering = next((j for j in range(n) if costs[j] > 0), None)
+        if entering is None:
+            break
         _, _, pivot = min(
-            (rows[r][-1] / rows[r][enters], basis[r], r)
+            (rows[r][-1] / rows[r][entering], basis[r], r)
             for r in range(count)
-            if rows[r][enters] > 0
+            if rows[r][entering] > 0
         )
-        scale = 1 / rows[pivot][enters]
+        scale = 1 / rows[pivot][entering]
         rows[pivot] = [scale * value for value in rows[pivot]]
-        leading = [(j, value) for j, value in enumerate(rows[pivot]) if value != 0]
+        nonzero = [(j, value) for j, value in enumerate(rows[pivot]) if value != 0]
         for row in (*rows[:pivot], *rows[pivot + 1 :], costs):
-            if (factor := row[enters]) != 0:
-                for j, value in leading:
+            factor = row[entering]
+            if factor != 0:
+                for j, value in nonzero:
                     row[j] -= factor * value
-        basis[pivot] = enters
-    # No cost can be reduced and artificial variables are left: the columns do not reach the right
-    # side. The multipliers of the rows, with their signs undone, are the vector of Farkas' lemma.
+        basis[pivot] = entering
+    # If the minimum of the sum of artificial variables is positive, there are no weights. Then the
+    # multipliers of the rows, with the signs of the rows, are the vector of Farkas' lemma.
     if costs[-1] > 0:
         return [], [sign * value for sign, value in zip(signs, costs[n : n + count])]
     weights = [fmpq(0)] * n
@@ -244,64 +335,81 @@ def _feasible(columns: list[list[fmpq]], right: fmpq_mat) -> tuple[list[fmpq], l
 
 
 def _completed(reduced: _Reduced, values: dict[tuple[int, int], fmpq]) -> Decision:
-    """The solution with given values of the pairs, of which none has both; the unknowns of any sign follow."""
+    """Return the solution with given unknowns of the pairs, by pair and choice; the free unknowns are computed."""
     rest = reduced.b.entries()
     for (i, side), value in values.items():
-        column = (reduced.x if side == 1 else reduced.y)[i]
+        column = reduced.remaining_column(i, side)
         rest = [b - value * c for b, c in zip(rest, column)]
-    unsigned = _particular([reduced.y[i] for i in reduced.free], rest)
-    if unsigned is None:
+    free_values = _particular_solution([reduced.y[i] for i in reduced.free], rest)
+    if free_values is None:
         raise ArithmeticError(
             "values of the pairs: found none for the unknowns of any sign; expected a solution"
         )
-    free = dict(zip(reduced.free, unsigned))
-    return _solution(
-        [
-            -free[i] if i in free else values.get((i, 1), fmpq(0)) - values.get((i, -1), fmpq(0))
-            for i in range(reduced.n)
-        ]
-    )
+    differences = [fmpq(0)] * reduced.n
+    for i, value in zip(reduced.free, free_values):
+        differences[i] = -value
+    for (i, side), value in values.items():
+        differences[i] += side * value
+    return _solution(differences)
 
 
-def holds(problem: Problem, verdict: Decision) -> bool:
-    """Test a verdict by the problem alone.
+def holds(problem: Problem, decision: Decision) -> bool:
+    """Return whether the proof of a decision is valid, which is checked with the numbers of the problem alone."""
+    if decision.decided == SOLVED:
+        return _is_solution(problem, decision)
+    if decision.decided == NONE:
+        are_valid = all(_is_valid(problem, refutation) for refutation in decision.refutations)
+        return are_valid and _are_complete([dict(each.zero) for each in decision.refutations])
+    return True
 
-    Of a solution the equations, the signs and the products; else that the refutations refute and that their choices
-    leave none out.
-    """
+
+def _is_solution(problem: Problem, decision: Decision) -> bool:
+    """Return whether y and x satisfy the equations, and are nonnegative and complementary."""
     n = len(problem.b)
-    y, x, b = _matrix(problem.A0), _matrix(problem.A1), _matrix(problem.b[:, None])
-    if verdict.decided == SOLVED:
-        left, right = y * fmpq_mat(n, 1, verdict.y), x * fmpq_mat(n, 1, verdict.x)
-        return (
-            left == right + b
-            and all(v >= 0 for v in (*verdict.y, *verdict.x))
-            and all(v * w == 0 for v, w in zip(verdict.y, verdict.x))
-        )
-    if verdict.decided != NONE:
+    left = _matrix(problem.A0) * fmpq_mat(n, 1, decision.y)
+    right = _matrix(problem.A1) * fmpq_mat(n, 1, decision.x) + _matrix(problem.b[:, None])
+    are_nonnegative = all(value >= 0 for value in (*decision.y, *decision.x))
+    are_complementary = all(y * x == 0 for y, x in zip(decision.y, decision.x))
+    return left == right and are_nonnegative and are_complementary
+
+
+def _is_valid(problem: Problem, refutation: Refutation) -> bool:
+    """Return whether l^T b > 0, and l^T c <= 0 for all columns c that the choice leaves."""
+    vector = fmpq_mat([list(refutation.vector)])
+    if not (vector * _matrix(problem.b[:, None]))[0, 0] > 0:
+        return False
+    on_y = vector * _matrix(problem.A0)
+    on_x = vector * _matrix(-problem.A1)
+    choice = dict(refutation.zero)
+    for i in range(len(problem.b)):
+        if choice.get(i) != Y_IS_ZERO and on_y[0, i] > 0:
+            return False
+        if choice.get(i) != X_IS_ZERO and on_x[0, i] > 0:
+            return False
+    return True
+
+
+def _are_complete(choices: list[Choice]) -> bool:
+    """Return whether any full choice contains one of these choices.
+
+    This is the case if one of them is empty. Otherwise some pair must occur in all of them, and
+    both the choices with its y zero and those with its x zero must be complete, without this pair.
+    """
+    if {} in choices:
         return True
-    for refutation in verdict.refutations:
-        row, zero = fmpq_mat([list(refutation.vector)]), dict(refutation.zero)
-        on_y, on_x = row * y, row * x
-        if not (row * b)[0, 0] > 0:
-            return False
-        if any(
-            zero.get(i) != 1 and on_y[0, i] > 0 or zero.get(i) != -1 and -on_x[0, i] > 0
-            for i in range(n)
-        ):
-            return False
-    return _complete([dict(refutation.zero) for refutation in verdict.refutations])
+    if not choices:
+        return False
 
-
-def _complete(choices: list[Choice]) -> bool:
-    """Return whether choices cover all: some pair splits those that name it in two complete parts, or one is empty."""
-    if {} in choices or not choices:
-        return bool(choices)
-
-    def rest(i: int, side: int) -> list[Choice]:
+    def without(pair: int, side: int) -> list[Choice]:
+        """Return the choices with a side of a pair, with the pair removed."""
         return [
-            {k: s for k, s in choice.items() if k != i} for choice in choices if choice[i] == side
+            {i: s for i, s in choice.items() if i != pair}
+            for choice in choices
+            if choice[pair] == side
         ]
 
-    shared = set.intersection(*map(set, choices))
-    return any(_complete(rest(i, 1)) and _complete(rest(i, -1)) for i in sorted(shared))
+    common_pairs = set.intersection(*map(set, choices))
+    return any(
+        _are_complete(without(pair, Y_IS_ZERO)) and _are_complete(without(pair, X_IS_ZERO))
+        for pair in sorted(common_pairs)
+    )

@@ -1,4 +1,4 @@
-"""Presentation of a study: rows that a text mentions, tables with labels and units, charts as data."""
+"""Presentation of a study as data: rows that its text mentions, tables with labels and units, figures."""
 
 from stiction.comparisons.bench.presentation.charts import (
     BETTER,

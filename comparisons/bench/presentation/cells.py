@@ -1,4 +1,4 @@
-"""Text of table cells: numbers rounded by the kind of their quantity, errors to two digits with their uncertainty."""
+"""Text of the cells of tables: numbers are rounded according to the kind of their quantity."""
 
 from __future__ import annotations
 
@@ -16,49 +16,54 @@ from stiction.scenes import InputError
 from stiction.uncertain import ERROR_DIGITS, Uncertain, plain
 
 TRAJECTORY = "trajectory"
-"""Column of stored tables: the file of a row's trajectory, relative to the run folder."""
+"""Column of stored tables: the file of the trajectory of a run, relative to the run folder."""
 AGAIN = "rerun_command"
 """Column of stored tables: the command that repeats a run whose trajectory is not stored."""
-MISSING, NULL = "–", "null (figure lost in the text we have)"
+MISSING = "–"
+"""Text of a missing value."""
+NULL = "null (figure lost in the text we have)"
+"""Text of a missing value of the quantities `UNPRINTED`."""
 UNPRINTED = frozenset({"paper_threshold"})
-"""Keys of numbers of the paper that are lost in the text we have: missing ones are `NULL`."""
+"""Keys of numbers of the paper that are missing in the text available to us."""
 END = ".3g"
-"""Format of the ends of intervals, which are known to a few thousandths of themselves."""
+"""Format of the ends of intervals, whose relative accuracy is some thousandths."""
 LARGEST_WHOLE = 1e6
-"""Size from which on whole numbers are rounded, too."""
+"""Whole numbers are rounded only if they are not smaller than this."""
 
 
 def with_uncertainty(table: pd.DataFrame) -> pd.DataFrame:
-    """Replace pairs of columns, number and uncertainty, by `Uncertain` numbers."""
-    pairs = {
-        column: unsure
-        for column in table
-        if (unsure := quantity_of(column).uncertainty) and unsure in table
-    }
-    shown = table.drop(columns=list(set(pairs.values())))
-    for column, unsure in pairs.items():
+    """Return a table in which pairs of columns, number and uncertainty, are replaced by `Uncertain` numbers."""
+    uncertainty_of = {}
+    for column in table:
+        uncertainty = quantity_of(column).uncertainty
+        if uncertainty and uncertainty in table:
+            uncertainty_of[column] = uncertainty
+    shown = table.drop(columns=list(set(uncertainty_of.values())))
+    for column, uncertainty in uncertainty_of.items():
         shown[column] = [
-            value if is_missing(value) or is_missing(u) else Uncertain(float(value), float(u))
-            for value, u in zip(table[column], table[unsure])
+            value
+            if is_missing(value) or is_missing(half_width)
+            else Uncertain(float(value), float(half_width))
+            for value, half_width in zip(table[column], table[uncertainty])
         ]
     return shown
 
 
 def is_numeric(column: pd.Series) -> bool:
-    """Test if a column holds numbers, with or without uncertainty."""
+    """Return whether a column contains numbers, with or without uncertainty."""
     is_number = pd.api.types.is_numeric_dtype(column) and column.dtype != bool
     return is_number or any(isinstance(value, Uncertain) for value in column)
 
 
 def setting_of(parameter: str, step: float) -> str:
-    """``dt = 0.001 s`` or ``rtol = 1e-09``; nothing where there is no step."""
+    """Return a parameter with its value, ``dt = 0.001 s`` or ``rtol = 1e-09``; empty if there is no value."""
     if is_missing(step):
         return ""
     return f"dt = {step:g} s" if parameter == "dt" else f"{parameter} = {step:g}"
 
 
 def cell(quantity: Quantity, value: object) -> str:
-    """Text of a value of a quantity."""
+    """Return the text of a value of a quantity, without unit."""
     if is_missing(value):
         return NULL if quantity.key in UNPRINTED else MISSING
     if isinstance(value, (bool, np.bool_)):
@@ -68,22 +73,27 @@ def cell(quantity: Quantity, value: object) -> str:
     if isinstance(value, Uncertain):
         return str(value)
     if isinstance(value, Real):
-        number = float(value)
-        if number.is_integer() and abs(number) < LARGEST_WHOLE:
-            return f"{int(number)}"
-        digits = DIGITS.get(quantity.kind, DIGITS[Kind.VALUE])
-        text = f"{number:.{digits}g}"
-        return plain(text) if digits == ERROR_DIGITS else text
+        return _number_text(quantity, float(value))
+    # Line breaks would end a row of a Markdown table.
     return re.sub(r"\s+", " ", quantity.words.get(str(value), str(value)))
 
 
+def _number_text(quantity: Quantity, number: float) -> str:
+    """Return a number with the digits of its quantity; whole numbers with all digits."""
+    if number.is_integer() and abs(number) < LARGEST_WHOLE:
+        return f"{int(number)}"
+    digits = DIGITS.get(quantity.kind, DIGITS[Kind.VALUE])
+    text = f"{number:.{digits}g}"
+    return plain(text) if digits == ERROR_DIGITS else text
+
+
 def intervals_text(intervals: Sequence[tuple[float, float]]) -> str:
-    """Return intervals as a table of the data holds them; empty where there are none."""
+    """Return intervals as a JSON list, as tables store them; empty if there are none."""
     return json.dumps(intervals) if intervals else ""
 
 
 def intervals_of(text: object) -> list[tuple[float, float]]:
-    """Return the intervals in a cell of the data. Raises InputError where these are no pairs of numbers."""
+    """Return the intervals stored in a cell; raises InputError if they are not pairs of numbers."""
     if is_missing(text):
         return []
     try:
@@ -95,13 +105,17 @@ def intervals_of(text: object) -> list[tuple[float, float]]:
 
 
 def intervals_in_words(text: object) -> list[str]:
-    """Write each interval in a cell of the data: ``3.77 to 4.54``; one number where both ends are the same."""
-    ends = [[f"{end:{END}}" for end in interval] for interval in intervals_of(text)]
-    return [low if low == high else f"{low} to {high}" for low, high in ends]
+    """Return each interval stored in a cell as ``3.77 to 4.54``; as one number if both ends are written alike."""
+    words = []
+    for low, high in intervals_of(text):
+        low_text = f"{low:{END}}"
+        high_text = f"{high:{END}}"
+        words.append(low_text if low_text == high_text else f"{low_text} to {high_text}")
+    return words
 
 
 def is_missing(value: object) -> bool:
-    """Nothing to show: None, not a number, or an empty text."""
+    """Return whether a value is None, nan, or an empty text."""
     return (
         value is None
         or value is pd.NA

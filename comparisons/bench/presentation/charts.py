@@ -1,6 +1,7 @@
-"""Figures as data: panels of series over axes, heat maps, mechanisms; renderers know these kinds alone.
+"""Figures as data: charts with series over axes, heat maps, and pictures of mechanisms.
 
-The caption of a figure comes from the study's template when the section is written.
+Renderers draw these three kinds of figures. The caption of a figure is filled in from the study's
+template when its section is written.
 """
 
 from __future__ import annotations
@@ -11,11 +12,15 @@ from dataclasses import dataclass, field
 import numpy as np
 
 TRUTH = "truth"
-"""Look of a series that is the truth: black."""
+"""Look of a series that shows the truth: black."""
 LIMIT = "limit"
-"""Look of a series or line that is no result: thin, grey, dotted."""
-OTHER, CHOSEN, BETTER = "other", "chosen", "better"
-"""Looks of points that are of no variant: small and grey, an empty diamond, a filled one."""
+"""Look of a line that is not a result: thin, grey, dotted."""
+OTHER = "other"
+"""Look of points that do not belong to a variant: small and grey."""
+CHOSEN = "chosen"
+"""Look of points that show the default setting: an empty diamond."""
+BETTER = "better"
+"""Look of points that show a better setting: a filled diamond."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -25,15 +30,16 @@ class Series:
     Attributes
     ----------
     label : str
-        Its words in the legend, which has none if empty.
+        Text in the legend; if empty, the series is not in the legend.
     x, y : ndarray, shape (n,)
-    low, high : ndarray, optional
-        Ends of the interval of each y, or of each x in a horizontal panel; shape (n,).
+        In the units of the axes.
+    low, high : ndarray, shape (n,), optional
+        Ends of the interval of each y, or of each x in a horizontal panel.
     look : str
-        Label of a variant, whose look is the same in all figures; or a look of this module; or another word, which
-        has a look of its own in its figure.
+        Colour and marker: the label of a variant, which looks the same in all figures; or a look of
+        this module; or any other name, to which a look is assigned within the figure.
     line, points, hollow : bool
-        True for a line, markers, and markers without fill.
+        True to draw a line, markers, and markers without fill.
     """
 
     label: str
@@ -49,7 +55,21 @@ class Series:
 
 @dataclass(frozen=True)
 class Axis:
-    """Label with unit; logarithmic or not; ticks at these values, words at them on an axis of categories; ends."""
+    """An axis of a panel.
+
+    Attributes
+    ----------
+    label : str
+        Label with unit.
+    log : bool
+        True for a logarithmic scale.
+    ticks : sequence of float
+        Positions of ticks; chosen by the renderer if empty.
+    words : sequence of str
+        Labels of the ticks, if these are categories.
+    limits : (float, float), optional
+        Ends of the axis.
+    """
 
     label: str = ""
     log: bool = False
@@ -65,11 +85,11 @@ class Panel:
     Attributes
     ----------
     horizontal : bool
-        True if the intervals of series are of x, over categories y.
+        True if the y axis has categories and the intervals of series are intervals of x.
     shades : sequence of (float, float)
-        Parts of the x axis in grey: stick phases.
+        Intervals of x with a grey background, such as stick phases.
     lines : sequence of float
-        Vertical lines at these x: instants, thresholds, limits of stability.
+        Positions x of vertical lines, such as instants, thresholds, or limits of stability.
     """
 
     title: str
@@ -83,7 +103,22 @@ class Panel:
 
 @dataclass(frozen=True, eq=False)
 class Chart:
-    """Panels in rows of `columns`, each row `height` inches high; all with one legend, on common axes where shared."""
+    """Panels with a common legend.
+
+    Attributes
+    ----------
+    name : str
+        Name of the files of the figure.
+    panels : sequence of Panel
+    columns : int
+        Number of panels in a row.
+    height : float
+        Height of a row in inches.
+    share_x, share_y : bool
+        True if all panels have the same limits of the axis.
+    caption : str
+        See the module.
+    """
 
     name: str
     panels: Sequence[Panel]
@@ -96,16 +131,22 @@ class Chart:
 
 @dataclass(frozen=True, eq=False)
 class HeatMap:
-    """A grid of categories: a colour and a sign for each.
+    """A grid of cells, each of which shows its category by a sign and a colour.
 
     Attributes
     ----------
+    name : str
+        Name of the files of the figure.
+    rows, columns : sequence of str
+        Labels.
     cells : sequence of sequence of str
-        Categories, row by row; empty where there is none.
+        Categories, row by row; an empty text for a cell without a category.
     categories : Mapping[str, tuple[str, str]]
         Sign and colour (hexadecimal) of each category, best first.
     groups : Mapping[str, int]
-        Number of rows that follow each heading.
+        Number of rows below each heading.
+    caption : str
+        See the module.
     """
 
     name: str
@@ -119,7 +160,7 @@ class HeatMap:
 
 @dataclass(frozen=True, eq=False)
 class MechanismPicture:
-    """The mechanism of a scene at its start, with dimensions and the numbers of corners."""
+    """A picture of the mechanism of a scene at its start, with dimensions and the numbers of corners."""
 
     name: str
     scene: str

@@ -1,6 +1,6 @@
-"""What a study presents: rows that its text mentions, tables and figures.
+"""The presentation of a study: the rows that its text mentions, tables and figures.
 
-The words are in a template, ``reports/templates/studies/NAME.md``.
+The text itself is a template, ``reports/templates/studies/NAME.md``.
 """
 
 from __future__ import annotations
@@ -12,12 +12,13 @@ from stiction.comparisons.bench.presentation.charts import Figure
 from stiction.comparisons.bench.presentation.table_view import TableView
 
 ANSWER_LENGTH = 160
-"""Characters of an answer, at most: it stands on one line of a terminal, behind the study's title."""
+"""Largest number of characters of an answer, which is printed on one line of a terminal after the
+study's title."""
 
 
 @dataclass(frozen=True)
 class Headline:
-    """A column of the table on page one: its heading with unit, and the text of its cells by label of a method."""
+    """A column of the table on page one: its heading with unit, and the text of its cells by label of a variant."""
 
     label: str
     cells: Mapping[str, str]
@@ -30,10 +31,12 @@ class Presentation:
     Attributes
     ----------
     rows : Mapping
-        What the study's template mentions, by name: `Row`, `Cell`, numbers, words, flags, lists of
-        these. Nothing in it is a sentence.
-    headlines, tables, figures : sequences
-        Captions of tables and figures are in the template.
+        Values that the template mentions, by name: `Row`, `Cell`, numbers, words, flags, and lists
+        of these, but no sentences.
+    headlines : sequence of Headline
+        Columns of the table on page one.
+    tables, figures : sequences
+        Without captions, which are in the template.
     """
 
     rows: Mapping[str, object] = field(default_factory=dict)
@@ -43,5 +46,5 @@ class Presentation:
 
     @property
     def is_empty(self) -> bool:
-        """Nothing to show: then the study has no section."""
+        """True if there is nothing to show, so that the report has no section for the study."""
         return not (self.rows or self.tables or self.figures)

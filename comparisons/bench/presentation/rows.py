@@ -1,4 +1,4 @@
-"""Rows of the data that a text mentions: each number knows what it is and which cell it is from."""
+"""Rows of tables that a text mentions, whose numbers carry their quantity and their place in the table."""
 
 from __future__ import annotations
 
@@ -15,21 +15,23 @@ from stiction.uncertain import Uncertain
 
 @dataclass(frozen=True)
 class Cell:
-    """A number of the data.
+    """A number in a table, which is stored as ``data/TABLE.csv``.
+
+    A cell is true even if its value is 0: ``{% if row.creep %}`` in a template tests whether there
+    is a number.
 
     Attributes
     ----------
     value : float
         In the unit of the quantity.
     quantity : Quantity
-        What it is: label, unit, and the kind that decides how it is written.
+        Its key is the name of the column.
     uncertainty : float or None
-        In the same unit; None where the table has none.
-    table, row
-        The cell is in the row `row` (from 1, the heading not counted) of ``data/TABLE.csv``, in the
-        column that is named by the key of the quantity.
-
-    A cell is true in a condition whatever its value, 0 included: ``{% if row.creep %}`` asks whether there is a number.
+        In the same unit; None if the table does not contain it.
+    table : str
+        Name of the table.
+    row : int
+        Number of the row, counted from 1 without the heading.
     """
 
     value: float
@@ -42,25 +44,27 @@ class Cell:
         return self.value
 
     def __str__(self) -> str:
-        """The number as tables write it, without unit; an error or a jump by its size."""
-        value = abs(self.value) if self.quantity.kind in (Kind.ERROR, Kind.JUMP) else self.value
+        """Return the number as it is written in tables, without unit; errors and jumps without sign."""
+        value = self.value
+        if self.quantity.kind in (Kind.ERROR, Kind.JUMP):
+            value = abs(value)
         if self.uncertainty is None:
             return cell(self.quantity, value)
         return str(Uncertain(value, self.uncertainty))
 
 
 class Row:
-    """A row of a table of the data, whose cells templates read: ``row.position_error``, ``row["events:guide.slip"]``.
+    """A row of a table, whose values templates read as ``row.position_error`` or ``row["events:guide.slip"]``.
 
-    A number is a `Cell`; words and flags are themselves; what is missing is None. A column that the
-    table does not have raises KeyError, so that a misspelt name in a template is an error.
+    Numbers are returned as `Cell`, words and flags as they are, missing values as None. A column
+    that does not exist raises KeyError, so that a misspelt name in a template is an error.
 
     Parameters
     ----------
     table : str
-        Name of the table: the row is in ``data/TABLE.csv``.
+        Name of the table.
     frame : DataFrame
-        The table, or some of its rows with the labels 0, 1, .. that they have in the whole table.
+        The table, or some of its rows with the labels of the whole table, which are counted from 0.
     label : int
         Label of the row.
     """
@@ -81,8 +85,8 @@ class Row:
         quantity = quantity_of(column)
         uncertainty = None
         if quantity.uncertainty in self._frame:
-            unsure = self._frame.at[self._label, quantity.uncertainty]
-            uncertainty = None if is_missing(unsure) else float(unsure)
+            half_width = self._frame.at[self._label, quantity.uncertainty]
+            uncertainty = None if is_missing(half_width) else float(half_width)
         return Cell(
             float(value),
             quantity,
@@ -92,11 +96,11 @@ class Row:
         )
 
     def number(self, column: str) -> Cell:
-        """Return the number in a column; ValueError where there is none."""
-        cell = self[column]
-        if not isinstance(cell, Cell):
-            raise ValueError(f"{column}: found {cell!r}; expected a number")
-        return cell
+        """Return the number in a column; ValueError if there is none."""
+        value = self[column]
+        if not isinstance(value, Cell):
+            raise ValueError(f"{column}: found {value!r}; expected a number")
+        return value
 
     def __eq__(self, other: object) -> bool:
         return isinstance(other, Row) and self._place == other._place
@@ -106,9 +110,10 @@ class Row:
 
     @property
     def _place(self) -> tuple[str, int]:
+        """Name of the table and label, which identify a row."""
         return self._table, self._label
 
 
 def row_of(table: str, frame: pd.DataFrame, label: object) -> Row:
-    """Return a row by its label; `label` is what pandas returns, such as by ``idxmax``."""
+    """Return a row by its label, which may have any type that pandas returns, for example by ``idxmax``."""
     return Row(table, frame, int(label))  # type: ignore[call-overload]

@@ -1,4 +1,4 @@
-"""Tables as data: the columns of a study's table that are shown, with label, unit and uncertainty."""
+"""Tables as data: which columns of a table are shown, with which label, unit and uncertainty."""
 
 from __future__ import annotations
 
@@ -14,34 +14,42 @@ from stiction.comparisons.bench.quantities import Quantity, quantity_of
 from stiction.uncertain import Uncertain, bounded
 
 BRIEF_ROWS = 30
-"""Rows of a table in a report that is read from top to bottom; pages and prints have all of them."""
+"""Largest number of rows of a table in the Markdown report; the page and the paper show all
+rows."""
 
 
 @dataclass(frozen=True)
 class Column:
-    """A column of a table as it is shown: a quantity, and what this table shows of it in another way.
+    """A column of a table as it is shown.
 
     Attributes
     ----------
-    name, uncertainty, second, bound : str
-        Columns of the frame: the value; its uncertainty, that of the quantity if empty; a second number of the same
-        unit, in brackets where it is another: ``55 (46)``; the signs of a value that is a bound or unsure: ``≤ 55``,
-        ``≥ ~55``. One without an uncertainty is rounded as its sign says.
+    name : str
+        Column of the frame with the values.
     label : str
-        Heading without unit; that of the quantity if empty.
+        Heading without unit; the label of the quantity if empty.
     unit : str
-        The unit after `scale`; that of the quantity if empty.
+        Unit of the numbers shown, that is, after `scale`; the unit of the quantity if empty.
+    uncertainty : str
+        Column of the frame with the uncertainty; the one of the quantity if empty.
     form : str
-        Format of a number, such as ``".3g"``; if empty, the digits of the kind of quantity.
-    of : str
-        Key of the quantity that the column shows; its own `name` if empty. Columns that a table is pivoted to have
-        names of their own, such as a column for each scene.
+        Format of a number, such as ``".3g"``; if empty, the kind of quantity determines the digits.
     interval : bool
-        True for a number with a sign and always with its uncertainty: ``-0.035 ± 0.063``, not ``< 0.098``.
+        True to write a number with its sign and its uncertainty in any case: ``-0.035 ± 0.063``,
+        not ``< 0.098``.
     scale : float
-        Factor from the frame's unit to the unit shown: 1000 for s shown in ms.
+        Factor from the frame's unit to the unit shown, for example 1000 to show s in ms.
     brief : bool
-        True if it stands in the report, too; pages and prints have every column.
+        True if the Markdown report contains the column; the page and the paper contain all columns.
+    second : str
+        Column of the frame with a second number of the same unit, which is written in brackets if
+        it differs from the first: ``55 (46)``.
+    bound : str
+        Column of the frame with the sign of values that are bounds or uncertain: ``≤ 55``, ``≥
+        ~55``. A bound is rounded up or down according to its sign.
+    of : str
+        Key of the quantity; `name` if empty. It is needed for tables that are pivoted, for example
+        to one column for each scene.
     """
 
     name: str
@@ -58,35 +66,42 @@ class Column:
 
     @property
     def quantity(self) -> Quantity:
-        """What the column shows."""
+        """The quantity of the values."""
         return quantity_of(self.of or self.name)
 
     @property
     def head(self) -> str:
-        """The label with its unit in brackets."""
+        """The label, followed by the unit in brackets."""
+        label = self.label or self.quantity.label
         unit = self.unit or self.quantity.unit
-        return (self.label or self.quantity.label) + (f" [{unit}]" if unit else "")
+        return f"{label} [{unit}]" if unit else label
 
     def text(self, row: Mapping[str, Any]) -> str:
-        """The cell of a row of the frame."""
-        text, sign, second = self._value(row), row.get(self.bound), row.get(self.second)
+        """Return the text of the cell in a row of the frame."""
+        text = self._value_text(row)
+        sign = row.get(self.bound)
         if isinstance(sign, str) and sign:
-            text = (
-                f"{sign}{text}"
-                if self.interval
-                else bounded(self.scale * float(row[self.name]), sign)
-            )
+            if self.interval:
+                text = f"{sign}{text}"
+            else:
+                text = bounded(self.scale * float(row[self.name]), sign)
+        second = row.get(self.second)
         if second is not None and not is_missing(second) and second != row[self.name]:
             text += f" ({cell(self.quantity, self.scale * float(second))})"
         return text
 
-    def _value(self, row: Mapping[str, Any]) -> str:
+    def _value_text(self, row: Mapping[str, Any]) -> str:
+        """Return the text of the value in a row, with its uncertainty."""
         value = row[self.name]
         if is_missing(value) or isinstance(value, (str, bool, np.bool_)):
             return cell(self.quantity, value)
-        unsure = row.get(self.uncertainty or ("" if self.form else self.quantity.uncertainty))
-        if unsure is not None and not is_missing(unsure):
-            number = Uncertain(self.scale * float(value), self.scale * float(unsure))
+        # With a format, only an uncertainty that the column names itself is written.
+        column = self.uncertainty
+        if not column and not self.form:
+            column = self.quantity.uncertainty
+        uncertainty = row.get(column)
+        if uncertainty is not None and not is_missing(uncertainty):
+            number = Uncertain(self.scale * float(value), self.scale * float(uncertainty))
             return number.both() if self.interval else str(number)
         if self.form:
             return format(self.scale * float(value), self.form)
@@ -94,34 +109,36 @@ class Column:
 
 
 METHOD = Column("variant", "method")
-"""What a row is of, in the words of a reader."""
+"""Column with the label of the variant, which readers know as a method."""
 REFINED_BY = Column("parameter", "refined by")
-"""The parameter along a refinement series."""
+"""Column with the parameter that is refined."""
 
 
 @dataclass(frozen=True)
 class TableView:
-    """A table as it is shown, and the rows of the data behind each of its rows.
+    """A table as it is shown, with references to the rows of the table of results that it was computed from.
 
     Attributes
     ----------
     name : str
-        Names its files, unique in a report.
+        Name of its files, unique in a report.
     frame : DataFrame
-        Full precision; a row per row shown, uncertainties in columns of their own.
+        The values in full precision, with uncertainties in separate columns; one row for each row
+        shown.
     columns : tuple of Column
-        Those without any value are not shown.
+        Columns without any value are not shown.
     source : str
-        Name of the table of the data that the rows come from.
+        Name of the table of results that the rows come from.
     rows : tuple of tuple of int
-        Numbers, from 1, of the rows of `source` behind each row.
+        For each row, the numbers of the rows of `source` that it was computed from, counted from 1.
     group : str
-        Column of the frame whose value stands as a heading above rows that share it, or first in each row; none if
-        empty.
+        Column of the frame by which rows are grouped. Its value is shown as a heading above the
+        rows of a group, or as the first column. No groups if empty.
     in_report : bool
-        True if it stands in the report and in print; the page and the folder of tables have all.
+        True if the report and the paper contain the table; the page and the folder of tables
+        contain all tables.
     caption : str
-        Comes from the study's template when the section is written.
+        Filled in from the study's template when the section is written.
     """
 
     name: str
@@ -134,26 +151,34 @@ class TableView:
     caption: str = ""
 
     def shown(self, brief: bool = False) -> list[Column]:
-        """The columns that hold anything; `brief`: those of the report alone, which has groups as headings of rows."""
-        first = (Column(self.group),) if self.group and not brief else ()
-        return [
-            column
-            for column in (*first, *self.columns)
-            if (column.brief or not brief)
-            and column.name in self.frame
-            and not all(is_missing(value) for value in self.frame[column.name])
-        ]
+        """Return the columns that contain any value, for the Markdown report if `brief`.
+
+        The report shows groups by headings. Otherwise the first column is that of the group.
+        """
+        columns = list(self.columns)
+        if brief:
+            columns = [column for column in columns if column.brief]
+        elif self.group:
+            columns.insert(0, Column(self.group))
+        return [column for column in columns if self._has_values(column)]
+
+    def _has_values(self, column: Column) -> bool:
+        """Return whether any row has a value in a column."""
+        if column.name not in self.frame:
+            return False
+        return not all(is_missing(value) for value in self.frame[column.name])
 
     def heads(self, brief: bool = False) -> list[str]:
+        """Return the headings of the columns that `shown` returns."""
         return [column.head for column in self.shown(brief)]
 
     def cells(self, brief: bool = False) -> list[list[str]]:
-        """Text, row by row."""
+        """Return the text of the cells, row by row."""
         columns = self.shown(brief)
         return [[column.text(row) for column in columns] for row in self.frame.to_dict("records")]
 
     def right(self, brief: bool = False) -> list[bool]:
-        """True for columns of numbers, which stand to the right."""
+        """Return for each column whether it contains numbers, which are aligned to the right."""
         return [
             pd.api.types.is_numeric_dtype(self.frame[column.name])
             and self.frame[column.name].dtype != bool
@@ -172,28 +197,33 @@ def view(
     in_report: bool = True,
     caption: str = "",
 ) -> TableView:
-    """Return a `TableView` of a table of the data, or of a part of it, whose index counts from 0.
+    """Return a `TableView` of a table of results, of a part of it, or of rows computed from it.
 
     Parameters
     ----------
-    frame
-        Rows of the data; or pairs of a row and the rows of the data that it sums up.
-    rows
-        Rows of `source` behind each row of a frame, from 1, where they are not its own.
+    name, columns, group, in_report, caption
+        Fields of `TableView`.
+    frame : DataFrame or iterable of (Mapping, DataFrame)
+        Rows of the table of results, with the index of the whole table, which is counted from 0; or
+        pairs of a computed row and the rows that it was computed from.
+    source : str
+        Name of the table of results; `name` if empty.
+    rows : sequence of sequence of int, optional
+        If given with a DataFrame, the field `rows` of the view. By default, each row refers to
+        itself.
     """
     if not isinstance(frame, pd.DataFrame):
         pairs = list(frame)
-        frame, rows = (
-            pd.DataFrame([row for row, _ in pairs]),
-            [behind.index + 1 for _, behind in pairs],
-        )
-    behind = [(number + 1,) for number in frame.index] if rows is None else rows
+        frame = pd.DataFrame([row for row, _ in pairs])
+        rows = [source_rows.index + 1 for _, source_rows in pairs]
+    elif rows is None:
+        rows = [(number + 1,) for number in frame.index]
     return TableView(
         name,
         frame.reset_index(drop=True),
         tuple(columns),
         source or name,
-        tuple(tuple(int(number) for number in each) for each in behind),
+        tuple(tuple(int(number) for number in numbers) for numbers in rows),
         group,
         in_report,
         caption,

@@ -1,1 +1,1 @@
-"""Cost of runs, and of the code before."""
+"""Measurement of the CPU time of runs."""

@@ -1,4 +1,7 @@
-"""Compiled arithmetic of known size, with nothing of the reference in it: its CPU time says how fast the machine is."""
+"""The calibration kernel: compiled arithmetic whose CPU time measures the speed of the machine.
+
+It shares no code with the reference, so that a change of the reference does not change its time.
+"""
 
 from __future__ import annotations
 
@@ -8,23 +11,28 @@ import numpy as np
 from numba import njit
 
 STEPS = 6200
-"""Steps of a call: about a third of a millisecond, long beside the resolution of the clock."""
+"""Time steps in one call, which takes about 0.3 ms: much longer than the resolution of the
+clock."""
 
 
 def calibration_kernel() -> Callable[[], float]:
-    """Return the kernel, compiled or loaded from the cache on disk."""
+    """Return the kernel, ready to be timed: its first call, which compiles or loads it, has been made."""
     _dry_oscillator(STEPS)
     return lambda: _dry_oscillator(STEPS)
 
 
 @njit(cache=True)
 def _acceleration(t: float, x: float, v: float) -> float:
+    """Return x'' of an oscillator with dry friction at time t, position x and velocity v."""
     return np.sin(0.7 * t) - x - 0.2 * np.sign(v)
 
 
 @njit(cache=True)
 def _dry_oscillator(steps: int) -> float:
-    """Displacement of x'' = sin(0.7 t) - x - 0.2 sgn x' from rest after steps of 1 ms, by the classic Runge-Kutta."""
+    """Return x after some steps of 1 ms from rest, where x'' = sin(0.7 t) - x - 0.2 sgn x'.
+
+    The method is the Runge-Kutta-Nystroem form of the classical method of order 4.
+    """
     t, x, v, h = 0.0, 0.0, 0.0, 1e-3
     for _ in range(steps):
         a1 = _acceleration(t, x, v)

@@ -1,8 +1,9 @@
-"""Medians of times with intervals that assume no distribution, and ratios of them.
+"""Medians of measured times, with distribution-free confidence intervals.
 
-For independent samples of one continuous distribution the k-th smallest and the k-th largest of n enclose its median
-with probability 1 - 2 P(B <= k - 1), B binomial with n trials of 1/2 (David & Nagaraja, Order Statistics, 3rd ed.,
-2003, Sect. 7.1). Five samples have 0.9375 by their smallest and largest.
+Let n samples be independent and have the same continuous distribution. The interval from the k-th
+smallest to the k-th largest sample then contains the median of the distribution with probability 1
+- 2 P(B <= k - 1), where B is binomial with n trials and probability 1/2 (David & Nagaraja, Order
+Statistics, 3rd ed., 2003, Sect. 7.1). For n = 5 and k = 1 this probability is 0.9375.
 """
 
 from __future__ import annotations
@@ -15,15 +16,22 @@ from functools import cache
 import numpy as np
 
 CONFIDENCE = 0.9
-"""Least level of an interval that separates two medians; five samples reach it, four do not."""
+"""Required level of an interval; five samples reach it, four do not."""
 
 
 @dataclass(frozen=True)
 class Interval:
-    """Interval of a median, in the unit of the samples; nan without any.
+    """A median with its confidence interval.
 
-    The level is the probability with which it encloses the median: at least `CONFIDENCE` where there are enough
-    samples; 0 for one.
+    Attributes
+    ----------
+    value, low, high : float
+        Median and ends of the interval, in the unit of the samples; nan if there are no samples.
+    level : float
+        Probability that the interval contains the median: at least `CONFIDENCE` if there are enough
+        samples, 0 for a single sample.
+    samples : int
+        Number of samples.
     """
 
     value: float
@@ -34,38 +42,53 @@ class Interval:
 
     @property
     def width(self) -> float:
-        """Width in units of the median; infinite where the level is below `CONFIDENCE`."""
+        """Width relative to the median; inf if the level is below `CONFIDENCE`."""
         if self.level < CONFIDENCE or not self.value > 0:
             return math.inf
         return (self.high - self.low) / self.value
 
 
 def median_interval(samples: Sequence[float]) -> Interval:
-    """Return the median with the narrowest interval of `CONFIDENCE` by order statistics, else the widest."""
-    n, ordered = len(samples), np.sort(np.asarray(samples, dtype=float))
+    """Return the median of samples with the narrowest interval that reaches `CONFIDENCE`.
+
+    If there are too few samples, the interval is the widest one, from the smallest to the largest
+    sample. If there are none, or if a sample is not finite, all numbers are nan.
+    """
+    ordered = np.sort(np.asarray(samples, dtype=float))
+    n = len(ordered)
     if n == 0 or not np.all(np.isfinite(ordered)):
         return Interval(math.nan, math.nan, math.nan, 0.0, n)
-    k, level = _rank(n)
-    return Interval(
-        float(np.median(ordered)), float(ordered[k - 1]), float(ordered[n - k]), level, n
-    )
+    k, level = _rank_and_level(n)
+    low = float(ordered[k - 1])
+    high = float(ordered[n - k])
+    return Interval(float(np.median(ordered)), low, high, level, n)
 
 
 @cache
-def _rank(n: int) -> tuple[int, float]:
-    """Rank k of the narrowest interval of n samples that reaches `CONFIDENCE`, else of the widest, and its level."""
-    # 1 - 2 P(B <= k - 1); it falls with k, as the interval becomes narrower
-    levels = {
-        k: max(0.0, 1 - 2 * sum(math.comb(n, below) for below in range(k)) / 2**n)
-        for k in range(1, (n + 1) // 2 + 1)
-    }
-    narrowest = max((k for k, level in levels.items() if level >= CONFIDENCE), default=1)
-    return narrowest, levels[narrowest]
+def _rank_and_level(n: int) -> tuple[int, float]:
+    """Return the largest k for which the interval of n samples reaches `CONFIDENCE`, else 1, and its level."""
+    rank = 1
+    level = _level(n, 1)
+    # The level decreases with k, because the interval becomes narrower.
+    for k in range(2, (n + 1) // 2 + 1):
+        if _level(n, k) < CONFIDENCE:
+            break
+        rank = k
+        level = _level(n, k)
+    return rank, level
 
 
-def ratio_interval(over: Sequence[float], under: Sequence[float]) -> Interval:
-    """Interval of the ratio of two times, from the ratio of each round: what slows a machine down slows down both.
+def _level(n: int, k: int) -> float:
+    """Return 1 - 2 P(B <= k - 1), or 0 if rounding makes it negative."""
+    outside = sum(math.comb(n, below) for below in range(k)) / 2**n
+    return max(0.0, 1 - 2 * outside)
 
-    Rounds that only one of them has are left out.
+
+def ratio_interval(numerators: Sequence[float], denominators: Sequence[float]) -> Interval:
+    """Return the median of the ratio of two times, with its interval, from the ratio in each round.
+
+    The ratios of single rounds are used because a slow machine slows down both times of a round. If
+    one sequence is longer, its additional samples are ignored.
     """
-    return median_interval([a / b for a, b in zip(over, under)])
+    ratios = [numerator / denominator for numerator, denominator in zip(numerators, denominators)]
+    return median_interval(ratios)

@@ -1,4 +1,8 @@
-"""Runs of comparisons that are timed: each computation once, in rounds, whatever comparisons and rows it belongs to."""
+"""Timing of the runs of comparisons, in rounds.
+
+Several comparisons, or rows of one table, may need the time of the same computation. It is timed
+once.
+"""
 
 from __future__ import annotations
 
@@ -26,17 +30,22 @@ from stiction.scenes import Trajectory, vary
 from stiction.scenes.digest import digest, scene_digest
 from stiction.scenes.fidelity import Fidelity
 
-KERNEL, OTHERS = "kernel_time", "other_load"
-"""Columns of `samples_table`."""
+KERNEL = "kernel_time"
+"""Column of `samples_table`: CPU time of the calibration kernel, s."""
+OTHERS = "other_load"
+"""Column of `samples_table`: number of cores that other processes keep busy."""
 ALWAYS = 2
-"""Runs of a series that have all rounds whatever they cost: between two of them a time can be interpolated."""
+"""Number of the coarsest runs of a series that are timed in all rounds even if they exceed the
+budget: at least two runs are needed to interpolate the time to an error."""
 
 
 def computation(task: Task, run: Trajectory) -> str:
-    """Identity of a simulation: engine, fidelity, scene, length, and the settings that the run states, without names.
+    """Return the identity of a simulation.
 
-    The stabilization that a scene declares is left out where the run states its own. Output instants are no part of it:
-    a timed run has none but start and end.
+    It consists of the engine, the fidelity, the contents of the scene, the length, and the settings
+    that the run reports. The stabilization that the scene declares is left out if the run reports
+    its own. Output instants are left out because timed runs only have output at the start and at
+    the end.
     """
     engine, scene, arguments = task.args
     settings = dict(run.settings)
@@ -51,26 +60,38 @@ def computation(task: Task, run: Trajectory) -> str:
 
 
 def call_of(task: Task) -> str:
-    """Digest of a task whatever its label: its function and all arguments, scenes by their content."""
+    """Return the digest of the function and the arguments of a task, scenes by their contents."""
     return digest([task.function.__module__, task.function.__qualname__, task.args])
 
 
 def affordable(
     runs: Sequence[tuple[Task, Outcome]], series: Sequence[str], rounds: int, budget_s: float
 ) -> Iterator[tuple[Task, Outcome, bool]]:
-    """Yield the runs that succeeded, and whether all rounds of them fit into the budget of their series, CPU seconds.
+    """Yield each run that succeeded, and whether it is timed in all rounds.
 
-    The first `ALWAYS` of each series always have all rounds.
+    Parameters
+    ----------
+    runs : sequence of (Task, Outcome)
+        Runs, those of a series from coarse to fine.
+    series : sequence of str
+        Name of the refinement series of each run.
+    rounds : int
+        Number of rounds.
+    budget_s : float
+        CPU time of all rounds of one series, s. Runs that exceed it are timed once, except the
+        first `ALWAYS`.
     """
-    spent: dict[str, float] = defaultdict(float)
-    steps: Counter[str] = Counter()
+    spent_s: dict[str, float] = defaultdict(float)
+    count: Counter[str] = Counter()
     for (task, outcome), name in zip(runs, series, strict=True):
-        if outcome.status == Status.OK:
-            # an engine need not state its cost: then it is that of the child process
-            cost = outcome.value.cost
-            spent[name] += rounds * (cost.setup_s + cost.stepping_s or outcome.cpu_s or 0.0)
-            steps[name] += 1
-            yield task, outcome, steps[name] <= ALWAYS or spent[name] <= budget_s
+        if outcome.status != Status.OK:
+            continue
+        # The CPU time of the child process is used for an engine that does not report its cost.
+        cost = outcome.value.cost
+        cost_s = cost.setup_s + cost.stepping_s or outcome.cpu_s or 0.0
+        spent_s[name] += rounds * cost_s
+        count[name] += 1
+        yield task, outcome, count[name] <= ALWAYS or spent_s[name] <= budget_s
 
 
 def time_runs(
@@ -81,14 +102,28 @@ def time_runs(
     on_result: Callable[[Outcome], None] | None = None,
     workers: int | None = None,
 ) -> dict[str, Timing]:
-    """Time the runs of `affordable`, by `computation`: one at a time, in turns, and the others once.
+    """Time the runs that `affordable` yields.
 
-    A run that is lost in the first round has no other. What is timed once follows on all processors, which moves a time
-    by some percent (`visits.doubt`). Then disturbed visits are repeated, one at a time. Options are those of
-    `stiction.comparisons.bench.runner.make`; a visit may take as long as a run.
+    Runs that are timed in all rounds are executed one at a time. A run that fails in the first
+    round is not timed again. Runs that are timed once follow on all processors, which changes a
+    time by some per cent (`visits.doubt`). Then disturbed visits are repeated, one at a time.
+
+    Parameters
+    ----------
+    runs : iterable of (Task, Outcome, bool)
+        As yielded by `affordable`.
+    rounds : int
+        Number of rounds.
+    isolated, timeout_s, on_result, workers
+        As of `stiction.comparisons.bench.runner.make`; a visit may take as long as a run.
+
+    Returns
+    -------
+    dict
+        Timings by `computation`.
     """
-    # Rows that are the same computation share its samples. It has all rounds if any of them affords
-    # it.
+    # Equal computations share their samples. They are timed in all rounds if any of them fits into
+    # its budget.
     tasks: dict[str, Task] = {}
     trajectories: dict[str, Trajectory] = {}
     in_all_rounds: set[str] = set()
@@ -101,8 +136,9 @@ def time_runs(
     failures: dict[str, str] = {}
 
     def visits(keys: Sequence[str], workers: int | None = 1) -> Iterator[tuple[str, VisitTimes]]:
-        # The load by others is that of the whole call: single visits are too short for the system's
-        # counters.
+        """Yield the samples of visits that succeed, with their keys, and store the reasons of others."""
+        # The load by other processes is measured over all visits together, because a single one is
+        # too short for the counters of the system.
         before = load()
         outcomes = isolated(
             [tasks[key] for key in keys], workers=workers, timeout_s=timeout_s, on_result=on_result
@@ -114,23 +150,27 @@ def time_runs(
             else:
                 failures[key] = f"while it was timed: {outcome.status}: {outcome.reason}"
 
-    # The first round, and the others in turns backwards and forwards, so that a steady drift of the
-    # machine's speed averages out.
+    # The first round, and then rounds in reversed and in original order alternately, so that a
+    # steady drift of the machine's speed cancels.
     keys = [key for key in tasks if key in in_all_rounds]
     samples = {key: [sample] for key, sample in visits(keys)}
-    turns = [list(reversed(samples)), list(samples)] * rounds
-    for key, sample in visits([key for turn in turns[: rounds - 1] for key in turn]):
+    further_keys: list[str] = []
+    for number in range(1, rounds):
+        further_keys += reversed(samples) if number % 2 == 1 else samples
+    for key, sample in visits(further_keys):
         samples[key].append(sample)
 
-    # Runs beyond the budget.
+    # Runs that exceed the budget.
     once = [key for key in tasks if key not in in_all_rounds]
     if once:
         samples |= {key: [sample] for key, sample in visits(once, workers)}
 
-    # Disturbed visits again, one of each computation at a time.
+    # Repeat disturbed visits, one of each computation in a pass.
     for _ in range(TRIES):
         disturbed = disturbed_visits(samples)
-        for key, sample in visits(list(disturbed)) if disturbed else ():
+        if not disturbed:
+            break
+        for key, sample in visits(list(disturbed)):
             samples[key][disturbed[key][0]] = sample
     return {
         key: Timing(trajectory, tuple(samples.get(key, ())), failures.get(key, ""))
@@ -139,31 +179,48 @@ def time_runs(
 
 
 def with_time(task: Task, outcome: Outcome, times: Mapping[str, Timing], is_timed: bool) -> Outcome:
-    """Give a simulation that succeeded the medians of its computation as its cost; nan where it was not timed alone.
+    """Return the outcome of a simulation with the medians of its times as its cost.
 
-    Of a comparison that is timed its value becomes its `Timing`.
+    The cost is nan if the simulation was not timed, because its own time was measured while others
+    ran in parallel.
+
+    Parameters
+    ----------
+    task : Task
+    outcome : Outcome
+        Returned unchanged if the task failed or is not a simulation.
+    times : Mapping
+        Timings by `computation`.
+    is_timed : bool
+        True to return the `Timing` as the value of the outcome, False to return the trajectory.
     """
     if outcome.status != Status.OK or not is_simulation(task):
         return outcome
-    timing = times.get(computation(task, outcome.value), Timing(outcome.value))
-    setup, stepping, own = (
-        timing.interval(name).value for name in ("setup_s", "stepping_s", "own_s")
+    run = outcome.value
+    timing = times.get(computation(task, run), Timing(run))
+    cost = replace(
+        run.cost,
+        setup_s=timing.interval("setup_s").value,
+        stepping_s=timing.interval("stepping_s").value,
+        engine_s=timing.interval("own_s").value,
     )
-    run = replace(
-        outcome.value,
-        cost=replace(outcome.value.cost, setup_s=setup, stepping_s=stepping, engine_s=own),
-    )
-    return replace(outcome, value=replace(timing, trajectory=run) if is_timed else run)
+    run = replace(run, cost=cost)
+    if is_timed:
+        return replace(outcome, value=replace(timing, trajectory=run))
+    return replace(outcome, value=run)
 
 
 def samples_table(timings: Mapping[str, Timing | None]) -> pd.DataFrame:
-    """Table of every sample, one row per run and round.
+    """Return the table of all samples, given the timings by key of a run.
 
-    Columns: ``key`` of the run; ``round``, from 1; ``runs`` of which the sample is the median; ``setup_time``,
-    ``cpu_time`` and `OWN_CPU` as in the tables of runs; ``kernel_time``: of the calibration kernel;
-    ``other_load``: cores that are kept busy by other work.
+    Returns
+    -------
+    DataFrame
+        One row per run and round, with the columns ``key`` of the run; ``round``, counted from 1;
+        ``runs``, the number of repeats whose median is the sample; ``setup_time``, ``cpu_time`` and
+        `OWN_CPU` as in the tables of runs; `KERNEL` and `OTHERS`.
     """
-    columns = {
+    column_of_field = {
         "runs": "runs",
         "setup_s": "setup_time",
         "stepping_s": "cpu_time",
@@ -171,35 +228,37 @@ def samples_table(timings: Mapping[str, Timing | None]) -> pd.DataFrame:
         "kernel_s": KERNEL,
         "others": OTHERS,
     }
-    rows = [
-        (key, number, *(getattr(sample, name) for name in columns))
-        for key, timing in timings.items()
-        if timing is not None
-        for number, sample in enumerate(timing.samples, 1)
-    ]
-    return pd.DataFrame(rows, columns=["key", "round", *columns.values()])
+    rows = []
+    for key, timing in timings.items():
+        if timing is None:
+            continue
+        for number, sample in enumerate(timing.samples, 1):
+            rows.append((key, number, *(getattr(sample, field) for field in column_of_field)))
+    return pd.DataFrame(rows, columns=["key", "round", *column_of_field.values()])
 
 
 def machine_while_timing(samples: pd.DataFrame) -> dict[str, Any]:
-    """Describe the machine over all rounds of `samples_table`, for the provenance; empty where nothing was timed.
+    """Return a description of the machine during the rounds of `samples_table`, for the provenance.
 
-    The calibration kernel in ms, as median with interval, in the first round, in all, and in the last. All runs share
-    the rounds, so that each round has one load by others: median and largest.
+    It contains the time of the calibration kernel, as median and interval in ms, in the first
+    round, in all rounds and in the last round; and the median and the largest load by other
+    processes, which is measured for all runs of a round together. It is empty if nothing was timed.
     """
     if samples.empty:
         return {}
-    number, cores = samples["round"], samples.groupby("round")[OTHERS].max().dropna()
+    number = samples["round"]
     rounds = {
         "first round": number == number.min(),
         "all rounds": number > 0,
         "last round": number == number.max(),
     }
     machine: dict[str, Any] = {"rounds": int(number.max())}
-    for name, chosen in rounds.items():
-        kernel = median_interval(1e3 * samples.loc[chosen, KERNEL].to_numpy(dtype=float))
+    for name, is_in_round in rounds.items():
+        kernel = median_interval(1e3 * samples.loc[is_in_round, KERNEL].to_numpy(dtype=float))
         machine[f"calibration kernel, {name} [ms]"] = (
             f"{kernel.value:.4f} [{kernel.low:.4f} .. {kernel.high:.4f}]"
         )
+    cores = samples.groupby("round")[OTHERS].max().dropna()
     if len(cores):
         machine["cores busy with others, median of rounds"] = float(cores.median())
         machine["cores busy with others, largest"] = float(cores.max())

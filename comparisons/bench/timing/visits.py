@@ -1,14 +1,19 @@
-"""Measurement of time by `validate`, `compare`, every night and in checks.
+"""Measurement of the CPU time of runs.
 
-`Engine.run` is timed with start and end as its only output, in CPU time of the process that does the work. The cost is
-that of the motion, not of the table of it, nor of the gate that the run has passed before. All runs that are to be
-compared are timed in rounds, one at a time, in turns forwards and backwards. So a machine that becomes slower does so
-for all. A visit repeats a short run for `BLOCK` seconds, and its sample is their median. Runs beyond the budget of
-their refinement series are timed once, beside each other, and their times are unsure.
+`Engine.run` is timed, with output only at the start and at the end. So the time is that of the
+simulation; it contains neither the output nor the checks of `Engine.simulate`, which the run has
+passed before. It is the CPU time of the process that executes the run.
 
-The calibration kernel is timed in each visit, 2 ms in all before and after the run. It tells which are
-`disturbed_visits`: `timed_runs.time_runs` repeats these after the rounds. No time is corrected by it. The load by
-others is reported.
+Runs that are compared are timed in rounds. In each round every run is visited once; one run is
+executed at a time, and the order of the runs is reversed from round to round. A change of the
+machine's speed then affects all runs alike. A visit repeats a short run for `BLOCK` seconds, and
+its sample is the median of the repeats. Runs that exceed the budget of their refinement series are
+timed once, in parallel, and their times are less certain.
+
+In each visit the calibration kernel is timed as well, for 2 ms in all before and after the run. A
+visit in which the kernel is slow is disturbed (`disturbed_visits`), and `timed_runs.time_runs`
+repeats it after the rounds. Times are not corrected by the time of the kernel. The load by other
+processes is reported.
 """
 
 from __future__ import annotations
@@ -36,29 +41,45 @@ K = TypeVar("K")
 S = TypeVar("S")
 T = TypeVar("T")
 
-BLOCK, REPEATS = 0.02, 40
-"""CPU seconds for which a visit repeats a run, and the largest number of repeats."""
+BLOCK = 0.02
+"""CPU time for which a visit repeats a run, s."""
+REPEATS = 40
+"""Largest number of repeats of a run in a visit."""
 LONG = 0.03
-"""CPU seconds; a longer run is made once a visit, its first call included: of runs of 15 to 100 ms the first call took
-0.87 to 1.34 times as long as later ones, 1.00 in the median."""
+"""CPU time above which a run is executed once in a visit, s. This is then its first call in the
+process: for runs of 15 to 100 ms it took 0.87 to 1.34 times as long as later calls, with a median
+of 1.00."""
 KERNELS = 3
-"""Times that the calibration kernel is run before and after a run."""
-SLOW, TRIES = 1.2, 3
-"""Time of the calibration kernel, in units of its median over all visits, above which a visit is disturbed, and how
-often that is repeated. Of 905 visits 93 % of those with a faster kernel were within a tenth of the run's median, and
-26 % of those with a slower one. Where a host serves others, slow ones come in spells of seconds."""
+"""Number of calls of the calibration kernel before a run, and after it."""
+SLOW = 1.2
+"""Time of the calibration kernel, relative to its median over all visits, above which a visit is
+disturbed. In a measurement with 905 visits, the time of a run was within 10 % of its median in 93 %
+of the visits with a faster kernel, and in 26 % of those with a slower one."""
+TRIES = 3
+"""Number of passes in which disturbed visits are repeated, one visit of each run in a pass. One
+pass is not enough, because disturbances by other virtual machines last for seconds."""
 WIDE = 0.25
-"""Width of an interval, in units of the median, from which on a time is unsure."""
+"""Width of an interval, relative to the median, above which a time is reported as uncertain."""
 SHORTEST = 0.5
-"""s; times of a system are counted in steps of 10 ms, one per core: a shorter load is not known."""
+"""Shortest time over which the load by other processes is computed, s: the system counts it in
+steps of 10 ms for each core."""
 
 
 @dataclass(frozen=True)
 class VisitTimes:
-    """Result of a visit: medians over its `runs`, CPU seconds.
+    """The sample of one visit: medians over the repeats of the run, CPU time in s.
 
-    `setup_s`, `stepping_s` and `own_s` are those of `stiction.scenes.Cost`, `kernel_s` is that of the calibration
-    kernel in the same visit. `others` are the cores that other work kept busy in its round, nan where it was too short.
+    Attributes
+    ----------
+    setup_s, stepping_s, own_s : float
+        As of `stiction.scenes.Cost`.
+    kernel_s : float
+        Time of one call of the calibration kernel.
+    runs : int
+        Number of repeats.
+    others : float
+        Number of cores that other processes kept busy in the round of the visit; nan if the round
+        was too short.
     """
 
     setup_s: float
@@ -70,33 +91,48 @@ class VisitTimes:
 
 
 def visit(engine: str, scene: Scene, arguments: Mapping[str, Any]) -> VisitTimes:
-    """Time a run that has succeeded before, for arguments of `Engine.simulate`; meant for a child process by itself.
+    """Time a run, which must have succeeded before; this is the task of a child process.
 
-    Times are those that the engine states (set-up, stepping), of the whole run where it states none.
+    Parameters
+    ----------
+    engine : str
+        Name of the engine.
+    scene : Scene
+    arguments : Mapping
+        Arguments of `Engine.simulate`.
     """
-
-    def stated(run: Trajectory, seconds: float) -> Cost:
-        return run.cost if run.cost != Cost() else Cost(stepping_s=seconds)
-
-    def counted(run: Trajectory, seconds: float) -> float:
-        return stated(run, seconds).setup_s + stated(run, seconds).stepping_s
-
-    # The kernel on both sides of the runs: a slow spell that begins or ends during them is seen as
-    # well.
-    call, kernel = bare_run(load_engine(engine), scene, arguments), calibration_kernel()
+    call = bare_run(load_engine(engine), scene, arguments)
+    kernel = calibration_kernel()
+    # The kernel is timed before and after the repeats, because a disturbance may begin or end
+    # during them.
     kernels = [seconds_of(kernel)[1] for _ in range(KERNELS)]
-    costs = [stated(*run_and_seconds) for run_and_seconds in block(call, counted)]
+    repeats = block(call, _seconds_of_cost)
     kernels += [seconds_of(kernel)[1] for _ in range(KERNELS)]
-    setup, stepping, own = (
-        median(getattr(cost, name) for cost in costs) for name in ("setup_s", "stepping_s", "own_s")
+    costs = [_cost_of(run, seconds) for run, seconds in repeats]
+    return VisitTimes(
+        setup_s=median(cost.setup_s for cost in costs),
+        stepping_s=median(cost.stepping_s for cost in costs),
+        own_s=median(cost.own_s for cost in costs),
+        kernel_s=median(kernels),
+        runs=len(costs),
     )
-    return VisitTimes(setup, stepping, own, median(kernels), len(costs))
+
+
+def _cost_of(run: Trajectory, seconds: float) -> Cost:
+    """Return the cost that the engine reports; the time of the whole run if it reports none."""
+    return run.cost if run.cost != Cost() else Cost(stepping_s=seconds)
+
+
+def _seconds_of_cost(run: Trajectory, seconds: float) -> float:
+    """Return the time of a run without the loading of kernels, which is not part of its reported cost."""
+    cost = _cost_of(run, seconds)
+    return cost.setup_s + cost.stepping_s
 
 
 def bare_run(
     engine: Engine, scene: Scene, arguments: Mapping[str, Any]
 ) -> Callable[[], Trajectory]:
-    """Return the call that is timed, for arguments of `Engine.simulate` that have passed it once."""
+    """Return a function that calls `Engine.run` for arguments of `Engine.simulate`, without its checks."""
     settings = dict(arguments)
     t_end = settings.pop("t_end", None) or scene.t_end
     settings.pop("output_step", None)
@@ -111,15 +147,21 @@ def bare_run(
 def block(
     call: Callable[[], T], counted: Callable[[T, float], float] = lambda result, seconds: seconds
 ) -> list[tuple[T, float]]:
-    """Return results and CPU seconds of a call that is repeated for `BLOCK` seconds.
+    """Repeat a call for `BLOCK` seconds, and return the result and CPU time (s) of each repeat.
 
-    The first call counts if it takes longer than `LONG`: then it is the only one. `counted` has the seconds that are
-    compared with it, since the first run of a process loads compiled kernels besides.
+    The first call may be slower, because it may load compiled kernels; its result is discarded. If
+    it takes longer than `LONG`, however, it is the only one.
+
+    Parameters
+    ----------
+    call : callable
+    counted : callable
+        Returns the part of the first call's time that is compared with `LONG`, given its result and
+        its CPU time.
     """
     first = seconds_of(call)
     if counted(*first) > LONG:
         return [first]
-    # The first call of a short run is dropped: that of a process loads compiled kernels besides.
     repeats = [seconds_of(call)]
     while len(repeats) < REPEATS and sum(seconds for _, seconds in repeats) < BLOCK:
         repeats.append(seconds_of(call))
@@ -127,15 +169,16 @@ def block(
 
 
 def seconds_of(call: Callable[[], T]) -> tuple[T, float]:
-    """Return the result of a call and its CPU seconds, with those of programs that it ran and waited for."""
-    started = _cpu_s()
+    """Return the result of a call and its CPU time (s), including programs that it has run to their end."""
+    before = _cpu_s()
     result = call()
-    return result, _cpu_s() - started
+    return result, _cpu_s() - before
 
 
 def _cpu_s() -> float:
-    """CPU seconds of this process and of the processes that it has waited for."""
-    if sys.platform == "win32":  # which runs no programs as engines
+    """Return the CPU time of this process and of its children that have ended, s."""
+    if sys.platform == "win32":
+        # Programs as engines, whose processes would be counted, are not supported on Windows.
         return process_time()
     from resource import RUSAGE_CHILDREN, getrusage
 
@@ -146,35 +189,51 @@ def _cpu_s() -> float:
 def in_rounds(
     keys: Sequence[K], one_round: Callable[[Sequence[K]], Mapping[K, S]], rounds: int
 ) -> dict[K, list[S]]:
-    """Return samples of several runs that are timed in turns, by key and round.
+    """Return samples by key, one for each round; the order of the keys is reversed from round to round.
 
-    `one_round` visits each key that it is given once, in that order. A key that it has no sample of is not visited
-    again.
+    Parameters
+    ----------
+    keys : sequence
+    one_round : callable
+        Visits the given keys in their order, and returns a sample for each that succeeds. The
+        others are not visited again.
+    rounds : int
     """
     samples: dict[K, list[S]] = {key: [] for key in keys}
-    left = list(keys)
+    remaining = list(keys)
     for _ in range(rounds):
-        made = one_round(left)
-        for key, sample in made.items():
+        samples_of_round = one_round(remaining)
+        for key, sample in samples_of_round.items():
             samples[key].append(sample)
-        left = [key for key in reversed(left) if key in made]
+        remaining = [key for key in reversed(remaining) if key in samples_of_round]
     return samples
 
 
 def disturbed_visits(samples: Mapping[K, Sequence[VisitTimes]]) -> dict[K, list[int]]:
-    """Return the numbers of the samples in whose visits the machine was slow, by key; keys without any are left out."""
-    kernels = [visit.kernel_s for visits in samples.values() for visit in visits]
-    usual = median(kernels) if kernels else 0.0
-    slow = {
-        key: [i for i, visit in enumerate(visits) if visit.kernel_s > SLOW * usual]
-        for key, visits in samples.items()
-    }
-    return {key: numbers for key, numbers in slow.items() if numbers}
+    """Return, by key, the numbers of the samples that are disturbed; keys without any are left out."""
+    kernels = [sample.kernel_s for of_key in samples.values() for sample in of_key]
+    limit = SLOW * median(kernels) if kernels else 0.0
+    disturbed = {}
+    for key, of_key in samples.items():
+        numbers = [i for i, sample in enumerate(of_key) if sample.kernel_s > limit]
+        if numbers:
+            disturbed[key] = numbers
+    return disturbed
 
 
 @dataclass(frozen=True)
 class Load:
-    """CPU seconds up to an instant `at` (s): of all processes of the machine, and of this one and its children."""
+    """CPU time that has been used up to an instant.
+
+    Attributes
+    ----------
+    at : float
+        The instant, s.
+    busy_s : float
+        CPU time of all processes since the start of the machine, s.
+    own_s : float
+        CPU time of this process and its children, s.
+    """
 
     at: float
     busy_s: float
@@ -182,51 +241,68 @@ class Load:
 
 
 def load() -> Load:
-    """Return the load up to now, time that a host took from a virtual machine included."""
+    """Return the CPU times used up to now. Time taken by the host of a virtual machine counts as busy."""
     times = psutil.cpu_times()
-    # a guest's time is in the user's as well
-    idle = sum(getattr(times, name, 0.0) for name in ("idle", "iowait", "guest", "guest_nice"))
-    own = 0.0
+    # the times of guests are contained in the time of users as well
+    not_counted = ("idle", "iowait", "guest", "guest_nice")
+    busy_s = sum(times) - sum(getattr(times, name, 0.0) for name in not_counted)
+    own_s = 0.0
     this_process = psutil.Process()
     for process in (this_process, *this_process.children(recursive=True)):
-        # the times of a process that has just ended are in its parent's
+        # A process that has ended since is counted by its parent.
         with suppress(psutil.NoSuchProcess):
-            times_of_process = process.cpu_times()
-            # user and system code, its own and that of children it has waited for
-            own += sum(times_of_process[:4])
-    return Load(time.monotonic(), sum(times) - idle, own)
+            # user and system time of the process, and of its children that have ended
+            own_s += sum(process.cpu_times()[:4])
+    return Load(time.monotonic(), busy_s, own_s)
 
 
 def others(before: Load, after: Load) -> float:
-    """Cores kept busy between two instants by other processes than this one and its children; nan below `SHORTEST`."""
-    wall, busy = after.at - before.at, after.busy_s - before.busy_s - (after.own_s - before.own_s)
-    return max(0.0, busy / wall) if wall >= SHORTEST else math.nan
+    """Return how many cores other processes kept busy on average between two loads; nan below `SHORTEST`."""
+    wall_s = after.at - before.at
+    if wall_s < SHORTEST:
+        return math.nan
+    own_s = after.own_s - before.own_s
+    others_s = after.busy_s - before.busy_s - own_s
+    return max(0.0, others_s / wall_s)
 
 
 @dataclass(frozen=True)
 class Timing:
-    """A run as it was requested, with the medians of its samples as cost; the reason why rounds are missing."""
+    """A run with the samples of its time.
+
+    Attributes
+    ----------
+    trajectory : Trajectory
+        The run with the output that was requested; `timed_runs.with_time` replaces its cost by the
+        medians.
+    samples : tuple of VisitTimes
+        One for each round in which the run was timed.
+    reason : str
+        Why samples are missing; empty if they are not.
+    """
 
     trajectory: Trajectory
     samples: tuple[VisitTimes, ...] = ()
     reason: str = ""
 
     def interval(self, name: str) -> Interval:
-        """Interval of `VisitTimes.setup_s`, `stepping_s`, `own_s` or `kernel_s`."""
+        """Return the median and interval of a field of `VisitTimes`, such as ``"stepping_s"``."""
         return median_interval([getattr(sample, name) for sample in self.samples])
 
     @property
     def note(self) -> str:
-        """Reasons why the time is unsure; empty where it is not."""
-        return "; ".join(filter(None, [self.reason, doubt(self.interval("own_s"))]))
+        """Reasons why the time is uncertain; empty if it is not."""
+        reasons = (self.reason, doubt(self.interval("own_s")))
+        return "; ".join(reason for reason in reasons if reason)
 
 
 def doubt(time: Interval) -> str:
-    """Return the reason why a median of times is unsure; empty where it is not, and without samples.
+    """Return the reason why a median of times is uncertain; empty if it is not, or if there are no samples.
 
-    Load by others and a machine whose speed changes count by what they do to the interval: CPU time does not run while
-    others do. With 1.0 to 1.9 of two cores busy with others, medians of 147 runs differed by 2 % on average, by 11 % at
-    most. Where cores share a pipeline it may be more: the load is reported.
+    The load by other processes is no reason by itself, because CPU time does not elapse while other
+    processes run. With other processes on 1.0 to 1.9 of two cores, the medians of 147 runs changed
+    by 2 % on average and by 11 % at most. The change may be larger if cores share a pipeline; in
+    any case it makes the interval wider.
     """
     if not time.samples:
         return ""

@@ -40,7 +40,7 @@ from stiction.comparisons.studies import studies
 from stiction.comparisons.sweep.steady_state_measures import SteadyRun
 from stiction.comparisons.sweep.sweep import Specification, parse_axis, sweep, usual_end
 from stiction.engines import isolate, load_engine
-from stiction.reports.figures.charts import drawn
+from stiction.reports.figures.charts import draw_figures
 from stiction.reports.figures.style import rc
 from stiction.reports.figures.sweep_figures import sweep_drawings
 from stiction.reports.judgement_page import judgement_section
@@ -74,7 +74,7 @@ def figure_of_study(name: str, scene: str, *engines: str) -> Figure:
     scope = Scope((load_scene(scene),), Depth.QUICK, engines)
     results = union(make([planned(scope, [study])[study]], timed_by=isolate))
     with rc():
-        [drawing] = drawn(section_of(study, results).figures[:1], results)
+        [drawing] = draw_figures(section_of(study, results).figures[:1], results)
     return drawing.figure
 
 
@@ -318,7 +318,7 @@ def judgement() -> Figure:
     run = load_engine("pymunk").simulate(scene, dt=1e-3)
     section = judgement_section(judge(scene, run.to_frame()))
     with rc():
-        [drawing] = drawn(section.figures, Results((), {}, {}))
+        [drawing] = draw_figures(section.figures, Results((), {}, {}))
     return drawing.figure
 
 

@@ -32,7 +32,7 @@ def write_run_page(run: StoredRun, file: Path) -> None:
     sections = {"Answer": list(_page_one(report))}
     if views := list(time_series(report.results)):
         sections["Time series"] = [chart("time-series", ("Scene",), views, HINT)]
-    for study, said in report.said.items():
+    for study, said in report.sections.items():
         blocks = [
             *map(markdown, said.findings),
             markdown("\n".join(f"- {note}" for note in said.notes)),

@@ -207,18 +207,18 @@ def _show(
 ) -> None:
     """Print answer, findings and tables, write what was asked for, and fail where no run succeeded."""
     from stiction.comparisons.bench.complementarity.problems import write_problems
-    from stiction.reports.run_folder.data import storable
+    from stiction.reports.run_folder.data import to_storable
     from stiction.reports.text import section_of
 
     table, said = results.table(study.name), section_of(study, results)
     if out is not None:  # an empty table, too: its file says which columns it would have
         with or_shown(lambda: _print(said, results, table)):
-            write_table(storable(table), out)
+            write_table(to_storable(table), out)
     _print(said, results, table)
     if out is None and len(table):
         print("\nEvery row with its numbers and reasons: --out FILE.csv")
     if plot is not None and (said.figures or len(table)):
-        from stiction.reports.figures.charts import drawn
+        from stiction.reports.figures.charts import draw_figures
         from stiction.reports.figures.style import rc
         from stiction.scenes.atomic_files import whole_file
         from stiction.scenes.pictures.picture import write_figure
@@ -228,7 +228,7 @@ def _show(
                 FAILED, f"{plot}: not written: `compare {study.name}` has no figure of these runs"
             )
         with rc(), whole_file(plot) as partial:
-            [drawing] = drawn(said.figures[:1], results)
+            [drawing] = draw_figures(said.figures[:1], results)
             write_figure(drawing.figure, partial)
     if problems is not None:
         write_problems(results.problems, problems)

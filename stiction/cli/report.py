@@ -106,8 +106,8 @@ def trace(
     """Show the origin of a number in a table of `paper` or `page`: row, trajectory, truth, settings and versions."""
     from stiction.reports.report import report_of
     from stiction.reports.run_folder.stored_run import read_run
-    from stiction.reports.run_folder.trace import described, resolve
+    from stiction.reports.run_folder.trace import describe_source, resolve
 
     stored = read_run(run)
     tables = report_of(stored.validation()).tables
-    show(("what", "value"), described(stored, resolve(stored, tables, key)))
+    show(("what", "value"), describe_source(stored, resolve(stored, tables, key)))

@@ -282,7 +282,7 @@ def test_sections_are_closed_and_keys_open_the_one_with_their_rows(
     run_page, report_folder, open_page
 ):
     page, run = open_page(run_page), read_run(report_folder)
-    said = report_of(run.validation()).said
+    said = report_of(run.validation()).sections
     headings = [
         "Answer",
         "Time series",

@@ -163,9 +163,7 @@ def _panels_of_parts(chart: Chart, height: float) -> Iterator[list[Panel]]:
         groups = [panels]
         part_length = max_panels // row_length * row_length
     else:
-        groups = [
-            panels[start : start + row_length] for start in range(0, len(panels), row_length)
-        ]
+        groups = [panels[start : start + row_length] for start in range(0, len(panels), row_length)]
         part_length = max_panels
     for group in groups:
         for start in range(0, len(group), part_length):

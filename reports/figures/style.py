@@ -213,10 +213,7 @@ def looks_of(variants: Mapping[str, tuple[str, Fidelity]]) -> dict[str, Look]:
         color = COLORS[engines.index(engine) % len(COLORS)]
         fills = FILLS[fidelity]
         max_markers = len(fills) * len(MARKERS)
-        if (
-            variants_by_color[color] == len(DASHES)
-            or variants_by_fidelity[fidelity] == max_markers
-        ):
+        if variants_by_color[color] == len(DASHES) or variants_by_fidelity[fidelity] == max_markers:
             raise InputError(
                 f"figures: found {len(variants)} variants; expected at most {len(DASHES)} of a colour, "
                 f"and {max_markers} of a fidelity, which are as many as can be distinguished"

@@ -262,9 +262,7 @@ def summary(result: Result, exit_code: int) -> dict[str, Any]:
 
 def _finding_as_json(finding: Finding) -> dict[str, Any]:
     """Return the fields of a finding, with None in place of infinity, which JSON does not have."""
-    return {
-        name: None if value == math.inf else value for name, value in asdict(finding).items()
-    }
+    return {name: None if value == math.inf else value for name, value in asdict(finding).items()}
 
 
 def write_night(result: Result, exit_code: int, folder: Path) -> None:

@@ -164,9 +164,7 @@ def _section_content(study: Study, section: Section) -> dict[str, Any]:
     return {
         "title": study.question,
         "text": _section_text(section),
-        "figures": [
-            {"name": figure.name, "caption": figure.caption} for figure in section.figures
-        ],
+        "figures": [{"name": figure.name, "caption": figure.caption} for figure in section.figures],
         "tables": [lay_out_table(view) for view in section.tables if view.in_report],
     }
 

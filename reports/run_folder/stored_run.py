@@ -102,9 +102,7 @@ class StoredRun:
             )
             # The trajectory contains the reason why it ended early; the run itself succeeded.
             reason = ""
-        outcome = Outcome(
-            row["key"], row["status"], trajectory, reason, wall_s=row["wall_time"]
-        )
+        outcome = Outcome(row["key"], row["status"], trajectory, reason, wall_s=row["wall_time"])
         return Record(row["key"], row["scene"], variant, row["step"], outcome)
 
     def _truths(self, events: Mapping[str, tuple[Event, ...]]) -> dict[str, Truth]:

@@ -21,7 +21,7 @@ from stiction.reports.markdown.failures import failed_runs
 from stiction.reports.markdown.tables import align_columns
 from stiction.reports.recommendation import mechanism, recommendation
 from stiction.reports.report import Report
-from stiction.reports.text import NUMBERS, Number, render_blocks, items, one_line, template
+from stiction.reports.text import NUMBERS, Number, items, one_line, render_blocks, template
 
 TITLE = "Which solver gets a sticking slider right? (Zhuang & Wang 2014)"
 MAX_METHODS_NAMED = 3

@@ -44,13 +44,13 @@ from stiction.reports.figures.style import (
     Drawing,
     Look,
     add_legend,
+    figure_width,
+    is_one_column,
     letter_panels,
     looks_of,
-    is_one_column,
     make_panels,
     set_log_ticks,
     variants_of,
-    figure_width,
 )
 from stiction.scenes import load_scene
 from stiction.scenes.fidelity import Fidelity
@@ -310,9 +310,10 @@ def _draw_series(ax: Axes, series: Series, style: Mapping[str, Any], is_horizont
     ax.errorbar(
         series.x,
         series.y,
+        xerr=lengths if is_horizontal else None,
+        yerr=None if is_horizontal else lengths,
         elinewidth=0.8,
         capsize=1.5,
-        **{"xerr" if is_horizontal else "yerr": lengths},
         **style,
     )
 

@@ -238,7 +238,7 @@ def _escape_character(character: str, text: str) -> str:
     if " " <= character <= "~":
         return character
     # The canonical decomposition of a letter consists of the letter and its accents.
-    letter, *accents = unicodedata.normalize("NFD", character)
+    letter, *accents = list(unicodedata.normalize("NFD", character))
     is_latin = letter.isascii() and letter.isalpha()
     if not is_latin or not accents or not set(accents) <= set(ACCENTS):
         raise InputError(

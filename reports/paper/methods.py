@@ -13,7 +13,7 @@ from stiction.engines.registry import own_methods
 from stiction.reports.markdown.failures import failed_runs
 from stiction.reports.run_folder.data import in_words
 from stiction.reports.run_folder.stored_run import StoredRun
-from stiction.reports.text import render_blocks, one_line, paragraphs, template
+from stiction.reports.text import one_line, paragraphs, render_blocks, template
 from stiction.truths import Tier
 
 CITED = {

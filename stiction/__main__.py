@@ -1,4 +1,7 @@
-"""The command `stiction`, as ``python -m stiction`` too; children import this module, so it imports next to nothing."""
+"""Entry point of the command `stiction` and of ``python -m stiction``.
+
+Child processes import this module. Therefore all imports that take long are inside the function.
+"""
 
 import sys
 
@@ -9,7 +12,8 @@ def main() -> None:
     from stiction.child_processes import child_context
 
     if sys.argv[1:2] == ["run"] and "--help" not in sys.argv:
-        child_context()  # the child's imports take longer than all of those here, and are made meanwhile
+        # The imports of the child process take longer than those of this one, and are made meanwhile.
+        child_context()
     from stiction.cli.app import main as command
 
     command()

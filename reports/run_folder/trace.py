@@ -79,11 +79,11 @@ def _source_in_data(run: StoredRun, name: str, numbers: list[int]) -> Source:
     rows = table.iloc[[number - 1 for number in numbers]].set_axis(numbers)
     files: list[str] = []
     if TRAJECTORY in rows:
-        files += rows[TRAJECTORY].dropna()
+        files.extend(rows[TRAJECTORY].dropna())
     if "truth" in rows:
         # Not all truths that tables name are stored.
         truths = rows["truth"].dropna().map(truth_file)
-        files += [file for file in truths if (run.folder / file).is_file()]
+        files.extend(file for file in truths if (run.folder / file).is_file())
     return Source(name, rows, tuple(dict.fromkeys(files)))
 
 

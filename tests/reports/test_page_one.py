@@ -154,7 +154,8 @@ def test_it_comes_out_whatever_is_missing(full, missing):
 def test_what_stands_beside_an_answer_is_no_line_of_the_terminal(full, report):
     study = next(study for study in report.sections if study.on_page_one)
     said = replace(
-        report, sections={**report.sections, study: replace(report.sections[study], beside="It holds.")}
+        report,
+        sections={**report.sections, study: replace(report.sections[study], beside="It holds.")},
     )
     page = " ".join(page_one_markdown(said, "", "Run.").split())
     assert f"{said.sections[study].answer} It holds." in page
@@ -278,7 +279,9 @@ def test_a_number_ends_where_its_uncertainty_does(value, unsure, told):
     )
 )
 def test_tables_fit(words):
-    text = fit_table(pd.DataFrame({"words": words, "again": words, "third": words, "number": np.pi}))
+    text = fit_table(
+        pd.DataFrame({"words": words, "again": words, "third": words, "number": np.pi})
+    )
     lines, _, below = text.partition("\n\n")
     assert max(map(len, lines.splitlines())) <= TABLE_WIDTH
     dropped = [

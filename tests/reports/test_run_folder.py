@@ -92,7 +92,9 @@ def test_jumps_are_vertical_and_stick_is_shaded(validation, truths):
     phases = stick_phases(truths[CASE])
     # the events of case 1 by the reduced solution
     np.testing.assert_allclose(phases, [(0.0, 0.304719758), (7.600035087, 8.217361345)], atol=1e-8)
-    [paper] = [said for study, said in report_of(validation).sections.items() if study.name == "paper"]
+    [paper] = [
+        said for study, said in report_of(validation).sections.items() if study.name == "paper"
+    ]
     [moment] = [
         figure
         for figure in paper.figures
@@ -177,7 +179,9 @@ def test_data_in_full_precision(validation, report_folder):
     assert set(tables) == {"runs", "variants", "parameters", "truths", *validation.tables}
     for name, table in tables.items():
         stored = pd.read_parquet(report_folder / "data" / f"{name}.parquet")
-        pd.testing.assert_frame_equal(stored, to_storable(table), check_dtype=False, check_exact=True)
+        pd.testing.assert_frame_equal(
+            stored, to_storable(table), check_dtype=False, check_exact=True
+        )
         from_csv = pd.read_csv(report_folder / "data" / f"{name}.csv")
         for column in table.select_dtypes("float"):
             np.testing.assert_array_equal(
@@ -251,7 +255,9 @@ def test_previous_report_is_replaced_unless_something_was_added(tmp_path):
 
 def test_what_breaks_off_leaves_no_folder_and_keeps_the_previous(tmp_path, monkeypatch):
     target, empty = tmp_path / "run", Results((), {}, {})
-    monkeypatch.setattr(stiction.reports.markdown.validation_report, "compose", lambda *_: 1 / 0)
+    monkeypatch.setattr(
+        stiction.reports.markdown.validation_report, "report_markdown", lambda *_: 1 / 0
+    )
     with pytest.raises(ZeroDivisionError):
         write_report(report_of(empty), target)
     assert not list(tmp_path.iterdir())

@@ -477,8 +477,7 @@ def _chosen(
                 Problem(
                     shortened(mine),
                     "a name that the scene does not have",
-                    f"expected a column of the "
-                    f"scene{close}{remedy}",
+                    f"expected a column of the scene{close}{remedy}",
                 )
             )
         else:

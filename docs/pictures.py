@@ -1,8 +1,8 @@
-"""The pictures of README and pages; ``python docs/pictures.py [NAME ..]`` draws them anew.
+"""Draws the pictures of the README and of the documentation: ``python docs/pictures.py [NAME ..]``.
 
-A picture is a function of this module that returns a matplotlib figure and is decorated by `picture`. The picture of
-the function ``tutorial_run`` is ``docs/pictures/tutorial-run.png``; tests hold the folder, the functions and the
-pages to each other.
+Each picture is drawn by a function with the decorator `picture`, which returns a figure of matplotlib. The
+function ``tutorial_run`` draws ``docs/pictures/tutorial-run.png``. Tests check that functions, files and
+pages agree.
 """
 
 from __future__ import annotations
@@ -40,7 +40,7 @@ from stiction.comparisons.studies import studies
 from stiction.comparisons.sweep.steady_state_measures import SteadyRun
 from stiction.comparisons.sweep.sweep import Specification, parse_axis, sweep, usual_end
 from stiction.engines import isolate, load_engine
-from stiction.reports.figures.charts import drawn
+from stiction.reports.figures.charts import draw_figures
 from stiction.reports.figures.style import rc
 from stiction.reports.figures.sweep_figures import sweep_drawings
 from stiction.reports.judgement_page import judgement_section
@@ -51,12 +51,15 @@ from stiction.scenes.pictures.mechanism import canvas, draw_mechanism
 from stiction.scenes.pictures.web import force_columns, largest_force
 
 FOLDER = Path(__file__).parent / "pictures"
+"""Folder of the pictures."""
 SOLVERS = Path(__file__).parent / "examples" / "solvers"
 DOTS_PER_INCH = 160
-"""Sharp on a display of high resolution at the width of a page, and some tens of kilobytes each."""
+"""Resolution of the pictures: enough for a high-resolution display, at some tens of kilobytes each."""
+COLOURS = 256
+"""Number of colours of a picture: enough for line drawings, and a third of the file size."""
 
-SECONDS_A_POINT = 60.0
-"""Limit for a point of a sweep, which takes a few hundredths of a second; a hang is then an error."""
+POINT_TIMEOUT_S = 60.0
+"""Time limit of a point of a sweep, s; a point takes a few hundredths of a second."""
 
 PICTURES: dict[str, Callable[[], Figure]] = {}
 """The function that draws a picture, by the picture's name."""
@@ -69,26 +72,41 @@ def picture(draw: Callable[[], Figure]) -> Callable[[], Figure]:
 
 
 def figure_of_study(name: str, scene: str, *engines: str) -> Figure:
-    """The figure of ``stiction compare NAME SCENE --quick --engines ENGINES --plot FILE``."""
+    """Return the figure of ``stiction compare NAME SCENE --quick --engines ENGINES --plot FILE``."""
     [study] = [study for study in studies() if study.name == name]
     scope = Scope((load_scene(scene),), Depth.QUICK, engines)
     results = union(make([planned(scope, [study])[study]], timed_by=isolate))
     with rc():
-        [drawing] = drawn(section_of(study, results).figures[:1], results)
+        [drawing] = draw_figures(section_of(study, results).figures[:1], results)
     return drawing.figure
 
 
 # Pictures of README and tutorial
 
 ENGINE_STEPS = (4e-2, 2e-2, 1e-2, 5e-3, 2.5e-3, 1e-3)
-"""Steps of the refinement series of engines, s: the coarsest with which all of them follow the motion, to 1 ms."""
+"""Step sizes of the refinement series of engines, s; with coarser ones some do not follow the motion."""
 
 
 @dataclass(frozen=True)
 class Series:
-    """A method with its refinement series, and how its line is drawn.
+    """A method with its refinement series, and the style of its line.
 
-    The label stands beside the last run, `raised` by so many points.
+    Attributes
+    ----------
+    label : str
+        Text beside the last run.
+    engine : str
+        Engine that makes the runs.
+    parameter : str
+        Argument that is refined, ``dt`` or ``rtol``.
+    values : tuple of float
+        Values of this argument, s if it is ``dt``.
+    colour, marker : str
+        Style of the line.
+    raised : float
+        Distance by which the label is raised, points.
+    settings : mapping
+        Settings of the engine.
     """
 
     label: str
@@ -145,10 +163,10 @@ REFINEMENTS = (
 
 @picture
 def results() -> Figure:
-    """Position error over number of steps, and the driving torque at a reversal, of slider-bar-case-1.
+    """Draw the position error over the number of steps, and the driving torque at a reversal.
 
-    The numbers do not depend on the speed of a machine: steps are counted. Errors are against a
-    motion that is enclosed by a proof.
+    The scene is slider-bar-case-1, whose exact motion is enclosed by a proof. Since steps are counted,
+    the picture does not depend on the speed of the machine.
     """
     scene = load_scene("slider-bar-case-1")
     figure, (left, right) = plt.subplots(1, 2, figsize=(9.6, 4.2), layout="constrained")
@@ -161,24 +179,25 @@ def draw_position_errors(axes: Axes, scene: Scene) -> None:
     """Draw the largest position error of each method over 24 s, over the steps that it takes."""
     truth = ground_truth(scene)
     for series in REFINEMENTS:
-        steps, found = [], []
+        steps = []
+        position_errors = []
         for value in series.values:
             run = load_engine(series.engine).simulate(
                 scene, **{series.parameter: value}, **series.settings
             )
             steps.append(run.cost.counters["steps"])
-            found.append(errors(run, truth)["position_error"])
-        axes.loglog(steps, found, marker=series.marker, markersize=5, color=series.colour)
+            position_errors.append(errors(run, truth)["position_error"])
+        axes.loglog(steps, position_errors, marker=series.marker, markersize=5, color=series.colour)
         axes.annotate(
             series.label,
-            (steps[-1], found[-1]),
+            (steps[-1], position_errors[-1]),
             (9.0, series.raised),
             textcoords="offset points",
             color=series.colour,
             fontsize=9,
             verticalalignment="center",
         )
-    # lines of the slopes that a method of first or second order has
+    # Dashed lines show the slopes of methods of first and second order.
     for order, steps_at, error_at in ((1, 1500.0, 0.2), (2, 500.0, 2e-4)):
         span = np.array([steps_at, 8 * steps_at])
         axes.loglog(span, error_at * (span / steps_at) ** -order, "--", color="gray", linewidth=1)
@@ -202,8 +221,10 @@ def draw_position_errors(axes: Axes, scene: Scene) -> None:
 
 def draw_torque_at_reversal(axes: Axes, scene: Scene) -> None:
     """Draw the motor's torque where the slider reverses and the load moves to another corner."""
-    step, first, last = 2.5e-3, 2.61, 2.76
-    for label, colour, at, engine, settings in (
+    step = 2.5e-3  # s
+    first = 2.61  # s, begin of the time that is shown
+    last = 2.76  # s, its end
+    for label, colour, label_position, engine, settings in (
         ("Exudyn, bristle friction", "tab:green", (2.643, -7.2), "exudyn", {"method": "bristles"}),
         (
             "PyBullet,\ncorners in contact",
@@ -216,7 +237,7 @@ def draw_torque_at_reversal(axes: Axes, scene: Scene) -> None:
         run = load_engine(engine).simulate(scene, t_end=last, dt=step, output_step=step, **settings)
         shown = run.t >= first
         axes.plot(run.t[shown], run["motor.effort"][shown], ".-", color=colour, linewidth=1)
-        axes.annotate(label, at, color=colour, fontsize=9)
+        axes.annotate(label, label_position, color=colour, fontsize=9)
     exact = truth_over_time(ground_truth(scene), "motor.effort", np.linspace(first, last, 500))
     axes.plot(*exact, color="black", linewidth=1.5)
     axes.annotate(
@@ -230,13 +251,13 @@ def draw_torque_at_reversal(axes: Axes, scene: Scene) -> None:
 
 @picture
 def tutorial_run() -> Figure:
-    """The figure of ``stiction run mine.toml --t-end 12 --plot run.png`` in the tutorial."""
+    """Draw the figure of ``stiction run mine.toml --t-end 12 --plot run.png`` in the tutorial."""
     return load_engine("reference").simulate(load_scene("slider-bar-case-1"), t_end=12.0).plot()
 
 
 @picture
 def tutorial_loads() -> Figure:
-    """Slip velocity with the load amplitudes 3 N and 5 N, phases of stick marked."""
+    """Draw the slip velocity for the load amplitudes 3 N and 5 N, with stick phases marked."""
     figure, axes = plt.subplots(figsize=(7.0, 3.0), layout="constrained")
     for amplitude, colour in ((3.0, "black"), (5.0, "tab:red")):
         scene = load_scene("slider-bar-case-1", {"F0": amplitude})
@@ -248,7 +269,7 @@ def tutorial_loads() -> Figure:
             linewidth=1,
             label=f"F0 = {amplitude:g} N",
         )
-        # the slider is at rest at the start; each stick lasts until the next slip, or to the end
+        # The slider is at rest at the start. A stick phase lasts until the next slip, or to the end.
         begins = [0.0, *(event.time for event in run.events if event.kind == "stick")]
         ends = [*(event.time for event in run.events if event.kind == "slip"), run.t[-1]]
         for begin, end in zip(begins, ends):
@@ -266,7 +287,7 @@ def tutorial_loads() -> Figure:
 
 @picture
 def new_scene() -> Figure:
-    """The scene that ``stiction new`` writes, as ``stiction draw`` shows it."""
+    """Draw the scene that ``stiction new`` writes, as ``stiction draw`` shows it."""
     with tempfile.TemporaryDirectory() as folder:
         file = Path(folder) / "sled.toml"
         file.write_text(new_scene_text(), encoding="utf-8")
@@ -275,13 +296,13 @@ def new_scene() -> Figure:
 
 @picture
 def trammel_run() -> Figure:
-    """The figure of ``stiction run elliptic-trammel --t-end 2 --plot trammel.png``."""
+    """Draw the figure of ``stiction run elliptic-trammel --t-end 2 --plot trammel.png``."""
     return load_engine("reference").simulate(load_scene("elliptic-trammel"), t_end=2.0).plot()
 
 
 @picture
 def film_frame() -> Figure:
-    """One frame of ``stiction run elliptic-trammel --t-end 2 --animate trammel.gif``."""
+    """Draw one frame of ``stiction run elliptic-trammel --t-end 2 --animate trammel.gif``."""
     scene = load_scene("elliptic-trammel")
     run = load_engine("reference").simulate(scene, t_end=2.0)
     row = len(run.t) // 2
@@ -304,7 +325,7 @@ def film_frame() -> Figure:
 
 @picture
 def two_engines() -> Figure:
-    """The figure of the page on looking at runs that has the reference and pymunk in it."""
+    """Draw a run of the reference and a coarse run of pymunk, for the page on looking at runs."""
     scene = load_scene("slider-bar-case-1")
     exact = load_engine("reference").simulate(scene, t_end=8.0)
     coarse = load_engine("pymunk").simulate(scene, t_end=8.0, dt=0.1)
@@ -313,18 +334,18 @@ def two_engines() -> Figure:
 
 @picture
 def judgement() -> Figure:
-    """The figure of ``stiction judge slider-bar-case-1 mine.csv --out judged``, of pymunk at 1 ms."""
+    """Draw the figure of ``stiction judge slider-bar-case-1 mine.csv --out judged``, for a run of pymunk."""
     scene = load_scene("slider-bar-case-1")
     run = load_engine("pymunk").simulate(scene, dt=1e-3)
     section = judgement_section(judge(scene, run.to_frame()))
     with rc():
-        [drawing] = drawn(section.figures, Results((), {}, {}))
+        [drawing] = draw_figures(section.figures, Results((), {}, {}))
     return drawing.figure
 
 
 @picture
 def sweep_map() -> Figure:
-    """The map of the first command of the page on sweeps: the part of a period in which the slider sticks."""
+    """Draw the map of the first command on the page about sweeps: the fraction of time in stick."""
     scene = load_scene("slider-bar-case-1", {"mus": "4/3*mu"})
     end = usual_end(scene)
     specification = Specification(
@@ -332,7 +353,7 @@ def sweep_map() -> Figure:
         (parse_axis("F0=3:6:8"), parse_axis("mu=0.02:0.06:8")),
         ("stick-fraction",),
         SteadyRun(end / 3, end),
-        SECONDS_A_POINT,
+        POINT_TIMEOUT_S,
     )
     with tempfile.TemporaryDirectory() as folder:
         result = sweep(specification, Path(folder) / "sweep")
@@ -343,7 +364,7 @@ def sweep_map() -> Figure:
 
 @picture
 def lemke_outcomes() -> Figure:
-    """The table of ``stiction replay`` for Lemke's method, as bars: one for each class of problems."""
+    """Draw the results of ``stiction replay`` for Lemke's method as bars, one for each class of problems."""
     table = replay().set_index("class")
     outcomes = {
         "solved": "#009E73",
@@ -359,7 +380,8 @@ def lemke_outcomes() -> Figure:
         left += table[outcome].to_numpy()
     axes.invert_yaxis()
     axes.tick_params(labelsize=8)
-    axes.set_xlim(0.0, 42.0)  # beyond the longest bar, so that its end is visible
+    # The limit is beyond the longest bar, so that its end is visible.
+    axes.set_xlim(0.0, 42.0)
     axes.set_xlabel("number of problems in the class")
     figure.legend(loc="outside upper center", ncols=len(outcomes), fontsize=8)
     return figure
@@ -367,38 +389,21 @@ def lemke_outcomes() -> Figure:
 
 @picture
 def compare_accuracy() -> Figure:
-    """The figure of ``stiction compare accuracy slider-bar-case-1 --quick --engines pymunk``."""
+    """Draw the figure of ``stiction compare accuracy slider-bar-case-1 --quick --engines pymunk``."""
     return figure_of_study("accuracy", "slider-bar-case-1", "pymunk")
 
 
 @picture
 def program_accuracy() -> Figure:
-    """The figure of ``compare accuracy`` for the solver in Python of the page on programs."""
+    """Draw the figure of ``stiction compare accuracy`` for the solver in Python of the page on programs."""
     return figure_of_study("accuracy", "slider-bar-case-1", str(SOLVERS / "python.toml"))
 
 
 @picture
 def history_of_nights() -> Figure:
-    """Position error over four nights of a campaign; the engine is changed before the third and after it."""
-    page = (Path(__file__).parent / "how-to" / "engine.md").read_text(encoding="utf-8")
-    files = dict(re.findall(r"^```\w+\n(?=# ([\w.]+)\n)(.*?)^```$", page, re.MULTILINE | re.DOTALL))
-    campaign = (
-        'scenes = ["ball.toml"]\nmeasure = ["accuracy", "motion"]\n'
-        '[variants.flight]\nengine = "free_flight:FreeFlight"\ndt = [1e-2]\n'
-    )
-    with tempfile.TemporaryDirectory() as folder, contextlib.chdir(folder):
-        Path("ball.toml").write_text(files["ball.toml"])
-        Path("campaign.toml").write_text(campaign)
-        sys.path.insert(0, folder)
-        for night in range(4):
-            factor = "0.5001 * t" if night == 2 else "0.5 * t"
-            Path("free_flight.py").write_text(files["free_flight.py"].replace("0.5 * t", factor))
-            chosen = load_campaign("campaign.toml")
-            run_night(chosen, Path("nights"), Baseline(format=2), lambda result: None)
-        with contextlib.closing(sqlite3.connect("nights/history.sqlite")) as connection:
-            history = pd.read_sql("SELECT * FROM history", connection)
-        sys.path.remove(folder)
-    error = history[history["metric"] == "position_error"]
+    """Draw the position error over four nights of a campaign; only in the third the engine has an error."""
+    rows = nights_with_an_error()
+    error = rows[rows["metric"] == "position_error"]
     is_regression = error["verdict"] == "regression"
     figure, axes = plt.subplots(figsize=(7.0, 2.8), layout="constrained")
     axes.semilogy(range(1, len(error) + 1), error["value"], "o-", color="black")
@@ -418,18 +423,42 @@ def history_of_nights() -> Figure:
     return figure
 
 
+def nights_with_an_error() -> pd.DataFrame:
+    """Run four nights with the engine of the page on engines, and return the rows of their history.
+
+    In the third night, the engine computes its positions with a wrong factor.
+    """
+    page = (Path(__file__).parent / "how-to" / "engine.md").read_text(encoding="utf-8")
+    files = dict(re.findall(r"^```\w+\n(?=# ([\w.]+)\n)(.*?)^```$", page, re.MULTILINE | re.DOTALL))
+    campaign = (
+        'scenes = ["ball.toml"]\nmeasure = ["accuracy", "motion"]\n'
+        '[variants.flight]\nengine = "free_flight:FreeFlight"\ndt = [1e-2]\n'
+    )
+    with tempfile.TemporaryDirectory() as folder, contextlib.chdir(folder):
+        Path("ball.toml").write_text(files["ball.toml"])
+        Path("campaign.toml").write_text(campaign)
+        sys.path.insert(0, folder)
+        for night in range(4):
+            factor = "0.5001 * t" if night == 2 else "0.5 * t"
+            Path("free_flight.py").write_text(files["free_flight.py"].replace("0.5 * t", factor))
+            chosen = load_campaign("campaign.toml")
+            run_night(chosen, Path("nights"), Baseline(format=2), lambda result: None)
+        with contextlib.closing(sqlite3.connect("nights/history.sqlite")) as connection:
+            rows = pd.read_sql("SELECT * FROM history", connection)
+        sys.path.remove(folder)
+    return rows
+
+
 def main(names: list[str]) -> None:
-    """Draw the pictures of these names, or all of them."""
+    """Draw the pictures with the given names, or all pictures."""
     FOLDER.mkdir(exist_ok=True)
     for name in names or sorted(PICTURES):
         figure = PICTURES[name]()
-        drawn_file = io.BytesIO()
-        figure.savefig(drawn_file, format="png", dpi=DOTS_PER_INCH)
+        image_file = io.BytesIO()
+        figure.savefig(image_file, format="png", dpi=DOTS_PER_INCH)
         plt.close(figure)
-        # A palette of 256 colours is enough for line drawings, and takes a third of the bytes.
-        Image.open(drawn_file).convert("RGB").quantize(256).save(
-            FOLDER / f"{name}.png", optimize=True
-        )
+        image = Image.open(image_file).convert("RGB").quantize(COLOURS)
+        image.save(FOLDER / f"{name}.png", optimize=True)
 
 
 if __name__ == "__main__":

@@ -1,9 +1,8 @@
-"""A hook of MkDocs: the packages of the checkout below one name, where mkdocstrings finds them.
+"""Hook of MkDocs that creates a folder in which mkdocstrings finds the packages of stiction.
 
 The folders of the packages (``scenes``, ``engines``, ..) are at the root of the checkout, but are imported as
-``stiction.scenes``, ``stiction.engines``, .. mkdocstrings reads sources without importing them, so it needs a folder
-``stiction`` with all of them inside. The hook makes a temporary one, with symbolic links to the folders and copies of
-the files. A linked ``__init__.py`` would be resolved to the checkout, beside which the other folders are not found.
+``stiction.scenes``, ``stiction.engines``, .. Since mkdocstrings reads the sources without importing them, it
+needs a folder ``stiction`` that contains all of them. The hook creates a temporary one.
 """
 
 from __future__ import annotations
@@ -18,15 +17,18 @@ from mkdocs.plugins import event_priority
 
 ROOT = Path(__file__).resolve().parent.parent
 _folders: list[TemporaryDirectory[str]] = []
-"""Folders of this process, which are removed at its end; `mkdocs serve` makes one for each build."""
+"""Temporary folders, which are removed when the process ends; `mkdocs serve` creates one for each build."""
 
 
-@event_priority(100)  # before mkdocstrings, which reads its settings in this event
+# The priority makes this hook run before mkdocstrings, which reads its settings in the same event.
+@event_priority(100)
 def on_config(config: MkDocsConfig) -> MkDocsConfig:
-    """Make the folder, from the checkout as it is now, and name it to mkdocstrings."""
+    """Create the folder from the checkout, and set it as the path that mkdocstrings searches."""
     _folders.append(TemporaryDirectory(prefix="stiction-site-"))
     package = Path(_folders[-1].name) / "stiction"
     package.mkdir()
+    # Folders are linked and files are copied: a linked `__init__.py` would be resolved to the checkout,
+    # beside which the other folders are not found.
     project = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))
     for name, folder in project["tool"]["setuptools"]["package-dir"].items():
         (package / name.removeprefix("stiction.")).symlink_to(ROOT / folder)

@@ -1,8 +1,8 @@
-"""Data set of truths for people without stiction: a folder for every scene with an independent truth."""
+"""Data set of the truths of scenes, for people who do not use stiction: one folder for each scene."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Iterable
 from importlib import resources
 from importlib.metadata import distribution
 from pathlib import Path
@@ -13,98 +13,122 @@ import pandas as pd
 from stiction.comparisons.bench.environment import source_digest
 from stiction.comparisons.judge.truth_folder import VERSION, write_sums, write_truth
 from stiction.comparisons.measures.scene_truth import ground_truth
-from stiction.reports.markdown.tables import aligned
+from stiction.reports.markdown.tables import align_columns
 from stiction.reports.run_folder.overwriting import run_folder, write_provenance
 from stiction.scenes import load_scene
 from stiction.scenes.columns import COLUMNS
 from stiction.truths import Tier
 
 MAIN = "README.md"
-"""The file by which a folder is known as a data set; one of an earlier call is replaced."""
+"""File that marks a folder as a data set; a data set of an earlier call is replaced."""
+TEMPLATES = {MAIN: "dataset_readme.md", "CITATION.cff": "dataset_citation.cff"}
+"""Text files of a data set, and their templates in this package."""
 
 
 def write_dataset(
     folder: Path, names: Iterable[str], on_scene: Callable[[str], None] = lambda name: None
 ) -> pd.DataFrame:
-    """Write the truths of scenes of the catalogue; return the index, a row per scene. What it refuses: `run_folder`.
+    """Write the truths of scenes to a folder, and return the index, which has one row for each scene.
 
-    A scene whose only truth is our own run, or that has none, is left out.
+    Scenes without a truth, or whose only truth is a run of the reference, are left out.
+
+    Parameters
+    ----------
+    folder : Path
+        Folder to write; `run_folder` refuses folders whose content would be lost.
+    names : iterable of str
+        Names of scenes of the catalogue.
+    on_scene : callable
+        Called with the name of each scene when it is finished.
     """
-    about, code = distribution("stiction"), resources.files("stiction.reports")
-    # of an installation in its metadata, of a checkout a file beside the packages
-    licence = about.read_text("licenses/LICENSE") or (
-        Path(__file__).parent.parent / "LICENSE"
-    ).read_text("utf-8")
+    package = distribution("stiction")
     words = {
-        "version": about.version,
+        "version": package.version,
         "format": VERSION,
         "source": source_digest()[:12],
-        "licence": about.metadata["License-Expression"],
+        "licence": package.metadata["License-Expression"],
     }
     with run_folder(folder, MAIN) as partial:
-        index = pd.DataFrame(
-            [row for name in names for row in _write_scene(partial, name, on_scene)]
-        )
+        rows = []
+        for name in names:
+            row = _write_scene(partial, name)
+            if row is not None:
+                rows.append(row)
+            on_scene(name)
+        index = pd.DataFrame(rows)
         index.to_csv(partial / "index.csv", index=False)
-        columns = [
-            (
-                ", ".join(f"`{column.owner}.{name}`" for name in column.names),
-                column.unit,
-                column.meaning,
-            )
-            for column in COLUMNS
-            if column.owner != "drift"
-        ]
-        scenes = [
-            (
-                row["scene"],
-                row["what"],
-                f"{row['t_end [s]']:g}",
-                Tier(row["tier"]).label,
-                str(row["events"]),
-                f"{row['position uncertainty [m]']:.1g}",
-            )
-            for row in index.to_dict("records")
-        ]
-        tables = {
-            "columns": aligned(("column", "unit", "what"), columns, [False] * 3),
-            "scenes": aligned(
-                ("folder", "what", "t_end [s]", "tier", "events", "positions known to [m]"),
-                scenes,
-                [False, False, True, False, True, True],
-            ),
-        }
-        for name, template in (
-            (MAIN, "dataset_readme.md"),
-            ("CITATION.cff", "dataset_citation.cff"),
-        ):
-            text = (code / template).read_text(encoding="utf-8").format(**words, **tables)
-            (partial / name).write_text(text, encoding="utf-8")
-        (partial / "LICENSE").write_text(licence, encoding="utf-8")
+        tables = {"columns": _table_of_columns(), "scenes": _table_of_scenes(index)}
+        for name, template in TEMPLATES.items():
+            text = resources.files("stiction.reports").joinpath(template).read_text("utf-8")
+            (partial / name).write_text(text.format(**words, **tables), encoding="utf-8")
+        (partial / "LICENSE").write_text(_licence(), encoding="utf-8")
         write_sums(partial)
         write_provenance(partial, words)
     return index
 
 
-def _write_scene(
-    folder: Path, name: str, on_scene: Callable[[str], None]
-) -> Iterator[dict[str, Any]]:
+def _licence() -> str:
+    """Return the licence: part of the metadata of an installation, a file in a checkout."""
+    installed = distribution("stiction").read_text("licenses/LICENSE")
+    if installed:
+        return installed
+    return (Path(__file__).parent.parent / "LICENSE").read_text("utf-8")
+
+
+def _table_of_columns() -> str:
+    """Return a Markdown table of the columns that the tables of the data set may have."""
+    rows = [
+        (
+            ", ".join(f"`{column.owner}.{name}`" for name in column.names),
+            column.unit,
+            column.meaning,
+        )
+        for column in COLUMNS
+        # Drift is a property of runs; a truth satisfies the constraints.
+        if column.owner != "drift"
+    ]
+    return align_columns(("column", "unit", "what"), rows, [False] * 3)
+
+
+def _table_of_scenes(index: pd.DataFrame) -> str:
+    """Return a Markdown table of the scenes of the data set."""
+    rows = [
+        (
+            row["scene"],
+            row["what"],
+            f"{row['t_end [s]']:g}",
+            Tier(row["tier"]).label,
+            str(row["events"]),
+            f"{row['position uncertainty [m]']:.1g}",
+        )
+        for row in index.to_dict("records")
+    ]
+    heads = ("folder", "what", "t_end [s]", "tier", "events", "positions known to [m]")
+    return align_columns(heads, rows, [False, False, True, False, True, True])
+
+
+def _write_scene(folder: Path, name: str) -> dict[str, Any] | None:
+    """Write the truth of a scene to a subfolder, and return its row of the index; None if it is left out."""
     scene = load_scene(name)
     truth = ground_truth(scene)
-    if truth.tier not in (Tier.OWN_RUN, Tier.NONE):
-        (folder / name).mkdir(parents=True)
-        about = write_truth(scene, truth, folder / name)
-        positions = [
-            value + about["uncertainty between rows"].get(column, 0.0)
-            for column, value in about["uncertainty"].items()
-            if column.endswith((".x", ".y"))
-        ]
-        yield {
-            "scene": name,
-            "what": scene.title,
-            **{key: about[key] for key in ("t_end [s]", "tier", "tier of forces", "events")},
-            "position uncertainty [m]": max(positions),
-            "event time uncertainty [s]": truth.uncertainty.get("event time"),
-            "certificate": (folder / name / "certificate.json.gz").is_file(),
-        }
-    on_scene(name)
+    if truth.tier in (Tier.OWN_RUN, Tier.NONE):
+        return None
+    (folder / name).mkdir(parents=True)
+    description = write_truth(scene, truth, folder / name)
+    # Between two rows, a reader of the table interpolates, which adds to the uncertainty.
+    position_uncertainties = [
+        uncertainty + description["uncertainty between rows"].get(column, 0.0)
+        for column, uncertainty in description["uncertainty"].items()
+        if column.endswith((".x", ".y"))
+    ]
+    return {
+        "scene": name,
+        "what": scene.title,
+        "t_end [s]": description["t_end [s]"],
+        "tier": description["tier"],
+        "tier of forces": description["tier of forces"],
+        "events": description["events"],
+        "position uncertainty [m]": max(position_uncertainties),
+        "event time uncertainty [s]": truth.uncertainty.get("event time"),
+        "certificate": (folder / name / "certificate.json.gz").is_file(),
+    }

@@ -2,51 +2,58 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from pathlib import Path
 
 from stiction.comparisons.bench.results import Results
 from stiction.comparisons.judge.judgement import Judgement
 from stiction.comparisons.judge.judgement_presentation import presentation
-from stiction.reports.figures.charts import drawn
-from stiction.reports.figures.style import rc, save
-from stiction.reports.markdown.study_section import figure, more, table
-from stiction.reports.run_folder.data import storable, write_frame
+from stiction.reports.figures.charts import draw_figures
+from stiction.reports.figures.style import Drawing, rc, save
+from stiction.reports.markdown.study_section import figure_markdown, table_with_caption
+from stiction.reports.run_folder.data import to_storable, write_frame
 from stiction.reports.run_folder.overwriting import run_folder, write_provenance
-from stiction.reports.text import Section, template, written
+from stiction.reports.text import Section, fill_template, template
 
 MAIN = "judgement.md"
-"""The page; a folder with it is replaced by a later call."""
+"""The page, which marks a folder as a judgement; the folder of an earlier call is replaced."""
 
 
 def judgement_section(judged: Judgement) -> Section:
-    """Return a judgement in words, tables and figures."""
-    return written(template("judgement.md"), presentation(judged))
+    """Return the text, tables and figures that describe a judgement."""
+    return fill_template(template("judgement.md"), presentation(judged))
 
 
 def write_judgement(judged: Judgement, folder: Path) -> Path:
-    """Write page, figure (SVG, PDF) and tables (CSV, Parquet); return the page. What it refuses: `run_folder`."""
+    """Write the page, its figures (SVG, PDF) and its tables (CSV, Parquet), and return the path of the page.
+
+    `run_folder` refuses folders whose content would be lost.
+    """
     section = judgement_section(judged)
-    parts = [
-        f"# {judged.table.origin} on {judged.scene.name}",
-        f"**{section.answer}**",
-        "\n".join(f"- {finding}" for finding in section.findings),
-    ]
     with run_folder(folder, MAIN) as partial:
         for part in ("data", "figures"):
             (partial / part).mkdir()
         for name, frame in judged.tables.items():
-            storable(frame).to_csv(partial / "data" / f"{name}.csv", index=False)
-            write_frame(storable(frame), partial / "data" / f"{name}.parquet")
+            table = to_storable(frame)
+            table.to_csv(partial / "data" / f"{name}.csv", index=False)
+            write_frame(table, partial / "data" / f"{name}.parquet")
         with rc():
-            for drawing in drawn(section.figures, Results((), {}, {})):
+            drawings = list(draw_figures(section.figures, Results((), {}, {})))
+            for drawing in drawings:
                 save(drawing, partial / "figures")
-                parts.append(figure(drawing))
-        parts += [
-            f"*{view.caption}*\n\n{table(view)}{more(view)}"
-            for view in section.tables
-            if view.in_report
-        ]
-        parts.append("\n".join(f"- {note}" for note in section.notes))
-        (partial / MAIN).write_text("\n\n".join(filter(None, parts)) + "\n", encoding="utf-8")
+        (partial / MAIN).write_text(_page(judged, section, drawings), encoding="utf-8")
         write_provenance(partial, {"scene": judged.scene.name, "table": judged.table.origin})
     return Path(folder) / MAIN
+
+
+def _page(judged: Judgement, section: Section, drawings: Sequence[Drawing]) -> str:
+    """Return the Markdown of the page: answer, findings, figures, tables and notes."""
+    parts = [
+        f"# {judged.table.origin} on {judged.scene.name}",
+        f"**{section.answer}**",
+        "\n".join(f"- {finding}" for finding in section.findings),
+        *[figure_markdown(drawing) for drawing in drawings],
+        *[table_with_caption(view) for view in section.tables if view.in_report],
+        "\n".join(f"- {note}" for note in section.notes),
+    ]
+    return "\n\n".join(part for part in parts if part) + "\n"

@@ -1,7 +1,7 @@
-"""Page one: the question, the mechanism, the answer, one table of all methods, and the answer of each study.
+"""Page one of a report: the mechanism, the recommendation, a table of all methods, and the answers of the studies.
 
-The text is ``templates/page_one.md``. The table is the union of the headlines of the studies, a column each; nothing
-here knows a study by name.
+The text is ``templates/page_one.md``. The table has one column for each headline of a study. This module
+does not depend on particular studies.
 """
 
 from __future__ import annotations
@@ -18,32 +18,42 @@ from stiction.comparisons.bench.presentation.cells import MISSING
 from stiction.comparisons.bench.results import Results
 from stiction.engines.status import Status
 from stiction.reports.markdown.failures import failed_runs
-from stiction.reports.markdown.tables import aligned
+from stiction.reports.markdown.tables import align_columns
 from stiction.reports.recommendation import mechanism, recommendation
 from stiction.reports.report import Report
-from stiction.reports.text import SHOWN, Number, filled, items, one_line, template
+from stiction.reports.text import NUMBERS, Number, items, one_line, render_blocks, template
 
 TITLE = "Which solver gets a sticking slider right? (Zhuang & Wang 2014)"
-MOST_NAMED = 3
-"""Methods with failed runs that are named one by one."""
+MAX_METHODS_NAMED = 3
+"""Largest number of methods with failed runs that are named; others are summed up as "others"."""
 TEMPLATE = "page_one.md"
+"""Path of the text in ``templates``."""
 INTERRUPTED = (
     "The run was interrupted: what follows is based on the runs that were made until then."
 )
 WIDTH = 118
-"""Characters of a line."""
+"""Largest number of characters in a line of the Markdown."""
 
 
 @dataclass(frozen=True)
 class HeadlineTable:
-    """The table of all methods: headings, the method's first, and by group each method's cells, None where unknown."""
+    """The table of all methods on page one.
+
+    Attributes
+    ----------
+    heads : tuple of str
+        Headings of the columns; the first column contains the name of the method.
+    groups : mapping
+        By the name of a group and the name of a method, the cells of the other columns. A cell is None
+        where the study has no value for the method.
+    """
 
     heads: tuple[str, ...]
     groups: Mapping[str, Mapping[str, Sequence[str | None]]]
 
     @property
     def rows(self) -> Iterator[list[str]]:
-        """Text, row by row; a row with the name of each group before its methods."""
+        """The cells of each row. A row with the name of the group precedes the methods of a group."""
         for name, methods in self.groups.items():
             yield [f"*{name}*", *[""] * (len(self.heads) - 1)]
             for method, cells in methods.items():
@@ -51,22 +61,22 @@ class HeadlineTable:
 
     @property
     def right(self) -> list[bool]:
-        """True for columns of numbers, which stand to the right."""
+        """Whether each column contains numbers, which are aligned to the right."""
         return [False] + [True] * (len(self.heads) - 1)
 
 
 @dataclass(frozen=True)
 class PageOne:
-    """The words of page one in parts.
+    """The text of page one, divided into parts.
 
     Attributes
     ----------
     mechanism, how_to_read, runs, not_installed : str
-        A paragraph each; empty where there is nothing to say.
+        A paragraph each; empty where it does not apply.
     recommendation : sequence of str
-        An item each.
+        Items of a list.
     numbers : sequence of Number
-        The numbers of the recommendation.
+        The numbers in the recommendation.
     """
 
     mechanism: str
@@ -78,93 +88,108 @@ class PageOne:
 
 
 def headline_table(report: Report) -> HeadlineTable:
-    """Put the headlines of all studies side by side, for every method."""
-    headlines = [headline for section in report.said.values() for headline in section.headlines]
-    groups = {
-        group.label: {
+    """Return the table that contains the headlines of all studies for every method."""
+    headlines = [headline for section in report.sections.values() for headline in section.headlines]
+    heads = ("method", *(headline.label for headline in headlines))
+    if not headlines:
+        return HeadlineTable(heads, {})
+    groups = {}
+    for group, methods in grouped_methods(report.results):
+        groups[group.label] = {
             method: [headline.cells.get(method) for headline in headlines] for method in methods
         }
-        for group, methods in grouped_methods(report.results)
-    }
-    return HeadlineTable(
-        ("method", *(headline.label for headline in headlines)), groups if headlines else {}
-    )
+    return HeadlineTable(heads, groups)
 
 
 def answers(report: Report) -> list[tuple[str, str]]:
-    """Title and answer of the studies that have one for page one, with what is said beside it."""
+    """Return (title, answer) of each study that has an answer for page one; the answer includes `Section.beside`."""
     return [
-        (study.title, " ".join(filter(None, (said.answer, said.beside))))
-        for study, said in report.said.items()
-        if study.title and study.on_page_one and said.answer
+        (study.title, f"{section.answer} {section.beside}".strip())
+        for study, section in report.sections.items()
+        if study.title and study.on_page_one and section.answer
     ]
 
 
 def page_one(report: Report) -> PageOne:
-    """Return the words of the page."""
+    """Return the text of page one, without the table and the answers of the studies."""
     numbers: list[Number] = []
-    blocks = filled(template(TEMPLATE), _variables(report, numbers))
+    blocks = render_blocks(template(TEMPLATE), _variables(report, numbers))
     return PageOne(
-        one_line(blocks["mechanism"]),
-        items(blocks["recommendation"]),
-        one_line(blocks["how_to_read"]),
-        one_line(blocks["runs"]),
-        one_line(blocks["not_installed"]),
-        numbers,
+        mechanism=one_line(blocks["mechanism"]),
+        recommendation=items(blocks["recommendation"]),
+        how_to_read=one_line(blocks["how_to_read"]),
+        runs=one_line(blocks["runs"]),
+        not_installed=one_line(blocks["not_installed"]),
+        numbers=numbers,
     )
 
 
 def page_one_markdown(report: Report, picture: str, origin: str) -> str:
-    """Write the page in Markdown, in lines of at most `WIDTH` characters.
+    """Return page one in Markdown, in lines of at most `WIDTH` characters.
 
-    `picture`: Markdown of the mechanism's picture; none if empty. `origin`: when and with what it was run, in a line.
+    Parameters
+    ----------
+    picture : str
+        Markdown of the picture of the mechanism; empty for none.
+    origin : str
+        One line that states the date of the run and the versions of stiction and of the engines.
     """
     text = template(TEMPLATE).render(_variables(report, [], picture=picture, origin=origin))
-    return "\n\n".join(filter(None, map(_wrapped, re.split(r"\n\s*\n", text))))
+    blocks = [_wrap_block(block) for block in re.split(r"\n\s*\n", text)]
+    return "\n\n".join(block for block in blocks if block)
 
 
 def answer_lines(report: Report) -> Iterator[str]:
-    """Yield the answers for a terminal, a line each."""
+    """Yield the recommendation, the answer of each study and the number of runs, as lines for a terminal."""
     page = page_one(report)
     if report.results.settings.get("interrupted"):
         yield INTERRUPTED
     yield from page.recommendation
-    yield from (
-        f"{study.title}: {said.answer}"
-        for study, said in report.said.items()
-        if study.title and said.answer
-    )
-    yield " ".join(filter(None, (page.runs, page.not_installed)))
+    for study, section in report.sections.items():
+        if study.title and section.answer:
+            yield f"{study.title}: {section.answer}"
+    yield f"{page.runs} {page.not_installed}".strip()
 
 
 def _variables(
     report: Report, numbers: list[Number], picture: str = "", origin: str = ""
 ) -> dict[str, object]:
-    """What the template reads."""
-    results, table = report.results, headline_table(report)
+    """Return the variables of the template; its filters append the numbers that they write to `numbers`."""
+    results = report.results
+    headlines = headline_table(report)
+    table = ""
+    if headlines.groups:
+        table = align_columns(headlines.heads, list(headlines.rows), headlines.right, WIDTH)
+    missing_engines = [
+        record.variant.engine
+        for record in results.records
+        if record.outcome.status == Status.MISSING
+    ]
     return {
         "title": TITLE,
         "interrupted": INTERRUPTED if results.settings.get("interrupted") else "",
         "mechanism": mechanism(results),
         "picture": picture,
         **recommendation(results),
-        "table": aligned(table.heads, list(table.rows), table.right, WIDTH) if table.groups else "",
+        "table": table,
         "answers": answers(report),
         "runs": _runs(results),
         "origin": origin,
-        "missing_engines": list(
-            dict.fromkeys(
-                record.variant.engine
-                for record in results.records
-                if record.outcome.status == Status.MISSING
-            )
-        ),
-        SHOWN: numbers,
+        "missing_engines": list(dict.fromkeys(missing_engines)),
+        NUMBERS: numbers,
     }
 
 
 def _runs(results: Results) -> dict[str, object]:
-    """Count the compared runs that succeeded, ended early, and failed, and name methods of failures elsewhere."""
+    """Count the runs by their status.
+
+    Returns
+    -------
+    dict
+        ``made``: number of runs without those of engines that are not installed; ``ok``: runs that
+        reached their end; ``early``: runs that ended early; ``others``: numbers of the other runs by
+        status; ``elsewhere``: methods with failures in tables of studies that have runs of their own.
+    """
     table = pd.DataFrame(
         [record.describe() for record in results.records], columns=["status", "reason"]
     )
@@ -173,8 +198,8 @@ def _runs(results: Results) -> dict[str, object]:
     is_ok = (made["status"] == Status.OK) & ~is_early
     failed = failed_runs(results)
     elsewhere = list(failed.loc[failed["table"] != "runs", "variant"].dropna().unique())
-    if len(elsewhere) > MOST_NAMED:
-        elsewhere = [*elsewhere[:MOST_NAMED], "others"]
+    if len(elsewhere) > MAX_METHODS_NAMED:
+        elsewhere = [*elsewhere[:MAX_METHODS_NAMED], "others"]
     return {
         "made": len(made),
         "ok": int(is_ok.sum()),
@@ -184,17 +209,21 @@ def _runs(results: Results) -> dict[str, object]:
     }
 
 
-def _wrapped(block: str) -> str:
-    """Break the lines of a paragraph or of a list; tables, headings and pictures stay as they are."""
+def _wrap_block(block: str) -> str:
+    """Break the lines of a paragraph or of the items of a list; other blocks are not changed.
+
+    Line breaks would end the rows of a table, a heading or a picture.
+    """
     block = block.strip()
     if block.startswith(("|", "#", "![")):
         return block
     if not block.startswith("- "):
-        return _filled(one_line(block))
-    return "\n".join(_filled(f"- {item}", "  ") for item in items(block))
+        return _wrap_text(one_line(block))
+    return "\n".join(_wrap_text(f"- {item}", "  ") for item in items(block))
 
 
-def _filled(text: str, indent: str = "") -> str:
+def _wrap_text(text: str, indent: str = "") -> str:
+    """Break a text into lines of at most `WIDTH` characters; `indent` begins all lines but the first."""
     return textwrap.fill(
         text, WIDTH, subsequent_indent=indent, break_long_words=False, break_on_hyphens=False
     )

@@ -1,4 +1,4 @@
-"""What page one recommends: the accuracy and the times of our own solvers and of existing engines, as rows."""
+"""Numbers of the recommendation on page one: errors and times of our own solvers, and errors of the engines."""
 
 from __future__ import annotations
 
@@ -18,14 +18,23 @@ from stiction.scenes.fidelity import Fidelity
 from stiction.uncertain import rounded_up
 
 POSITION = "position_error"
-TARGET = 1e-3
-"""Metres: the error for which page one says the CPU time."""
+"""Column of the largest position error of a run, m."""
+TARGET_ERROR = 1e-3
+"""Position error for which page one states the CPU time, m."""
 SAMPLES = 2401
-"""Samples of a truth, to find the slider's stroke: every 10 ms of 24 s."""
+"""Number of samples of a truth from which the slider's stroke is computed: one every 10 ms in 24 s."""
 
 
 def mechanism(results: Results) -> dict[str, object] | None:
-    """Return the parameters of the mechanism, its strokes and the truths; None where there is no truth."""
+    """Return what page one says about the mechanism, or None if no scene of the catalogue has a truth.
+
+    Returns
+    -------
+    dict
+        ``guide``: ``mu`` and ``mus`` of the first guide with friction, or None; ``cases``: number of
+        scenes; ``t_end``: longest simulated time, s; ``strokes``: stroke of the slider in each scene, m;
+        ``tiers``: names of the tiers of the truths; ``uncertainty``: uncertainty of the position, m.
+    """
     scenes = [
         name
         for name in dict.fromkeys(record.scene for record in results.records)
@@ -33,50 +42,58 @@ def mechanism(results: Results) -> dict[str, object] | None:
     ]
     if not scenes:
         return None
+    coefficients = None
+    guides = list(load_scene(scenes[0]).frictional_guides.values())
+    if guides:
+        coefficients = {"mu": guides[0].mu, "mus": guides[0].static_coefficient}
     truths = [results.truths[name] for name in scenes]
-    guide = next(iter(load_scene(scenes[0]).frictional_guides.values()), None)
-    motions = [truth(np.linspace(0.0, truth.t_end, SAMPLES)) for truth in truths]
-    unsure = max(truth.uncertainty.get("slider.x", 0.0) for truth in truths)
+    strokes = []
+    for truth in truths:
+        motion = truth(np.linspace(0.0, truth.t_end, SAMPLES))
+        if "slider.x" in motion:
+            strokes.append(float(np.ptp(motion["slider.x"])))
+    uncertainty = max(truth.uncertainty.get("slider.x", 0.0) for truth in truths)
     return {
-        "guide": guide and {"mu": guide.mu, "mus": guide.static_coefficient},
+        "guide": coefficients,
         "cases": len(scenes),
         "t_end": max(truth.t_end for truth in truths),
-        "strokes": [float(np.ptp(each["slider.x"])) for each in motions if "slider.x" in each],
+        "strokes": strokes,
         "tiers": list(dict.fromkeys(truth.tier.label for truth in truths)),
-        "uncertainty": rounded_up(unsure),
+        "uncertainty": rounded_up(uncertainty),
     }
 
 
 def recommendation(results: Results) -> dict[str, object]:
-    """Return the accuracy and times of the reference and of the paper's scheme, and the accuracy of engines.
+    """Return the errors and CPU times of the reference and of the paper's scheme, and the errors of engines.
 
-    Methods count whose runs succeeded in every case. Engines are compared only where mus and mu are
-    the same and the same part of the work is theirs.
+    A method counts only if its runs succeeded in every case. Engines are compared only if they have the
+    same coefficients of friction and compute the same part of the motion themselves.
     """
-    nothing: dict[str, object] = {"reference": None, "scheme": None, "engines": []}
     table = results.table("accuracy")
-    if POSITION not in table:
-        return nothing
-    made = made_methods(table, methods(results), POSITION)
-    worst = {variant: method.worst_row for variant, method in made.items() if method.is_ranked}
+    worst: dict[str, int] = {}
+    if POSITION in table:
+        compared = made_methods(table, methods(results), POSITION)
+        worst = {
+            variant: method.worst_row for variant, method in compared.items() if method.is_ranked
+        }
     if REFERENCE not in worst:
-        return nothing
+        return {"reference": None, "scheme": None, "engines": []}
 
-    def own(variant: str) -> dict[str, object]:
+    def own_method(variant: str) -> dict[str, object]:
         row = row_of("accuracy", table, worst[variant])
         return {"error": row[POSITION], "times": _times(results, variant)}
 
     scheme = None
     is_better = False
     if PAPERS_SCHEME in worst:
-        scheme = own(PAPERS_SCHEME)
+        scheme = own_method(PAPERS_SCHEME)
         is_better = bool(
             table.at[worst[REFERENCE], POSITION] < table.at[worst[PAPERS_SCHEME], POSITION]
         )
     return {
         "cases": table["scene"].nunique(),
         "scene": table["scene"].iloc[0],
-        "reference": {**own(REFERENCE), "is_better": is_better},
+        "reference": {**own_method(REFERENCE), "is_better": is_better},
         "scheme": scheme,
         "engines": list(_engines(results, table, worst)),
     }
@@ -85,14 +102,20 @@ def recommendation(results: Results) -> dict[str, object]:
 def _engines(
     results: Results, table: pd.DataFrame, worst: dict[str, int]
 ) -> Iterator[dict[str, object]]:
-    """Yield, by fidelity, the closest and the farthest engine of each group that does the same work.
+    """Yield for each fidelity the engines with the smallest and the largest error in each group.
 
-    With contacts our own solver is named beside them, as a group of one.
+    The engines of a group do the same work. At the fidelity of contacts, our own solvers are listed
+    beside them, each as a group of its own.
+
+    Parameters
+    ----------
+    worst : dict
+        By method, the row of `table` with its largest error.
     """
 
-    def named(row: int) -> dict[str, object]:
-        found = row_of("accuracy", table, row)
-        return {"variant": found["variant"], "error": found[POSITION]}
+    def method_and_error(row: int) -> dict[str, object]:
+        cells = row_of("accuracy", table, row)
+        return {"variant": cells["variant"], "error": cells[POSITION]}
 
     for fidelity in Fidelity:
         parts: dict[str, list[dict[str, object]]] = defaultdict(list)
@@ -101,60 +124,73 @@ def _engines(
             if group.fidelity != fidelity:
                 continue
             rows = [worst[variant] for variant in variants if variant in worst]
-            own = [row for row in rows if table.at[row, "engine"] in own_methods()]
-            theirs = [row for row in rows if row not in own]
-            if theirs:
+            own_rows = [row for row in rows if table.at[row, "engine"] in own_methods()]
+            engine_rows = [row for row in rows if row not in own_rows]
+            if engine_rows:
                 has_engines = True
-                errors = table.loc[theirs, POSITION]
-                closest, farthest = int(errors.idxmin()), int(errors.idxmax())
+                errors = table.loc[engine_rows, POSITION]
+                closest = int(errors.idxmin())
+                farthest = int(errors.idxmax())
                 parts[group.coefficients].append(
                     {
-                        "closest": named(closest),
-                        "farthest": named(farthest) if farthest != closest else None,
+                        "closest": method_and_error(closest),
+                        "farthest": None if farthest == closest else method_and_error(farthest),
                         "is_own": False,
                     }
                 )
             if fidelity == Fidelity.CONTACT:
-                parts[group.coefficients] += [
-                    {"closest": named(row), "farthest": None, "is_own": True} for row in own
-                ]
+                for row in own_rows:
+                    parts[group.coefficients].append(
+                        {"closest": method_and_error(row), "farthest": None, "is_own": True}
+                    )
         if has_engines:
             yield {
                 "fidelity": fidelity,
                 "groups": [
-                    {"coefficients": coefficients, "parts": found}
-                    for coefficients, found in parts.items()
-                    if found
+                    {"coefficients": coefficients, "parts": entries}
+                    for coefficients, entries in parts.items()
+                    if entries
                 ],
             }
 
 
 def _times(results: Results, variant: str) -> dict[str, object] | None:
-    """Return the shortest and the longest CPU time to an error of 1 mm, over the cases in which it is known."""
+    """Return the shortest and the longest CPU time for `TARGET_ERROR`, over the cases where it is known.
+
+    Returns
+    -------
+    dict or None
+        ``from`` and ``to``: the two times (``to`` is None if only one case is known), with their signs
+        ``≤`` and ``~`` in ``from_sign`` and ``to_sign``; ``only_in``: the cases, if these are not all.
+    """
     table = results.table("equal-error")
     if table.empty:
         return None
     rows = table[
         (table["variant"] == variant)
-        & (table["error"] == TARGET)
+        & (table["error"] == TARGET_ERROR)
         & (table["quantity"] == "position")
         & table["cpu_time"].notna()
     ]
     if rows.empty:
         return None
     times = rows["cpu_time"].astype(float)
-    shortest, longest = times.idxmin(), times.idxmax()
+    shortest = times.idxmin()
+    longest = times.idxmax()
 
     def sign(label: object) -> str:
+        """Return ``≤`` for a time that is an upper bound, followed by ``~`` if it is not certain."""
         row = rows.loc[label]
-        return ("≤ " if row["is_bound"] else "") + ("~" if row.get("timing") else "")
+        bound = "≤ " if row["is_bound"] else ""
+        approximate = "~" if row.get("timing") else ""
+        return bound + approximate
 
-    is_one = shortest == longest
-    is_everywhere = len(rows) == table["scene"].nunique()
+    is_single = shortest == longest
+    is_known_everywhere = len(rows) == table["scene"].nunique()
     return {
         "from": row_of("equal-error", table, shortest)["cpu_time"],
         "from_sign": sign(shortest),
-        "to": None if is_one else row_of("equal-error", table, longest)["cpu_time"],
+        "to": None if is_single else row_of("equal-error", table, longest)["cpu_time"],
         "to_sign": sign(longest),
-        "only_in": [] if is_everywhere else list(rows["scene"]),
+        "only_in": [] if is_known_everywhere else list(rows["scene"]),
     }

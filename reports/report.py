@@ -1,4 +1,4 @@
-"""A run and what is said of it: found once, and shown by every renderer."""
+"""A report: the results of a run, and the section of each study, which all renderers show."""
 
 from __future__ import annotations
 
@@ -14,26 +14,33 @@ from stiction.reports.text import Section, section_of
 
 @dataclass(frozen=True)
 class Report:
-    """The results of a run, the section of each study that has anything to show."""
+    """The results of a run and the sections that describe them.
+
+    Attributes
+    ----------
+    results : Results
+        The runs and tables of all studies.
+    sections : mapping of Study to Section
+        The section of each study that has something to show, in the order of the report.
+    """
 
     results: Results
-    said: Mapping[Study, Section]
+    sections: Mapping[Study, Section]
 
     @property
     def figures(self) -> list[Figure]:
         """The figures of all studies, in the order of the report."""
-        return [figure for section in self.said.values() for figure in section.figures]
+        return [figure for section in self.sections.values() for figure in section.figures]
 
     @property
     def tables(self) -> list[TableView]:
         """The tables of all studies, in the order of the report."""
-        return [view for section in self.said.values() for view in section.tables]
+        return [view for section in self.sections.values() for view in section.tables]
 
 
 def report_of(results: Results) -> Report:
-    """Let every study speak of the results."""
-    found = {study: section_of(study, results) for study in studies()}
+    """Return the report of a run, with the sections of all studies that are not empty."""
+    sections = {study: section_of(study, results) for study in studies()}
     return Report(
-        results,
-        {study: said for study, said in found.items() if not said.is_empty},
+        results, {study: section for study, section in sections.items() if not section.is_empty}
     )

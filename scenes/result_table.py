@@ -158,6 +158,7 @@ def result_table(
     *,
     spills: bool = False,
     tell: Callable[[float], None] | None = None,
+    has_map_option: bool = True,
 ) -> ResultTable:
     """Check a table of results of the scene, and give it the scene's names and SI units.
 
@@ -176,6 +177,9 @@ def result_table(
         Keep the columns of a table of more than `FILE_THRESHOLD_BYTES` bytes in a temporary file, see `ColumnFile`.
     tell
         Is called with the part of a table that has been read, above 0, up to 1.
+    has_map_option
+        Whether the command that reads the table has the option ``--map``, as `stiction judge` has; error messages then
+        mention it.
 
     Raises
     ------
@@ -194,7 +198,7 @@ def result_table(
     # The first block has the names of all columns: which of them are the scene's is decided by it.
     start = next(blocks)
     given = list(map(str, start.frame.columns))
-    chosen, left_out, problems = _chosen(given, scene, mapping or {})
+    chosen, left_out, problems = _chosen(given, scene, mapping or {}, has_map_option)
     # a file's most rows are a bound: whether there are two is known where the first block is all of it
     fewer = start.share == 1.0 and len(start.frame) < 2
     problems = problems or _first(
@@ -203,13 +207,14 @@ def result_table(
                 TIME not in chosen,
                 "time",
                 f"the columns {names(given)}",
-                "a column t or time, or --map MINE=t",
+                "a column t or time" + (", or --map MINE=t" if has_map_option else ""),
             ),
             (
                 len(chosen) < 2,
                 "columns",
                 f"none of the scene's beside {names(given)}",
-                f"one or more of {names(columns_of(scene))}; --map MINE=COLUMN renames",
+                f"one or more of {names(columns_of(scene))}"
+                + ("; --map MINE=COLUMN renames" if has_map_option else ""),
             ),
             (fewer, "rows", str(len(start.frame)), "at least 2"),
         )
@@ -429,10 +434,11 @@ def _frame(table: pd.DataFrame | Mapping[str, Any], origin: str) -> pd.DataFrame
 
 
 def _chosen(
-    given: list[str], scene: Scene, mapping: Mapping[str, str]
+    given: list[str], scene: Scene, mapping: Mapping[str, str], has_map_option: bool
 ) -> tuple[dict[str, tuple[int, int]], list[str], list[Problem]]:
     """Number and sign of the table's column by the scene's name; columns left out; problems of names."""
     known = [TIME, *columns_of(scene)]
+    remedy = "; --map MINE=COLUMN renames, --map MINE= leaves out" if has_map_option else ""
     chosen: dict[str, tuple[int, int]] = {}
     left_out, misspelt = [], []
     problems = [
@@ -471,8 +477,7 @@ def _chosen(
                 Problem(
                     shortened(mine),
                     "a name that the scene does not have",
-                    f"expected a column of the "
-                    f"scene{close}; --map MINE=COLUMN renames, --map MINE= leaves out",
+                    f"expected a column of the scene{close}{remedy}",
                 )
             )
         else:

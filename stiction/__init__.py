@@ -1,8 +1,8 @@
-"""The public names of the suite: what scripts begin with, and what an engine in another package is made of.
+"""The public names of the suite, for scripts and for engines in other packages.
 
     from stiction import load_scene, load_engine
 
-Each is loaded when it is first used, so that ``stiction --help`` answers at once.
+Each name is imported from its module when it is first used, so that ``stiction --help`` starts fast.
 """
 
 from __future__ import annotations
@@ -80,10 +80,14 @@ __all__ = [
     "scene_to_toml",
 ]
 
-if (_checkout := Path(__file__).parent.parent).joinpath("pyproject.toml").is_file():
-    __path__.append(str(_checkout))  # a checkout has the packages next to this one
+# In a checkout, the subpackages are folders beside this one.
+_PARENT = Path(__file__).parent.parent
+if (_PARENT / "pyproject.toml").is_file():
+    __path__.append(str(_PARENT))
 
-_HOMES = {
+_DEFAULT_MODULE = "engines"
+"""Module of the public names that are not in `_MODULES`."""
+_MODULES = {
     "comparisons.judge.judgement": {"Judgement", "judge"},
     "reference_impl.energies": {"energies"},
     "reference_impl.equations_of_motion": {"EquationsOfMotion", "Terms"},
@@ -104,15 +108,20 @@ _HOMES = {
     },
     "scenes.laws": {"evaluate_law"},
 }
-"""Modules of the public names; those that stand in none of them are of `stiction.engines`."""
+"""Public names by the modules that define them."""
 
 
 def __getattr__(name: str) -> Any:
+    """Import and return a public name of the suite."""
     if name not in __all__:
         raise AttributeError(f"module 'stiction' has no attribute {name!r}")
-    home = next((module for module, names in _HOMES.items() if name in names), "engines")
-    return getattr(import_module(f"stiction.{home}"), name)
+    module_of_name = _DEFAULT_MODULE
+    for module, names in _MODULES.items():
+        if name in names:
+            module_of_name = module
+    return getattr(import_module(f"stiction.{module_of_name}"), name)
 
 
 def __dir__() -> list[str]:
+    """Return the public names and the special names of the module."""
     return [*__all__, *(name for name in globals() if name.startswith("__"))]

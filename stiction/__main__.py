@@ -1,4 +1,7 @@
-"""The command `stiction`, as ``python -m stiction`` too; children import this module, so it imports next to nothing."""
+"""Entry point of the command `stiction` and of ``python -m stiction``.
+
+Child processes import this module. Therefore all imports that take long are inside the function.
+"""
 
 import sys
 

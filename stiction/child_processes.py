@@ -1,4 +1,7 @@
-"""The start and the end of child processes. Imports nothing of the suite: the command begins with it."""
+"""Start of child processes, and their undisturbed end after an interrupt.
+
+This module imports nothing else of the suite, so that the command `stiction` starts fast.
+"""
 
 from __future__ import annotations
 
@@ -18,14 +21,15 @@ if TYPE_CHECKING:
     from multiprocessing.context import ForkServerContext, SpawnContext
 
 _THREADS = ("OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "OMP_NUM_THREADS")
-_IMPORTED = (
+"""Environment variables with the number of threads of libraries for linear algebra."""
+_PRELOADED = (
     "stiction.silent_interrupt",
     "stiction.reference_impl.integration.paper_scheme",
     "stiction.engines.isolation",
 )
-"""Imports of a run of the reference."""
-_IMPORTED_BY_MEASURES = ("pandas", "scipy.spatial")
-"""Imports of children that evaluate their runs; they take half as long again as those of `_IMPORTED`."""
+"""Modules that a run of the reference needs."""
+_PRELOADED_FOR_MEASURES = ("pandas", "scipy.spatial")
+"""Modules that children need which evaluate their runs; they take half as long to import as the others."""
 
 
 def start_server(with_measures: bool) -> None:
@@ -41,7 +45,7 @@ def start_server(with_measures: bool) -> None:
     """
     if not _has_server():
         return
-    imports = [*_IMPORTED, *(_IMPORTED_BY_MEASURES if with_measures else ())]
+    imports = [*_PRELOADED, *(_PRELOADED_FOR_MEASURES if with_measures else ())]
     multiprocessing.get_context("forkserver").set_forkserver_preload(imports)
     with one_thread():
         forkserver.ensure_running()
@@ -53,9 +57,11 @@ def _has_server() -> bool:
 
 @cache
 def child_context() -> ForkServerContext | SpawnContext:
-    """Return how processes are started: forked, where the system can, from a server that has made the common imports.
+    """Return the context that starts child processes.
 
-    That takes a tenth of the time of a new interpreter.
+    Where the system allows it, processes are forked from a server that has imported the common modules.
+    Starting one then takes a tenth of the time. The first call starts this server and does not wait for
+    it; a command starts it earlier by `start_server`.
     """
     if not _has_server():
         return multiprocessing.get_context("spawn")
@@ -65,7 +71,10 @@ def child_context() -> ForkServerContext | SpawnContext:
 
 @contextmanager
 def one_thread() -> Iterator[None]:
-    """Keep linear algebra from starting threads, unless the user has said how many: children share the CPUs already."""
+    """Set the number of threads of linear algebra to one for child processes that are started in the block.
+
+    The child processes already use all CPUs. Numbers that the user has set are not changed.
+    """
     missing = [name for name in _THREADS if name not in os.environ]
     os.environ |= dict.fromkeys(missing, "1")
     try:
@@ -77,39 +86,43 @@ def one_thread() -> Iterator[None]:
 
 @contextmanager
 def undisturbed_end() -> Iterator[Callable[[], None]]:
-    """Let one interrupt or SIGTERM end what is within; another one does not disturb how it ends.
+    """Let the first SIGINT or SIGTERM end the block, and keep later ones from disturbing its end.
 
-    A signal while an interrupt is being dealt with, as in a ``finally``, is that interrupt again. One that comes after
-    the yielded function was called waits for the end of this context. Other threads than the main one have no signals.
+    A signal that is received while an interrupt is handled, for example in a ``finally``, is ignored. The
+    block calls the yielded function when its end begins without an interrupt; a signal that is received
+    from then on is raised again after the block. Python delivers signals to the main thread only, so that
+    there is nothing to do in other threads.
     """
-    ending, late = False, 0
+    is_ending = False
+    deferred_signal: int | None = None
 
-    def take(number: int, frame: FrameType | None) -> None:
-        nonlocal late
+    def on_signal(number: int, frame: FrameType | None) -> None:
+        nonlocal deferred_signal
         if isinstance(sys.exc_info()[1], KeyboardInterrupt):
             return
-        if ending:
-            late = late or number
-        else:
-            before[number](number, frame)
+        if not is_ending:
+            handlers[number](number, frame)
+        elif deferred_signal is None:
+            deferred_signal = number
 
-    def end() -> None:
-        nonlocal ending
-        ending = True
+    def begin_end() -> None:
+        nonlocal is_ending
+        is_ending = True
 
-    here = threading.current_thread() is threading.main_thread()
-    before: dict[int, Callable[[int, FrameType | None], Any]] = {
-        number: handler
-        for number in (signal.SIGINT, signal.SIGTERM)
-        if here and callable(handler := signal.getsignal(number))
-    }
+    handlers: dict[int, Callable[[int, FrameType | None], Any]] = {}
+    if threading.current_thread() is threading.main_thread():
+        for number in (signal.SIGINT, signal.SIGTERM):
+            handler = signal.getsignal(number)
+            # A signal that is ignored, or ends the process at once, has no function as its handler.
+            if callable(handler):
+                handlers[number] = handler
     try:
-        for number in before:
-            signal.signal(number, take)
-        yield end
+        for number in handlers:
+            signal.signal(number, on_signal)
+        yield begin_end
     finally:
-        end()
-        for number, handler in before.items():
+        begin_end()
+        for number, handler in handlers.items():
             signal.signal(number, handler)
-        if late:
-            signal.raise_signal(late)
+        if deferred_signal is not None:
+            signal.raise_signal(deferred_signal)

@@ -70,7 +70,7 @@ def compiled():
 def figures_in_this_process():
     """The workers of the tests keep all cores busy; and text that has been set for one figure need not be set again for the next."""
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr("stiction.reports.figures.style.SHARE", 10_000)
+        patch.setattr("stiction.reports.figures.style.MIN_FIGURES_PER_PROCESS", 10_000)
         yield
 
 

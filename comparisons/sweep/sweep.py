@@ -98,7 +98,8 @@ def parse_axis(text: str) -> SweepAxis:
     Raises
     ------
     InputError
-        If it is neither, values repeat, or COUNT is not a whole number of at least 2.
+        If it is neither, values repeat, or COUNT is not a whole number of at least 2. A single value must be
+        written as a number: the arithmetic in ``F0=3-6``, which is -3, is most likely meant as a range.
     """
     key, equals, given = (part.strip() for part in text.partition("="))
     if not (key and equals and given):
@@ -121,11 +122,25 @@ def parse_axis(text: str) -> SweepAxis:
                 f"{MAX_POINTS}"
             )
         numbers = [_short(value) for value in np.linspace(low, high, int(count)).tolist()]
+    if len(numbers) == 1 and not _is_number(given):
+        raise InputError(
+            f"axis {key}: found {given!r}, which is the single value {numbers[0]:g}; expected a range "
+            "FROM:TO:COUNT, or values A,B,.."
+        )
     if len(set(numbers)) < len(numbers):
         raise InputError(
             f"axis {key}: found {given!r}; expected values that differ from each other"
         )
     return SweepAxis(key, tuple(numbers))
+
+
+def _is_number(text: str) -> bool:
+    """Return whether a text is a number, as opposed to arithmetic."""
+    try:
+        float(text)
+    except ValueError:
+        return False
+    return True
 
 
 def _short(value: float) -> float:

@@ -145,6 +145,7 @@ class FmuEngine(DeclaredEngine):
                 self.variables.columns(scene, rows),
                 scene.model_copy(update={"t_end": t_end}),
                 origin=self.name,
+                has_map_option=False,
             )
         chosen = {
             "dt": grid.dt if by_steps else None,

@@ -168,7 +168,7 @@ class ProgramEngine(DeclaredEngine):
                     f"{self.name} returned no file; expected one at {{result}}: {ended.words}"
                 )
             with self.reading():
-                table = result_table(files["result"], handed)
+                table = result_table(files["result"], handed, has_map_option=False)
             report = self._report(files["events"])
         # The program's own times cannot be more than the CPU time that the system measured.
         setup = min(report.setup_s, ended.cpu_s)

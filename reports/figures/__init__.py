@@ -1,1 +1,1 @@
-"""Figures of a report, drawn from what the studies present."""
+"""Figures of a report, drawn from the data that the studies present."""

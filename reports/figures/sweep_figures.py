@@ -13,7 +13,7 @@ from stiction.comparisons.bench.quantities import Quantity, quantity_of
 from stiction.comparisons.studies.threshold import AMPLITUDE
 from stiction.comparisons.sweep.sweep import THRESHOLD_COLUMN, Sweep
 from stiction.engines.status import Status
-from stiction.reports.figures.style import COLORS, Drawing, panels
+from stiction.reports.figures.style import COLORS, Drawing, make_panels
 from stiction.scenes import Scene
 
 COLOR_SCALE = "cividis"
@@ -104,7 +104,7 @@ def _caption(sweep: Sweep, table: pd.DataFrame, name: str, runs: str) -> str:
 def _curve(sweep: Sweep, table: pd.DataFrame, axis: str, quantity: Quantity, name: str) -> Drawing:
     """Draw a quantity over the only axis of a table."""
     points = table.sort_values(axis)
-    figure, [[ax]] = panels(1, 1, CURVE_HEIGHT)
+    figure, [[ax]] = make_panels(1, 1, CURVE_HEIGHT)
     ax.plot(
         points[axis],
         points[quantity.key],
@@ -124,7 +124,7 @@ def _map(
     """Draw a quantity by colours over the two axes of a table, the first to the right and the second up."""
     right, up = axes
     grid = table.pivot(index=up, columns=right, values=quantity.key)
-    figure, [[ax]] = panels(1, 1, MAP_HEIGHT)
+    figure, [[ax]] = make_panels(1, 1, MAP_HEIGHT)
     ax.set_facecolor(MISSING_COLOR)
     mesh = ax.pcolormesh(
         grid.columns,

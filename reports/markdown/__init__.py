@@ -1,1 +1,1 @@
-"""The report of a run as Markdown, page by page."""
+"""Markdown of reports: studies, tables, failures, validation and regression."""

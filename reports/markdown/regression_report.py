@@ -1,8 +1,9 @@
-"""Findings of a night or a check, for people (Markdown) and for machines (JSON)."""
+"""Report of a nightly run or a check: Markdown for people, and JSON for programs."""
 
 from __future__ import annotations
 
 import json
+import math
 from collections import Counter
 from collections.abc import Sequence
 from dataclasses import asdict
@@ -26,76 +27,90 @@ from stiction.comparisons.regression.check import (
 )
 from stiction.comparisons.regression.nightly import Result
 from stiction.engines.status import Status
-from stiction.reports.markdown.failures import grouped
+from stiction.reports.markdown.failures import group_failures
 from stiction.reports.markdown.tables import markdown
 from stiction.scenes.atomic_files import make_folder, write_text
 
-REPORT, SUMMARY = "report.md", "summary.json"
-SHOWN = 40
-"""Findings in a table; the rest is counted."""
+REPORT = "report.md"
+"""File with the report of a night."""
+SUMMARY = "summary.json"
+"""File with the findings of a night."""
+MAX_FINDINGS = 40
+"""Largest number of findings in a table; a sentence below the table counts the others."""
 _TITLES = {
     FINE: "fine: nothing changed beyond noise",
     REGRESSION: "regression",
     COULD_NOT_RUN: "not everything could be run",
     NOTHING: "nothing was compared: there is no baseline and no earlier night for these runs",
 }
+"""Verdicts in words."""
 _UPDATE = '`stiction baseline update --reason ".."`'
 
 
 def check_report(result: Result) -> str:
-    """Write a verdict and a table, worst first, fit for a pull request."""
-    return f"{_list(summary_lines(result))}\n\n{changes(result.findings)}\n"
+    """Return the Markdown of a check, for a pull request: the summary, and a table of what changed."""
+    return f"{_with_list(summary_lines(result))}\n\n{changes(result.findings)}\n"
 
 
 def summary_lines(result: Result) -> list[str]:
-    """Return the five lines that stand first: verdict, worst finding, environment, time and what was not run."""
-    again = (
-        f", {result.resumed} of the runs from a call that was interrupted" if result.resumed else ""
-    )
-    environment = (
-        "there is no night before"
-        if not result.night_before
-        else f"since the night {result.night_before}: {'; '.join(result.changed) or 'nothing changed'}"
-    )
+    """Return five lines: verdict, worst finding, changes of the environment, time, and runs not made."""
+    environment = "there is no night before"
+    if result.night_before:
+        changed = "; ".join(result.changed) or "nothing changed"
+        environment = f"since the night {result.night_before}: {changed}"
+    resumed = ""
+    if result.resumed:
+        resumed = f", {result.resumed} of the runs from a call that was interrupted"
     return [
         f"**{_TITLES[result.verdict]}** ({_counts(result)})",
-        f"Worst finding: {_worst(result.findings)}",
+        f"Worst finding: {_worst_finding(result.findings)}",
         f"Environment: {environment}",
-        f"Time: {result.wall_s:.0f} s{again}",
-        f"Not run: {_not_run(result.rows)}",
+        f"Time: {result.wall_s:.0f} s{resumed}",
+        f"Not run: {_runs_not_made(result.rows)}",
     ]
 
 
-def _worst(findings: Sequence[Finding]) -> str:
-    worst = next(
-        (finding for finding in findings if finding.severity != NEW and not _is_absent(finding)),
-        None,
-    )
-    if worst is None:
+def _worst_finding(findings: Sequence[Finding]) -> str:
+    """Describe the first finding that is judged; findings are sorted by severity, the worst first."""
+    judged = [
+        finding
+        for finding in findings
+        if finding.severity != NEW and not _is_missing_engine(finding)
+    ]
+    if not judged:
         return "none"
-    now = _value(worst, worst.now)
-    change = now if worst.before is None else f"{_value(worst, worst.before)} -> {now}"
-    what = quantity_of(worst.metric).head if worst.metric else worst.kind
-    return f"{worst.severity}, {what} of {worst.key}: {change}; {worst.reason}"
+    worst = judged[0]
+    change = _value(worst, worst.now)
+    if worst.before is not None:
+        change = f"{_value(worst, worst.before)} -> {change}"
+    return f"{worst.severity}, {_subject(worst)} of {worst.key}: {change}; {worst.reason}"
 
 
-def _not_run(rows: Sequence[Row]) -> str:
-    """Engines that are not installed, and runs that there was no time for or that were interrupted."""
+def _subject(finding: Finding) -> str:
+    """Return the label of the quantity of a finding, or the kind of a finding without a quantity."""
+    return quantity_of(finding.metric).head if finding.metric else finding.kind
+
+
+def _runs_not_made(rows: Sequence[Row]) -> str:
+    """Describe the runs of engines that are not installed, and the other runs that were not made."""
     missing = Counter(row.engine for row in rows if row.status == Status.MISSING)
     reasons = Counter(row.reason for row in rows if row.status == Status.NOT_RUN)
-    absent = ", ".join(f"{engine} ({runs(count)})" for engine, count in missing.items())
-    parts = [f"not installed: {absent}"] if absent else []
-    parts += [f"{runs(count)}: {reason}" for reason, count in reasons.items()]
+    parts = []
+    if missing:
+        engines = ", ".join(f"{engine} ({count_of_runs(n)})" for engine, n in missing.items())
+        parts.append(f"not installed: {engines}")
+    for reason, count in reasons.items():
+        parts.append(f"{count_of_runs(count)}: {reason}")
     return "; ".join(parts) or "nothing, every run was made"
 
 
-def runs(count: int) -> str:
-    """A number of runs in words."""
-    return f"{count} run{'s' * (count != 1)}"
+def count_of_runs(count: int) -> str:
+    """Return a number of runs as text, such as ``1 run`` or ``2 runs``."""
+    return "1 run" if count == 1 else f"{count} runs"
 
 
-def _is_absent(finding: Finding) -> bool:
-    """It says no more than that an engine of the extras is not installed."""
+def _is_missing_engine(finding: Finding) -> bool:
+    """Return whether the only content of a finding is that an optional engine is not installed."""
     return (
         finding.severity == NOT_JUDGED
         and finding.kind == "status"
@@ -103,14 +118,14 @@ def _is_absent(finding: Finding) -> bool:
     )
 
 
-def _list(lines: Sequence[str]) -> str:
-    """The verdict, and the other lines as a list below it."""
-    verdict, *others = lines
-    return f"{verdict}\n\n" + "\n".join(f"- {line}" for line in others)
+def _with_list(lines: Sequence[str]) -> str:
+    """Return the first line as a paragraph, and the others as a list below it."""
+    first, *others = lines
+    return f"{first}\n\n" + "\n".join(f"- {line}" for line in others)
 
 
 def night_report(result: Result) -> str:
-    """Write the text of `REPORT`."""
+    """Return the text of `REPORT`: summary, changes, failures, all numbers, and provenance."""
     failed = pd.DataFrame(
         [
             {
@@ -120,107 +135,111 @@ def night_report(result: Result) -> str:
                 "reason": row.reason,
                 "status": Status.INCOMPLETE if row.status == Status.OK else row.status,
             }
-            for row in _failed(result)
+            for row in _failed_rows(result)
             if row.status != Status.MISSING
         ]
     )
-    measured = [row for row in result.rows if row.metrics]
-    numbers = pd.DataFrame(
-        [
-            {
-                "run": row.key,
-                "truth": _tiers(row),
-                **{metric.name: metric.value for metric in row.metrics if metric.kind != "counter"},
+    failures = "Nothing: all runs that were made succeeded."
+    if not failed.empty:
+        failures = markdown(group_failures(failed))
+    parts = [
+        f"# Night of {result.name}: {_TITLES[result.verdict]}",
+        _with_list(summary_lines(result)),
+        "## What changed",
+        changes(result.findings),
+        "## What failed",
+        failures,
+        "## Numbers",
+        "Of every run that succeeded, with the tier of the truth; counters and uncertainties are in the "
+        "history.",
+        markdown(_numbers(result)),
+        "## Provenance",
+        markdown(_provenance(result)),
+    ]
+    return "\n\n".join(parts) + "\n"
+
+
+def _numbers(result: Result) -> pd.DataFrame:
+    """Return a row for each run that has metrics, without counters, which are in the history."""
+    rows = []
+    for row in result.rows:
+        if row.metrics and row.parameter:
+            values = {
+                metric.name: metric.value for metric in row.metrics if metric.kind != "counter"
             }
-            for row in measured
-            if row.parameter
-        ]
-    )
+            rows.append({"run": row.key, "truth": _tiers(row), **values})
+    return pd.DataFrame(rows)
+
+
+def _provenance(result: Result) -> pd.DataFrame:
+    """Return the versions, the machine, the commit, the campaign and the engines, a row each."""
     origin = result.origin
-    engines = sorted({f"{row.engine} {row.version}" for row in measured if row.version})
-    here = {
+    engines = {f"{row.engine} {row.version}" for row in result.rows if row.metrics and row.version}
+    entries = {
         **origin["versions"],
         **origin["machine"],
         "commit": origin["commit"] or "not in a checkout",
         "campaign": result.campaign.name,
-        "engines": ", ".join(engines),
+        "engines": ", ".join(sorted(engines)),
     }
-    return (
-        "\n\n".join(
-            [
-                f"# Night of {result.name}: {_TITLES[result.verdict]}",
-                _list(summary_lines(result)),
-                "## What changed",
-                changes(result.findings),
-                "## What failed",
-                markdown(grouped(failed))
-                if len(failed)
-                else "Nothing: all runs that were made succeeded.",
-                "## Numbers",
-                "Of every run that succeeded, with the tier of the truth; counters and uncertainties are in the "
-                "history.",
-                markdown(numbers),
-                "## Provenance",
-                markdown(pd.DataFrame(here.items(), columns=["what", "value"])),
-            ]
-        )
-        + "\n"
-    )
+    return pd.DataFrame(entries.items(), columns=["what", "value"])
 
 
 def changes(findings: Sequence[Finding]) -> str:
-    """Write the worst finding of each quantity of a variant, worst first, in a table.
+    """Return a table of the findings, the worst first, with one row for each quantity of a variant.
 
-    What is merely new is counted, and so are the runs of extras that are not installed, below the table.
+    Runs that are not in the baseline, or whose engine is not installed, are counted below the table.
     """
     groups: dict[tuple[str, ...], list[Finding]] = {}
     for finding in findings:
-        if finding.severity != NEW and not _is_absent(finding):
-            # one row for all variants of an engine that is not installed
-            about = (
-                finding.reason
-                if finding.now == Status.MISSING
-                else finding.key.partition("/")[2].rpartition("/")[0]
-            )
-            groups.setdefault((finding.severity, finding.kind, finding.metric, about), []).append(
-                finding
-            )
-    rows = [
-        {
-            "": worst.severity,
-            "what": quantity_of(worst.metric).head if worst.metric else worst.kind,
-            "worst run": worst.key,
-            "baseline": _value(worst, worst.before),
-            "now": _value(worst, worst.now),
-            "why": worst.reason,
-            "runs": 1 + len(others),
-        }
-        for worst, *others in list(groups.values())[:SHOWN]
-    ]
-    lines = [markdown(pd.DataFrame(rows)) if rows else "Nothing changed beyond noise."]
-    if len(groups) > SHOWN:
-        lines.append(f"and {len(groups) - SHOWN} more lines, none worse than these.")
-    if absent := sum(map(_is_absent, findings)):
-        lines.append(
-            f"{runs(absent)} of engines that are not installed {'were' if absent != 1 else 'was'} not made."
+        if finding.severity == NEW or _is_missing_engine(finding):
+            continue
+        # The key of a run is SCENE/VARIANT/STEP. All runs of a missing engine have the same reason,
+        # and share a row.
+        variant = finding.key.partition("/")[2].rpartition("/")[0]
+        subject = finding.reason if finding.now == Status.MISSING else variant
+        group = (finding.severity, finding.kind, finding.metric, subject)
+        groups.setdefault(group, []).append(finding)
+    rows = []
+    for group_findings in list(groups.values())[:MAX_FINDINGS]:
+        worst = group_findings[0]
+        rows.append(
+            {
+                "": worst.severity,
+                "what": _subject(worst),
+                "worst run": worst.key,
+                "baseline": _value(worst, worst.before),
+                "now": _value(worst, worst.now),
+                "why": worst.reason,
+                "runs": len(group_findings),
+            }
         )
-    if new := sum(finding.severity == NEW for finding in findings):
-        lines.append(
+    paragraphs = [markdown(pd.DataFrame(rows)) if rows else "Nothing changed beyond noise."]
+    if len(groups) > MAX_FINDINGS:
+        paragraphs.append(f"and {len(groups) - MAX_FINDINGS} more lines, none worse than these.")
+    missing = sum(_is_missing_engine(finding) for finding in findings)
+    if missing:
+        verb = "was" if missing == 1 else "were"
+        paragraphs.append(
+            f"{count_of_runs(missing)} of engines that are not installed {verb} not made."
+        )
+    new = sum(finding.severity == NEW for finding in findings)
+    if new:
+        paragraphs.append(
             f"{new} runs or numbers are not in the baseline: nights hold them to the first night that has "
             "them, and `stiction baseline update` adds them to a baseline."
         )
     if any(finding.severity == BETTER for finding in findings):
-        lines.append(
+        paragraphs.append(
             f"What has become better is no failure; {_UPDATE} makes it what is expected from now on."
         )
-    return "\n\n".join(lines)
+    return "\n\n".join(paragraphs)
 
 
 def summary(result: Result, exit_code: int) -> dict[str, Any]:
-    """Return all of it but the numbers, which the history has, ready for JSON."""
-    findings = [
-        {name: value if value != float("inf") else None for name, value in asdict(finding).items()}
-        for finding in result.findings
+    """Return the content of `SUMMARY`: verdict, findings and failures; the numbers are in the history."""
+    failed = [
+        {"key": row.key, "status": row.status, "reason": row.reason} for row in _failed_rows(result)
     ]
     return {
         "verdict": result.verdict,
@@ -235,48 +254,49 @@ def summary(result: Result, exit_code: int) -> dict[str, Any]:
         "night before": result.night_before,
         "changed": list(result.changed),
         "wall_time": round(result.wall_s, 1),
-        "findings": findings,
-        "lost": [
-            {"key": row.key, "status": row.status, "reason": row.reason} for row in _failed(result)
-        ],
+        "findings": [_finding_as_json(finding) for finding in result.findings],
+        "lost": failed,
         "origin": dict(result.origin),
     }
 
 
+def _finding_as_json(finding: Finding) -> dict[str, Any]:
+    """Return the fields of a finding, with None in place of infinity, which JSON does not have."""
+    return {name: None if value == math.inf else value for name, value in asdict(finding).items()}
+
+
 def write_night(result: Result, exit_code: int, folder: Path) -> None:
-    """Write `REPORT` and `SUMMARY`; each appears complete or not at all, the summary last."""
+    """Write `REPORT` and `SUMMARY`, each complete or not at all. The summary is written last."""
     make_folder(folder)
     write_text(folder / REPORT, night_report(result))
-    write_text(
-        folder / SUMMARY,
-        json.dumps(summary(result, exit_code), indent=1, ensure_ascii=False) + "\n",
-    )
+    text = json.dumps(summary(result, exit_code), indent=1, ensure_ascii=False)
+    write_text(folder / SUMMARY, text + "\n")
 
 
-def _failed(result: Result) -> list[Row]:
+def _failed_rows(result: Result) -> list[Row]:
+    """Return the rows of runs that failed, ended early or were not made."""
     return [row for row in result.rows if row.status != Status.OK or row.reason]
 
 
 def _counts(result: Result) -> str:
-    runs = ", ".join(
-        f"{count} {Status(status).label}"
-        for status, count in Counter(row.status for row in result.rows).most_common()
-    )
-    text, first = (
-        f"{len(result.rows)} runs: {runs}; {result.compared} compared",
-        result.first_nights,
-    )
-    if first:
+    """Return the numbers of runs by status, of compared runs, and of runs without a baseline."""
+    statuses = Counter(row.status for row in result.rows)
+    runs = ", ".join(f"{count} {Status(status).label}" for status, count in statuses.most_common())
+    text = f"{len(result.rows)} runs: {runs}; {result.compared} compared"
+    first_nights = result.first_nights
+    if first_nights:
         text += (
-            f", {len(first)} of them not with the baseline, which does not contain them, but with their first night "
-            f"({min(first.values())})"
+            f", {len(first_nights)} of them not with the baseline, which does not contain them, "
+            f"but with their first night ({min(first_nights.values())})"
         )
     new = sum(finding.severity == NEW and finding.kind == "status" for finding in result.findings)
-    return text + (f"; {new} not in the baseline, so not compared" if new else "")
+    if new:
+        text += f"; {new} not in the baseline, so not compared"
+    return text
 
 
 def _tiers(row: Row) -> str:
-    """The truths that its errors and events were measured against."""
+    """Return the tiers of the truths with which the errors and events of a run were compared."""
     tiers = dict.fromkeys(
         metric.tier for metric in row.metrics if metric.kind in ("accuracy", "event")
     )
@@ -284,4 +304,5 @@ def _tiers(row: Row) -> str:
 
 
 def _value(finding: Finding, value: float | str | None) -> str:
+    """Return a value of a finding in the number format of its quantity."""
     return cell(quantity_of(finding.metric), value)

@@ -1,7 +1,7 @@
-"""The parts of a page that needs nothing but itself: charts and tables, in sections.
+"""HTML of a page in a single file: sections with charts, tables and text.
 
-Charts are drawn by ``chart.js`` on canvases, mechanisms by ``player.js`` of `stiction.scenes.pictures`; their numbers
-are compressed columns that the browser reads when they are first shown.
+``chart.js`` draws charts on canvases, and ``player.js`` of `stiction.scenes.pictures` draws mechanisms. The
+page contains their numbers as compressed columns, which the browser reads when they are first shown.
 """
 
 from __future__ import annotations
@@ -19,13 +19,29 @@ from markdown_it import MarkdownIt
 
 from stiction.scenes.pictures import web
 
-LONG = 40
-"""Characters; texts of table cells that are longer are broken into lines."""
+MAX_UNBROKEN_TEXT = 40
+"""Largest number of characters of a table cell that is not broken into lines."""
+ZOOM_BUTTONS = (
+    ("closer", "Zoom in", "+"),
+    ("wider", "Zoom out", "−"),
+    ("reset", "Reset zoom", "Reset zoom"),
+)
+"""Class, label for screen readers, and text of the buttons of a chart."""
 
 
 @dataclass(frozen=True)
 class View:
-    """A chart of some labels: ``{x, modes, series, shades, film?}`` as the class ``Chart`` of ``chart.js`` reads it."""
+    """Content of a chart for one choice in its select boxes.
+
+    Attributes
+    ----------
+    labels : tuple of str
+        The choice in each select box.
+    content : mapping
+        ``{x, modes, series, shades, film?}``, which the class ``Chart`` of ``chart.js`` reads.
+    columns : Columns
+        The numbers, to whose positions `content` refers.
+    """
 
     labels: tuple[str, ...]
     content: Mapping[str, Any]
@@ -33,53 +49,71 @@ class View:
 
 
 def document(title: str, subtitle: str, sections: Mapping[str, Sequence[str]]) -> str:
-    """Write the page; sections by heading, each of blocks of HTML."""
-    names = {heading: re.sub(r"\W+", "-", heading.lower()).strip("-") for heading in sections}
-    links = "".join(f'<a href="#{names[heading]}">{escape(heading)}</a>' for heading in sections)
-    parts = (
-        f'<section aria-labelledby="{names[heading]}"><h2 id="{names[heading]}">{escape(heading)}</h2>\n'
-        + "\n".join(blocks)
-        + "</section>"
-        for heading, blocks in sections.items()
-    )
+    """Return the HTML of a page; `sections` contains the blocks of HTML of each section, by its heading."""
+    links = []
+    parts = []
+    for heading, blocks in sections.items():
+        anchor = re.sub(r"\W+", "-", heading.lower()).strip("-")
+        label = escape(heading)
+        content = "\n".join(blocks)
+        links.append(f'<a href="#{anchor}">{label}</a>')
+        parts.append(
+            f'<section aria-labelledby="{anchor}"><h2 id="{anchor}">{label}</h2>\n{content}</section>'
+        )
     body = (
         f'<header><h1>{escape(title)}</h1>\n<p class="quiet">{escape(subtitle)}</p>\n'
-        f'<nav aria-label="Sections">{links}</nav></header>\n<main>\n'
+        f'<nav aria-label="Sections">{"".join(links)}</nav></header>\n<main>\n'
         + "\n".join(parts)
         + "\n</main>"
     )
-    here = files("stiction.reports.page")
-    css, *own = [
-        (here / name).read_text(encoding="utf-8") for name in ("page.css", "chart.js", "page.js")
+    styles = [web.asset("player.css"), _asset("page.css")]
+    # The order matters: each script uses the classes of those before it.
+    scripts = [
+        web.asset("data.js"),
+        web.asset("player.js"),
+        _asset("chart.js"),
+        _asset("page.js"),
     ]
-    scripts = [web.asset("data.js"), web.asset("player.js"), *own]
-    return web.document(title, body, [web.asset("player.css"), css], scripts)
+    return web.document(title, body, styles, scripts)
+
+
+def _asset(name: str) -> str:
+    """Return the text of a style sheet or script of this package."""
+    return (files("stiction.reports.page") / name).read_text(encoding="utf-8")
 
 
 def chart(name: str, selects: Sequence[str], views: Sequence[View], hint: str) -> str:
-    """Write a chart with a select per label of its views; what comes first is shown first.
+    """Return the HTML of a chart with select boxes. The first view is shown at first.
 
-    Where the views have several modes or a film, there are selects for modes and runs, and a mechanism.
+    Parameters
+    ----------
+    name : str
+        Identifier of the chart in the page.
+    selects : sequence of str
+        Label of the select box for each entry of `View.labels`. If views have several modes or a film,
+        select boxes for the mode and for the run in the film are added.
+    views : sequence of View
+        The contents, one for each combination of choices.
+    hint : str
+        How to use the chart.
     """
-    film = all("film" in view.content for view in views)
-    modes = any(len(view.content["modes"]) > 1 for view in views)
-    kinds = (
-        [(label, "label") for label in selects]
-        + [("Show", "mode")] * modes
-        + [("Mechanism of", "run")] * film
-    )
+    has_film = all("film" in view.content for view in views)
+    has_modes = any(len(view.content["modes"]) > 1 for view in views)
+    boxes = [(label, "label") for label in selects]
+    if has_modes:
+        boxes.append(("Show", "mode"))
+    if has_film:
+        boxes.append(("Mechanism of", "run"))
     controls = [
-        f'<label>{escape(words)} <select class="{kind}"></select></label>' for words, kind in kinds
+        f'<label>{escape(label)} <select class="{kind}"></select></label>' for label, kind in boxes
     ]
-    controls += [
-        f'<button type="button" class="{kind}" aria-label="{words}">{sign}</button>'
-        for kind, words, sign in (
-            ("closer", "Zoom in", "+"),
-            ("wider", "Zoom out", "−"),
-            ("reset", "Reset zoom", "Reset zoom"),
+    for kind, label, text in ZOOM_BUTTONS:
+        controls.append(
+            f'<button type="button" class="{kind}" aria-label="{label}">{text}</button>'
         )
-    ]
-    shape = " with-film" if film else "" if modes else " tall"
+    shape = "" if has_modes else " tall"
+    if has_film:
+        shape = " with-film"
     data = [
         web.data(
             f'data-labels="{escape(json.dumps(view.labels))}"',
@@ -92,28 +126,30 @@ def chart(name: str, selects: Sequence[str], views: Sequence[View], hint: str) -
         f'aria-label="{escape(name.replace("-", " "))}, interactive">'
         f'<div class="controls">{"".join(controls)}</div>\n<p class="quiet">{escape(hint)}</p>\n'
         '<details open><summary>Lines</summary><div class="legend"></div></details>\n'
-        f'<div class="split{shape}"><div class="panels"></div>{web.film_controls() if film else ""}</div>\n'
+        f'<div class="split{shape}"><div class="panels"></div>'
+        f"{web.film_controls() if has_film else ''}</div>\n"
         '<div class="said" aria-live="polite"></div>\n' + "\n".join(data) + "</div>"
     )
 
 
 @cache
 def _converter() -> MarkdownIt:
+    """Return a converter from Markdown to HTML, which escapes HTML in the Markdown."""
     return MarkdownIt("commonmark", {"html": False})
 
 
 def markdown(text: str) -> str:
-    """Convert Markdown of a template to HTML; signs that HTML would take for its own are escaped."""
+    """Return the HTML of a text in Markdown."""
     return str(_converter().render(text))
 
 
 def link(text: str, target: str) -> str:
-    """Write a paragraph that leads to a file beside the page."""
+    """Return a paragraph that consists of a link."""
     return f'<p><a href="{escape(target)}">{escape(text)}</a></p>'
 
 
 def details(summary: str, content: str) -> str:
-    """Write a block that is closed until it is opened."""
+    """Return a block that shows its summary, and its content when it is opened."""
     return f"<details><summary>{escape(summary)}</summary>\n{content}</details>"
 
 
@@ -123,24 +159,38 @@ def table(
     rows: Iterable[Iterable[str]],
     right: Sequence[bool],
     links: Sequence[str] = (),
-    linked: int = -1,
+    linked_column: int = -1,
 ) -> str:
-    """Write a table of text; `links`: where the cell of the column `linked` leads in each row, empty for nowhere."""
+    """Return the HTML of a table.
 
-    def cell(kind: str, text: str, number: bool, scope: str = "", link: str = "") -> str:
-        kinds = " class=n" if number else ' class="long"' if len(text) > LONG else ""
-        shown = f'<a href="{escape(link)}">{escape(text)}</a>' if link else escape(text)
-        return f"<{kind}{kinds}{scope}>{shown}</{kind}>"
-
-    head = "".join(cell("th", text, number, ' scope="col"') for text, number in zip(heads, right))
+    Parameters
+    ----------
+    caption : str
+        Text above the table.
+    heads, rows : iterables of str
+        The heading of each column, and the cells of each row.
+    right : sequence of bool
+        Whether each column is aligned to the right, as numbers are.
+    links : sequence of str
+        Target of a link in each row; empty for a row without one.
+    linked_column : int
+        Column whose cells are the links.
+    """
+    head = "".join(
+        f'<th{_cell_class(text, is_right)} scope="col">{escape(text)}</th>'
+        for text, is_right in zip(heads, right)
+    )
     lines = []
-    for place, row in enumerate(rows):
+    for number, row in enumerate(rows):
         texts = list(row)
-        targets = [""] * len(texts)
-        targets[linked] = links[place] if links else ""
+        contents = [escape(text) for text in texts]
+        if links and links[number]:
+            contents[linked_column] = (
+                f'<a href="{escape(links[number])}">{contents[linked_column]}</a>'
+            )
         cells = [
-            cell("td", text, number, link=target)
-            for text, number, target in zip(texts, right, targets)
+            f"<td{_cell_class(text, is_right)}>{content}</td>"
+            for text, content, is_right in zip(texts, contents, right)
         ]
         lines.append(f"<tr>{''.join(cells)}</tr>")
     label = escape(caption)
@@ -150,3 +200,10 @@ def table(
         + "\n".join(lines)
         + "\n</tbody></table></div>"
     )
+
+
+def _cell_class(text: str, is_right: bool) -> str:
+    """Return the class attribute of a table cell: ``n`` for numbers, ``long`` for text that may be broken."""
+    if is_right:
+        return " class=n"
+    return ' class="long"' if len(text) > MAX_UNBROKEN_TEXT else ""

@@ -1,11 +1,11 @@
-"""The page over the history: each number's course over the nights, the nights with their verdicts, and what failed."""
+"""The web page of a history of nightly runs: charts of all numbers, the verdicts, and the failures."""
 
 from __future__ import annotations
 
 import json
 import os
 from collections import Counter
-from collections.abc import Mapping, Sequence
+from collections.abc import Hashable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from itertools import pairwise
 from pathlib import Path
@@ -27,35 +27,63 @@ from stiction.scenes.pictures.picture import CYCLE
 from stiction.scenes.pictures.web import LONG, Columns
 
 COLORS = ("ink", *CYCLE[1:])
-"""Colours by variant, the first again after the last."""
+"""Colours of variants, which are used again if there are more; the page defines ``ink`` for light and dark mode."""
 DASHES = ((), (6, 3), (2, 3), (8, 3, 2, 3), (14, 4), (14, 4, 2, 4))
-"""Dashes of lines, px, by step size or tolerance of a variant."""
+"""Dashes of the step sizes or tolerances of a variant, px; used again if there are more."""
 HINT = "Drag to zoom, double-click to reset; with the keyboard +, - and 0."
-MOST_FAILED = 200
-"""Kinds of failures are listed up to this number, the latest first."""
+"""How to use the chart."""
+MAX_FAILURES = 200
+"""Largest number of rows in the table of failures, which begins with the latest."""
 SHOWN_SEVERITIES = (REGRESSION, COULD_NOT_RUN, BETTER)
-"""Severities of findings that the page opens on."""
+"""Severities of the findings for which the page selects a chart at first."""
+LOGARITHMIC_KINDS = ("accuracy", "drift", "time")
+"""Kinds of metrics that are drawn on logarithmic axes if all values are positive."""
+RANGE_MARGIN = 0.05
+"""Distance of the values from the ends of an axis, as a fraction of their range."""
+CONSTANT_MARGIN = 0.5
+"""The same for values that are all equal, in the unit of the axis."""
+HAS_FAILED = "has_failed"
+"""Column that this module adds to the rows of the history: whether the run failed or ended early."""
+NO_VALUE = "–"
+"""Text of a cell without a value."""
 
 
 @dataclass(frozen=True)
 class _Night:
-    """What the folder of a night says, as `stiction.reports.markdown.regression_report` wrote it.
+    """Content of the folder of a night, which `stiction.reports.markdown.regression_report` has written.
 
-    `regressions` are metric and key of what has become worse, without a metric where the whole run has; `worst` those
-    of the worst finding. All of it is empty where there is no such folder beside the history.
+    All of it is empty if there is no such folder beside the history.
+
+    Attributes
+    ----------
+    lines : tuple of str
+        The summary, in Markdown.
+    worst : (str, str) or None
+        Metric and key of the worst finding; the metric is empty if the finding is about the whole run.
+    worst_in_words : str
+        The worst finding as text.
+    regressions : frozenset of (str, str)
+        Metric and key of each regression.
+    report : Path or None
+        The report of the night.
     """
 
     lines: tuple[str, ...] = ()
     worst: tuple[str, str] | None = None
-    worst_words: str = ""
+    worst_in_words: str = ""
     regressions: frozenset[tuple[str, str]] = frozenset()
     report: Path | None = None
 
 
 def write_history_page(history: Path, file: Path) -> None:
-    """Write the page of a history; the same history gives the same bytes. HistoryRefused if `history` is none.
+    """Write the page of a history; the same history gives the same bytes.
 
-    Verdicts in words and regressions are those of the folders of nights beside the history.
+    The summaries and regressions of the nights are read from their folders beside the history.
+
+    Raises
+    ------
+    HistoryRefused
+        If `history` is not a history.
     """
     with open_history(history, write=False) as opened:
         nights = pd.read_sql(
@@ -65,102 +93,120 @@ def write_history_page(history: Path, file: Path) -> None:
         )
         rows = pd.read_sql(f"SELECT * FROM history WHERE {NO_DRAW}", opened.connection)
         names = list(nights["night"])
-        changed = _changes(opened, names)
-    told = {night: _read(history.parent / night.replace(":", "")) for night in names}
-    rows[Status.FAILED] = (rows["status"] != Status.OK) | (rows["reason"] != "")
+        changes = _changes(opened, names)
+    rows[HAS_FAILED] = (rows["status"] != Status.OK) | (rows["reason"] != "")
+    folders = {night: _read_night(history.parent / night.replace(":", "")) for night in names}
     sections: dict[str, list[str]] = {}
     if names:
-        sections["The newest night"] = _newest(
-            names[-1], nights["verdict"].iloc[-1], told[names[-1]], changed[names[-1]], file
+        newest = names[-1]
+        verdict = nights["verdict"].iloc[-1]
+        sections["The newest night"] = _newest_night(
+            newest, verdict, folders[newest], changes[newest], file
         )
     if rows["value"].notna().any():
-        sections["Course over the nights"] = _course(rows, nights, told)
-    sections["Nights"] = [_nights_table(rows, nights, changed, told, file)]
-    if failures := _failures(rows):
+        sections["Course over the nights"] = _course(rows, nights, folders)
+    sections["Nights"] = [_table_of_nights(rows, nights, changes, folders, file)]
+    failures = _failures(rows)
+    if failures:
         sections["What failed"] = failures
-    runs = rows["key"].nunique()
-    subtitle = (
-        f"{len(nights)} night{'s' * (len(nights) != 1)}, {runs} run{'s' * (runs != 1)} each at most"
-    )
-    write_text(file, document("History of the nights", subtitle, sections))
+    counts = f"{_count(len(nights), 'night')}, {_count(rows['key'].nunique(), 'run')} each at most"
+    write_text(file, document("History of the nights", counts, sections))
 
 
-def _read(folder: Path) -> _Night:
-    """What a night's folder says, if it is there."""
+def _count(number: int, word: str) -> str:
+    """Return a number with a word in the singular or plural, such as ``2 nights``."""
+    return f"{number} {word}" if number == 1 else f"{number} {word}s"
+
+
+def _read_night(folder: Path) -> _Night:
+    """Read the folder of a night; if it does not exist, the result is empty."""
     try:
         summary = json.loads((folder / SUMMARY).read_text(encoding="utf-8"))
     except (FileNotFoundError, NotADirectoryError):
         return _Night()
-    shown = [finding for finding in summary["findings"] if finding["severity"] in SHOWN_SEVERITIES]
-    worse = frozenset(
+    findings = [
+        finding for finding in summary["findings"] if finding["severity"] in SHOWN_SEVERITIES
+    ]
+    regressions = frozenset(
         (finding["metric"], finding["key"])
-        for finding in shown
+        for finding in findings
         if finding["severity"] == REGRESSION
     )
-    worst = (shown[0]["metric"], shown[0]["key"]) if shown else None
-    words = ""
-    if shown:
-        what = quantity_of(shown[0]["metric"]).head if shown[0]["metric"] else shown[0]["kind"]
-        words = " of ".join(filter(None, (what, shown[0]["key"])))
-    return _Night(tuple(summary.get("lines", ())), worst, words, worse, folder / REPORT)
+    worst = None
+    worst_in_words = ""
+    if findings:
+        # Findings are sorted by severity, the worst first.
+        metric, key, kind = (findings[0][name] for name in ("metric", "key", "kind"))
+        worst = (metric, key)
+        subject = quantity_of(metric).head if metric else kind
+        worst_in_words = " of ".join(part for part in (subject, key) if part)
+    lines = tuple(summary.get("lines", ()))
+    return _Night(lines, worst, worst_in_words, regressions, folder / REPORT)
 
 
 def _changes(history: History, nights: Sequence[str]) -> dict[str, str]:
-    """What changed since the night before, of each night."""
-    found = dict.fromkeys(nights, "")
+    """Return for each night what has changed in the environment since the night before."""
+    changes = dict.fromkeys(nights, "")
     for before, night in pairwise(nights):
-        found[night] = (
-            "; ".join(
-                environment_changes(
-                    history.origin(before),
-                    history.origin(night),
-                    history.engines(before),
-                    history.engines(night),
-                )
-            )
-            or "nothing"
+        parts = environment_changes(
+            history.origin(before),
+            history.origin(night),
+            history.engines(before),
+            history.engines(night),
         )
-    return found
+        changes[night] = "; ".join(parts) or "nothing"
+    return changes
 
 
-def _newest(night: str, verdict: str | None, told: _Night, changed: str, file: Path) -> list[str]:
-    """What is to be known of the newest night: its five lines, and the way to its report."""
-    lines = told.lines or (
-        f"**{verdict or 'not finished'}**",
-        f"Environment: since the night before: {changed or 'there is none'}",
-    )
+def _newest_night(
+    night: str, verdict: str | None, folder: _Night, changes: str, file: Path
+) -> list[str]:
+    """Return the HTML of the summary of the newest night, and of a link to its report.
+
+    Parameters
+    ----------
+    night, verdict : str
+        Name and verdict of the night; the verdict is None if the night is not finished.
+    folder : _Night
+        The content of its folder.
+    changes : str
+        What has changed since the night before.
+    file : Path
+        The page.
+    """
+    lines = folder.lines
+    if not lines:
+        lines = (
+            f"**{verdict or 'not finished'}**",
+            f"Environment: since the night before: {changes or 'there is none'}",
+        )
     blocks = [markdown(night), markdown("\n".join(f"- {line}" for line in lines))]
-    if told.report is not None:
-        blocks.append(link("Report of this night", _path(told.report, file)))
+    if folder.report is not None:
+        blocks.append(link("Report of this night", _relative_link(folder.report, file)))
     return blocks
 
 
-def _path(target: Path, page: Path) -> str:
-    """The way from a page to a file, as a link."""
-    return quote(Path(os.path.relpath(target.absolute(), page.absolute().parent)).as_posix())
+def _relative_link(target: Path, page: Path) -> str:
+    """Return a link from a page to a file."""
+    path = os.path.relpath(target.absolute(), page.absolute().parent)
+    return quote(Path(path).as_posix())
 
 
-def _course(rows: pd.DataFrame, nights: pd.DataFrame, told: Mapping[str, _Night]) -> list[str]:
-    """The chart of all numbers, what the worst finding of the newest night is about first."""
-    names, known = list(nights["night"]), rows[rows["value"].notna()]
+def _course(rows: pd.DataFrame, nights: pd.DataFrame, folders: Mapping[str, _Night]) -> list[str]:
+    """Return the HTML of the chart of all numbers; it shows the worst finding of the newest night at first."""
+    names = list(nights["night"])
     commits = (
         rows.dropna(subset="commit_hash").drop_duplicates("night").set_index("night")["commit_hash"]
     )
-    notes = [f"commit {commit}" for commit in commits.reindex(names).fillna("–")]
+    notes = [f"commit {commit}" for commit in commits.reindex(names).fillna(NO_VALUE)]
+    measured = rows[rows["value"].notna()]
     views = [
-        _view(str(metric), str(scene), part, names, notes, told)
-        for (metric, scene), part in known.groupby(["metric", "scene"], sort=False)
+        _view(str(metric), str(scene), part, names, notes, folders)
+        for (metric, scene), part in measured.groupby(["metric", "scene"], sort=False)
     ]
-    if (worst := told[names[-1]].worst) is not None:
-        metric, key = worst
-        shown_as = quantity_of(metric).head
-        scene = rows.loc[rows["key"] == key, "scene"].head(1).to_list()
-
-        def distance(view: View) -> int:
-            """0 for the view of the worst finding; where it has no metric, for those of its scene."""
-            return (view.labels[1] not in scene) + 2 * (metric != "" and view.labels[0] != shown_as)
-
-        views.sort(key=distance)
+    worst = folders[names[-1]].worst
+    if worst is not None:
+        views = _with_worst_first(views, worst, rows)
     return [
         markdown(
             "One line per variant and step size or tolerance; a red ring is a regression. Errors, drift and "
@@ -171,76 +217,102 @@ def _course(rows: pd.DataFrame, nights: pd.DataFrame, told: Mapping[str, _Night]
     ]
 
 
-def _nights_table(
+def _with_worst_first(
+    views: Sequence[View], worst: tuple[str, str], rows: pd.DataFrame
+) -> list[View]:
+    """Return the views with those of the worst finding first: metric and scene, metric, scene, others.
+
+    A finding about a whole run has no metric; then the views of its scene come first.
+    """
+    metric, key = worst
+    head = quantity_of(metric).head
+    scenes = rows.loc[rows["key"] == key, "scene"].head(1).to_list()
+
+    def rank(view: View) -> tuple[bool, bool]:
+        view_metric, view_scene = view.labels
+        has_other_metric = metric != "" and view_metric != head
+        return has_other_metric, view_scene not in scenes
+
+    return sorted(views, key=rank)
+
+
+def _table_of_nights(
     rows: pd.DataFrame,
     nights: pd.DataFrame,
-    changed: Mapping[str, str],
-    told: Mapping[str, _Night],
+    changes: Mapping[str, str],
+    folders: Mapping[str, _Night],
     file: Path,
 ) -> str:
-    made = rows.drop_duplicates(["night", "key"]).groupby("night")["failed"]
-    shown = nights.fillna("–").iloc[::-1].copy()
-    shown["worst finding"] = [told[night].worst_words for night in shown["night"]]
-    shown["changed since the night before"] = shown["night"].map(changed)
-    counts = {"runs": made.size(), "whole": made.size() - made.sum()}
-    for name, count in counts.items():
-        shown[name] = shown["night"].map(count).fillna(0).astype(int).map(str)
-    reports = [told[night].report for night in shown["night"]]
-    links = [_path(report, file) if report is not None else "" for report in reports]
+    """Return the HTML of the table of nights, the latest first, with links to their reports."""
+    failed = rows.drop_duplicates(["night", "key"]).groupby("night")[HAS_FAILED]
+    table_rows = nights.fillna(NO_VALUE).iloc[::-1].copy()
+    names = list(table_rows["night"])
+    table_rows["worst finding"] = [folders[night].worst_in_words for night in names]
+    table_rows["changed since the night before"] = [changes[night] for night in names]
+    counts = {"runs": failed.size(), "whole": failed.size() - failed.sum()}
+    for column, count in counts.items():
+        table_rows[column] = table_rows["night"].map(count).fillna(0).astype(int).map(str)
+    links = []
+    for night in names:
+        report = folders[night].report
+        links.append("" if report is None else _relative_link(report, file))
     return table(
         "The nights, the latest first, each with a link to its report; whole: runs that succeeded and reached "
         "their end.",
-        list(shown),
-        shown.itertuples(index=False),
-        [name in counts for name in shown],
+        list(table_rows),
+        table_rows.itertuples(index=False),
+        [column in counts for column in table_rows],
         links,
-        0,
+        linked_column=0,
     )
 
 
 def _failures(rows: pd.DataFrame) -> list[str]:
-    """Engines that are not installed, in a line; runs that failed for a reason, with the nights in which they did."""
+    """Return the HTML of a line with the engines that are not installed, and of a table of failures."""
     runs = rows.drop_duplicates(["night", "key"])
-    absent = runs[runs["status"] == Status.MISSING]
     blocks = []
-    if len(absent):
-        words = [
-            f"{engine} ({part['key'].nunique()} run{'s' * (part['key'].nunique() != 1)} a night)"
-            for engine, part in absent.groupby("engine", sort=False)
+    missing = runs[runs["status"] == Status.MISSING]
+    if not missing.empty:
+        engines = [
+            f"{engine} ({_count(part['key'].nunique(), 'run')} a night)"
+            for engine, part in missing.groupby("engine", sort=False)
         ]
-        blocks.append(markdown(f"Not installed in some of the nights: {', '.join(words)}."))
-    failed = runs[runs[Status.FAILED] & (runs["status"] != Status.MISSING)]
-    if len(failed):
-        lines = [
-            (part["night"].max(), str(part["night"].nunique()), *names)
-            for names, part in failed.groupby(["key", "status", "reason"], sort=False)
-        ]
-        lines.sort(key=lambda line: line[0], reverse=True)
-        caption = (
-            f"{len(failed)} failures of {len(lines)} kinds, the latest {min(len(lines), MOST_FAILED)} of these; "
-            "the first column has the latest night of each."
-        )
-        blocks.append(
-            table(
-                caption,
-                ["night", "nights", "key", "status", "reason"],
-                lines[:MOST_FAILED],
-                [False, True, False, False, False],
-            )
-        )
+        blocks.append(markdown(f"Not installed in some of the nights: {', '.join(engines)}."))
+    failed = runs[runs[HAS_FAILED] & (runs["status"] != Status.MISSING)]
+    if failed.empty:
+        return blocks
+    # A run that fails for the same reason in several nights has one row, with its latest night.
+    table_rows = [
+        (part["night"].max(), str(part["night"].nunique()), *names)
+        for names, part in failed.groupby(["key", "status", "reason"], sort=False)
+    ]
+    table_rows.sort(key=lambda row: row[0], reverse=True)
+    shown_rows = table_rows[:MAX_FAILURES]
+    caption = (
+        f"{len(failed)} failures of {len(table_rows)} kinds, the latest {len(shown_rows)} of these; "
+        "the first column has the latest night of each."
+    )
+    heads = ["night", "nights", "key", "status", "reason"]
+    blocks.append(table(caption, heads, shown_rows, [False, True, False, False, False]))
     return blocks
 
 
 def _short_names(nights: Sequence[str]) -> list[str]:
-    """Names of nights at an axis: the day, with the time where the day has several nights."""
+    """Return names of nights for an axis: the day, or day and time if a day has several nights.
+
+    The name of a night is a time in the format of ISO 8601. Seconds are shown if necessary.
+    """
     days = Counter(night[:10] for night in nights)
     minutes = Counter(night[:16] for night in nights)
-    return [
-        night[:10]
-        if days[night[:10]] == 1
-        else f"{night[5:10]} {night[11 : 16 if minutes[night[:16]] == 1 else 23]}"
-        for night in nights
-    ]
+    names = []
+    for night in nights:
+        if days[night[:10]] == 1:
+            names.append(night[:10])
+        elif minutes[night[:16]] == 1:
+            names.append(f"{night[5:10]} {night[11:16]}")
+        else:
+            names.append(f"{night[5:10]} {night[11:23]}")
+    return names
 
 
 def _view(
@@ -249,69 +321,110 @@ def _view(
     rows: pd.DataFrame,
     nights: list[str],
     notes: list[str],
-    told: Mapping[str, _Night],
+    folders: Mapping[str, _Night],
 ) -> View:
-    """The course of a metric on a scene."""
+    """Return the view of a metric on a scene, with one line for each run of a variant.
+
+    Parameters
+    ----------
+    rows : DataFrame
+        The values of the metric on this scene in all nights.
+    nights, notes : list of str
+        Names of the nights, and a note about each.
+    folders : mapping
+        Content of the folder of each night.
+    """
     head = quantity_of(metric).head
-    block, series, ends = Columns(), [], []
-    timed = (rows["kind"] == "time").all()
-    logarithmic = bool((rows["value"] > 0).all()) and rows["kind"].iloc[0] in (
-        "accuracy",
-        "drift",
-        "time",
-    )
-    number = block.add(np.arange(len(nights)), LONG)
-    several = timed and rows["machine"].nunique() > 1
-    for place, (variant, lines) in enumerate(rows.groupby("variant", sort=False)):
-        steps = list(dict.fromkeys(lines["step"]))
-        for (key, machine), line in lines.groupby(
-            ["key", lines["machine"] if timed else "scene"], sort=False
-        ):
-            first, course = line.iloc[0], line.set_index("night").reindex(nights)
-            values, unsure = course["value"].to_numpy(float), course["uncertainty"].to_numpy(float)
-            if logarithmic:  # of a logarithm the relative uncertainty
-                values, unsure = np.log10(values), unsure / (values * np.log(10))
-            flags = [
-                place
-                for place, night in enumerate(nights)
-                if {(metric, key), ("", key)} & told[night].regressions
-            ]
-            ends += [np.nanmin(values), np.nanmax(values)]
-            name = (
-                variant
-                if variant == "truth"
-                else f"{variant} ({setting_of(first['parameter'], first['step'])})"
-            )
-            series.append(
-                {
-                    "name": f"{name}, {machine}" if several else name,
-                    "color": COLORS[place % len(COLORS)],
-                    "about": key,
-                    "dash": DASHES[steps.index(first["step"]) % len(DASHES)],
-                    "marker": True,
-                    "shown": True,
-                    "flags": flags,
-                    "x": [number],
-                    "y": [[block.add(values, LONG)]],
-                    "error": [[block.add(unsure)]] if timed else None,
-                }
-            )
-    low, high = min(ends), max(ends)
-    room = 0.05 * (high - low) or 0.5
-    panel = {"label": head, "log": logarithmic, "range": [low - room, high + room]}
-    return View(
-        (head, scene),
-        {
-            "x": {
-                "label": "night",
-                "range": [-0.3, len(nights) - 0.7],
-                "names": nights,
-                "short": _short_names(nights),
-                "notes": notes,
-            },
-            "series": series,
-            "shades": [],
-            "modes": [{"name": head, "digits": 6, "panels": [panel]}],
+    columns = Columns()
+    x_column = columns.add(np.arange(len(nights)), LONG)
+    is_time = bool((rows["kind"] == "time").all())
+    is_logarithmic = bool((rows["value"] > 0).all()) and rows["kind"].iloc[0] in LOGARITHMIC_KINDS
+    names_machine = is_time and rows["machine"].nunique() > 1
+    series = []
+    ends: list[float] = []
+    for line in _lines(rows, is_time):
+        first_row = line.rows.iloc[0]
+        course = line.rows.set_index("night").reindex(nights)
+        values = course["value"].to_numpy(float)
+        uncertainties = course["uncertainty"].to_numpy(float)
+        if is_logarithmic:
+            # The uncertainty of log10(v) is du / (v ln 10).
+            uncertainties = uncertainties / (values * np.log(10))
+            values = np.log10(values)
+        ends += [np.nanmin(values), np.nanmax(values)]
+        name = line.variant
+        if line.variant != "truth":
+            name += f" ({setting_of(first_row['parameter'], first_row['step'])})"
+        if names_machine:
+            name += f", {first_row['machine']}"
+        series.append(
+            {
+                "name": name,
+                "color": COLORS[line.variant_number % len(COLORS)],
+                "about": line.key,
+                "dash": DASHES[line.step_number % len(DASHES)],
+                "marker": True,
+                "shown": True,
+                "flags": _nights_with_regression(metric, line.key, nights, folders),
+                "x": [x_column],
+                "y": [[columns.add(values, LONG)]],
+                "error": [[columns.add(uncertainties)]] if is_time else None,
+            }
+        )
+    low = min(ends)
+    high = max(ends)
+    margin = RANGE_MARGIN * (high - low) or CONSTANT_MARGIN
+    panel = {"label": head, "log": is_logarithmic, "range": [low - margin, high + margin]}
+    content = {
+        "x": {
+            "label": "night",
+            # Nights are numbered; the range leaves room for markers at its ends.
+            "range": [-0.3, len(nights) - 0.7],
+            "names": nights,
+            "short": _short_names(nights),
+            "notes": notes,
         },
-        block,
-    )
+        "series": series,
+        "shades": [],
+        "modes": [{"name": head, "digits": 6, "panels": [panel]}],
+    }
+    return View((head, scene), content, columns)
+
+
+@dataclass(frozen=True, eq=False)
+class _HistoryLine:
+    """A line of a chart: the values of a run in all nights.
+
+    Attributes
+    ----------
+    variant, key : str
+        The variant and the key of the run.
+    variant_number, step_number : int
+        Numbers of the variant in the chart and of the step size in the variant, from 0.
+    rows : DataFrame
+        The values, a row for each night.
+    """
+
+    variant: str
+    key: str
+    variant_number: int
+    step_number: int
+    rows: pd.DataFrame
+
+
+def _lines(rows: pd.DataFrame, is_time: bool) -> Iterator[_HistoryLine]:
+    """Yield the lines of a chart. Times that were measured on different machines are different lines."""
+    keys: list[Hashable] = ["key", "machine"] if is_time else ["key"]
+    for variant_number, (variant, variant_rows) in enumerate(rows.groupby("variant", sort=False)):
+        steps = list(dict.fromkeys(variant_rows["step"]))
+        for (key, *_), line_rows in variant_rows.groupby(keys, sort=False):
+            step_number = steps.index(line_rows["step"].iloc[0])
+            yield _HistoryLine(str(variant), key, variant_number, step_number, line_rows)
+
+
+def _nights_with_regression(
+    metric: str, key: str, nights: Sequence[str], folders: Mapping[str, _Night]
+) -> list[int]:
+    """Return the numbers of the nights in which a metric of a run, or the whole run, has regressed."""
+    subjects = {(metric, key), ("", key)}
+    return [number for number, night in enumerate(nights) if subjects & folders[night].regressions]

@@ -1,4 +1,4 @@
-"""The page of a run: page one, its time series to zoom into, and the sections of the studies, closed at first."""
+"""The web page of a run: page one, its time series, the sections of the studies, and the origin of all numbers."""
 
 from __future__ import annotations
 
@@ -15,6 +15,7 @@ from stiction.reports.report import Report, report_of
 from stiction.reports.run_folder.provenance import commit_in_words
 from stiction.reports.run_folder.stored_run import StoredRun
 from stiction.reports.run_folder.trace import Source, keys, sources_of
+from stiction.reports.text import Section
 from stiction.scenes import InputError
 from stiction.scenes.atomic_files import write_text
 from stiction.scenes.pictures.web import compressed
@@ -24,59 +25,65 @@ HINT = (
     "+, - and 0. Grey: stick phases of the truth. A difference is that of two samples of one time, from the truth "
     "of the physics that the run has; none is drawn where it is zero."
 )
+"""How to use the chart of the time series."""
 
 
 def write_run_page(run: StoredRun, file: Path) -> None:
-    """Write the page; the same run gives the same bytes."""
+    """Write the page of a run; the same run gives the same bytes.
+
+    Raises
+    ------
+    InputError
+        If the run folder lacks the picture of a figure.
+    """
     report = report_of(run.validation())
     sections = {"Answer": list(_page_one(report))}
-    if views := list(time_series(report.results)):
+    views = list(time_series(report.results))
+    if views:
         sections["Time series"] = [chart("time-series", ("Scene",), views, HINT)]
-    for study, said in report.said.items():
-        blocks = [
-            *map(markdown, said.findings),
-            markdown("\n".join(f"- {note}" for note in said.notes)),
-            *(_figure(run, figure.name, figure.caption) for figure in said.figures),
-            *map(_table, said.tables),
-        ]
-        sections[study.question] = [details(said.answer or study.question, "\n".join(blocks))]
-    sources = {key: source for view in report.tables for key, source in sources_of(run, view)}
+    # The sections of the studies are closed at first.
+    for study, section in report.sections.items():
+        content = "\n".join(_section_blocks(run, section))
+        sections[study.question] = [details(section.answer or study.question, content)]
     sections["Where numbers come from"] = [
-        details(
-            "Every key of the tables",
-            "".join(_origin_of(key, source) for key, source in sources.items()),
-        )
+        details("Every key of the tables", "".join(_origin_paragraphs(run, report)))
     ]
-    origin = [
-        ("date", run.origin["date"]),
-        *(
-            (f"{part}: {name}", str(value))
-            for part in ("versions", "engines", "machine", "campaign", "choices")
-            for name, value in run.origin[part].items()
-        ),
-        ("commit", commit_in_words(run.origin)),
-    ]
+    rows = list(_provenance_rows(run))
     sections["Provenance"] = [
-        table("Provenance of the run.", ("what", "value"), origin, (False, False))
+        table("Provenance of the run.", ("what", "value"), rows, (False, False))
     ]
     subtitle = f"stiction {run.origin['versions']['stiction']}, run of {run.origin['date']}"
     write_text(file, document(TITLE, subtitle, sections))
 
 
 def _page_one(report: Report) -> Iterator[str]:
+    """Yield the HTML of page one."""
     page = page_one(report)
     yield markdown(page.mechanism)
-    yield from map(markdown, page.recommendation)
+    for item in page.recommendation:
+        yield markdown(item)
     headlines = headline_table(report)
     if headlines.groups:
+        # The names of groups are emphasized in Markdown.
         rows = [[text.strip("*") for text in row] for row in headlines.rows]
         yield table(page.how_to_read, headlines.heads, rows, headlines.right)
     yield markdown("\n".join(f"- **{title}.** {answer}" for title, answer in answers(report)))
     yield markdown(page.not_installed)
 
 
+def _section_blocks(run: StoredRun, section: Section) -> Iterator[str]:
+    """Yield the HTML of the findings, notes, figures and tables of a section."""
+    for finding in section.findings:
+        yield markdown(finding)
+    yield markdown("\n".join(f"- {note}" for note in section.notes))
+    for figure in section.figures:
+        yield _figure(run, figure.name, figure.caption)
+    for view in section.tables:
+        yield _table(view)
+
+
 def _figure(run: StoredRun, name: str, caption: str) -> str:
-    """The SVG of the run folder, compressed, as ``page.js`` shows it."""
+    """Return the HTML of a figure: its SVG, compressed, which ``page.js`` shows, and its caption."""
     path = run.folder / "figures" / f"{name}.svg"
     if not path.is_file():
         raise InputError(
@@ -91,18 +98,36 @@ def _figure(run: StoredRun, name: str, caption: str) -> str:
 
 
 def _table(view: TableView) -> str:
-    """All rows and columns; the last cell of a row links to where its numbers come from."""
+    """Return the HTML of a table with all rows and columns; the last cell of a row links to its origin."""
     cells = [[*row, key] for row, key in zip(view.cells(), keys(view), strict=True)]
     links = [f"#{_anchor(key)}" for key in keys(view)]
     return table(view.caption, [*view.heads(), "key"], cells, [*view.right(), False], links)
 
 
 def _anchor(key: str) -> str:
+    """Return the identifier of the paragraph about the origin of a key."""
     return f"key-{re.sub(r'[^A-Za-z0-9]+', '-', key)}"
 
 
-def _origin_of(key: str, source: Source) -> str:
-    """The rows of the data and the files behind a key, in brief, or the runs where no trajectory is stored."""
-    runs = source.rows["key"].dropna() if "key" in source.rows and not source.files else ()
-    about = "; ".join([source.place, *source.files, *dict.fromkeys(runs)])
-    return f'<p id="{_anchor(key)}"><strong>{escape(key)}</strong>: {escape(about)}</p>\n'
+def _origin_paragraphs(run: StoredRun, report: Report) -> Iterator[str]:
+    """Yield a paragraph for each key of the tables: the rows of the data, and the files or runs."""
+    sources = {key: source for view in report.tables for key, source in sources_of(run, view)}
+    for key, source in sources.items():
+        origin = escape("; ".join(_origins(source)))
+        yield f'<p id="{_anchor(key)}"><strong>{escape(key)}</strong>: {origin}</p>\n'
+
+
+def _origins(source: Source) -> list[str]:
+    """Return the rows of a source and its files, or its runs if no trajectory is stored."""
+    if source.files or "key" not in source.rows:
+        return [source.place, *source.files]
+    return [source.place, *dict.fromkeys(source.rows["key"].dropna())]
+
+
+def _provenance_rows(run: StoredRun) -> Iterator[tuple[str, str]]:
+    """Yield the entries of the provenance as (name, value)."""
+    yield "date", run.origin["date"]
+    for part in ("versions", "engines", "machine", "campaign", "choices"):
+        for name, value in run.origin[part].items():
+            yield f"{part}: {name}", str(value)
+    yield "commit", commit_in_words(run.origin)

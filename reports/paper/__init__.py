@@ -1,4 +1,4 @@
-"""A run as an author needs it: figures, tables, captions, methods, references, and a PDF of all that."""
+"""The folder that an author needs for a paper about a run: figures, tables, text, references and a PDF."""
 
 from stiction.reports.paper.folder import AUTHORS, MAIN, write_paper
 

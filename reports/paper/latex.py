@@ -1,4 +1,4 @@
-"""LaTeX of the content of a paper: what `stiction.reports.paper.folder.paper_content` returns."""
+"""LaTeX of the content of a paper, which `stiction.reports.paper.folder.paper_content` returns."""
 
 from __future__ import annotations
 
@@ -9,8 +9,8 @@ from typing import Any
 
 from stiction.scenes import InputError
 
-LONGEST = 45
-"""Rows of a table on one page."""
+MAX_ROWS_ON_PAGE = 45
+"""Largest number of rows in a table that is printed on one page."""
 GREEK = dict(
     zip(
         "αβγδεζηθικλμνξπρστυφχψωΓΔΘΛΞΠΣΥΦΨΩ",
@@ -22,7 +22,7 @@ GREEK = dict(
         strict=True,
     )
 )
-"""Commands of Greek letters that are no Latin ones."""
+"""Commands of the Greek letters that do not look like Latin ones."""
 MATHEMATICS = {
     **GREEK,
     "µ": "mu",
@@ -74,7 +74,7 @@ MATHEMATICS = {
     "⟨": "langle",
     "⟩": "rangle",
 }
-"""Signs that are mathematics, and their commands."""
+"""Commands of mathematical signs, without the backslash."""
 LETTERS = {
     "ß": "ss",
     "ẞ": "SS",
@@ -115,7 +115,7 @@ LETTERS = {
     "„": "quotedblbase",
     "‚": "quotesinglbase",
 }
-"""Letters and signs of text, and their commands in the encoding T1."""
+"""Commands of letters and signs of text in the font encoding T1, without the backslash."""
 ACCENTS = {
     "\N{COMBINING GRAVE ACCENT}": "`",
     "\N{COMBINING ACUTE ACCENT}": "'",
@@ -133,7 +133,7 @@ ACCENTS = {
     "\N{COMBINING DOT BELOW}": "d",
     "\N{COMBINING MACRON BELOW}": "b",
 }
-"""Accents as the canonical decomposition of a letter names them, and their commands."""
+"""Commands of accents, without the backslash, by the combining characters in the decomposition of a letter."""
 SPACES = {
     "\N{NO-BREAK SPACE}": "~",
     "\N{NARROW NO-BREAK SPACE}": r"\,",
@@ -142,6 +142,7 @@ SPACES = {
     "\N{SOFT HYPHEN}": r"\-",
     **dict.fromkeys("\t\n\r", " "),
 }
+"""LaTeX of white space and of invisible characters."""
 _POWERS = dict(zip("⁰¹²³⁴⁵⁶⁷⁸⁹⁺⁻", "0123456789+-", strict=True))
 _INDICES = dict(zip("₀₁₂₃₄₅₆₇₈₉₊₋", "0123456789+-", strict=True))
 SIGNS = {
@@ -169,12 +170,16 @@ SIGNS = {
     **{sign: f"$_{{{digit}}}$" for sign, digit in _INDICES.items()},
     "²": "$^2$",
 }
-"""What is written for a sign that is not printable ASCII, or that LaTeX would not print; letters with accents are
-made of `ACCENTS`."""
-_POWER = re.compile(r"(-?\d+(?:\.\d+)?)e([+-]\d+)")
-_MARK = re.compile(r"\[(@\w+(?:; @\w+)*|#[^\]\s]+)\]|\*\*(.+?)\*\*")
+"""LaTeX of the characters that are not printable ASCII, or that have a meaning in LaTeX.
 
-PAPER = r"""\documentclass[10pt]{article}
+Letters with accents are not listed; `_escape_character` composes them from `ACCENTS`.
+"""
+_POWER = re.compile(r"(-?\d+(?:\.\d+)?)e([+-]\d+)")
+"""A number in exponential notation: 1.5e-06."""
+_MARK = re.compile(r"\[(@\w+(?:; @\w+)*|#[^\]\s]+)\]|\*\*(.+?)\*\*")
+"""A mark in a text: a citation ``[@key; @key]``, a reference ``[#fig:name]``, or bold text ``**a**``."""
+
+_PAPER = r"""\documentclass[10pt]{article}
 \usepackage[a4paper,textwidth=174mm,textheight=240mm]{geometry}
 \usepackage[T1]{fontenc}
 \usepackage{textcomp}
@@ -201,126 +206,172 @@ PAPER = r"""\documentclass[10pt]{article}
 
 
 def quoted(text: str) -> str:
-    """Set quotation marks that open and close in place of straight ones."""
+    """Return a text with opening and closing quotation marks in place of straight ones."""
     return re.sub(r'(^|[\s(\[])"', r"\1“", text).replace('"', "”")
 
 
 def escape(text: str) -> str:
-    """Write text in ASCII that LaTeX prints as it is; ``m/s^2`` and powers of ten become mathematics.
+    """Return ASCII from which LaTeX prints a text; powers of ten and ``s^2`` become mathematics.
 
     Raises
     ------
     InputError
-        If a sign is neither in `SIGNS` nor a letter with the `ACCENTS`: pdflatex would stop at it, or leave it out.
+        If a character is neither in `SIGNS` nor a Latin letter with accents of `ACCENTS`. LaTeX would stop
+        at such a character, or omit it.
     """
-    shown = unicodedata.normalize("NFC", quoted(text).replace("s^2", "s²"))
-    apart = re.sub(
-        "-(?=-)", "-\N{ZERO WIDTH SPACE}", shown
-    )  # LaTeX would make a dash of the hyphens of an option
-    signs = "".join(_ascii(sign, text) for sign in apart)
-    return _POWER.sub(lambda match: rf"${match[1]}{{\times}}10^{{{int(match[2])}}}$", signs)
+    normalized = unicodedata.normalize("NFC", quoted(text).replace("s^2", "s²"))
+    # LaTeX would combine the two hyphens of an option such as --quick to a dash.
+    separated = re.sub("-(?=-)", "-\N{ZERO WIDTH SPACE}", normalized)
+    escaped = "".join(_escape_character(character, text) for character in separated)
+    return _POWER.sub(_power_of_ten, escaped)
 
 
-def _ascii(sign: str, text: str) -> str:
-    """What is written for one sign of a text."""
-    if sign in SIGNS or " " <= sign <= "~":
-        return SIGNS.get(sign, sign)
-    letter, *accents = list(unicodedata.normalize("NFD", sign))
-    if (
-        not accents
-        or not letter.isascii()
-        or not letter.isalpha()
-        or not set(accents) <= set(ACCENTS)
-    ):
+def _power_of_ten(match: re.Match[str]) -> str:
+    """Return the mathematics for a number in exponential notation."""
+    return rf"${match[1]}{{\times}}10^{{{int(match[2])}}}$"
+
+
+def _escape_character(character: str, text: str) -> str:
+    """Return the LaTeX of a character; `text` is the whole text, for the error message of `escape`."""
+    if character in SIGNS:
+        return SIGNS[character]
+    if " " <= character <= "~":
+        return character
+    # The canonical decomposition of a letter consists of the letter and its accents.
+    letter, *accents = list(unicodedata.normalize("NFD", character))
+    is_latin = letter.isascii() and letter.isalpha()
+    if not is_latin or not accents or not set(accents) <= set(ACCENTS):
         raise InputError(
-            f"paper: found the sign {sign!r} (U+{ord(sign):04X}) in {text!r}; expected signs that LaTeX "
-            "can print: Latin letters, also with accents, Greek ones and common mathematics"
+            f"paper: found the sign {character!r} (U+{ord(character):04X}) in {text!r}; expected signs that "
+            "LaTeX can print: Latin letters, also with accents, Greek ones and common mathematics"
         )
+    latex = letter
     for accent in accents:
-        letter = rf"\{ACCENTS[accent]}{{{letter}}}"
-    return letter
+        latex = rf"\{ACCENTS[accent]}{{{latex}}}"
+    return latex
 
 
 def paper(content: Mapping[str, Any]) -> str:
-    """Write the text of ``paper.tex``."""
-    starred = content["columns"] == 1
-    summary = "\n".join(rf"\item {_paragraph(line)}" for line in content["summary"])
+    """Return the text of ``paper.tex``."""
+    items = "\n".join(rf"\item {_paragraph(line)}" for line in content["summary"])
+    results = f"\\begin{{enumerate}}\n{items}\n\\end{{enumerate}}" if items else ""
     authors = escape(" and ".join(content["authors"])).replace(" and ", r" \and ")
-    return PAPER % {
+    # A figure with the width of the page spans both columns of a journal; LaTeX calls it figure*.
+    spans_columns = content["columns"] == 1
+    return _PAPER % {
         "title": escape(content["title"]),
         "authors": authors,
         "date": "{year}-{month:02}-{day:02}".format(**content["date"]),
-        "results": f"\\begin{{enumerate}}\n{summary}\n\\end{{enumerate}}" if summary else "",
+        "results": results,
         "tracing": paragraphs(content["tracing"]),
-        "sections": "\n".join(_section(section, starred) for section in content["sections"]),
+        "sections": "\n".join(_section(section, spans_columns) for section in content["sections"]),
     }
 
 
 def paragraphs(texts: Iterable[str]) -> str:
-    """Write paragraphs with ``[@key; @key]`` cited, ``[#fig:name]`` as a figure's or table's number, ``**a**`` bold."""
+    """Return the LaTeX of paragraphs.
+
+    ``[@key; @key]`` becomes a citation, ``[#fig:name]`` the number of a figure or table, and ``**a**`` bold.
+    """
     return "\n\n".join(map(_paragraph, texts)) + "\n"
 
 
 def _paragraph(text: str) -> str:
-    pieces, end, text = [], 0, quoted(text)
+    """Return the LaTeX of a paragraph; see `paragraphs` for the marks in it."""
+    text = quoted(text)
+    pieces = []
+    end = 0
     for match in _MARK.finditer(text):
         pieces.append(escape(text[end : match.start()]))
+        pieces.append(_mark(match))
         end = match.end()
-        if match[2]:
-            pieces.append(rf"\textbf{{{escape(match[2])}}}")
-        elif match[1].startswith("#"):
-            pieces.append(rf"\ref{{{match[1][1:]}}}")
-        else:
-            pieces.append(rf"\cite{{{match[1].replace('@', '').replace('; ', ',')}}}")
-    return re.sub(r" \\(cite|ref)\b", r"~\\\1", "".join([*pieces, escape(text[end:])]))
+    pieces.append(escape(text[end:]))
+    # A line must not break between a word and the number that belongs to it.
+    return re.sub(r" \\(cite|ref)\b", r"~\\\1", "".join(pieces))
 
 
-def _section(section: Mapping[str, Any], starred: bool) -> str:
-    """A section whose figures, over both columns if `starred`, and tables stay within it."""
-    kind = "figure*" if starred else "figure"
-    figures = (
-        f"\\begin{{{kind}}}[htbp]\n\\centering\n\\includegraphics{{figures/{figure['name']}.pdf}}\n"
-        f"\\caption{{{escape(figure['caption'])}}}\\label{{fig:{figure['name']}}}\n\\end{{{kind}}}\n"
-        for figure in section["figures"]
-    )
-    tables = (rf"\input{{tables/{table['name']}}}" for table in section["tables"])
-    title = rf"\section{{{escape(section['title'])}}}"
-    return "\n".join(
-        [title, _paragraph(section["text"]), "", *figures, *tables, r"\FloatBarrier", ""]
-    )
+def _mark(match: re.Match[str]) -> str:
+    """Return the LaTeX of a mark that `_MARK` has matched."""
+    target, bold = match[1], match[2]
+    if bold:
+        return rf"\textbf{{{escape(bold)}}}"
+    if target.startswith("#"):
+        return rf"\ref{{{target.removeprefix('#')}}}"
+    keys = target.replace("@", "").replace("; ", ",")
+    return rf"\cite{{{keys}}}"
+
+
+def _section(section: Mapping[str, Any], spans_columns: bool) -> str:
+    """Return the LaTeX of a section. Its figures and tables stay before the next section."""
+    environment = "figure*" if spans_columns else "figure"
+    lines = [rf"\section{{{escape(section['title'])}}}", _paragraph(section["text"]), ""]
+    for figure in section["figures"]:
+        lines += [
+            rf"\begin{{{environment}}}[htbp]",
+            r"\centering",
+            rf"\includegraphics{{figures/{figure['name']}.pdf}}",
+            rf"\caption{{{escape(figure['caption'])}}}\label{{fig:{figure['name']}}}",
+            rf"\end{{{environment}}}",
+            "",
+        ]
+    for table in section["tables"]:
+        lines.append(rf"\input{{tables/{table['name']}}}")
+    return "\n".join([*lines, r"\FloatBarrier", ""])
 
 
 def table(layout: Mapping[str, Any]) -> str:
-    """Write a table with booktabs, at most as wide as the text, numbers to the right.
+    """Return the LaTeX of a table that `stiction.reports.paper.folder.lay_out_table` has laid out.
 
-    Words in `wide` columns share the room that the others leave; a table of numbers alone that is wider than the text
-    is printed smaller. One of more than `LONGEST` rows breaks over pages, its heading repeated.
+    The table is at most as wide as the text: ``wide`` columns share the remaining width, and a table
+    without such columns is scaled if it is too wide. A table of more than `MAX_ROWS_ON_PAGE` rows
+    continues on further pages, where its heading is repeated.
     """
-    kinds = "".join(
-        r">{\raggedright\arraybackslash}X" if wide else "r" if right else "l"
-        for wide, right in zip(layout["wide"], layout["right"])
+    columns = "".join(
+        _column_type(is_wide, is_right)
+        for is_wide, is_right in zip(layout["wide"], layout["right"])
     )
-    head, *rows = ([*map(escape, row)] for row in (layout["head"], *layout["rows"]))
-    heading = "\\toprule\n" + " & ".join(head) + " \\\\\n\\midrule\n"
-    # after the end of a row, LaTeX would take a bracket or a star for an argument of that end
-    guarded = (
-        ["{}" + first if first.startswith(("[", "*")) else first, *others]
-        for first, *others in rows
-    )
-    body = "".join(" & ".join(row) + " \\\\\n" for row in guarded) + "\\bottomrule\n"
+    heading = f"\\toprule\n{_row(layout['head'])}\\midrule\n"
+    body = "".join(_body_row(row) for row in layout["rows"]) + "\\bottomrule\n"
     caption = rf"\caption{{{escape(layout['caption'])}}}\label{{tab:{layout['name']}}}"
     small = r"\scriptsize\setlength{\tabcolsep}{3pt}"
-    if len(rows) > LONGEST:
-        fill = "" if any(layout["wide"]) else r"@{\extracolsep{\fill}}"
+    has_wide_columns = any(layout["wide"])
+    if len(layout["rows"]) > MAX_ROWS_ON_PAGE:
+        fill = "" if has_wide_columns else r"@{\extracolsep{\fill}}"
         return (
-            f"{{{small}\n\\begin{{xltabular}}{{\\textwidth}}{{@{{}}{fill}{kinds}@{{}}}}\n{caption} \\\\\n{heading}"
+            f"{{{small}\n\\begin{{xltabular}}{{\\textwidth}}{{@{{}}{fill}{columns}@{{}}}}\n{caption} \\\\\n{heading}"
             f"\\endfirsthead\n{heading}\\endhead\n{body}\\end{{xltabular}}}}\n"
         )
-    if any(layout["wide"]):
-        sheet = f"\\begin{{tabularx}}{{\\textwidth}}{{@{{}}{kinds}@{{}}}}\n{heading}{body}\\end{{tabularx}}\n"
+    if has_wide_columns:
+        tabular = (
+            f"\\begin{{tabularx}}{{\\textwidth}}{{@{{}}{columns}@{{}}}}\n{heading}{body}"
+            "\\end{tabularx}\n"
+        )
     else:
-        sheet = (
-            f"\\setbox0=\\hbox{{\\begin{{tabular}}{{@{{}}{kinds}@{{}}}}\n{heading}{body}\\end{{tabular}}}}%\n"
+        # The table is typeset into a box to measure its width.
+        tabular = (
+            f"\\setbox0=\\hbox{{\\begin{{tabular}}{{@{{}}{columns}@{{}}}}\n{heading}{body}\\end{{tabular}}}}%\n"
             "\\ifdim\\wd0>\\textwidth\\resizebox{\\textwidth}{!}{\\box0}\\else\\box0\\fi\n"
         )
-    return f"\\begin{{table*}}[htbp]\n\\centering{small}\n{caption}\n\n{sheet}\\end{{table*}}\n"
+    return f"\\begin{{table*}}[htbp]\n\\centering{small}\n{caption}\n\n{tabular}\\end{{table*}}\n"
+
+
+def _column_type(is_wide: bool, is_right: bool) -> str:
+    """Return the type of a column of a table: text in lines of limited width, right-aligned, or left-aligned."""
+    if is_wide:
+        return r">{\raggedright\arraybackslash}X"
+    return "r" if is_right else "l"
+
+
+def _row(cells: Iterable[str]) -> str:
+    """Return the LaTeX of a row of a table."""
+    return " & ".join(map(escape, cells)) + " \\\\\n"
+
+
+def _body_row(cells: Iterable[str]) -> str:
+    """Return the LaTeX of a row that follows another row.
+
+    LaTeX would take a bracket or a star at its begin for an argument of the end of the row before. An
+    empty group prevents this.
+    """
+    row = _row(cells)
+    return "{}" + row if row.startswith(("[", "*")) else row

@@ -1,18 +1,19 @@
-"""What the methods paragraphs of a paper mention, from a run's provenance and tables; the text is ``paper.md``."""
+"""The methods section of a paper about a run; its text is ``templates/paper.md``."""
 
 from __future__ import annotations
 
 import json
 from collections.abc import Mapping
+from typing import Any
 
 import pandas as pd
 
 from stiction.comparisons.bench.results import Results
 from stiction.engines.registry import own_methods
 from stiction.reports.markdown.failures import failed_runs
-from stiction.reports.run_folder.data import words
+from stiction.reports.run_folder.data import in_words
 from stiction.reports.run_folder.stored_run import StoredRun
-from stiction.reports.text import filled, one_line, paragraphs, template
+from stiction.reports.text import one_line, paragraphs, render_blocks, template
 from stiction.truths import Tier
 
 CITED = {
@@ -28,55 +29,66 @@ CITED = {
     "pandas": "@pandas",
     "matplotlib": "@matplotlib",
 }
-"""Engines, with their methods, and libraries that ``references.bib`` has entries for."""
+"""Citations of engines with their methods, and of libraries; the keys are those of ``references.bib``."""
 TEMPLATE = "paper.md"
-EVENT_DRIVEN, TRIAL, PAPERS_SCHEME = "event", "trial", "paper"
-"""Ways in which the reference integrates, in the order of the text; `TRIAL` is event-driven with another solver."""
+"""Path of the text in ``templates``."""
+EVENT_DRIVEN = "event"
+"""Setting ``method`` of event-driven integration by the reference."""
+TRIAL = "trial"
+"""Setting ``solver`` of event-driven integration that tries contact modes instead of solving an LCP."""
+PAPERS_SCHEME = "paper"
+"""Setting ``method`` of the time-stepping scheme of the paper."""
+INTEGRATION_KINDS = (EVENT_DRIVEN, TRIAL, PAPERS_SCHEME)
+"""Ways in which the reference integrates, in the order of the text."""
+HASH_LENGTH = 12
+"""Number of digits of the hash of a commit in the text."""
 
 
 def methods(run: StoredRun, results: Results) -> list[str]:
-    """Return paragraphs; ``[@key]`` cites an entry of ``references.bib``."""
-    return paragraphs(filled(template(TEMPLATE), _mentioned(run, results))["methods"])
+    """Return the paragraphs of the section; ``[@key]`` cites an entry of ``references.bib``."""
+    blocks = render_blocks(template(TEMPLATE), _variables(run, results))
+    return paragraphs(blocks["methods"])
 
 
 def tracing() -> str:
-    """Return the paragraph on keys of rows."""
-    return one_line(filled(template(TEMPLATE), {}, "tracing")["tracing"])
+    """Return the paragraph that explains the keys of the rows of tables."""
+    return one_line(render_blocks(template(TEMPLATE), {}, "tracing")["tracing"])
 
 
-def _mentioned(run: StoredRun, results: Results) -> dict[str, object]:
-    origin, tables = run.origin, run.tables
-    campaign, machine, versions = origin["campaign"], origin["machine"], origin["versions"]
-    tiers = _tiers(tables)
-    timed = sum(len(results.tables.get(name, ())) for name in ("cost", "effects", "suppression"))
-    commit = origin["commit"]
+def _variables(run: StoredRun, results: Results) -> dict[str, object]:
+    """Return the variables of the template."""
+    origin = run.origin
+    campaign = origin["campaign"]
+    machine = origin["machine"]
+    tiers = _tiers(run.tables)
+    own_engines = own_methods()
+    commit = None
+    if origin["commit"]:
+        commit = {
+            "hash": origin["commit"]["hash"][:HASH_LENGTH],
+            "dirty": origin["commit"]["dirty"],
+        }
     return {
-        **_own_runs(tables["runs"]),
+        **_own_runs(run.tables["runs"]),
         "engines": [
-            _cited(name, version)
+            _name_with_citation(name, version)
             for name, version in origin["engines"].items()
-            if name not in own_methods()
+            if name not in own_engines
         ],
         "tiers": [tier.label for tier in tiers],
         "proven": Tier.PROVEN in tiers,
-        "samples": _samples(tables.get("cost", pd.DataFrame())),
+        "samples": _samples(run.tables.get("cost", pd.DataFrame())),
         "depth": campaign.get("depth", ""),
         "interrupted": bool(campaign.get("interrupted")),
         "date": origin["date"][:10],
         "runs": len(results.records),
         "scenes": list(dict.fromkeys(record.scene for record in results.records)),
-        "timed": timed,
+        "timed": sum(
+            len(results.tables.get(name, ())) for name in ("cost", "effects", "suppression")
+        ),
         "failed": len(failed_runs(results)),
-        "commit": commit and {"hash": commit["hash"][:12], "dirty": commit["dirty"]},
-        "software": {
-            "stiction": _cited("stiction", versions["stiction"]),
-            "python": versions["python"],
-            "others": [
-                _cited(name, version)
-                for name, version in versions.items()
-                if name not in ("stiction", "python")
-            ],
-        },
+        "commit": commit,
+        "software": _software(origin["versions"]),
         "machine": {
             "cpu": machine["cpu"],
             "cores": machine["logical cores"],
@@ -86,41 +98,73 @@ def _mentioned(run: StoredRun, results: Results) -> dict[str, object]:
     }
 
 
-def _own_runs(runs: pd.DataFrame) -> dict[str, object]:
-    """How the reference integrates and stabilizes, from the settings that its runs state."""
-    steps: dict[str, set[float]] = {EVENT_DRIVEN: set(), TRIAL: set(), PAPERS_SCHEME: set()}
-    stabilizations: dict[str, dict[str, str]] = {}
-    own = runs[(runs["engine"] == "reference") & runs["settings"].notna()] if len(runs) else runs
-    for row in own.to_dict("records"):
-        settings = json.loads(row["settings"])
-        method = settings.get("method")
-        if method == EVENT_DRIVEN and settings.get("solver") == TRIAL:
-            method = TRIAL
-        if method in steps:
-            steps[method].add(float(row["step"]))
-        if (given := settings.get("stabilization")) is not None:
-            stabilization = given if isinstance(given, Mapping) else {"method": given}
-            stabilizations[words(given)] = {
-                "kind": str(stabilization["method"]),
-                "parameters": ", ".join(
-                    f"{name} = {words(value)}"
-                    for name, value in stabilization.items()
-                    if name != "method"
-                ),
-            }
+def _software(versions: Mapping[str, str]) -> dict[str, object]:
+    """Return the versions of stiction, of Python and of the other libraries as text with citations."""
     return {
-        "integration": [
-            {"kind": kind, "steps": [f"{step:g}" for step in sorted(found, reverse=True)]}
-            for kind, found in steps.items()
-            if found
+        "stiction": _name_with_citation("stiction", versions["stiction"]),
+        "python": versions["python"],
+        "others": [
+            _name_with_citation(name, version)
+            for name, version in versions.items()
+            if name not in ("stiction", "python")
         ],
-        "stabilizations": list(stabilizations.values()),
     }
 
 
+def _own_runs(runs: pd.DataFrame) -> dict[str, object]:
+    """Return the integration methods and the stabilizations that occur in the runs of the reference.
+
+    Returns
+    -------
+    dict
+        ``integration``: kind (of `INTEGRATION_KINDS`) and step sizes or tolerances of each method;
+        ``stabilizations``: kind and parameters of each stabilization.
+    """
+    steps: dict[str, set[float]] = {kind: set() for kind in INTEGRATION_KINDS}
+    stabilizations: dict[str, dict[str, str]] = {}
+    own_runs = runs
+    if not runs.empty:
+        own_runs = runs[(runs["engine"] == "reference") & runs["settings"].notna()]
+    for row in own_runs.to_dict("records"):
+        settings = json.loads(row["settings"])
+        kind = settings.get("method")
+        if kind == EVENT_DRIVEN and settings.get("solver") == TRIAL:
+            kind = TRIAL
+        if kind in steps:
+            steps[kind].add(float(row["step"]))
+        stabilization = settings.get("stabilization")
+        if stabilization is not None:
+            stabilizations[in_words(stabilization)] = _stabilization(stabilization)
+    integration = [
+        {"kind": kind, "steps": [f"{step:g}" for step in sorted(values, reverse=True)]}
+        for kind, values in steps.items()
+        if values
+    ]
+    return {"integration": integration, "stabilizations": list(stabilizations.values())}
+
+
+def _stabilization(setting: str | Mapping[str, Any]) -> dict[str, str]:
+    """Return kind and parameters of a stabilization, which is a name or a mapping with a method."""
+    if isinstance(setting, str):
+        return {"kind": setting, "parameters": ""}
+    parameters = ", ".join(
+        f"{name} = {in_words(value)}" for name, value in setting.items() if name != "method"
+    )
+    return {"kind": str(setting["method"]), "parameters": parameters}
+
+
 def _samples(cost: pd.DataFrame) -> dict[str, int] | None:
-    """How many samples the times are medians of; None where nothing was timed."""
-    samples = cost["repeats"].dropna().astype(int) if "repeats" in cost else pd.Series(dtype=int)
+    """Return numbers of samples of the timed runs, or None if no run was timed.
+
+    Returns
+    -------
+    dict or None
+        ``most``: largest number of samples of a run; ``single``: number of runs with one sample;
+        ``runs``: number of timed runs.
+    """
+    if "repeats" not in cost:
+        return None
+    samples = cost["repeats"].dropna().astype(int)
     if not samples.any():
         return None
     return {
@@ -131,16 +175,15 @@ def _samples(cost: pd.DataFrame) -> dict[str, int] | None:
 
 
 def _tiers(tables: Mapping[str, pd.DataFrame]) -> list[Tier]:
-    """Tiers of the truths that errors and thresholds are measured against."""
-    return list(
-        dict.fromkeys(
-            Tier(tier)
-            for name in ("accuracy", "threshold")
-            if "truth_tier" in tables.get(name, ())
-            for tier in tables[name]["truth_tier"].dropna()
-        )
-    )
+    """Return the tiers of the truths with which errors and thresholds were compared, each once."""
+    tiers: list[Tier] = []
+    for name in ("accuracy", "threshold"):
+        if name in tables and "truth_tier" in tables[name]:
+            tiers += [Tier(tier) for tier in tables[name]["truth_tier"].dropna()]
+    return list(dict.fromkeys(tiers))
 
 
-def _cited(name: str, version: str) -> str:
-    return f"{name} {version}" + (f" [{CITED[name]}]" if name in CITED else "")
+def _name_with_citation(name: str, version: str) -> str:
+    """Return name and version of an engine or library, with its citation if there is one."""
+    citation = f" [{CITED[name]}]" if name in CITED else ""
+    return f"{name} {version}{citation}"

@@ -1,1 +1,1 @@
-"""The folder of a run: what is written, read back and traced."""
+"""Run folders: writing, reading, reproduction and tracing of the data of a run."""

@@ -1,7 +1,9 @@
-"""The data of a run folder, in full precision: tables as CSV and Parquet, a Parquet file per trajectory, all events.
+"""The data of a run folder in full precision: tables, trajectories, truths and events.
 
-Trajectories take most of the room. The caller says which are stored, at every 10 ms and on both sides of events; a row
-whose run is not stored has the command that makes it again (`stiction.reports.run_folder.reproduce`).
+Tables are written as CSV and Parquet, trajectories and truths as one Parquet file each. Trajectories take
+most of the space. Therefore the caller selects the runs whose trajectories are stored, and these have a
+sample every 10 ms and two at each event. The row of any other run contains the command that repeats the
+run (`stiction.reports.run_folder.reproduce`).
 """
 
 from __future__ import annotations
@@ -9,7 +11,7 @@ from __future__ import annotations
 import re
 from collections.abc import Container, Iterable, Mapping
 from dataclasses import replace
-from itertools import chain, count
+from itertools import count
 from pathlib import Path
 from typing import Any
 
@@ -25,7 +27,7 @@ from stiction.comparisons.bench.results import Results
 from stiction.comparisons.bench.variants import Record
 from stiction.engines.registry import label_of
 from stiction.reports.run_folder.data_package import columns_of_motion, columns_of_table, metadata
-from stiction.reports.run_folder.reproduce import again
+from stiction.reports.run_folder.reproduce import rerun_command
 from stiction.scenes import Trajectory, catalogue, load_scene
 from stiction.scenes.motion_table import with_sides
 from stiction.scenes.trajectory import events_frame
@@ -33,24 +35,32 @@ from stiction.truths import Truth
 from stiction.truths.truth import SAMPLES
 
 TRUTH = "truth/"
-"""Begins the key of a truth, before its name, in ``events.parquet``."""
+"""Prefix of the key of a truth in ``events.parquet``; the name of the truth follows."""
 SAMPLE_STEP = 1e-2
-"""s; between the stored samples of a trajectory, at least."""
+"""Smallest time between the stored samples of a trajectory, s."""
+MAX_FILE_NAME = 200
+"""Largest number of characters in a file name, without a number and the ending: file systems allow 255."""
+COMPRESSION_LEVEL = 9
+"""Level of zstd compression, 1 to 22; higher levels take much longer and save little."""
+NAMED_SETTINGS = ("friction_law", "stabilization", "iterations", "solver")
+"""Settings with a column of their own in the table of variants."""
 
 
 def tables_of(results: Results) -> dict[str, pd.DataFrame]:
-    """Return the tables of a run, and ``runs`` (all), ``variants``, ``parameters`` (of scenes), ``truths``."""
+    """Return the tables of the studies, and the tables ``runs``, ``variants``, ``parameters`` and ``truths``.
+
+    ``runs`` has one row for each run, ``variants`` one for each method, ``parameters`` one for each scene of
+    the catalogue, and ``truths`` one for each truth and column whose uncertainty is known.
+    """
     runs = [{**record.describe(), "wall_time": record.outcome.wall_s} for record in results.records]
-    scenes = [
-        name
-        for name in dict.fromkeys(record.scene for record in results.records)
-        if name in catalogue()
+    scenes = dict.fromkeys(record.scene for record in results.records)
+    parameters = [
+        {"scene": name, **load_scene(name).parameters} for name in scenes if name in catalogue()
     ]
-    parameters = [{"scene": name, **load_scene(name).parameters} for name in scenes]
     truths = [
-        (name, truth.tier, column, unsure)
+        (name, truth.tier, column, uncertainty)
         for name, truth in results.truths.items()
-        for column, unsure in truth.uncertainty.items()
+        for column, uncertainty in truth.uncertainty.items()
     ]
     return {
         "runs": pd.DataFrame(runs),
@@ -62,68 +72,71 @@ def tables_of(results: Results) -> dict[str, pd.DataFrame]:
 
 
 def _variants(results: Results) -> pd.DataFrame:
-    """A row per variant, as its runs state: friction law and who supplies it, stabilization, iterations, all else."""
-    named, rows = ("friction_law", "stabilization", "iterations", "solver"), []
-    runs = {record.variant.label: record for record in results.records}
-    runs |= {
-        record.variant.label: record for record in results.records if record.trajectory is not None
+    """Return a row per variant with its settings, as stated by the trajectory of its last successful run."""
+    last_records = {record.variant.label: record for record in results.records}
+    for record in results.records:
+        if record.trajectory is not None:
+            last_records[record.variant.label] = record
+    return pd.DataFrame([_variant_row(record) for record in last_records.values()])
+
+
+def _variant_row(record: Record) -> dict[str, Any]:
+    """Return the row of the table of variants for the variant of a run."""
+    variant = record.variant
+    settings = variant.settings
+    version = None
+    if record.trajectory is not None:
+        # The trajectory also states the default settings of the engine.
+        settings = record.trajectory.settings
+        version = record.trajectory.version
+    columns = (*NAMED_SETTINGS, "method", variant.parameter)
+    others = {name: value for name, value in settings.items() if name not in columns}
+    return {
+        "variant": variant.label,
+        "engine": label_of(variant.engine),
+        "version": version,
+        "fidelity": variant.fidelity,
+        "ladder": f"{variant.parameter} = {in_words(variant.ladder)}",
+        "method": in_words(settings.get("method")),
+        **{name: in_words(settings.get(name)) for name in NAMED_SETTINGS},
+        "other_settings": in_words(others),
     }
-    for record in runs.values():
-        variant, trajectory = record.variant, record.trajectory
-        stated = variant.settings if trajectory is None else trajectory.settings
-        others = {
-            key: value
-            for key, value in stated.items()
-            if key not in (*named, "method", variant.parameter)
-        }
-        rows.append(
-            {
-                "variant": variant.label,
-                "engine": label_of(variant.engine),
-                "version": trajectory.version if trajectory else None,
-                "fidelity": variant.fidelity,
-                "ladder": f"{variant.parameter} = {words(variant.ladder)}",
-                "method": words(stated.get("method")),
-                **{key: words(stated.get(key)) for key in named},
-                "other_settings": words(others),
-            }
-        )
-    return pd.DataFrame(rows)
 
 
-def words(value: Any) -> str:
-    """Write a setting as text: ``baumgarte (alpha = 90, beta = 10)`` for a mapping with a method."""
+def in_words(value: Any) -> str:
+    """Return a setting as text, such as ``baumgarte (alpha = 90, beta = 10)`` for a mapping with a method."""
     if value is None:
         return ""
     if isinstance(value, Mapping):
-        others = ", ".join(
-            f"{key} = {words(entry)}" for key, entry in value.items() if key != "method"
+        parameters = ", ".join(
+            f"{name} = {in_words(entry)}" for name, entry in value.items() if name != "method"
         )
-        return (
-            f"{value['method']} ({others})"
-            if others and "method" in value
-            else str(value.get("method", others))
-        )
+        if "method" not in value:
+            return parameters
+        return f"{value['method']} ({parameters})" if parameters else str(value["method"])
     if isinstance(value, (list, tuple)):
-        return ", ".join(map(words, value))
+        return ", ".join(map(in_words, value))
     return f"{value:g}" if isinstance(value, float) else str(value)
 
 
 def data_tables(results: Results, stored: Container[str]) -> dict[str, pd.DataFrame]:
-    """Return `tables_of` a run with the file of each row's trajectory or, where it is not `stored`, its command.
+    """Return `tables_of` a run, with the origin of each row.
 
-    Rows that sum up runs which are not kept, as of a threshold, have neither.
+    A column contains the file of the trajectory if the key of the run is in `stored`, and another one
+    the command that repeats the run if it is not. Rows that summarize several runs which are not kept,
+    such as a threshold, have neither.
     """
-    everything = (*results.records, *results.timed)
-    files = trajectory_files(everything, stored)
+    records = (*results.records, *results.timed)
+    files = trajectory_files(records, stored)
     commands = {
-        record.key: again(record)
-        for record in everything
+        record.key: rerun_command(record)
+        for record in records
         if record.trajectory is not None and record.key not in files
     }
-    tables, known = tables_of(results), {record.key for record in everything}
+    keys = {record.key for record in records}
+    tables = tables_of(results)
     for name, table in tables.items():
-        if "key" in table and table["key"].isin(known).any():
+        if "key" in table and table["key"].isin(keys).any():
             tables[name] = table.assign(
                 **{TRAJECTORY: table["key"].map(files), AGAIN: table["key"].map(commands)}
             )
@@ -131,89 +144,123 @@ def data_tables(results: Results, stored: Container[str]) -> dict[str, pd.DataFr
 
 
 def trajectory_files(records: Iterable[Record], stored: Container[str]) -> dict[str, str]:
-    """Return by key of a run the file of its trajectory, for the runs that have one and are `stored`.
+    """Return the file of each trajectory that is stored, relative to the run folder, by the key of the run.
 
-    Where two keys would share a name (upper and lower case are the same to some file systems), later ones are numbered.
+    If two keys would have the same file name, the later ones are numbered. Names that differ only in
+    case are the same to some file systems.
     """
     files: dict[str, str] = {}
-    taken: set[str] = set()
+    used_names: set[str] = set()
     for record in records:
         if record.trajectory is None or record.key not in stored or record.key in files:
             continue
-        stem = re.sub(r"[^A-Za-z0-9.=+-]+", "_", record.key)[:200]
-        names = chain([stem], (f"{stem}_{number}" for number in count(2)))
-        name = next(name for name in names if name.casefold() not in taken)
-        taken.add(name.casefold())
+        stem = re.sub(r"[^A-Za-z0-9.=+-]+", "_", record.key)[:MAX_FILE_NAME]
+        name = stem
+        numbers = count(2)
+        while name.casefold() in used_names:
+            name = f"{stem}_{next(numbers)}"
+        used_names.add(name.casefold())
         files[record.key] = f"data/trajectories/{name}.parquet"
     return files
 
 
 def write_data(results: Results, folder: Path, stored: Container[str]) -> None:
-    """Write ``data/`` of a run folder: `data_tables`, the `stored` trajectories, truths, hard problems, all events.
+    """Write the folder ``data`` of a run folder.
 
-    Trajectories and truths hold two more rows per event, the values before and after it.
+    It contains `data_tables`, the trajectories of the runs whose keys are in `stored`, truths, hard
+    complementarity problems, and all events.
     """
     (folder / "data" / "trajectories").mkdir(parents=True)
     (folder / "data" / "truths").mkdir()
     for name, table in data_tables(results, stored).items():
-        written = storable(table)
-        written.to_csv(folder / "data" / f"{name}.csv", index=False)
-        write_frame(
-            written, folder / "data" / f"{name}.parquet", columns_of_table(name, list(written))
-        )
+        storable = to_storable(table)
+        storable.to_csv(folder / "data" / f"{name}.csv", index=False)
+        quantities = columns_of_table(name, list(storable))
+        write_frame(storable, folder / "data" / f"{name}.parquet", quantities)
     if results.problems:
         write_problems(results.problems, folder / "data" / "hard-problems.parquet")
-    everything = (*results.records, *results.timed)
-    files = trajectory_files(everything, stored)
+    run_events = _write_trajectories(results, folder, stored)
+    truth_events = _write_truths(results, folder)
+    _write_events([*run_events, *truth_events], folder / "data" / "events.parquet")
+
+
+def _write_trajectories(
+    results: Results, folder: Path, stored: Container[str]
+) -> list[pd.DataFrame]:
+    """Write the stored trajectories, and return the events of all runs, a table for each run."""
+    records = (*results.records, *results.timed)
+    files = trajectory_files(records, stored)
     events = []
-    for key, record in {
-        record.key: record for record in reversed(everything)
-    }.items():  # the first run of each key
+    first_records = {record.key: record for record in reversed(records)}
+    for key, record in first_records.items():
         if key in files:
-            write_frame(
-                thinned(record.run).to_frame(events=True, interpolated=True), folder / files[key]
-            )
+            frame = thin(record.run).to_frame(events=True, interpolated=True)
+            write_frame(frame, folder / files[key])
         if record.trajectory is not None and record.trajectory.events:
             events.append(events_frame(record.trajectory.events).assign(key=key))
+    return events
+
+
+def _write_truths(results: Results, folder: Path) -> list[pd.DataFrame]:
+    """Write the truths, and return their events, a table for each truth."""
+    events = []
     for name, truth in results.truths.items():
         write_frame(truth_frame(truth).assign(tier=truth.tier), folder / truth_file(name))
         if truth.events:
             events.append(events_frame(truth.events).assign(key=TRUTH + name))
-    first = ["key", "t", "kind", "joint"]
-    frame = pd.concat(events, ignore_index=True) if events else pd.DataFrame(columns=first)
-    write_frame(frame[[*first, *frame.columns.drop(first)]], folder / "data" / "events.parquet")
+    return events
 
 
-def thinned(trajectory: Trajectory) -> Trajectory:
-    """Keep samples that are `SAMPLE_STEP` apart, and the last; all events."""
-    count = len(trajectory.t)
-    every = max(1, round(SAMPLE_STEP / float(np.median(np.diff(trajectory.t))))) if count > 1 else 1
-    kept = np.union1d(np.arange(0, count, every), np.arange(count)[-1:])
-    columns = {name: values[kept] for name, values in trajectory.columns.items()}
-    return replace(trajectory, t=trajectory.t[kept], columns=columns)
+def _write_events(events: list[pd.DataFrame], file: Path) -> None:
+    """Write the events of all runs and truths as one table; columns that not all events have come last."""
+    first_columns = ["key", "t", "kind", "joint"]
+    frame = pd.DataFrame(columns=first_columns)
+    if events:
+        frame = pd.concat(events, ignore_index=True)
+    write_frame(frame[[*first_columns, *frame.columns.drop(first_columns)]], file)
+
+
+def thin(trajectory: Trajectory) -> Trajectory:
+    """Return a trajectory with samples `SAMPLE_STEP` apart, with its last sample, and with all its events."""
+    samples = len(trajectory.t)
+    stride = 1
+    if samples > 1:
+        step = float(np.median(np.diff(trajectory.t)))
+        stride = max(1, round(SAMPLE_STEP / step))
+    last_row = np.arange(samples)[-1:]
+    rows = np.union1d(np.arange(0, samples, stride), last_row)
+    columns = {name: values[rows] for name, values in trajectory.columns.items()}
+    return replace(trajectory, t=trajectory.t[rows], columns=columns)
 
 
 def write_frame(
     frame: pd.DataFrame, file: Path, quantities: Iterable[Quantity] | None = None
 ) -> None:
-    """Write Parquet, bit by bit what it is; numbers split by the place of their bytes compress by a third more.
+    """Write a table as Parquet, without rounding, and describe its columns in their metadata.
 
-    The metadata of each column say what it is: by `quantities`, in the order of the columns, or as of a trajectory.
+    Parameters
+    ----------
+    quantities : iterable of Quantity, optional
+        Descriptions of the columns, in their order. By default the columns are those of a trajectory.
     """
-    numbers = [name for name, column in frame.items() if column.dtype == float]
+    if quantities is None:
+        quantities = columns_of_motion(frame)
     table = pa.Table.from_pandas(frame, preserve_index=False)
-    about = columns_of_motion(frame) if quantities is None else quantities
     fields = [
-        table.schema.field(quantity.key).with_metadata(metadata(quantity)) for quantity in about
+        table.schema.field(quantity.key).with_metadata(metadata(quantity))
+        for quantity in quantities
     ]
     table = table.cast(pa.schema(fields, table.schema.metadata))
+    # Storing all first bytes of a column of numbers, then all second bytes and so on makes the
+    # compressed file smaller by a third. Such columns must not have a dictionary.
+    number_columns = [name for name, column in frame.items() if column.dtype == float]
     pq.write_table(
         table,
         file,
         compression="zstd",
-        compression_level=9,
-        use_dictionary=[name for name in frame if name not in numbers],
-        column_encoding=dict.fromkeys(numbers, "BYTE_STREAM_SPLIT"),
+        compression_level=COMPRESSION_LEVEL,
+        use_dictionary=[name for name in frame if name not in number_columns],
+        column_encoding=dict.fromkeys(number_columns, "BYTE_STREAM_SPLIT"),
     )
 
 
@@ -223,13 +270,16 @@ def truth_file(name: str) -> str:
 
 
 def truth_frame(truth: Truth) -> pd.DataFrame:
-    """Return `SAMPLES` rows of a truth, and two more per event: the values before and after it."""
+    """Return `SAMPLES` rows of a truth, and two more for each event, with the values before and after it."""
     t = np.linspace(0.0, truth.t_end, SAMPLES)
     return with_sides(pd.DataFrame({"t": t, **truth(t)}), truth.events)
 
 
-def storable(table: pd.DataFrame) -> pd.DataFrame:
-    """Give every column one type: what mixes numbers and words, or holds structures, becomes text."""
+def to_storable(table: pd.DataFrame) -> pd.DataFrame:
+    """Return a table whose columns have one type each, as Parquet requires.
+
+    Columns that contain values of several types, or structures, are converted to text.
+    """
     columns = {}
     for name, column in table.items():
         try:

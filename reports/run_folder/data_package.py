@@ -1,8 +1,8 @@
-"""What the data of a run folder are, by the Data Package standard: ``datapackage.json``.
+"""Description of the data of a run folder by the Data Package standard: ``datapackage.json``.
 
-The standard (Frictionless Data, https://specs.frictionlessdata.io) describes every file of ``data/`` and every
-column of its tables: name, title, type, and, as properties of our own, the unit and the key of its uncertainty. The
-Parquet files have the same in the metadata of their columns.
+The standard (Frictionless Data, https://specs.frictionlessdata.io) describes the files of ``data/`` and the
+columns of their tables: name, title, type, and, as additional properties, the unit and the key of the
+uncertainty. The metadata of the columns of the Parquet files contain the same description.
 """
 
 from __future__ import annotations
@@ -10,7 +10,7 @@ from __future__ import annotations
 import json
 import re
 from collections.abc import Iterable, Mapping
-from functools import cache, partial
+from functools import cache
 from pathlib import Path
 from typing import Any
 
@@ -30,68 +30,79 @@ TYPES = (
     (pa.types.is_string, "string"),
     (pa.types.is_large_string, "string"),
 )
-"""Types of the standard by those of Arrow; a column without any value has any."""
+"""Predicates of Arrow types, and the corresponding types of the standard."""
+OTHER_TYPE = "any"
+"""Type of all other columns, such as a column without any value."""
 MISSING_VALUES = ("",)
 """Texts of cells without a value."""
 EVENTS = "events"
 """File of all events, with the columns of trajectories."""
 PARAMETERS = "parameters"
-"""Table of the parameters of scenes, whose columns are named by the scenes."""
+"""Table of the parameters of scenes, whose columns have the names that the scenes give them."""
 TITLES = {
     "parameters": "Parameters of the scenes",
     "runs": "All compared runs",
     "truths": "Uncertainties of the truths",
     "variants": "Methods, and their settings",
 }
-"""Titles of the tables that are of no study."""
+"""Titles of the tables that do not belong to a study."""
 
 
 @cache
 def _titles() -> Mapping[str, str]:
-    """Titles of all tables of the data."""
-    return TITLES | {name: title for study in studies() for name, title in study.tables.items()}
+    """Return the titles of all tables of the data, by name."""
+    titles = dict(TITLES)
+    for study in studies():
+        titles.update(study.tables)
+    return titles
 
 
 def columns_of_table(table: str, names: Iterable[str]) -> list[Quantity]:
-    """Return what the columns of a table of the comparisons are."""
-    if table != PARAMETERS:
-        return [quantity_of(name) for name in names]
-    return [
-        quantity_of(name)
-        if name == "scene"
-        else Quantity(name, name, description="a parameter of the scene")
-        for name in names
-    ]
+    """Return the descriptions of the columns of a table of a study or of the runs."""
+    quantities = []
+    for name in names:
+        if table == PARAMETERS and name != "scene":
+            quantities.append(Quantity(name, name, description="a parameter of the scene"))
+        else:
+            quantities.append(quantity_of(name))
+    return quantities
 
 
 def columns_of_motion(names: Iterable[str]) -> list[Quantity]:
-    """Return what the columns of a trajectory, of a truth, or of events are."""
-    return [
-        QUANTITIES[name]
-        if name in QUANTITIES and "." not in name
-        else Quantity(name, name, unit_of(name), description=meaning_of(name))
-        for name in names
-    ]
+    """Return the descriptions of the columns of a trajectory, of a truth, or of events."""
+    quantities = []
+    for name in names:
+        if name in QUANTITIES and "." not in name:
+            quantities.append(QUANTITIES[name])
+        else:
+            # A column of a scene, named ELEMENT.QUANTITY
+            unit = unit_of(name)
+            quantities.append(Quantity(name, name, unit, description=meaning_of(name)))
+    return quantities
 
 
 def metadata(quantity: Quantity) -> dict[bytes, bytes]:
-    """Describe a column of a Parquet file, in the metadata of its field."""
-    found = {
+    """Return the metadata of a column of a Parquet file; properties that a quantity lacks are left out."""
+    properties = {
         "title": quantity.label,
         "unit": quantity.unit,
         "description": quantity.description,
         "uncertainty": quantity.uncertainty,
     }
-    return {name.encode(): text.encode() for name, text in found.items() if text}
+    return {name.encode(): text.encode() for name, text in properties.items() if text}
 
 
 def write_data_package(folder: Path, title: str, created: str) -> None:
-    """Write ``datapackage.json`` of a run folder whose ``data/`` is complete.
+    """Write ``datapackage.json`` to a run folder whose ``data/`` is complete.
 
     Parameters
     ----------
-    created
-        Date and time, as ISO 8601 has them.
+    folder : Path
+        The run folder.
+    title : str
+        Title of the run.
+    created : str
+        Date and time in the format of ISO 8601.
     """
     files = sorted(
         path for path in (folder / "data").rglob("*") if path.suffix in (".csv", ".parquet")
@@ -107,48 +118,59 @@ def write_data_package(folder: Path, title: str, created: str) -> None:
 
 
 def _resource(folder: Path, file: Path) -> dict[str, Any]:
-    """Describe a file; the types of a CSV file are those of the Parquet file of the same table beside it."""
+    """Return the description of a file of the data.
+
+    A CSV file does not contain the types of its columns. They are read from the Parquet file of the same
+    table.
+    """
     path = file.relative_to(folder)
-    name = re.sub(r"[^a-z0-9._-]+", "-", "-".join((*path.parts[1:-1], path.name)).lower())
-    is_table = path.parent == Path("data")
     schema = pq.read_schema(file.with_suffix(".parquet"))
-    describe = (
-        partial(columns_of_table, path.stem)
-        if is_table and path.stem != EVENTS
-        else columns_of_motion
-    )
-    fields = [
-        _field(quantity, schema.field(quantity.key).type) for quantity in describe(schema.names)
-    ]
-    found: dict[str, Any] = {
-        "name": name,
+    is_table_of_study = path.parent == Path("data") and path.stem != EVENTS
+    if is_table_of_study:
+        quantities = columns_of_table(path.stem, schema.names)
+    else:
+        quantities = columns_of_motion(schema.names)
+    fields = [_field(quantity, schema.field(quantity.key).type) for quantity in quantities]
+    # The standard allows lower-case letters, digits, ".", "_" and "-" in names.
+    name = "-".join((*path.parts[1:-1], path.name)).lower()
+    resource: dict[str, Any] = {
+        "name": re.sub(r"[^a-z0-9._-]+", "-", name),
         "path": path.as_posix(),
         "title": _titles().get(path.stem, path.stem),
-        "format": path.suffix[1:],
+        "format": path.suffix.removeprefix("."),
     }
     if path.suffix == ".csv":
-        return found | {
+        return {
+            **resource,
             "profile": "tabular-data-resource",
             "encoding": "utf-8",
             "mediatype": "text/csv",
             "schema": {"fields": fields, "missingValues": list(MISSING_VALUES)},
         }
-    return found | {
+    return {
+        **resource,
         "profile": "data-resource",
         "mediatype": "application/vnd.apache.parquet",
         "schema": {"fields": fields},
     }
 
 
-def _field(quantity: Quantity, stored: pa.DataType) -> dict[str, Any]:
-    """Describe a column as the standard has it; unit and uncertainty are properties of our own."""
-    kind = next((name for test, name in TYPES if test(stored)), "any")
-    found = {
+def _field(quantity: Quantity, arrow_type: pa.DataType) -> dict[str, Any]:
+    """Return the description of a column. Unit and uncertainty are not properties of the standard."""
+    properties = {
         "name": quantity.key,
         "title": quantity.label,
-        "type": kind,
+        "type": _standard_type(arrow_type),
         "description": quantity.description or quantity.label,
         "unit": quantity.unit,
         "uncertainty": quantity.uncertainty,
     }
-    return {name: value for name, value in found.items() if value}
+    return {name: value for name, value in properties.items() if value}
+
+
+def _standard_type(arrow_type: pa.DataType) -> str:
+    """Return the type of the standard for a type of Arrow."""
+    for is_of_type, name in TYPES:
+        if is_of_type(arrow_type):
+            return name
+    return OTHER_TYPE

@@ -9,7 +9,7 @@ from typing import Any
 from stiction.comparisons.bench.environment import commit, machine, source_digest, versions
 from stiction.comparisons.bench.results import Results
 from stiction.engines.status import Status
-from stiction.reports.run_folder.reproduce import command
+from stiction.reports.run_folder.reproduce import campaign_command
 
 CHOICES = {
     "gravity": "the paper does not give g; it is a parameter of the scenes",
@@ -17,44 +17,50 @@ CHOICES = {
     "start": "slider at rest at x = L0, the bar horizontal and already turning at w0",
     "friction": "of the two coefficients mus, the larger, is the static one",
 }
-"""Choices of the scenes where the paper, or our copy of its text, says nothing."""
+"""Choices of the scenes where the paper, or the available copy of its text, does not give a value."""
 
 
 def provenance(results: Results) -> dict[str, Any]:
-    """Return all of it, ready for JSON; versions of engines as their trajectories state them."""
+    """Return the provenance of a run, which JSON can represent.
+
+    The versions of engines are those that their trajectories state.
+    """
     campaign = {
         "runs": len(results.records),
         "wall_time": results.wall_s,
         "cpu_time": results.cpu_s,
     }
-    engines = {
-        record.variant.engine: "unknown: none of its runs ended"
-        for record in results.records
-        if record.outcome.status != Status.MISSING
-    }
-    engines |= {
-        record.variant.engine: record.trajectory.version
-        for record in results.records
-        if record.trajectory
-    }
     return {
         "date": datetime.now(UTC).isoformat(timespec="seconds"),
         "versions": versions(),
-        "engines": engines,
+        "engines": _engine_versions(results),
         "machine": machine(),
         "commit": commit(),
         "source": source_digest(),
-        "command": command(results),
+        "command": campaign_command(results),
         "campaign": {**results.settings, **campaign},
         "choices": CHOICES,
     }
 
 
+def _engine_versions(results: Results) -> dict[str, str]:
+    """Return the version of each engine that took part, by name."""
+    engine_versions = {
+        record.variant.engine: "unknown: none of its runs ended"
+        for record in results.records
+        if record.outcome.status != Status.MISSING
+    }
+    for record in results.records:
+        if record.trajectory is not None:
+            engine_versions[record.variant.engine] = record.trajectory.version
+    return engine_versions
+
+
 def commit_in_words(origin: Mapping[str, Any]) -> str:
-    """Name the commit of a run, and whether there were changes beyond it."""
+    """Return the commit in the provenance of a run as text, with a remark if there were uncommitted changes."""
     commit = origin["commit"]
-    return (
-        commit["hash"] + " with uncommitted changes" * commit["dirty"]
-        if commit
-        else "not in a checkout"
-    )
+    if not commit:
+        return "not in a checkout"
+    if commit["dirty"]:
+        return f"{commit['hash']} with uncommitted changes"
+    return commit["hash"]

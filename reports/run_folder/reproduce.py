@@ -1,4 +1,4 @@
-"""Means to make the numbers of a run again: packages, code, scenes, the commands of campaign and runs."""
+"""Reproduction of a run: packages, code, scenes, and the commands of the campaign and of single runs."""
 
 from __future__ import annotations
 
@@ -22,9 +22,10 @@ from stiction.scenes.wording import as_given
 from stiction.truths.physics import physics_of
 
 FOLDER = "reproduce"
+"""Subfolder of a run folder."""
 OPTIONS = ("t_end", "dt", "rtol", "output_step", "fidelity")
-"""Options of `stiction run`; all other arguments of a run are settings of the engine."""
-_STEPS = """\
+"""Arguments of a run that are options of `stiction run`; all others are settings of the engine."""
+_README = """\
 # Make these numbers again
 
 With Python {python}, in the sources of stiction {stiction} {commit}, where RUN is the folder that this one lies in:
@@ -53,59 +54,77 @@ machine and on what else it did; their intervals say how far they can be trusted
 
 
 def write_reproduce(results: Results, origin: Mapping[str, Any], folder: Path) -> None:
-    """Write ``reproduce/`` of a run folder: ``README.md``, ``requirements.txt``, and the catalogue's scenes."""
-    place = folder / FOLDER
-    place.mkdir()
+    """Write the subfolder `FOLDER` of a run folder: ``README.md``, ``requirements.txt``, and the scenes.
+
+    Parameters
+    ----------
+    origin : mapping
+        The provenance of the run.
+    folder : Path
+        The run folder.
+    """
+    subfolder = folder / FOLDER
+    subfolder.mkdir()
     for name in scene_names(results):
-        file = place / "scenes" / f"{name}.toml"
+        file = subfolder / "scenes" / f"{name}.toml"
         file.parent.mkdir(parents=True, exist_ok=True)
         file.write_text(scene_to_toml(load_scene(name)), encoding="utf-8")
-    (place / "requirements.txt").write_text(
-        "".join(f"{line}\n" for line in requirements()), encoding="utf-8"
-    )
-    commit, versions = origin["commit"], origin["versions"]
-    (place / "README.md").write_text(
-        _STEPS.format(
-            command=origin["command"],
-            digest=origin["source"],
-            python=versions["python"],
-            stiction=versions["stiction"],
-            commit=f"(`git checkout {commit['hash']}`)"
-            if commit
-            else "(not run in a checkout: no commit is known)",
-            dirty=", which had changes that the commit does not have"
-            if commit and commit["dirty"]
-            else "",
-            machine="; ".join(f"{name} {value}" for name, value in origin["machine"].items()),
-        ),
-        encoding="utf-8",
+    packages = "".join(f"{line}\n" for line in requirements())
+    (subfolder / "requirements.txt").write_text(packages, encoding="utf-8")
+    (subfolder / "README.md").write_text(_readme(origin), encoding="utf-8")
+
+
+def _readme(origin: Mapping[str, Any]) -> str:
+    """Return the steps that reproduce the run with this provenance."""
+    commit = origin["commit"]
+    checkout = "(not run in a checkout: no commit is known)"
+    uncommitted_changes = ""
+    if commit:
+        checkout = f"(`git checkout {commit['hash']}`)"
+        if commit["dirty"]:
+            uncommitted_changes = ", which had changes that the commit does not have"
+    return _README.format(
+        command=origin["command"],
+        digest=origin["source"],
+        python=origin["versions"]["python"],
+        stiction=origin["versions"]["stiction"],
+        commit=checkout,
+        dirty=uncommitted_changes,
+        machine="; ".join(f"{name} {value}" for name, value in origin["machine"].items()),
     )
 
 
 def scene_names(results: Results) -> list[str]:
-    """Return the scenes of the catalogue that any run or row is of, sorted."""
-    rows = [table["scene"] for table in results.tables.values() if "scene" in table]
-    named = {record.scene for record in results.records}.union(*rows)
-    return sorted({*catalogue(), *catalogue("hard")} & named)
+    """Return the scenes of the catalogue that occur in a run or in a row of a table, sorted."""
+    names = {record.scene for record in results.records}
+    for table in results.tables.values():
+        if "scene" in table:
+            names.update(table["scene"])
+    return sorted({*catalogue(), *catalogue("hard")} & names)
 
 
-def command(results: Results) -> str:
-    """Return the command that makes the campaign, for a shell."""
-    depth, engines, workers = (
-        results.settings.get(name) for name in ("depth", "engines", "workers")
-    )
-    engines = [
-        name for name in engines or () if name != "reference"
-    ] or engines  # it takes part in any case
-    words = ["stiction", "validate", *([f"--{depth}"] if depth in ("quick", "full") else [])]
-    words += ["--engines", ",".join(engines)] if engines else []
-    return shlex.join(words + (["--workers", str(workers)] if workers else []))
+def campaign_command(results: Results) -> str:
+    """Return the command that repeats the campaign, quoted for a shell."""
+    words = ["stiction", "validate"]
+    depth = results.settings.get("depth")
+    if depth in ("quick", "full"):
+        words.append(f"--{depth}")
+    engines = results.settings.get("engines")
+    if engines:
+        # The reference takes part in any case, and is named only if it was the only engine.
+        others = [name for name in engines if name != "reference"]
+        words += ["--engines", ",".join(others or engines)]
+    workers = results.settings.get("workers")
+    if workers:
+        words += ["--workers", str(workers)]
+    return shlex.join(words)
 
 
-def again(record: Record) -> str | None:
-    """Return the command for a run; None if its scene is not in the catalogue.
+def rerun_command(record: Record) -> str | None:
+    """Return the command that repeats a run, or None if its scene is not in the catalogue.
 
-    A change of a scene by an effect is made again with all others.
+    A run with a scene that the study of effects has changed is repeated by the command of this study,
+    with all its other runs.
     """
     if record.scene not in catalogue():
         return None
@@ -114,22 +133,22 @@ def again(record: Record) -> str | None:
         return shlex.join(
             ["stiction", "compare", "effects", record.scene, "--engines", record.variant.engine]
         )
+    # An engine without a static coefficient was given a scene with mus = mu.
     scene = physics_of(declared, has_static_coefficient(record.variant))
-    options = [
-        (name.replace("_", "-"), str(value))
-        if name in OPTIONS
-        else ("setting", f"{name}={as_given(value)}")
-        for name, value in job(scene, record.variant, record.step).arguments.items()
-    ]
-    options += [
-        ("set", f"{name}.mus={mus!r}")
-        for name, guide in declared.frictional_guides.items()
-        if guide.mus != (mus := scene.guides[name].mus)
-    ]
+    options = []
+    for name, value in job(scene, record.variant, record.step).arguments.items():
+        if name in OPTIONS:
+            options.append((name.replace("_", "-"), str(value)))
+        else:
+            options.append(("setting", f"{name}={as_given(value)}"))
+    for name, guide in declared.frictional_guides.items():
+        mus = scene.guides[name].mus
+        if guide.mus != mus:
+            options.append(("set", f"{name}.mus={mus!r}"))
     return run_command(record.scene, record.variant.engine, options)
 
 
 @cache
 def _declared(name: str) -> Scene:
-    """Read a scene of the catalogue once: each has dozens of runs, and reading it takes 5 ms."""
+    """Return a scene of the catalogue, which is read once: it has dozens of runs, and reading takes 5 ms."""
     return load_scene(name)

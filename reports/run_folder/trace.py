@@ -1,7 +1,7 @@
-"""From a row of a table of the report to where it comes from: rows of the data, trajectories, settings, versions.
+"""Origin of the rows in the tables of a report: rows of the data, trajectories, settings, versions.
 
-Each row of a table has a key, the name of the table and the number of the row, from 1: ``torque:3`` is the third row
-of the table ``torque`` of the report. A row may sum up several rows of the data.
+Each row of a table has a key, which consists of the name of the table and the number of the row, from 1:
+``torque:3`` is the third row of the table ``torque``. A row may summarize several rows of the data.
 """
 
 from __future__ import annotations
@@ -9,7 +9,6 @@ from __future__ import annotations
 import json
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
-from itertools import count, groupby
 
 import pandas as pd
 
@@ -24,28 +23,37 @@ from stiction.scenes.wording import did_you_mean
 
 @dataclass(frozen=True)
 class Source:
-    """The rows and files that a key leads to."""
+    """The data from which a row of a report was computed.
+
+    Attributes
+    ----------
+    table : str
+        Name of the table in the data, without folder and ending.
+    rows : DataFrame
+        Its rows in full precision; the index contains their numbers, from 1.
+    files : tuple of str
+        Files of trajectories and truths, relative to the run folder; empty if they are not stored.
+    """
 
     table: str
-    """Its name in the data, without folder and ending"""
     rows: pd.DataFrame
-    """In full precision, by their numbers"""
     files: tuple[str, ...]
-    """Trajectories and truths behind the rows, relative to the run folder; none where no run is kept"""
 
     @property
     def place(self) -> str:
-        """``data/torque.csv, rows 16-30, 45``."""
-        return f"data/{self.table}.csv, row{'s' if len(self.rows) > 1 else ''} {ranges(self.rows.index)}"
+        """File and numbers of the rows: ``data/torque.csv, rows 16-30, 45``."""
+        word = "rows" if len(self.rows) > 1 else "row"
+        return f"data/{self.table}.csv, {word} {ranges(self.rows.index)}"
 
 
 def ranges(numbers: Iterable[int]) -> str:
-    """Write whole numbers in ascending order, neighbours as a range: ``16-30, 45``."""
-    place = count()
-    runs = [
-        list(group)
-        for _, group in groupby(sorted(numbers), key=lambda number: number - next(place))
-    ]
+    """Return whole numbers in ascending order as text, consecutive ones as a range: ``16-30, 45``."""
+    runs: list[list[int]] = []
+    for number in sorted(numbers):
+        if runs and number == runs[-1][-1] + 1:
+            runs[-1].append(number)
+        else:
+            runs.append([number])
     return ", ".join(f"{run[0]}-{run[-1]}" if len(run) > 1 else f"{run[0]}" for run in runs)
 
 
@@ -55,35 +63,46 @@ def keys(view: TableView) -> list[str]:
 
 
 def source_of(run: StoredRun, view: TableView, number: int) -> Source:
-    """Return what is behind a row of a table of the report, by its number from 1."""
-    return _rows_of(run, view.source, sorted(view.rows[number - 1]))
+    """Return the source of a row of a table in the report, by the number of the row, from 1."""
+    return _source_in_data(run, view.source, sorted(view.rows[number - 1]))
 
 
 def sources_of(run: StoredRun, view: TableView) -> Iterator[tuple[str, Source]]:
-    """Yield the key of each row of a table of the report, and what is behind the row."""
+    """Yield the key and the source of each row of a table in the report."""
     for number, key in enumerate(keys(view), start=1):
         yield key, source_of(run, view, number)
 
 
-def _rows_of(run: StoredRun, name: str, numbers: list[int]) -> Source:
-    """Rows of a table of the data, by their numbers from 1."""
+def _source_in_data(run: StoredRun, name: str, numbers: list[int]) -> Source:
+    """Return the source that consists of rows of a table in the data, by their numbers, from 1."""
     table = run.tables[name]
     rows = table.iloc[[number - 1 for number in numbers]].set_axis(numbers)
-    files = list(rows[TRAJECTORY].dropna()) if TRAJECTORY in rows else []
-    truths = rows["truth"].dropna().map(truth_file) if "truth" in rows else []
-    files += [file for file in truths if (run.folder / file).is_file()]
+    files: list[str] = []
+    if TRAJECTORY in rows:
+        files.extend(rows[TRAJECTORY].dropna())
+    if "truth" in rows:
+        # Not all truths that tables name are stored.
+        truths = rows["truth"].dropna().map(truth_file)
+        files.extend(file for file in truths if (run.folder / file).is_file())
     return Source(name, rows, tuple(dict.fromkeys(files)))
 
 
 def resolve(run: StoredRun, views: Iterable[TableView], key: str) -> Source:
-    """Find what `key` leads to, with the tables of the report of `run`.
+    """Return the source of the row with a key.
 
-    A key of a table of the data that the report does not show leads to the row of the data.
+    Parameters
+    ----------
+    run : StoredRun
+        The run.
+    views : iterable of TableView
+        The tables of its report.
+    key : str
+        Key of a row of these tables, or of a table in the data that the report does not show.
 
     Raises
     ------
     InputError
-        For a key that leads nowhere; the message says what would.
+        If there is no such row.
     """
     by_name = {view.name: view for view in views}
     sizes = {name: len(table) for name, table in run.tables.items()}
@@ -98,21 +117,25 @@ def resolve(run: StoredRun, views: Iterable[TableView], key: str) -> Source:
         raise InputError(f"key: found {key!r}; the table {name} has rows 1 to {sizes[name]}")
     if name in by_name:
         return source_of(run, by_name[name], int(number))
-    return _rows_of(run, name, [int(number)])
+    return _source_in_data(run, name, [int(number)])
 
 
-def described(run: StoredRun, source: Source) -> Iterator[tuple[str, str]]:
-    """Yield all of it, as (what, value): rows, files, settings, versions, machine, commit; equal values once."""
+def describe_source(run: StoredRun, source: Source) -> Iterator[tuple[str, str]]:
+    """Yield (name, value) for everything that is known about a source.
+
+    These are the place, files, columns and settings of its rows, and date, versions, commit and machine
+    of the run. A column with the same value in all rows is given by this value.
+    """
     yield "data", source.place
-    yield from (("file", file) for file in source.files)
+    for file in source.files:
+        yield "file", file
     for name, values in source.rows.dropna(axis="columns", how="all").items():
-        texts = list(map(str, values))
-        texts = texts[:1] if len(set(texts)) == 1 else texts
+        texts = [str(value) for value in values]
+        if len(set(texts)) == 1:
+            texts = texts[:1]
         if name == "settings" and len(texts) == 1:
-            yield from (
-                (f"setting {key}", json.dumps(value, ensure_ascii=False))
-                for key, value in json.loads(texts[0]).items()
-            )
+            for key, value in json.loads(texts[0]).items():
+                yield f"setting {key}", json.dumps(value, ensure_ascii=False)
         elif name != TRAJECTORY:
             yield str(name), "; ".join(texts)
     origin = run.origin

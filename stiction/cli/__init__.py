@@ -1,7 +1,10 @@
-"""The command line `stiction`; commands import what they need when called, so that ``--help`` answers at once.
+"""The command line `stiction`.
+
+The commands import what they need when they are called, so that ``--help`` starts fast. The modules are:
 
 ``app``         the application and its process: signals, standard output
-``exit_codes``  exit codes, and the errors that lead to them
+``exit_codes``  exit codes, messages and signals
+``overview``    the list of commands in the help
 ``options``     options and arguments that several commands have, checked and converted
 ``render``      tables, progress and trajectories on a terminal; tables in files
 ``describe``    scenes, engines, explain, export

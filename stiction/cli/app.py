@@ -1,4 +1,4 @@
-"""The application and its process: the working folder on the path, signals, standard output."""
+"""The application with all commands, and its process: module path, signals, standard output."""
 
 from __future__ import annotations
 
@@ -15,16 +15,17 @@ from stiction.cli.overview import OVERVIEW
 
 
 class Suite(Commands):
-    """The whole command line, whose help lists the commands in groups."""
+    """The group of all commands."""
 
     def format_commands(self, ctx: Any, formatter: Any) -> None:
+        """Write the list of commands in the help, in the groups of `OVERVIEW`."""
         width = max(len(name) for commands in OVERVIEW.values() for name in commands)
         for group, commands in OVERVIEW.items():
             with formatter.section(group):
-                for name, about in commands.items():
-                    formatter.write(f"  {name:{width}}  {about.line}\n")
-                    # not wrapped, so that it can be copied
-                    formatter.write(f"  {'':{width}}    stiction {about.example}\n")
+                for name, entry in commands.items():
+                    formatter.write(f"  {name:{width}}  {entry.line}\n")
+                    # An example is on one line, so that it can be copied.
+                    formatter.write(f"  {'':{width}}    stiction {entry.example}\n")
 
 
 app = typer.Typer(
@@ -34,14 +35,15 @@ app = typer.Typer(
     rich_markup_mode=None,
     epilog=EXIT_CODES,
 )
-for part in (describe, pictures, run, judge, prove, campaign, report):
-    app.add_typer(part.commands)
+for module in (describe, pictures, run, judge, prove, campaign, report):
+    app.add_typer(module.commands)
 app.add_typer(compare.commands, name="compare")
 app.add_typer(campaign.baselines, name="baseline")
 
 
-def _version(wanted: bool) -> None:
-    if wanted:
+def _version(is_requested: bool) -> None:
+    """Print the version and exit, if the option ``--version`` was given."""
+    if is_requested:
         from importlib.metadata import version
 
         print(f"stiction {version('stiction')}")
@@ -60,14 +62,17 @@ def _root(
         ),
     ] = False,
 ) -> None:
+    # Typer shows the help and the options of this function as those of the command `stiction`.
     pass
 
 
 def main() -> None:
-    """Run the command `stiction`; ``--engine module:Class`` is looked up in the working folder too."""
+    """Run the command `stiction`."""
+    # Modules of `--engine module:Class` may be in the working folder.
     sys.path.append(os.getcwd())
     signal.signal(signal.SIGTERM, terminate)
-    if signal.getsignal(signal.SIGINT) is signal.SIG_DFL:  # of stiction.silent_interrupt
+    # `stiction.silent_interrupt` has set the default for the time of the imports.
+    if signal.getsignal(signal.SIGINT) is signal.SIG_DFL:
         signal.signal(signal.SIGINT, signal.default_int_handler)
     try:
         try:
@@ -77,9 +82,8 @@ def main() -> None:
     except OSError as error:
         if error.filename is not None:
             raise
-        # without a file: standard output, which is all that is written without a name
-        os.dup2(
-            os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno()
-        )  # what is left in its buffer has nowhere to go
+        # An error without a file name is one of standard output: it is closed, or a disk is full. The
+        # rest of its buffer is discarded, so that Python does not report the error again at its exit.
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
         say(f"standard output: {error.strerror or error}")
         sys.exit(FAILED)

@@ -1,4 +1,4 @@
-"""Campaigns: ``validate``, ``nightly``, ``check``, ``baseline update``."""
+"""Commands that run campaigns: ``validate``, ``nightly``, ``check``, ``baseline update``."""
 
 from __future__ import annotations
 
@@ -20,9 +20,9 @@ from stiction.cli.exit_codes import (
     NOT_COMPARED,
     REGRESSED,
     Commands,
-    ended,
+    exit_interrupted,
+    exit_with,
     first_signal,
-    interrupted,
     say,
 )
 from stiction.cli.options import (
@@ -35,12 +35,12 @@ from stiction.cli.options import (
     OtherScenes,
     Quick,
     Workers,
-    about,
+    check_distinct,
     check_written,
-    distinct,
-    listed,
+    errors_of_option,
+    split_names,
 )
-from stiction.cli.render import or_shown, progress, show_summary
+from stiction.cli.render import progress, show_summary, shown_if_not_written
 
 if TYPE_CHECKING:
     from stiction.comparisons.bench.campaign import Campaign
@@ -50,8 +50,11 @@ if TYPE_CHECKING:
     from stiction.comparisons.regression.baseline import Baseline
     from stiction.comparisons.regression.nightly import Result
 
-KEPT_RUNS_BYTES = 200e6
-"""Free bytes below which `validate` says what it needs: twice what it takes with --quick and one engine, and more."""
+MIN_FREE_BYTES = 200e6
+"""Free space of the disk below which `validate` prints a warning, bytes.
+
+It is more than twice what the stored runs take with --quick and one engine.
+"""
 commands = typer.Typer()
 baselines = typer.Typer(
     cls=Commands,
@@ -85,25 +88,31 @@ def validate(
             "found both; expected at most one of them", param_hint="--quick, --full"
         )
     folder = out or Path("runs") / datetime.now().strftime("%Y-%m-%d-%H%M%S")
-    with about("--out"):
+    with errors_of_option("--out"):
         check_folder(folder, REPORT)
-    _say_if_disk_is_small(folder)
+    _warn_if_disk_is_small(folder)
+    depth = Depth.DEFAULT
+    if quick:
+        depth = Depth.QUICK
+    elif full:
+        depth = Depth.FULL
     with ExitStack() as stack:
-        with about("--out"):
+        with errors_of_option("--out"):
             kept = stack.enter_context(
                 kept_runs(folder, ["reference", *(engines or engine_names())])
             )
-        stack.callback(_say_what_is_kept, kept, folder)
+        stack.callback(_say_how_to_resume, kept, folder)
         if kept.kept:
             say(
                 f"found {kept.kept} stored runs of an earlier call; those with the same scenes, engines and code are "
                 "not repeated"
             )
         made_by = stack.enter_context(open_isolate(executor, workers))
+        # After the first interrupt the report of the finished runs is written.
         stack.enter_context(first_signal(partial(_end_runs, kept)))
         with progress("validate") as bar:
             results = run_campaign(
-                depth=Depth.QUICK if quick else Depth.FULL if full else Depth.DEFAULT,
+                depth=depth,
                 engines=engines or None,
                 workers=workers,
                 on_result=bar.collect,
@@ -112,25 +121,27 @@ def validate(
                 isolated=partial(kept.isolate, made_by=made_by),
                 timed_by=kept.isolate,
             )
-        report = report_of(
-            replace(results, settings={**results.settings, "runs taken over": kept.taken_over})
-        )
-        with or_shown(partial(show_summary, report)):
+        settings = {**results.settings, "runs taken over": kept.taken_over}
+        report = report_of(replace(results, settings=settings))
+        with shown_if_not_written(partial(show_summary, report)):
             file = write_report(report, folder)
         kept.finished = kept.interrupt is None
     print(file)
     show_summary(report)
     if kept.interrupt is not None:
-        raise interrupted(kept.interrupt, "the report contains the runs that were finished")
-    if failed := list(_failures_of_reference(results)):
-        raise ended(FAILED, f"{len(failed)} runs of the reference failed: {failed[0]}")
+        raise exit_interrupted(kept.interrupt, "the report contains the runs that were finished")
+    failed = list(_failures_of_reference(results))
+    if failed:
+        raise exit_with(FAILED, f"{len(failed)} runs of the reference failed: {failed[0]}")
 
 
-def _say_if_disk_is_small(folder: Path) -> None:
-    """Say where the runs are kept, if there may be too little room for them."""
-    place = next(parent for parent in folder.absolute().parents if parent.exists())
+def _warn_if_disk_is_small(folder: Path) -> None:
+    """Print a warning if the disk with the folder of a report may be too small for the stored runs."""
+    place = folder.absolute().parent
+    while not place.exists():
+        place = place.parent
     free = disk_usage(place).free
-    if free < KEPT_RUNS_BYTES:
+    if free < MIN_FREE_BYTES:
         say(
             f"only {free / 1e6:.0f} MB are free at {place}, where all runs are stored until the report is written; "
             "they need about 80 MB with --quick and one engine, and more otherwise. If the disk is full, the command "
@@ -139,27 +150,32 @@ def _say_if_disk_is_small(folder: Path) -> None:
 
 
 def _failures_of_reference(results: Results) -> Iterator[str]:
-    """The runs of the reference that failed, ended early or are wrong, with the reason; hard cases included."""
+    """Yield key and reason of each run of the reference that failed, ended early or is wrong."""
     from stiction.comparisons.studies import studies
 
-    for run in (record.describe() for record in results.records):
+    for record in results.records:
+        run = record.describe()
         if run["engine"] == "reference" and run["reason"]:
             yield f"{run['key']}: {run['reason']}"
+    # Studies such as that of hard cases have runs of their own.
     for study in studies():
         if study.failures_of_reference is not None:
             yield from study.failures_of_reference(results)
 
 
 def _end_runs(kept: KeptRuns, interrupt: KeyboardInterrupt) -> None:
+    """Handle an interrupt of `validate`: make no more runs."""
     try:
         kept.end(interrupt)
     finally:
         if kept.settled:
-            with suppress(OSError):  # of a standard error that is closed
+            # Standard error may be closed.
+            with suppress(OSError):
                 say("interrupted; writing the report of the finished runs")
 
 
-def _say_what_is_kept(kept: KeptRuns, folder: Path) -> None:
+def _say_how_to_resume(kept: KeptRuns, folder: Path) -> None:
+    """Print how to resume `validate`, if it has ended before its report was complete."""
     if kept.kept and not kept.finished:
         say(f"the finished runs are stored; to resume, repeat the command with --out {folder}")
 
@@ -183,9 +199,10 @@ def nightly(
     from stiction.reports.markdown.regression_report import write_night
 
     def publish(result: Result) -> None:
-        write_night(result, _exit_code(result.verdict), out / result.name.replace(":", ""))
+        write_night(result, _exit_code(result.verdict), _night_folder(out, result))
 
-    chosen, expected = _campaign(campaign, engine, scenes), _held_to(campaign, baseline)
+    chosen = _load_campaign(campaign, engine, scenes)
+    expected = _load_baseline(campaign, baseline)
     if executor != "processes" and "time" in chosen.measure:
         raise typer.BadParameter(
             f"found {executor!r}, and the campaign {chosen.name} measures time; expected "
@@ -207,13 +224,18 @@ def nightly(
                 on_result=bar.result,
             )
     except HistoryRefused as error:
-        raise ended(COULD_NOT_RUN, str(error)) from None
+        raise exit_with(COULD_NOT_RUN, str(error)) from None
     except KeyboardInterrupt as interrupt:
-        raise interrupted(
+        raise exit_interrupted(
             interrupt, f"the finished runs are stored in {out}; the same command resumes the night"
         ) from None
-    print(out / result.name.replace(":", ""))
-    _conclude(result)
+    print(_night_folder(out, result))
+    _print_and_exit(result)
+
+
+def _night_folder(out: Path, result: Result) -> Path:
+    """Return the folder of a night, whose name is a time; Windows does not allow colons in file names."""
+    return out / result.name.replace(":", "")
 
 
 @commands.command()
@@ -245,14 +267,17 @@ def check(
     from stiction.comparisons.regression.nightly import HISTORY, run_check
     from stiction.comparisons.regression.older_code import ControlRefused
 
-    usual = Path("nightly") / HISTORY
-    chosen, expected = _campaign(campaign, engine, scenes), _held_to(campaign, baseline)
+    if history is None:
+        default_history = Path("nightly") / HISTORY
+        history = default_history if default_history.is_file() else None
+    chosen = _load_campaign(campaign, engine, scenes)
+    expected = _load_baseline(campaign, baseline)
     try:
         with progress(f"check of {chosen.name}") as bar:
             result = run_check(
                 chosen,
                 expected,
-                history or (usual if usual.is_file() else None),
+                history,
                 control,
                 on_start=bar.start,
                 on_result=bar.result,
@@ -260,7 +285,7 @@ def check(
     except (HistoryRefused, ControlRefused) as error:
         hint = "--history" if isinstance(error, HistoryRefused) else "--control"
         raise typer.BadParameter(str(error), param_hint=hint) from None
-    _conclude(result)
+    _print_and_exit(result)
 
 
 @baselines.command("update")
@@ -320,48 +345,58 @@ def baseline_update(
         )
     path = file or files.DEFAULT
     check_written(path, option="--file")
-    distinct("--file", path, night)
-    chosen = _campaign(campaign, engine, scenes)
-    old = (
-        files.load_baseline(str(path))
-        if file is None or file.exists()
-        else files.Baseline(format=files.FORMAT)
-    )
-    rows: Sequence[Row]
-    made: Mapping[str, Any]
+    check_distinct("--file", path, night)
+    chosen = _load_campaign(campaign, engine, scenes)
+    old = files.Baseline(format=files.FORMAT)
+    if file is None or file.exists():
+        old = files.load_baseline(str(path))
+    rows: Sequence[Row] = []
+    rows_origin: Mapping[str, Any] = origin()
     if night is not None:
-        with about("--night"), open_history(night, write=False) as history:
+        with errors_of_option("--night"), open_history(night, write=False) as history:
             name = history.last_finished()
-            rows, made = (history.rows(name), history.origin(name)) if name else ([], origin())
+            if name:
+                rows = history.rows(name)
+                rows_origin = history.origin(name)
     else:
         with progress(f"baseline of {chosen.name}") as bar:
             result = run_check(chosen, old, whole=whole, on_start=bar.start, on_result=bar.result)
-        rows, made = result.rows, result.origin
+        rows = result.rows
+        rows_origin = result.origin
     with progress(f"rounding of {chosen.name}") as bar:
         rows = measured_rounding(chosen, rows, bar.start, bar.result)
+    # Runs of the campaign that --engine or --scenes leave out stay in the baseline. Runs that are no
+    # longer part of the campaign are removed.
+    whole_campaign = _load_campaign(campaign, None, [])
+    keys = {run.key for run in (*chosen.runs, *whole_campaign.runs)}
     try:
-        # what --engine and --scenes leave out stays as it is
-        known = {run.key for part in (chosen, _campaign(campaign, None, [])) for run in part.runs}
-        new = files.updated(old, rows, reason.strip(), made, known)
+        new = files.updated(old, rows, reason.strip(), rows_origin, keys)
     except files.BaselineRefused as error:
-        raise ended(REGRESSED, f"{path}: {error}") from None
+        raise exit_with(REGRESSED, f"{path}: {error}") from None
     files.write_baseline(new, path)
     print(f"{path}: {len(rows)} runs")
 
 
-def _campaign(path: Path | None, engine: str | None, scenes: Sequence[str]) -> Campaign:
+def _load_campaign(path: Path | None, engine: str | None, scenes: Sequence[str]) -> Campaign:
+    """Load a campaign, restricted to an engine and to scenes if these are given."""
     from stiction.comparisons.bench.campaign import load_campaign
     from stiction.engines import EngineMissing
 
-    found = load_campaign(path, listed(scenes))
+    campaign = load_campaign(path, split_names(scenes))
+    if engine is None:
+        return campaign
     try:
-        return found if engine is None else found.of_engine(engine)
+        return campaign.of_engine(engine)
     except EngineMissing as error:
-        raise ended(COULD_NOT_RUN, str(error)) from None
+        raise exit_with(COULD_NOT_RUN, str(error)) from None
 
 
-def _held_to(campaign: Path | None, baseline: str | None) -> Baseline:
-    """Return the baseline of a night or check; that of the suite is of its own campaign alone, unless it is named."""
+def _load_baseline(campaign: Path | None, baseline: str | None) -> Baseline:
+    """Load the baseline of a night or check.
+
+    The baseline of the suite is the default for the campaign of the suite only; for other campaigns the
+    default is empty.
+    """
     from stiction.comparisons.bench.campaign import DEFAULT
     from stiction.comparisons.regression import baseline as files
 
@@ -370,8 +405,8 @@ def _held_to(campaign: Path | None, baseline: str | None) -> Baseline:
     return files.load_baseline(baseline)
 
 
-def _conclude(result: Result) -> None:
-    """Print what changed, and end with the verdict."""
+def _print_and_exit(result: Result) -> None:
+    """Print what changed, and exit with the code of the verdict."""
     from stiction.reports.markdown.regression_report import check_report
 
     print(check_report(result), end="")
@@ -379,6 +414,7 @@ def _conclude(result: Result) -> None:
 
 
 def _exit_code(verdict: str) -> int:
+    """Return the exit code of a verdict."""
     from stiction.comparisons.regression import check
 
     return {

@@ -1,4 +1,4 @@
-"""``compare``: a command for each study, on one scene or several; a row per method or run, failures among them."""
+"""The commands of ``compare``: one for each study, on one scene or several."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from stiction.cli.exit_codes import FAILED, Commands, ended
+from stiction.cli.exit_codes import FAILED, Commands, exit_with
 from stiction.cli.options import (
     PICTURES,
     Assemble,
@@ -22,12 +22,12 @@ from stiction.cli.options import (
     TableFile,
     Timeout,
     Workers,
+    check_distinct,
     count,
-    distinct,
     scene_of,
     written,
 )
-from stiction.cli.render import or_shown, progress, show, show_truths, write_table
+from stiction.cli.render import progress, show, show_truths, shown_if_not_written, write_table
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -74,13 +74,19 @@ HELP = "Compare the engines and the reference on a scene, with regard to one que
 
 
 class StudyCommands(Commands):
-    """The studies as commands; they are loaded when one is looked up."""
+    """The group of the studies, whose commands are created when they are looked up.
+
+    The import of the studies takes long, and the help of other commands does not need it.
+    """
 
     def list_commands(self, ctx: Any) -> list[str]:
-        return list(_compared())
+        """Return the names of the studies."""
+        return list(_studies_by_name())
 
     def get_command(self, ctx: Any, name: str) -> Any:
-        if name not in self.commands and (study := _compared().get(name)):
+        """Return the command of a study, or None if there is no such study."""
+        study = _studies_by_name().get(name)
+        if study is not None and name not in self.commands:
             group = typer.Typer()
             group.command(study.name, help=study.question)(_command(study))
             self.commands[name] = typer.main.get_command_from_info(
@@ -94,16 +100,20 @@ commands = typer.Typer(cls=StudyCommands, no_args_is_help=True, help=HELP)
 
 @commands.callback(help=HELP)
 def _group() -> None:
+    # Without a callback, typer would not create the group before it has commands.
     pass
 
 
-def _compared() -> dict[str, Study]:
+def _studies_by_name() -> dict[str, Study]:
+    """Return the studies that are commands, by name."""
     from stiction.comparisons.studies import studies
 
     return {study.name: study for study in studies() if study.compared}
 
 
 def _command(study: Study) -> Callable[..., None]:
+    """Return the function of the command of a study; typer reads the options from its signature."""
+
     def compare(
         scenes: SceneNames = [],
         engines: Engines = [],
@@ -123,34 +133,38 @@ def _command(study: Study) -> Callable[..., None]:
         from stiction.comparisons.bench.depth import Depth
         from stiction.comparisons.bench.study import Scope
 
-        given: dict[str, Any] = {
+        arguments: dict[str, Any] = {
             "engines": tuple(engines) or None,
             "t_end": t_end,
             "repeats": repeats,
         }
-        options = {
-            name: value
-            for name, value in {"drive": drive, "problems": problems}.items()
-            if value is not None
-        }
-        for name, value in {**given, **options}.items():
+        options: dict[str, Any] = {}
+        if drive is not None:
+            options["drive"] = drive
+        if problems is not None:
+            options["problems"] = problems
+        # All studies have the same options; those that a study does not use are refused.
+        for name, value in {**arguments, **options}.items():
             if value is not None and name not in study.takes:
                 raise typer.BadParameter(
                     f"found {value!r}; `compare {study.name}` does not have this option",
                     param_hint=f"--{name.replace('_', '-')}",
                 )
-        distinct("--plot", plot, out)
-        distinct("--problems", problems, out)
-        subject = _subject(study, scenes, overrides, assemble)
-        scope = Scope(subject, Depth.QUICK if quick else Depth.FULL, **given, options=options)
-        _show(study, _made(study, scope, workers, timeout, executor), out, plot, problems)
+        check_distinct("--plot", plot, out)
+        check_distinct("--problems", problems, out)
+        loaded = _load_scenes(study, scenes, overrides, assemble)
+        depth = Depth.QUICK if quick else Depth.FULL
+        scope = Scope(loaded, depth, **arguments, options=options)
+        results = _run_study(study, scope, workers, timeout, executor)
+        _show(study, results, out, plot, problems)
 
     return compare
 
 
-def _subject(
+def _load_scenes(
     study: Study, scenes: Sequence[str], overrides: Sequence[str], assemble: bool
 ) -> tuple[Scene, ...]:
+    """Load the scenes of a study with overrides, and check that the study takes them."""
     from stiction.reference_impl.multibody.initial_state import with_consistent_start
     from stiction.scenes.wording import names
 
@@ -160,9 +174,10 @@ def _subject(
             "file",
             param_hint="SCENE",
         )
-    if not study.takes_scene and (given := " ".join(scenes) or overrides or assemble):
+    superfluous = " ".join(scenes) or overrides or assemble
+    if superfluous and not study.takes_scene:
         raise typer.BadParameter(
-            f"found {given!r}; expected nothing: `compare {study.name}` uses fixed scenes",
+            f"found {superfluous!r}; expected nothing: `compare {study.name}` uses fixed scenes",
             param_hint="SCENE" if scenes else "--set, --assemble",
         )
     if len(scenes) > 1 and "scenes" not in study.takes:
@@ -170,130 +185,152 @@ def _subject(
             f"found {' '.join(scenes)}; `compare {study.name}` accepts one scene",
             param_hint="SCENE",
         )
-    found = tuple(with_consistent_start(scene_of(name, overrides), assemble) for name in scenes)
-    if twice := [
-        name for name, count in Counter(scene.name for scene in found).items() if count > 1
-    ]:
+    loaded = tuple(with_consistent_start(scene_of(name, overrides), assemble) for name in scenes)
+    counts = Counter(scene.name for scene in loaded)
+    repeated = [name for name, number in counts.items() if number > 1]
+    if repeated:
         raise typer.BadParameter(
-            f"found {names(twice)} more than once; expected scenes with different names",
+            f"found {names(repeated)} more than once; expected scenes with different names",
             param_hint="SCENE",
         )
-    return found
+    return loaded
 
 
-def _made(
+def _run_study(
     study: Study, scope: Scope, workers: int | None, timeout: float, executor: str
 ) -> Results:
+    """Plan and make the runs of a study, with a progress bar."""
     from stiction.comparisons.bench.executors import open_isolate
     from stiction.comparisons.bench.runner import make
     from stiction.comparisons.bench.study import planned, union
     from stiction.engines import isolate
 
-    about = ", ".join(scene.name for scene in scope.scenes) if scope.scenes else study.title
+    subject = study.title
+    if scope.scenes:
+        subject = ", ".join(scene.name for scene in scope.scenes)
     with (
         open_isolate(executor, workers) as isolated,
-        progress(f"compare {study.name} on {about}") as bar,
+        progress(f"compare {study.name} on {subject}") as bar,
     ):
         options: dict[str, Any] = {"workers": workers, "timeout_s": timeout, "isolated": isolated}
         comparison = planned(scope, [study], **options)[study]
-        return union(
-            make(
-                [comparison], timed_by=isolate, on_start=bar.start, on_result=bar.result, **options
-            )
+        results = make(
+            [comparison], timed_by=isolate, on_start=bar.start, on_result=bar.result, **options
         )
+        return union(results)
 
 
 def _show(
     study: Study, results: Results, out: Path | None, plot: Path | None, problems: Path | None
 ) -> None:
-    """Print answer, findings and tables, write what was asked for, and fail where no run succeeded."""
+    """Print the results of a study, write the files that were asked for, and fail if no run succeeded."""
     from stiction.comparisons.bench.complementarity.problems import write_problems
-    from stiction.reports.run_folder.data import storable
+    from stiction.reports.run_folder.data import to_storable
     from stiction.reports.text import section_of
 
-    table, said = results.table(study.name), section_of(study, results)
-    if out is not None:  # an empty table, too: its file says which columns it would have
-        with or_shown(lambda: _print(said, results, table)):
-            write_table(storable(table), out)
-    _print(said, results, table)
+    table = results.table(study.name)
+    section = section_of(study, results)
+    if out is not None:
+        # An empty table is written, too; the file then shows which columns it would have.
+        with shown_if_not_written(lambda: _print(section, results, table)):
+            write_table(to_storable(table), out)
+    _print(section, results, table)
     if out is None and len(table):
         print("\nEvery row with its numbers and reasons: --out FILE.csv")
-    if plot is not None and (said.figures or len(table)):
-        from stiction.reports.figures.charts import drawn
-        from stiction.reports.figures.style import rc
-        from stiction.scenes.atomic_files import whole_file
-        from stiction.scenes.pictures.picture import write_figure
-
-        if not said.figures:
-            raise ended(
-                FAILED,
-                f"{plot}: not written, because `compare {study.name}` has no figure for these runs",
-            )
-        with rc(), whole_file(plot) as partial:
-            [drawing] = drawn(said.figures[:1], results)
-            write_figure(drawing.figure, partial)
+    if plot is not None and (section.figures or len(table)):
+        _write_first_figure(study, section, results, plot)
     if problems is not None:
         write_problems(results.problems, problems)
-    if table.empty:
-        print(
-            f"nothing to compare: the table of `compare {study.name}` is empty for this scene"
-            + (f"; {plot} is not written" if plot is not None and not said.figures else "")
+    if not table.empty:
+        _check_success(table)
+        return
+    message = f"nothing to compare: the table of `compare {study.name}` is empty for this scene"
+    if plot is not None and not section.figures:
+        message += f"; {plot} is not written"
+    print(message)
+    _check_success(_run_rows(results, table))
+
+
+def _write_first_figure(study: Study, section: Section, results: Results, file: Path) -> None:
+    """Write the first figure of a section."""
+    from stiction.reports.figures.charts import draw_figures
+    from stiction.reports.figures.style import rc
+    from stiction.scenes.atomic_files import whole_file
+    from stiction.scenes.pictures.picture import write_figure
+
+    if not section.figures:
+        raise exit_with(
+            FAILED,
+            f"{file}: not written, because `compare {study.name}` has no figure for these runs",
         )
-    _check(_runs(results, table) if table.empty else table)
+    with rc(), whole_file(file) as partial:
+        [drawing] = draw_figures(section.figures[:1], results)
+        write_figure(drawing.figure, partial)
 
 
-def _print(said: Section, results: Results, table: pd.DataFrame) -> None:
-    from stiction.comparisons.bench.methods import succeeded
-    from stiction.engines.status import Status
-
-    for part in (said.answer, *said.findings):
-        if part:
-            print(part)
-    for view in said.tables:
+def _print(section: Section, results: Results, table: pd.DataFrame) -> None:
+    """Print answer, findings, tables, notes and truths of a study, and the runs that failed."""
+    for text in (section.answer, *section.findings):
+        if text:
+            print(text)
+    for view in section.tables:
         if view.in_report:
             print(f"\n{view.caption}")
             show(view.heads(), view.cells())
-    for note in said.notes:
+    for note in section.notes:
         print(note)
     show_truths(table)
-    runs = _runs(results, table)
-    if {"status", "reason", "variant"} <= set(runs):
-        absent, failed = (
-            runs["status"] == Status.MISSING,
-            runs[~succeeded(runs) & (runs["status"] != Status.MISSING)],
+    _print_failures(_run_rows(results, table))
+
+
+def _print_failures(runs: pd.DataFrame) -> None:
+    """Print a line for each reason of runs that were not made, failed or ended early."""
+    from stiction.comparisons.bench.methods import succeeded
+    from stiction.engines.status import Status
+
+    if not {"status", "reason", "variant"} <= set(runs):
+        return
+    is_missing = runs["status"] == Status.MISSING
+    for reason, rows in runs[is_missing].groupby("reason", sort=False, dropna=False):
+        # The engine is not installed, or it is installed and cannot be started.
+        print(f"engine not available, {_count_runs(len(rows))} not made: {reason}")
+    runs_of_methods = runs["variant"].value_counts()
+    failed = runs[~succeeded(runs) & ~is_missing]
+    for (method, status, reason), rows in failed.groupby(
+        ["variant", "status", "reason"], sort=False, dropna=False
+    ):
+        outcome = "ended early" if status == Status.OK else Status(status).label
+        print(
+            f"method {method}, {len(rows)} of {_count_runs(runs_of_methods[method])} {outcome}: {reason}"
         )
-        for reason, rows in runs[absent].groupby("reason", sort=False, dropna=False):
-            print(f"not installed, {len(rows)} run{'s' * (len(rows) != 1)} not made: {reason}")
-        made = runs["variant"].value_counts()
-        for (method, status, reason), rows in failed.groupby(
-            ["variant", "status", "reason"], sort=False, dropna=False
-        ):
-            print(
-                f"method {method}, {len(rows)} of {made[method]} run{'s' if made[method] != 1 else ''} "
-                f"{'ended early' if status == Status.OK else Status(status).label}: {reason}"
-            )
 
 
-def _runs(results: Results, table: pd.DataFrame) -> pd.DataFrame:
-    """A row per run; of studies without such runs the rows of the table."""
+def _count_runs(number: int) -> str:
+    """Return a number of runs as text, such as ``1 run`` or ``2 runs``."""
+    return "1 run" if number == 1 else f"{number} runs"
+
+
+def _run_rows(results: Results, table: pd.DataFrame) -> pd.DataFrame:
+    """Return a row for each run, or the rows of the table for a study whose runs are not recorded."""
     import pandas as pd
 
-    return (
-        pd.DataFrame([record.describe() for record in results.records])
-        if results.records
-        else table
-    )
+    if not results.records:
+        return table
+    return pd.DataFrame([record.describe() for record in results.records])
 
 
-def _check(rows: pd.DataFrame) -> None:
-    """Fail where no run succeeded, or no engine to compare with the reference is installed."""
+def _check_success(rows: pd.DataFrame) -> None:
+    """Fail if no run succeeded, or if no engine to compare with the reference is available."""
     from stiction.engines.status import Status
 
     if "status" not in rows:
         return
-    others = rows[rows["engine"] != "reference"] if "engine" in rows else rows[:0]
-    if len(others) and (others["status"] == Status.MISSING).all():
-        reasons = "; ".join(others["reason"].unique())
-        raise ended(FAILED, f"no engine to compare with the reference is installed; {reasons}")
+    if "engine" in rows:
+        others = rows[rows["engine"] != "reference"]
+        if len(others) and (others["status"] == Status.MISSING).all():
+            reasons = "; ".join(others["reason"].unique())
+            raise exit_with(
+                FAILED, f"no engine to compare with the reference is available; {reasons}"
+            )
     if not (rows["status"] == Status.OK).any():
-        raise ended(FAILED, f"all runs failed: {rows['reason'].iloc[0]}")
+        raise exit_with(FAILED, f"all runs failed: {rows['reason'].iloc[0]}")

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from stiction.cli.exit_codes import FAILED, ended
+from stiction.cli.exit_codes import FAILED, exit_with
 from stiction.cli.options import Overrides, SceneName, Timeout, scene_of, written
 from stiction.cli.render import EVENTS_SHOWN, announce, print_or_write, show
 
@@ -170,9 +170,11 @@ def _try_engine(name: str, timeout: float) -> None:
         has_run = True
         print(f"{trial.scene}: {trial.verdict}: " + "\n  ".join(trial.words))
         if trial.verdict not in (RIGHT, Status.REFUSED):
-            raise ended(FAILED, f"{name}: {trial.scene}: {trial.verdict}")
+            raise exit_with(FAILED, f"{name}: {trial.scene}: {trial.verdict}")
     if not has_run:
-        raise ended(FAILED, f"{name}: the trial returned no verdict; expected one for each scene")
+        raise exit_with(
+            FAILED, f"{name}: the trial returned no verdict; expected one for each scene"
+        )
 
 
 def _describe_engine(name: str) -> None:

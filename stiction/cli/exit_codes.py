@@ -1,4 +1,4 @@
-"""Exit codes, and the errors that lead to them."""
+"""Exit codes of commands, messages on standard error, and the handling of signals."""
 
 from __future__ import annotations
 
@@ -12,16 +12,16 @@ from typing import Any
 import typer
 from typer.core import TyperGroup
 
-FINE, FAILED, BAD_INPUT, REGRESSED, COULD_NOT_RUN, NOT_COMPARED, INTERRUPTED, TERMINATED = (
-    0,
-    1,
-    2,
-    3,
-    4,
-    5,
-    130,
-    143,
-)
+FINE = 0
+FAILED = 1
+BAD_INPUT = 2
+REGRESSED = 3
+COULD_NOT_RUN = 4
+NOT_COMPARED = 5
+INTERRUPTED = 130
+"""128 + SIGINT, as shells report it."""
+TERMINATED = 143
+"""128 + SIGTERM, as shells report it."""
 EXIT_CODES = (
     "Exit codes: 0 success (in validate, compare and sweep, failed runs are rows of the result); 1 the run failed: the "
     "engine failed, refused the scene, crashed, is not installed or exceeded the time limit; in validate, a run of the "
@@ -36,30 +36,37 @@ IN_BRIEF = (
     "see `stiction --help`."
 )
 SAME_SIGNAL_S = 1.0
-"""The same signal again within it is the same one: GNU ``timeout`` signals the command and then its group."""
+"""Time in which a repeated signal counts as the same one, s.
+
+GNU ``timeout`` sends a signal to the command and then to its process group, which the command is part of.
+"""
 
 
 class Terminated(KeyboardInterrupt):
-    """SIGTERM: it leaves the same behind as an interrupt, with an exit code of its own."""
+    """SIGTERM was received. It is handled like an interrupt, but has its own exit code."""
 
 
 class Commands(TyperGroup):
-    """A group whose commands end with exit codes: errors of the suite with a message, others with a traceback."""
+    """A group of commands that turns errors into exit codes.
+
+    Errors of the suite and signals end a command with a message, and other errors with a traceback.
+    """
 
     def get_command(self, ctx: Any, name: str) -> Any:
+        """Return a command, with a line about exit codes at the end of its help."""
         command = super().get_command(ctx, name)
         if command is not None:
             command.epilog = IN_BRIEF
-            command.short_help = (
-                command.help
-            )  # else cut at the width of a column in the list of commands
+            # The default is cut at the width of a column in the list of commands.
+            command.short_help = command.help
         return command
 
     def invoke(self, ctx: Any) -> Any:
+        """Run the command that was called."""
         try:
             return super().invoke(ctx)
         except KeyboardInterrupt as interrupt:
-            raise interrupted(interrupt) from None
+            raise exit_interrupted(interrupt) from None
         except typer.Exit:
             raise
         except Exception as error:
@@ -67,9 +74,8 @@ class Commands(TyperGroup):
 
             if not isinstance(error, StictionError):
                 raise
-            raise ended(
-                BAD_INPUT if isinstance(error, InputError) else FAILED, str(error)
-            ) from None
+            code = BAD_INPUT if isinstance(error, InputError) else FAILED
+            raise exit_with(code, str(error)) from None
 
 
 def say(message: str) -> None:
@@ -77,54 +83,57 @@ def say(message: str) -> None:
     print(f"stiction: {message}", file=sys.stderr)
 
 
-def ended(code: int, message: str) -> typer.Exit:
-    """Print the reason on standard error, and return the end of a command with an exit code, to be raised."""
+def exit_with(code: int, message: str) -> typer.Exit:
+    """Print a message on standard error, and return the exception that ends a command with this exit code."""
     say(message)
     return typer.Exit(code)
 
 
-def interrupted(by: KeyboardInterrupt, left: str = "") -> typer.Exit:
-    """Print what a signal has left, and return the end of the command, to be raised."""
-    code, words = (
-        (TERMINATED, "ended by SIGTERM")
-        if isinstance(by, Terminated)
-        else (INTERRUPTED, "interrupted")
-    )
-    return ended(code, f"{words}: {left}" if left else words)
+def exit_interrupted(interrupt: KeyboardInterrupt, remark: str = "") -> typer.Exit:
+    """Print that a signal was received, and return the exception that ends the command.
+
+    `remark` states what the interrupted command has left, such as runs that are stored.
+    """
+    code, message = INTERRUPTED, "interrupted"
+    if isinstance(interrupt, Terminated):
+        code, message = TERMINATED, "ended by SIGTERM"
+    return exit_with(code, f"{message}: {remark}" if remark else message)
 
 
 def terminate(*_: Any) -> None:
-    """Handle SIGTERM: leave as after an error, temporary folders removed and children ended."""
+    """Handle SIGTERM by an exception, so that temporary folders are removed and child processes are ended."""
     raise Terminated
 
 
 @contextmanager
-def first_signal(taken_by: Callable[[KeyboardInterrupt], None]) -> Iterator[None]:
-    """Give the first interrupt or SIGTERM to `taken_by`, wherever it comes.
+def first_signal(handle: Callable[[KeyboardInterrupt], None]) -> Iterator[None]:
+    """Pass the first SIGINT or SIGTERM within the block to `handle`.
 
-    Another one, or the same again after `SAME_SIGNAL_S`, ends the command as ever.
+    Any other signal ends the command as usual, also the same signal again after `SAME_SIGNAL_S`.
     """
-    before = {number: signal.getsignal(number) for number in (signal.SIGINT, signal.SIGTERM)}
+    handlers = {number: signal.getsignal(number) for number in (signal.SIGINT, signal.SIGTERM)}
+    first: tuple[int, float] | None = None  # number of the first signal, and its time in s
 
     def restore() -> None:
-        for number, handler in before.items():
+        for number, handler in handlers.items():
             signal.signal(number, handler)
 
-    first: tuple[int, float] | None = None
-
-    def take(number: int, _: Any) -> None:
+    def on_signal(number: int, _: Any) -> None:
         nonlocal first
         now = time.monotonic()
         if first is None:
             first = number, now
-            taken_by(Terminated() if number == signal.SIGTERM else KeyboardInterrupt())
-        elif number != first[0] or now - first[1] > SAME_SIGNAL_S:
+            handle(Terminated() if number == signal.SIGTERM else KeyboardInterrupt())
+            return
+        first_number, first_time = first
+        if number != first_number or now - first_time > SAME_SIGNAL_S:
             restore()
             signal.raise_signal(number)
 
-    for number, handler in before.items():
-        if handler is not signal.SIG_IGN:  # as nohup has it
-            signal.signal(number, take)
+    for number, handler in handlers.items():
+        # nohup starts a command with signals that are ignored, and they stay ignored.
+        if handler is not signal.SIG_IGN:
+            signal.signal(number, on_signal)
     try:
         yield
     finally:

@@ -1,4 +1,4 @@
-"""The results of anybody's program, and truths for anybody: ``judge``, ``dataset``."""
+"""Commands for users of other programs: ``judge`` for their results, ``dataset`` for the truths."""
 
 from __future__ import annotations
 
@@ -7,8 +7,15 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from stiction.cli.exit_codes import BAD_INPUT, FAILED, REGRESSED, ended
-from stiction.cli.options import EndTime, Overrides, about, listed, positive, scene_of
+from stiction.cli.exit_codes import BAD_INPUT, FAILED, REGRESSED, exit_with
+from stiction.cli.options import (
+    EndTime,
+    Overrides,
+    errors_of_option,
+    positive,
+    scene_of,
+    split_names,
+)
 from stiction.cli.render import announce, progress, show, show_table
 
 if TYPE_CHECKING:
@@ -83,13 +90,14 @@ def judge(
     from stiction.reports.run_folder.overwriting import check_folder
     from stiction.scenes.result_table import parse_map, parse_units
 
-    with about("--map"):
+    with errors_of_option("--map"):
         mapping = parse_map(names)
-    with about("--units"):
+    with errors_of_option("--units"):
         sizes = parse_units(units)
-    with about("--out"):
+    with errors_of_option("--out"):
         if out is not None:
             check_folder(out, MAIN)
+    # The folder of a truth contains its scene, too.
     is_folder = is_truth_folder(scene)
     if is_folder and overrides:
         raise typer.BadParameter(
@@ -105,8 +113,7 @@ def judge(
         show(view.heads(), view.cells())
     if out is not None:
         print(write_judgement(judged, out))
-    if verdict := _verdict(judged, max_error):
-        raise ended(*verdict)
+    _fail_if_wrong(judged, max_error)
 
 
 @commands.command()
@@ -131,63 +138,80 @@ def dataset(
     from stiction.reports.run_folder.overwriting import check_folder
     from stiction.scenes import catalogue, scene_text
 
-    names = listed(scenes) if scenes else [*catalogue(), *catalogue("hard")]
+    names = split_names(scenes) if scenes else [*catalogue(), *catalogue("hard")]
     for name in names:
-        scene_text(name)  # refuses what the catalogue does not have
-    with about("FOLDER"):
+        # raises an error if the catalogue does not have the scene
+        scene_text(name)
+    with errors_of_option("FOLDER"):
         check_folder(folder, MAIN)
     with progress("dataset") as bar:
         bar.start(len(names))
         index = write_dataset(folder, names, bar.result)
     if index.empty:
-        raise ended(FAILED, "none of these scenes has a truth that is independent of the reference")
+        raise exit_with(
+            FAILED, "none of these scenes has a truth that is independent of the reference"
+        )
     show_table(index[["scene", "tier", "events", "position uncertainty [m]", "certificate"]])
     print(folder / MAIN)
 
 
-def _verdict(judged: Judgement, max_error: float | None) -> tuple[int, str] | None:
-    """Exit code and reason of a table that is misread, misses the bound, or cannot be held to it."""
-    from stiction.comparisons.judge.judgement import LARGEST_GAP
+def _fail_if_wrong(judged: Judgement, max_error: float | None) -> None:
+    """Fail if a table was misread, or if its position error exceeds `max_error` or cannot be judged by it.
 
-    origin, error, unsure, t = (
-        judged.table.origin,
-        judged.error,
-        judged.uncertainty,
-        judged.trajectory.t,
-    )
+    Raises
+    ------
+    typer.Exit
+        With the code `REGRESSED` if the error is too large or the table ends early, and `BAD_INPUT` if the
+        table or `max_error` does not allow a judgement.
+    """
+    origin = judged.table.origin
     if judged.is_misread:
         causes = "; ".join(
             f"{', '.join(columns)}: {cause}" for cause, columns in judged.hints.items()
         )
-        return BAD_INPUT, f"{origin}: {causes}"
+        raise exit_with(BAD_INPUT, f"{origin}: {causes}")
     if max_error is None:
-        return None
-    if error is None or unsure is None:
-        return BAD_INPUT, "--max-error: found no position with a known truth; expected one or more"
-    if unsure >= max_error:
-        return BAD_INPUT, (
+        return
+    if judged.error is None or judged.uncertainty is None:
+        raise exit_with(
+            BAD_INPUT, "--max-error: found no position with a known truth; expected one or more"
+        )
+    if judged.uncertainty >= max_error:
+        raise exit_with(
+            BAD_INPUT,
             f"--max-error: found {max_error:g} m; expected more than the uncertainty of the truth, "
-            f"{unsure:.2g} m"
+            f"{judged.uncertainty:.2g} m",
         )
     if not judged.is_complete:
-        return REGRESSED, (
-            f"{origin}: found times from {t[0]:g} to {t[-1]:g} s; expected 0 to {judged.scene.t_end:g} "
-            "s (--t-end says otherwise)"
-        )
-    if error > max_error:
-        return (
+        t = judged.trajectory.t
+        raise exit_with(
             REGRESSED,
-            f"{origin}: position error {error:.3g} m; expected at most {max_error:g} m",
+            f"{origin}: found times from {t[0]:g} to {t[-1]:g} s; expected 0 to "
+            f"{judged.scene.t_end:g} s (--t-end says otherwise)",
         )
+    if judged.error > max_error:
+        raise exit_with(
+            REGRESSED,
+            f"{origin}: position error {judged.error:.3g} m; expected at most {max_error:g} m",
+        )
+    _fail_if_not_judged(judged)
+
+
+def _fail_if_not_judged(judged: Judgement) -> None:
+    """Fail if a small error means nothing, because rows are missing or no position depends on forces."""
+    from stiction.comparisons.judge.judgement import LARGEST_GAP
+
+    origin = judged.table.origin
     if not judged.is_covered:
-        return BAD_INPUT, (
+        raise exit_with(
+            BAD_INPUT,
             f"{origin}: found rows {judged.widest_gap:g} s from each other; expected at most "
             f"{LARGEST_GAP * judged.scene.t_end:g} s, a tenth of the scene: what lies between was not "
-            "judged"
+            "judged",
         )
     if judged.says_nothing:
-        return BAD_INPUT, (
+        raise exit_with(
+            BAD_INPUT,
             f"{origin}: found no position but {', '.join(judged.held)}, which drives and joints "
-            "prescribe; expected one that forces move: these say nothing of a solver"
+            "prescribe; expected one that forces move: these say nothing of a solver",
         )
-    return None

@@ -1,6 +1,7 @@
-"""Options and arguments that several commands have. Each is checked and converted before the command is called.
+"""Options and arguments that several commands share. They are checked and converted before the command runs.
 
-What is wrong with an option is a `typer.BadParameter`, which names it; a scene or an engine has its own errors.
+An invalid value raises `typer.BadParameter`, which names the option. Scenes and engines raise errors of their
+own.
 """
 
 from __future__ import annotations
@@ -9,7 +10,7 @@ import math
 import os
 import tomllib
 from collections.abc import Callable, Iterator, Sequence
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -19,14 +20,15 @@ if TYPE_CHECKING:
     from stiction.scenes import Scene
 
 PICTURES = (".svg", ".pdf", ".png")
+"""Endings of picture files."""
 
 
 def positive(text: float | str) -> float:
-    """A number > 0, or arithmetic with that value."""
+    """Convert an option to a number > 0; the text may be arithmetic, such as ``1/30``."""
     try:
-        value = float(
-            text
-        )  # as nearly all are: the import of the scenes takes longer than all of the command line
+        # Nearly all values are plain numbers. Evaluating arithmetic needs an import that takes longer
+        # than the rest of the command line.
+        value = float(text)
     except ValueError:
         from stiction.scenes import InputError
         from stiction.scenes.expressions import evaluate
@@ -41,53 +43,59 @@ def positive(text: float | str) -> float:
 
 
 def count(text: float | str) -> int:
-    """A whole number >= 1, or arithmetic with that value."""
+    """Convert an option to a whole number >= 1; the text may be arithmetic."""
     value = positive(text)
     if value != int(value):
         raise typer.BadParameter(f"found {text!r}; expected a whole number >= 1")
     return int(value)
 
 
-def listed(given: Sequence[str]) -> list[str]:
-    """The names in ``a,b`` lists, each once."""
-    return list(dict.fromkeys(name.strip() for part in given for name in part.split(",")))
+def split_names(lists: Sequence[str]) -> list[str]:
+    """Return the names in texts such as ``a,b``, each once."""
+    names = [name.strip() for text in lists for name in text.split(",")]
+    return list(dict.fromkeys(names))
 
 
-def _engines(given: list[str]) -> list[str]:
-    """Each is an engine, installed or not; rows of those that are not will say so."""
+def _engines(lists: list[str]) -> list[str]:
+    """Convert the option ``--engines``, and check that all names are known and distinct.
+
+    Engines that are not installed are allowed; the rows of their runs state this.
+    """
     from stiction.engines import EngineMissing, load_engine
     from stiction.engines.registry import absolute_name, label_of
 
-    names = list(map(absolute_name, listed(given)))
-    labels: dict[str, str] = {}
+    names = [absolute_name(name) for name in split_names(lists)]
+    names_by_label: dict[str, str] = {}
     for name in names:
-        try:
+        with suppress(EngineMissing):
             load_engine(name)
-        except EngineMissing:
-            pass
-        if (other := labels.setdefault(label_of(name), name)) != name:
+        label = label_of(name)
+        other = names_by_label.setdefault(label, name)
+        if other != name:
             raise typer.BadParameter(
-                f"found {other!r} and {name!r}, both named {label_of(name)}; expected programs "
+                f"found {other!r} and {name!r}, both named {label}; expected programs "
                 "and FMUs with different names"
             )
     return names
 
 
 def _engine(name: str | None) -> str | None:
-    """The name of an engine as child processes know it."""
+    """Convert the option ``--engine``: paths become absolute, as child processes need them."""
+    # A name without a dot is no path, and needs no import.
     if name is None or "." not in name:
-        return name  # without the import
+        return name
     from stiction.engines.registry import absolute_name
 
     return absolute_name(name)
 
 
-def settings_of(given: Sequence[str]) -> dict[str, Any]:
-    """Settings of an engine from ``KEY=VALUE``: values as TOML has them, anything else a word."""
+def settings_of(texts: Sequence[str]) -> dict[str, Any]:
+    """Return the settings of an engine in texts ``KEY=VALUE``; a value that is not TOML is a string."""
     settings: dict[str, Any] = {}
-    for text in given:
+    for text in texts:
         key, equals, value = (part.strip() for part in text.partition("="))
-        if not (key.replace("-", "_").isidentifier() and equals and value):
+        is_name = key.replace("-", "_").isidentifier()
+        if not (is_name and equals and value):
             raise typer.BadParameter(
                 f"found {text!r}; expected KEY=VALUE such as stabilization=projection",
                 param_hint="--setting",
@@ -100,38 +108,54 @@ def settings_of(given: Sequence[str]) -> dict[str, Any]:
 
 
 def check_written(path: Path, endings: Sequence[str] = (), option: str | None = None) -> None:
-    """Refuse a file that cannot be written, or has none of these endings (if any), before it is computed."""
-    wrong = ""
+    """Check that a file can be written, before its content is computed.
+
+    Parameters
+    ----------
+    path : Path
+        The file.
+    endings : sequence of str
+        Endings that its name may have; any if empty.
+    option : str, optional
+        Option that the message names.
+
+    Raises
+    ------
+    typer.BadParameter
+        If the name has another ending, or the file or its folder cannot be written.
+    """
+    problem = ""
     try:
-        places = [place for place in (path, path.parent) if place.exists()]
         if endings and path.suffix.lower() not in endings:
-            wrong = f"expected a name that ends in {' or '.join(endings)}"
-        elif (
-            path.is_dir()
-            or not path.parent.is_dir()
-            or not all(os.access(place, os.W_OK) for place in places)
-        ):
-            wrong = "expected a file in a folder that exists and can be written"
-    except OSError as error:  # a name too long
-        wrong = str(error.strerror)
-    if wrong:
-        raise typer.BadParameter(f"found {str(path)!r}; {wrong}", param_hint=option)
+            problem = f"expected a name that ends in {' or '.join(endings)}"
+        elif path.is_dir() or not path.parent.is_dir() or not _has_write_access(path):
+            problem = "expected a file in a folder that exists and can be written"
+    except OSError as error:
+        # The name is too long, for example.
+        problem = str(error.strerror)
+    if problem:
+        raise typer.BadParameter(f"found {str(path)!r}; {problem}", param_hint=option)
+
+
+def _has_write_access(path: Path) -> bool:
+    """Return whether the process may write a file, if it exists, and its folder."""
+    return all(os.access(each, os.W_OK) for each in (path, path.parent) if each.exists())
 
 
 def written(*endings: str) -> Callable[[Path | None], Path | None]:
-    """Return the callback of an option: `check_written` of a file that is given."""
+    """Return a callback that checks the file of an option with `check_written`."""
 
-    def checked(path: Path | None) -> Path | None:
+    def check(path: Path | None) -> Path | None:
         if path is not None:
             check_written(path, endings)
         return path
 
-    return checked
+    return check
 
 
 @contextmanager
-def about(option: str) -> Iterator[None]:
-    """Report what the suite or the system has against a file or folder as something wrong with this option."""
+def errors_of_option(option: str) -> Iterator[None]:
+    """Turn errors of the suite and of the system within the block into `typer.BadParameter` of an option."""
     from stiction.scenes import StictionError
 
     try:
@@ -140,8 +164,8 @@ def about(option: str) -> Iterator[None]:
         raise typer.BadParameter(str(error), param_hint=option) from error
 
 
-def distinct(option: str, path: Path | None, other: Path | None) -> None:
-    """Refuse an output that the command reads, or writes as something else."""
+def check_distinct(option: str, path: Path | None, other: Path | None) -> None:
+    """Check that a file of an option is not another file that the command reads or writes."""
     if path is not None and other is not None and path.resolve() == other.resolve():
         raise typer.BadParameter(
             f"found {str(path)!r}, which the command also reads or writes; expected another file",
@@ -150,17 +174,17 @@ def distinct(option: str, path: Path | None, other: Path | None) -> None:
 
 
 def scene_of(name: str, overrides: Sequence[str]) -> Scene:
-    """Load a scene with overrides of the command line."""
+    """Load a scene, and apply overrides ``KEY=VALUE`` of the command line."""
     from stiction.scenes import load_scene, parse_override
 
     return load_scene(name, dict(parse_override(text) for text in overrides))
 
 
-def _scene_names(begun: str) -> list[str]:
-    """Names that a shell completes; where none fits, it goes on with files."""
+def _scene_names(prefix: str) -> list[str]:
+    """Return the scenes of the catalogue that begin with a prefix, for the completion by a shell."""
     from stiction.scenes import catalogue
 
-    return [name for name in (*catalogue(), *catalogue("hard")) if name.startswith(begun)]
+    return [name for name in (*catalogue(), *catalogue("hard")) if name.startswith(prefix)]
 
 
 SceneName = Annotated[

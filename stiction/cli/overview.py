@@ -1,4 +1,4 @@
-"""The commands in groups, each with one line and one example, as ``stiction --help`` lists them."""
+"""The list of commands in ``stiction --help``: groups of commands, each with one line and an example."""
 
 from __future__ import annotations
 
@@ -7,7 +7,15 @@ from dataclasses import dataclass
 
 @dataclass(frozen=True)
 class About:
-    """What a command does, in one line, and an example without the program's name."""
+    """The entry of a command in the list.
+
+    Attributes
+    ----------
+    line : str
+        What the command does, in one line.
+    example : str
+        An example, without ``stiction`` at its begin.
+    """
 
     line: str
     example: str
@@ -77,4 +85,4 @@ OVERVIEW = {
         ),
     },
 }
-"""Commands by group, in the order of the help."""
+"""Entries by the name of the group and the name of the command, in the order of the help."""

@@ -1,4 +1,4 @@
-"""A scene begun and seen: ``new``, ``draw``, ``schema``; and the pictures of a run."""
+"""Commands for writing scenes, ``new``, ``draw`` and ``schema``, and the pictures of a run."""
 
 from __future__ import annotations
 
@@ -12,8 +12,8 @@ from stiction.cli.options import (
     PICTURES,
     Overrides,
     SceneName,
-    about,
     check_written,
+    errors_of_option,
     scene_of,
     written,
 )
@@ -26,12 +26,12 @@ commands = typer.Typer()
 
 
 def _film(path: Path | None) -> Path | None:
-    """Refuse a film that cannot be written."""
+    """Check that the file of the option ``--animate`` can be written."""
     if path is not None:
         from stiction.scenes.pictures.animation import check_animation
 
         check_written(path)
-        with about("--animate"):
+        with errors_of_option("--animate"):
             check_animation(path)
     return path
 
@@ -143,21 +143,26 @@ def schema(
     from stiction.scenes.resolved import resolved_schema
     from stiction.scenes.schema import scene_schema_text
 
-    print_or_write(
-        json.dumps(resolved_schema(), indent=1) + "\n" if resolved else scene_schema_text(), out
-    )
+    text = scene_schema_text()
+    if resolved:
+        text = json.dumps(resolved_schema(), indent=1) + "\n"
+    print_or_write(text, out)
 
 
 def write_pictures(trajectory: Trajectory, plot: Path | None, animation: Path | None) -> None:
-    """Write the pictures of a run that moved, and print the names of the files."""
+    """Write the plot and the film of a run, and print the names of the files.
+
+    A run with a single sample has neither.
+    """
     from stiction.scenes.atomic_files import whole_file
 
-    makers = (
-        ("--plot", plot, lambda file: trajectory.plot().write(file)),
-        ("--animate", animation, trajectory.animate),
-    )
-    for option, path, make in makers if len(trajectory.t) > 1 else ():
-        if path is not None:
-            with about(option), whole_file(path) as partial:
-                make(partial)
-            print(path)
+    if len(trajectory.t) < 2:
+        return
+    if plot is not None:
+        with errors_of_option("--plot"), whole_file(plot) as partial:
+            trajectory.plot().write(partial)
+        print(plot)
+    if animation is not None:
+        with errors_of_option("--animate"), whole_file(animation) as partial:
+            trajectory.animate(partial)
+        print(animation)

@@ -1,4 +1,4 @@
-"""`stiction prove`: a motion with a proof, and the check of one that was written."""
+"""The command ``prove``: proofs of motions and of stick thresholds, and their verification."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from stiction.cli.exit_codes import FAILED, ended
+from stiction.cli.exit_codes import FAILED, exit_with
 from stiction.cli.options import Overrides, count, scene_of, written
 
 if TYPE_CHECKING:
@@ -20,15 +20,16 @@ if TYPE_CHECKING:
 commands = typer.Typer()
 
 
-def _up_to(most: int) -> Callable[[int | str], int]:
-    """Return the parser of a whole number 1 .. `most`."""
+def _up_to(maximum: int) -> Callable[[int | str], int]:
+    """Return a parser of whole numbers from 1 to `maximum`."""
 
-    def number(text: int | str) -> int:
-        if (value := count(text)) > most:
-            raise typer.BadParameter(f"found {text!r}; expected 1 .. {most}")
+    def parse(text: int | str) -> int:
+        value = count(text)
+        if value > maximum:
+            raise typer.BadParameter(f"found {text!r}; expected 1 .. {maximum}")
         return value
 
-    return number
+    return parse
 
 
 @commands.command()
@@ -84,7 +85,8 @@ def prove(
     The proof holds for the numbers as they are written in the scene, not for their rounded values.
     """
     _require_library()
-    if t_end is not None:  # as text: the number as it is written
+    if t_end is not None:
+        # The text is passed on, because the proof is for the number as it is written.
         overrides = [*overrides, f"t_end={t_end}"]
     if check:
         if overrides or out is not None:
@@ -99,19 +101,18 @@ def prove(
 
     loaded = scene_of(scene, overrides)
     try:
-        claims = (
-            _proven_motion(loaded, digits)
-            if threshold is None
-            else _proven_threshold(loaded, threshold)
-        )
+        if threshold is None:
+            claims = _prove_motion(loaded, digits)
+        else:
+            claims = _prove_threshold(loaded, threshold)
     except NotProven as error:
-        raise ended(FAILED, f"{loaded.name}: {error}") from None
+        raise exit_with(FAILED, f"{loaded.name}: {error}") from None
     if out is not None:
         write_certificate(claims, out)
 
 
 def verified_set(solver: str, problems: Path | None) -> pd.DataFrame:
-    """Return the table of `stiction replay --verify`."""
+    """Return the table of `stiction replay --verify`, in which the existence of solutions is proven."""
     _require_library()
     from stiction.comparisons.bench.complementarity.verification import verified
 
@@ -119,33 +120,33 @@ def verified_set(solver: str, problems: Path | None) -> pd.DataFrame:
 
 
 def _require_library() -> None:
+    """Check that the library for interval arithmetic is installed."""
     if find_spec("flint") is None:
-        raise ended(
+        raise exit_with(
             FAILED, "python-flint is not installed; it is part of the extra stiction[proof]"
         )
 
 
 def _check(path: Path) -> None:
+    """Verify all claims of a proof file, print those that are not proven, and fail if there are any."""
     from stiction.truths.proof import motion_certificate, threshold_certificate, truth_certificate
     from stiction.truths.proof.certificate import read_certificate
 
-    formats = {
-        each.FORMAT.name: each.FORMAT
-        for each in (motion_certificate, threshold_certificate, truth_certificate)
-    }
+    modules = (motion_certificate, threshold_certificate, truth_certificate)
+    formats = {module.FORMAT.name: module.FORMAT for module in modules}
     claims = read_certificate(path, formats)
-    form = formats[claims["format"]]
-    failures = form.check(claims)
-    what = f"{form.count(claims)} {form.part}s"
+    certificate_format = formats[claims["format"]]
+    failures = certificate_format.check(claims)
     for failure in failures:
-        print(f"{form.part} {failure.part}: {failure.reason}")
+        print(f"{certificate_format.part} {failure.part}: {failure.reason}")
+    parts = f"{certificate_format.count(claims)} {certificate_format.part}s"
     if failures:
-        raise ended(FAILED, f"{path}: {len(failures)} of {what} are not proven")
-    print(f"{claims['scene']}: all {what} were proven again")
+        raise exit_with(FAILED, f"{path}: {len(failures)} of {parts} are not proven")
+    print(f"{claims['scene']}: all {parts} were proven again")
 
 
-def _proven_motion(scene: Scene, digits: int) -> dict[str, Any]:
-    """Claims of a motion; they are printed."""
+def _prove_motion(scene: Scene, digits: int) -> dict[str, Any]:
+    """Prove a motion to a number of decimal places, print its events, and return the claims."""
     from stiction.truths.proof.motion import prove_scene
     from stiction.truths.proof.motion_certificate import motion_certificate
 
@@ -156,13 +157,14 @@ def _proven_motion(scene: Scene, digits: int) -> dict[str, Any]:
         f"largest width {claims['largest width']}"
     )
     instants = [(f"event {number}", event) for number, event in enumerate(claims["events"], 1)]
-    for name, values in (*instants, (f"t_end {claims['t_end [s]']}", claims["state at t_end"])):
+    instants.append((f"t_end {claims['t_end [s]']}", claims["state at t_end"]))
+    for name, values in instants:
         print("  ".join([name, *(f"{key} {value}" for key, value in values.items())]))
     return claims
 
 
-def _proven_threshold(scene: Scene, places: int) -> dict[str, Any]:
-    """Claims of a threshold; the theorem is printed."""
+def _prove_threshold(scene: Scene, places: int) -> dict[str, Any]:
+    """Prove a stick threshold to a number of decimal places, print the theorem, and return the claims."""
     from stiction.truths.proof.threshold import proven_threshold
     from stiction.truths.proof.threshold_certificate import threshold_certificate
 

@@ -1,4 +1,4 @@
-"""Output of commands: on standard output, the progress on standard error, and tables in files."""
+"""Output of commands: results on standard output, progress on standard error, and tables in files."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ import textwrap
 import threading
 import time
 from collections.abc import Callable, Iterable, Iterator, Sequence
-from contextlib import contextmanager, nullcontext, suppress
+from contextlib import ExitStack, contextmanager, suppress
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -15,6 +15,7 @@ from stiction.cli.exit_codes import say
 
 if TYPE_CHECKING:
     import pandas as pd
+    from rich.console import Console
 
     from stiction.comparisons.bench.results import Results
     from stiction.comparisons.bench.study import Study
@@ -22,19 +23,21 @@ if TYPE_CHECKING:
     from stiction.scenes import Trajectory
 
 EVENTS_SHOWN = 20
-"""Lines of a list that may be long: reasons, components."""
+"""Largest number of lines of a list that may be long: events, reasons, components."""
 UNBROKEN = 18
-"""Characters of a cell that stays on one line whatever the width, as numbers do, their uncertainty included."""
+"""Width up to which a cell is never broken into lines, characters: it is enough for a number with its uncertainty."""
 SILENCE_S = 60.0
-"""Seconds between two lines that say how far a command is, where standard error is no terminal that shows a bar."""
+"""Time between two lines about the progress, if standard error is not a terminal, s."""
+SECONDS_SHOWN = 95
+"""Remaining times below this one are shown in seconds, s; others in minutes."""
 _GAP = 3
-"""Characters between two columns on a terminal."""
+"""Number of characters between two columns on a terminal."""
 
 
 class Progress:
-    """A bar with the time left on standard error, if that is a terminal, else a line a minute; what is said above it.
+    """The progress of some work: a bar on a terminal, or else a line every `SILENCE_S` seconds.
 
-    A run that ended with a bug is a failed run like any other; its traceback is printed when all are done.
+    Runs that end with a bug are collected, and `progress` prints their tracebacks at the end.
     """
 
     def __init__(self, title: str):
@@ -53,17 +56,21 @@ class Progress:
         )
         self._task = self.bar.add_task(title, total=None, state="")
         self._title = title
-        self._started, self._total, self._done, self._left = time.monotonic(), 0, 0, ""
+        self._start_time = time.monotonic()
+        self._total = 0
+        self._done = 0
+        self._remaining = ""
         self.bugs: list[Any] = []
 
     def start(self, number: int) -> None:
-        """Show how many results will come."""
+        """Set the number of results that will come."""
         self._total = number
         self.bar.update(self._task, total=number, state=f"0 of {number}")
 
     def collect(self, result: Any) -> None:
-        """Keep a bug."""
-        if getattr(result, "traceback", ""):  # a chunk of a sweep has none
+        """Store a result that has a traceback."""
+        # Some results, such as those of a part of a sweep, do not have this attribute.
+        if getattr(result, "traceback", ""):
             self.bugs.append(result)
 
     def result(self, result: Any) -> None:
@@ -73,118 +80,160 @@ class Progress:
         if self._total:
             self.share(self._done / self._total, f"{self._done} of {self._total}, ")
 
-    def share(self, share: float, counted: str = "") -> None:
-        """Show the part of the work that is done, 0 to 1, and the time left."""
-        seconds = (time.monotonic() - self._started) * (1 / share - 1)
-        self._left = (
-            f"{10 * round(seconds / 10):d} s" if seconds < 95 else f"{round(seconds / 60):d} min"
-        ) + " left"
+    def share(self, share: float, count: str = "") -> None:
+        """Show the fraction of the work that is done, above 0 and up to 1, and the remaining time."""
+        seconds = (time.monotonic() - self._start_time) * (1 / share - 1)
+        if seconds < SECONDS_SHOWN:
+            self._remaining = f"{10 * round(seconds / 10):d} s left"
+        else:
+            self._remaining = f"{round(seconds / 60):d} min left"
         total = self._total or 1.0
         self.bar.update(
-            self._task, total=total, completed=share * total, state=counted + self._left
+            self._task, total=total, completed=share * total, state=count + self._remaining
         )
 
     def line(self) -> str:
-        """How far it is: ``"sweep of sled: 120 of 480, 3 min left, after 60 s"``."""
-        counted = f"{self._done} of {self._total}" if self._total else ""
-        known = ", ".join(filter(None, (counted, self._left)))
-        return (
-            f"{self._title}: "
-            + (f"{known}, " if known else "")
-            + f"after {time.monotonic() - self._started:.0f} s"
-        )
+        """Return the progress as text: ``sweep of sled: 120 of 480, 3 min left, after 60 s``."""
+        parts = []
+        if self._total:
+            parts.append(f"{self._done} of {self._total}")
+        if self._remaining:
+            parts.append(self._remaining)
+        parts.append(f"after {time.monotonic() - self._start_time:.0f} s")
+        return f"{self._title}: {', '.join(parts)}"
 
     def study(self, study: Study, results: Results) -> None:
-        """Print the answer of a study that is done, on one line; without a terminal the time left stands at its end."""
+        """Print the answer of a study on one line, with the remaining time unless the bar shows it."""
         from stiction.reports.text import section_of
 
-        if answer := section_of(study, results).answer:
-            remaining = f" ({self._left})" if self.bar.disable and self._left else ""
-            line = f"{study.title}: {answer}{remaining}"
-            self._console.print(line, markup=False, highlight=False, soft_wrap=True)
+        answer = section_of(study, results).answer
+        if not answer:
+            return
+        remaining = f" ({self._remaining})" if self.bar.disable and self._remaining else ""
+        line = f"{study.title}: {answer}{remaining}"
+        self._console.print(line, markup=False, highlight=False, soft_wrap=True)
 
 
 @contextmanager
 def progress(title: str) -> Iterator[Progress]:
-    """Show the progress of some work, and then the tracebacks of its bugs."""
+    """Show the progress of the work in the block, and print the tracebacks of its bugs at the end."""
     shown = Progress(title)
-    with shown.bar, _regularly(lambda: say(shown.line())) if shown.bar.disable else nullcontext():
+    with ExitStack() as stack:
+        stack.enter_context(shown.bar)
+        if shown.bar.disable:
+            stack.enter_context(_call_regularly(lambda: say(shown.line())))
         yield shown
     for result in shown.bugs:
         say(f"{result.label} ended with a bug:\n{result.traceback}")
 
 
 @contextmanager
-def _regularly(tell: Callable[[], None]) -> Iterator[None]:
-    """Call a function every `SILENCE_S` seconds, in a thread, for the time of the block."""
-    over = threading.Event()
+def _call_regularly(function: Callable[[], None]) -> Iterator[None]:
+    """Call a function every `SILENCE_S` seconds, in a thread, until the end of the block."""
+    is_over = threading.Event()
 
-    def serve() -> None:
-        while not over.wait(SILENCE_S):
-            with suppress(OSError, ValueError):  # of a standard error that is closed
-                tell()
+    def call_until_over() -> None:
+        while not is_over.wait(SILENCE_S):
+            # Standard error may be closed.
+            with suppress(OSError, ValueError):
+                function()
 
-    thread = threading.Thread(target=serve, daemon=True, name="stiction-progress")
+    thread = threading.Thread(target=call_until_over, daemon=True, name="stiction-progress")
     thread.start()
     try:
         yield
     finally:
-        over.set()
+        is_over.set()
         thread.join()
 
 
-def announce(words: str) -> None:
-    """Say what is waited for, if somebody sits at a terminal."""
+def announce(message: str) -> None:
+    """Print what the command is waiting for, if standard error is a terminal."""
     if sys.stderr.isatty():
-        say(f"{words} ..")
+        say(f"{message} ..")
 
 
 def show(columns: Sequence[str], rows: Iterable[Sequence[str]]) -> None:
-    """Print a table, in which no number is cut; nothing of one without rows.
+    """Print a table of text cells, or nothing if it has no rows. Numbers are never cut.
 
-    On a terminal words are wrapped to its width; where numbers do not fit in it, each row is a paragraph. Without a
-    terminal columns are aligned, one line per row.
+    On a terminal, long texts are broken into lines to fit its width. If that does not suffice, each row is
+    printed as a paragraph. Otherwise each row is a line.
     """
     rows = list(rows)
     if not rows:
         return
     if not sys.stdout.isatty():
-        widths = [max(map(len, cells)) for cells in zip(columns, *rows)]
-        for row in (columns, *rows):
-            print("  ".join(cell.ljust(width) for cell, width in zip(row, widths)).rstrip())
-        print()
+        _print_lines(columns, rows)
         return
-    from rich import box
     from rich.console import Console
+
+    console = Console(markup=False, highlight=False)
+    if _smallest_width(columns, rows) > console.width:
+        _print_paragraphs(columns, rows)
+    else:
+        _print_on_terminal(console, columns, rows)
+
+
+def _print_lines(columns: Sequence[str], rows: Sequence[Sequence[str]]) -> None:
+    """Print a table with one line for each row, and an empty line below it."""
+    widths = [max(map(len, cells)) for cells in zip(columns, *rows)]
+    for row in (columns, *rows):
+        print("  ".join(cell.ljust(width) for cell, width in zip(row, widths)).rstrip())
+    print()
+
+
+def _print_paragraphs(columns: Sequence[str], rows: Sequence[Sequence[str]]) -> None:
+    """Print each row of a table as a paragraph, with one line for each cell that is not empty."""
+    for first, *others in rows:
+        print(f"{columns[0]}: {first}")
+        for name, text in zip(columns[1:], others):
+            if text:
+                print(f"    {name}: {text}")
+        print()
+
+
+def _print_on_terminal(
+    console: Console, columns: Sequence[str], rows: Sequence[Sequence[str]]
+) -> None:
+    """Print a table with long texts broken into lines to fit the width of a terminal."""
+    from rich import box
     from rich.table import Table
 
-    console, table, least = Console(markup=False, highlight=False), Table(box=box.SIMPLE_HEAD), 0
+    table = Table(box=box.SIMPLE_HEAD)
     for name, *cells in zip(columns, *rows):
-        longest, head = max(map(len, cells)), _longest_word([name])
-        whole = longest <= UNBROKEN
-        least += _GAP + (
-            max(longest, head) if whole else min(max(head, _longest_word(cells)), UNBROKEN)
-        )
-        heading = textwrap.fill(name, max(longest, 1), break_long_words=False) if whole else name
-        table.add_column(heading, no_wrap=whole, overflow="fold")
-    if least > console.width:
-        for first, *others in rows:
-            print(f"{columns[0]}: {first}")
-            print(
-                "".join(f"    {name}: {text}\n" for name, text in zip(columns[1:], others) if text)
-            )
-        return
+        longest = max(map(len, cells))
+        is_unbroken = longest <= UNBROKEN
+        heading = name
+        if is_unbroken:
+            # The heading is broken instead, so that it does not widen the column.
+            heading = textwrap.fill(name, max(longest, 1), break_long_words=False)
+        table.add_column(heading, no_wrap=is_unbroken, overflow="fold")
     for row in rows:
         table.add_row(*row)
     console.print(table)
 
 
+def _smallest_width(columns: Sequence[str], rows: Sequence[Sequence[str]]) -> int:
+    """Return the number of characters that a table takes if all long texts are broken into lines."""
+    width = 0
+    for name, *cells in zip(columns, *rows):
+        longest = max(map(len, cells))
+        longest_of_heading = _longest_word([name])
+        if longest <= UNBROKEN:
+            column_width = max(longest, longest_of_heading)
+        else:
+            column_width = min(max(longest_of_heading, _longest_word(cells)), UNBROKEN)
+        width += _GAP + column_width
+    return width
+
+
 def _longest_word(texts: Iterable[str]) -> int:
+    """Return the length of the longest word in some texts."""
     return max((len(word) for text in texts for word in text.split()), default=0)
 
 
 def show_table(table: pd.DataFrame) -> None:
-    """Print all of a table, numbers rounded by what their column is."""
+    """Print all rows of a table; the quantity of a column determines its number format."""
     from stiction.comparisons.bench.presentation.cells import MISSING, cell
     from stiction.comparisons.bench.quantities import quantity_of
 
@@ -199,24 +248,24 @@ def show_table(table: pd.DataFrame) -> None:
 
 
 def show_truths(table: pd.DataFrame) -> None:
-    """Print what errors are measured against, where that is not independent of us or has a note."""
+    """Print a line about each truth of a table that is a run of the reference or has a note."""
     from stiction.comparisons.measures.scene_truth import OWN_RTOL
     from stiction.truths.truth import Tier
 
-    for (tier, note), _ in (
-        table.groupby(["truth_tier", "truth_note"]) if "truth_note" in table else ()
-    ):
-        own = (
-            f"errors are against our own run at rtol {OWN_RTOL:g} (not independent)"
-            if tier == Tier.OWN_RUN
-            else ""
-        )
-        if words := "; ".join(filter(None, (own, note))):
-            print(f"truth, {Tier(tier).label}: {words}")
+    if "truth_note" not in table:
+        return
+    for (tier, note), _ in table.groupby(["truth_tier", "truth_note"]):
+        remarks = []
+        if tier == Tier.OWN_RUN:
+            remarks.append(f"errors are against our own run at rtol {OWN_RTOL:g} (not independent)")
+        if note:
+            remarks.append(note)
+        if remarks:
+            print(f"truth, {Tier(tier).label}: {'; '.join(remarks)}")
 
 
 def show_trajectory(trajectory: Trajectory) -> None:
-    """Print settings, end state, efforts, drift, events and cost."""
+    """Print settings, final state, efforts, drift, events and cost of a run."""
     from stiction.scenes.run_summary import more_events, run_tables, run_title
 
     print(run_title(trajectory))
@@ -225,8 +274,9 @@ def show_trajectory(trajectory: Trajectory) -> None:
     show(("setting", "value"), [(key, str(value)) for key, value in trajectory.settings.items()])
     for heads, rows in run_tables(trajectory):
         show(heads, rows)
-    if more := more_events(trajectory):
-        print(more)
+    remark = more_events(trajectory)
+    if remark:
+        print(remark)
     cost = trajectory.cost
     times = (
         f"{cost.setup_s:.3g} s set-up, {cost.compile_s:.3g} s compiling or loading kernels, "
@@ -234,21 +284,22 @@ def show_trajectory(trajectory: Trajectory) -> None:
         f"{cost.output_s:.3g} s output, {cost.gate_s:.3g} s examination of the result"
     )
     counts = ", ".join(f"{name} {count}" for name, count in cost.counters.items())
-    print("CPU: " + "; ".join(filter(None, (times, counts))))
+    print(f"CPU: {times}; {counts}" if counts else f"CPU: {times}")
 
 
 def show_summary(report: Report) -> None:
-    """Print the answers of page one, a line each."""
+    """Print the recommendation and the answers of page one, a line each."""
     from stiction.reports.page_one import answer_lines
 
-    if taken_over := report.results.settings["runs taken over"]:
+    taken_over = report.results.settings["runs taken over"]
+    if taken_over:
         print(f"{taken_over} runs were taken over from an earlier call.")
     for line in answer_lines(report):
         print(line)
 
 
 def print_or_write(text: str, out: Path | None) -> None:
-    """Print a text, or write it to a file and print the name of that."""
+    """Print a text, or write it to a file and print the name of the file."""
     from stiction.scenes.atomic_files import write_text
 
     if out is None:
@@ -259,7 +310,7 @@ def print_or_write(text: str, out: Path | None) -> None:
 
 
 def write_table(table: pd.DataFrame, path: Path) -> None:
-    """Write a table as CSV or Parquet, whole or not at all."""
+    """Write a table as CSV or Parquet, by the ending of the file, completely or not at all."""
     from stiction.scenes.atomic_files import whole_file
 
     with whole_file(path) as partial:
@@ -270,12 +321,12 @@ def write_table(table: pd.DataFrame, path: Path) -> None:
 
 
 @contextmanager
-def or_shown(shown: Callable[[], None]) -> Iterator[None]:
-    """Show a result that cannot be written, so that it is not in vain."""
+def shown_if_not_written(show_result: Callable[[], None]) -> Iterator[None]:
+    """Print a result if the block fails to write it, so that it is not lost."""
     from stiction.scenes import StictionError
 
     try:
         yield
     except StictionError:
-        shown()
+        show_result()
         raise

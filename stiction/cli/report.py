@@ -1,4 +1,4 @@
-"""Results of a finished run or history: ``paper``, ``page``, ``trace``."""
+"""Commands that publish a finished run or a history: ``paper``, ``page``, ``trace``."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ from typing import Annotated
 
 import typer
 
-from stiction.cli.options import RunFolder, about, check_written, distinct
+from stiction.cli.options import RunFolder, check_distinct, check_written, errors_of_option
 from stiction.cli.render import progress, show
 
 commands = typer.Typer()
@@ -49,7 +49,7 @@ def paper(
             f"found {width!r}; expected one of {', '.join(COLUMNS)}", param_hint="--width"
         )
     stored = read_run(run)
-    with about("--out"):
+    with errors_of_option("--out"):
         check_folder(out, MAIN, run)
     with progress("paper"):
         file = write_paper(stored, out, width, tuple(author or AUTHORS))
@@ -84,11 +84,11 @@ def page(
         )
     file = out or source.with_name(source.resolve().name + ".html")
     check_written(file, (".html",), "--out")
-    distinct("--out", file, source)
+    check_distinct("--out", file, source)
     if source.is_dir():
         write_run_page(read_run(source), file)
     else:
-        with about("HISTORY"):
+        with errors_of_option("HISTORY"):
             write_history_page(source, file)
     print(file)
 
@@ -106,8 +106,8 @@ def trace(
     """Show the origin of a number in a table of `paper` or `page`: row, trajectory, truth, settings and versions."""
     from stiction.reports.report import report_of
     from stiction.reports.run_folder.stored_run import read_run
-    from stiction.reports.run_folder.trace import described, resolve
+    from stiction.reports.run_folder.trace import describe_source, resolve
 
     stored = read_run(run)
     tables = report_of(stored.validation()).tables
-    show(("what", "value"), described(stored, resolve(stored, tables, key)))
+    show(("what", "value"), describe_source(stored, resolve(stored, tables, key)))

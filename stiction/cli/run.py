@@ -1,4 +1,4 @@
-"""Single scenes, maps of their parameters, stored problems: ``run``, ``sweep``, ``replay``."""
+"""Commands that run a scene, a sweep over its parameters, or a solver on problems: ``run``, ``sweep``, ``replay``."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from stiction.cli.exit_codes import FAILED, ended, interrupted, say
+from stiction.cli.exit_codes import FAILED, exit_interrupted, exit_with, say
 from stiction.cli.options import (
     Assemble,
     EndTime,
@@ -23,31 +23,37 @@ from stiction.cli.options import (
     TableFile,
     Timeout,
     Workers,
-    about,
-    distinct,
-    listed,
+    check_distinct,
+    errors_of_option,
     positive,
     scene_of,
     settings_of,
+    split_names,
 )
 from stiction.cli.pictures import Animation, Plot, write_pictures
 from stiction.cli.prove import verified_set
 from stiction.cli.render import (
     EVENTS_SHOWN,
-    or_shown,
     progress,
     show,
     show_table,
     show_trajectory,
+    shown_if_not_written,
     write_table,
 )
 
 if TYPE_CHECKING:
+    import pandas as pd
+
+    from stiction.comparisons.bench.quantities import Quantity
+    from stiction.comparisons.sweep.sweep import Sweep
     from stiction.scenes import InputError, Scene, Trajectory
 
 commands = typer.Typer()
-RUN_TIMEOUT = 600.0
-"""Seconds that the run of a replay may take."""
+RUN_TIMEOUT_S = 600.0
+"""Time limit of the run whose problems `replay` uses, s."""
+REASONS_SHOWN = EVENTS_SHOWN
+"""Largest number of reasons of failed points that `sweep` prints."""
 
 
 @commands.command()
@@ -95,9 +101,10 @@ def run(
     """Simulate a scene in a child process; without --out, print final state, efforts, events and cost."""
     from stiction.engines.command_run import run_as_asked
 
-    loaded, chosen = scene_of(scene, overrides), settings_of(settings)
-    distinct("--plot", plot, out)
-    distinct("--animate", animation, plot)
+    loaded = scene_of(scene, overrides)
+    engine_settings = settings_of(settings)
+    check_distinct("--plot", plot, out)
+    check_distinct("--animate", animation, plot)
     if dt is not None and rtol is not None:
         raise typer.BadParameter(
             f"found both, {dt:g} and {rtol:g}; expected one: a fixed step or a tolerance",
@@ -110,38 +117,62 @@ def run(
         "output_step": output_step,
         "fidelity": fidelity,
     }
-    if taken := chosen.keys() & arguments.keys():
+    repeated = engine_settings.keys() & arguments.keys()
+    if repeated:
         raise typer.BadParameter(
-            f"found {', '.join(taken)}, which is no setting; expected an option such as --dt",
+            f"found {', '.join(repeated)}, which is no setting; expected an option such as --dt",
             param_hint="--setting",
         )
     title = f"{engine} on {loaded.name}"
-    given = engine, loaded, assemble, arguments | chosen
-    trajectory: Trajectory = _in_child(title, run_as_asked, given, timeout, traceback)
+    trajectory: Trajectory = _run_in_child(
+        title,
+        run_as_asked,
+        (engine, loaded, assemble, arguments | engine_settings),
+        timeout,
+        traceback,
+    )
     if out is None:
         show_trajectory(trajectory)
     else:
-        with or_shown(lambda: show_trajectory(trajectory)):
+        with shown_if_not_written(lambda: show_trajectory(trajectory)):
             write_table(trajectory.to_frame(events), out)
         print(out)
     write_pictures(trajectory, plot, animation)
     if trajectory.termination != "end":
-        where = (
-            ""
-            if trajectory.breakdown or not len(trajectory.t)
-            else f" at t = {trajectory.t[-1]:g} s"
-        )
-        raise ended(FAILED, f"{title}: stopped{where}: {trajectory.termination}")
+        time = ""
+        # The message of a breakdown contains the time.
+        if not trajectory.breakdown and len(trajectory.t):
+            time = f" at t = {trajectory.t[-1]:g} s"
+        raise exit_with(FAILED, f"{title}: stopped{time}: {trajectory.termination}")
 
 
-def _in_child(
+def _run_in_child(
     title: str,
     function: Callable[..., Any],
     arguments: tuple[Any, ...],
     timeout: float,
     traceback: bool = False,
 ) -> Any:
-    """Call a function in a child process; bad input is raised here, any other failure ends the command."""
+    """Return the result of a function that is called in a child process, with a progress bar.
+
+    Parameters
+    ----------
+    title : str
+        Text before the progress and in messages.
+    function, arguments
+        The function, which must be importable, and its arguments.
+    timeout : float
+        Time limit, s.
+    traceback : bool
+        Whether to print the output of the child process if it fails.
+
+    Raises
+    ------
+    InputError
+        If the function returns this error.
+    typer.Exit
+        If the function fails in any other way; the reason is printed.
+    """
     from stiction.engines import Task, isolate
     from stiction.engines.status import Status
     from stiction.scenes import InputError
@@ -157,9 +188,10 @@ def _in_child(
     if isinstance(outcome.value, InputError):
         raise outcome.value
     if outcome.status != Status.OK:
-        if traceback and outcome.log and not outcome.bug:  # of a bug it is printed already
+        # The traceback of a bug is printed by `progress`.
+        if traceback and outcome.log and not outcome.bug:
             print(outcome.log, file=sys.stderr)
-        raise ended(FAILED, f"{title}: {outcome.status.label}: {outcome.reason}")
+        raise exit_with(FAILED, f"{title}: {outcome.status.label}: {outcome.reason}")
     return outcome.value
 
 
@@ -249,12 +281,14 @@ def sweep(
 
     loaded = scene_of(scene, overrides)
     end = t_end or sweeps.usual_end(loaded)
-    steady = SteadyRun(settle or end / 3, end, rtol, engine, fidelity_of(fidelity), dt)
+    # By default the first third of a run is not evaluated.
+    transient = settle or end / 3
+    steady = SteadyRun(transient, end, rtol, engine, fidelity_of(fidelity), dt)
     axes = tuple(sweeps.parse_axis(text) for text in vary)
-    specification = sweeps.Specification(loaded, axes, tuple(listed(measure)), steady, timeout)
+    specification = sweeps.Specification(loaded, axes, tuple(split_names(measure)), steady, timeout)
     folder = out or Path("sweeps") / f"{loaded.name}-{specification.digest[:8]}"
     check_executor(executor)
-    with about("--out"):
+    with errors_of_option("--out"):
         sweeps.check_folder(specification, folder)
     try:
         with open_isolate(executor, workers) as made_by, progress(f"sweep of {loaded.name}") as bar:
@@ -267,18 +301,15 @@ def sweep(
                 on_result=bar.result,
             )
     except KeyboardInterrupt as interrupt:
-        raise interrupted(
+        raise exit_interrupted(
             interrupt,
             f"the finished runs are stored; the same command resumes the sweep in {folder}",
         ) from None
     _show_sweep(result, folder)
 
 
-def _show_sweep(result: Any, folder: Path) -> None:
-    """Draw the maps, print their ranges and the reasons of failed points, and fail where all points failed."""
-    from stiction.comparisons.bench.quantities import quantity_of
-    from stiction.comparisons.studies.threshold import WITH_STICK, WITHOUT_STICK
-    from stiction.comparisons.sweep.sweep import THRESHOLD_COLUMN
+def _show_sweep(result: Sweep, folder: Path) -> None:
+    """Draw the figures of a sweep, print the ranges of its tables and its failures, and fail if no point succeeded."""
     from stiction.engines.status import Status
     from stiction.reports.figures.style import rc, save
     from stiction.reports.figures.sweep_figures import sweep_drawings
@@ -286,70 +317,76 @@ def _show_sweep(result: Any, folder: Path) -> None:
     with rc():
         for drawing in sweep_drawings(result):
             save(drawing, folder, kinds=("png", "pdf"))
-    tables = {
-        part: table
-        for part, table in (("map", result.map), ("threshold", result.threshold))
-        if table is not None
-    }
     print(folder)
-    scene, measures = result.specification.scene, result.specification.run_measures
-    shown_of = {
-        "map": [measure.quantity for measure in measures],
-        "threshold": [quantity_of(name) for name in (THRESHOLD_COLUMN, WITH_STICK, WITHOUT_STICK)],
-    }
-    columns = [
-        (part, quantity, table[quantity.key])
-        for part, table in tables.items()
-        for quantity in shown_of[part]
-    ]
-    subjects = {measure.column: measure.subject(scene) for measure in measures}
-
-    def range_of(values: Any) -> tuple[str, str]:
-        """The ends of a column's numbers, if it has any."""
-        return ("-", "-") if values.isna().all() else (f"{values.min():.6g}", f"{values.max():.6g}")
-
-    show(
-        ("table", "column", "of", "smallest", "largest", "points", "without a number"),
-        [
-            (
-                part,
-                quantity.head,
-                subjects.get(quantity.key, ""),
-                *range_of(values),
-                str(len(values)),
-                str(values.isna().sum()),
-            )
-            for part, quantity, values in columns
-        ],
-    )
-    for part, table in tables.items():
-        failed = table[table["status"] != Status.OK]
-        for reason, points in (
-            (failed["status"] + ": " + failed["reason"]).value_counts()[:EVENTS_SHOWN].items()
-        ):
-            print(f"{part}: {points} {'point' if points == 1 else 'points'}: {reason}")
+    _show_ranges(result)
+    tables = {"map": result.map, "threshold": result.threshold}
+    successful_points = 0
+    for name, table in tables.items():
+        if table is not None:
+            _show_failed_points(name, table)
+            successful_points += (table["status"] == Status.OK).sum()
     if result.threshold is not None:
         _show_bands(result.threshold)
-    if all((table["status"] != Status.OK).all() for table in tables.values()):
-        raise ended(FAILED, "all points failed")
+    if not successful_points:
+        raise exit_with(FAILED, "all points failed")
 
 
-def _show_bands(table: Any) -> None:
-    """Print where the slider sticks again above its threshold, of the first rows at which it does."""
+def _show_ranges(result: Sweep) -> None:
+    """Print the smallest and the largest value of each measure of a sweep and of its threshold."""
+    from stiction.comparisons.bench.quantities import quantity_of
+    from stiction.comparisons.studies.threshold import WITH_STICK, WITHOUT_STICK
+    from stiction.comparisons.sweep.sweep import THRESHOLD_COLUMN
+
+    scene = result.specification.scene
+    rows = []
+    if result.map is not None:
+        for measure in result.specification.run_measures:
+            subject = measure.subject(scene)
+            rows.append(_range_row("map", result.map, measure.quantity, subject))
+    if result.threshold is not None:
+        for column in (THRESHOLD_COLUMN, WITH_STICK, WITHOUT_STICK):
+            rows.append(_range_row("threshold", result.threshold, quantity_of(column), ""))
+    show(("table", "column", "of", "smallest", "largest", "points", "without a number"), rows)
+
+
+def _range_row(name: str, table: pd.DataFrame, quantity: Quantity, subject: str) -> tuple[str, ...]:
+    """Return the row of `_show_ranges` about a column; `name` is that of the table."""
+    values = table[quantity.key]
+    smallest, largest = "-", "-"
+    if values.notna().any():
+        smallest, largest = f"{values.min():.6g}", f"{values.max():.6g}"
+    missing = values.isna().sum()
+    return (name, quantity.head, subject, smallest, largest, str(len(values)), str(missing))
+
+
+def _show_failed_points(name: str, table: pd.DataFrame) -> None:
+    """Print the most frequent reasons of failed points of a table, and the number of points of each."""
+    from stiction.engines.status import Status
+
+    failed = table[table["status"] != Status.OK]
+    reasons = (failed["status"] + ": " + failed["reason"]).value_counts()
+    for reason, count in reasons[:REASONS_SHOWN].items():
+        points = "1 point" if count == 1 else f"{count} points"
+        print(f"{name}: {points}: {reason}")
+
+
+def _show_bands(table: pd.DataFrame) -> None:
+    """Print the amplitudes above the threshold at which the slider sticks again, for the first points."""
     from stiction.comparisons.bench.presentation.cells import intervals_in_words
     from stiction.comparisons.studies.threshold import AGAIN
 
-    again = table[table[AGAIN] != ""]
-    keys = list(table.columns[: list(table.columns).index("status")])
-    for row in again.to_dict("records")[:EVENTS_SHOWN]:
-        point = ", ".join(f"{key} = {row[key]:g}" for key in keys)
+    rows = table[table[AGAIN] != ""]
+    # The columns of the axes precede the status.
+    axes = list(table.columns[: list(table.columns).index("status")])
+    for row in rows.to_dict("records")[:EVENTS_SHOWN]:
+        point = ", ".join(f"{axis} = {row[axis]:g}" for axis in axes)
         bands = " N and ".join(intervals_in_words(row[AGAIN]))
         print(
             f"threshold: above {row['threshold']:.6g} N the slider sticks again at about {bands} N "
             f"({point})"
         )
-    if len(again) > EVENTS_SHOWN:
-        print(f"threshold: .. and so at {len(again) - EVENTS_SHOWN} points more")
+    if len(rows) > EVENTS_SHOWN:
+        print(f"threshold: .. and so at {len(rows) - EVENTS_SHOWN} points more")
 
 
 @commands.command()
@@ -401,7 +438,7 @@ def replay(
 
     The table has one row for each class of problems.
     """
-    distinct("--out", out, problems)
+    check_distinct("--out", out, problems)
     if run is None and overrides:
         raise typer.BadParameter(
             "found this option without --run; expected --run with the scene to which it applies",
@@ -413,38 +450,51 @@ def replay(
         )
     with TemporaryDirectory() as folder:
         if run is not None:
-            scene, problems = scene_of(run, overrides), Path(folder) / "met.parquet"
-            _in_child(f"reference on {scene.name}", _write_met, (scene, problems), RUN_TIMEOUT)
+            scene = scene_of(run, overrides)
+            problems = Path(folder) / "problems.parquet"
+            title = f"reference on {scene.name}"
+            _run_in_child(title, _write_problems_of_run, (scene, problems), RUN_TIMEOUT_S)
         if export is not None:
             from stiction.comparisons.bench.complementarity.exchange import write_folder
             from stiction.comparisons.bench.complementarity.problems import read_problems
 
             print(f"{export}: {write_folder(read_problems(problems), export)} problems")
         elif verify:
-            _show_set(verified_set(solver, problems), out)
+            _show_classes(verified_set(solver, problems), out)
         else:
-            from stiction.comparisons.bench.complementarity.replay import replay as run_set
-
-            with progress(f"replay of {solver}") as bar:
-                table = run_set(
-                    solver,
-                    problems,
-                    timeout_s=timeout,
-                    workers=workers,
-                    on_start=bar.start,
-                    on_result=bar.result,
-                )
-            _show_set(table, out)
-            if len(failed := table[table["problems"] == 0]):
-                raise ended(
-                    FAILED,
-                    f"{len(failed)} of {len(table)} classes failed: "
-                    f"{failed['class'].iloc[0]}: {failed['reason'].iloc[0]}",
-                )
+            _replay_set(solver, problems, timeout, workers, out)
 
 
-def _write_met(scene: Scene, path: Path) -> int | InputError:
-    """In the child: the number of problems, or the error if the fault is the input's."""
+def _replay_set(
+    solver: str, problems: Path | None, timeout: float, workers: int | None, out: Path | None
+) -> None:
+    """Run a solver on a set of problems, print a row for each class, and fail if a class has no result."""
+    from stiction.comparisons.bench.complementarity.replay import replay as run_solver
+
+    with progress(f"replay of {solver}") as bar:
+        table = run_solver(
+            solver,
+            problems,
+            timeout_s=timeout,
+            workers=workers,
+            on_start=bar.start,
+            on_result=bar.result,
+        )
+    _show_classes(table, out)
+    failed = table[table["problems"] == 0]
+    if len(failed):
+        raise exit_with(
+            FAILED,
+            f"{len(failed)} of {len(table)} classes failed: "
+            f"{failed['class'].iloc[0]}: {failed['reason'].iloc[0]}",
+        )
+
+
+def _write_problems_of_run(scene: Scene, path: Path) -> int | InputError:
+    """Write the problems of a run of the reference, in a child process, and return their number.
+
+    An error of the input is returned, because the parent process raises it again.
+    """
     from stiction.comparisons.bench.complementarity.audited_run import write_problems_of_run
     from stiction.scenes import InputError
 
@@ -454,7 +504,8 @@ def _write_met(scene: Scene, path: Path) -> int | InputError:
         return error
 
 
-def _show_set(table: Any, out: Path | None) -> None:
+def _show_classes(table: pd.DataFrame, out: Path | None) -> None:
+    """Print a table of classes of problems, and write it to a file if one is given."""
     show_table(table)
     if out is not None:
         write_table(table, out)

@@ -422,7 +422,7 @@ class TestCompare:
         )
         _print(Section(), Results((), {}, {}), runs)
         assert capsys.readouterr().out.splitlines() == [
-            "not installed, 2 runs not made: drake: not installed",
+            "engine not available, 2 runs not made: drake: not installed",
             "method trial and error, 1 of 2 runs ended early: the linear system is singular",
         ]
 
@@ -530,7 +530,7 @@ class TestProcess:
             "import os, signal, sys, stiction.__main__ as command, stiction.child_processes as children; sys.argv = ['stiction', 'run']; "
             "children.start_server = lambda with_measures: os.kill(os.getpid(), signal.SIGINT); command.main()"
         )
-        served = "import os, signal; from stiction.child_processes import _IMPORTED; __import__(_IMPORTED[0]); os.kill(os.getpid(), signal.SIGINT)"
+        served = "import os, signal; from stiction.child_processes import _PRELOADED; __import__(_PRELOADED[0]); os.kill(os.getpid(), signal.SIGINT)"
         for code in (begun, served):
             ended = subprocess.run(
                 [sys.executable, "-c", code], capture_output=True, text=True, timeout=HANGS

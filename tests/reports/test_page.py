@@ -19,7 +19,7 @@ from stiction.comparisons.bench.results import Results
 from stiction.comparisons.regression import history
 from stiction.reports import report_of, write_report
 from stiction.reports.page import write_history_page, write_run_page
-from stiction.reports.page.time_series import SAMPLE, VISIBLE, decimated
+from stiction.reports.page.time_series import MAX_DEVIATION, SAMPLE_STEP, decimate
 from stiction.reports.run_folder.stored_run import read_run
 from stiction.scenes.pictures.web import LONG, SHORT, Columns
 
@@ -261,7 +261,7 @@ def test_keyboard_plays_pauses_and_steps(run_page, open_page):
     first = shown_time(page)
     assert 0 < first < 0.05
     page.keyboard.press("Shift+ArrowRight")
-    assert shown_time(page) > first + 5 * SAMPLE
+    assert shown_time(page) > first + 5 * SAMPLE_STEP
     page.keyboard.press("ArrowLeft")
     page.keyboard.press(" ")
     assert page.get_by_role("button", name="Pause").count() == 1
@@ -282,7 +282,7 @@ def test_sections_are_closed_and_keys_open_the_one_with_their_rows(
     run_page, report_folder, open_page
 ):
     page, run = open_page(run_page), read_run(report_folder)
-    said = report_of(run.validation()).said
+    said = report_of(run.validation()).sections
     headings = [
         "Answer",
         "Time series",
@@ -422,7 +422,7 @@ def test_time_series_keep_both_sides_of_every_event_and_what_can_be_seen(report_
             whole = record.trajectory.to_frame(events=True, interpolated=True)
             columns = ["slider.vx", "guide.F1", "motor.effort"]
             ranges = {column: (whole[column].min(), whole[column].max()) for column in columns}
-            frame = decimated(whole, ranges)
+            frame = decimate(whole, ranges)
             events = [event.time for event in record.trajectory.events]
             assert all(
                 (frame["t"] == time).sum() == (whole["t"] == time).sum() >= 2 for time in events
@@ -430,15 +430,15 @@ def test_time_series_keep_both_sides_of_every_event_and_what_can_be_seen(report_
             smooth = whole[~whole["t"].isin(events)]
             for column, (low, high) in ranges.items():
                 missed = np.abs(np.interp(smooth["t"], frame["t"], frame[column]) - smooth[column])
-                assert missed.max() < 4 * VISIBLE * (high - low), column
+                assert missed.max() < 4 * MAX_DEVIATION * (high - low), column
 
 
 def test_a_peak_between_two_samples_is_kept():
     t = np.linspace(0, 1, 1001)
     frame = pd.DataFrame({"t": t, "force": np.where(np.isclose(t, 0.5047), 0.0, np.sin(t))})
     frame.loc[505, "force"] = 9.0
-    assert decimated(frame, {"force": (0.0, 1.0)})["force"].max() == 9.0
-    assert len(decimated(frame, {"force": (0.0, 1.0)})) < 110
+    assert decimate(frame, {"force": (0.0, 1.0)})["force"].max() == 9.0
+    assert len(decimate(frame, {"force": (0.0, 1.0)})) < 110
 
 
 @given(

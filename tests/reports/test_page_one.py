@@ -17,7 +17,7 @@ from stiction.comparisons.bench.results import Results
 from stiction.comparisons.bench.variants import Variant
 from stiction.reports import report_of, write_report
 from stiction.reports.markdown.tables import WIDTH as TABLE_WIDTH
-from stiction.reports.markdown.tables import fitted
+from stiction.reports.markdown.tables import fit_table
 from stiction.reports.page_one import (
     TITLE,
     answer_lines,
@@ -85,7 +85,7 @@ def numbers(report: Report) -> list[Number]:
     """Every number of the page's sentences that is a cell of the data."""
     answers = [
         number
-        for study, said in report.said.items()
+        for study, said in report.sections.items()
         if study.on_page_one and said.answer
         for number in said.numbers
     ]
@@ -112,7 +112,7 @@ def test_no_other_digits(full, report):
     """What has digits is a cell of the data, a count, a cell of the table of methods, or fixed text."""
     page = text = " ".join(page_one_markdown(report, "", "Run.").split())
     words = page_one(report)
-    for study, said in report.said.items():
+    for study, said in report.sections.items():
         assert said.answer in page or not study.on_page_one
         text = text.replace(said.answer, "").replace(said.beside, "")
     for fixed in (
@@ -156,12 +156,13 @@ def test_it_comes_out_whatever_is_missing(full, missing):
 
 
 def test_what_stands_beside_an_answer_is_no_line_of_the_terminal(full, report):
-    study = next(study for study in report.said if study.on_page_one)
+    study = next(study for study in report.sections if study.on_page_one)
     said = replace(
-        report, said={**report.said, study: replace(report.said[study], beside="It holds.")}
+        report,
+        sections={**report.sections, study: replace(report.sections[study], beside="It holds.")},
     )
     page = " ".join(page_one_markdown(said, "", "Run.").split())
-    assert f"{said.said[study].answer} It holds." in page
+    assert f"{said.sections[study].answer} It holds." in page
     assert list(answer_lines(said)) == list(answer_lines(report))
 
 
@@ -283,7 +284,9 @@ def test_a_number_ends_where_its_uncertainty_does(value, unsure, told):
     )
 )
 def test_tables_fit(words):
-    text = fitted(pd.DataFrame({"words": words, "again": words, "third": words, "number": np.pi}))
+    text = fit_table(
+        pd.DataFrame({"words": words, "again": words, "third": words, "number": np.pi})
+    )
     lines, _, below = text.partition("\n\n")
     assert max(map(len, lines.splitlines())) <= TABLE_WIDTH
     dropped = [

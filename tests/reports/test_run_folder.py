@@ -21,10 +21,10 @@ from stiction.comparisons.bench.variants import Record
 from stiction.comparisons.studies.paper_figures import stick_phases
 from stiction.engines.isolation import Outcome
 from stiction.reports import REPORT, FolderRefused, check_folder, report_of, write_report
-from stiction.reports.markdown.failures import failed_runs, grouped
-from stiction.reports.run_folder.data import data_tables, storable, trajectory_files
+from stiction.reports.markdown.failures import failed_runs, group_failures
+from stiction.reports.run_folder.data import data_tables, to_storable, trajectory_files
 from stiction.reports.run_folder.overwriting import run_folder
-from stiction.reports.run_folder.reproduce import command
+from stiction.reports.run_folder.reproduce import campaign_command
 from stiction.scenes import load_scene
 
 MOST_BYTES = 60_000
@@ -55,7 +55,7 @@ def test_every_loss_is_named_with_its_reason(report_folder):
 def test_all_parts_are_there(validation, report_folder):
     text = (report_folder / "report.md").read_text()
     titles = re.findall(r"^## (.*)$", text, re.M)
-    questions = [study.question for study in report_of(validation).said]
+    questions = [study.question for study in report_of(validation).sections]
     assert (
         titles
         == ["Terms", *questions, "What failed?", "Parameters of the scenes", "Truths", "Provenance"]
@@ -92,7 +92,9 @@ def test_jumps_are_vertical_and_stick_is_shaded(validation, truths):
     phases = stick_phases(truths[CASE])
     # the events of case 1 by the reduced solution
     np.testing.assert_allclose(phases, [(0.0, 0.304719758), (7.600035087, 8.217361345)], atol=1e-8)
-    [paper] = [said for study, said in report_of(validation).said.items() if study.name == "paper"]
+    [paper] = [
+        said for study, said in report_of(validation).sections.items() if study.name == "paper"
+    ]
     [moment] = [
         figure
         for figure in paper.figures
@@ -128,7 +130,7 @@ def test_losses_inside_a_comparison_and_early_ends_count(validation):
         ("incomplete", "step size underflow", "runs"),
         ("crashed", "SIGABRT", "threshold"),
     ]
-    assert list(grouped(lost)["runs"]) == [1, 1]
+    assert list(group_failures(lost)["runs"]) == [1, 1]
 
 
 def test_what_it_takes_to_make_the_numbers_again(report_folder):
@@ -169,7 +171,7 @@ def test_what_it_takes_to_make_the_numbers_again(report_folder):
     ],
 )
 def test_the_command_of_a_run(settings, words):
-    assert command(Results((), {}, {}, settings)) == words
+    assert campaign_command(Results((), {}, {}, settings)) == words
 
 
 def test_data_in_full_precision(validation, report_folder):
@@ -177,7 +179,9 @@ def test_data_in_full_precision(validation, report_folder):
     assert set(tables) == {"runs", "variants", "parameters", "truths", *validation.tables}
     for name, table in tables.items():
         stored = pd.read_parquet(report_folder / "data" / f"{name}.parquet")
-        pd.testing.assert_frame_equal(stored, storable(table), check_dtype=False, check_exact=True)
+        pd.testing.assert_frame_equal(
+            stored, to_storable(table), check_dtype=False, check_exact=True
+        )
         from_csv = pd.read_csv(report_folder / "data" / f"{name}.csv")
         for column in table.select_dtypes("float"):
             np.testing.assert_array_equal(
@@ -198,7 +202,7 @@ def test_data_in_full_precision(validation, report_folder):
 
 
 def test_columns_of_mixed_types_are_stored_as_text():
-    stored = storable(
+    stored = to_storable(
         pd.DataFrame({"figure": [0.5, "period 8 s", None], "error [m]": [1.0, None, 2.0]})
     )
     assert list(stored["figure"][:2]) == ["0.5", "period 8 s"] and stored["figure"].isna()[2]
@@ -251,7 +255,9 @@ def test_previous_report_is_replaced_unless_something_was_added(tmp_path):
 
 def test_what_breaks_off_leaves_no_folder_and_keeps_the_previous(tmp_path, monkeypatch):
     target, empty = tmp_path / "run", Results((), {}, {})
-    monkeypatch.setattr(stiction.reports.markdown.validation_report, "compose", lambda *_: 1 / 0)
+    monkeypatch.setattr(
+        stiction.reports.markdown.validation_report, "report_markdown", lambda *_: 1 / 0
+    )
     with pytest.raises(ZeroDivisionError):
         write_report(report_of(empty), target)
     assert not list(tmp_path.iterdir())

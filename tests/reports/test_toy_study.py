@@ -191,4 +191,4 @@ def test_it_is_on_the_page_and_its_keys_lead_to_its_rows(run, tmp_path):
 
 def test_without_its_tables_it_is_silent(toy):
     nothing = Results((), {}, {})
-    assert "toy" not in [study.name for study in report_of(nothing).said]
+    assert "toy" not in [study.name for study in report_of(nothing).sections]

@@ -1,10 +1,14 @@
-"""Time stepping of planar mechanisms with dry friction: Python's standard library and nothing else.
+"""Time stepping of planar mechanisms with dry friction, with the standard library of Python only.
 
-Moreau's midpoint rule. In a step of length h from (q, v), with m = q + h v/2 and p = q + h v, the next velocity w and
-the impulses L of joints and drives and P of friction solve
+The method is Moreau's midpoint rule. A step of length h begins with the coordinates q and the velocities v. With
+m = q + h v/2 and p = q + h v, the velocities w at its end and the impulses L of joints and drives and P of friction
+solve
 
     M (w - v) = h Q(t + h/2, m, v) + J(m)' L + T(m)' P,    J(p) w = -dPhi/dt - Phi(q) / (10 h),    |P| <= mu load,
     q <- q + h (v + w) / 2,    load of the corners of a slider: max(|R|, 2 |N| / length) of its own impulses L
+
+where R is the normal impulse and N its moment. The term Phi(q) / (10 h) reduces a violation of the constraints Phi by a
+tenth in each step.
 """
 
 import bisect
@@ -16,7 +20,7 @@ import sys
 
 
 def law(data, t):
-    """Value and rate of a law at time t."""
+    """Return value and rate of a law at time t."""
     kind = data["type"]
     if kind == "constant":
         return data["value"], 0.0
@@ -31,7 +35,8 @@ def law(data, t):
     b = data["bend"]
     i = min(max(bisect.bisect_right(x, t) - 1, 0), len(x) - 2)
     h, slope = x[i + 1] - x[i], (y[i + 1] - y[i]) / (x[i + 1] - x[i])
-    if not x[0] <= t < x[-1]:  # outside: the end value, or the end's tangent
+    if not x[0] <= t < x[-1]:
+        # Outside of the knots, the law has its value at the end or, if cubic, continues along its tangent.
         k, bend = (0, -2 * b[0] - b[1]) if t < x[0] else (-1, b[-2] + 2 * b[-1])
         rate = slope + h / 6 * bend if cubic else 0.0
         return y[k] + rate * (t - x[k]), rate
@@ -42,7 +47,10 @@ def law(data, t):
 
 
 def spline(x, y):
-    """Second derivatives at the knots of the natural cubic spline: a tridiagonal system, first down, then up."""
+    """Return the second derivatives at the knots of the natural cubic spline.
+
+    They solve a tridiagonal system; c and d are the coefficients that elimination leaves in its rows.
+    """
     n, c, d = len(x), [0.0] * len(x), [0.0] * len(x)
     for i in range(1, n - 1):
         left, right = x[i] - x[i - 1], x[i + 1] - x[i]
@@ -60,10 +68,17 @@ def spline(x, y):
 
 
 class Mechanism:
-    """Coordinates q, velocities v (x, y, angle of each body), and what acts between bodies."""
+    """A mechanism in motion: its coordinates q and velocities v (x, y, angle of each body), constraints and guides.
+
+    A constraint is a row of the equations: the angle or a distance between two bodies follows a law of time. A guide
+    with friction is a pair: the direction of sliding as a row, and the number of the row of its normal force, which is
+    followed by that of its moment.
+    """
 
     def __init__(self, scene):
-        self.scene, bodies = scene, scene["bodies"]
+        self.scene = scene
+        bodies = scene["bodies"]
+        # number of the first coordinate of each body
         self.place = {name: 3 * i for i, name in enumerate(bodies)}
         self.mass = [
             m for body in bodies.values() for m in (body["mass"], body["mass"], body["inertia"])
@@ -72,22 +87,23 @@ class Mechanism:
         self.v = [
             x for body in bodies.values() for x in (*body["velocity"], body["angular_velocity"])
         ]
-        self.rows, self.guides = (
-            [],
-            [],
-        )  # constraints; guides with friction: tangential row, number of the normal row
+        self.rows = []
+        self.guides = []
         for joint in scene["joints"].values():
             if joint["type"] == "revolute":
+                # Two points coincide: both components of their distance are zero.
                 self.rows += [
                     {**joint, "type": "distance", "axis": axis, "law": zero}
                     for axis in ([1, 0], [0, 1])
                 ]
                 continue
-            d, sides = (
-                joint["direction"],
-                {"bodies": (joint["slider"], joint["guide"]), "type": "distance"},
-            )
-            sides |= {"points": (joint["slider_point"], joint["point"])}
+            # The slider moves along the direction d of its guide and does not turn in it.
+            d = joint["direction"]
+            sides = {
+                "bodies": (joint["slider"], joint["guide"]),
+                "type": "distance",
+                "points": (joint["slider_point"], joint["point"]),
+            }
             if joint["mu"] is not None:
                 self.guides.append(({**joint, **sides, "axis": d}, len(self.rows)))
             self.rows += [
@@ -97,7 +113,10 @@ class Mechanism:
         self.rows += scene["drives"].values()
 
     def coordinate(self, element, q):
-        """A coordinate between two bodies, angle or distance, and its derivatives with respect to q."""
+        """Return the angle or distance between two bodies that an element is about, and its derivatives by q.
+
+        A distance is measured along the axis of the element, which is fixed to the second body, or between two points.
+        """
         row = [0.0] * len(q)
         (x, y, a), (s, t, b) = (
             [q[i : i + 3] for i in [self.place[name]]][0] if name in self.place else (0.0, 0.0, 0.0)
@@ -110,10 +129,8 @@ class Mechanism:
             between = x + arm[0] - s - own[0], y + arm[1] - t - own[1]
             e = turned(b, element["axis"]) if element["axis"] else between
             e = [part / (math.hypot(*e) or 1.0) for part in e]
-            there = (
-                x + arm[0] - s,
-                y + arm[1] - t,
-            )  # the same place, seen from the second body's centre
+            # the point of the first body, from the centre of the second one
+            there = (x + arm[0] - s, y + arm[1] - t)
             value = e[0] * between[0] + e[1] * between[1]
             parts = (
                 (*e, arm[0] * e[1] - arm[1] * e[0]),
@@ -125,7 +142,7 @@ class Mechanism:
         return value, row
 
     def forces(self, t, q, v):
-        """Applied forces on all coordinates: weight, springs, loads."""
+        """Return the applied forces on all coordinates: weight, springs, loads."""
         gx, gy = self.scene["gravity"]
         Q = [m * g for m, g in zip(self.mass, (gx, gy, 0.0) * len(self.place))]
         for spring in self.scene["springs"].values():
@@ -145,12 +162,14 @@ class Mechanism:
         return Q
 
     def step(self, t, h):
-        """Velocity after a step from time t, and its friction impulses."""
+        """Return the velocities after a step of length h from time t, and the friction impulses."""
         v, n, m = self.v, len(self.v), len(self.rows)
         middle, ahead = ([x + share * h * dx for x, dx in zip(self.q, v)] for share in (0.5, 1.0))
         Q = self.forces(t + h / 2, middle, v)
         J = [self.coordinate(row, middle)[1] for row in self.rows]
         T = [self.coordinate(row, middle)[1] for row, _ in self.guides]
+        # The unknowns are the velocities and the impulses of joints and drives. The right sides are those without
+        # friction and, for each guide, with a friction impulse of 1.
         system = [
             [
                 *(mass * (i == j) for j in range(n)),
@@ -167,15 +186,18 @@ class Mechanism:
         free, *units = solved(system, n + m)
         slips = [self.coordinate(row, ahead)[1] for row, _ in self.guides]
         P = [0.0] * len(T)
-        for _ in range(200):  # a friction changes the loads, also of other guides
+        # Friction changes the loads of all guides, on which it depends. The iteration ends when it changes no more.
+        for _ in range(200):
             before = list(P)
             for k, (guide, normal) in enumerate(self.guides):
                 now, unit = sums(free, P, units), units[k]
                 gain, slip = dot(slips[k], unit), dot(slips[k], now)
-                held = P[k] - slip / gain  # the impulse that ends the slip
+                held = P[k] - slip / gain  # impulse with which the slider does not slip
                 R, N = now[n + normal : n + normal + 2]
                 most = guide["mu"] * load(guide, R, N, math.copysign(guide["mu"], held))
                 found, more = max(-most, min(most, held)), held - P[k]
+                # A slider that was at rest, or would reverse, may stick with the larger coefficient. The load is that
+                # with the impulse that holds the slider.
                 hold = guide["mus"] * load(
                     guide,
                     R + more * unit[n + normal],
@@ -183,7 +205,7 @@ class Mechanism:
                     math.copysign(guide["mus"], held),
                 )
                 was, will = dot(T[k], v), gain * (found - held)
-                at_rest = abs(was) < 1e-9 or was * will <= 0  # or on its way through rest
+                at_rest = abs(was) < 1e-9 or was * will <= 0
                 P[k] = held if at_rest and abs(held) <= hold else found
             if all(abs(new - old) <= 1e-12 * abs(new) for new, old in zip(P, before)):
                 break
@@ -194,35 +216,40 @@ zero = {"type": "constant", "value": 0.0}
 
 
 def load(guide, R, N, kappa):
-    """Sum of the corner forces, from the normal impulse R, its moment N, and friction over load on the surfaces."""
+    """Return the sum of the corner forces of a slider, from its normal impulse R and the moment N of this impulse.
+
+    kappa is the ratio of friction to load, with its sign: friction on the surfaces has a moment about the middle of the
+    slider.
+    """
     if guide["length"] is None:
         return abs(R)
     return max(abs(R), 2 * abs(N - guide["width"] / 2 * kappa * R) / guide["length"])
 
 
 def turned(angle, point):
-    """A point of a body's axes in those of the ground."""
+    """Return a point, given in the axes of a body at an angle, in the axes of the ground."""
     c, s = math.cos(angle), math.sin(angle)
     return c * point[0] - s * point[1], s * point[0] + c * point[1]
 
 
 def dot(a, b):
-    """Scalar product."""
+    """Return the scalar product."""
     return sum(x * y for x, y in zip(a, b))
 
 
 def sums(free, P, units):
-    """Velocities and impulses without friction, and those of friction added."""
+    """Return the solution for friction impulses P: without friction, plus P times those for friction impulses of 1."""
     return [x + sum(p * unit[i] for p, unit in zip(P, units)) for i, x in enumerate(free)]
 
 
 def solved(rows, n):
-    """Gauss-Jordan elimination of n rows with several right sides; one solution for each."""
+    """Return the solutions of n linear equations for several right sides, by Gauss-Jordan elimination."""
     for k in range(n):
         pivot = max(range(k, n), key=lambda i: abs(rows[i][k]))
         rows[k], rows[pivot] = rows[pivot], rows[k]
         if abs(rows[k][k]) < 1e-13:
             print("constraints that depend on each other: a singular matrix", file=sys.stderr)
+            # With this code a program refuses a scene.
             sys.exit(77)
         for i in range(n):
             if i != k and (factor := rows[i][k] / rows[k][k]):
@@ -231,7 +258,7 @@ def solved(rows, n):
 
 
 def main(scene_file, result_file, dt, output_step):
-    """Read the scene, step to its end, write the table."""
+    """Read a scene, simulate it to its end, and write the table of results."""
     with open(scene_file, encoding="utf-8") as file:
         scene = json.load(file)["scene"]
     mechanism = Mechanism(scene)
@@ -249,7 +276,8 @@ def main(scene_file, result_file, dt, output_step):
     ]
     with open(result_file, "w", encoding="utf-8") as file:
         print("t", *labels, *frictions, sep=",", file=file)
-        last = None  # acceleration and frictions of the step before: at an instant they are the mean of both sides'
+        # Accelerations and friction forces at an instant are the mean of those in the steps before and after it.
+        last = None
         for k in range(steps + 1):
             w, P = mechanism.step(k * h, h)
             step = [(new - old) / h for new, old in zip(w, mechanism.v)] + [p / h for p in P]

@@ -325,6 +325,8 @@ def test_threshold_that_is_not_in_the_range_is_a_row(tmp_path):
         ("F0=one:2:3", "unknown name"),
         ("F0=1,,2", "expected a number"),
         ("F0=1/0:2:3", "divides by zero"),
+        ("F0=3-6", "found '3-6', which is the single value -3; expected a range FROM:TO:COUNT"),
+        ("motor.rate=pi/2", "FROM:TO:COUNT"),
     ],
 )
 def test_bad_axes(text, expected):
@@ -333,6 +335,7 @@ def test_bad_axes(text, expected):
 
 
 def test_axes():
+    assert parse_axis("F0=-3").values == (-3.0,)
     assert parse_axis("motor.rate=pi/4:pi/2:3").values == (np.pi / 4, 3 * np.pi / 8, np.pi / 2)
     assert parse_axis(" F0 = 3, 2^2 ").values == (3.0, 4.0) and parse_axis("F0=6:1:2").values == (
         6.0,

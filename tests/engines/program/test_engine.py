@@ -384,6 +384,20 @@ class TestFailures:
         )  # a killed process ends when the system finds the time
 
     @pytest.mark.parametrize(
+        "text",
+        [
+            "write(rows, ['zeit', *names[1:]])",
+            "write(rows, [*names[:4], 'ball.vxx', *names[5:]])",
+            "write([row[:1] for row in rows], ['t'])",
+        ],
+    )
+    def test_a_wrong_table_does_not_suggest_an_option_that_a_run_lacks(self, program, text):
+        """`stiction judge` has --map; a program that `stiction run` starts has to write the right names."""
+        with pytest.raises(EngineFailure, match="expected") as error:
+            simulate(program(text))
+        assert "--map" not in str(error.value)
+
+    @pytest.mark.parametrize(
         "program_of", ["not-there", "./not-there", "{folder}", "{text}", "{{scene}}"]
     )
     @pytest.mark.parametrize("key", ["command", "version"])

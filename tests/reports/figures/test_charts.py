@@ -22,7 +22,7 @@ from stiction.comparisons.bench.presentation import (
     Series,
 )
 from stiction.comparisons.bench.results import Results
-from stiction.reports.figures.charts import CELL, draw, drawn, in_one_column
+from stiction.reports.figures.charts import CELL, draw, draw_figures, in_one_column
 from stiction.reports.figures.style import (
     COLORS,
     COLUMNS,
@@ -313,7 +313,7 @@ def test_a_variant_looks_the_same_in_all_figures_of_a_run(validation):
         )
 
     with rc():
-        one, two = drawn([of("reference", "other"), of("other")], validation)
+        one, two = draw_figures([of("reference", "other"), of("other")], validation)
     assert (
         one.figure.axes[0].lines[1].get_color()
         == two.figure.axes[0].lines[0].get_color()
@@ -339,7 +339,7 @@ def test_figures_of_nothing(panels: Sequence[Panel]):
             ).axes
             is not None
             if panels
-            else list(drawn([], Results((), {}, {}))) == []
+            else list(draw_figures([], Results((), {}, {}))) == []
         )
 
 
@@ -431,7 +431,7 @@ def test_in_one_column_every_part_of_a_figure_fits_a_page_and_none_is_lost(figur
 def drawn_in_one_column(figures):
     """Drawn one after the other, as they are in a paper."""
     with rc("single"):
-        for drawing in drawn(figures, Results((), {}, {})):
+        for drawing in draw_figures(figures, Results((), {}, {})):
             fit_labels(drawing.figure)
             yield drawing
 
@@ -446,7 +446,7 @@ def test_figures_of_a_run_fit_a_page_in_both_widths(validation):
         with rc(column):
             assert all(
                 drawing.figure.get_figheight() <= TALLEST + 1e-9
-                for drawing in drawn(figures, validation)
+                for drawing in draw_figures(figures, validation)
             )
 
 

@@ -11,7 +11,7 @@ from stiction.comparisons.studies.claims import CHOICES, claims_comparison, sens
 from stiction.comparisons.studies.long_drift import drift_study_comparison
 from stiction.comparisons.studies.orders import METHODS, plan
 from stiction.engines import Outcome
-from stiction.reports.markdown.failures import failed_runs, grouped
+from stiction.reports.markdown.failures import failed_runs, group_failures
 from stiction.scenes import load_scene
 from stiction.truths import StickThreshold
 
@@ -53,7 +53,7 @@ def test_lost_rows_of_every_comparison_are_failures(validation, name, count):
         and set(lost["reason"]) == {WORDS}
         and lost["variant"].notna().all()
     )
-    rows = grouped(lost)
+    rows = group_failures(lost)
     assert (
         rows["runs"].sum() == len(table)
         and not rows.isna().any(axis=None)

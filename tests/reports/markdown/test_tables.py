@@ -12,10 +12,10 @@ from hypothesis import strategies as st
 from stiction.comparisons.bench.presentation.cells import NULL, cell
 from stiction.comparisons.bench.presentation.table_view import BRIEF_ROWS, Column, view
 from stiction.comparisons.bench.quantities import quantity_of
-from stiction.reports.markdown.study_section import more, table
-from stiction.reports.markdown.tables import aligned
+from stiction.reports.markdown.study_section import brief_table, remaining_rows_note
+from stiction.reports.markdown.tables import align_columns
 from stiction.reports.paper import latex
-from stiction.reports.paper.folder import laid_out
+from stiction.reports.paper.folder import lay_out_table
 from stiction.reports.run_folder.stored_run import StoredRun
 from stiction.reports.run_folder.trace import keys, ranges, resolve
 
@@ -71,7 +71,7 @@ def test_columns_have_units_scales_uncertainties_and_intervals():
 
 
 def test_markdown_lines_up_under_headings_of_groups():
-    lines = table(SHOWN).splitlines()
+    lines = brief_table(SHOWN).splitlines()
     assert len(set(map(len, lines[2:]))) == 1
     assert [line.strip("| ").split(" ")[0] for line in lines] == [
         "name",
@@ -92,15 +92,15 @@ def test_markdown_lines_up_under_headings_of_groups():
         caption="Many.",
     )
     assert (
-        table(many).count("\n") == BRIEF_ROWS + 1
-        and f"The first {BRIEF_ROWS} of 50 rows" in more(many)
-        and more(SHOWN) == ""
+        brief_table(many).count("\n") == BRIEF_ROWS + 1
+        and f"The first {BRIEF_ROWS} of 50 rows" in remaining_rows_note(many)
+        and remaining_rows_note(SHOWN) == ""
     )
-    assert "w" * 500 in aligned(["words"], [["w" * 500]], [False])  # nothing is cut
+    assert "w" * 500 in align_columns(["words"], [["w" * 500]], [False])  # nothing is cut
 
 
 def test_latex_has_every_cell_and_key():
-    text = latex.table(laid_out(SHOWN))
+    text = latex.table(lay_out_table(SHOWN))
     assert (
         text.count(r"\\") == 1 + len(FRAME)
         and r"\label{tab:made}" in text
@@ -110,12 +110,12 @@ def test_latex_has_every_cell_and_key():
     assert re.findall(r"& (made:\d) \\\\", text) == ["made:1", "made:2", "made:3"]
     long = view(
         "long",
-        pd.DataFrame({"n": range(latex.LONGEST + 1)}),
+        pd.DataFrame({"n": range(latex.MAX_ROWS_ON_PAGE + 1)}),
         (Column("n"),),
         caption="Long.",
     )
-    assert r"\begin{xltabular}" in latex.table(laid_out(long)) and r"\endhead" in latex.table(
-        laid_out(long)
+    assert r"\begin{xltabular}" in latex.table(lay_out_table(long)) and r"\endhead" in latex.table(
+        lay_out_table(long)
     )
     wide = view(
         "wide",
@@ -123,16 +123,16 @@ def test_latex_has_every_cell_and_key():
         tuple(Column(f"column {number}", brief=number < 4) for number in range(9)),
         caption="Wide.",
     )
-    grouped = laid_out(replace(wide, frame=wide.frame.assign(part="first"), group="part"))
+    grouped = lay_out_table(replace(wide, frame=wide.frame.assign(part="first"), group="part"))
     assert (
         grouped["head"][:2] == ["part", "column 0"]
         and grouped["rows"][0][0] == "first"
         and len(grouped["right"]) == len(grouped["head"]) == 6
     )
     assert (
-        len(laid_out(wide)["head"]) == 5
-        and len(laid_out(SHOWN)["head"]) == 7
-        and "column 4" not in latex.table(laid_out(wide))
+        len(lay_out_table(wide)["head"]) == 5
+        and len(lay_out_table(SHOWN)["head"]) == 7
+        and "column 4" not in latex.table(lay_out_table(wide))
     )
 
 

@@ -213,7 +213,7 @@ def test_each_figure_and_table_is_referred_to_once_labelled(paper):
 def test_numbers_of_a_table_are_those_of_the_rows(run):
     """A cell that is a column of the data, of one row: the same number in the row that its key leads to."""
     compared = 0
-    for said in report_of(run.validation()).said.values():
+    for said in report_of(run.validation()).sections.values():
         for view in said.tables:
             for number, (_, row) in enumerate(view.frame.iterrows(), start=1):
                 source = source_of(run, view, number)

@@ -16,8 +16,8 @@ from stiction.comparisons.bench.participants import participants, variant
 from stiction.comparisons.bench.presentation.cells import AGAIN, TRAJECTORY
 from stiction.comparisons.bench.variants import Record, has_static_coefficient, job
 from stiction.engines import Outcome, load_engine
-from stiction.reports.run_folder.data import SAMPLE_STEP, data_tables, thinned, write_data
-from stiction.reports.run_folder.reproduce import again
+from stiction.reports.run_folder.data import SAMPLE_STEP, data_tables, thin, write_data
+from stiction.reports.run_folder.reproduce import rerun_command
 from stiction.scenes import load_scene
 from stiction.truths.physics import physics_of
 
@@ -86,7 +86,7 @@ def test_stored_runs_are_read_back_bit_by_bit(small, folder):
         if run.key in files:
             pd.testing.assert_frame_equal(
                 pd.read_parquet(folder / files[run.key]),
-                thinned(run.trajectory).to_frame(events=True, interpolated=True),
+                thin(run.trajectory).to_frame(events=True, interpolated=True),
                 check_exact=True,
             )
 
@@ -95,7 +95,7 @@ def test_fine_samples_are_thinned_and_events_are_not():
     run = load_engine("reference").simulate(
         load_scene(CASE), t_end=9.0, rtol=1e-9, output_step=2e-3
     )
-    kept = thinned(run)
+    kept = thin(run)
     np.testing.assert_allclose(np.diff(kept.t), SAMPLE_STEP, rtol=1e-9)
     assert (
         kept.t[0] == 0
@@ -108,7 +108,7 @@ def test_fine_samples_are_thinned_and_events_are_not():
     coarse = load_engine("reference").simulate(
         load_scene(CASE), t_end=0.55, dt=1e-2, output_step=0.05
     )
-    assert np.array_equal(thinned(coarse).t, coarse.t)
+    assert np.array_equal(thin(coarse).t, coarse.t)
 
 
 @pytest.mark.parametrize(
@@ -126,7 +126,7 @@ def test_the_command_makes_the_same_run(label, rung, tmp_path, monkeypatch, in_t
     made = job(scene, chosen, rung)
     run = load_engine(chosen.engine).simulate(scene, **made.arguments)
     command = shlex.split(
-        again(Record(made.label, CASE, chosen, rung, Outcome(made.label, "ok", run)))
+        rerun_command(Record(made.label, CASE, chosen, rung, Outcome(made.label, "ok", run)))
     )
     assert command[:2] == ["stiction", "run"]
     monkeypatch.chdir(tmp_path)
@@ -141,4 +141,4 @@ def test_the_command_makes_the_same_run(label, rung, tmp_path, monkeypatch, in_t
 def test_an_effect_is_made_again_with_all_effects(small):
     run = small.records[0]
     effect = replace(run, key=f"{run.key}/no friction")
-    assert again(effect) == f"stiction compare effects {CASE} --engines reference"
+    assert rerun_command(effect) == f"stiction compare effects {CASE} --engines reference"

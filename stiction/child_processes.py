@@ -111,11 +111,11 @@ def undisturbed_end() -> Iterator[Callable[[], None]]:
 
     handlers: dict[int, Callable[[int, FrameType | None], Any]] = {}
     if threading.current_thread() is threading.main_thread():
-        for number in (signal.SIGINT, signal.SIGTERM):
-            handler = signal.getsignal(number)
+        for ending_signal in (signal.SIGINT, signal.SIGTERM):
+            handler = signal.getsignal(ending_signal)
             # A signal that is ignored, or ends the process at once, has no function as its handler.
             if callable(handler):
-                handlers[number] = handler
+                handlers[ending_signal] = handler
     try:
         for number in handlers:
             signal.signal(number, on_signal)

@@ -622,18 +622,18 @@ def _findings(scene: Scene, full: Trajectory, given: Collection[str]) -> Iterato
     )
     rates = states and _has(given, scene, ACCELERATIONS)
     checks: dict[Predicate, bool] = {
-        coherence.start: states and full.t[0] == 0,
-        coherence.residuals: states,
-        coherence.velocities: states,
-        coherence.displacements: states,
-        coherence.dissipation: states and forces,
-        coherence.momentum_of_steps: rates and forces,
-        coherence.balance: rates and forces,
-        coherence.corner_forces: forces,
-        coherence.modes: True,
-        coherence.unreported_events: states,
-        coherence.cone: states and forces,
-        coherence.continuity: states,
+        coherence.check_start: states and full.t[0] == 0,
+        coherence.check_residuals: states,
+        coherence.check_velocities: states,
+        coherence.check_displacements: states,
+        coherence.check_dissipation: states and forces,
+        coherence.check_momentum_of_steps: rates and forces,
+        coherence.check_balance: rates and forces,
+        coherence.check_corner_forces: forces,
+        coherence.check_modes: True,
+        coherence.check_unreported_events: states,
+        coherence.check_cone: states and forces,
+        coherence.check_continuity: states,
     }
     step = _step(full.t)
     settings = {} if full.events else {"dt": step}
@@ -675,10 +675,10 @@ def _looked_at(scene: Scene, full: Trajectory, check: Predicate) -> Iterator[Tra
     of a run, the check of velocities, has every k-th row instead.
     """
     rows = len(full.t)
-    if check is coherence.velocities:
+    if check is coherence.check_velocities:
         yield _rows(full, np.arange(0, rows, -(-rows // AT_ONCE)))
         return
-    if check is coherence.start:
+    if check is coherence.check_start:
         yield _rows(full, np.arange(2))
         return
     largest = [

@@ -151,12 +151,12 @@ def attachments(scene: Scene) -> dict[str, list[np.ndarray]]:
     for load in scene.forces.values():
         if isinstance(load, Force):
             points[load.body].append(np.array(load.point))
-    for name, body in scene.bodies.items():
+    for name, own in scene.bodies.items():
         # Half the length l of a uniform rod with this mass and moment of inertia, m (l/2)^2/3.
-        half_length = math.sqrt(3 * body.inertia / body.mass)
-        for point in points[name][:]:
-            if abs(np.hypot(*point) - half_length) < UNIFORM * half_length:
-                points[name].append(-point)
+        half_length = math.sqrt(3 * own.inertia / own.mass)
+        for held in points[name][:]:
+            if abs(np.hypot(*held) - half_length) < UNIFORM * half_length:
+                points[name].append(-held)
     return points
 
 

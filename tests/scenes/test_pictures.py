@@ -41,7 +41,7 @@ def run(compiled):
 def folder(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     monkeypatch.setattr(animation, "MIN_FRAMES", 5)
-    monkeypatch.setattr(animation, "MOST", 5)
+    monkeypatch.setattr(animation, "MAX_FRAMES", 5)
     return tmp_path
 
 

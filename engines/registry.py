@@ -8,6 +8,7 @@ only by their entries in `ENGINES`.
 from __future__ import annotations
 
 import difflib
+import os
 import sys
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
@@ -174,7 +175,11 @@ def is_file(name: str) -> bool:
 
 def absolute_name(name: str) -> str:
     """Return the name of an engine for processes in other folders: the absolute path if it is a file."""
-    return str(Path(name).resolve()) if is_file(name) else name
+    if not is_file(name):
+        return name
+    resolved = str(Path(name).resolve())
+    # A symbolic link may lead to a file with another extension.
+    return resolved if is_file(resolved) else os.path.abspath(name)
 
 
 def label_of(name: str) -> str:
@@ -226,7 +231,8 @@ def load_engine(name: str) -> Engine:
             raise UnknownEngine(
                 f"engine: found no file {name!r}; expected the declaration of a program, or an FMU"
             )
-        return _of_file(Path(name).resolve())
+        [file_entry] = [entry for entry in FILES if name.endswith(entry.ending)]
+        return _of_file(Path(name).resolve(), file_entry)
     entry = entry_of(name)
     if entry is None and name not in _announced(tuple(sys.path)):
         # A package may have been installed since the names were read.
@@ -256,15 +262,14 @@ def load_engine(name: str) -> Engine:
         ) from error
 
 
-def _of_file(path: Path) -> Engine:
-    """Return the engine of a program's declaration or an FMU.
+def _of_file(path: Path, entry: FileEntry) -> Engine:
+    """Return the engine of a program's declaration or an FMU; `entry` is its kind.
 
     Raises
     ------
     InputError
         If it has the name of an engine of the suite, with which tables would confuse it.
     """
-    [entry] = [entry for entry in FILES if entry.ending == path.suffix]
     module, _, attribute = entry.address.partition(":")
     with _packaged(path.name, entry.package):
         engine = getattr(import_module(module), attribute)(path)

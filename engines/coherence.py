@@ -1,6 +1,7 @@
-"""Coherence of a trajectory: its states fit the mechanism, and its columns and events fit each other.
+"""Checks whether the states of a trajectory fit the mechanism, and whether its columns and events fit each other.
 
-A trajectory that passes need not be right; but its parts belong to one motion at the same instants.
+A trajectory that passes need not be accurate, but its columns and events belong to one motion of the mechanism, at the
+same instants.
 """
 
 from __future__ import annotations
@@ -37,48 +38,53 @@ from stiction.scenes.fidelity import Fidelity
 from stiction.scenes.trajectory import stacked
 
 START = 1e-6
-"""Distance of the first state from the scene's start at most, relative to the mechanism's size (velocities: to size per
-second or the largest speed at the start). Scene files meet their constraints to 1e-9 (`CONSISTENT`); engines that
-compute in single precision (eps = 6e-8) round what they are given."""
+"""Largest distance of the first state from the scene's start, relative to the mechanism's size; for velocities,
+relative to the size per second or the largest speed at the start. Scene files satisfy their constraints to 1e-9
+(`CONSISTENT`); engines that compute in single precision (eps = 6e-8) round the start."""
 DRIFT = 1e-6
-"""Accuracy to which a trajectory has to report the residuals of its own states: relative, and absolute in units of the
+"""Accuracy of the residuals that a trajectory reports for its own states: relative, and absolute in units of the
 mechanism's size."""
 SAME = 1e-6
-"""Accuracy, relative to the largest of its kind, of a column that is a function of others. Engines of single precision
-reach it."""
+"""Accuracy of a column that is a function of others, relative to the largest value of its kind. Engines that compute in
+single precision reach it."""
 ENGINES_OWN = 1e-2
-"""Relative accuracy of what an engine measures in two ways: the forces of its contacts and of its joints, and the state
-on both sides of an event, which engines of fixed step take from two steps. Steps of a hundredth of a second differ by a
-thousandth."""
+"""Relative difference between two values that an engine computes for the same quantity: the forces of its contacts and
+of its joints, and the states on both sides of an event, which engines with a fixed step take from two steps. With steps
+of a hundredth of a second they differ by a thousandth."""
 BALANCE = 1e-4
-"""Part of the largest force that the forces of an instant may leave unbalanced. Engines that locate events leave 1e-8,
-and 1e-5 in a mechanism whose masses differ by a factor of 1e8. A column that is a sample late, or has the wrong sign,
-leaves a hundredth and more."""
+"""Largest residual of the equations of motion, relative to the largest force. Engines that locate events have residuals
+of 1e-8, and of 1e-5 in a mechanism whose masses differ by a factor of 1e8. If a column is late by one sample, or has
+the wrong sign, the residual is a hundredth or more."""
 CAP = 1e-2
-"""Part of the largest friction bound of a run by which a friction may exceed its own bound at fixed step size: the
-engine holds the bound of the step before, and samples that are some steps apart do not show every change of it."""
+"""Amount by which friction may exceed its own bound at fixed step size, relative to the largest bound of the run: the
+engine uses the bound of the previous step, and samples that are several steps apart do not show every change of it."""
 LASTING = 5
-"""Samples in a row that must contradict themselves for a fault of forces at fixed step size. Friction and acceleration
-may be those of neighbouring steps, which disagree where a force jumps: at one sample, or two."""
+"""Number of consecutive samples with a contradiction that count as a fault of forces at fixed step size. Friction and
+acceleration may be those of neighbouring steps, which disagree at one or two samples where a force jumps."""
 CONTRADICTED = 0.1
-"""Part of the largest force on a body, or of the largest friction of a guide, that is left over where, with a fixed
-step, forces contradict the motion. A wrong sign leaves twice a force, a wrong factor most of it; a solver of first
-order, with some hundred steps to a motion, a hundredth. Accuracy is not for the gate to judge."""
+"""Residual at fixed step size by which forces contradict the motion, relative to the largest force on the body or the
+largest friction of the guide. A wrong sign leaves twice a force, and a wrong factor most of it. A method of first order
+with some hundred steps per motion leaves a hundredth. The gate does not judge accuracy."""
 SINGLE = 2.0**-23
-"""Relative rounding of velocities whose differences are accelerations: that of single precision, the worst case."""
+"""Relative rounding of velocities from whose differences accelerations are computed: single precision is the worst
+case."""
 TEN_TOLERANCES = 10.0
-"""Error of a state in units of the tolerance of an engine that locates events: local errors add up."""
+"""Error of a state in units of the tolerance of an engine that locates events, since local errors add up."""
 WITHIN = (-1.0, -0.618, -0.382, 0.309, 0.691, 1.0)
-"""Instants before and after a sample at which the forces of its step may have been evaluated, in steps. None is a
-simple fraction of another, so that a force that rotates several times in a step differs between them."""
+"""Instants, in steps from a sample, at which an engine may have evaluated the forces of the sample. None is a simple
+fraction of another, so that a force that rotates several times in a step differs between them."""
 FIRST_STEPS = 20
-"""Number of first steps of fixed size in which friction is not judged. The first step has no reactions of a step before
-for its bound. In mechanisms with loops, up to 16 steps settle, and their samples have the friction of the step after
-them."""
+"""Number of first steps of fixed size in which friction is not judged. The bound of the first step cannot use reactions
+of a previous step. In mechanisms with loops, up to 16 steps pass until the reactions settle, and the samples of these
+steps contain the friction of a later step."""
 
 
-def start(run: Examined) -> Iterator[str]:
-    """The first state is the scene's start if that meets the constraints; otherwise the engine may assemble."""
+def check_start(run: Examined) -> Iterator[str]:
+    """Check that the first state is the scene's start.
+
+    If the scene's start does not satisfy the constraints, the engine may have assembled the mechanism, and the start is
+    not checked.
+    """
     if not len(run.trajectory.t):
         return
     q, v, _ = run.motion
@@ -98,9 +104,10 @@ def start(run: Examined) -> Iterator[str]:
             )
 
 
-def residuals(run: Examined) -> Iterator[str]:
-    """States are on the constraints at the start, near them later, with the residuals that the drift columns report."""
-    if not len(t := run.trajectory.t):
+def check_residuals(run: Examined) -> Iterator[str]:
+    """Check that states satisfy the constraints at the start, and roughly also later, and that the drift is theirs."""
+    t = run.trajectory.t
+    if not len(t):
         return
     q, v, _ = run.motion
     norms = _residuals(run, t.astype(float), q, v, run.in_equations)
@@ -120,8 +127,8 @@ def residuals(run: Examined) -> Iterator[str]:
             )
 
 
-def residuals_at_events(run: Examined) -> Iterator[str]:
-    """Residuals on both sides of events are those of the states there.
+def check_residuals_at_events(run: Examined) -> Iterator[str]:
+    """Check that the residuals on both sides of events are those of the states there.
 
     The constraint of a drive depends on time, so that values of a neighbouring sample are noticed.
     """
@@ -140,72 +147,68 @@ def residuals_at_events(run: Examined) -> Iterator[str]:
             )
 
 
-def velocities(run: Examined) -> Iterator[str]:
-    """Velocities are the derivatives of positions.
+def check_velocities(run: Examined) -> Iterator[str]:
+    """Check that velocities are the derivatives of positions.
 
-    The integral of the velocities and the positions move each body by the same distance along its velocity, with the
-    means removed. Between two instants a velocity is known up to its change there: half of the change for the
-    trapezoidal rule, half for engines that move with the velocity at the end of a step. Intervals in which the velocity
-    changes by its own size are not judged. The means are removed because a vibration with a period of one interval
-    would bias them. Motions that are small against the mechanism and the longest way are not judged either: engines
-    correct positions by as much.
+    Along the direction of its velocity, the positions of a body must change by the integral of the velocity; means are
+    removed from both. Between two instants a velocity is uncertain by its change there: half of the change is the error
+    of the trapezoidal rule, and the other half that of engines that use the velocity at the end of a step. Intervals in
+    which velocities change by their own size are not judged. Means are removed because a vibration whose period is one
+    interval would bias them. Motions that are small compared with the mechanism and with the longest distance are not
+    judged either, because engines correct positions by as much.
     """
-    trajectory, size = run.trajectory, run.size
+    size = run.size
     # Angles are multiplied by the size, so that all coordinates are lengths. Translation and rotation of
-    # each body are judged apart.
-    h = np.diff(trajectory.t.astype(float))
-    groups = [
-        _Moves.of(run, body, kind, labels, scale)
-        for body in run.scene.bodies
-        for kind, labels, scale in (("vx, vy", slice(0, 2), 1.0), ("omega", slice(2, 3), size))
-    ]
-    # where the velocities of all bodies change by less than themselves
-    jump = np.sum([one.jump for one in groups], axis=0)
-    acceleration = np.sum([one.acceleration for one in groups], axis=0)
-    change = _change(h, jump, acceleration)
-    seen = change < np.sqrt(sum(_square(one.mean) for one in groups))
-    if not seen.any():
+    # each body are judged separately.
+    h = np.diff(run.trajectory.t.astype(float))
+    motions = []
+    for body in run.scene.bodies:
+        motions.append(_BodyMotion.of(run, body, "vx, vy", slice(0, 2), 1.0))
+        motions.append(_BodyMotion.of(run, body, "omega", slice(2, 3), size))
+    # Intervals in which the velocities of all bodies together change by less than themselves.
+    jump = np.sum([motion.jump for motion in motions], axis=0)
+    acceleration = np.sum([motion.acceleration for motion in motions], axis=0)
+    speed = np.sqrt(sum(_square(motion.mean) for motion in motions))
+    is_judged = _change(h, jump, acceleration) < speed
+    if not is_judged.any():
         return
-    begin, h_seen = trajectory.t[:-1][seen], h[seen]
-    means = []
-    for one in groups:
-        moved = [values[seen] for values in one.moved]
-        mean = [values[seen] for values in one.mean]
-        moved = [values - h_seen * (values.sum() / h_seen.sum()) for values in moved]
-        mean = [values - h_seen @ values / h_seen.sum() for values in mean]
-        means.append((moved, mean, np.sqrt(_square(mean))))
-    small = ENGINES_OWN * (size + max(h_seen @ speed for *_, speed in means))
-    for one, (moved, mean, speed) in zip(groups, means):
-        if h_seen @ speed <= small:
+    h_judged = h[is_judged]
+    begin = run.trajectory.t[:-1][is_judged]
+    centred = [motion.without_means(is_judged, h_judged) for motion in motions]
+    speeds = [np.sqrt(_square(mean)) for _, mean in centred]
+    small = ENGINES_OWN * (size + max(h_judged @ speed for speed in speeds))
+    for motion, (moved, mean), speed in zip(motions, centred, speeds):
+        distance = h_judged @ speed
+        if distance <= small:
             continue
-        along = sum(by * its for by, its in zip(moved, mean))
+        along = sum(change * velocity for change, velocity in zip(moved, mean))
         by_position = along / np.where(speed > 0, speed, 1.0)
-        unknown = h_seen * _change(h, one.jump, one.acceleration)[seen]
+        unknown = h_judged * _change(h, motion.jump, motion.acceleration)[is_judged]
         allowed = np.sum(unknown) + small
-        if abs(np.sum(by_position) - h_seen @ speed) > allowed:
-            i = int(np.argmax(np.abs(by_position - h_seen * speed) - unknown))
-            scale, unit = (size, "rad") if one.kind == "omega" else (1.0, "m")
+        if abs(np.sum(by_position) - distance) > allowed:
+            i = int(np.argmax(np.abs(by_position - h_judged * speed) - unknown))
+            scale, unit = (size, "rad") if motion.kind == "omega" else (1.0, "m")
             yield (
-                f"velocities of {one.body} ({one.kind}) that are not those of its positions: about their mean they "
-                f"move it by {h_seen @ speed / scale:.4g} {unit}, its positions by "
+                f"velocities of {motion.body} ({motion.kind}) that are not those of its positions: about their mean "
+                f"they move it by {distance / scale:.4g} {unit}, its positions by "
                 f"{np.sum(by_position) / scale:.4g} {unit}, and differ most from t = {begin[i]:.9g} s on; expected "
                 f"the same within {allowed / scale:.2g} {unit}"
             )
 
 
-class _Moves(NamedTuple):
-    """How a body moves between neighbouring instants, along the plane or about its centre; angles times a length.
+class _BodyMotion(NamedTuple):
+    """Translation or rotation of a body between neighbouring instants; angles are multiplied by a length.
 
     Attributes
     ----------
     body, kind : str
         The body, and the columns of its velocity.
     moved, mean : list of ndarray, shape (n - 1,)
-        Changes of its coordinates, and means of its velocities.
+        For each coordinate, its change in each interval, and the mean of the velocities at both ends.
     jump : ndarray, shape (n - 1,)
-        Square of the change of its velocity.
+        Square of the change of the velocity.
     acceleration : ndarray, shape (n,)
-        Square of its acceleration at the instants.
+        Square of the acceleration at the instants.
     """
 
     body: str
@@ -216,24 +219,35 @@ class _Moves(NamedTuple):
     acceleration: np.ndarray
 
     @staticmethod
-    def of(run: Examined, body: str, kind: str, labels: slice, scale: float) -> _Moves:
-        """Read the columns of a body; `labels` chooses those of each of `BODY_COLUMNS`."""
+    def of(run: Examined, body: str, kind: str, labels: slice, scale: float) -> _BodyMotion:
+        """Read the columns of a body; `labels` selects those of each of `BODY_COLUMNS`."""
         q, v, a = (
             [scale * run.trajectory[f"{body}.{label}"].astype(float) for label in columns[labels]]
             for columns in BODY_COLUMNS
         )
-        return _Moves(
-            body,
-            kind,
-            [np.diff(values) for values in q],
-            [(values[1:] + values[:-1]) / 2 for values in v],
-            _square([np.diff(values) for values in v]),
-            _square(a),
+        return _BodyMotion(
+            body=body,
+            kind=kind,
+            moved=[np.diff(values) for values in q],
+            mean=[(values[1:] + values[:-1]) / 2 for values in v],
+            jump=_square([np.diff(values) for values in v]),
+            acceleration=_square(a),
+        )
+
+    def without_means(
+        self, is_judged: np.ndarray, h: np.ndarray
+    ) -> tuple[list[np.ndarray], list[np.ndarray]]:
+        """Return `moved` and `mean` in the judged intervals, of lengths h (s), without their mean velocity there."""
+        moved = [values[is_judged] for values in self.moved]
+        mean = [values[is_judged] for values in self.mean]
+        return (
+            [values - h * (values.sum() / h.sum()) for values in moved],
+            [values - h @ values / h.sum() for values in mean],
         )
 
 
-def displacements(run: Examined) -> Iterator[str]:
-    """Displacements and slip velocities of guides are those of the states."""
+def check_displacements(run: Examined) -> Iterator[str]:
+    """Check that displacements and slip velocities of guides are those of the states."""
     for part in run.parts:
         # Displacements are compared with the largest coordinate, velocities with the largest of all.
         q, v = (
@@ -252,15 +266,15 @@ def displacements(run: Examined) -> Iterator[str]:
                 )
 
 
-def dissipation(run: Examined) -> Iterator[str]:
-    """Friction takes energy from a guide that slips: friction times slip velocity is at most 0.
+def check_dissipation(run: Examined) -> Iterator[str]:
+    """Check that friction dissipates energy: friction times slip velocity is at most 0.
 
-    It is checked at each sample of engines that keep Coulomb's cone, so that nothing is assumed about the motion
-    between samples. The friction may be that of another direction, and is not judged, if the engine reports stick, if
-    slip may begin, end or reverse within a step of the sample, or if the largest friction would stop the slip in less
-    than a step, which may be what an iteration has left of stick. A fault has to last for `LASTING` samples in a row.
-    Forces that are nan are not judged, nor forces that are rounding of the mechanism's largest, or as small as the
-    force of Baumgarte's terms.
+    Each sample of engines that keep Coulomb's cone is checked by itself, so that nothing is assumed about the motion
+    between samples. A sample is not judged if its friction may belong to another direction of slip: if the engine
+    reports stick, if slip may begin, end or reverse within a step, or if the largest friction would stop the slip in
+    less than a step, as slip that an iteration has left of stick. A fault has to last for `LASTING` consecutive
+    samples. Forces that are nan are not judged, nor forces as small as the rounding of the mechanism's largest force or
+    as the force of Baumgarte's terms.
     """
     trajectory = run.trajectory
     if not run.keeps(trajectory.settings):
@@ -284,7 +298,7 @@ def dissipation(run: Examined) -> Iterator[str]:
             )
             k = list(part.scene.joints).index(name)
             sticks = trajectory.columns.get(f"{name}.mode", np.ones(len(t))) == 0
-            # samples at which friction drives the slider, from which those that may be are removed
+            # Samples at which friction drives the slider; those that may be right are removed below.
             drives = (
                 (friction * speed > 0.0) & (np.abs(speed) > slow) & (t >= _settled(run)) & ~sticks
             )
@@ -293,14 +307,16 @@ def dissipation(run: Examined) -> Iterator[str]:
             drives &= np.abs(friction) > accuracy * _largest_force(run, part) + _baumgarte_force(
                 run
             )
-            if step and len(suspects := np.flatnonzero(drives)):
+            suspects = np.flatnonzero(drives)
+            if step and len(suspects):
+                # Slip that may have another direction within a step
                 motion = t[suspects], q[suspects], v[suspects], a[suspects]
-                # slip that may have another direction within a step
                 for share in WITHIN:
                     _, moved_q, moved_v = _moved(share * step, *motion)
                     slip = guide_motion(part.arrays, k, moved_q, moved_v)[1]
                     drives[suspects] &= slip * speed[suspects] > 0.0
-                # slip that the largest friction stops within a step
+                # Slip that the largest friction stops within a step; the mobility is the acceleration
+                # of the free body along the guide by a force of 1 N.
                 columns, _ = columns_of_rows(part.arrays, *motion[:3])
                 along = columns[:, :, part.arrays.rows + part.guide_names.index(name)]
                 mobility = np.sum(along**2 * part.arrays.inverse_mass, axis=1)
@@ -318,12 +334,12 @@ def dissipation(run: Examined) -> Iterator[str]:
                 break
 
 
-def momentum_of_steps(run: Examined) -> Iterator[str]:
-    """Newton's and Euler's equations hold at the samples of a fixed step, and friction is what they need along a guide.
+def check_momentum_of_steps(run: Examined) -> Iterator[str]:
+    """Check Newton's and Euler's equations at the samples of a fixed step, and friction by these equations.
 
-    This is checked for engines at joint fidelity that keep Coulomb's cone, give accelerations of their own and locate
-    no events. The others are checked by `balance`, or not at all. Each sample is judged by itself, whatever happens
-    between two.
+    This is for engines at joint fidelity that keep Coulomb's cone, compute accelerations themselves and do not locate
+    events. Others are checked by `check_balance`, or not at all. Each sample is judged by itself, independently of the
+    motion between samples.
 
     The values that an engine of fixed step reports for an instant come from states up to a step before and after it.
     Therefore the change of the equations with time, with positions and with velocities between these states (`WITHIN`),
@@ -333,15 +349,15 @@ def momentum_of_steps(run: Examined) -> Iterator[str]:
     instants at which a guide of the part reverses within a step, nor of forces that are nan or that the motion does not
     determine.
     """
-    trajectory, t, step = run.trajectory, run.trajectory.t.astype(float), _step(run)
-    if (
-        run.locates(trajectory.settings)
-        or run.fidelity != Fidelity.JOINT
-        or "accelerations" in trajectory.settings
-        or not step
-        or run.scene.frictional_guides
-        and not run.keeps(trajectory.settings)
-    ):
+    trajectory = run.trajectory
+    t = trajectory.t.astype(float)
+    step = _step(run)
+    # The setting "accelerations" says that the adapter computes them, from differences of velocities.
+    has_own_accelerations = "accelerations" not in trajectory.settings
+    has_fixed_step = bool(step) and not run.locates(trajectory.settings)
+    keeps_cone = not run.scene.frictional_guides or run.keeps(trajectory.settings)
+    is_joint = run.fidelity == Fidelity.JOINT
+    if not (has_fixed_step and is_joint and has_own_accelerations and keeps_cone):
         return
     chosen = np.flatnonzero(t >= _settled(run))
     for part in run.parts if len(chosen) >= LASTING else ():
@@ -614,8 +630,8 @@ def _lasting(flags: np.ndarray) -> Iterator[tuple[int, int]]:
     return ((begin, behind) for begin, behind in _stretches(flags) if behind - begin >= LASTING)
 
 
-def balance(run: Examined) -> Iterator[str]:
-    """Newton's and Euler's equations hold at samples and on both sides of events, where an engine reports these."""
+def check_balance(run: Examined) -> Iterator[str]:
+    """Check Newton's and Euler's equations at samples and on both sides of events, if the engine locates events."""
     for part, samples in zip(run.parts, run.in_equations):
         if samples is None:
             continue
@@ -635,8 +651,8 @@ def balance(run: Examined) -> Iterator[str]:
                 )
 
 
-def corner_forces(run: Examined) -> Iterator[str]:
-    """Corner forces and surface friction have the resultant and the moment of the guide, S F+ + K F- (paper, (21))."""
+def check_corner_forces(run: Examined) -> Iterator[str]:
+    """Check that corner forces and surface friction yield the guide's resultant and moment (paper, eq. 21)."""
     trajectory = run.trajectory
     for name, guide in run.scene.guides.items():
         if guide.length is None:
@@ -665,8 +681,8 @@ def corner_forces(run: Examined) -> Iterator[str]:
         )
 
 
-def modes(run: Examined) -> Iterator[str]:
-    """Modes are -1, 0 or 1, change at events according to their kinds, and do not change between a guide's events.
+def check_modes(run: Examined) -> Iterator[str]:
+    """Check that modes are -1, 0 or 1, and change only at the events of their guide, according to the kinds of these.
 
     If corner events are located, the surfaces that the corners of a slipping guide touch do not change either.
     """
@@ -688,7 +704,7 @@ def modes(run: Examined) -> Iterator[str]:
 
 
 def _chain(run: Examined, own: Sequence[Event], name: str, corners: bool) -> Iterator[str]:
-    """Each event of a guide changes its mode by its kind, and begins in the mode in which the one before ended."""
+    """Check that each event of a guide changes the mode by its kind, from the mode after the previous event."""
     mode = f"{name}.mode"
     sides = Sides(own)
     before, after = sides[mode][::2], sides[mode][1::2]
@@ -714,7 +730,7 @@ def _chain(run: Examined, own: Sequence[Event], name: str, corners: bool) -> Ite
 
 
 def _modes_between(run: Examined, own: Sequence[Event], column: str) -> Iterator[str]:
-    """Between two events of a guide the samples have its mode; one at the instant of an event may be of either side."""
+    """Check that samples between two events of a guide have its mode; at an event, both are accepted."""
     # `mode` between events; at an instant within rounding of one, `earliest` and `latest` are those
     # before and after it.
     t, values = run.trajectory.t, run.trajectory[column]
@@ -728,7 +744,7 @@ def _modes_between(run: Examined, own: Sequence[Event], column: str) -> Iterator
 
 
 def _other_surfaces(run: Examined, name: str, sides: Sides) -> np.ndarray:
-    """Flags of pairs of neighbouring events between which a corner of a slipping guide changes its surface."""
+    """Return flags of pairs of neighbouring events between which a corner of a slipping guide changes its surface."""
     F = [f"{name}.F{corner}" for corner in (1, 2, 3, 4)]
     size = SAME * max(_largest(run.trajectory[corner]) for corner in F)
     presses = [sides[corner] > size for corner in F]
@@ -738,19 +754,22 @@ def _other_surfaces(run: Examined, name: str, sides: Sides) -> np.ndarray:
     return slips & np.any([presses[i][1:-1:2] & presses[j][2::2] for i, j in opposite], axis=0)
 
 
-def unreported_events(run: Examined) -> Iterator[str]:
-    """Each change of a guide's mode between two instants on either side has an event, if events are located."""
+def check_unreported_events(run: Examined) -> Iterator[str]:
+    """Check that each change of a guide's mode has an event, if the engine locates events.
+
+    A change is one between two equal modes and two other ones: at an event, a single sample may have either mode.
+    """
     trajectory = run.trajectory
     if not run.locates(trajectory.settings):
         return
     for name, guide in run.scene.frictional_guides.items():
         if guide.static_coefficient <= 0.0:
             continue
-        if (mode := trajectory.columns.get(f"{name}.mode")) is None:
+        mode = trajectory.columns.get(f"{name}.mode")
+        if mode is None:
             speed = trajectory[f"{name}.slip_velocity"]
             mode = np.where(np.abs(speed) > SAME * np.max(np.abs(speed)), np.sign(speed), 0.0)
         times = np.array([event.time for event in trajectory.events if event.joint == name])
-        # two equal modes, then two others: a mode at a single sample may be one of two at an event
         changed = (mode[:-3] == mode[1:-2]) & (mode[1:-2] != mode[2:-1]) & (mode[2:-1] == mode[3:])
         for i in 1 + np.flatnonzero(changed):
             if not np.any((times >= trajectory.t[i - 1]) & (times <= trajectory.t[i + 2])):
@@ -761,16 +780,14 @@ def unreported_events(run: Examined) -> Iterator[str]:
                 )
 
 
-def cone(run: Examined) -> Iterator[str]:
-    """Coulomb's law with the load of the corner forces.
+def check_cone(run: Examined) -> Iterator[str]:
+    """Check Coulomb's law: |friction| <= mus load at rest, and friction = -mode mu load in slip.
 
-    |friction| <= mus load at rest, friction = -mode mu load in slip.
-
-    If events are located, both hold to `SAME` of the largest force, or of m v^2/size if that is larger, or to ten times
-    the tolerance, which is the error of states; the force of Baumgarte's terms is allowed besides. At fixed step size
-    friction has the bound of a step before. It must lie within the coefficient times the load, plus the change of that
-    within a step or to the sample before or after. The coefficient is the larger one, unless the guide slips faster
-    than its speed changes there. Forces that are nan are not judged.
+    The load is that of the corner forces, see `_load`. If events are located, the law must hold to `SAME` of the
+    largest force, or of m v^2/size if that is larger, or to ten times the tolerance, which is the error of states. The
+    force of Baumgarte's terms is also allowed. At fixed step size, friction has the bound of the previous step; the
+    change of the bound within a step, and to the neighbouring samples, is allowed. The coefficient is then mus, unless
+    the guide slips faster than its speed changes there. Forces that are nan are not judged.
     """
     trajectory, guides = run.trajectory, run.scene.frictional_guides
     if not guides or not run.keeps(trajectory.settings):
@@ -836,8 +853,8 @@ def _baumgarte_force(run: Examined) -> np.ndarray:
     )
 
 
-def continuity(run: Examined) -> Iterator[str]:
-    """Positions and velocities do not jump at an event, beyond rounding and the error of a step."""
+def check_continuity(run: Examined) -> Iterator[str]:
+    """Check that positions and velocities do not jump at an event, beyond rounding and the error of a step."""
     for labels in (POSITIONS, VELOCITIES):
         columns = run.columns(labels)
         allowed = (
@@ -863,22 +880,22 @@ def _while_moving(predicate: Predicate) -> Predicate:
 
 
 PREDICATES: tuple[Predicate, ...] = (
-    start,
-    residuals,
-    residuals_at_events,
+    check_start,
+    check_residuals,
+    check_residuals_at_events,
     *map(
         _while_moving,
         (
-            velocities,
-            displacements,
-            dissipation,
-            momentum_of_steps,
-            balance,
-            corner_forces,
-            modes,
-            unreported_events,
-            cone,
-            continuity,
+            check_velocities,
+            check_displacements,
+            check_dissipation,
+            check_momentum_of_steps,
+            check_balance,
+            check_corner_forces,
+            check_modes,
+            check_unreported_events,
+            check_cone,
+            check_continuity,
         ),
     ),
 )
@@ -903,9 +920,9 @@ def _residuals(
     # A part has its bodies in an order of its own. Norms of parts add up as squares.
     place = {body: 3 * i for i, body in enumerate(run.scene.bodies)}
     total = np.zeros((2, len(t)))
-    for part, known in zip_longest(run.parts, evaluated):
-        if known is not None:
-            total += np.square((known.position, known.velocity))
+    for part, equations in zip_longest(run.parts, evaluated):
+        if equations is not None:
+            total += np.square((equations.position, equations.velocity))
             continue
         own = np.concatenate([np.arange(place[body], place[body] + 3) for body in part.body_names])
         norms = residual_norms(
@@ -920,21 +937,30 @@ def _residuals(
 
 
 def _agrees(reported: np.ndarray, residual: np.ndarray, size: float) -> np.ndarray:
-    """Return flags of the residuals that are reported as they are."""
+    """Return flags of the instants at which the reported residual is that of the states."""
     # A run that diverges has residuals that overflow here; a nan agrees with nothing.
     with np.errstate(over="ignore", invalid="ignore"):
         return np.abs(reported - residual) <= DRIFT * (size + residual)
 
 
 def _square(vectors: Sequence[np.ndarray]) -> np.ndarray:
-    """Squares of the lengths of vectors, given by their components."""
+    """Return the squares of the lengths of vectors, which are given by their components."""
     return np.sum([component * component for component in vectors], axis=0)
 
 
 def _change(h: np.ndarray, jump: np.ndarray, acceleration: np.ndarray) -> np.ndarray:
-    """Change of velocities between instants h apart, by themselves or by the larger acceleration at either.
+    """Return the largest change of velocities in intervals of lengths h (s), shape (n - 1,).
 
-    Squares of both are given: of the changes, (n - 1,), and of the accelerations, (n,).
+    It is the change from end to end, or that by the larger acceleration at both ends.
+
+    Parameters
+    ----------
+    h : ndarray, shape (n - 1,)
+        Lengths of the intervals, s.
+    jump : ndarray, shape (n - 1,)
+        Squares of the changes from end to end.
+    acceleration : ndarray, shape (n,)
+        Squares of the accelerations.
     """
     return np.sqrt(np.maximum(jump, h * h * np.maximum(acceleration[1:], acceleration[:-1])))
 
@@ -963,5 +989,5 @@ def _nearby_change(values: np.ndarray) -> np.ndarray:
 
 
 def _largest(values: np.ndarray) -> float:
-    """Return the largest magnitude that is known."""
+    """Return the largest magnitude of the finite values; 0 if there are none."""
     return float(np.max(np.abs(values), where=np.isfinite(values), initial=0.0))

@@ -24,12 +24,11 @@ POSITIONS, VELOCITIES, ACCELERATIONS = BODY_COLUMNS
 RESIDUALS = ("drift.position", "drift.velocity")
 """Columns of the residuals of the constraints."""
 ROUNDING = 1e-9
-"""Accuracy of times, relative to the end of the run: sums of 1e6 steps are off by 1e6 eps = 2e-10."""
+"""Accuracy of times, relative to the end of the run: a sum of 1e6 steps has an error of 1e6 eps = 2e-10."""
 OWN_STEP = 0.01
-"""Largest part of a run that a step which the engine has chosen itself may be, to excuse an end that was not
-requested."""
+"""Largest step chosen by the engine, relative to the run, by which the end may differ from the requested one."""
 LONGEST_DESCRIPTION = 60
-"""Characters of a value in a message."""
+"""Largest number of characters of a value in a message."""
 
 MODES = {
     "slip": lambda old, new: old == 0 != new,
@@ -43,11 +42,14 @@ MODES = {
 def changed_modes(
     guides: Iterable[str], before: Mapping[str, float], after: Mapping[str, float]
 ) -> Iterator[tuple[str, str]]:
-    """Yield kind and guide of each event by which the modes before an instant become those after it."""
+    """Yield the kind and the guide of each event that changes the modes before an instant to those after it."""
     for guide in guides:
         old, new = before.get(f"{guide}.mode", 0.0), after.get(f"{guide}.mode", 0.0)
-        if old != new:
-            yield from ((kind, guide) for kind, fits in MODES.items() if fits(old, new))
+        if old == new:
+            continue
+        for kind, is_change in MODES.items():
+            if is_change(old, new):
+                yield kind, guide
 
 
 @dataclass(frozen=True)
@@ -57,13 +59,17 @@ class Examined:
     Attributes
     ----------
     trajectory : Trajectory
-        Returned by `Engine.run`.
+        The trajectory that `Engine.run` returned.
+    scene : Scene
+        The scene.
     t_end, dt, output_step : float
-        As requested, s; `dt` may be None.
+        Arguments of the run, s; `dt` may be None.
+    fidelity : Fidelity
+        The requested fidelity.
     locates, keeps : callable
-        `Engine.locates_events` and `Engine.keeps_cone` at this fidelity, by the settings of the trajectory.
-    assembly : Assembly
-        That of the run; a new one if None.
+        `Engine.locates_events` and `Engine.keeps_cone` at this fidelity, as functions of the settings.
+    assembly : Assembly or None
+        The mechanisms of the run; a new assembly is made if it is None.
     """
 
     trajectory: Trajectory
@@ -79,17 +85,17 @@ class Examined:
     @property
     def step(self) -> float:
         """Step size by which the run may end before or after `t_end`, s."""
-        # The step that was requested, or one that the engine has chosen and reports: it must be
-        # short, or a run could end anywhere.
-        own: Any = self.trajectory.settings.get("dt")
         if self.dt is not None:
             return self.dt
-        return own if is_number(own) and 0 < own <= OWN_STEP * self.t_end * (1 + ROUNDING) else 0.0
+        # A step that the engine has chosen must be short; otherwise the run could end anywhere.
+        own_step: Any = self.trajectory.settings.get("dt")
+        longest = OWN_STEP * self.t_end * (1 + ROUNDING)
+        return own_step if is_number(own_step) and 0 < own_step <= longest else 0.0
 
     @property
     def slack(self) -> float:
-        """Seconds by which the run may end before or after `t_end`."""
-        # fixed steps end at the multiple of the step next to t_end, which may be on either side
+        """Largest difference between the end of the run and `t_end`, s."""
+        # The last of fixed steps is the one nearest to t_end, before or after it.
         return self.step + ROUNDING * self.t_end
 
     @property
@@ -163,9 +169,22 @@ class Examined:
     def differs(
         self, column: str, expected: np.ndarray, allowed: float | np.ndarray, source: str
     ) -> Iterator[str]:
-        """Report the first sample of a column that is further from the expected values than allowed."""
+        """Yield a problem for the first sample of a column that differs from the expected values by more than allowed.
+
+        Parameters
+        ----------
+        column
+            The name of the column.
+        expected
+            The expected values, shape (n,).
+        allowed
+            The largest difference, in the unit of the column; a number or shape (n,).
+        source
+            What the expected values are, for the message.
+        """
         values = self.trajectory[column]
-        if (i := first(np.abs(values - expected) > allowed)) is not None:
+        i = first(np.abs(values - expected) > allowed)
+        if i is not None:
             yield (
                 f"{column} = {values[i]:.9g} at t = {self.trajectory.t[i]:.9g} s; expected "
                 f"{expected[i]:.9g}, {source}"
@@ -173,12 +192,12 @@ class Examined:
 
 
 class InEquations(NamedTuple):
-    """Instants of a part, put into its equations of motion and its constraints; arrays of shape (n,).
+    """Residuals of the equations of motion and of the constraints of a part at instants; arrays have the shape (n,).
 
     Attributes
     ----------
     left, size : ndarray
-        What is left of the equations of motion, and the largest term in them; see `imbalance`.
+        Residual of the equations of motion, and the largest term in them; see `imbalance`.
     position, velocity : ndarray
         Norms of Phi and Phi'.
     """
@@ -190,7 +209,7 @@ class InEquations(NamedTuple):
 
     @staticmethod
     def needed(part: Mechanism) -> list[str]:
-        """Columns that this is made of: the forces of the rows, and the motion."""
+        """Return the names of the columns that are evaluated: the forces of the rows, and the motion."""
         motion = [
             f"{body}.{label}"
             for body in part.body_names
@@ -201,7 +220,7 @@ class InEquations(NamedTuple):
 
     @staticmethod
     def of(part: Mechanism, t: np.ndarray, column: Callable[[str], np.ndarray]) -> InEquations:
-        """Evaluate at times t (n,), with the values of columns by their names."""
+        """Evaluate the equations at times t (n,), s; `column` returns the values (n,) of a column by its name."""
         from stiction.reference_impl.multibody.trajectory_columns import imbalance
 
         read = {name: column(name) for name in InEquations.needed(part)}

@@ -26,15 +26,17 @@ if TYPE_CHECKING:
 
 
 class Supplier(StrEnum):
-    """Who does a part of the work in a run."""
+    """The program that supplies a part of a simulation: its friction law, or the location of its events."""
 
     ENGINE = "engine"
+    """The engine"""
     ADAPTER = "adapter"
-    """Our adapter of the engine. For a friction law this means that the engine has no Coulomb law, and holds or drives
-    with the forces that the adapter's law allows."""
+    """The suite's adapter of the engine. If it supplies the friction law, the engine has no Coulomb law, and applies
+    the forces that the adapter's law allows."""
     BOTH = "engine + adapter"
-    """The engine's own, with numbers that the adapter changes during the run, such as a coefficient of friction."""
+    """The engine, with parameters that the adapter changes during the run, such as a coefficient of friction"""
     NOBODY = "nobody"
+    """Neither: the scene has no friction, or events are not located"""
 
 
 FRICTION_SUPPLIED_BY = "friction_supplied_by"
@@ -45,11 +47,11 @@ UNSETTLED = "friction does not settle"
 """Kind of the `stiction.scenes.Breakdown` of an engine that stops because it finds no solution for friction and
 reactions."""
 MOST_OUTPUTS = 10_000_000
-"""Largest number of instants of a trajectory: the 35 columns of the slider-bar are 2.8 GB then."""
+"""Largest number of instants of a trajectory, with which the 35 columns of the slider-bar need 2.8 GB."""
 
 MOST_STEPS = 1_000_000_000
-"""Largest number of steps of a fixed-step run: engines take 2 to 200 microseconds for a step, so that this is half an
-hour to days."""
+"""Largest number of steps of a fixed-step run. Engines take 2 to 200 microseconds for a step, so that such a run takes
+half an hour to days."""
 
 installed_version = cache(version)
 """Version of an installed distribution; reading it takes longer than a short simulation."""
@@ -57,7 +59,7 @@ installed_version = cache(version)
 
 @cache
 def required(package: str) -> SpecifierSet:
-    """Return the versions of an engine's package that the suite's metadata accept; any, if they do not mention it."""
+    """Return the versions of an engine's package that the metadata of the suite require; any if they do not name it."""
     # Imported here because most commands need no bound, and the import takes a twentieth of the time
     # of that of `stiction.engines`.
     from packaging.requirements import Requirement
@@ -69,7 +71,13 @@ def required(package: str) -> SpecifierSet:
 
 
 def accepted(package: str, installed: str) -> str:
-    """Return the installed version of an engine's package; raise ImportError if the suite does not accept it."""
+    """Return `installed`, the version of an engine's package.
+
+    Raises
+    ------
+    ImportError
+        If the suite requires another version.
+    """
     if not required(package).contains(installed, prereleases=True):
         raise ImportError(
             f"found {package} {installed}; expected {required(package)}", name=package
@@ -92,11 +100,11 @@ class Refused(StictionError):
 
 
 class Declined(Refused):
-    """The adapter does not run a scene that it can express; the message says why. The engine was not asked."""
+    """The adapter refuses a scene that it could represent, without calling the engine; the message says why."""
 
 
 class EngineFailure(StictionError):
-    """The engine gave up; the message is the engine's own."""
+    """The engine failed during a run; the message is the engine's own."""
 
 
 class Unsettled(EngineFailure):
@@ -161,18 +169,17 @@ class Capabilities:
     friction_by: Mapping[str, Supplier] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
-        if not (
-            isinstance(self.fidelities, tuple)
-            and self.fidelities
-            and all(fidelity in tuple(Fidelity) for fidelity in self.fidelities)
-        ):
+        is_tuple = isinstance(self.fidelities, tuple) and bool(self.fidelities)
+        if not is_tuple or not all(fidelity in tuple(Fidelity) for fidelity in self.fidelities):
             raise ValueError(
                 f"fidelities: found {self.fidelities!r}; expected a tuple of "
-                f"{' or '.join(repr(str(one)) for one in Fidelity)}"
+                f"{' or '.join(map(_quoted, Fidelity))}"
             )
+        # An adapter may use plain texts in place of members.
         object.__setattr__(self, "fidelities", tuple(map(Fidelity, self.fidelities)))
         for name in ("static_coefficient", "friction_law", "friction_by"):
-            if not isinstance(value := getattr(self, name), Mapping):
+            value = getattr(self, name)
+            if not isinstance(value, Mapping):
                 raise TypeError(f"{name}: found {value!r}; expected a mapping by fidelity")
         if self.event_location not in (Supplier.ENGINE, Supplier.ADAPTER):
             raise ValueError(
@@ -181,28 +188,45 @@ class Capabilities:
         for fidelity, supplier in self.friction_by.items():
             if fidelity not in self.fidelities or supplier not in tuple(Supplier):
                 raise ValueError(
-                    f"friction_by: found {str(fidelity)!r}: {supplier!r}; expected one of "
-                    f"{', '.join(repr(str(each)) for each in self.fidelities)} and one of "
-                    f"{', '.join(repr(str(supplier)) for supplier in Supplier)}"
+                    f"friction_by: found {_quoted(fidelity)}: {supplier!r}; expected one of "
+                    f"{', '.join(map(_quoted, self.fidelities))} and one of "
+                    f"{', '.join(map(_quoted, Supplier))}"
                 )
+
+
+def _quoted(member: str) -> str:
+    """Return the value of an enumeration's member in quotes, for messages."""
+    return repr(str(member))
 
 
 def check_settings(
     given: Iterable[str], settings: Iterable[str], engine: str, fidelity: Fidelity
 ) -> None:
-    """Raise InputError for names that are not among those of the engine's settings."""
+    """Raise InputError for names that are not among the settings of an engine.
+
+    Parameters
+    ----------
+    given
+        Names of settings.
+    settings
+        The settings that the engine has.
+    engine
+        Name of the engine, for the message.
+    fidelity
+        Fidelity of the run, for the message.
+    """
     allowed = list(settings)
+    expected = "one of " + ", ".join(allowed) if allowed else "none: it has no settings"
     for name in given:
         if name not in allowed:
             raise InputError(
-                f"{name}: {engine} has no such setting at {fidelity} fidelity; expected "
-                f"{'one of ' + ', '.join(allowed) if allowed else 'none: it has no settings'}"
+                f"{name}: {engine} has no such setting at {fidelity} fidelity; expected {expected}"
             )
 
 
 @cache
 def _takes_assembly(engine: type[Engine]) -> bool:
-    """Return True where `run` of a class names a parameter `assembly`."""
+    """Return True if `run` of a class has a parameter `assembly`."""
     return "assembly" in inspect.signature(engine.run).parameters
 
 
@@ -210,12 +234,43 @@ OBLIGATORY = ("name", "capabilities", "version", "refusal", "run")
 """Attributes and methods that a class derived from `Engine` must define."""
 
 
-def _complete_cost(stated: Cost, run_s: float, gate_s: float) -> Cost:
-    """Return the cost that an engine states, or all of its run as stepping, with output and gate (s)."""
-    cost = Cost(stepping_s=run_s) if stated == Cost() else stated
-    # the CPU time of a program's process is not in that of this one
+def _complete_cost(reported: Cost, run_s: float, gate_s: float) -> Cost:
+    """Return the cost of a run.
+
+    Parameters
+    ----------
+    reported
+        The cost that the engine reports; if it reports none, the whole run counts as stepping.
+    run_s
+        CPU time of `Engine.run`, s.
+    gate_s
+        CPU time of the examination of the result, s.
+    """
+    cost = Cost(stepping_s=run_s) if reported == Cost() else reported
+    # If the engine runs in a process of its own, the times that it reports may exceed `run_s`.
     output_s = max(0.0, run_s - cost.setup_s - cost.compile_s - cost.stepping_s)
     return replace(cost, output_s=output_s, gate_s=gate_s)
+
+
+def _check_times(t_end: float, dt: float | None, rtol: float | None, output_step: float) -> None:
+    """Raise InputError if arguments of `Engine.simulate` are not positive, too small, or too large."""
+    for name, value in (("t_end", t_end), ("dt", dt), ("output_step", output_step)):
+        if value is not None and not (math.isfinite(value) and value > 0):
+            raise InputError(f"{name}: found {value!r}; expected seconds, > 0")
+    if t_end / output_step > MOST_OUTPUTS:
+        raise InputError(
+            f"t_end, output_step: found {t_end:g} s and {output_step:g} s, {t_end / output_step:.3g} "
+            f"instants; expected at most {MOST_OUTPUTS:g}"
+        )
+    if dt is not None:
+        if dt > t_end:
+            raise InputError(f"dt: found {dt!r}; expected at most t_end = {t_end:g} s")
+        check_steps(t_end, dt)
+    if rtol is not None and not sys.float_info.epsilon <= rtol < 1:
+        raise InputError(
+            f"rtol: found {rtol!r}; expected at least the rounding of floats, "
+            f"{sys.float_info.epsilon:.2g}, and less than 1"
+        )
 
 
 class Engine(ABC):
@@ -423,23 +478,7 @@ class Engine(ABC):
             If the result is not a trajectory of this run; see `stiction.engines.gate.first_problem`.
         """
         t_end = scene.t_end if t_end is None else t_end
-        for name, value in (("t_end", t_end), ("dt", dt), ("output_step", output_step)):
-            if value is not None and not (math.isfinite(value) and value > 0):
-                raise InputError(f"{name}: found {value!r}; expected seconds, > 0")
-        if t_end / output_step > MOST_OUTPUTS:
-            raise InputError(
-                f"t_end, output_step: found {t_end:g} s and {output_step:g} s, {t_end / output_step:.3g} "
-                f"instants; expected at most {MOST_OUTPUTS:g}"
-            )
-        if dt is not None and dt > t_end:
-            raise InputError(f"dt: found {dt!r}; expected at most t_end = {t_end:g} s")
-        if dt is not None:
-            check_steps(t_end, dt)
-        if rtol is not None and not sys.float_info.epsilon <= rtol < 1:
-            raise InputError(
-                f"rtol: found {rtol!r}; expected at least the rounding of floats, "
-                f"{sys.float_info.epsilon:.2g}, and less than 1"
-            )
+        _check_times(t_end, dt, rtol, output_step)
         fidelity = fidelity_of(fidelity)
         if fidelity not in self.capabilities.fidelities:
             available = self.capabilities.fidelities
@@ -452,10 +491,11 @@ class Engine(ABC):
         reason = self.refusal(scene, fidelity)
         if reason is not None:
             raise Refused(reason)
-        output_step = min(output_step, t_end)  # the end is an output instant whatever was asked for
-        started = time.process_time()
-        complete = self.settings_of_run(settings, fidelity=fidelity, dt=dt, rtol=rtol)
+        # The end is always an output instant.
+        output_step = min(output_step, t_end)
         assembly = Assembly(scene)
+        further_arguments = {"assembly": assembly} if _takes_assembly(type(self)) else {}
+        begin = time.process_time()
         trajectory = self.run(
             scene,
             t_end=t_end,
@@ -463,40 +503,41 @@ class Engine(ABC):
             rtol=rtol,
             fidelity=fidelity,
             output_step=output_step,
-            settings=complete,
-            **({"assembly": assembly} if _takes_assembly(type(self)) else {}),
+            settings=self.settings_of_run(settings, fidelity=fidelity, dt=dt, rtol=rtol),
+            **further_arguments,
         )
-        spent = time.process_time() - started
-        # An engine's result is validated before anybody uses it.
+        run_s = time.process_time() - begin
+        # The result of an engine is validated before it is used.
         examined = Examined(
-            trajectory,
-            scene,
-            t_end,
-            dt,
-            output_step,
-            fidelity,
-            partial(self.locates_events, fidelity),
-            partial(self.keeps_cone, fidelity),
-            assembly,
+            trajectory=trajectory,
+            scene=scene,
+            t_end=t_end,
+            dt=dt,
+            output_step=output_step,
+            fidelity=fidelity,
+            locates=partial(self.locates_events, fidelity),
+            keeps=partial(self.keeps_cone, fidelity),
+            assembly=assembly,
         )
         problem = first_problem(examined)
         if problem is not None:
             raise BadTrajectory(f"{self.name} returned {problem}")
-        examined_s = time.process_time() - started - spent
-        # What all trajectories have, whatever the engine reports: who supplies friction law and
-        # events, and a cost.
-        locates = self.locates_events(fidelity, trajectory.settings)
+        gate_s = time.process_time() - begin - run_s
+        # Complete the fields that do not depend on the engine's report.
+        friction_supplier = Supplier.NOBODY
+        if scene.frictional_guides:
+            friction_supplier = self.friction_supplier(fidelity, trajectory.settings)
+        event_supplier = Supplier.NOBODY
+        if self.locates_events(fidelity, trajectory.settings):
+            event_supplier = self.capabilities.event_location
         suppliers = {
-            FRICTION_SUPPLIED_BY: self.friction_supplier(fidelity, trajectory.settings)
-            if scene.frictional_guides
-            else Supplier.NOBODY,
-            EVENTS_LOCATED_BY: self.capabilities.event_location if locates else Supplier.NOBODY,
+            FRICTION_SUPPLIED_BY: str(friction_supplier),
+            EVENTS_LOCATED_BY: str(event_supplier),
         }
-        by_name = {name: str(supplier) for name, supplier in suppliers.items()}
         return replace(
             trajectory,
             fidelity=fidelity,
             mechanism=scene,
-            settings={**trajectory.settings, **by_name},
-            cost=_complete_cost(trajectory.cost, spent, examined_s),
+            settings={**trajectory.settings, **suppliers},
+            cost=_complete_cost(trajectory.cost, run_s, gate_s),
         )

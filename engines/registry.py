@@ -1,13 +1,14 @@
-"""Engines by name: those of the suite, those that other packages announce, any class by its address, and files.
+"""Registry of engines: those of the suite, those announced by other packages, classes by their address, and files.
 
-A program is named by the path of its declaration, which ends in ``.toml``, an FMU by its own path, which ends in
-``.fmu``. Only such a name runs a program or the code in an FMU. The rest of the code knows the engines of the suite by
-their entries in `ENGINES` alone.
+A program is selected by the path of its declaration, which ends in ``.toml``, and an FMU by its own path, which ends in
+``.fmu``; programs and the code of FMUs are never run by other names. All other code refers to the engines of the suite
+only by their entries in `ENGINES`.
 """
 
 from __future__ import annotations
 
 import difflib
+import os
 import sys
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
@@ -24,6 +25,7 @@ from stiction.scenes import InputError, StictionError
 from stiction.scenes.wording import did_you_mean, names
 
 ENTRY_POINT_GROUP = "stiction.engines"
+"""Group of entry points by which other packages announce engines."""
 
 
 @dataclass(frozen=True)
@@ -130,7 +132,10 @@ class EngineBroken(EngineMissing):
 
 def entry_of(name: str) -> EngineEntry | None:
     """Return the entry of an engine that comes with the suite; None for any other."""
-    return next((entry for entry in ENGINES if entry.name == name), None)
+    for entry in ENGINES:
+        if entry.name == name:
+            return entry
+    return None
 
 
 def experiment(engine: str, name: str) -> Callable[..., Any]:
@@ -148,8 +153,8 @@ def experiment(engine: str, name: str) -> Callable[..., Any]:
             f"experiment of {engine!r}: found {name!r}; expected {', '.join(available) or 'none'}"
         )
     module, _, function = entry.experiments[name].partition(":")
-    made: Callable[..., Any] = getattr(import_module(module), function)
-    return made
+    function_of_experiment: Callable[..., Any] = getattr(import_module(module), function)
+    return function_of_experiment
 
 
 def own_methods() -> list[str]:
@@ -169,8 +174,12 @@ def is_file(name: str) -> bool:
 
 
 def absolute_name(name: str) -> str:
-    """Return the name of an engine as processes in other folders know it: of a file the absolute path."""
-    return str(Path(name).resolve()) if is_file(name) else name
+    """Return the name of an engine for processes in other folders: the absolute path if it is a file."""
+    if not is_file(name):
+        return name
+    resolved = str(Path(name).resolve())
+    # A symbolic link may lead to a file with another extension.
+    return resolved if is_file(resolved) else os.path.abspath(name)
 
 
 def label_of(name: str) -> str:
@@ -222,40 +231,50 @@ def load_engine(name: str) -> Engine:
             raise UnknownEngine(
                 f"engine: found no file {name!r}; expected the declaration of a program, or an FMU"
             )
-        return _of_file(Path(name).resolve())
+        [file_entry] = [entry for entry in FILES if name.endswith(entry.ending)]
+        return _of_file(Path(name).resolve(), file_entry)
     entry = entry_of(name)
     if entry is None and name not in _announced(tuple(sys.path)):
-        _announced.cache_clear()  # its package may have been installed since
+        # A package may have been installed since the names were read.
+        _announced.cache_clear()
     others = _announced(tuple(sys.path))
     addresses = {**others, **{entry.name: entry.address for entry in ENGINES}}
     address = addresses.get(name, name)
     module, _, attribute = address.partition(":")
     if not module or not attribute:
-        close = difflib.get_close_matches(name, addresses, n=1)
+        matches = difflib.get_close_matches(name, addresses, n=1)
+        hint = f" (did you mean {matches[0]!r}?)" if matches else ""
         raise UnknownEngine(
             f"engine: found {name!r}; expected {', '.join(engine_names())}, 'module:Class', a "
-            "program's FILE.toml or a FILE.fmu"
-            + (f" (did you mean {close[0]!r}?)" if close else "")
+            f"program's FILE.toml or a FILE.fmu{hint}"
         )
     try:
         package = entry.package if entry else ""
         with _packaged(name, package):
-            return _made(name, module, attribute, package)
+            return _create(name, module, attribute, package)
     except Exception as error:
+        # The author of an engine that is selected by its address needs the traceback.
         if entry is not None or name not in others:
-            raise  # what was asked for by its address is being written: its author wants the traceback
+            raise
         raise EngineBroken(
             f"{name}: its adapter {address}, which another package announces, is broken: "
             f"{type(error).__name__}: {error}"
         ) from error
 
 
-def _of_file(path: Path) -> Engine:
-    entry = next(entry for entry in FILES if entry.ending == path.suffix)
+def _of_file(path: Path, entry: FileEntry) -> Engine:
+    """Return the engine of a program's declaration or an FMU; `entry` is its kind.
+
+    Raises
+    ------
+    InputError
+        If it has the name of an engine of the suite, with which tables would confuse it.
+    """
     module, _, attribute = entry.address.partition(":")
     with _packaged(path.name, entry.package):
         engine = getattr(import_module(module), attribute)(path)
-    if (taken := entry_of(engine.name)) and not taken.run_by_system:
+    namesake = entry_of(engine.name)
+    if namesake is not None and not namesake.run_by_system:
         raise InputError(
             f"{path}: found the name {engine.name!r}; expected another name: an engine of the suite has "
             "it"
@@ -274,11 +293,22 @@ def _packaged(shown: str, package: str) -> Iterator[None]:
         raise EngineMissing(f"{shown}: {error}{_remedy(package)}") from error
 
 
-def _made(name: str, module: str, attribute: str, package: str) -> Engine:
-    """Create an engine, and make sure that it has a version and capabilities."""
+def _create(name: str, module: str, attribute: str, package: str) -> Engine:
+    """Create an engine, and check that it has a version and capabilities.
+
+    Parameters
+    ----------
+    name
+        The name by which it was selected, for messages.
+    module, attribute
+        The module and the name of its class.
+    package
+        The package that it needs; empty for engines that do not belong to the suite.
+    """
     engine = _class(name, import_module(module), attribute)()
     try:
-        str(engine.version)  # asks the engine's own package, which adapters import late
+        # Adapters import the package of their engine late; the version needs it.
+        str(engine.version)
     except Exception as error:
         # A package that is not installed is handled by the caller, and a mistake in somebody else's
         # adapter is shown with its traceback. Any other exception is that of a broken package, or of
@@ -300,16 +330,14 @@ def _made(name: str, module: str, attribute: str, package: str) -> Engine:
 def _class(name: str, module: ModuleType, attribute: str) -> type[Engine]:
     """Return the class of this name in a module, after checking that it is a complete engine."""
     if not hasattr(module, attribute):
-        close = did_you_mean(
-            attribute,
-            [
-                key
-                for key, value in vars(module).items()
-                if isinstance(value, type) and issubclass(value, Engine)
-            ],
-        )
+        engine_classes = [
+            key
+            for key, value in vars(module).items()
+            if isinstance(value, type) and issubclass(value, Engine)
+        ]
+        hint = did_you_mean(attribute, engine_classes)
         raise UnknownEngine(
-            f"engine {name!r}: module {module.__name__} has no class {attribute}{close}; expected a "
+            f"engine {name!r}: module {module.__name__} has no class {attribute}{hint}; expected a "
             "class derived from stiction.engines.Engine"
         )
     cls = getattr(module, attribute)
@@ -318,9 +346,12 @@ def _class(name: str, module: ModuleType, attribute: str) -> type[Engine]:
             f"engine {name!r}: {attribute!r} of {module.__name__!r} is {cls!r}; expected a class "
             "derived from stiction.engines.Engine"
         )
-    if missing := [
-        part for part in OBLIGATORY if part in cls.__abstractmethods__ or not hasattr(cls, part)
-    ]:
+    missing = [
+        member
+        for member in OBLIGATORY
+        if member in cls.__abstractmethods__ or not hasattr(cls, member)
+    ]
+    if missing:
         raise UnknownEngine(
             f"engine {name!r}: class {attribute} has no {names(missing)}; expected a class that "
             f"defines {names(OBLIGATORY)}"
@@ -329,5 +360,7 @@ def _class(name: str, module: ModuleType, attribute: str) -> type[Engine]:
 
 
 def _remedy(package: str, option: str = "") -> str:
-    """Say what to install, after the reason; nothing for engines of others."""
-    return f"; pip install{option} '{package}{required(package)}' brings it" if package else ""
+    """Return the end of a message that says what to install; empty without a package."""
+    if not package:
+        return ""
+    return f"; pip install{option} '{package}{required(package)}' brings it"

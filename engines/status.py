@@ -1,4 +1,4 @@
-"""How a run or another task has ended: the one list of words that tables, histories and baselines have for it."""
+"""Status of runs and other tasks, as stored in tables, histories and baselines."""
 
 from __future__ import annotations
 
@@ -7,37 +7,38 @@ from enum import StrEnum
 
 
 class Status(StrEnum):
-    """How a run, a point of a sweep or another task has ended.
+    """Status of a run, a point of a sweep, or another task.
 
-    The values are keys of stored files: tables, baselines, histories of nights. What people read is in `STATUS_LABELS`.
+    The values are used in stored files: tables, baselines, and histories of nightly runs. Texts for readers use
+    `STATUS_LABELS`.
     """
 
     OK = "ok"
-    """There is a result. A run that ended early is one of these, and its reason says why."""
+    """There is a result. If the run ended early, the reason says why."""
     REFUSED = "refused"
-    """The engine cannot represent the scene, or the scene is none; nothing was run."""
+    """The engine cannot represent the scene, or the scene is invalid; nothing was run."""
     FAILED = "failed"
-    """An exception, or a result that cannot be taken to this process."""
+    """The task raised an exception, or its result cannot be transferred to this process."""
     TIMED_OUT = "timed out"
-    """No result within the time that the task was given; its process was ended."""
+    """There was no result within the time limit, and the process of the task was killed."""
     CRASHED = "crashed"
-    """The process of the task ended by a signal or an exit."""
+    """The process of the task was ended by a signal or an exit."""
     MISSING = "missing"
-    """The engine's package is not installed."""
+    """The package of the engine is not installed."""
     NOT_RUN = "not run"
     """The campaign was interrupted, or its time was over, before the run began."""
     INCOMPLETE = "incomplete"
-    """`OK` in the data, with a reason: the run ended early, or there is no truth for it."""
+    """Shown in place of `OK` if there is a reason: the run ended early, or there is no truth for it."""
     WRONG = "wrong"
-    """There is a result, and the engine reported no failure, but it is not a motion of the scene."""
+    """There is a result without a reported failure, but it is not a motion of the scene."""
     NO_STEADY_STATE = "no steady state"
-    """Of a point of a sweep: the motion neither rests nor repeats itself."""
+    """For a point of a sweep: the motion neither comes to rest nor becomes periodic."""
     NOT_FOUND = "not found"
-    """Of a point of a sweep: the amplitudes that were searched do not enclose a threshold."""
+    """For a point of a sweep: the amplitudes of the search do not enclose a threshold."""
 
     @property
     def label(self) -> str:
-        """What people read."""
+        """Word for texts."""
         return STATUS_LABELS[self]
 
 
@@ -54,6 +55,6 @@ STATUS_LABELS: Mapping[Status, str] = {
     Status.NO_STEADY_STATE: "no steady state",
     Status.NOT_FOUND: "not found",
 }
-"""Words for people; no result depends on them."""
+"""Words in texts for readers; they may change without an effect on stored results."""
 UNMADE = (Status.MISSING, Status.NOT_RUN)
-"""Of runs that were not made, which do not count."""
+"""Status of runs that were not executed, and are therefore not counted."""

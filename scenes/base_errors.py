@@ -1,4 +1,4 @@
-"""The family of errors that the suite raises on purpose; every other exception is a bug and keeps its traceback."""
+"""Base classes of the errors that the suite raises on purpose."""
 
 from __future__ import annotations
 
@@ -6,7 +6,8 @@ from __future__ import annotations
 class StictionError(Exception):
     """Base class of the errors that the suite raises on purpose; the message is written for the user.
 
-    Examples are unusable input, a scene that an engine refuses, and a run that failed. Every other exception is a bug.
+    Examples are unusable input, a scene that an engine refuses, and a run that failed. Every other exception is a bug,
+    and is shown with its traceback.
     """
 
 

@@ -30,7 +30,7 @@ class ColumnFile(Mapping[str, np.ndarray]):
     Parameters
     ----------
     rows
-        The length of all columns. It may be reduced (`shorten`) as long as nothing has been read.
+        The length of all columns. It may be reduced by `shorten` as long as nothing has been read.
     """
 
     def __init__(self, rows: int):
@@ -74,6 +74,7 @@ class ColumnFile(Mapping[str, np.ndarray]):
         del self._slots[name]
 
     def __getitem__(self, name: str) -> np.ndarray:
+        """Return a new, read-only map of a column, shape (rows,)."""
         # A map that the object kept would keep all pages in memory that were ever read through it.
         mapped = np.memmap(
             self._file,

@@ -1,4 +1,4 @@
-"""The columns of a trajectory: which element has which, in what unit, meaning what."""
+"""Names, units and meanings of the columns of a trajectory."""
 
 from __future__ import annotations
 
@@ -12,22 +12,45 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class Column:
-    """Columns ``<owner>.<name>``, one for each of `names`.
+    """Columns ``<owner>.<name>`` that have one unit and one meaning.
 
-    `owner`: ``BODY``, ``PIN``, ``GUIDE``, ``DRIVE``, to be replaced by the name of the element, or ``drift``. `where`:
-    condition under which it has them.
+    Attributes
+    ----------
+    owner : str
+        ``BODY``, ``PIN``, ``GUIDE`` or ``DRIVE``, which stands for the name of each such element, or ``drift``.
+    names : tuple of str
+        The names of the columns.
+    unit : str
+        Unit of the values; empty if they have none.
+    meaning : str
+        Description of the values.
+    needs_friction : bool
+        True if only a guide with friction has these columns.
+    needs_length : bool
+        True if only a guide with a length has these columns.
     """
 
     owner: str
     names: tuple[str, ...]
     unit: str
     meaning: str
-    where: str = ""
+    needs_friction: bool = False
+    needs_length: bool = False
+
+    @property
+    def where(self) -> str:
+        """Condition in words under which an element has the columns; empty if there is none."""
+        if self.needs_friction and self.needs_length:
+            return "if the guide has a length and friction"
+        if self.needs_friction:
+            return "if the guide has friction"
+        if self.needs_length:
+            return "if the guide has a length"
+        return ""
 
 
 BODY_COLUMNS = (("x", "y", "angle"), ("vx", "vy", "omega"), ("ax", "ay", "alpha"))
-"""Columns of a body's coordinates, velocities and accelerations."""
-_FRICTION, _LENGTH = "if the guide has friction", "if the guide has a length"
+"""Columns of the coordinates, velocities and accelerations of a body."""
 COLUMNS = (
     Column("BODY", ("x", "y"), "m", "centre of mass"),
     Column("BODY", ("angle",), "rad", "angle"),
@@ -51,28 +74,33 @@ COLUMNS = (
     Column("GUIDE", ("displacement",), "m", "displacement of the slider along the guide"),
     Column("GUIDE", ("slip_velocity",), "m/s", "velocity of the slider along the guide"),
     Column(
-        "GUIDE", ("friction",), "N", "friction force on the slider along the direction", _FRICTION
+        "GUIDE",
+        ("friction",),
+        "N",
+        "friction force on the slider along the direction",
+        needs_friction=True,
     ),
     Column(
         "GUIDE",
         ("mode",),
         "",
         "-1: slip against the direction, 0: stick, 1: slip along it; not reported by every engine",
-        _FRICTION,
+        needs_friction=True,
     ),
     Column(
         "GUIDE",
         ("F1", "F2", "F3", "F4"),
         "N",
         "corner forces: 1: lower rear, 2: lower front, 3: upper front, 4: upper rear",
-        _LENGTH,
+        needs_length=True,
     ),
     Column(
         "GUIDE",
         ("friction_lower", "friction_upper"),
         "N",
         "friction forces of the two surfaces",
-        "if the guide has a length and friction",
+        needs_friction=True,
+        needs_length=True,
     ),
     Column("DRIVE", ("effort",), "N m or N", "torque or force of the drive on its first body"),
     Column(
@@ -83,7 +111,7 @@ COLUMNS = (
 
 
 def columns_of(scene: Scene) -> list[str]:
-    """Names of all columns that a trajectory of the scene can have, the time left out."""
+    """Return the names of all columns that a trajectory of the scene can have, without the time."""
     guides = scene.guides
     owners: dict[str, Iterable[str]] = {
         "BODY": scene.bodies,
@@ -92,36 +120,45 @@ def columns_of(scene: Scene) -> list[str]:
         "DRIVE": scene.drives,
         "drift": ["drift"],
     }
-
-    def applies(column: Column, owner: str) -> bool:
-        guide = guides.get(owner)
-        return (
-            not column.where
-            or guide is not None
-            and ("friction" not in column.where or guide.frictional)
-            and ("length" not in column.where or guide.length is not None)
-        )
-
-    return [
-        f"{owner}.{name}"
-        for column in COLUMNS
-        for owner in owners[column.owner]
-        if applies(column, owner)
-        for name in column.names
-    ]
+    columns = []
+    for entry in COLUMNS:
+        for owner in owners[entry.owner]:
+            if entry.needs_friction and not guides[owner].frictional:
+                continue
+            if entry.needs_length and guides[owner].length is None:
+                continue
+            columns += [f"{owner}.{name}" for name in entry.names]
+    return columns
 
 
 def unit_of(column: str, scene: Scene | None = None) -> str:
-    """The unit of a trajectory's column, empty if it has none; of an effort that of the scene's drive."""
+    """Return the unit of a column; empty if it has none.
+
+    Parameters
+    ----------
+    column
+        The name of the column, such as ``"t"`` or ``"guide.friction"``.
+    scene
+        The scene, which determines the unit of the effort of a drive. Without it, both units are returned.
+    """
+    if column == "t":
+        return "s"
     owner, _, name = column.rpartition(".")
     if name == "effort" and scene is not None:
         return "N m" if scene.drives[owner].type == "angle" else "N"
-    return (
-        "s" if column == "t" else next((entry.unit for entry in COLUMNS if name in entry.names), "")
-    )
+    entry = _entry_of(name)
+    return "" if entry is None else entry.unit
 
 
 def meaning_of(column: str) -> str:
-    """What a trajectory's column has, in words; empty for one that is not of the `COLUMNS`."""
-    name = column.rpartition(".")[2]
-    return next((entry.meaning for entry in COLUMNS if name in entry.names), "")
+    """Return the description of a column; empty if it is not in `COLUMNS`."""
+    entry = _entry_of(column.rpartition(".")[2])
+    return "" if entry is None else entry.meaning
+
+
+def _entry_of(name: str) -> Column | None:
+    """Return the entry of `COLUMNS` with a name such as ``"friction"``, without its owner."""
+    for entry in COLUMNS:
+        if name in entry.names:
+            return entry
+    return None

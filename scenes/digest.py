@@ -1,4 +1,4 @@
-"""Digests of scenes and of other content: two things have the same one where everything is the same."""
+"""Digests of scenes and of other content, which are equal if and only if the content is equal."""
 
 from __future__ import annotations
 
@@ -13,42 +13,49 @@ from stiction.scenes.loading import scene_to_toml
 from stiction.scenes.model import Scene
 
 SHORT = 16
-"""Hexadecimal digits of a digest that stands in names and identities."""
+"""Number of hexadecimal digits of a digest that is part of a name or an identity."""
 SIGNIFICANT = 12
-"""Significant digits of numbers in an identity: the last ones of ``"sqrt(2)/3"`` are those of a machine's libm."""
+"""Significant digits of the numbers in an identity. The last digits of an expression such as ``"sqrt(2)/3"`` depend on
+the mathematical library of the machine."""
 
 
 def digest(content: Any) -> str:
-    """Return the SHA-256 of content as hexadecimal digits, the same in every process and on every machine.
+    """Return the SHA-256 digest of content, as hexadecimal digits.
 
-    It is of scenes, numbers, texts, mappings, sequences and dataclasses of them; anything else as it is pickled.
+    Parameters
+    ----------
+    content
+        Scenes, numbers, texts, or mappings, sequences and dataclasses of these, whose digest is the same in every
+        process and on every machine. Anything else contributes the bytes of its pickle.
     """
-    return hashlib.sha256(json.dumps(_plain(content), sort_keys=True).encode()).hexdigest()
+    text = json.dumps(_to_json_types(content), sort_keys=True)
+    return hashlib.sha256(text.encode()).hexdigest()
 
 
 def scene_digest(scene: Scene) -> str:
-    """Return the digest of what a scene declares, without title and source, in `SIGNIFICANT` digits.
+    """Return the digest of what a scene declares, `SHORT` digits.
 
-    Names of elements count, for columns and events bear them.
+    Title and source are ignored. Names of elements are included, because columns and events contain them. Numbers are
+    rounded to `SIGNIFICANT` digits.
     """
     content = scene.model_dump(
         mode="json", exclude={"title", "source", "parameters"}, exclude_defaults=True
     )
-    # rounded, as arithmetic in scenes is evaluated by the machine's own libm
     return digest(_rounded(content))[:SHORT]
 
 
-def _plain(value: Any) -> Any:
-    """Content as JSON has it."""
+def _to_json_types(value: Any) -> Any:
+    """Return content in the types of JSON; scenes, dataclasses and pickles become lists that begin with their kind."""
     if isinstance(value, Scene):
         return ["scene", value.name, scene_to_toml(value)]
     if isinstance(value, Mapping):
-        return {str(key): _plain(inner) for key, inner in value.items()}
+        return {str(key): _to_json_types(item) for key, item in value.items()}
     if isinstance(value, (list, tuple)):
-        return [_plain(inner) for inner in value]
+        return [_to_json_types(item) for item in value]
     if dataclasses.is_dataclass(value):
         fields = {
-            field.name: _plain(getattr(value, field.name)) for field in dataclasses.fields(value)
+            field.name: _to_json_types(getattr(value, field.name))
+            for field in dataclasses.fields(value)
         }
         return [type(value).__qualname__, fields]
     if value is None or isinstance(value, (str, int, float, bool)):
@@ -57,6 +64,7 @@ def _plain(value: Any) -> Any:
 
 
 def _rounded(content: Any) -> Any:
+    """Return content in the types of JSON with all numbers as floats of `SIGNIFICANT` digits."""
     if isinstance(content, dict):
         return {key: _rounded(value) for key, value in content.items()}
     if isinstance(content, list):

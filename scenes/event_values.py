@@ -1,9 +1,13 @@
-"""Values of columns on both sides of events: arrays, of which each side of an event is a view with names."""
+"""Values of columns before and after events.
+
+The sides of events are rows of arrays (`Row`), so that `Sides` can read a column of all events at once.
+"""
 
 from __future__ import annotations
 
 import math
 from collections.abc import Collection, Iterator, Mapping, Sequence
+from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -11,16 +15,19 @@ import numpy as np
 if TYPE_CHECKING:
     from stiction.scenes.trajectory import Event
 
+_NUMBER_KINDS = "fiub"
+"""NumPy's kinds of types of real numbers: floats, integers, unsigned integers, and truth values."""
+
 
 class Row(Mapping[str, float]):
-    """One row of columns as a mapping, such as a side of an `Event`.
+    """One row of columns as a mapping from names to values, such as one side of an `Event`.
 
     Parameters
     ----------
     columns : Mapping[str, ndarray]
-        By name, of equal length. Rows of the same columns share them.
+        Columns by name, of equal length. They are not copied: all rows of a table share them.
     place : int
-        Number of the row.
+        Index of the row.
     """
 
     __slots__ = ("columns", "place")
@@ -47,80 +54,114 @@ class Row(Mapping[str, float]):
 
 def rows_of(columns: Mapping[str, np.ndarray]) -> list[Row]:
     """Return the rows of columns of equal length, in their order."""
-    length = len(next(iter(columns.values()), ()))
-    return [Row(columns, place) for place in range(length)]
+    return [Row(columns, place) for place in range(_length_of(columns))]
+
+
+def _length_of(columns: Mapping[str, np.ndarray]) -> int:
+    """Return the common length of columns; 0 if there are none."""
+    for values in columns.values():
+        return len(values)
+    return 0
+
+
+@dataclass(frozen=True)
+class _SharedColumns:
+    """The sides of events that are rows of the same columns."""
+
+    columns: Mapping[str, np.ndarray]
+    sides: np.ndarray
+    """Indices of these sides among all sides of the events, int, shape (k,)"""
+    rows: np.ndarray
+    """The row of each of these sides in `columns`, int, shape (k,)"""
+
+    @property
+    def is_complete(self) -> bool:
+        """True if the sides are all rows of the columns, in their order."""
+        length = _length_of(self.columns)
+        return len(self.rows) == length and np.array_equal(self.rows, np.arange(length))
+
+    def are_finite(self) -> np.ndarray:
+        """Return for each side whether all of its values are finite numbers; bool, shape (k,)."""
+        values = list(self.columns.values())
+        if not all(column.dtype.kind in _NUMBER_KINDS for column in values):
+            return np.zeros(len(self.rows), dtype=bool)
+        # Usually everything is finite, which one pass over a single array finds fastest.
+        if np.isfinite(np.array(values, dtype=float)).all():
+            return np.ones(len(self.rows), dtype=bool)
+        return np.all([np.isfinite(column[self.rows]) for column in values], axis=0)
 
 
 class Sides:
-    """Both sides of events: the values of a column as one array.
+    """The two sides of each event, from which a column is read as one array.
+
+    Sides are ordered by event; the side before an event precedes the side after it.
 
     Attributes
     ----------
     events : sequence of Event
+        The events.
     t : ndarray, shape (2 * events,)
-        The time of each event, s, once for the side before it and once for that behind it.
+        The time of the event of each side, s.
     """
 
     def __init__(self, events: Sequence[Event]):
         self.events = events
         self.t = np.repeat(np.array([event.time for event in events], dtype=float), 2)
-        # Rows of one table are read at once: by table, the places of its rows here and there. Engines may return any
-        # other mappings, which are read one by one.
-        tables: dict[int, tuple[Mapping[str, np.ndarray], list[int], list[int]]] = {}
-        self._others: list[tuple[int, Mapping[str, float]]] = []
+        # Group the sides that are rows of the same columns. Engines may also return other mappings,
+        # which are read one by one.
+        groups: dict[int, list[tuple[int, Row]]] = {}
+        self._other_mappings: list[tuple[int, Mapping[str, float]]] = []
         sides = [side for event in events for side in (event.before, event.after)]
-        for here, side in enumerate(sides):
+        for place, side in enumerate(sides):
             if isinstance(side, Row):
-                _, its, theirs = tables.setdefault(id(side.columns), (side.columns, [], []))
-                its.append(here)
-                theirs.append(side.place)
+                groups.setdefault(id(side.columns), []).append((place, side))
             else:
-                self._others.append((here, side))
-        self._tables = [
-            (columns, np.array(its), np.array(theirs)) for columns, its, theirs in tables.values()
+                self._other_mappings.append((place, side))
+        self._shared = [
+            _SharedColumns(
+                columns=members[0][1].columns,
+                sides=np.array([place for place, _ in members]),
+                rows=np.array([row.place for _, row in members]),
+            )
+            for members in groups.values()
         ]
-        # of the usual table, which has just these rows in their order, columns are read as they are
+        # The usual case: the sides are the rows of one table, whose columns need not be copied.
         self._whole: Mapping[str, np.ndarray] | None = None
-        if len(self._tables) == 1 and not self._others:
-            columns, _, places = self._tables[0]
-            length = len(next(iter(columns.values()), ()))
-            if length == len(places) and np.array_equal(places, np.arange(length)):
-                self._whole = columns
+        if len(self._shared) == 1 and not self._other_mappings and self._shared[0].is_complete:
+            self._whole = self._shared[0].columns
 
     def __len__(self) -> int:
         return len(self.t)
 
     def __getitem__(self, name: str) -> np.ndarray:
-        """Values of a column that all events have, shape (2 * events,): before and behind the events in turns."""
+        """Return the values of a column that all events have, shape (2 * events,)."""
         if self._whole is not None:
             return np.asarray(self._whole[name], dtype=float)
         values = np.empty(len(self.t))
-        for columns, here, there in self._tables:
-            values[here] = columns[name][there]
-        for place, side in self._others:
+        for shared in self._shared:
+            values[shared.sides] = shared.columns[name][shared.rows]
+        for place, side in self._other_mappings:
             values[place] = side[name]
         return values
 
     def are_finite(self) -> np.ndarray:
-        """Flags of the sides, (2 * events,), whose values are all finite numbers."""
-        flags = np.ones(len(self.t), dtype=bool)
-        for columns, here, there in self._tables:
-            are_real = all(values.dtype.kind in "fiub" for values in columns.values())
-            if not (are_real and np.isfinite(np.array(list(columns.values()), dtype=float)).all()):
-                for values in columns.values():
-                    flags[here] &= np.isfinite(values[there]) if are_real else False
-        for place, side in self._others:
+        """Return for each side whether all of its values are finite numbers; bool, shape (2 * events,)."""
+        flags = np.empty(len(self.t), dtype=bool)
+        for shared in self._shared:
+            flags[shared.sides] = shared.are_finite()
+        for place, side in self._other_mappings:
             try:
-                # a sum is finite only if all terms are, but for an overflow, and costs a tenth of looking at each
+                # A sum is finite only if all of its terms are, and takes a tenth of the time of a
+                # check of each term. Finite terms whose sum overflows are reported as not finite.
                 flags[place] = math.isfinite(sum(side.values()))
             except (TypeError, AttributeError, OverflowError):
                 flags[place] = False
         return flags
 
     def with_columns(self, needed: Collection[str]) -> Sides:
-        """Return the sides of the events that have all of these columns."""
-        mappings: list[Mapping[str, object]] = [columns for columns, *_ in self._tables]
-        mappings += [side for _, side in self._others]
+        """Return the sides of those events that have all of the needed columns."""
+        mappings: list[Mapping[str, object]] = [shared.columns for shared in self._shared]
+        mappings += [side for _, side in self._other_mappings]
         if all(name in mapping for mapping in mappings for name in needed):
             return self
         return Sides(
@@ -128,6 +169,7 @@ class Sides:
         )
 
     def label(self, place: int) -> str:
-        """Kind, joint, time and side of a value."""
-        event, side = self.events[place // 2], ("before", "after")[place % 2]
+        """Return a text for messages with the kind, joint and time of an event, and which side of it is meant."""
+        event = self.events[place // 2]
+        side = "before" if place % 2 == 0 else "after"
         return f"{event.kind} of {event.joint} at t = {event.time:.9g} s: {side}"

@@ -1,7 +1,7 @@
-"""Arithmetic in scene files: `"m1*L^2/12"`, `"pi/4"`, `"deg(30)"`.
+"""Arithmetic expressions in scene files, such as `"m1*L^2/12"`, `"pi/4"` or `"deg(30)"`.
 
-Only numbers, the scene's parameters, the operators `+ - * / ^ **`, parentheses and a few
-functions are understood; everything is computed in floats, so nothing can take long.
+An expression consists of numbers, parameters of the scene, the operators `+ - * / ^ **`, parentheses and a few
+functions. It is evaluated in double precision: unlike with Python's integers, no expression takes long.
 """
 
 from __future__ import annotations
@@ -18,6 +18,7 @@ from stiction.scenes.wording import did_you_mean
 from stiction.scenes.wording import names as listed
 
 CONSTANTS = {"pi": math.pi}
+"""Constants by name."""
 FUNCTIONS = {
     "sqrt": math.sqrt,
     "sin": math.sin,
@@ -26,8 +27,10 @@ FUNCTIONS = {
     "atan": math.atan,
     "deg": math.radians,
 }
+"""Functions of one argument by name; angles are in radians, and ``deg`` converts degrees."""
 MAX_LENGTH = 500
-"""Characters of one expression."""
+"""Largest number of characters of an expression. It also keeps the depth of the syntax tree below Python's limit of
+recursion."""
 _BINARY = {
     ast.Add: operator.add,
     ast.Sub: operator.sub,
@@ -42,17 +45,28 @@ _UNARY: dict[type[ast.unaryop], Callable[[float], float]] = {
 
 
 def evaluate(value: float | int | str, names: Mapping[str, float]) -> float:
-    """Value of a number or of an arithmetic expression in which parameters have `names`.
+    """Return the value of a number or an arithmetic expression.
 
-    Powers bind as in mathematics: ``-2^2`` is -4, ``2^3^2`` is 2^9. InputError says what was expected of anything but
-    a finite real number; its caller shows the value.
+    Parameters
+    ----------
+    value
+        A number, or an expression. Powers have the precedence of mathematics: ``-2^2`` is -4, ``2^3^2`` is 2^9.
+    names
+        Values of the parameters by name. A parameter hides a constant of the same name.
+
+    Raises
+    ------
+    InputError
+        If the value is not a finite real number. The message says what was expected; the caller adds the key and the
+        value.
     """
-    if type(value) is float and math.isfinite(value):  # most are
+    # Most values are floats.
+    if type(value) is float and math.isfinite(value):
         return value
     if isinstance(value, bool) or not isinstance(value, (int, float, str)):
         raise InputError("expected a number or arithmetic such as 'pi/4'")
     try:
-        result = _evaluate(_parsed(value), names) if isinstance(value, str) else float(value)
+        result = _evaluate_node(_parse(value), names) if isinstance(value, str) else float(value)
     except ZeroDivisionError:
         raise InputError("divides by zero; expected a finite number") from None
     except OverflowError:
@@ -63,59 +77,65 @@ def evaluate(value: float | int | str, names: Mapping[str, float]) -> float:
 
 
 @lru_cache(maxsize=1024)
-def _parsed(text: str) -> ast.expr:
+def _parse(text: str) -> ast.expr:
+    """Return the syntax tree of an expression."""
     if len(text) > MAX_LENGTH:
         raise InputError(f"expected at most {MAX_LENGTH} characters of arithmetic, not {len(text)}")
     try:
+        # Python warns about literals such as `1or`.
         with warnings.catch_warnings(action="ignore", category=Warning):
-            # Python's own, about odd literals
             return ast.parse(text.strip().replace("^", "**"), mode="eval").body
     except (SyntaxError, ValueError, RecursionError, MemoryError):
         raise InputError("expected a number or arithmetic such as 'pi/4'") from None
 
 
-def _evaluate(node: ast.expr, names: Mapping[str, float]) -> float:
-    """Value of a syntax tree, whose depth MAX_LENGTH keeps below Python's limit of recursion."""
-    if (
-        isinstance(node, ast.Constant)
-        and isinstance(node.value, (int, float))
-        and not isinstance(node.value, bool)
-    ):
-        return float(node.value)
-    # parameters hide constants of their names
-    if isinstance(node, ast.Name):
-        if node.id in names:
-            return names[node.id]
-        if node.id in CONSTANTS:
-            return CONSTANTS[node.id]
-        raise InputError(_unknown(node.id, [*names, *CONSTANTS]))
-    if isinstance(node, ast.BinOp) and type(node.op) in _BINARY:
-        left, right = _evaluate(node.left, names), _evaluate(node.right, names)
-        try:
-            return _BINARY[type(node.op)](left, right)
-        except ValueError:  # math.pow: of zero to a negative, of a negative to a broken power
-            raise InputError(f"{left:g} to the power {right:g} is not a real number") from None
-    if isinstance(node, ast.UnaryOp) and type(node.op) in _UNARY:
-        return _UNARY[type(node.op)](_evaluate(node.operand, names))
-    if (
-        isinstance(node, ast.Call)
-        and isinstance(node.func, ast.Name)
-        and len(node.args) == 1
-        and not node.keywords
-    ):
-        if node.func.id not in FUNCTIONS:
-            raise InputError(_unknown(node.func.id, FUNCTIONS))
-        argument = _evaluate(node.args[0], names)
-        try:
-            return FUNCTIONS[node.func.id](argument)
-        except ValueError:
-            raise InputError(f"{node.func.id}({argument:g}) is not a real number") from None
+def _evaluate_node(node: ast.expr, names: Mapping[str, float]) -> float:
+    """Return the value of a syntax tree; a node that is not listed in the module docstring is an error."""
+    match node:
+        case ast.Constant(value=int() | float() as number) if not isinstance(number, bool):
+            return float(number)
+        case ast.Name(id=name):
+            return _look_up(name, names)
+        case ast.BinOp(left=left, op=op, right=right) if type(op) in _BINARY:
+            first, second = _evaluate_node(left, names), _evaluate_node(right, names)
+            try:
+                return _BINARY[type(op)](first, second)
+            except ValueError:
+                # Only math.pow raises it: for a negative power of zero, and for a fractional power of
+                # a negative number.
+                raise InputError(
+                    f"{first:g} to the power {second:g} is not a real number"
+                ) from None
+        case ast.UnaryOp(op=sign, operand=operand) if type(sign) in _UNARY:
+            return _UNARY[type(sign)](_evaluate_node(operand, names))
+        case ast.Call(func=ast.Name(id=name), args=[argument], keywords=[]):
+            return _call(name, argument, names)
     raise InputError(
         "expected arithmetic of numbers, parameters, + - * / ^ and " + ", ".join(FUNCTIONS)
     )
 
 
-def _unknown(name: str, known: Collection[str]) -> str:
-    return f"unknown name '{name}'" + (
-        did_you_mean(name, known) or f"; known here: {listed(known)}"
-    )
+def _look_up(name: str, names: Mapping[str, float]) -> float:
+    """Return the value of a parameter, or of a constant that no parameter hides."""
+    if name in names:
+        return names[name]
+    if name in CONSTANTS:
+        return CONSTANTS[name]
+    raise InputError(_unknown_name(name, [*names, *CONSTANTS]))
+
+
+def _call(name: str, argument: ast.expr, names: Mapping[str, float]) -> float:
+    """Return the value of a function of one argument."""
+    if name not in FUNCTIONS:
+        raise InputError(_unknown_name(name, FUNCTIONS))
+    value = _evaluate_node(argument, names)
+    try:
+        return FUNCTIONS[name](value)
+    except ValueError:
+        raise InputError(f"{name}({value:g}) is not a real number") from None
+
+
+def _unknown_name(name: str, known_names: Collection[str]) -> str:
+    """Return the message for a name that is none of those that an expression may contain."""
+    hint = did_you_mean(name, known_names) or f"; known here: {listed(known_names)}"
+    return f"unknown name '{name}'{hint}"

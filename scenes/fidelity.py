@@ -11,27 +11,33 @@ from stiction.scenes.base_errors import InputError
 class Fidelity(StrEnum):
     """How an engine models a slider in its guide.
 
-    The values are what scenes' users write, in Python, on the command line and in files, and what tables have. What
-    people read is in `FIDELITY_LABELS`.
+    The values are used in Python, on the command line, in files and in tables. Texts for readers use
+    `FIDELITY_LABELS`.
     """
 
     JOINT = "joint"
-    """Bilateral joints; the bound of friction comes from their reactions."""
+    """A bilateral joint; the upper bound of the friction force follows from its reactions."""
     CONTACT = "contact"
-    """A box between two surfaces with clearance; the engine's own contacts and friction."""
+    """A box between two surfaces with clearance; contact and friction are computed by the engine."""
 
     @property
     def label(self) -> str:
-        """What people read; with an s it names the guides."""
+        """Word for the guides in texts; its plural ends in s."""
         return FIDELITY_LABELS[self]
 
 
 FIDELITY_LABELS: Mapping[Fidelity, str] = {Fidelity.JOINT: "joint", Fidelity.CONTACT: "contact"}
-"""Words for people; no result depends on them."""
+"""Words in texts for readers; they may change without an effect on stored results."""
 
 
 def fidelity_of(text: str) -> Fidelity:
-    """Return the fidelity of this name. Raises InputError for any other."""
+    """Return the fidelity with this value.
+
+    Raises
+    ------
+    InputError
+        If there is none.
+    """
     if text not in tuple(Fidelity):
         raise InputError(f"fidelity: found {text!r}; expected one of {', '.join(Fidelity)}")
     return Fidelity(text)

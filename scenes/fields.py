@@ -1,4 +1,4 @@
-"""Field types shared by the scene's elements."""
+"""Base class and field types of the elements of a scene."""
 
 from __future__ import annotations
 
@@ -22,21 +22,42 @@ from stiction.scenes.base_errors import InputError
 from stiction.scenes.expressions import evaluate
 
 GROUND = "ground"
+"""Name of the fixed body."""
+
+SHORTEST_DIRECTION = 1e-100
+"""Lower limit of the length of a direction: its square must not underflow to 0."""
+LONGEST_DIRECTION = 1e100
+"""Upper limit of the length of a direction: its square must not overflow."""
+
+LIGHTEST = 1e-60
+"""Smallest mass and inertia, kg and kg m²: products in mass matrices must not underflow to 0."""
+HEAVIEST = 1e60
+"""Largest mass and inertia, kg and kg m²: products in mass matrices, and energies, must be finite."""
 
 
 class Model(BaseModel):
-    """Frozen data; a key that is not declared is an error. The text below a key describes it, in its schema too."""
+    """Base class of the tables of a scene file.
+
+    Instances are immutable, and a key that is not declared is an error. The docstring below a field describes its key,
+    also in the JSON schema.
+    """
 
     model_config = ConfigDict(
         frozen=True, extra="forbid", allow_inf_nan=False, use_attribute_docstrings=True
     )
 
     def inconsistencies(self) -> Iterator[tuple[str, Any, str]]:
-        """Yield problems of fields that are right by themselves: key, value found, what was expected."""
+        """Yield problems of keys that are valid by themselves, but not together.
+
+        Yields
+        ------
+        tuple
+            The key, relative to this table, the value found, and a text that says what was expected.
+        """
         return iter(())
 
     def __dir__(self) -> Iterable[str]:
-        """The names of a scene's data, without those of every pydantic model: what completion offers."""
+        """Return the names that completion offers: those of the scene's data, not those of pydantic."""
         return [
             name
             for name in super().__dir__()
@@ -44,44 +65,47 @@ class Model(BaseModel):
         ]
 
     @model_validator(mode="after")
-    def _consistent(self) -> Model:
+    def _check_consistency(self) -> Model:
+        """Report all `inconsistencies` as one error, from which `errors.problems_of` makes problems."""
         problems = list(self.inconsistencies())
         if problems:
             raise PydanticCustomError("inconsistent", "inconsistent", {"found": problems})
         return self
 
 
-def _number(value: Any, info: ValidationInfo) -> float:
+def _evaluate_number(value: Any, info: ValidationInfo) -> float:
+    """Return a number of a file; the context of validation holds the parameters of the scene."""
     return evaluate(value, info.context or {})
 
 
-def _direction(vector: tuple[float, float]) -> tuple[float, float]:
-    if not 1e-100 < math.hypot(*vector) < 1e100:  # the square of its length must be a float too
+def _check_direction(vector: tuple[float, float]) -> tuple[float, float]:
+    """Refuse a vector whose length is zero, or has a square that is not a float."""
+    if not SHORTEST_DIRECTION < math.hypot(*vector) < LONGEST_DIRECTION:
         raise InputError("expected a vector with a length")
     return vector
 
 
-LIGHTEST, HEAVIEST = 1e-60, 1e60
-"""Limits of masses and inertias, kg and kg m²: products of mass matrices, and energies, must be floats too."""
-
-
-def _weighty(value: float) -> float:
+def _check_inertial(value: float) -> float:
+    """Refuse a mass or an inertia outside of the limits."""
     if not LIGHTEST <= value <= HEAVIEST:
         raise InputError(f"expected {LIGHTEST:g} .. {HEAVIEST:g}")
     return value
 
 
-def _number_in_a_file(**limits: float) -> WithJsonSchema:
-    """Schema of a number for editors: within its limits, or arithmetic, which only the program can evaluate."""
+def _number_schema(**limits: float) -> WithJsonSchema:
+    """Return the schema of a number in a file, for editors.
+
+    It is a number within its limits, or an arithmetic expression, which only the program can evaluate.
+    """
     return WithJsonSchema({"anyOf": [{"type": "number", **limits}, {"type": "string"}]})
 
 
-Number = Annotated[float, BeforeValidator(_number), _number_in_a_file()]
-Positive = Annotated[Number, Field(gt=0), _number_in_a_file(exclusiveMinimum=0)]
+Number = Annotated[float, BeforeValidator(_evaluate_number), _number_schema()]
+Positive = Annotated[Number, Field(gt=0), _number_schema(exclusiveMinimum=0)]
 Inertial = Annotated[
-    Positive, AfterValidator(_weighty), _number_in_a_file(minimum=LIGHTEST, maximum=HEAVIEST)
+    Positive, AfterValidator(_check_inertial), _number_schema(minimum=LIGHTEST, maximum=HEAVIEST)
 ]
-NonNegative = Annotated[Number, Field(ge=0), _number_in_a_file(minimum=0)]
+NonNegative = Annotated[Number, Field(ge=0), _number_schema(minimum=0)]
 Vector = tuple[Number, Number]
-Direction = Annotated[Vector, AfterValidator(_direction)]
+Direction = Annotated[Vector, AfterValidator(_check_direction)]
 Name = Annotated[str, Field(pattern=r"^[A-Za-z][A-Za-z0-9_-]*$", max_length=60)]

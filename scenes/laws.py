@@ -64,6 +64,7 @@ class Table(Model):
     """`"linear"`, or `"cubic"` for a natural cubic spline"""
 
     def inconsistencies(self) -> Iterator[tuple[str, Any, str]]:
+        """Yield lists of different lengths, and the first time that does not increase."""
         if len(self.times) != len(self.values):
             yield (
                 "values",
@@ -80,22 +81,29 @@ Law = Annotated[Constant | Linear | Sine | Table, Field(discriminator="type")]
 
 
 def law_kinks(law: Law, t_end: float) -> tuple[float, ...]:
-    """Knots of a table in (0, t_end): its rate jumps there, or the third derivative that high orders need."""
-    return tuple(time for time in law.times if 0 < time < t_end) if isinstance(law, Table) else ()
+    """Return the times in (0, t_end) at which a law is not smooth, s: the inner knots of a table.
+
+    The rate of a linear table jumps there, and the third derivative of a cubic table, so that no method of high order
+    should step across a knot.
+    """
+    if not isinstance(law, Table):
+        return ()
+    return tuple(time for time in law.times if 0 < time < t_end)
 
 
 @lru_cache(maxsize=64)
 def spline_slopes(times: tuple[float, ...], values: tuple[float, ...]) -> np.ndarray:
-    """Second derivatives of the natural cubic spline at its knots, shape (n,), read-only.
+    """Return the second derivatives of the natural cubic spline at its knots, shape (n,), read-only.
 
-    Its first derivative is continuous, its second zero at both ends (de Boor, A Practical Guide to Splines, ch. IV).
-    Kept for the last splines: an adapter evaluates the law of a drive in each step.
+    The first derivative of this spline is continuous, and the second derivative is zero at both ends (de Boor, A
+    Practical Guide to Splines, ch. IV). Results are cached, since an adapter evaluates the law of a drive in each step.
     """
-    # imported here: nothing else needs it, and it takes longer to import than most scenes to read
+    # Imported here, because it takes longer than reading most scenes, and few scenes have tables.
     from scipy.interpolate import CubicSpline
 
     second = CubicSpline(times, values, bc_type="natural")(times, 2)
-    second[[0, -1]] = 0.0  # which the spline meets to rounding
+    # The natural end conditions hold up to rounding; make them exact.
+    second[[0, -1]] = 0.0
     second.flags.writeable = False
     return second
 
@@ -138,26 +146,33 @@ def evaluate_law(law: Law, t: Any) -> Any:
             law.amplitude * law.frequency * cosine,
             -law.amplitude * law.frequency**2 * sine,
         )
-    # A table: the interval in which t lies, its chord, and the second derivatives at its ends, zero
-    # of straight lines.
-    times, values = np.array(law.times), np.array(law.values)
-    cubic = law.interpolation == "cubic"
-    second = spline_slopes(law.times, law.values) if cubic else np.zeros(len(times))
+    return _evaluate_table(law, t)
+
+
+def _evaluate_table(law: Table, t: float) -> tuple[float, float, float]:
+    """Return the value and the first and second derivative of a table at time t (s)."""
+    times = np.array(law.times)
+    values = np.array(law.values)
+    # Straight lines are cubics whose second derivatives are zero at the knots.
+    second = np.zeros(len(times))
+    if law.interpolation == "cubic":
+        second = spline_slopes(law.times, law.values)
+    # The interval in which t lies, or the nearest one; its length h and the slope of its chord.
     i = int(np.clip(np.searchsorted(times, t, side="right") - 1, 0, len(times) - 2))
     h = times[i + 1] - times[i]
     slope = (values[i + 1] - values[i]) / h
+
     if t < times[0] or t >= times[-1]:
+        end = 0 if t < times[0] else -1
         if law.interpolation == "linear":
-            return float(values[0] if t < times[0] else values[-1]), 0.0, 0.0
-        # the tangent of the spline at the end that is nearer
-        if t < times[0]:
-            end, bend = 0, -2 * second[0] - second[1]
-        else:
-            end, bend = -1, second[-2] + 2 * second[-1]
+            return float(values[end]), 0.0, 0.0
+        # Continue along the tangent of the spline at the nearer end.
+        bend = -2 * second[0] - second[1] if end == 0 else second[-2] + 2 * second[-1]
         tangent = slope + h / 6 * bend
         return float(values[end] + tangent * (t - times[end])), float(tangent), 0.0
-    # The cubic with these values and second derivatives at both ends, in the distances u and w from
-    # them.
+
+    # The cubic that has these values and second derivatives at both ends of the interval; u and w
+    # are the distances of t from the ends.
     u, w = t - times[i], times[i + 1] - t
     value = (
         (second[i] * w**3 + second[i + 1] * u**3) / (6 * h)
@@ -169,4 +184,5 @@ def evaluate_law(law: Law, t: Any) -> Any:
         + slope
         - h / 6 * (second[i + 1] - second[i])
     )
-    return float(value), float(rate), float((second[i] * w + second[i + 1] * u) / h)
+    second_rate = (second[i] * w + second[i + 1] * u) / h
+    return float(value), float(rate), float(second_rate)

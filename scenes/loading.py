@@ -1,4 +1,7 @@
-"""Scenes from TOML files, from the catalogue and from dictionaries, and back; all errors at once."""
+"""Reading and writing of scenes: TOML files, the catalogue, and dictionaries.
+
+All problems of a scene are reported in one error, so that a file with several of them is corrected at once.
+"""
 
 from __future__ import annotations
 
@@ -24,27 +27,39 @@ from stiction.scenes.overrides import flattened, override
 from stiction.scenes.wording import did_you_mean, names, shortened, shown
 
 MAX_FILE_SIZE = 4 * 2**20
-"""Bytes; a larger file is refused unread (10 000 bodies with a joint each take 2 MB)."""
+"""Largest size of a scene file, bytes; 10 000 bodies with a joint each take 2 MB."""
 MAX_DEPTH = 10
-"""Tables and lists within each other; a scene needs 5."""
+"""Largest number of nested tables and lists; a scene needs 5."""
+_MAX_SYNTAX_ERROR = 160
+"""Characters of the TOML parser's message that are shown: more than its usual messages have."""
 _EXPECTED_NAME = (
     "expected a letter of a-z or A-Z, then such letters, digits or _, "
     "and no word of arithmetic or of Python"
 )
-_BASED_KEYS = ("base", "title", "source", "set", "unset")
+_DERIVED_KEYS = ("base", "title", "source", "set", "unset")
+"""Keys of a file that describes a scene by its differences from a base."""
+# Texts of all four kinds, and comments, closed or not. Possessive quantifiers keep the search
+# linear in the size of a hostile file.
 _QUOTED = re.compile(r"""(?sx) \"{3} (?: \\. | [^\\] )*? (?: \"{3} | \Z )  |  '{3} .*? (?: '{3} | \Z )
                          | " (?: \\. | [^"\\\n] )*+ "?  |  ' [^'\n]*+ '?  |  \# [^\n]*+""")
+# A dotted key with more than MAX_DEPTH parts.
 _DEEP_KEY = re.compile(rf"(?<![\w-])(?:[\w-]++[ \t]*+\.[ \t]*+){{{MAX_DEPTH}}}")
 
 
 def catalogue(folder: str = "") -> list[str]:
-    """Names of the scenes of the suite; those of a folder of the catalogue, such as ``"hard"``, start with it."""
+    """Return the names of the scenes of the catalogue.
+
+    Parameters
+    ----------
+    folder
+        A folder of the catalogue, such as ``"hard"``. The names of its scenes begin with it: ``"hard/.."``.
+    """
     return [name for name in _catalogue_files() if name.rpartition("/")[0] == folder]
 
 
 @cache
 def _catalogue_files() -> dict[str, Path]:
-    """Files by name, listed once: a table asks for each of its rows."""
+    """Return the files of the catalogue by name; cached, since tables call it for each row."""
     folder = Path(str(resources.files("stiction.scenes") / "catalogue"))
     return {
         path.relative_to(folder).with_suffix("").as_posix(): path
@@ -53,19 +68,26 @@ def _catalogue_files() -> dict[str, Path]:
 
 
 def scene_text(name: str) -> str:
-    """The text of a scene's file in the catalogue, comments included; SceneError if it has none of this name."""
+    """Return the text of a file of the catalogue, with its comments.
+
+    Raises
+    ------
+    SceneError
+        If the catalogue has no scene of this name.
+    """
     files = _catalogue_files()
     if name not in files:
         raise SceneError("catalogue", [Problem("scene", shown(name), _expected_scene(name, files))])
     return files[name].read_text(encoding="utf-8")
 
 
-def _expected_scene(name: str, known: Iterable[str]) -> str:
-    return f"expected one of: {names(catalogue())}, or of hard/{did_you_mean(name, known)}"
+def _expected_scene(name: str, scene_names: Iterable[str]) -> str:
+    """Return the message for an unknown scene; the names are those that `name` may be a misspelling of."""
+    return f"expected one of: {names(catalogue())}, or of hard/{did_you_mean(name, scene_names)}"
 
 
 def new_scene_text() -> str:
-    """The text of a small scene with friction to begin with, whose comments explain the format."""
+    """Return the text of a small scene with friction, whose comments explain the format."""
     return (resources.files("stiction.scenes") / "new.toml").read_text(encoding="utf-8")
 
 
@@ -127,35 +149,54 @@ def scene_from_dict(
     SceneError
         If the scene cannot be used. The message lists all problems.
     """
-    plain: dict[str, Any] = _plain(raw, origin)
-    _apply(plain, overrides or {}, origin)
-    parameters: dict[str, float] = {}
-    problems: list[Problem] = []
-    invalid: Iterator[Problem] = iter(())
-    # Parameters first, as all other numbers may use them. Problems of all kinds are collected: a
-    # file with several faults is mended at once.
+    plain: dict[str, Any] = _to_toml_types(raw, origin)
+    _apply_overrides(plain, overrides or {}, origin)
+    # Parameters are evaluated first, since all other numbers may use them.
     tables = plain
+    parameters: dict[str, float] = {}
+    parameter_problems: list[Problem] = []
     if isinstance(plain.get("parameters"), dict):
-        parameters, problems = _parameters(plain["parameters"])
+        parameters, parameter_problems = _evaluate_parameters(plain["parameters"])
         tables = plain | {"parameters": parameters}
+    # Problems of all three kinds are reported together. They are generated lazily, and SceneError
+    # takes only the first of them: a hostile file may have a million.
+    invalid_values: Iterator[Problem] = iter(())
     try:
         scene = Scene.model_validate(tables, context=parameters)
     except ValidationError as error:
-        invalid = problems_of(error, Scene)
-    wrong = chain(problems, invalid, _reference_problems(plain))
-    if (first := next(wrong, None)) is not None:
-        raise SceneError(origin, chain([first], wrong))
-    scene._raw, scene._origin, scene._name = plain, origin, name or origin
+        invalid_values = problems_of(error, Scene)
+    problems = chain(parameter_problems, invalid_values, _reference_problems(plain))
+    for first in problems:
+        raise SceneError(origin, chain([first], problems))
+    scene._raw = plain
+    scene._origin = origin
+    scene._name = name or origin
     return scene
 
 
 def vary(scene: Scene, overrides: Mapping[str, Any]) -> Scene:
-    """Return the scene with values replaced or, where they are None, removed; keys as in `load_scene`."""
+    """Return a scene with some values replaced.
+
+    Parameters
+    ----------
+    scene
+        The original scene, which does not change.
+    overrides
+        New values by key, as in `load_scene`; the value None removes the key.
+
+    Raises
+    ------
+    SceneError
+        If there is no such key, or if the new scene cannot be used.
+    """
     return scene_from_dict(tables_of(scene), scene._origin, overrides, scene._name)
 
 
 def tables_of(scene: Scene) -> dict[str, Any]:
-    """Return the scene as `scene_from_dict` takes it: as it was written, or of one made in Python its values."""
+    """Return the tables from which `scene_from_dict` makes the same scene.
+
+    They are the tables of its file, with arithmetic expressions, or the values of a scene that was made in Python.
+    """
     return scene._raw or scene.model_dump(mode="json", exclude_none=True)
 
 
@@ -176,52 +217,76 @@ def scene_to_toml(scene: Scene) -> str:
 
 
 def _read(name_or_path: str, folder: Path, derived: tuple[Path, ...]) -> dict[str, Any]:
-    """Read the tables of a file, those of its base included; `derived` holds the files that have led to this one."""
+    """Read the tables of a scene, and merge them with those of its base.
+
+    Parameters
+    ----------
+    name_or_path
+        The name of a scene of the catalogue, or the path of a file relative to `folder`.
+    folder
+        The folder of the file that names this one as its base, or the working directory.
+    derived
+        The files that led here: each names the next one as its base, and the last one names this scene.
+    """
     files = _catalogue_files()
-    asked_by, key = (str(derived[-1]), "base") if derived else (name_or_path, "scene")
+    # A problem is reported for the file that names this one, or for the name that the user gave.
+    referrer, key = name_or_path, "scene"
+    if derived:
+        referrer, key = str(derived[-1]), "base"
+    path = Path()
+    failure = ""
     try:
         path = files.get(name_or_path, folder / name_or_path).resolve()
-        if path.is_file():
-            kind = ""
-        else:
-            kind = "a folder" if path.is_dir() else "no such file"
-    except (OSError, ValueError) as error:  # a name too long, a null byte
-        path, kind = Path(), str(error)
-    if kind:
-        near = sorted(file.name for file in folder.glob("*.toml"))
-        expected = _expected_scene(name_or_path, [*files, *near]).replace(
+        if path.is_dir():
+            failure = "a folder"
+        elif not path.is_file():
+            failure = "no such file"
+    except (OSError, ValueError) as error:
+        # The name is too long, or contains a null byte.
+        failure = str(error)
+    if failure:
+        neighbours = sorted(file.name for file in folder.glob("*.toml"))
+        expected = _expected_scene(name_or_path, [*files, *neighbours]).replace(
             "expected", "expected a TOML file or", 1
         )
-        raise SceneError(
-            asked_by, [Problem(key, f"{shown(name_or_path)} ({shortened(kind)})", expected)]
-        )
+        found = f"{shown(name_or_path)} ({shortened(failure)})"
+        raise SceneError(referrer, [Problem(key, found, expected)])
     if path in derived:
-        raise SceneError(
-            asked_by,
-            [
-                Problem(
-                    key,
-                    " -> ".join(file.stem for file in (*derived, path)),
-                    "expected a base that does not lead back",
-                )
-            ],
-        )
+        cycle = " -> ".join(file.stem for file in (*derived, path))
+        raise SceneError(referrer, [Problem(key, cycle, "expected a base that does not lead back")])
     raw = read_toml(path, name_or_path)
-    return _based(raw, name_or_path, path, derived) if "base" in raw else raw
+    if "base" in raw:
+        return _merge_with_base(raw, name_or_path, path, derived)
+    return raw
 
 
 def read_toml(path: Path, origin: str) -> dict[str, Any]:
-    """The tables of one file; raises SceneError for one that cannot be read."""
+    """Read the tables of one file.
+
+    Parameters
+    ----------
+    path
+        The file.
+    origin
+        What error messages call it.
+
+    Raises
+    ------
+    SceneError
+        If it cannot be read, is too large, or is not TOML.
+    """
     try:
-        if (size := path.stat().st_size) > MAX_FILE_SIZE:
+        size = path.stat().st_size
+        if size > MAX_FILE_SIZE:
             raise SceneError(
                 origin, [Problem("file", f"{size} bytes", f"expected at most {MAX_FILE_SIZE}")]
             )
         text = path.read_text(encoding="utf-8-sig")
+        # The time that tomllib takes for a dotted key grows with the square of the number of its
+        # parts: hours for 100 000 of them. Such keys are refused before.
         if _DEEP_KEY.search(_QUOTED.sub("s", text)):
-            # tomllib would take hours over a key of 100 000 parts
             raise RecursionError
-        return _plain(tomllib.loads(text), origin)
+        return _to_toml_types(tomllib.loads(text), origin)
     except SceneError:
         raise
     except OSError as error:
@@ -231,25 +296,26 @@ def read_toml(path: Path, origin: str) -> dict[str, Any]:
     except RecursionError:
         found, expected = _TOO_DEEP
     except tomllib.TOMLDecodeError as error:
-        found, expected = shortened(str(error), 160), "expected TOML (toml.io)"
+        found, expected = shortened(str(error), _MAX_SYNTAX_ERROR), "expected TOML (toml.io)"
+        # Outside of texts and comments there are only keys and values.
         if not _QUOTED.sub("", text).isascii():
-            # outside of texts and comments there are keys and numbers only
             expected += ", in which names have no letters but a-z and A-Z"
-    except ValueError:  # Python's, of tomllib's call of int()
+    except ValueError:
+        # tomllib passes on the error of int(), which refuses texts of thousands of digits.
         found, expected = "an integer of thousands of digits", "expected numbers below 1.8e308"
     raise SceneError(origin, [Problem("file", found, expected)])
 
 
-def _based(
+def _merge_with_base(
     raw: dict[str, Any], origin: str, path: Path, derived: tuple[Path, ...]
 ) -> dict[str, Any]:
-    """The tables of the base of a file with the changes that the file makes."""
+    """Return the tables of the base of a file, with the changes that the file declares.
+
+    `raw` holds the tables of the file at `path`; `derived` is as in `_read`.
+    """
+    expected_keys = "unknown key beside base; expected one of: " + names(_DERIVED_KEYS)
     problems = [
-        Problem(
-            key, shown(raw[key]), "unknown key beside base; expected one of: " + names(_BASED_KEYS)
-        )
-        for key in raw
-        if key not in _BASED_KEYS
+        Problem(key, shown(raw[key]), expected_keys) for key in raw if key not in _DERIVED_KEYS
     ]
     unset = raw.get("unset", [])
     if not isinstance(raw["base"], str):
@@ -262,17 +328,18 @@ def _based(
         raise SceneError(origin, problems)
     tables = _read(raw["base"], path.parent, (*derived, path))
     tables |= {key: raw[key] for key in ("title", "source") if key in raw}
-    _apply(tables, dict.fromkeys(unset) | flattened(raw.get("set", {})), origin)
+    _apply_overrides(tables, dict.fromkeys(unset) | flattened(raw.get("set", {})), origin)
     return tables
 
 
-def _apply(raw: dict[str, Any], changes: Mapping[str, Any], origin: str) -> None:
-    """Make overrides in a scene's tables."""
-    problems = [
-        problem
-        for key, value in changes.items()
-        if (problem := override(raw, str(key), None if value is None else _plain(value, origin)))
-    ]
+def _apply_overrides(raw: dict[str, Any], overrides: Mapping[str, Any], origin: str) -> None:
+    """Replace or remove values in the tables of a scene, in place; keys as in `load_scene`."""
+    problems = []
+    for key, value in overrides.items():
+        plain = None if value is None else _to_toml_types(value, origin)
+        problem = override(raw, str(key), plain)
+        if problem is not None:
+            problems.append(problem)
     if problems:
         raise SceneError(origin, problems)
 
@@ -280,27 +347,38 @@ def _apply(raw: dict[str, Any], changes: Mapping[str, Any], origin: str) -> None
 _TOO_DEEP = "lists or tables nested too deep", f"expected at most {MAX_DEPTH} levels"
 
 
-def _plain(value: Any, origin: str, depth: int = 0) -> Any:
-    """A copy in the types that TOML has; numbers and sequences of other libraries become Python's own."""
+def _to_toml_types(value: Any, origin: str, depth: int = 0) -> Any:
+    """Return a copy in the types of TOML; numbers and sequences of other libraries become Python's own.
+
+    `depth` is the number of tables and lists around the value.
+    """
     if depth > MAX_DEPTH:
         raise SceneError(origin, [Problem("file", *_TOO_DEEP)])
     if type(value) in (str, float, int, bool):
         return value
     if isinstance(value, Mapping):
         return {
-            str(key): _plain(item, origin, depth + 1)
+            str(key): _to_toml_types(item, origin, depth + 1)
             for key, item in value.items()
             if item is not None
         }
-    if hasattr(value, "tolist"):  # numpy's arrays and scalars
-        return _plain(value.tolist(), origin, depth + 1)
+    if hasattr(value, "tolist"):  # arrays and scalars of NumPy
+        return _to_toml_types(value.tolist(), origin, depth + 1)
     if isinstance(value, Sequence) and not isinstance(value, (str, bytes)):
-        return [_plain(item, origin, depth + 1) for item in value]
+        return [_to_toml_types(item, origin, depth + 1) for item in value]
     return value
 
 
-def _parameters(table: Mapping[str, Any]) -> tuple[dict[str, float], list[Problem]]:
-    """Evaluate parameters in order of appearance; each may use those before it. A wrong one counts as 1 after that."""
+def _evaluate_parameters(table: Mapping[str, Any]) -> tuple[dict[str, float], list[Problem]]:
+    """Evaluate parameters in order of appearance; each may use those before it.
+
+    Returns
+    -------
+    values : dict
+        By name. An invalid parameter has the value 1, so that expressions with it can be checked as well.
+    problems : list of Problem
+        Invalid names and values.
+    """
     values: dict[str, float] = {}
     problems = []
     for key, value in table.items():
@@ -318,13 +396,17 @@ def _parameters(table: Mapping[str, Any]) -> tuple[dict[str, float], list[Proble
 
 
 def _reference_problems(raw: Mapping[str, Any]) -> Iterator[Problem]:
-    """Names used twice, and references to bodies that are not there or to one body twice, whatever else is wrong."""
-    sections = {
-        section: table for section in ELEMENTS if isinstance(table := raw.get(section), dict)
-    }
+    """Yield names that are used twice, and invalid references to bodies.
+
+    The tables are those of the file. They need not be valid otherwise, so that all problems can be reported together.
+    """
+    sections: dict[str, dict[str, Any]] = {}
+    for section in ELEMENTS:
+        table = raw.get(section)
+        if isinstance(table, dict):
+            sections[section] = table
     bodies = sections.get("bodies", {})
-    names_of_bodies = names([*bodies, GROUND])
-    seen: dict[str, str] = {}
+    keys_by_name: dict[str, str] = {}
     for section, table in sections.items():
         for name, element in table.items():
             key = f"{section}.{shortened(name)}"
@@ -332,30 +414,36 @@ def _reference_problems(raw: Mapping[str, Any]) -> Iterator[Problem]:
                 yield Problem(
                     key, f"'{GROUND}'", "expected another name; this one means the fixed body"
                 )
-            if name in seen:
+            if name in keys_by_name:
                 yield Problem(
-                    key, f"the name of {seen[name]}", "expected a name of its own for every element"
+                    key,
+                    f"the name of {keys_by_name[name]}",
+                    "expected a name of its own for every element",
                 )
-            seen.setdefault(name, key)
-            if not isinstance(element, dict):
-                continue
-            # Everything in the element that names a body.
-            bodies_given = element.get("bodies")
-            pair: list[Any] = bodies_given if isinstance(bodies_given, list) else []
-            for field, body in [
-                *((field, element.get(field)) for field in ("slider", "guide", "body")),
-                *((f"bodies.{i}", body) for i, body in enumerate(pair)),
-            ]:
-                if body == GROUND and field in ("slider", "body"):
-                    yield Problem(f"{key}.{field}", f"'{GROUND}'", "expected a body that can move")
-                elif isinstance(body, str) and body not in bodies and body != GROUND:
-                    yield Problem(
-                        f"{key}.{field}",
-                        shown(body),
-                        f"expected a body of the scene: {names_of_bodies}{did_you_mean(body, bodies)}",
-                    )
-            # a slider on its own guide, or a joint of a body with itself
-            if element.get("type") == "translational":
-                pair = [element.get("slider"), element.get("guide", GROUND)]
-            if len(pair) == 2 and pair[0] == pair[1] and isinstance(pair[0], str):
-                yield Problem(key, f"{shown(pair[0])} twice", "expected two different bodies")
+            keys_by_name.setdefault(name, key)
+            if isinstance(element, dict):
+                yield from _body_problems(key, element, bodies)
+
+
+def _body_problems(
+    key: str, element: Mapping[str, Any], bodies: Mapping[str, Any]
+) -> Iterator[Problem]:
+    """Yield references of an element to bodies that do not exist, must not be the ground, or are equal."""
+    pair = element.get("bodies")
+    if not isinstance(pair, list):
+        pair = []
+    references = {field: element.get(field) for field in ("slider", "guide", "body")}
+    references |= {f"bodies.{i}": body for i, body in enumerate(pair)}
+    for field, body in references.items():
+        if body == GROUND and field in ("slider", "body"):
+            yield Problem(f"{key}.{field}", f"'{GROUND}'", "expected a body that can move")
+        elif isinstance(body, str) and body not in bodies and body != GROUND:
+            body_names = names([*bodies, GROUND])
+            hint = did_you_mean(body, bodies)
+            yield Problem(
+                f"{key}.{field}", shown(body), f"expected a body of the scene: {body_names}{hint}"
+            )
+    if element.get("type") == "translational":
+        pair = [element.get("slider"), element.get("guide", GROUND)]
+    if len(pair) == 2 and pair[0] == pair[1] and isinstance(pair[0], str):
+        yield Problem(key, f"{shown(pair[0])} twice", "expected two different bodies")

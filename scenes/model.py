@@ -1,8 +1,8 @@
 """Scene: a planar mechanism and the effects it declares.
 
-Conventions. SI units, angles in radians, counter-clockwise positive. Points and directions
-that belong to a body are given in that body's axes, from its centre of mass; `"ground"` is the
-fixed body with origin (0, 0). Every element has a name of its own within the scene.
+Conventions: quantities are in SI units; angles are in radians, positive counter-clockwise. Points
+and directions that belong to a body are given in the axes of this body, from its centre of mass.
+`"ground"` is the fixed body with the origin (0, 0). No two elements of a scene have the same name.
 """
 
 from __future__ import annotations
@@ -98,28 +98,33 @@ class Translational(Model):
 
     @property
     def bodies(self) -> tuple[str, str]:
+        """Names of the slider and of the guide, in the order of the bodies of a revolute joint."""
         return self.slider, self.guide
 
     @property
     def frictional(self) -> bool:
+        """True if the guide declares a coefficient of friction, even if it is 0."""
         return self.mu is not None
 
     @property
     def extent(self) -> tuple[float, float]:
-        """`length` and `width`, 0 where they are not given; m."""
+        """`length` and `width`, each 0 if it is not declared; m."""
         return self.length or 0.0, self.width or 0.0
 
     @property
     def kinetic_coefficient(self) -> float:
-        """The kinetic coefficient in force, `mu` or else 0."""
+        """Kinetic coefficient of friction that applies: `mu`, or 0 without friction."""
         return self.mu or 0.0
 
     @property
     def static_coefficient(self) -> float:
-        """The static coefficient in force, `mus` or else `mu` (0 without friction)."""
-        return self.mus if self.mus is not None else self.mu or 0.0
+        """Static coefficient of friction that applies: `mus`, by default `mu`, or 0 without friction."""
+        if self.mus is not None:
+            return self.mus
+        return self.kinetic_coefficient
 
     def inconsistencies(self) -> Iterator[tuple[str, Any, str]]:
+        """Yield combinations of size and friction that have no meaning, see `Model.inconsistencies`."""
         if self.width is not None and self.length is None:
             yield (
                 "width",
@@ -156,14 +161,12 @@ class Drive(Model):
     """The coordinate as a function of time; rad or m; a table must be cubic"""
 
     def inconsistencies(self) -> Iterator[tuple[str, Any, str]]:
+        """Yield laws that no motion can follow, and keys of the other type; see `Model.inconsistencies`."""
         if isinstance(self.law, Table) and self.law.interpolation != "cubic":
             yield (
                 "law.interpolation",
                 self.law.interpolation,
-                (
-                    "expected 'cubic': along straight lines a drive "
-                    "would have infinite accelerations"
-                ),
+                "expected 'cubic': along straight lines a drive would have infinite accelerations",
             )
         if self.type == "angle":
             for key in ("points", "axis"):
@@ -173,12 +176,14 @@ class Drive(Model):
                         getattr(self, key),
                         "expected in a distance drive only; this one drives an angle",
                     )
-        elif self.axis is None and (start := evaluate_law(self.law, 0.0)[0]) <= 0:
-            yield (
-                "law",
-                start,
-                "the distance at t = 0; expected one > 0 (or an axis, which gives it a sign)",
-            )
+        elif self.axis is None:
+            distance_at_start, *_ = evaluate_law(self.law, 0.0)
+            if distance_at_start <= 0:
+                yield (
+                    "law",
+                    distance_at_start,
+                    "the distance at t = 0; expected one > 0 (or an axis, which gives it a sign)",
+                )
 
 
 class LinearSpring(Model):
@@ -204,6 +209,7 @@ class LinearSpring(Model):
     """Value of `d` without tension; m"""
 
     def inconsistencies(self) -> Iterator[tuple[str, Any, str]]:
+        """Yield a rest length that is no distance, see `Model.inconsistencies`."""
         if self.axis is None and self.rest_length < 0:
             yield (
                 "rest_length",
@@ -324,16 +330,18 @@ class Scene(Model):
     """Applied forces and torques by name"""
     stabilization: Stabilization = Projection()
     """How the reference implementation limits constraint drift"""
+    # The tables as they were written, with arithmetic expressions; empty for a scene made in Python.
     _raw: dict[str, Any] = PrivateAttr(default_factory=dict)
+    # What error messages call the scene: the name or path from which it was loaded.
     _origin: str = PrivateAttr(default="<scene>")
     _name: str = PrivateAttr(default="<scene>")
 
     def __eq__(self, other: object) -> bool:
-        """Compare what two scenes declare; where they were read from does not matter."""
+        """Compare the declared values of two scenes; names and files of the scenes do not matter."""
         return isinstance(other, Scene) and self.__dict__ == other.__dict__
 
     def __repr_args__(self) -> Iterator[tuple[str | None, Any]]:
-        """Name, number of elements of each kind, and end: pydantic makes ``repr`` of them."""
+        """Yield what pydantic shows in ``repr``: the name, the numbers of elements, and the end time."""
         yield None, shortened(self.name)
         for section in ("bodies", "joints", "drives", "springs", "forces"):
             yield section, len(getattr(self, section))
@@ -374,6 +382,7 @@ class Scene(Model):
         return drawing(self)
 
     def _repr_html_(self) -> str:
+        """Return the scene as Jupyter displays it."""
         from stiction.scenes.pictures.notebook import scene_html
 
         return scene_html(self)

@@ -1,12 +1,13 @@
-"""A motion as a table in order of time, with two rows, before and after, for an instant at which it jumps.
+"""A motion as a table in order of time, with two rows for each event: the values before and after it.
 
-Between its rows a motion is interpolated, on each smooth piece by itself: positions by polynomials of degree five that
-have the velocities and accelerations of the rows, modes by their first value, everything else by cubic splines.
+Between rows, a motion is interpolated on each smooth piece separately: positions by polynomials of degree five that
+match the velocities and accelerations of the rows, contact modes by a constant, and all other columns by cubic splines.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable
+from typing import Any
 
 import numpy as np
 import pandas as pd
@@ -16,106 +17,127 @@ from stiction.scenes.trajectory import Event
 
 POSITIONS, VELOCITIES, ACCELERATIONS = BODY_COLUMNS
 _RATES = {**dict(zip(POSITIONS, VELOCITIES)), "displacement": "slip_velocity"}
+"""Name of a position -> name of its first derivative in time."""
 _SECOND_RATES = dict(zip(POSITIONS, ACCELERATIONS))
+"""Name of a position -> name of its second derivative in time."""
 
 
 def with_sides(
     frame: pd.DataFrame, events: Iterable[Event], interpolates: bool = True
 ) -> pd.DataFrame:
-    """Return a table of a motion, column ``t`` and others, with the two rows of each event.
+    """Insert the two rows of each event into the table of a motion.
 
-    An event of one of several independent parts does not have the columns of the others: there they are interpolated,
-    or NaN if told not to.
+    Parameters
+    ----------
+    frame
+        Output samples of the motion: the column ``t`` (s), increasing, and others.
+    events
+        Events of the motion, in order of time.
+    interpolates
+        An event does not have the columns of mechanically independent parts of the scene. In its rows, these columns
+        are interpolated if True, and NaN if False.
+
+    Returns
+    -------
+    DataFrame
+        The same columns with all rows, in order of time.
     """
-    events = tuple(events)
-    sides = pd.DataFrame(
-        [{"t": event.time, **side} for event in events for side in (event.before, event.after)],
-        columns=frame.columns,
-    )
-    if not interpolates:
-        return _in_order(frame, sides) if len(sides) else frame
-    # Columns that an event does not have; a force that is left open is nan, and stays so. Columns
-    # that are absent in the same rows are interpolated together.
-    absent = [side.keys() for event in events for side in (event.before, event.after)]
-    groups: dict[bytes, list[str]] = {}
-    for name in sides.columns[sides.isna().any() & frame.notna().all() & (len(frame) > 1)]:
-        lacks = np.array([name not in columns for columns in absent])
-        if lacks.any():
-            groups.setdefault(lacks.tobytes(), []).append(name)
-    t = sides["t"].to_numpy()
-    for pattern, names in groups.items():
-        lacks = np.frombuffer(pattern, dtype=bool)
-        columns = interpolated(
-            _in_order(frame[["t", *names]], sides.loc[~lacks, ["t", *names]].dropna())
-        )
-        before, after = (columns(t[lacks], side) for side in ("before", "after"))
-        # Of several events at one instant one may be of this part: rows behind it have the values
-        # after it.
-        passed = np.maximum.accumulate(np.where(lacks, -np.inf, t))[lacks] == t[lacks]
-        sides.loc[lacks, names] = np.array(
-            [np.where(passed, after[name], before[name]) for name in names]
-        ).T
-    return _in_order(frame, sides) if len(sides) else frame
+    # The two rows of each event, with NaN in the columns that it does not have.
+    sides = [(event.time, side) for event in events for side in (event.before, event.after)]
+    if not sides:
+        return frame
+    rows = pd.DataFrame([{"t": time, **side} for time, side in sides], columns=frame.columns)
+    if not interpolates or len(frame) < 2:
+        return _in_order(frame, rows)
+
+    # Find the columns that some events do not have. Columns that are absent in the same rows are
+    # interpolated together. NaN also stands for a force that is not unique; it is not interpolated.
+    names_by_pattern: dict[bytes, list[str]] = {}
+    for name in rows.columns[rows.isna().any() & frame.notna().all()]:
+        is_absent = np.array([name not in side for _, side in sides])
+        if is_absent.any():
+            names_by_pattern.setdefault(is_absent.tobytes(), []).append(name)
+
+    t = rows["t"].to_numpy()
+    for pattern, names in names_by_pattern.items():
+        is_absent = np.frombuffer(pattern, dtype=bool)
+        own_rows = rows.loc[~is_absent, ["t", *names]].dropna()
+        columns = interpolated(_in_order(frame[["t", *names]], own_rows))
+        before = columns(t[is_absent], "before")
+        after = columns(t[is_absent], "after")
+        # If events of several parts coincide, rows that follow an event of this part have the
+        # values after it.
+        last_own_time = np.maximum.accumulate(np.where(is_absent, -np.inf, t))
+        follows_own = last_own_time[is_absent] == t[is_absent]
+        for name in names:
+            rows.loc[is_absent, name] = np.where(follows_own, after[name], before[name])
+    return _in_order(frame, rows)
 
 
 def interpolated(frame: pd.DataFrame) -> Callable[[np.ndarray, str], dict[str, np.ndarray]]:
-    """Return the columns of a table between its rows, by times (n,) and the side, ``"before"`` or ``"after"``.
+    """Return a function that interpolates all columns of a table.
 
-    Times that occur twice separate its smooth pieces.
+    Parameters
+    ----------
+    frame
+        The column ``t`` (s) in order, and others. A time that occurs twice separates two smooth pieces.
+
+    Returns
+    -------
+    callable
+        Takes times (s), shape (n,), and a side, ``"before"`` or ``"after"``, which selects the piece at a time that
+        separates two. Returns the columns by name, each of shape (n,).
     """
     t = frame["t"].to_numpy()
+    # Pieces begin at the first row and at each repeated time. A piece needs more than one instant.
     edges = [0, *np.flatnonzero(np.diff(t) == 0) + 1, len(t)]
     pieces = [
-        frame.iloc[first:behind]
-        for first, behind in zip(edges, edges[1:])
-        if t[first] < t[behind - 1]
+        frame.iloc[begin:end] for begin, end in zip(edges, edges[1:]) if t[begin] < t[end - 1]
     ]
     starts = np.array([piece["t"].iloc[0] for piece in pieces])
-    curves = [_curves(piece) for piece in pieces]
+    curves = [_interpolants(piece) for piece in pieces]
 
-    def columns(at: np.ndarray, side: str) -> dict[str, np.ndarray]:
-        number = np.maximum(
-            np.searchsorted(starts, at, side="right" if side == "after" else "left") - 1, 0
-        )
-        values = {name: np.empty(len(at)) for name in curves[0]}
-        for piece in np.unique(number):
-            in_piece = number == piece
+    def evaluate_columns(times: np.ndarray, side: str) -> dict[str, np.ndarray]:
+        place = np.searchsorted(starts, times, side="right" if side == "after" else "left")
+        # The first piece also extrapolates to earlier times.
+        piece_of_time = np.maximum(place - 1, 0)
+        values = {name: np.empty(len(times)) for name in curves[0]}
+        for piece in np.unique(piece_of_time):
+            in_piece = piece_of_time == piece
             for name, curve in curves[piece].items():
-                values[name][in_piece] = curve(at[in_piece])
+                values[name][in_piece] = curve(times[in_piece])
         return values
 
-    return columns
+    return evaluate_columns
 
 
 def _in_order(*parts: pd.DataFrame) -> pd.DataFrame:
+    """Return the rows of all parts in order of time; rows of equal time keep the order of the parts."""
     return pd.concat(parts).sort_values("t", kind="stable", ignore_index=True)
 
 
-def _curves(piece: pd.DataFrame) -> dict[str, Callable[[np.ndarray], np.ndarray]]:
-    """A function of time for each column of a smooth piece."""
-    from scipy.interpolate import (  # takes longer to import than most tables to make
-        BPoly,
-        CubicSpline,
-        PPoly,
-    )
+def _interpolants(piece: pd.DataFrame) -> dict[str, Callable[[np.ndarray], np.ndarray]]:
+    """Return a function of time for each column of a smooth piece."""
+    # Imported here, because it takes longer than most tables.
+    from scipy.interpolate import BPoly, CubicSpline, PPoly
 
     t = piece["t"].to_numpy()
     values = {str(name): column.to_numpy(float) for name, column in piece.items() if name != "t"}
-    curves = {
-        name: PPoly(column[:1, None], t[[0, -1]])
-        if name.endswith(".mode")
-        else CubicSpline(t, column)
-        for name, column in values.items()
-    }
-    # A position whose velocity is in the table: a polynomial with value, velocity and acceleration
-    # of both ends, and the velocity as its derivative, so that the two agree in between.
+    curves: dict[str, Any] = {}
+    for name, column in values.items():
+        if name.endswith(".mode"):
+            curves[name] = PPoly(column[:1, None], t[[0, -1]])
+        else:
+            curves[name] = CubicSpline(t, column)
+    # If the velocity of a position is in the table too, the position is the polynomial that has the
+    # values, velocities and accelerations of the rows, and the velocity is its derivative. Thereby
+    # the two agree between the rows.
     for name, position in values.items():
         owner, _, label = name.rpartition(".")
         rate = f"{owner}.{_RATES.get(label)}"
         if rate in values:
-            second = values.get(f"{owner}.{_SECOND_RATES.get(label)}", curves[rate](t, 1))
-            curves[name] = BPoly.from_derivatives(
-                t, np.stack([position, values[rate], second], axis=1)
-            )
+            acceleration = values.get(f"{owner}.{_SECOND_RATES.get(label)}", curves[rate](t, 1))
+            derivatives = np.stack([position, values[rate], acceleration], axis=1)
+            curves[name] = BPoly.from_derivatives(t, derivatives)
             curves[rate] = curves[name].derivative()
     return curves

@@ -1,8 +1,9 @@
-"""Resolved scenes: what programs in other languages read, as JSON.
+"""Resolved scenes: scenes as JSON for programs in other languages.
 
-Numbers instead of arithmetic, every key there, laws as data, SI units. What a scene leaves out has its value: no
-gravity is ``[0, 0]``, ``mus`` is ``mu``, the width of a guide with a length is 0. null is what the scene does not
-declare: friction (``mu``, ``mus``), corner forces (``length``, ``width``), an ``axis``.
+A resolved scene contains numbers in place of arithmetic expressions, in SI units. Every key is present. Defaults are
+replaced by the values that apply: without gravity it is ``[0, 0]``, ``mus`` is ``mu``, and the width of a guide with a
+length is 0. A key is null if the scene does not declare an effect: friction (``mu``, ``mus``), corner forces
+(``length``, ``width``), or an ``axis``.
 """
 
 from __future__ import annotations
@@ -17,13 +18,16 @@ from stiction.scenes.errors import SceneError, problems_of
 from stiction.scenes.fields import Model
 from stiction.scenes.loading import scene_from_dict
 from stiction.scenes.model import Scene
+from stiction.scenes.schema import is_added_by_pydantic, one_of
 
 FORMAT = "stiction resolved scene"
 VERSION = 1
-"""Raised where a program written for the version before would read a scene wrongly, or refuse it."""
+"""Version of the format. It is increased if programs written for the previous version could misread a scene."""
 
 
 class _Resolved(Model):
+    """The outermost keys of a resolved scene; `scene_from_dict` validates the scene itself."""
+
     format: Literal["stiction resolved scene"]
     version: Literal[1]
     name: StrictStr
@@ -31,22 +35,39 @@ class _Resolved(Model):
 
 
 def resolved_scene(scene: Scene) -> dict[str, Any]:
-    """Return a scene as programs read it; `load_resolved` makes one of it again that moves by the same equations."""
+    """Return a scene in its resolved form, from which `load_resolved` makes a scene with the same motion."""
     tables = scene.model_dump(mode="json", exclude={"parameters"})
-    tables["gravity"] = tables["gravity"] or [0.0, 0.0]
-    for name, guide in scene.guides.items():  # what is in force where a guide leaves it out
-        tables["joints"][name] |= {"mus": guide.static_coefficient} if guide.frictional else {}
-        tables["joints"][name] |= {"width": guide.width or 0.0} if guide.length is not None else {}
+    if scene.gravity is None:
+        tables["gravity"] = [0.0, 0.0]
+    for name, guide in scene.guides.items():
+        joint = tables["joints"][name]
+        if guide.frictional:
+            joint["mus"] = guide.static_coefficient
+        if guide.length is not None:
+            joint["width"] = guide.width or 0.0
     return {"format": FORMAT, "version": VERSION, "name": scene.name, "scene": tables}
 
 
 def resolved_text(scene: Scene) -> str:
-    """`resolved_scene` as the text of a file; numbers in as many digits as give them back exactly."""
+    """Return `resolved_scene` as the text of a file; its numbers have enough digits to be read back exactly."""
     return json.dumps(resolved_scene(scene), indent=1, allow_nan=False) + "\n"
 
 
 def load_resolved(text: str, origin: str = "<resolved scene>") -> Scene:
-    """Make a scene of the text of its resolved form; SceneError as of `scene_from_dict`, and for another format."""
+    """Make a scene from the text of its resolved form.
+
+    Parameters
+    ----------
+    text
+        What `resolved_text` returned.
+    origin
+        What error messages call the scene, such as a file name.
+
+    Raises
+    ------
+    SceneError
+        If the text has another format or version, or if the scene cannot be used.
+    """
     try:
         resolved = _Resolved.model_validate_json(text)
     except ValidationError as error:
@@ -55,7 +76,7 @@ def load_resolved(text: str, origin: str = "<resolved scene>") -> Scene:
 
 
 def resolved_schema() -> dict[str, Any]:
-    """Return the JSON schema of `resolved_scene`; every key is there, no number is arithmetic."""
+    """Return the JSON schema of `resolved_scene`, in which every key is required and no number is arithmetic."""
     scene = _numbers_only(Scene.model_json_schema(mode="serialization"))
     definitions = scene.pop("$defs")
     del scene["properties"]["parameters"]
@@ -78,24 +99,26 @@ def resolved_schema() -> dict[str, Any]:
 
 
 def _numbers_only(schema: Any) -> Any:
-    """Take arithmetic, defaults and pydantic's own keys out of a schema; all properties of a table are required."""
+    """Convert a schema made by pydantic, or a part of it, to the schema of a resolved scene.
+
+    Arithmetic expressions and defaults are removed, and all properties of a table become required.
+    """
     if isinstance(schema, list):
         return [_numbers_only(entry) for entry in schema]
     if not isinstance(schema, Mapping):
         return schema
-    dropped = {
-        "discriminator",
-        "default",
-        *(["title"] if isinstance(schema.get("title"), str) else []),
+    converted = {
+        key: _numbers_only(value)
+        for key, value in schema.items()
+        if key != "default" and not is_added_by_pydantic(key, value)
     }
-    made = {key: _numbers_only(value) for key, value in schema.items() if key not in dropped}
-    if any(kind.get("type") == "number" for kind in made.get("anyOf", [])):
-        kinds = [kind for kind in made.pop("anyOf") if kind != {"type": "string"}]
-        made |= kinds[0] if len(kinds) == 1 else {"anyOf": kinds}
-    if "prefixItems" in made:
-        made["items"] = False
-    if "patternProperties" in made:
-        made["additionalProperties"] = False
-    if "properties" in made:
-        made["required"] = list(made["properties"])
-    return made
+    if any(kind.get("type") == "number" for kind in converted.get("anyOf", [])):
+        kinds = [kind for kind in converted.pop("anyOf") if kind != {"type": "string"}]
+        converted |= one_of(kinds)
+    if "prefixItems" in converted:
+        converted["items"] = False
+    if "patternProperties" in converted:
+        converted["additionalProperties"] = False
+    if "properties" in converted:
+        converted["required"] = list(converted["properties"])
+    return converted

@@ -1,21 +1,22 @@
-"""The JSON schema of the scene format, by which editors complete keys and mark errors while one types.
+"""JSON schema of the scene format, with which editors complete keys and mark errors.
 
-Scenes themselves are validated by their classes (`model`) when they are read (`loading`).
+When a scene is read (`loading`), it is validated by the classes of `model` and not by this schema.
 """
 
 from __future__ import annotations
 
 import json
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 from stiction.scenes.model import Scene
 
 SCHEMA_FILE = "scene.schema.json"
-"""Its usual name, in the folder of the scene files that name it in their first line."""
+"""Usual name of the schema's file, next to the scene files that refer to it in their first line."""
 DIALECT = "http://json-schema.org/draft-07/schema#"
-"""The one that editors of TOML understand."""
-_DERIVED = {
+"""Version of JSON schema; editors of TOML support draft 7."""
+# A file with a `base` has other keys than a scene; `loading` validates them without pydantic.
+_DERIVED_SCENE = {
     "title": "A scene that is another one with changes",
     "type": "object",
     "properties": {
@@ -43,49 +44,69 @@ _DERIVED = {
 def scene_schema() -> dict[str, Any]:
     """Return the schema of a scene file, JSON schema draft 7.
 
-    It has every key, its type, its limits and its description. Only `load_scene` finds what depends on several keys at
-    once (a body that does not exist, ``mus`` below ``mu``) and arithmetic that cannot be read: a file that fails the
-    schema is no scene, one that passes may not be one yet.
+    It contains every key with its type, limits and description. A file that does not satisfy the schema is not a
+    scene. The converse does not hold: `load_scene` also finds errors that involve several keys (a body that does not
+    exist, ``mus`` below ``mu``) and invalid arithmetic expressions.
     """
-    made = _strict(Scene.model_json_schema())
-    definitions = made.pop("$defs")
+    scene = _to_draft_7(Scene.model_json_schema())
+    definitions = scene.pop("$defs")
     return {
         "$schema": DIALECT,
         "title": "stiction scene",
         "definitions": definitions,
         "if": {"required": ["base"]},
-        "then": _DERIVED,
-        "else": made,
+        "then": _DERIVED_SCENE,
+        "else": scene,
     }
 
 
 def scene_schema_text() -> str:
-    """`scene_schema` as the text of a file."""
+    """Return `scene_schema` as the text of a file."""
     return json.dumps(scene_schema(), indent=1) + "\n"
 
 
-def _strict(schema: Any) -> Any:
-    """Turn a schema of pydantic's into draft 7 for TOML.
+def _to_draft_7(schema: Any) -> Any:
+    """Convert a schema made by pydantic, or a part of it, to draft 7, for TOML.
 
-    There is no null in TOML; the tag of a union's member is required; names that match no pattern are refused.
+    TOML has no null, so that None is removed from defaults and types. The key by which the classes of a union are
+    distinguished becomes required. Names of elements that do not match their pattern are refused.
     """
     if isinstance(schema, list):
-        return [_strict(entry) for entry in schema]
+        return [_to_draft_7(entry) for entry in schema]
     if not isinstance(schema, Mapping):
         return schema
-    dropped = {"discriminator", *(["title"] if isinstance(schema.get("title"), str) else [])}
-    made = {key: _strict(value) for key, value in schema.items() if key not in dropped}
-    if isinstance(made.get("$ref"), str):
-        made["$ref"] = made["$ref"].replace("#/$defs/", "#/definitions/")
-    if "prefixItems" in made:
-        made["items"] = made.pop("prefixItems")
-    if "patternProperties" in made:
-        made["additionalProperties"] = False
-    if made.get("default", 0) is None:
-        del made["default"]
-        kinds = [kind for kind in made.pop("anyOf") if kind != {"type": "null"}]
-        made |= kinds[0] if len(kinds) == 1 else {"anyOf": kinds}
-    if "properties" in made:
-        tags = [key for key, value in made["properties"].items() if "const" in value]
-        made["required"] = list(dict.fromkeys([*made.get("required", ()), *tags]))
-    return made
+    converted = {
+        key: _to_draft_7(value)
+        for key, value in schema.items()
+        if not is_added_by_pydantic(key, value)
+    }
+    # Keywords that have another name or place in draft 7.
+    if isinstance(converted.get("$ref"), str):
+        converted["$ref"] = converted["$ref"].replace("#/$defs/", "#/definitions/")
+    if "prefixItems" in converted:
+        converted["items"] = converted.pop("prefixItems")
+    if "patternProperties" in converted:
+        converted["additionalProperties"] = False
+    # An optional key: its type is that of its value if it is present.
+    if "default" in converted and converted["default"] is None:
+        del converted["default"]
+        kinds = [kind for kind in converted.pop("anyOf") if kind != {"type": "null"}]
+        converted |= one_of(kinds)
+    # The key of the tag has one possible value.
+    if "properties" in converted:
+        tags = [key for key, value in converted["properties"].items() if "const" in value]
+        converted["required"] = list(dict.fromkeys([*converted.get("required", ()), *tags]))
+    return converted
+
+
+def is_added_by_pydantic(key: str, value: Any) -> bool:
+    """Return True for keywords of a schema that editors do not need: the title of a class, and the discriminator.
+
+    `title` may also be the name of a property, whose value is a schema and not a text.
+    """
+    return key == "discriminator" or (key == "title" and isinstance(value, str))
+
+
+def one_of(kinds: Sequence[Mapping[str, Any]]) -> Mapping[str, Any]:
+    """Return the schema of a value that has one of several types."""
+    return kinds[0] if len(kinds) == 1 else {"anyOf": kinds}

@@ -60,7 +60,22 @@ class Event:
 def stacked(
     columns: Mapping[str, np.ndarray], bodies: Iterable[str], labels: Iterable[str]
 ) -> np.ndarray:
-    """Columns of bodies as one array, (n, bodies * labels), body by body."""
+    """Return columns of bodies as one array.
+
+    Parameters
+    ----------
+    columns
+        Columns by name, each of shape (n,).
+    bodies
+        Names of the bodies.
+    labels
+        Names of the columns of each body, such as ``x``, ``y`` and ``angle``.
+
+    Returns
+    -------
+    ndarray, shape (n, bodies * labels)
+        All labels of the first body come first.
+    """
     names = [f"{body}.{label}" for body, label in product(bodies, labels)]
     return np.stack([np.asarray(columns[name], dtype=float) for name in names], axis=1)
 
@@ -91,10 +106,9 @@ class Breakdown:
     solutions: int | None = None
 
     def __str__(self) -> str:
-        counted = f" ({self.solutions})" if self.solutions else ""
-        return f"{self.reason}{counted} at t = {self.time:.12g} s" + (
-            f", {self.guide}" if self.guide else ""
-        )
+        count = f" ({self.solutions})" if self.solutions else ""
+        guide = f", {self.guide}" if self.guide else ""
+        return f"{self.reason}{count} at t = {self.time:.12g} s{guide}"
 
 
 @dataclass(frozen=True)
@@ -114,9 +128,9 @@ class Cost:
     engine_s : float or None
         The part of `stepping_s` spent in the engine's own calls, without the adapter; None if it was not measured.
     output_s : float
-        The rest of the engine's run: columns and events are made from what the steps left.
+        The rest of the engine's run, in which it makes columns and events from the states of its steps.
     gate_s : float
-        Examination of the result (`stiction.engines.gate`). `Engine.simulate` measures it, and `output_s`.
+        Examination of the result (`stiction.engines.gate`). Like `output_s`, it is measured by `Engine.simulate`.
     """
 
     setup_s: float = 0.0
@@ -189,11 +203,12 @@ class Trajectory:
     mechanism: Scene | None = field(default=None, compare=False)
 
     def __repr__(self) -> str:
-        until = f"t = 0 .. {self.t[-1]:g} s, " if len(self.t) else ""
-        ended = "" if self.termination == "end" else f", ended: {shortened(self.termination)}"
+        times = f"t = 0 .. {self.t[-1]:g} s, " if len(self.t) else ""
+        end = "" if self.termination == "end" else f", ended: {shortened(self.termination)}"
         return (
-            f"<Trajectory: {self.engine} {self.version} on {shortened(self.scene)}, {self.fidelity}, {until}"
-            f"{len(self.t)} rows, {len(self.columns)} columns, {len(self.events)} events{ended}>"
+            f"<Trajectory: {self.engine} {self.version} on {shortened(self.scene)}, "
+            f"{self.fidelity}, {times}{len(self.t)} rows, {len(self.columns)} columns, "
+            f"{len(self.events)} events{end}>"
         )
 
     @overload
@@ -203,6 +218,7 @@ class Trajectory:
     def __getitem__(self, column: list[str]) -> pd.DataFrame: ...
 
     def __getitem__(self, column: str | list[str]) -> np.ndarray | pd.DataFrame:
+        """Return a column as an array, or a list of columns as a DataFrame with the time as its index."""
         if isinstance(column, list):
             import pandas as pd
 
@@ -311,6 +327,7 @@ class Trajectory:
         return animate(self.mechanism, self, Path(file))
 
     def _repr_html_(self) -> str:
+        """Return the trajectory as Jupyter displays it."""
         from stiction.scenes.pictures.notebook import trajectory_html
 
         return trajectory_html(self)
@@ -337,34 +354,38 @@ class Trajectory:
 
 
 def events_frame(events: Iterable[Event]) -> pd.DataFrame:
-    """A table of events: ``t, kind, joint``, then the values of all columns, ``before.NAME`` and ``after.NAME``."""
+    """Return a table of events with the columns ``t``, ``kind``, ``joint``, ``before.NAME`` and ``after.NAME``.
+
+    NAME is each column of the trajectory; a value that an event does not have is NaN.
+    """
     import pandas as pd
 
-    return pd.DataFrame(
-        [
-            {
-                "t": e.time,
-                "kind": e.kind,
-                "joint": e.joint,
-                **{f"before.{k}": v for k, v in e.before.items()},
-                **{f"after.{k}": v for k, v in e.after.items()},
-            }
-            for e in events
-        ]
-    )
+    rows: list[dict[str, Any]] = []
+    for event in events:
+        before = {f"before.{name}": value for name, value in event.before.items()}
+        after = {f"after.{name}": value for name, value in event.after.items()}
+        rows.append({"t": event.time, "kind": event.kind, "joint": event.joint, **before, **after})
+    return pd.DataFrame(rows)
 
 
 def events_of(frame: pd.DataFrame) -> tuple[Event, ...]:
-    """Events of a table of `events_frame`; what a row has no value for is no column of its event."""
-
-    def side(row: dict[str, Any], name: str) -> dict[str, float]:
-        return {
-            key.removeprefix(name): float(value)
-            for key, value in row.items()
-            if key.startswith(name) and value == value
-        }
-
+    """Return the events of a table made by `events_frame`; columns that are NaN are absent from an event."""
     return tuple(
-        Event(float(row["t"]), row["kind"], row["joint"], side(row, "before."), side(row, "after."))
+        Event(
+            time=float(row["t"]),
+            kind=row["kind"],
+            joint=row["joint"],
+            before=_values_with_prefix(row, "before."),
+            after=_values_with_prefix(row, "after."),
+        )
         for row in frame.to_dict("records")
     )
+
+
+def _values_with_prefix(row: Mapping[Any, Any], prefix: str) -> dict[str, float]:
+    """Return the values of a row whose names begin with a prefix, without the prefix; NaN is left out."""
+    return {
+        name.removeprefix(prefix): float(value)
+        for name, value in row.items()
+        if name.startswith(prefix) and not np.isnan(value)
+    }

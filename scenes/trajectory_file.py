@@ -1,4 +1,7 @@
-"""A trajectory in one Parquet file: a row per output time, all else as JSON in its metadata; nothing is rounded."""
+"""Storage of trajectories in Parquet files, without rounding.
+
+The file has a row per output time. Everything else is stored as JSON in the metadata of the table.
+"""
 
 from __future__ import annotations
 
@@ -17,55 +20,75 @@ from stiction.scenes.fidelity import fidelity_of
 from stiction.scenes.loading import scene_from_dict, tables_of
 from stiction.scenes.trajectory import Breakdown, Cost, Event, Trajectory
 
-_KEY = b"stiction trajectory"
+_METADATA_KEY = b"stiction trajectory"
+"""Key of the JSON text in the metadata of the table."""
+_VERSION_KEY = "version of the file"
+"""Key of the version in the JSON text."""
 _VERSION = 1
+"""Version of the format. Files of other versions are refused."""
 
 
 def save_trajectory(run: Trajectory, file: str | Path) -> None:
-    """Write a trajectory, its events, settings, cost and scene; TypeError for a setting that JSON has no form for."""
-    about = {
+    """Write a trajectory with its events, settings, cost and scene.
+
+    Raises
+    ------
+    TypeError
+        If a setting cannot be converted to JSON.
+    """
+    metadata = {
         name: value
         for name, value in vars(run).items()
         if name not in ("t", "columns", "mechanism")
     }
-    about |= {
-        "version of the file": _VERSION,
-        "mechanism": run.mechanism and [run.mechanism.name, tables_of(run.mechanism)],
-    }
+    metadata[_VERSION_KEY] = _VERSION
+    metadata["mechanism"] = None
+    if run.mechanism is not None:
+        metadata["mechanism"] = [run.mechanism.name, tables_of(run.mechanism)]
+    text = json.dumps(metadata, default=_to_json_types)
     table = pa.table({"t": run.t, **run.columns})
-    pq.write_table(table.replace_schema_metadata({_KEY: json.dumps(about, default=_plain)}), file)
+    pq.write_table(table.replace_schema_metadata({_METADATA_KEY: text}), file)
 
 
 def load_trajectory(file: str | Path) -> Trajectory:
-    """Read what `save_trajectory` wrote, the same numbers to the bit; InputError for any other file."""
+    """Read a trajectory that `save_trajectory` wrote; all numbers are the same.
+
+    Raises
+    ------
+    InputError
+        If the file cannot be read, or was not written by this version of `save_trajectory`.
+    """
     try:
         table = pq.read_table(file)
     except (OSError, pa.ArrowInvalid) as error:
         raise InputError(f"{file}: found {error}; expected a file of Trajectory.save") from error
-    about = json.loads((table.schema.metadata or {}).get(_KEY, "{}"))
-    version = about.pop("version of the file", None)
+    fields = json.loads((table.schema.metadata or {}).get(_METADATA_KEY, "{}"))
+    version = fields.pop(_VERSION_KEY, None)
     if version != _VERSION:
         content = "no trajectory" if version is None else f"version {version}"
         raise InputError(
             f"{file}: found {content}; expected a file of Trajectory.save, version {_VERSION}"
         )
     columns = {name: table[name].to_numpy() for name in table.column_names}
-    alternatives = about.pop("alternatives", {})
-    about["alternatives"] = {
+    t = columns.pop("t")
+    # JSON contains dictionaries, lists and texts in place of the classes of the fields.
+    alternatives = fields.pop("alternatives", {})
+    fields["alternatives"] = {
         name: np.array(values, dtype=float) for name, values in alternatives.items()
     }
-    about["events"] = tuple(Event(**event) for event in about["events"])
-    about["fidelity"] = fidelity_of(about["fidelity"])
-    about["cost"] = Cost(**about["cost"])
-    if about["breakdown"]:
-        about["breakdown"] = Breakdown(**about["breakdown"])
-    if about["mechanism"]:
-        name, tables = about["mechanism"]
-        about["mechanism"] = scene_from_dict(tables, f"scene of {file}", name=name)
-    return Trajectory(t=columns.pop("t"), columns=columns, **about)
+    fields["events"] = tuple(Event(**event) for event in fields["events"])
+    fields["fidelity"] = fidelity_of(fields["fidelity"])
+    fields["cost"] = Cost(**fields["cost"])
+    if fields["breakdown"]:
+        fields["breakdown"] = Breakdown(**fields["breakdown"])
+    if fields["mechanism"]:
+        name, tables = fields["mechanism"]
+        fields["mechanism"] = scene_from_dict(tables, f"scene of {file}", name=name)
+    return Trajectory(t=t, columns=columns, **fields)
 
 
-def _plain(value: Any) -> Any:
+def _to_json_types(value: Any) -> Any:
+    """Convert what the JSON encoder does not know: dataclasses, numbers and arrays of NumPy, and mappings."""
     if is_dataclass(value):
         return vars(value)
     if isinstance(value, np.generic | np.ndarray):

@@ -1,4 +1,4 @@
-"""Values and names of a file, worded for messages: on one line, printable, short."""
+"""Short, printable texts of values and names, for messages of one line."""
 
 from __future__ import annotations
 
@@ -9,11 +9,18 @@ from itertools import islice
 from typing import Any
 
 _WIDTH = 80
-_MANY = 200  # names: among more, the search for a close one would take longer than the rest of the loading
+"""Characters of a text, or entries of a list, that are shown: about a line of a terminal."""
+_MAX_CANDIDATES = 200
+"""Largest number of names among which a similar one is searched; with more, the search would take longer than loading
+the scene."""
+_LAST_LINES = 4
+"""Lines at the end of a program's output that are shown; its error message is usually among them."""
+_LINE_WIDTH = 200
+"""Characters of each of these lines."""
 
 
 def shown(value: Any) -> str:
-    """A value of a file."""
+    """Return the text by which messages show a value of a file."""
     if value is None:
         return "nothing"
     if isinstance(value, bool):
@@ -23,23 +30,25 @@ def shown(value: Any) -> str:
     if isinstance(value, str):
         return f"'{shortened(value)}'"
     if isinstance(value, (list, tuple)):
-        return shortened(
-            f"[{', '.join(map(shown, value[:_WIDTH]))}{', ...' * (len(value) > _WIDTH)}]"
-        )
-    if isinstance(value, int) and abs(value) >= 10**_WIDTH:  # str() refuses integers of many digits
+        entries = [shown(entry) for entry in value[:_WIDTH]]
+        if len(value) > _WIDTH:
+            entries.append("...")
+        return shortened(f"[{', '.join(entries)}]")
+    # Python refuses to convert integers of thousands of digits.
+    if isinstance(value, int) and abs(value) >= 10**_WIDTH:
         return "a huge integer"
-    return shortened(
-        str(value) if isinstance(value, (int, float)) else f"{type(value).__name__} {value}"
-    )
+    if isinstance(value, (int, float)):
+        return shortened(str(value))
+    return shortened(f"{type(value).__name__} {value}")
 
 
 def as_given(value: Any) -> str:
-    """A value as a command line takes it: words, and numbers and truth values as TOML has them."""
+    """Return a value as it is written on the command line: texts as they are, all others as in TOML."""
     return value if isinstance(value, str) else json.dumps(value)
 
 
 def shortened(text: str, width: int = _WIDTH) -> str:
-    """Text without characters that cannot be printed, cut to a width."""
+    """Return a text cut to `width` characters, with a replacement for each character that cannot be printed."""
     if len(text) > width:
         text = text[: width - 4] + " ..."
     return "".join(
@@ -48,23 +57,24 @@ def shortened(text: str, width: int = _WIDTH) -> str:
 
 
 def last_lines(text: str) -> str:
-    """The last four lines of what was printed, in one."""
+    """Return the last lines of the output of a program, joined to one line."""
     lines = [line.strip() for line in text.splitlines() if line.strip()]
-    return " | ".join(shortened(line, 200) for line in lines[-4:])
+    return " | ".join(shortened(line, _LINE_WIDTH) for line in lines[-_LAST_LINES:])
 
 
-def names(known: Collection[str]) -> str:
-    """Names in one line; the first of them, where they are many."""
-    line = ", ".join(shortened(str(name)) for name in islice(known, _WIDTH))
-    if len(line) <= 2 * _WIDTH and len(known) <= _WIDTH:
+def names(entries: Collection[str]) -> str:
+    """Return names as a text of one line; of many names, the first ones and their number."""
+    line = ", ".join(shortened(str(name)) for name in islice(entries, _WIDTH))
+    if len(line) <= 2 * _WIDTH and len(entries) <= _WIDTH:
         return line
-    return line[: 2 * _WIDTH].rpartition(", ")[0] + f", ... ({len(known)} in all)"
+    # Cut between two names.
+    return line[: 2 * _WIDTH].rpartition(", ")[0] + f", ... ({len(entries)} in all)"
 
 
-def did_you_mean(name: Any, known: Iterable[str]) -> str:
-    """`" (did you mean 'x'?)"`, or nothing where no name is close."""
-    known = list(islice(known, _MANY + 1))
-    if not isinstance(name, str) or len(name) > _WIDTH or len(known) > _MANY:
+def did_you_mean(name: Any, candidates: Iterable[str]) -> str:
+    """Return ``" (did you mean 'x'?)"`` with the most similar candidate; empty if none is similar."""
+    candidates = list(islice(candidates, _MAX_CANDIDATES + 1))
+    if not isinstance(name, str) or len(name) > _WIDTH or len(candidates) > _MAX_CANDIDATES:
         return ""
-    close = difflib.get_close_matches(name, known, n=1)
-    return f" (did you mean '{shortened(close[0])}'?)" if close else ""
+    matches = difflib.get_close_matches(name, candidates, n=1)
+    return f" (did you mean '{shortened(matches[0])}'?)" if matches else ""

@@ -167,8 +167,8 @@ def options_known(command):
 
 @pytest.mark.parametrize("page", TEXT)
 def test_page(page, compiled, in_this_process, monkeypatch):
-    monkeypatch.setattr("stiction.scenes.pictures.animation.MOST", 5)  # frames of a film
-    monkeypatch.setattr("stiction.scenes.pictures.animation.FEWEST", 5)
+    monkeypatch.setattr("stiction.scenes.pictures.animation.MAX_FRAMES", 5)  # frames of a film
+    monkeypatch.setattr("stiction.scenes.pictures.animation.MIN_FRAMES", 5)
     follow(page, everything=False)
 
 

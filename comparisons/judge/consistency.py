@@ -63,18 +63,18 @@ def _applicable_checks(
         name in given for name in columns_of(scene) if unit_of(name, scene) in ("N", "N m")
     )
     applies: dict[Predicate, bool] = {
-        coherence.start: has_states and run.t[0] == 0,
-        coherence.residuals: has_states,
-        coherence.velocities: has_states,
-        coherence.displacements: has_states,
-        coherence.dissipation: has_states and has_forces,
-        coherence.momentum_of_steps: has_accelerations and has_forces,
-        coherence.balance: has_accelerations and has_forces,
-        coherence.corner_forces: has_forces,
-        coherence.modes: True,
-        coherence.unreported_events: has_states,
-        coherence.cone: has_states and has_forces,
-        coherence.continuity: has_states,
+        coherence.check_start: has_states and run.t[0] == 0,
+        coherence.check_residuals: has_states,
+        coherence.check_velocities: has_states,
+        coherence.check_displacements: has_states,
+        coherence.check_dissipation: has_states and has_forces,
+        coherence.check_momentum_of_steps: has_accelerations and has_forces,
+        coherence.check_balance: has_accelerations and has_forces,
+        coherence.check_corner_forces: has_forces,
+        coherence.check_modes: True,
+        coherence.check_unreported_events: has_states,
+        coherence.check_cone: has_states and has_forces,
+        coherence.check_continuity: has_states,
     }
     for check, is_applicable in applies.items():
         if is_applicable:
@@ -118,11 +118,11 @@ def _parts(scene: Scene, run: Trajectory, check: Predicate) -> Iterator[Trajecto
     run, and therefore gets every k-th row of it.
     """
     rows = len(run.t)
-    if check is coherence.velocities:
+    if check is coherence.check_velocities:
         stride = -(-rows // AT_ONCE)
         yield _with_rows(run, np.arange(0, rows, stride))
         return
-    if check is coherence.start:
+    if check is coherence.check_start:
         yield _with_rows(run, np.arange(2))
         return
     # Checks measure faults relative to the largest values of the run. Each part therefore also

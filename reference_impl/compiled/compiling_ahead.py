@@ -1,8 +1,8 @@
-"""Kernels that a run will call for, compiled before it by two processes.
+"""Compilation of the kernels of a run before it starts, by two processes.
 
-Each kernel is compiled when it is called first, if nothing else is done. Here a second process begins at the other end
-of a list of them, and what one has compiled the other finds on disk. The longest stand at both ends, so that where they
-meet little is compiled twice.
+Otherwise each kernel is compiled at its first call. The two processes begin at opposite ends of a list, and each finds
+on disk what the other has compiled. The kernels that take longest are at both ends of the list: where the processes
+meet, they may compile the same kernel, which then takes little time.
 """
 
 from __future__ import annotations
@@ -17,22 +17,24 @@ from stiction.reference_impl.compiled.kernel import Linked, linked_kernels
 
 
 def compile_ahead(kernels: Sequence[Linked]) -> None:
-    """Compile what is not on disk yet."""
+    """Compile those kernels whose machine code is not on disk yet."""
     missing = [kernel for kernel in kernels if not kernel.is_linked and not kernel.is_kept]
     if not missing:
         return
-    helper = _helper(missing) if len(missing) > 1 and (os.cpu_count() or 1) > 1 else None
+    second_process = None
+    if len(missing) > 1 and (os.cpu_count() or 1) > 1:
+        second_process = _start_second_process(missing)
     try:
         for place, kernel in enumerate(missing, start=1):
             kernel.link(f"{place} of {len(missing)}, ")
     finally:
-        if helper is not None:
-            helper.kill()
-            helper.wait()
+        if second_process is not None:
+            second_process.kill()
+            second_process.wait()
 
 
 def compile_all() -> None:
-    """Compile, or load, the kernels of all modules that have been imported."""
+    """Compile, or load from disk, the kernels of all modules that have been imported."""
     kernels = linked_kernels()
     compile_ahead(kernels)
     for kernel in kernels:
@@ -40,7 +42,16 @@ def compile_all() -> None:
 
 
 def event_kernels(friction: bool, projects: bool) -> tuple[Linked, ...]:
-    """Return the kernels of the event-driven method, with or without friction, with or without projection."""
+    """Return the kernels of the event-driven method, in the order in which they are compiled.
+
+    Parameters
+    ----------
+    friction
+        Whether the scene has friction.
+    projects
+        Whether the state is projected onto the constraints.
+    """
+    # Imported here, since these modules import this package.
     from stiction.reference_impl.compiled import linear_algebra
     from stiction.reference_impl.friction import (
         contact_solvers,
@@ -133,10 +144,10 @@ def event_kernels(friction: bool, projects: bool) -> tuple[Linked, ...]:
     )
 
 
-def _helper(kernels: Sequence[Linked]) -> subprocess.Popen | None:
-    """A process that compiles them from the last to the first; none where it cannot be started.
+def _start_second_process(kernels: Sequence[Linked]) -> subprocess.Popen | None:
+    """Start a process that compiles kernels from the last to the first; None if it cannot be started.
 
-    Its failures are reported by this one.
+    Its output is discarded: if a kernel cannot be compiled, this process comes to it, too, and reports the error.
     """
     environment = {**os.environ, "PYTHONPATH": os.pathsep.join(filter(None, sys.path))}
     try:
@@ -152,8 +163,16 @@ def _helper(kernels: Sequence[Linked]) -> subprocess.Popen | None:
         return None
 
 
-def _help(parent: int, names: Sequence[str]) -> None:
-    """Compile up to the first kernel that the parent has come to, or has left behind."""
+def _compile_for_parent(parent: int, names: Sequence[str]) -> None:
+    """Compile kernels until one is on disk already, or until the parent process has ended.
+
+    Parameters
+    ----------
+    parent
+        Identifier of the parent process, which compiles the kernels in the opposite order.
+    names
+        Full names of the kernels.
+    """
     for name in names:
         module, _, function = name.rpartition(".")
         kernel = getattr(import_module(module), function)
@@ -163,4 +182,4 @@ def _help(parent: int, names: Sequence[str]) -> None:
 
 
 if __name__ == "__main__":
-    _help(int(sys.argv[1]), sys.argv[2:])
+    _compile_for_parent(int(sys.argv[1]), sys.argv[2:])

@@ -1,8 +1,8 @@
-"""Folders for the machine code of kernels, which numba's own cache keeps on disk.
+"""Folders in which numba's cache stores the machine code of kernels.
 
-numba compares the source file of the function alone: a caller would go on with the machine code of a changed callee. So
-each set of sources, and each processor, has a folder of its own, named by their digests. Folders of earlier sources are
-removed.
+numba compares only the source file of the function itself, and would use old machine code of a caller after a change of
+its callee. Therefore each version of the sources, and each type of processor, has its own folder, whose name contains
+their digests. Folders of earlier versions are removed.
 """
 
 from __future__ import annotations
@@ -13,6 +13,7 @@ import logging
 import os
 import pickle
 import shutil
+import stat
 import sys
 import tempfile
 from collections.abc import Callable, Iterator
@@ -26,28 +27,39 @@ import numba
 from numba import njit
 
 _log = logging.getLogger("stiction")
-settings: Any = numba.config  # whose names numba makes when it is loaded
+settings: Any = (
+    numba.config
+)  # numba defines its attributes at run time, so that mypy does not know them
+DIGEST_DIGITS = 16
+"""Hexadecimal digits of the digests in the names of folders."""
 DAMAGED = pickle.UnpicklingError, AttributeError, EOFError, ImportError, IndexError, ValueError
-"""Errors that Python's pickle lists for files that are cut off or overwritten; numba passes them on."""
+"""Errors that the documentation of pickle lists for truncated or overwritten files; numba passes them on."""
 
 
 def kept(function: Callable, **options: Any) -> Any:
-    """Return numba's dispatcher of a function, whose machine code stays on disk where a folder can be written."""
+    """Return numba's dispatcher of a function, with a cache on disk if any folder can be written.
+
+    Parameters
+    ----------
+    function
+        The function to compile.
+    **options
+        Options of ``numba.njit``.
+    """
     folder = _folder_of(Path(function.__code__.co_filename))
     if folder is None:
         return njit(**options)(function)
-    chosen, settings.CACHE_DIR = (
-        settings.CACHE_DIR,
-        str(folder),
-    )  # numba reads it here, once for each dispatcher
+    # numba reads this setting when it makes a dispatcher, and only then.
+    users_folder = settings.CACHE_DIR
+    settings.CACHE_DIR = str(folder)
     try:
         return njit(cache=True, **options)(function)
     finally:
-        settings.CACHE_DIR = chosen
+        settings.CACHE_DIR = users_folder
 
 
 def files_of(dispatcher: Any) -> list[Path]:
-    """Return the files that numba's cache has of a dispatcher."""
+    """Return the files that numba's cache contains for a dispatcher."""
     if not dispatcher.stats.cache_path:
         return []
     function = dispatcher.py_func
@@ -56,9 +68,9 @@ def files_of(dispatcher: Any) -> list[Path]:
 
 
 def repeat_if_damaged(dispatcher: Any, action: Callable[[], Any]) -> Any:
-    """Return the result of an action that loads a dispatcher's machine code.
+    """Return the result of an action that loads the machine code of a dispatcher.
 
-    Files that cannot be read are removed and made anew.
+    If its files are damaged, they are removed, and the action is repeated, which compiles the function again.
     """
     try:
         return action()
@@ -69,40 +81,46 @@ def repeat_if_damaged(dispatcher: Any, action: Callable[[], Any]) -> Any:
 
 
 def _folder_of(source: Path) -> Path | None:
-    """Return the folder for the kernels of a source file; None where none can be written."""
-    stamp = _digest(_package_stamp() + source.read_bytes())
-    name, own = (
-        f"kernels-{source.stem}-{stamp}-{_digest(repr(_target()).encode())}",
-        _user_folders(source.parent),
-    )
-    for root in chain(own, _temporary_folder()):
+    """Return the folder for the kernels of a source file; None if no folder can be written."""
+    version = _digest(_digest_of_package() + source.read_bytes())
+    target = _digest(repr(_target()).encode())
+    name = f"kernels-{source.stem}-{version}-{target}"
+    preferred = _preferred_folders(source.parent)
+    for root in chain(preferred, _temporary_folder()):
         is_new = not (root / name).is_dir()
-        if _prepare(root, source.stem, name):
-            if is_new and root not in own:
-                _note(
-                    f"compiled kernels are kept in {root}, until that is cleared: neither {source.parent} nor a "
-                    "cache of the user can be written; set NUMBA_CACHE_DIR to a folder that can"
+        if _prepare_folder(root, source.stem, name):
+            if is_new and root not in preferred:
+                _warn_once(
+                    f"compiled kernels are kept in {root}, until that is cleared: neither "
+                    f"{source.parent} nor a cache of the user can be written; "
+                    "set NUMBA_CACHE_DIR to a folder that can"
                 )
             return root / name
-    _note(
+    _warn_once(
         "compiled kernels are not kept: no folder can be written; set NUMBA_CACHE_DIR to one that can"
     )
     return None
 
 
 def _digest(data: bytes) -> str:
-    return hashlib.sha256(data).hexdigest()[:16]
+    """Return the beginning of the SHA-256 digest, for names of folders."""
+    return hashlib.sha256(data).hexdigest()[:DIGEST_DIGITS]
 
 
-def _prepare(root: Path, stem: str, name: str) -> bool:
-    """Make a folder, and remove those of earlier sources; False if it cannot be written."""
+def _prepare_folder(root: Path, stem: str, name: str) -> bool:
+    """Create the folder ``root / name`` if it does not exist, and remove those of earlier versions of the sources.
+
+    Returns False if the folder cannot be written. Folders for other processors remain, since computers may share them.
+    """
     folder = root / name
+    prefix_of_version = name[:-DIGEST_DIGITS]
     try:
         if not folder.is_dir():
             folder.mkdir(parents=True, exist_ok=True)
-            for stale in root.glob(f"kernels-{glob.escape(stem)}-*-*"):
-                if not stale.name.startswith(name[:-16]):
-                    shutil.rmtree(stale, ignore_errors=True)
+            for other in root.glob(f"kernels-{glob.escape(stem)}-*-*"):
+                if not other.name.startswith(prefix_of_version):
+                    shutil.rmtree(other, ignore_errors=True)
+        # Whether it can be written is known only after trying, for example on a read-only disk.
         tempfile.TemporaryFile(dir=folder).close()
     except OSError:
         return False
@@ -110,55 +128,60 @@ def _prepare(root: Path, stem: str, name: str) -> bool:
 
 
 @cache
-def _package_stamp() -> bytes:
+def _digest_of_package() -> bytes:
+    """Return the digest of all sources of the reference implementation, and of the tables that kernels contain."""
     package = Path(__file__).parents[1]
-    sources = [
-        *sorted(package.rglob("*.py")),
-        *sorted(package.rglob("*.toml")),
-    ]  # kernels hold the tables of methods
+    sources = [*sorted(package.rglob("*.py")), *sorted(package.rglob("*.toml"))]
     return hashlib.sha256(b"".join(source.read_bytes() for source in sources)).digest()
 
 
 def _target() -> tuple[str, ...]:
-    """Return all that machine code depends on besides the sources."""
-    features, host = settings.CPU_FEATURES, llvmlite.binding
+    """Return what machine code depends on besides the sources: versions of the compiler, and the processor."""
+    features = settings.CPU_FEATURES
+    if features is None:
+        features = llvmlite.binding.get_host_cpu_features().flatten()
     return (
         sys.implementation.cache_tag,
         sys.abiflags,
         numba.__version__,
         llvmlite.__version__,
-        settings.CPU_NAME or host.get_host_cpu_name(),
-        host.get_host_cpu_features().flatten() if features is None else features,
+        settings.CPU_NAME or llvmlite.binding.get_host_cpu_name(),
+        features,
     )
 
 
 @cache
-def _user_folders(sources: Path) -> tuple[Path, ...]:
-    """Return where the kernels of a folder of sources are kept, the first choice first."""
-    own = f"{sources.name}-{_digest(str(sources).encode())}"
+def _preferred_folders(sources: Path) -> tuple[Path, ...]:
+    """Return the folders in which the kernels of a folder of sources may be stored, in order of preference."""
+    subfolder = f"{sources.name}-{_digest(str(sources).encode())}"
     if settings.CACHE_DIR:
-        return (Path(settings.CACHE_DIR) / own,)
-    user = Path(os.environ.get("XDG_CACHE_HOME") or os.path.expanduser("~/.cache"))
-    return (sources / "__pycache__", *((user / "stiction" / own,) if user.is_absolute() else ()))
+        return (Path(settings.CACHE_DIR) / subfolder,)
+    folders = [sources / "__pycache__"]
+    users_cache = Path(os.environ.get("XDG_CACHE_HOME") or os.path.expanduser("~/.cache"))
+    # Without a home directory the path remains relative.
+    if users_cache.is_absolute():
+        folders.append(users_cache / "stiction" / subfolder)
+    return tuple(folders)
 
 
 def _temporary_folder() -> Iterator[Path]:
-    """Yield a folder that no other user can write, since what it holds is executed; none where there is no such."""
+    """Yield a temporary folder that only this user can write, if there is one, since its contents are executed."""
+    user = str(os.getuid()) if hasattr(os, "getuid") else "kernels"
     try:
-        folder = (
-            Path(tempfile.gettempdir())
-            / f"stiction-{os.getuid() if hasattr(os, 'getuid') else 'kernels'}"
-        )
+        folder = Path(tempfile.gettempdir()) / f"stiction-{user}"
         folder.mkdir(mode=0o700, exist_ok=True)
-        found = folder.lstat()
+        status = folder.lstat()
     except OSError:
         return
-    own = not hasattr(os, "getuid") or found.st_uid == os.getuid() and not found.st_mode & 0o022
-    if own and folder.is_dir() and not folder.is_symlink():
+    if hasattr(os, "getuid"):
+        is_writable_by_others = bool(status.st_mode & (stat.S_IWGRP | stat.S_IWOTH))
+        if status.st_uid != os.getuid() or is_writable_by_others:
+            return
+    if folder.is_dir() and not folder.is_symlink():
         yield folder
 
 
 @cache
-def _note(text: str) -> None:
-    """Once."""
+def _warn_once(text: str) -> None:
+    """Log a warning; repeated calls with the same text do nothing."""
     _log.warning(text)

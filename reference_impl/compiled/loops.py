@@ -1,4 +1,7 @@
-"""Loops that kernels have in the place of array expressions, of which numba takes 0.2 to 2 s each to compile."""
+"""Loops over arrays that kernels call in place of array expressions.
+
+numba takes 0.2 to 2 s to compile each array expression, and much less for a loop.
+"""
 
 from __future__ import annotations
 
@@ -9,14 +12,14 @@ from stiction.reference_impl.compiled.kernel import kernel
 
 @kernel
 def copy(source, target):
-    """Copy arrays of one dimension."""
+    """Copy `source`, shape (n,), to the beginning of `target`."""
     for i in range(len(source)):
         target[i] = source[i]
 
 
 @kernel
 def are_equal(first, second):
-    """Compare arrays of one dimension and one length."""
+    """Return True if two arrays of shape (n,) have the same elements."""
     for i in range(len(first)):
         if first[i] != second[i]:
             return False
@@ -25,7 +28,7 @@ def are_equal(first, second):
 
 @kernel
 def is_finite(values):
-    """Return True for an array without nan and inf."""
+    """Return True if an array of shape (n,) contains neither nan nor inf."""
     for i in range(len(values)):
         if not np.isfinite(values[i]):
             return False
@@ -34,7 +37,10 @@ def is_finite(values):
 
 @kernel
 def product(a, b):
-    """Scalar product of two vectors, in the order of their components whatever the processor."""
+    """Return the scalar product of `b` and the beginning of `a`.
+
+    Terms are added in the order of the components, so that the result does not depend on the processor.
+    """
     total = 0.0
     for i in range(len(b)):
         total += a[i] * b[i]
@@ -43,24 +49,24 @@ def product(a, b):
 
 @kernel
 def subtract(part, a, b):
-    """b - part a in place of b."""
+    """Subtract ``part * a`` from `b` in place."""
     for i in range(len(b)):
         b[i] -= part * a[i]
 
 
 @kernel(allocates=True)
 def taken(values, places):
-    """Elements of an array of one dimension at some places."""
-    found = np.empty(len(places), values.dtype)
+    """Return the elements of an array of one dimension with the indices `places`."""
+    elements = np.empty(len(places), values.dtype)
     for i in range(len(places)):
-        found[i] = values[places[i]]
-    return found
+        elements[i] = values[places[i]]
+    return elements
 
 
 @kernel(allocates=True)
 def taken_rows(values, places):
-    """Rows of an array of two dimensions at some places."""
-    found = np.empty((len(places), values.shape[1]), values.dtype)
+    """Return the rows of an array of two dimensions with the indices `places`."""
+    rows = np.empty((len(places), values.shape[1]), values.dtype)
     for i in range(len(places)):
-        copy(values[places[i]], found[i])
-    return found
+        copy(values[places[i]], rows[i])
+    return rows

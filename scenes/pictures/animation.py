@@ -1,4 +1,4 @@
-"""The motion of a mechanism as a film, with the forces on the corners of its sliders."""
+"""Films of the motion of a mechanism, with the forces on the corners of its sliders."""
 
 from __future__ import annotations
 
@@ -29,14 +29,25 @@ from stiction.scenes.pictures.web import (
 from stiction.scenes.trajectory import Trajectory
 
 ENDINGS = (".gif", ".mp4", ".html")
+"""Extensions of the files that can be written."""
 FRAMES_PER_SECOND = 20
-FEWEST, MOST = 40, 150
-"""Frames of a film: a short run is shown slower than it is, a long one faster."""
+"""Frames per second of the film, which is fluent to the eye and keeps the file small."""
+MIN_FRAMES = 40
+"""Smallest number of frames: a short run is shown in slow motion."""
+MAX_FRAMES = 150
+"""Largest number of frames: a long run is shown faster than it is."""
 FILM_DPI = 80
+"""Resolution of the frames, pixels per inch."""
 
 
 def check_animation(file: Path) -> None:
-    """Raise InputError for a name whose ending is none of `ENDINGS`, or needs a program that is not installed."""
+    """Check that a film can be written to a file of this name.
+
+    Raises
+    ------
+    InputError
+        If its extension is not in `ENDINGS`, or needs a program that is not installed.
+    """
     if file.suffix.lower() not in ENDINGS:
         raise InputError(f"found {str(file)!r}; expected a name that ends in {', '.join(ENDINGS)}")
     if file.suffix.lower() == ".mp4" and not FFMpegWriter.isAvailable():
@@ -47,21 +58,42 @@ def check_animation(file: Path) -> None:
 
 
 def animate(scene: Scene, trajectory: Trajectory, file: Path) -> int:
-    """Write the film, and return the number of its frames; errors as of `check_animation`.
+    """Write a film of a motion.
 
-    It has frames, or is a page (.html) with a time slider and every output time that needs no network.
+    Parameters
+    ----------
+    scene
+        The scene.
+    trajectory
+        Its motion.
+    file
+        A .gif or .mp4 file, or an HTML page with a time slider, which contains all output times and works without a
+        network.
+
+    Returns
+    -------
+    int
+        The number of frames.
+
+    Raises
+    ------
+    InputError
+        See `check_animation`.
     """
     check_animation(file)
-    if file.suffix.lower() == ".html":
+    ending = file.suffix.lower()
+    if ending == ".html":
         file.write_text(film_page(scene, trajectory), encoding="utf-8")
         return len(trajectory.t)
     first, last = trajectory.t[[0, -1]]
-    frames = int(np.clip(FRAMES_PER_SECOND * (last - first), FEWEST, MOST))
+    frames = int(np.clip(FRAMES_PER_SECOND * (last - first), MIN_FRAMES, MAX_FRAMES))
     rows = np.unique(np.searchsorted(trajectory.t, np.linspace(first, last, frames)))
     view = view_of(scene, [poses_at(scene, trajectory, row) for row in rows])
-    corners, largest = force_columns(scene), largest_force(scene, trajectory)
+    corners = force_columns(scene)
+    largest = largest_force(scene, trajectory)
     scale = f"; corner forces: longest arrow {largest:.3g} N" if corners else ""
-    film = (PillowWriter if file.suffix.lower() == ".gif" else FFMpegWriter)(fps=FRAMES_PER_SECOND)
+    writer = PillowWriter if ending == ".gif" else FFMpegWriter
+    film = writer(fps=FRAMES_PER_SECOND)
     with rc():
         picture, ax = canvas(scene, view)
         picture.set_dpi(FILM_DPI)
@@ -82,21 +114,24 @@ def animate(scene: Scene, trajectory: Trajectory, file: Path) -> int:
                 )
                 ax.set_title(title, fontsize=8, parse_math=False)
                 if row == rows[0]:
+                    # Lay the figure out once, so that the axes do not move from frame to frame.
                     picture.draw_without_rendering()
-                    picture.set_layout_engine(None)  # the axes stay where they are
+                    picture.set_layout_engine(None)
                 film.grab_frame()
     return len(rows)
 
 
 def film_page(scene: Scene, trajectory: Trajectory) -> str:
-    """Make a page with the mechanism, drawn by the browser at the time that its slider shows."""
-    rows = np.unique(np.linspace(0, len(trajectory.t) - 1, MOST).astype(int))
+    """Return an HTML page on which the browser draws the mechanism at the time of a slider."""
+    # Some rows suffice to find the limits of the drawing.
+    rows = np.unique(np.linspace(0, len(trajectory.t) - 1, MAX_FRAMES).astype(int))
     view = view_of(scene, [poses_at(scene, trajectory, row) for row in rows])
-    frame, block = trajectory.to_frame(events=True, interpolated=True), Columns()
-    t, name = frame["t"].to_numpy(), f"{trajectory.engine} {trajectory.version}"
-    columns = {
-        column: frame[column] for column in (*pose_columns(scene), *force_columns(scene))
-    } | load_signs(scene, t)
+    frame = trajectory.to_frame(events=True, interpolated=True)
+    t = frame["t"].to_numpy()
+    columns = {name: frame[name] for name in (*pose_columns(scene), *force_columns(scene))}
+    columns |= load_signs(scene, t)
+    name = f"{trajectory.engine} {trajectory.version}"
+    block = Columns()
     content = {
         "mechanism": mechanism(scene, view),
         "name": name,

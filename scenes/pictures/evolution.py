@@ -1,130 +1,170 @@
-"""The quantities of a run over time, jumps vertical, stick phases shaded."""
+"""Plots of the quantities of runs over time, with jumps as vertical lines and shaded stick phases."""
 
 from __future__ import annotations
 
 import re
 from collections.abc import Sequence
+from dataclasses import dataclass
 from itertools import product
 
 import numpy as np
 import pandas as pd
+from matplotlib.axes import Axes
 
 from stiction.scenes.columns import unit_of
 from stiction.scenes.pictures.picture import COLORS, CYCLE, Picture, fit_labels, rc
 from stiction.scenes.trajectory import Trajectory
 
-MOST_LINES = 8
-"""Lines in one panel; the legend says how many there are."""
+MAX_LINES = 8
+"""Largest number of lines in a panel. If there are more columns, the legend contains their number."""
+PANEL_HEIGHT = 1.25
+"""Height of a panel, inches."""
 _DASHES = ("-", (0, (5, 1.5)), (0, (1, 1)), (0, (5, 1, 1, 1)))
+"""Line styles of matplotlib. A dashed line over a solid one lets both be seen where they coincide."""
+EFFORT = "driving effort"
+"""Label of the panel of efforts, to which their units are added."""
+# Pattern of the end of a column's name -> label of the panel of these columns.
 _PANELS = {
     r"\.displacement": "displacement [m]",
     r"\.slip_velocity": "slip velocity [m/s]",
     r"\.F[1-4]": "corner forces [N]",
     r"\.friction": "friction [N]",
-    r"\.effort": "driving effort",
+    r"\.effort": EFFORT,
 }
 _WITHOUT_GUIDES = {
     r"\.[xy]": "position [m]",
     r"\.angle": "angle [rad]",
-    r"\.effort": "driving effort",
+    r"\.effort": EFFORT,
     r"\.f[xy]": "pin forces [N]",
 }
 
 
-def evolution(runs: Sequence[Trajectory], columns: Sequence[str] = ()) -> Picture:
-    """Draw a panel for each of `columns`, with a line for each run; of one run without columns, the usual quantities.
+@dataclass(frozen=True)
+class _Line:
+    """A line of a panel."""
 
-    KeyError for a column that a run does not have.
+    frame: pd.DataFrame
+    """The run, with the column ``t``"""
+    column: str
+    label: str
+
+
+@dataclass(frozen=True)
+class _Panel:
+    """The columns of a panel."""
+
+    columns: list[str]
+    label: str
+
+
+def evolution(runs: Sequence[Trajectory], columns: Sequence[str] = ()) -> Picture:
+    """Plot columns of runs over time, one panel for each column, with a line for each run.
+
+    Parameters
+    ----------
+    runs
+        One or more runs.
+    columns
+        Names of columns. If none are given, there must be one run; panels then show its usual quantities, with a line
+        for each column.
+
+    Raises
+    ------
+    KeyError
+        If a run does not have a column.
     """
-    # a column that is missing raises its KeyError here, before anything is drawn
-    first, several = runs[0], len(runs) > 1
+    # Raises KeyError before anything is drawn.
     for run, name in product(runs, columns):
         run[name]
-    panels = [([name], f"{name} [{unit_of(name, first.mechanism)}]") for name in columns] or _usual(
-        first
-    )
+    first = runs[0]
+    has_several_runs = len(runs) > 1
+    panels = _usual_panels(first)
+    if columns:
+        panels = [_Panel([name], f"{name} [{unit_of(name, first.mechanism)}]") for name in columns]
     frames = [run.to_frame(events=True, interpolated=True) for run in runs]
-    stick = [] if several else _stick(frames[0])
+    stick_phases = [] if has_several_runs else _stick_phases(frames[0])
+    # The legend of several runs, above the panels, is higher than the title of one.
+    margin = 0.6 if has_several_runs else 0.4
     with rc():
-        picture = Picture((0.6 if several else 0.4) + 1.25 * len(panels))
+        picture = Picture(margin + PANEL_HEIGHT * len(panels))
         axes = picture.subplots(len(panels), 1, sharex=True, squeeze=False)[:, 0]
-        for ax, (names, label) in zip(axes, panels):
-            lines = (
-                [(frame, names[0], _method(run)) for run, frame in zip(runs, frames)]
-                if several
-                else [(frames[0], name, name) for name in names[:MOST_LINES]]
-            )
-            for number, (frame, name, text) in enumerate(lines):
-                # a run that is drawn over an equal one is dashed, so that both are seen
-                dashes = _DASHES[number % len(_DASHES)]
-                ax.plot(
-                    frame["t"].to_numpy(),
-                    frame[name].to_numpy(),
-                    color=CYCLE[number % len(CYCLE)],
-                    linewidth=1.0,
-                    label=text,
-                    linestyle=dashes,
-                )
-            for begin, end in stick:
-                ax.axvspan(begin, end, color=COLORS["shade"], linewidth=0, zorder=0)
-            ax.set_ylabel(label)
-            ax.margins(x=0)
+        for ax, panel in zip(axes, panels):
+            if has_several_runs:
+                column = panel.columns[0]
+                lines = [_Line(frame, column, _label_of(run)) for run, frame in zip(runs, frames)]
+            else:
+                lines = [_Line(frames[0], name, name) for name in panel.columns[:MAX_LINES]]
+            _draw_panel(ax, panel, lines, stick_phases)
             if not columns:
-                more = f"{MOST_LINES} of {len(names)}" if len(names) > MOST_LINES else None
-                ax.legend(loc="center left", bbox_to_anchor=(1.0, 0.5), title=more)
-        axes[-1].set_xlabel("$t$ [s]" + (", shaded: stick" if stick else ""))
-        if several:
+                count = len(panel.columns)
+                title = f"{MAX_LINES} of {count}" if count > MAX_LINES else None
+                ax.legend(loc="center left", bbox_to_anchor=(1.0, 0.5), title=title)
+        axes[-1].set_xlabel("$t$ [s], shaded: stick" if stick_phases else "$t$ [s]")
+        if has_several_runs:
             axes[0].legend(loc="lower center", bbox_to_anchor=(0.5, 1.0), ncols=2)
         else:
-            axes[0].set_title(
-                f"{first.scene}: {first.engine} {first.version}, {first.fidelity}",
-                fontsize=8,
-                parse_math=False,
-            )
+            title = f"{first.scene}: {first.engine} {first.version}, {first.fidelity}"
+            axes[0].set_title(title, fontsize=8, parse_math=False)
         fit_labels(picture)
     return picture
 
 
-def _method(run: Trajectory) -> str:
-    """Engine, fidelity and what sets the accuracy."""
-    accuracy = {key: run.settings.get(key) for key in ("dt", "rtol")}
-    units = {"dt": " s", "rtol": ""}
-    return ", ".join(
-        [
-            run.engine,
-            run.fidelity,
-            *(
-                f"{key} = {value:g}{units[key]}"
-                for key, value in accuracy.items()
-                if isinstance(value, float)
-            ),
-        ]
-    )
+def _draw_panel(
+    ax: Axes, panel: _Panel, lines: Sequence[_Line], stick_phases: Sequence[tuple[float, float]]
+) -> None:
+    """Draw the lines of a panel, and shade stick phases, given by their begin and end, s."""
+    for number, line in enumerate(lines):
+        ax.plot(
+            line.frame["t"].to_numpy(),
+            line.frame[line.column].to_numpy(),
+            color=CYCLE[number % len(CYCLE)],
+            linewidth=1.0,
+            label=line.label,
+            linestyle=_DASHES[number % len(_DASHES)],
+        )
+    for begin, end in stick_phases:
+        ax.axvspan(begin, end, color=COLORS["shade"], linewidth=0, zorder=0)
+    ax.set_ylabel(panel.label)
+    ax.margins(x=0)
 
 
-def _usual(trajectory: Trajectory) -> list[tuple[list[str], str]]:
-    guides = any(name.endswith(".displacement") for name in trajectory.columns)
+def _label_of(run: Trajectory) -> str:
+    """Return engine, fidelity, and the step or tolerance of a run, for legends."""
+    texts = [run.engine, str(run.fidelity)]
+    for key, unit in (("dt", " s"), ("rtol", "")):
+        value = run.settings.get(key)
+        if isinstance(value, float):
+            texts.append(f"{key} = {value:g}{unit}")
+    return ", ".join(texts)
+
+
+def _usual_panels(trajectory: Trajectory) -> list[_Panel]:
+    """Return the panels of a run if no columns are selected."""
+    has_guides = any(name.endswith(".displacement") for name in trajectory.columns)
     efforts = [name for name in trajectory.columns if name.endswith(".effort")]
-    units = dict.fromkeys(unit_of(name, trajectory.mechanism) for name in efforts)
+    effort_units = dict.fromkeys(unit_of(name, trajectory.mechanism) for name in efforts)
+    labels = _PANELS if has_guides else _WITHOUT_GUIDES
     panels = []
-    for pattern, label in (_PANELS if guides else _WITHOUT_GUIDES).items():
+    for pattern, label in labels.items():
         names = [name for name in trajectory.columns if re.search(rf"{pattern}$", name)]
-        heading = f"{label} [{', '.join(units)}]" if label == "driving effort" else label
+        if label == EFFORT:
+            label = f"{label} [{', '.join(effort_units)}]"
         if names:
-            panels.append((names, heading))
+            panels.append(_Panel(names, label))
     return panels
 
 
-def _stick(frame: pd.DataFrame) -> list[tuple[float, float]]:
-    """Begin and end of each stick phase, s, with one frictional guide; none where several would share the shade."""
+def _stick_phases(frame: pd.DataFrame) -> list[tuple[float, float]]:
+    """Return begin and end of each stick phase, s, if exactly one guide has modes.
+
+    With several guides it would not be clear which of them the shading refers to.
+    """
     modes = [name for name in frame if name.endswith(".mode")]
     if len(modes) != 1:
         return []
-    # rises and falls of the condition, in pairs
-    t, sticks = frame["t"].to_numpy(), frame[modes[0]].to_numpy() == 0
+    t = frame["t"].to_numpy()
+    sticks = frame[modes[0]].to_numpy() == 0
+    # The condition becomes true and false in turns.
     edges = np.flatnonzero(np.diff(np.concatenate([[False], sticks, [False]]).astype(int)))
-    return [
-        (float(t[begin]), float(t[end - 1]))
-        for begin, end in edges.reshape(-1, 2)
-        if t[end - 1] > t[begin]
-    ]
+    phases = [(float(t[begin]), float(t[end - 1])) for begin, end in edges.reshape(-1, 2)]
+    return [(begin, end) for begin, end in phases if end > begin]

@@ -1,4 +1,4 @@
-"""Scenes and trajectories in Jupyter: a drawing, and tables of what is in it."""
+"""Scenes and trajectories as HTML for Jupyter: a drawing, and tables of the contents."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from stiction.scenes.trajectory import Trajectory
 
 
 def scene_html(scene: Scene) -> str:
-    """Title, drawing, and what the scene declares."""
+    """Return the title of a scene, its drawing, and a table of the names of its elements and parameters."""
     sections = ("bodies", "joints", "drives", "springs", "forces")
     rows = [(section, ", ".join(getattr(scene, section))) for section in sections]
     rows.append(("parameters", parameters_in_words(scene)))
@@ -26,7 +26,7 @@ def scene_html(scene: Scene) -> str:
 
 
 def trajectory_html(trajectory: Trajectory) -> str:
-    """Scene, engine and end of the run, a drawing of the end if the scene is known, what a terminal shows as well."""
+    """Return the title of a run, a drawing of its last state if the scene is known, and the tables of its summary."""
     title = run_title(trajectory)
     if trajectory.termination != "end":
         title += f"; stopped: {trajectory.termination}"
@@ -36,14 +36,19 @@ def trajectory_html(trajectory: Trajectory) -> str:
         parts.append(drawing(trajectory.mechanism, False, poses, float(trajectory.t[-1])).svg())
     if len(trajectory.t):
         parts += [_table(*table) for table in run_tables(trajectory)]
-    if more := more_events(trajectory):
+    more = more_events(trajectory)
+    if more:
         parts.append(f"<p>{more}</p>")
     return "".join(parts)
 
 
 def _table(columns: Sequence[str], rows: Iterable[Sequence[str]]) -> str:
-    body = "".join(
-        "<tr>" + "".join(f"<td>{escape(value)}</td>" for value in row) + "</tr>" for row in rows
-    )
+    """Return an HTML table with the given headings; empty if there are no rows."""
+    body = ""
+    for row in rows:
+        cells = "".join(f"<td>{escape(value)}</td>" for value in row)
+        body += f"<tr>{cells}</tr>"
+    if not body:
+        return ""
     head = "".join(f"<th>{escape(name)}</th>" for name in columns)
-    return f"<table><tr>{head}</tr>{body}</table>" if body else ""
+    return f"<table><tr>{head}</tr>{body}</table>"

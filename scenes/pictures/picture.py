@@ -1,10 +1,11 @@
-"""Type and colours of all pictures; files that are the same bytes for the same data."""
+"""Fonts, colours and files of all pictures. The same data result in the same bytes of a file."""
 
 from __future__ import annotations
 
 import io
 import math
 import re
+from collections.abc import Iterator
 from contextlib import AbstractContextManager
 from pathlib import Path
 
@@ -14,11 +15,12 @@ from matplotlib.figure import Figure
 from matplotlib.text import Text
 
 WIDTH = 174 / 25.4
-"""Inches: both columns of a journal page."""
+"""Width of a picture, inches: both columns of a journal page."""
 DPI = 150
-MOST_TRIES = 6
-"""Layouts of a figure at most, until no label is longer than its room."""
-# of Okabe & Ito's palette (the purple darker), which the colour-blind can distinguish
+"""Resolution of bitmaps, pixels per inch."""
+MAX_LAYOUTS = 6
+"""Largest number of layouts in which labels are broken into shorter lines."""
+# The colours are those of Okabe & Ito, which the colour-blind can distinguish; the purple is darker.
 COLORS = {
     "ink": "#000000",
     "quiet": "#888888",
@@ -51,28 +53,28 @@ RC = {
     "pdf.fonttype": 42,
 }
 _UNDATED = {"svg": {"Date": None}, "pdf": {"CreationDate": None}, "png": {"Software": None}}
-"""Metadata with which the same data give the same bytes."""
+"""Metadata by format; without dates and versions, the same data result in the same bytes."""
 
 
 def rc() -> AbstractContextManager[None]:
-    """Context with type and lines of these pictures, whatever the user has set."""
+    """Return a context with the fonts and lines of these pictures in place of the user's settings."""
     return style.context(["default", RC])
 
 
 class Picture(Figure):
-    """A matplotlib figure that Jupyter shows without pyplot; width and height in inches."""
+    """A matplotlib figure that Jupyter shows without pyplot; width and height are in inches."""
 
     def __init__(self, height: float, width: float = WIDTH, dpi: int = DPI):
         super().__init__(figsize=(width, height), dpi=dpi, layout="constrained")
         FigureCanvasAgg(self)
 
     def write(self, file: str | Path) -> None:
-        """Write it as SVG, PDF or PNG, by the ending of the name, without a date."""
+        """Write the picture to a file, whose extension (.svg, .pdf or .png) determines the format."""
         with rc():
             write_figure(self, Path(file))
 
     def svg(self) -> str:
-        """Return it as an SVG element to put into a page."""
+        """Return the picture as an SVG element of an HTML page."""
         with rc():
             text = content(self, "svg").decode()
         return text[text.index("<svg") :]
@@ -83,63 +85,78 @@ class Picture(Figure):
 
 
 def write_figure(figure: Figure, file: Path) -> None:
-    """Write a figure under the settings in force; the ending says as what."""
+    """Write a figure with the current settings of matplotlib; the extension of the file determines the format."""
     file.write_bytes(content(figure, file.suffix.lower().removeprefix(".")))
 
 
 def content(figure: Figure, kind: str) -> bytes:
-    """Content of a file, made in memory: matplotlib's writers have own errors for a full disk."""
-    file = io.BytesIO()
-    figure.savefig(file, format=kind, dpi="figure", metadata=_UNDATED[kind])
-    return file.getvalue()
+    """Return the content of a file with a figure; `kind` is ``"svg"``, ``"pdf"`` or ``"png"``.
+
+    It is made in memory, so that a full disk causes an OSError. The writers of matplotlib raise other errors.
+    """
+    buffer = io.BytesIO()
+    figure.savefig(buffer, format=kind, dpi="figure", metadata=_UNDATED[kind])
+    return buffer.getvalue()
 
 
 def fit_labels(figure: Figure) -> None:
-    """Break labels of axes and titles that are longer than their room into lines, and lay the figure out again.
+    """Break the labels of axes and titles that are too long into lines, and lay the figure out again.
 
-    The room of a label beside an axis is the length of that axis, so that the labels of neighbours do not touch; below
-    an axis that has no neighbours at its sides, and for its title, it reaches to the edges of the figure.
+    The room of a label beside an axis is the length of this axis, so that the labels of neighbouring panels do not
+    overlap. A label below an axis, or a title, may extend to the edges of the figure if no other axes are at its sides.
     """
-    words: dict[Text, str] = {}
+    original_texts: dict[Text, str] = {}
     widths: dict[Text, int] = {}
-    for _ in range(MOST_TRIES):
-        # lines take room from the axes, which may then be too short for other labels
+    # Additional lines reduce the size of the axes, which may then be too short for other labels.
+    for _ in range(MAX_LAYOUTS):
         figure.draw_without_rendering()
-        axes = [ax for ax in figure.axes if ax.axison]
-        boxes = {ax: ax.get_window_extent() for ax in axes}
-        broken = False
-        for ax, box in boxes.items():
-            alone = not any(
-                other.y0 < box.y1 and other.y1 > box.y0
-                for one, other in boxes.items()
-                if one is not ax
-            )
-            middle, whole = 0.5 * (box.x0 + box.x1), figure.bbox.width
-            below = 2 * min(middle, whole - middle) if alone else box.width
-            above = whole - box.x0 if alone else box.width
-            for text, room in (
-                (ax.yaxis.label, box.height),
-                (ax.xaxis.label, below),
-                (ax.title, above),
-                (ax._left_title, above),  # type: ignore[attr-defined]
-            ):
-                extent = text.get_window_extent()
-                taken = extent.height if text is ax.yaxis.label else extent.width
-                if taken > room > 0:
-                    before = text.get_text()
-                    longest = max(map(len, before.split("\n")))
-                    widths[text] = max(
-                        1, min(widths.get(text, longest) - 1, math.floor(longest * room / taken))
-                    )
-                    text.set_text(_broken(words.setdefault(text, before), widths[text]))
-                    broken |= text.get_text() != before
-        if not broken:
+        has_changed = False
+        for text, is_vertical, room in _labels_with_room(figure):
+            extent = text.get_window_extent()
+            needed = extent.height if is_vertical else extent.width
+            if not needed > room > 0:
+                continue
+            before = text.get_text()
+            original = original_texts.setdefault(text, before)
+            # Reduce the number of characters in proportion, and at least by one.
+            longest = max(map(len, before.split("\n")))
+            in_proportion = math.floor(longest * room / needed)
+            widths[text] = max(1, min(widths.get(text, longest) - 1, in_proportion))
+            text.set_text(_break_lines(original, widths[text]))
+            has_changed |= text.get_text() != before
+        if not has_changed:
             return
     figure.draw_without_rendering()
 
 
-def _broken(text: str, width: int) -> str:
-    """The text in lines of at most so many signs, broken at spaces, or within names that are longer than that."""
+def _labels_with_room(figure: Figure) -> Iterator[tuple[Text, bool, float]]:
+    """Yield each label of a figure, whether it is vertical, and the length that is available to it, pixels."""
+    axes = [ax for ax in figure.axes if ax.axison]
+    boxes = {ax: ax.get_window_extent() for ax in axes}
+    figure_width = figure.bbox.width
+    for ax, box in boxes.items():
+        has_neighbour = any(
+            other.y0 < box.y1 and other.y1 > box.y0
+            for other_axes, other in boxes.items()
+            if other_axes is not ax
+        )
+        below = above = box.width
+        if not has_neighbour:
+            # The label below is centred; the title begins at the left end of the axis.
+            middle = 0.5 * (box.x0 + box.x1)
+            below = 2 * min(middle, figure_width - middle)
+            above = figure_width - box.x0
+        yield ax.yaxis.label, True, box.height
+        yield ax.xaxis.label, False, below
+        yield ax.title, False, above
+        yield ax._left_title, False, above  # type: ignore[attr-defined]
+
+
+def _break_lines(text: str, width: int) -> str:
+    """Return a text in lines of at most `width` characters, if possible.
+
+    Lines are broken at spaces. If a word is longer, they are also broken behind dots, underscores, slashes and commas.
+    """
     pieces = re.split(r"(?<= )", text)
     if max(len(piece.rstrip()) for piece in pieces) > width:
         pieces = re.split(r"(?<=[ ._/,])", text)

@@ -14,7 +14,7 @@ from typer.testing import CliRunner
 
 from stiction.cli.app import app
 from stiction.engines import BadTrajectory, EngineFailure, load_engine
-from stiction.engines.coherence import balance
+from stiction.engines.coherence import check_balance
 from stiction.engines.examined import Examined
 from stiction.engines.gate import first_problem, required_columns
 from stiction.engines.reference.engine import ReferenceEngine
@@ -1075,4 +1075,4 @@ def test_a_part_is_balanced_though_another_lacks_a_column():
     examined = Examined(
         partial, scene, 1.0, None, 0.01, "joint", lambda settings: True, lambda settings: True
     )
-    assert "do not balance" in next(balance(examined))
+    assert "do not balance" in next(check_balance(examined))

@@ -66,9 +66,10 @@ def test_views():
 def small_blocks(monkeypatch):
     import importlib
 
+    blocks = importlib.import_module("stiction.scenes.table_blocks")
+    monkeypatch.setattr(blocks, "BLOCK_SIZE", 64)
+    monkeypatch.setattr(blocks, "BLOCK_ROWS", 7)
     module = importlib.import_module("stiction.scenes.result_table")
-    monkeypatch.setattr(module, "BLOCK_SIZE", 64)
-    monkeypatch.setattr(module, "BLOCK_ROWS", 7)
     monkeypatch.setattr(module, "FILE_THRESHOLD_BYTES", 0)
 
 

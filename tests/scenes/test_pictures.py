@@ -40,8 +40,8 @@ def run(compiled):
 @pytest.fixture(autouse=True)
 def folder(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
-    monkeypatch.setattr(animation, "FEWEST", 5)
-    monkeypatch.setattr(animation, "MOST", 5)
+    monkeypatch.setattr(animation, "MIN_FRAMES", 5)
+    monkeypatch.setattr(animation, "MAX_FRAMES", 5)
     return tmp_path
 
 

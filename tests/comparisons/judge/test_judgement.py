@@ -339,7 +339,7 @@ def test_long_tables_are_judged_like_short_ones(monkeypatch, two_sided, change):
     from stiction.comparisons.judge import consistency, judgement, table_trajectory
     from stiction.comparisons.measures import accuracy, result_errors
     from stiction.reference_impl import energies
-    from stiction.scenes import result_table
+    from stiction.scenes import result_table, table_blocks
 
     frame = change(true_table(two_sided=two_sided))
     whole = judge(CASE, frame)
@@ -347,7 +347,7 @@ def test_long_tables_are_judged_like_short_ones(monkeypatch, two_sided, change):
         monkeypatch.setattr(module, "AT_ONCE", 300)
     monkeypatch.setattr(judgement, "SOLVED", 250)
     monkeypatch.setattr(result_table, "FILE_THRESHOLD_BYTES", 0)
-    monkeypatch.setattr(result_table, "BLOCK_ROWS", 400)
+    monkeypatch.setattr(table_blocks, "BLOCK_ROWS", 400)
     shares = []
     parts = judge(CASE, frame, tell=shares.append)
     assert shares == sorted(shares) and shares[-1] == 1.0

@@ -104,6 +104,17 @@ class TestResult:
             simulate(program(text, result="parquet"))["ball.x"], found["ball.x"]
         )
 
+    def test_a_link_to_a_declaration_with_another_extension(self, program):
+        """The name selects the kind of engine, here and in child processes, and not the file behind a link."""
+        declaration = Path(program()).rename(Path(program()).with_suffix(".declaration"))
+        link = declaration.with_name("linked.toml")
+        link.symlink_to(declaration)
+        here = simulate(str(link), dt=0.01)
+        job = Job("linked", str(link), BALL, {"dt": 0.01, "output_step": 0.1})
+        [outcome] = run_isolated([job], timeout_s=60)
+        assert outcome.status == "ok", outcome.reason
+        np.testing.assert_array_equal(outcome.value["ball.y"], here["ball.y"])
+
     def test_accelerations_left_out_are_differences_and_the_run_says_so(self, program):
         found = simulate(program("write([row[:7] for row in rows], names[:7])"))
         np.testing.assert_allclose(found["ball.ay"], -10, rtol=1e-12)

@@ -73,17 +73,17 @@ def called_here(folder, home="home", temporary="temporary", chosen=""):
     """As `call`, in this process: the module is made anew, so that its kernel is looked for on disk again, from the folders that are given."""
     made, source, said = ModuleType("made"), folder / "made.py", []
     (folder / "temporary").mkdir(exist_ok=True)
-    kernel_cache._user_folders.cache_clear()  # found once in a process
+    kernel_cache._preferred_folders.cache_clear()  # found once in a process
     with pytest.MonkeyPatch.context() as patch, event.install_recorder("numba:compile") as compiled:
         patch.setitem(sys.modules, "made", made)
         patch.setattr(config, "CACHE_DIR", chosen)
         patch.setenv("HOME", str(folder / home))
         patch.delenv("XDG_CACHE_HOME", raising=False)
         patch.setattr(tempfile, "tempdir", str(folder / temporary))
-        patch.setattr(kernel_cache, "_note", said.append)
+        patch.setattr(kernel_cache, "_warn_once", said.append)
         exec(compile(source.read_text(), source, "exec"), vars(made))
         found = made.times(21.0), len(compiled.buffer) // 2, "\n".join(said)
-    kernel_cache._user_folders.cache_clear()
+    kernel_cache._preferred_folders.cache_clear()
     return found
 
 

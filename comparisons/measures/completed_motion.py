@@ -61,30 +61,32 @@ class Completion:
     scene : Scene
     truth : Truth
         Truth of the scene; its positions are the initial guess.
-    places, rates : ndarray of bool, shape (k,)
-        Which coordinates, and which velocities, are given. The order is x, y, angle of each body, k
-        = 3 bodies.
-    ways : tuple of str
+    has_position, has_velocity : ndarray of bool, shape (k,)
+        Which coordinates, and which velocities, are given, for x, y and angle of each body: k is
+        three times the number of bodies.
+    guides : tuple of str
         Guides whose displacement is given; empty if all coordinates are given.
     """
 
     scene: Scene
     truth: Truth
-    places: np.ndarray
-    rates: np.ndarray
-    ways: tuple[str, ...]
+    has_position: np.ndarray
+    has_velocity: np.ndarray
+    guides: tuple[str, ...]
 
     @classmethod
     def of(cls, scene: Scene, columns: Mapping[str, np.ndarray], truth: Truth) -> Completion | None:
         """Return the completion for the columns of a table; None if no coordinate is given."""
-        places, rates = (
+        has_position, has_velocity = (
             np.array([f"{body}.{label}" in columns for body in scene.bodies for label in labels])
             for labels in (POSITIONS, VELOCITIES)
         )
-        ways = tuple(
-            name for name in scene.guides if f"{name}.displacement" in columns and not places.all()
-        )
-        return cls(scene, truth, places, rates, ways) if places.any() or ways else None
+        guides: tuple[str, ...] = ()
+        if not has_position.all():
+            guides = tuple(name for name in scene.guides if f"{name}.displacement" in columns)
+        if not has_position.any() and not guides:
+            return None
+        return cls(scene, truth, has_position, has_velocity, guides)
 
     def names(self, labels: tuple[str, ...]) -> list[str]:
         """Return the names of the columns of all bodies with some labels."""
@@ -95,9 +97,11 @@ class Completion:
         parts = []
         for part in row_slices(len(t), AT_ONCE):
             given = {name: columns[name][part] for name in self._given(columns)}
-            parts.append(self._positions(t[part], given))
-        known = [q for q in parts if q is not None]
-        return np.concatenate(known) if len(known) == len(parts) else None
+            q = self._positions(t[part], given)
+            if q is None:
+                return None
+            parts.append(q)
+        return np.concatenate(parts)
 
     def _given(self, columns: Mapping[str, np.ndarray]) -> list[str]:
         """Return the names of the columns with coordinates or velocities."""
@@ -113,19 +117,20 @@ class Completion:
         ]
 
     def _positions(self, t: np.ndarray, columns: Mapping[str, np.ndarray]) -> np.ndarray | None:
+        """Return the coordinates at some instants, all of which are solved together; see `positions`."""
         equations = EquationsOfMotion(self.scene)
         q = np.tile(equations.start()[0], (len(t), 1))
-        # Given coordinates as they are, the others from the truth: close enough for Gauss-Newton,
-        # and on the right branch of the constraints.
-        true = self.truth(t) if not self.places.all() else {}
-        for place, name in enumerate(self.names(POSITIONS)):
-            source = columns if self.places[place] else true
+        # The truth is the initial guess of the unknown coordinates, because it is near and on the
+        # right branch of the constraints.
+        true = self.truth(t) if not self.has_position.all() else {}
+        for i, name in enumerate(self.names(POSITIONS)):
+            source = columns if self.has_position[i] else true
             if name in source:
-                q[:, place] = source[name]
-        unknown = ~self.places
+                q[:, i] = source[name]
+        unknown = ~self.has_position
         if not unknown.any():
             return q
-        # All instants at once, each with its own least-squares step.
+        # Gauss-Newton steps: the smallest least-squares solution at each instant.
         scale = self._scale()
         for _ in range(ROUNDS):
             residual, J = self._equations(equations, t, q, columns)
@@ -136,14 +141,12 @@ class Completion:
                 break
         else:
             return None
-        # Converged to a least-squares solution, which is one of the equations only where the
-        # residual is small, and the only one where they determine it.
+        # The least-squares solution satisfies the equations only if the residual is small, and it is
+        # unique only if the equations determine the unknown coordinates.
         residual, J = self._equations(equations, t, q, columns)
-        if np.max(np.abs(residual)) > LEFT * scale.max() or not _are_determined(
-            J / scale, unknown, len(self.ways)
-        ):
+        if np.max(np.abs(residual)) > LEFT * scale.max():
             return None
-        return q
+        return q if _are_determined(J / scale, unknown, len(self.guides)) else None
 
     def _scale(self) -> np.ndarray:
         """Return the length of a unit of each coordinate, shape (k,), m: the mechanism's size for angles."""
@@ -161,43 +164,47 @@ class Completion:
         terms = equations.at(t, q, np.zeros_like(q))
         motion = Motion(list(self.scene.bodies), t, q, np.zeros_like(q))
         residuals, jacobians = [terms.phi], [terms.J]
-        for name in self.ways:
+        for name in self.guides:
             guide = self.scene.guides[name]
-            way = motion.direction(guide.guide, guide.direction).dot(
+            displacement = motion.direction(guide.guide, guide.direction).dot(
                 motion.between(guide.bodies, (guide.slider_point, guide.point))
             )
-            residuals.append((way.value - columns[f"{name}.displacement"])[:, None])
-            jacobians.append(way.jacobian[:, None])
+            residuals.append((displacement.value - columns[f"{name}.displacement"])[:, None])
+            jacobians.append(displacement.jacobian[:, None])
         return np.concatenate(residuals, axis=1), np.concatenate(jacobians, axis=1)
 
     def velocities(
         self, t: np.ndarray, q: np.ndarray, columns: Mapping[str, np.ndarray]
     ) -> np.ndarray | None:
         """Return the velocities of all bodies, shape (n, k); None if the given ones do not determine the others."""
-        return self._velocities(
-            t, q, {name: columns[name] for name in self._given(columns)}, self.rates
-        )
+        given = {name: columns[name] for name in self._given(columns)}
+        return self._velocities(t, q, given)
 
     def differences(
         self, t: np.ndarray, q: np.ndarray, columns: Mapping[str, np.ndarray]
     ) -> np.ndarray:
         """Return the velocities of all bodies, shape (n, k): given ones, and differences of coordinates for others."""
         v = np.gradient(q, t, axis=0, edge_order=2)
-        for place, name in enumerate(self.names(VELOCITIES)):
+        for i, name in enumerate(self.names(VELOCITIES)):
             if name in columns:
-                v[:, place] = columns[name]
+                v[:, i] = columns[name]
         return v
 
     def _velocities(
-        self, t: np.ndarray, q: np.ndarray, columns: Mapping[str, np.ndarray], rates: np.ndarray
+        self, t: np.ndarray, q: np.ndarray, columns: Mapping[str, np.ndarray]
     ) -> np.ndarray | None:
-        unknown, equations, scale = ~rates, EquationsOfMotion(self.scene), self._scale()
+        """Return the velocities for the columns with coordinates or velocities; see `velocities`."""
+        equations = EquationsOfMotion(self.scene)
+        scale = self._scale()
         v = np.zeros_like(q)
-        for place, name in enumerate(self.names(VELOCITIES)):
-            if rates[place]:
-                v[:, place] = columns[name]
-        for part in row_slices(len(t), AT_ONCE) if unknown.any() else ():
-            # phi_dot = J v + Phi_t, with zero for the unknown
+        for i, name in enumerate(self.names(VELOCITIES)):
+            if self.has_velocity[i]:
+                v[:, i] = columns[name]
+        unknown = ~self.has_velocity
+        if not unknown.any():
+            return v
+        for part in row_slices(len(t), AT_ONCE):
+            # phi_dot is J v + Phi_t; here the unknown velocities are still zero
             terms = equations.at(t[part], q[part], v[part])
             if not _are_determined(terms.J / scale, unknown):
                 return None
@@ -208,7 +215,7 @@ class Completion:
         return v
 
 
-def _are_determined(J: np.ndarray, unknown: np.ndarray, ways: int = 0) -> bool:
+def _are_determined(J: np.ndarray, unknown: np.ndarray, displacements: int = 0) -> bool:
     """Return whether linear equations determine the unknown coordinates at all instants.
 
     Parameters
@@ -220,15 +227,16 @@ def _are_determined(J: np.ndarray, unknown: np.ndarray, ways: int = 0) -> bool:
         Number of the last rows that are those of given displacements, which have errors like given
         coordinates.
     """
-    wanted, rows = J[..., unknown], J.shape[-2]
-    if wanted.shape[-1] > rows:
+    rows = J.shape[-2]
+    on_unknown = J[..., unknown]
+    if on_unknown.shape[-1] > rows:
         return False
-    singular = np.linalg.svd(wanted, compute_uv=False)
-    if not np.all(singular[:, -1] > RANK * singular[:, 0]):
+    singular_values = np.linalg.svd(on_unknown, compute_uv=False)
+    if not np.all(singular_values[:, -1] > RANK * singular_values[:, 0]):
         return False
     # Errors of given coordinates and displacements are amplified by these matrices.
-    inverse = np.linalg.pinv(wanted)
-    gains = [inverse @ J[..., ~unknown], inverse[..., rows - ways :]]
+    inverse = np.linalg.pinv(on_unknown)
+    gains = [inverse @ J[..., ~unknown], inverse[..., rows - displacements :]]
     return all(np.max(np.abs(gain), initial=0.0) <= ENLARGED for gain in gains)
 
 
@@ -244,28 +252,35 @@ def slips(
     if q is None:
         return {}
     v = completion.velocities(t, q, columns)
-    parts: dict[str, list[np.ndarray]] = {}
+    displacements: dict[str, list[np.ndarray]] = {}
+    rates: dict[str, list[np.ndarray]] = {}
     for part in row_slices(len(t), AT_ONCE):
         v_part = None if v is None else v[part]
-        for name, displacement, rate in _ways(completion.scene, t[part], q[part], v_part):
-            parts.setdefault(name, []).append(displacement if v is None else rate)
-    joined = {name: np.concatenate(values) for name, values in parts.items()}
-    return {
-        f"{name}.slip_velocity": np.gradient(values, t) if v is None else values
-        for name, values in joined.items()
-    }
+        for name, displacement, rate in _slips_of_guides(
+            completion.scene, t[part], q[part], v_part
+        ):
+            displacements.setdefault(name, []).append(displacement)
+            rates.setdefault(name, []).append(rate)
+    slip_of_guide = {}
+    for name in rates:
+        if v is None:
+            slip = np.gradient(np.concatenate(displacements[name]), t)
+        else:
+            slip = np.concatenate(rates[name])
+        slip_of_guide[f"{name}.slip_velocity"] = slip
+    return slip_of_guide
 
 
-def _ways(
+def _slips_of_guides(
     scene: Scene, t: np.ndarray, q: np.ndarray, v: np.ndarray | None
 ) -> Iterator[tuple[str, np.ndarray, np.ndarray]]:
     """Yield name, displacement (m) and slip velocity (m/s) of each guide with friction."""
     motion = Motion(list(scene.bodies), t, q, np.zeros_like(q) if v is None else v)
     for name, guide in scene.frictional_guides.items():
-        way = motion.direction(guide.guide, guide.direction).dot(
+        displacement = motion.direction(guide.guide, guide.direction).dot(
             motion.between(guide.bodies, (guide.slider_point, guide.point))
         )
-        yield name, way.value, way.rate
+        yield name, displacement.value, displacement.rate
 
 
 def energy_of_motion(
@@ -300,26 +315,26 @@ def energy_of_motion(
     # With at most MOST rows, differences are not dominated by rounding.
     every = math.ceil(len(t) / MOST)
     t = t[::every]
-    chosen = {
+    strided = {
         name: columns[name][::every]
         for name in {*completion._given(columns), *needed_columns(completion.scene)}
         if name in columns
     }
     if len(t) < FEWEST:
         return None
-    fine = _balance(completion, t, chosen)
+    fine = _balance(completion, t, strided)
     if fine is None:
         return None
-    unsure = 0.0
+    largest_difference = 0.0
     for stride in STRIDES:
-        fewer = {name: values[::stride] for name, values in chosen.items()}
-        coarse = _balance(completion, t[::stride], fewer)
+        fewer_rows = {name: values[::stride] for name, values in strided.items()}
+        coarse = _balance(completion, t[::stride], fewer_rows)
         if coarse is None:
             return None
-        off = fine["balance"].to_numpy()[::stride] - coarse["balance"].to_numpy()
-        unsure = max(unsure, float(np.max(np.abs(off))))
-    changes = np.sum(np.abs(np.diff(fine["kinetic"])))
-    return float(fine["balance"].abs().max()), float(2 * unsure), float(changes)
+        difference = fine["balance"].to_numpy()[::stride] - coarse["balance"].to_numpy()
+        largest_difference = max(largest_difference, float(np.max(np.abs(difference))))
+    exchanged = float(np.sum(np.abs(np.diff(fine["kinetic"]))))
+    return float(fine["balance"].abs().max()), 2 * largest_difference, exchanged
 
 
 def _balance(
@@ -341,7 +356,7 @@ def _balance(
     # Forces that the motion requires; given ones are used as they are.
     accelerations = np.gradient(v, t, axis=0, edge_order=2)
     completed = {**recover_columns(scene, t, q, v, accelerations, given), **given}
-    for name, _, slip in _ways(scene, t, q, v):
+    for name, _, slip in _slips_of_guides(scene, t, q, v):
         if f"{name}.friction" not in given:
             completed[f"{name}.friction"] = _coulomb(scene, name, slip, completed)
     if any(np.isnan(completed[name]).any() for name in needed_columns(scene)):

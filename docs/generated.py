@@ -174,6 +174,7 @@ def _commands(command: Any, name: str) -> Iterator[str]:
         part: command.get_command(context, part) for part in sorted(command.list_commands(context))
     }
     tables = {_options(part, name) for part in parts.values() if not hasattr(part, "list_commands")}
+    # One table of options is enough for a group whose commands have the same ones.
     if len(parts) > 1 and len(tables) == 1:
         rows = [(f"`{name} {part}`", inner.help or "") for part, inner in parts.items()]
         questions = _table(("command", "question"), rows)
@@ -213,6 +214,7 @@ def _text(documented: Any) -> str:
     markdown = []
     is_in_section = False
     for line, next_line in zip_longest(lines, lines[1:], fillvalue=""):
+        # The heading of a section is underlined by hyphens.
         if re.fullmatch("-{3,}", next_line):
             is_in_section = True
             markdown += [f"**{line}**", ""]

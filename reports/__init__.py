@@ -1,4 +1,7 @@
-"""From finished comparisons to what a person reads; no computing beyond selection and layout."""
+"""Reports: the text, tables and figures of finished runs, in Markdown, LaTeX, HTML and as data.
+
+This package selects and lays out numbers; it does not compute them.
+"""
 
 from stiction.reports.markdown.validation_report import REPORT, write_report
 from stiction.reports.report import report_of

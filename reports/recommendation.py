@@ -80,6 +80,7 @@ def recommendation(results: Results) -> dict[str, object]:
         return {"reference": None, "scheme": None, "engines": []}
 
     def own_method(variant: str) -> dict[str, object]:
+        """Return the largest error and the CPU times of one of our own solvers."""
         row = row_of("accuracy", table, worst[variant])
         return {"error": row[POSITION], "times": _times(results, variant)}
 
@@ -114,10 +115,12 @@ def _engines(
     """
 
     def method_and_error(row: int) -> dict[str, object]:
+        """Return the name of the method in a row of the table, and its error."""
         cells = row_of("accuracy", table, row)
         return {"variant": cells["variant"], "error": cells[POSITION]}
 
     for fidelity in Fidelity:
+        # Entries by the coefficients of friction, since errors for different physics are not comparable
         parts: dict[str, list[dict[str, object]]] = defaultdict(list)
         has_engines = False
         for group, variants in grouped_methods(results, same_work):
@@ -138,6 +141,7 @@ def _engines(
                         "is_own": False,
                     }
                 )
+            # The text lists the solvers of this suite with ideal guides in sentences of their own.
             if fidelity == Fidelity.CONTACT:
                 for row in own_rows:
                     parts[group.coefficients].append(

@@ -98,7 +98,7 @@ def _runs_not_made(rows: Sequence[Row]) -> str:
     parts = []
     if missing:
         engines = ", ".join(f"{engine} ({count_of_runs(n)})" for engine, n in missing.items())
-        parts.append(f"not installed: {engines}")
+        parts.append(f"engines not available: {engines}")
     for reason, count in reasons.items():
         parts.append(f"{count_of_runs(count)}: {reason}")
     return "; ".join(parts) or "nothing, every run was made"
@@ -221,7 +221,7 @@ def changes(findings: Sequence[Finding]) -> str:
     if missing:
         verb = "was" if missing == 1 else "were"
         paragraphs.append(
-            f"{count_of_runs(missing)} of engines that are not installed {verb} not made."
+            f"{count_of_runs(missing)} of engines that are not available {verb} not made."
         )
     new = sum(finding.severity == NEW for finding in findings)
     if new:

@@ -229,6 +229,7 @@ def _with_worst_first(
     scenes = rows.loc[rows["key"] == key, "scene"].head(1).to_list()
 
     def rank(view: View) -> tuple[bool, bool]:
+        """Return a key for sorting; False precedes True."""
         view_metric, view_scene = view.labels
         has_other_metric = metric != "" and view_metric != head
         return has_other_metric, view_scene not in scenes
@@ -277,7 +278,9 @@ def _failures(rows: pd.DataFrame) -> list[str]:
             f"{engine} ({_count(part['key'].nunique(), 'run')} a night)"
             for engine, part in missing.groupby("engine", sort=False)
         ]
-        blocks.append(markdown(f"Not installed in some of the nights: {', '.join(engines)}."))
+        blocks.append(
+            markdown(f"Engines not available in some of the nights: {', '.join(engines)}.")
+        )
     failed = runs[runs[HAS_FAILED] & (runs["status"] != Status.MISSING)]
     if failed.empty:
         return blocks
@@ -368,13 +371,11 @@ def _view(
                 "flags": _nights_with_regression(metric, line.key, nights, folders),
                 "x": [x_column],
                 "y": [[columns.add(values, LONG)]],
+                # Error bars are drawn for times, which scatter; other numbers are reproducible.
                 "error": [[columns.add(uncertainties)]] if is_time else None,
             }
         )
-    low = min(ends)
-    high = max(ends)
-    margin = RANGE_MARGIN * (high - low) or CONSTANT_MARGIN
-    panel = {"label": head, "log": is_logarithmic, "range": [low - margin, high + margin]}
+    panel = {"label": head, "log": is_logarithmic, "range": _range_with_margin(ends)}
     content = {
         "x": {
             "label": "night",
@@ -389,6 +390,14 @@ def _view(
         "modes": [{"name": head, "digits": 6, "panels": [panel]}],
     }
     return View((head, scene), content, columns)
+
+
+def _range_with_margin(ends: Sequence[float]) -> list[float]:
+    """Return the range of an axis that contains some values, with a margin on both sides."""
+    low = min(ends)
+    high = max(ends)
+    margin = RANGE_MARGIN * (high - low) or CONSTANT_MARGIN
+    return [low - margin, high + margin]
 
 
 @dataclass(frozen=True, eq=False)

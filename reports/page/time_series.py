@@ -387,6 +387,8 @@ def decimate(frame: pd.DataFrame, ranges: Mapping[str, Sequence[float]]) -> pd.D
     kept = np.unique(
         [*_first_per_step(SAMPLE_STEP, t), *before_event, *(before_event + 1), len(t) - 1]
     )
+    # A chart draws straight lines between rows. Where a line deviates visibly from the motion, the worst
+    # row between two rows is added.
     for _ in range(REFINEMENTS):
         # Largest deviation of each row in any column, as a fraction of the axis
         deviation = np.zeros(len(t))

@@ -190,12 +190,14 @@ def lay_out_table(view: TableView) -> dict[str, Any]:
         ``name`` and ``caption``; ``head`` and ``rows``: text; ``right``: whether each column is aligned
         to the right; ``wide``: whether it contains long texts, which share the remaining width.
     """
+    # The numbers of characters estimate whether all columns fit.
     columns = zip(view.heads(), *view.cells())
     width = sum(min(MAX_UNBROKEN_TEXT, max(map(len, column))) for column in columns)
     is_brief = width > PAGE_CHARACTERS
     head = [*view.heads(is_brief), "key"]
     right = [*view.right(is_brief), False]
     rows = [[*cells, key] for cells, key in zip(view.cells(is_brief), keys(view), strict=True)]
+    # The brief columns do not include the group of a row.
     if is_brief and view.group:
         head = [view.group, *head]
         right = [False, *right]

@@ -122,6 +122,7 @@ def _own_runs(runs: pd.DataFrame) -> dict[str, object]:
     """
     steps: dict[str, set[float]] = {kind: set() for kind in INTEGRATION_KINDS}
     stabilizations: dict[str, dict[str, str]] = {}
+    # A table without rows has no columns, either.
     own_runs = runs
     if not runs.empty:
         own_runs = runs[(runs["engine"] == "reference") & runs["settings"].notna()]
@@ -130,6 +131,7 @@ def _own_runs(runs: pd.DataFrame) -> dict[str, object]:
         kind = settings.get("method")
         if kind == EVENT_DRIVEN and settings.get("solver") == TRIAL:
             kind = TRIAL
+        # Other values of the setting are methods for comparison, which the text does not mention.
         if kind in steps:
             steps[kind].add(float(row["step"]))
         stabilization = settings.get("stabilization")

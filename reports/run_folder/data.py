@@ -191,6 +191,7 @@ def _write_trajectories(
     records = (*results.records, *results.timed)
     files = trajectory_files(records, stored)
     events = []
+    # Runs that several studies need have one key. The first record with a key remains in the dictionary.
     first_records = {record.key: record for record in reversed(records)}
     for key, record in first_records.items():
         if key in files:

@@ -100,7 +100,7 @@ commands = typer.Typer(cls=StudyCommands, no_args_is_help=True, help=HELP)
 
 @commands.callback(help=HELP)
 def _group() -> None:
-    # Without a callback, typer would not create the group before it has commands.
+    # The callback makes typer create a group, although its commands are not known yet.
     pass
 
 

@@ -426,6 +426,20 @@ class TestCompare:
             "method trial and error, 1 of 2 runs ended early: the linear system is singular",
         ]
 
+    def test_a_program_that_crashes_is_not_reported_as_not_installed(self, tmp_path):
+        """It is there, but its version command fails, which the message has to say."""
+        program = tmp_path / "crashing.toml"
+        program.write_text(
+            'name = "crashing"\n'
+            f'command = ["{sys.executable}", "-c", "pass", "{{scene}}", "{{result}}", "{{dt}}"]\n'
+            f'version = ["{sys.executable}", "-c", "raise SystemExit(\'boom\')"]\n'
+        )
+        result = invoke("compare accuracy slider-crank --quick --engines", program, exit_code=1)
+        assert "engine not available, 2 runs not made: crashing: its version command fails" in (
+            result.output
+        )
+        assert "boom" in result.output and "installed" not in result.output
+
 
 class TestLists:
     def test_scenes(self):

@@ -123,7 +123,7 @@ class TestFiveLines:
         assert (
             lines[3] == "Time: 93 s"
             and lines[4]
-            == "Not run: not installed: drake (2 runs); 1 run: the 60 s of the campaign were over"
+            == "Not run: engines not available: drake (2 runs); 1 run: the 60 s of the campaign were over"
         )
 
     def test_the_first_night_and_one_without_changes(self):
@@ -259,7 +259,7 @@ class TestPage:
         for night in NIGHTS:
             assert f'href="{night.replace(":", "")}/report.md"' in page
         assert (
-            "Not installed in some of the nights: drake (2 runs a night)." in page
+            "Engines not available in some of the nights: drake (2 runs a night)." in page
             and page.count("drake") == 2
         )  # and in the lines of the night
 

@@ -215,7 +215,7 @@ def test_runs_of_extras_that_are_not_installed_are_counted_below_what_changed():
     )
     table, *rest = text.split("\n\n")
     assert "mujoco" not in table and "position error" in table
-    assert rest == ["10 runs of engines that are not installed were not made."]
+    assert rest == ["10 runs of engines that are not available were not made."]
 
 
 def test_the_verdict_is_the_worst():

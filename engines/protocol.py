@@ -18,6 +18,7 @@ from typing import TYPE_CHECKING, Any
 from stiction.engines.assembly import Assembly
 from stiction.engines.examined import Examined
 from stiction.engines.gate import first_problem
+from stiction.engines.joint_effects import JointEffect, first_unsupported
 from stiction.scenes import Cost, InputError, Scene, StictionError, Trajectory
 from stiction.scenes.fidelity import Fidelity, fidelity_of
 
@@ -144,6 +145,9 @@ class Capabilities:
     friction_by : Mapping[str, Supplier]
         By fidelity: who supplies the friction law; by default the engine. Only runs with the same supplier are ranked
         together.
+    joint_effects : Mapping[str, frozenset of JointEffect]
+        By fidelity: the effects of joints that are supported beside Coulomb's law in guides; by default none. Scenes
+        with other effects are refused.
 
     Raises
     ------
@@ -159,6 +163,7 @@ class Capabilities:
     adaptive: bool = False
     event_location: Supplier = Supplier.ENGINE
     friction_by: Mapping[str, Supplier] = field(default_factory=dict)
+    joint_effects: Mapping[str, frozenset[JointEffect]] = field(default_factory=dict, repr=False)
 
     def __post_init__(self) -> None:
         if not (
@@ -171,7 +176,7 @@ class Capabilities:
                 f"{' or '.join(repr(str(one)) for one in Fidelity)}"
             )
         object.__setattr__(self, "fidelities", tuple(map(Fidelity, self.fidelities)))
-        for name in ("static_coefficient", "friction_law", "friction_by"):
+        for name in ("static_coefficient", "friction_law", "friction_by", "joint_effects"):
             if not isinstance(value := getattr(self, name), Mapping):
                 raise TypeError(f"{name}: found {value!r}; expected a mapping by fidelity")
         if self.event_location not in (Supplier.ENGINE, Supplier.ADAPTER):
@@ -339,6 +344,18 @@ class Engine(ABC):
         It should take much less time than a run.
         """
 
+    def reason_to_refuse(self, scene: Scene, fidelity: Fidelity) -> str | None:
+        """Return the reason why a scene is not run at this fidelity, or None if it is.
+
+        It is an effect of a joint that `Capabilities.joint_effects` lacks, or else the engine's own `refusal`.
+        """
+        supported = self.capabilities.joint_effects.get(fidelity, frozenset())
+        unsupported = first_unsupported(scene, supported)
+        if unsupported is not None:
+            joint, effect = unsupported
+            return f"joints.{joint}: {self.name} does not yet take {effect}"
+        return self.refusal(scene, fidelity)
+
     @abstractmethod
     def run(
         self,
@@ -449,7 +466,7 @@ class Engine(ABC):
                 f'{first} to the command, fidelity="{first}" in Python'
             )
         self.check_arguments(dt=dt, rtol=rtol, fidelity=fidelity, settings=settings)
-        reason = self.refusal(scene, fidelity)
+        reason = self.reason_to_refuse(scene, fidelity)
         if reason is not None:
             raise Refused(reason)
         output_step = min(output_step, t_end)  # the end is an output instant whatever was asked for
@@ -488,7 +505,7 @@ class Engine(ABC):
         locates = self.locates_events(fidelity, trajectory.settings)
         suppliers = {
             FRICTION_SUPPLIED_BY: self.friction_supplier(fidelity, trajectory.settings)
-            if scene.frictional_guides
+            if scene.frictional_joints
             else Supplier.NOBODY,
             EVENTS_LOCATED_BY: self.capabilities.event_location if locates else Supplier.NOBODY,
         }

@@ -1,8 +1,9 @@
 """Resolved scenes: what programs in other languages read, as JSON.
 
 Numbers instead of arithmetic, every key there, laws as data, SI units. What a scene leaves out has its value: no
-gravity is ``[0, 0]``, ``mus`` is ``mu``, the width of a guide with a length is 0. null is what the scene does not
-declare: friction (``mu``, ``mus``), corner forces (``length``, ``width``), an ``axis``.
+gravity is ``[0, 0]``, ``mus`` is ``mu``, ``static_friction`` is ``friction``, the width of a guide with a length is 0.
+null is what the scene does not declare: friction (``mu`` and ``mus``, ``friction`` and ``static_friction``), corner
+forces (``length``, ``width``), an ``axis``.
 """
 
 from __future__ import annotations
@@ -34,9 +35,15 @@ def resolved_scene(scene: Scene) -> dict[str, Any]:
     """Return a scene as programs read it; `load_resolved` makes one of it again that moves by the same equations."""
     tables = scene.model_dump(mode="json", exclude={"parameters"})
     tables["gravity"] = tables["gravity"] or [0.0, 0.0]
-    for name, guide in scene.guides.items():  # what is in force where a guide leaves it out
-        tables["joints"][name] |= {"mus": guide.static_coefficient} if guide.frictional else {}
-        tables["joints"][name] |= {"width": guide.width or 0.0} if guide.length is not None else {}
+    # the values in force where a joint leaves them out
+    for name, guide in scene.guides.items():
+        if guide.mu is not None:
+            tables["joints"][name]["mus"] = guide.static_coefficient
+        if guide.length is not None:
+            tables["joints"][name]["width"] = guide.width or 0.0
+    for name, joint in scene.joints.items():
+        if joint.friction is not None:
+            tables["joints"][name]["static_friction"] = joint.bounds[1]
     return {"format": FORMAT, "version": VERSION, "name": scene.name, "scene": tables}
 
 

@@ -224,7 +224,7 @@ def result_table(
         rows = block.begin + len(block.frame)
         for name, (mine, sign) in chosen.items():
             unit = "s" if name == TIME else unit_of(name, scene)
-            may_be_open = len(scene.frictional_guides) > 1 and unit in ("N", "N m")
+            may_be_open = len(scene.frictional_joints) > 1 and unit in ("N", "N m")
             values, fault = _numbers(block.frame.iloc[:, mine], may_be_open)
             if fault is not None and (name not in wrong or fault.is_word > wrong[name].is_word):
                 wrong[name] = fault.after(block.begin)

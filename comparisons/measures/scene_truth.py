@@ -31,7 +31,7 @@ from stiction.truths import (
     slider_crank_truth,
     trammel_truth,
 )
-from stiction.truths.physics import physics_of, rubbing_guides
+from stiction.truths.physics import physics_of, rubbing_joints
 from stiction.truths.proof.truth import with_proof
 from stiction.truths.truth import Tier
 
@@ -66,7 +66,7 @@ def ground_truth(scene: Scene, t_end: float | None = None) -> Truth:
     implementation's own event-driven run at rtol 1e-12 with projection, with the tier "our own
     run"; its uncertainty is the difference to the run at rtol 1e-10. If that run ends early, or if
     the equations have no motion or several, the tier is "none" and nothing can be compared. In all
-    tiers only the events of `rubbing_guides` count. Truths are cached.
+    tiers only the events of `rubbing_joints` count. Truths are cached.
     """
     end = scene.t_end if t_end is None else t_end
     return _best_truth(_Request(scene_to_toml(scene), scene.name, end, scene))
@@ -137,7 +137,7 @@ def truths_for(
 
 def _counted(scene: Scene, truth: Truth) -> Truth:
     """The truth with the events that count."""
-    guides = rubbing_guides(scene)
+    guides = rubbing_joints(scene)
     kept = [i for i, event in enumerate(truth.events) if event.joint in guides]
     jumps = None if truth.jump_closed_form is None else truth.jump_closed_form[kept]
     return replace(

@@ -28,13 +28,16 @@ from stiction.reference_impl.multibody.mechanism import TRANSLATIONAL, Arrays, M
 from stiction.reference_impl.multibody.reactions import columns_of_rows, parts_of_null_vectors
 from stiction.reference_impl.multibody.trajectory_columns import (
     GUIDE_COLUMNS,
+    PIN_SLIP,
     guide_motion,
     residual_norms,
+    slip_velocity,
 )
 from stiction.scenes import Event
 from stiction.scenes.columns import BODY_COLUMNS
 from stiction.scenes.event_values import Sides
 from stiction.scenes.fidelity import Fidelity
+from stiction.scenes.model import Joint, Revolute, Translational
 from stiction.scenes.trajectory import stacked
 
 START = 1e-6
@@ -247,7 +250,7 @@ class _BodyMotion(NamedTuple):
 
 
 def check_displacements(run: Examined) -> Iterator[str]:
-    """Check that displacements and slip velocities of guides are those of the states."""
+    """Check that displacements and slip velocities of guides, and slip velocities of pins, are those of the states."""
     for part in run.parts:
         # Displacements are compared with the largest coordinate, velocities with the largest of all.
         q, v = (
@@ -256,11 +259,13 @@ def check_displacements(run: Examined) -> Iterator[str]:
         )
         sizes = [max(part.arrays.length_scale, float(np.max(np.abs(values)))) for values in (q, v)]
         for k, name in enumerate([*part.scene.joints, *part.scene.drives]):
-            if part.arrays.constraint[k]["kind"] != TRANSLATIONAL:
-                continue
-            for label, expected, size in zip(
-                GUIDE_COLUMNS, guide_motion(part.arrays, k, q, v), sizes
-            ):
+            expected_of: dict[str, tuple[np.ndarray, float]] = {}
+            if part.arrays.constraint[k]["kind"] == TRANSLATIONAL:
+                motion = guide_motion(part.arrays, k, q, v)
+                expected_of = dict(zip(GUIDE_COLUMNS, zip(motion, sizes)))
+            elif name in part.guide_names:
+                expected_of = {PIN_SLIP: (slip_velocity(part.arrays, k, q, v), sizes[1])}
+            for label, (expected, size) in expected_of.items():
                 yield from run.differs(
                     f"{name}.{label}", expected, SAME * size, "that of its states"
                 )
@@ -283,15 +288,15 @@ def check_dissipation(run: Examined) -> Iterator[str]:
     accuracy = max(SAME, TEN_TOLERANCES * float(trajectory.settings.get("rtol") or 0.0))
     for part in run.parts:
         frictional = {
-            name: guide
-            for name, guide in run.scene.frictional_guides.items()
+            name: joint
+            for name, joint in run.scene.frictional_joints.items()
             if name in part.guide_names
         }
         if not frictional:
             continue
         q, v, a = (stacked(trajectory.columns, part.body_names, labels) for labels in BODY_COLUMNS)
         slow = accuracy * _speed(run, v)
-        for name, guide in frictional.items():
+        for name, joint in frictional.items():
             friction, speed = (
                 trajectory[f"{name}.{label}"].astype(float)
                 for label in ("friction", "slip_velocity")
@@ -304,8 +309,9 @@ def check_dissipation(run: Examined) -> Iterator[str]:
             )
             if not drives.any():
                 continue
-            drives &= np.abs(friction) > accuracy * _largest_force(run, part) + _baumgarte_force(
-                run
+            lever = part.force_units[part.arrays.rows + part.guide_names.index(name)]
+            drives &= np.abs(friction) > lever * (
+                accuracy * _largest_force(run, part) + _baumgarte_force(run)
             )
             suspects = np.flatnonzero(drives)
             if step and len(suspects):
@@ -313,14 +319,15 @@ def check_dissipation(run: Examined) -> Iterator[str]:
                 motion = t[suspects], q[suspects], v[suspects], a[suspects]
                 for share in WITHIN:
                     _, moved_q, moved_v = _moved(share * step, *motion)
-                    slip = guide_motion(part.arrays, k, moved_q, moved_v)[1]
+                    slip = slip_velocity(part.arrays, k, moved_q, moved_v)
                     drives[suspects] &= slip * speed[suspects] > 0.0
                 # Slip that the largest friction stops within a step; the mobility is the acceleration
                 # of the free body along the guide by a force of 1 N.
                 columns, _ = columns_of_rows(part.arrays, *motion[:3])
-                along = columns[:, :, part.arrays.rows + part.guide_names.index(name)]
+                place = part.arrays.rows + part.guide_names.index(name)
+                along = columns[:, :, place] / part.force_units[place]
                 mobility = np.sum(along**2 * part.arrays.inverse_mass, axis=1)
-                bound = guide.static_coefficient * _load(run, name)
+                bound = _static_bound(run, name, joint)
                 largest = np.maximum(np.abs(friction), bound)[suspects]
                 drives[suspects] &= np.abs(speed[suspects]) > step * mobility * largest
             for begin, behind in _lasting(drives):
@@ -355,7 +362,7 @@ def check_momentum_of_steps(run: Examined) -> Iterator[str]:
     # The setting "accelerations" says that the adapter computes them, from differences of velocities.
     has_own_accelerations = "accelerations" not in trajectory.settings
     has_fixed_step = bool(step) and not run.locates(trajectory.settings)
-    keeps_cone = not run.scene.frictional_guides or run.keeps(trajectory.settings)
+    keeps_cone = not run.scene.frictional_joints or run.keeps(trajectory.settings)
     is_joint = run.fidelity == Fidelity.JOINT
     if not (has_fixed_step and is_joint and has_own_accelerations and keeps_cone):
         return
@@ -422,10 +429,10 @@ class _Equations(NamedTuple):
     @staticmethod
     def of(run: Examined, part: Mechanism, chosen: np.ndarray) -> _Equations:
         """Take the chosen samples of a run."""
-        rows = [*part.row_names, *(f"{name}.friction" for name in part.guide_names)]
-        force = np.empty((len(chosen), len(rows)))  # not stacked: a free body has no rows
-        for column, name in enumerate(rows):
-            force[:, column] = run.trajectory[name][chosen]
+        # not stacked: a free body has no rows
+        force = np.empty((len(chosen), len(part.force_names)))
+        for column, name in enumerate(part.force_names):
+            force[:, column] = run.trajectory[name][chosen] / part.force_units[column]
         q, v, a = (
             stacked(run.trajectory.columns, part.body_names, labels)[chosen]
             for labels in BODY_COLUMNS
@@ -523,8 +530,8 @@ def _left_over(run: Examined, part: Mechanism, chosen: np.ndarray, step: float) 
         _, moved_q, moved_v = _moved(share * step, t[i], q[i], v[i], a[i])
         for name in part.guide_names:
             k = list(part.scene.joints).index(name)
-            now = guide_motion(m, k, q[i], v[i])[1]
-            then = guide_motion(m, k, moved_q, moved_v)[1]
+            now = slip_velocity(m, k, q[i], v[i])
+            then = slip_velocity(m, k, moved_q, moved_v)
             turns |= (then * now <= 0.0) & (np.abs(then - now) > at_rest)
     unknown = equations.within(i, step) + np.sum(np.abs(columns[i]) * change[i, None, :], axis=2)
     unknown[turns] = np.inf
@@ -546,9 +553,21 @@ def _left_over(run: Examined, part: Mechanism, chosen: np.ndarray, step: float) 
         [
             (f"{name}.friction", force[:, m.rows + k], needed[:, k], wrong[:, k])
             for k, name in enumerate(part.guide_names)
-            if name in run.scene.frictional_guides
         ],
     )
+
+
+def _bound(run: Examined, name: str, constant: float, coefficient: float) -> np.ndarray:
+    """Return a bound of friction of a joint: a constant (N, or N m of a pin) and a coefficient times its load."""
+    if isinstance(run.scene.joints[name], Revolute):
+        return np.full(len(run.trajectory.t), constant)
+    return constant + coefficient * _load(run, name)
+
+
+def _static_bound(run: Examined, name: str, joint: Joint) -> np.ndarray:
+    """Return the bound of friction of a joint at rest, N or N m."""
+    coefficient = 0.0 if isinstance(joint, Revolute) else joint.static_coefficient
+    return _bound(run, name, joint.bounds[1], coefficient)
 
 
 def _load(run: Examined, name: str) -> np.ndarray:
@@ -594,12 +613,9 @@ def _largest_force(run: Examined, part: Mechanism) -> float:
     columns, free = columns_of_rows(m, trajectory.t.astype(float), q, v)
     # per coordinate, the largest of applied force, mass times acceleration, and row forces on it
     size = np.max(np.abs(np.stack([free, a])), axis=(0, 1)) / m.inverse_mass
-    for row, name in enumerate(
-        [*part.row_names, *(f"{name}.friction" for name in part.guide_names)]
-    ):
-        size = np.maximum(
-            size, np.max(np.abs(columns[:, :, row]), axis=0) * _largest(trajectory[name])
-        )
+    for row, name in enumerate(part.force_names):
+        force = _largest(trajectory[name]) / part.force_units[row]
+        size = np.maximum(size, np.max(np.abs(columns[:, :, row]), axis=0) * force)
     lever = min(
         [
             m.length_scale,
@@ -687,7 +703,7 @@ def check_modes(run: Examined) -> Iterator[str]:
     If corner events are located, the surfaces that the corners of a slipping guide touch do not change either.
     """
     trajectory = run.trajectory
-    for name in run.scene.frictional_guides:
+    for name in run.scene.frictional_joints:
         mode = f"{name}.mode"
         if mode not in trajectory.columns:
             continue
@@ -762,8 +778,8 @@ def check_unreported_events(run: Examined) -> Iterator[str]:
     trajectory = run.trajectory
     if not run.locates(trajectory.settings):
         return
-    for name, guide in run.scene.frictional_guides.items():
-        if guide.static_coefficient <= 0.0:
+    for name, joint in run.scene.frictional_joints.items():
+        if not joint.rubs:
             continue
         mode = trajectory.columns.get(f"{name}.mode")
         if mode is None:
@@ -781,19 +797,25 @@ def check_unreported_events(run: Examined) -> Iterator[str]:
 
 
 def check_cone(run: Examined) -> Iterator[str]:
-    """Check Coulomb's law: |friction| <= mus load at rest, and friction = -mode mu load in slip.
+    """Check Coulomb's law with the load of the corner forces and with constant bounds.
 
-    The load is that of the corner forces, see `_load`. If events are located, the law must hold to `SAME` of the
-    largest force, or of m v^2/size if that is larger, or to ten times the tolerance, which is the error of states. The
-    force of Baumgarte's terms is also allowed. At fixed step size, friction has the bound of the previous step; the
-    change of the bound within a step, and to the neighbouring samples, is allowed. The coefficient is then mus, unless
-    the guide slips faster than its speed changes there. Forces that are nan are not judged.
+    The law is |friction| <= static_friction + mus load at rest, and friction = -mode (friction + mu load) in slip; a
+    pin has constant bounds alone. The load is that of the corner forces, see `_load`.
+
+    If events are located, the law must hold to `SAME` of the largest force, or of m v^2/size if that is larger, or to
+    ten times the tolerance, which is the error of states. The force of Baumgarte's terms is also allowed. The moment of
+    a pin is compared with these by the mechanism's size. At fixed step size, friction has the bound of the previous
+    step; the change of the bound within a step, and to the neighbouring samples, is allowed. The bound is then the
+    static one, unless the joint slips faster than its speed changes there. Forces that are nan are not judged.
     """
-    trajectory, guides = run.trajectory, run.scene.frictional_guides
-    if not guides or not run.keeps(trajectory.settings):
+    trajectory, joints = run.trajectory, run.scene.frictional_joints
+    if not joints or not run.keeps(trajectory.settings):
         return
     # What rounding and tolerances leave of any force in this run
-    loads = {name: _load(run, name) for name in guides}
+    static = {name: _static_bound(run, name, joint) for name, joint in joints.items()}
+    lever = {
+        name: run.size if isinstance(joint, Revolute) else 1.0 for name, joint in joints.items()
+    }
     located, settings = bool(run.locates(trajectory.settings)), trajectory.settings
     fastest = max(
         _largest(trajectory[f"{body}.{label}"])
@@ -801,43 +823,45 @@ def check_cone(run: Examined) -> Iterator[str]:
         for label in ("vx", "vy")
     )
     force = max(
-        *map(_largest, loads.values()),
+        *(_largest(_load(run, name)) for name in joints if name in run.scene.guides),
+        *(bound / lever[name] for name, joint in joints.items() for bound in joint.bounds),
         max(body.mass for body in run.scene.bodies.values()) * fastest**2 / run.size,
     )
     accuracy = max(SAME, TEN_TOLERANCES * float(settings.get("rtol") or 0.0))
-    allowed = _baumgarte_force(run) + accuracy * force
+    allowed_force = _baumgarte_force(run) + accuracy * force
     begins = 0.0 if located else _settled(run)
     if not located:
-        allowed += CAP * max(
-            guide.static_coefficient * _largest(loads[name]) for name, guide in guides.items()
-        )
-    for name, guide in guides.items():
+        allowed_force += CAP * max(_largest(static[name]) / lever[name] for name in joints)
+    for name, joint in joints.items():
+        allowed = lever[name] * allowed_force
         friction, speed = (
             trajectory[f"{name}.friction"].astype(float),
             trajectory[f"{name}.slip_velocity"],
         )
         mode = trajectory.columns.get(f"{name}.mode", np.zeros(len(trajectory.t)))
         slips = (mode != 0) & (located or np.abs(speed) > _nearby_change(speed))
-        bound = np.where(slips, guide.kinetic_coefficient, guide.static_coefficient) * loads[name]
+        coefficient = 0.0 if isinstance(joint, Revolute) else joint.kinetic_coefficient
+        bound = np.where(slips, _bound(run, name, joint.bounds[0], coefficient), static[name])
         if not located:
             bound += _nearby_change(bound)
         excess = np.where(
             located & slips, np.abs(friction + mode * bound), np.abs(friction) - bound
         )
         # The change of the load within a step is costly, and computed only where it may matter.
-        if not located:
+        if not located and isinstance(joint, Translational):
             beyond = np.flatnonzero((excess > allowed) & (trajectory.t >= begins))
             if len(beyond):
-                excess[beyond] -= guide.static_coefficient * _load_within(run, name, beyond)
+                excess[beyond] -= joint.static_coefficient * _load_within(run, name, beyond)
         if (i := first((excess > allowed) & (trajectory.t >= begins))) is not None:
             expected = (
                 f"{-mode[i] * bound[i]:.9g} in slip"
                 if located and slips[i]
                 else f"at most {bound[i]:.9g}"
             )
+            unit = "N" if isinstance(joint, Translational) else "N m"
             yield (
                 f"{name}.friction = {friction[i]:.9g} at t = {trajectory.t[i]:.9g} s, outside Coulomb's cone; expected "
-                f"{expected}, by the load of its corners, within {allowed[i]:.2g} N"
+                f"{expected}, by the load of its corners, within {allowed[i]:.2g} {unit}"
             )
 
 

@@ -216,7 +216,7 @@ class InEquations(NamedTuple):
             for labels in BODY_COLUMNS
             for label in labels
         ]
-        return [*part.row_names, *(f"{name}.friction" for name in part.guide_names), *motion]
+        return [*part.force_names, *motion]
 
     @staticmethod
     def of(part: Mechanism, t: np.ndarray, column: Callable[[str], np.ndarray]) -> InEquations:
@@ -225,10 +225,9 @@ class InEquations(NamedTuple):
 
         read = {name: column(name) for name in InEquations.needed(part)}
         q, v, a = (stacked(read, part.body_names, labels) for labels in BODY_COLUMNS)
-        rows = [*part.row_names, *(f"{name}.friction" for name in part.guide_names)]
-        force = np.empty((len(t), len(rows)))  # a free body has no rows
-        for place, name in enumerate(rows):
-            force[:, place] = read[name]
+        force = np.empty((len(t), len(part.force_names)))  # a free body has no rows
+        for place, name in enumerate(part.force_names):
+            force[:, place] = read[name] / part.force_units[place]
         return InEquations(*imbalance(part.arrays, part.workspace, t, q, v, a, force))
 
 

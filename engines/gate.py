@@ -235,10 +235,10 @@ def check_events(run: Examined) -> Iterator[str]:
 
 
 def _check_instants(run: Examined) -> Iterator[str]:
-    """Check that events are of known kinds and guides, and in order of time within the run."""
+    """Check that events are of known kinds and joints, and in order of time within the run."""
     before = 0.0
     latest = run.t_end + run.slack
-    guides = run.scene.guides
+    joints = {**run.scene.guides, **run.scene.frictional_joints}
     for i, event in enumerate(run.trajectory.events):
         if not is_number(event.time):
             yield f"{_named(run, i)}: time {described(event.time)}; expected finite seconds"
@@ -248,7 +248,7 @@ def _check_instants(run: Examined) -> Iterator[str]:
                 f"within 0 .. {latest:.9g} s"
             )
         before = event.time
-        if event.kind not in MODES or event.joint not in guides:
+        if event.kind not in MODES or event.joint not in joints:
             yield f"{_named(run, i)}; expected {', '.join(MODES)} of a guide of the scene"
 
 

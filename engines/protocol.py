@@ -18,6 +18,7 @@ from typing import TYPE_CHECKING, Any
 from stiction.engines.assembly import Assembly
 from stiction.engines.examined import Examined
 from stiction.engines.gate import first_problem
+from stiction.engines.joint_effects import JointEffect, first_unsupported
 from stiction.scenes import Cost, InputError, Scene, StictionError, Trajectory
 from stiction.scenes.fidelity import Fidelity, fidelity_of
 
@@ -152,6 +153,9 @@ class Capabilities:
     friction_by : Mapping[str, Supplier]
         By fidelity: who supplies the friction law; by default the engine. Only runs with the same supplier are ranked
         together.
+    joint_effects : Mapping[str, frozenset of JointEffect]
+        By fidelity: the effects of joints that are supported beside Coulomb's law in guides; by default none. Scenes
+        with other effects are refused.
 
     Raises
     ------
@@ -167,6 +171,7 @@ class Capabilities:
     adaptive: bool = False
     event_location: Supplier = Supplier.ENGINE
     friction_by: Mapping[str, Supplier] = field(default_factory=dict)
+    joint_effects: Mapping[str, frozenset[JointEffect]] = field(default_factory=dict, repr=False)
 
     def __post_init__(self) -> None:
         is_tuple = isinstance(self.fidelities, tuple) and bool(self.fidelities)
@@ -177,7 +182,7 @@ class Capabilities:
             )
         # An adapter may use plain texts in place of members.
         object.__setattr__(self, "fidelities", tuple(map(Fidelity, self.fidelities)))
-        for name in ("static_coefficient", "friction_law", "friction_by"):
+        for name in ("static_coefficient", "friction_law", "friction_by", "joint_effects"):
             value = getattr(self, name)
             if not isinstance(value, Mapping):
                 raise TypeError(f"{name}: found {value!r}; expected a mapping by fidelity")
@@ -394,6 +399,18 @@ class Engine(ABC):
         It should take much less time than a run.
         """
 
+    def reason_to_refuse(self, scene: Scene, fidelity: Fidelity) -> str | None:
+        """Return the reason why a scene is not run at this fidelity, or None if it is.
+
+        It is an effect of a joint that `Capabilities.joint_effects` lacks, or else the engine's own `refusal`.
+        """
+        supported = self.capabilities.joint_effects.get(fidelity, frozenset())
+        unsupported = first_unsupported(scene, supported)
+        if unsupported is not None:
+            joint, effect = unsupported
+            return f"joints.{joint}: {self.name} does not yet take {effect}"
+        return self.refusal(scene, fidelity)
+
     @abstractmethod
     def run(
         self,
@@ -488,7 +505,7 @@ class Engine(ABC):
                 f'{first} to the command, fidelity="{first}" in Python'
             )
         self.check_arguments(dt=dt, rtol=rtol, fidelity=fidelity, settings=settings)
-        reason = self.refusal(scene, fidelity)
+        reason = self.reason_to_refuse(scene, fidelity)
         if reason is not None:
             raise Refused(reason)
         # The end is always an output instant.
@@ -525,7 +542,7 @@ class Engine(ABC):
         gate_s = time.process_time() - begin - run_s
         # Complete the fields that do not depend on the engine's report.
         friction_supplier = Supplier.NOBODY
-        if scene.frictional_guides:
+        if scene.frictional_joints:
             friction_supplier = self.friction_supplier(fidelity, trajectory.settings)
         event_supplier = Supplier.NOBODY
         if self.locates_events(fidelity, trajectory.settings):

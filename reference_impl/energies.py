@@ -14,7 +14,7 @@ from stiction.scenes import InputError, Scene, Trajectory
 from stiction.scenes.column_file import row_slices
 from stiction.scenes.columns import BODY_COLUMNS
 from stiction.scenes.fields import GROUND
-from stiction.scenes.model import Force, TorsionalSpring
+from stiction.scenes.model import Force, Revolute, TorsionalSpring
 from stiction.scenes.trajectory import stacked
 
 AT_ONCE = 2**15
@@ -22,7 +22,7 @@ AT_ONCE = 2**15
 
 
 def energies(run: Trajectory) -> pd.DataFrame:
-    """Return the energies of a run and the work of each load, drive, damper and frictional guide.
+    """Return the energies of a run and the work of each load, drive, damper and frictional joint.
 
     Parameters
     ----------
@@ -36,7 +36,8 @@ def energies(run: Trajectory) -> pd.DataFrame:
 
         - ``kinetic``, ``potential``: energies of the mechanism; potential energy is that of weight and springs;
         - ``NAME.work``: work done on the mechanism by each load and drive since the first row;
-        - ``NAME.dissipated``: energy dissipated by each damper and frictional guide since the first row;
+        - ``NAME.dissipated``: energy dissipated by each damper and each joint with friction or damping since the first
+          row;
         - ``balance``: change of kinetic and potential energy, minus the work, plus the dissipated energy. It is zero
           for an exact motion, up to the error of the trapezoidal rule by which powers are integrated.
 
@@ -103,7 +104,7 @@ def _rates(scene: Scene, t: np.ndarray, columns: Mapping[str, np.ndarray]) -> _R
         -(q.reshape(len(t), -1, 3)[:, :, :2] @ np.array(scene.gravity or (0.0, 0.0))) @ mass[::3]
     )
     powers, losses = {}, {}
-    for name, spring in scene.springs.items():
+    for name, spring in scene.springs_and_dampers.items():
         with np.errstate(divide="ignore", invalid="ignore"):
             # ends that meet have no direction, nor a rate: nan
             length = motion.coordinate(spring)
@@ -119,10 +120,14 @@ def _rates(scene: Scene, t: np.ndarray, columns: Mapping[str, np.ndarray]) -> _R
         powers[f"{name}.work"] = motion.law(load.law).value * way.rate
     for name, drive in scene.drives.items():
         powers[f"{name}.work"] = columns[f"{name}.effort"] * motion.law(drive.law).rate
-    for name, guide in scene.frictional_guides.items():
-        arm = motion.between(guide.bodies, (guide.slider_point, guide.point))
-        slip = motion.direction(guide.guide, guide.direction).dot(arm).rate
-        losses[f"{name}.dissipated"] = -columns[f"{name}.friction"] * slip
+    for name, joint in scene.frictional_joints.items():
+        if isinstance(joint, Revolute):
+            slip = (motion.angle(joint.bodies[0]) - motion.angle(joint.bodies[1])).rate
+        else:
+            arm = motion.between(joint.bodies, (joint.slider_point, joint.point))
+            slip = motion.direction(joint.guide, joint.direction).dot(arm).rate
+        by_damping = losses.get(f"{name}.dissipated", 0.0)
+        losses[f"{name}.dissipated"] = by_damping - columns[f"{name}.friction"] * slip
     return _Rates(kinetic, potential, powers, losses)
 
 
@@ -156,7 +161,7 @@ def unaccounted_energy(
 
 
 def needed_columns(scene: Scene) -> list[str]:
-    """Names of the columns that the energies take: states, efforts of drives, friction of guides."""
+    """Names of the columns that the energies take: states, efforts of drives, friction of joints."""
     states = [
         f"{body}.{label}"
         for body in scene.bodies
@@ -166,5 +171,5 @@ def needed_columns(scene: Scene) -> list[str]:
     return [
         *states,
         *(f"{name}.effort" for name in scene.drives),
-        *(f"{name}.friction" for name in scene.frictional_guides),
+        *(f"{name}.friction" for name in scene.frictional_joints),
     ]

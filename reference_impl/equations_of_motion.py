@@ -96,12 +96,13 @@ class Terms:
     J : ndarray
         Jacobian of the constraints, shape (..., rows, k).
     W : ndarray
-        Tangential direction of the slider's point in each frictional guide, shape (..., guides, k). W_T of the surfaces
-        (+) and (-) is this row plus or minus b/2 times the row of J that belongs to the slider's angle.
+        Tangential direction of each frictional joint, shape (..., frictional, k): of a guide that of the slider's
+        point, of a pin the relative rotation of its bodies. W_T of the surfaces (+) and (-) of a guide is this row plus
+        or minus b/2 times the row of J that belongs to the slider's angle.
     w : ndarray
-        Remainder of the slip acceleration at the slider's point, g_T'' = W q'' + w, m/s², shape (..., guides).
+        Remainder of the slip acceleration, g_T'' = W q'' + w, m/s² or rad/s², shape (..., frictional).
     slip_speed : ndarray
-        Slip velocity g_T' at the slider's point, m/s, shape (..., guides).
+        Slip velocity g_T', m/s or rad/s, shape (..., frictional).
     """
 
     QE: np.ndarray
@@ -141,14 +142,14 @@ class EquationsOfMotion:
     rows : list of str
         Names of the constraint rows, for example ``pin.fx``, ``guide.normal_force``, ``guide.moment``,
         ``motor.effort``.
-    guides : dict of str to Translational
-        The frictional guides, in the order of the scene.
+    frictional : dict of str to Revolute or Translational
+        The frictional joints, in the order of the scene.
     mass : ndarray
         The diagonal of M, kg and kg m², shape (k,).
     """
 
     def __init__(self, scene: Scene):
-        self.scene, self.guides = scene, scene.frictional_guides
+        self.scene, self.frictional = scene, scene.frictional_joints
         self.mass = np.array(
             [x for body in scene.bodies.values() for x in (body.mass, body.mass, body.inertia)]
         )
@@ -183,12 +184,13 @@ class EquationsOfMotion:
             Velocities (m/s, rad/s), shape (..., k).
         """
         motion = Motion(list(self.scene.bodies), np.asarray(t, dtype=float), q, v)
-        scene, rows, tangents = self.scene, [], []
+        scene, rows = self.scene, []
+        along: dict[str, Moving] = {}
         for joint in scene.joints.values():
             if isinstance(joint, Revolute):
                 d = motion.between(joint.bodies, joint.points)
                 rows += [d[0], d[1]]  # (18), CR
-        for guide in scene.guides.values():
+        for name, guide in scene.guides.items():
             u = motion.direction(guide.guide, guide.direction)
             d = motion.between(guide.bodies, (guide.slider_point, guide.point))
             rows += [
@@ -197,9 +199,14 @@ class EquationsOfMotion:
                 - motion.angle(guide.guide)
                 - motion.constant(guide.angle),
             ]  # (18), CT
-            if guide.frictional:
-                tangents.append(u.dot(d))  # (8), of the guide
+            along[name] = u.dot(d)  # (8), of the guide
         rows += [motion.driven(drive) for drive in scene.drives.values()]  # (19); all rows: (20)
+        tangents = [
+            along[name]
+            if name in along
+            else motion.angle(joint.bodies[0]) - motion.angle(joint.bodies[1])
+            for name, joint in self.frictional.items()
+        ]
         return Terms(
             self._applied(motion),
             *_stacked(rows, motion, ("value", "rate", "gamma", "jacobian")),
@@ -207,10 +214,10 @@ class EquationsOfMotion:
         )
 
     def _applied(self, motion: Motion) -> np.ndarray:
-        """QE of (21): gravity, springs, loads."""
+        """QE of (21): gravity, springs, dampers, those of joints included, and loads."""
         gravity = self.scene.gravity or (0.0, 0.0)
         QE = np.zeros_like(motion.q) + self.mass * np.resize([*gravity, 0.0], len(self.mass))
-        for spring in self.scene.springs.values():
+        for spring in self.scene.springs_and_dampers.values():
             if isinstance(spring, LinearSpring) and spring.axis is None:
                 d = motion.between(spring.bodies, spring.points)
                 QE -= spring.stiffness * np.sum(d.value[..., None] * d.jacobian, -2)

@@ -40,6 +40,24 @@ this is at the start and at events. Between them `frozen_mode.solve_mode` has th
 q, v are the coordinates of each body, x, y, angle (m, rad), and their rates.
 
 Where the paper is silent the choices are those of `paper_scheme`.
+
+Beyond the paper, and ours: dry friction whose bound has a constant part, c in slip and cH at rest, beside that by the
+normal force. The directions of W_T are the two surfaces of each guide, which have half of its constant each, and one
+for each pin, the relative rotation g_P' = th_1 - th_2, whose bound is the constant alone: its rows of H, G, mu and mus
+are zero. Five equations are extended, and all others stay as they are:
+
+============ ========================================================= ==============
+extension of equation                                                  compiled
+============ ========================================================= ==============
+ours, (3)    slip: lambda_T = -(c + mu FN) sgn(gT')                    hlcp.assemble
+ours, (6)    stick: |lambda_T| <= cH + mus FN                          hlcp.assemble
+ours, (14)   lH+- = muH FN + cH +- lambda_H                            hlcp.assemble
+ours, (17)   lH+ = 2 (muH FN + cH) - lH-                               hlcp.assemble
+ours, (36)   b: QE + W_T^T e in place of QE, and 2 cH in its last rows hlcp.assemble
+============ ========================================================= ==============
+
+Here e = -sgn(gT') c - V cH is the part of lambda_T that is neither a multiple of FN nor of lH+: lambda_T = mt FN +
+V lH+ + e. Without mu and mus the problem is convex (`uniqueness`): it has one solution.
 """
 
 from __future__ import annotations
@@ -55,7 +73,7 @@ from scipy.optimize import brentq
 from stiction.reference_impl.equations_of_motion import EquationsOfMotion
 from stiction.reference_impl.friction.outcomes import BREAKDOWNS, NOT_FINITE
 from stiction.scenes import Breakdown, Problem, Scene, SceneError
-from stiction.scenes.model import Baumgarte, NoStabilization
+from stiction.scenes.model import Baumgarte, NoStabilization, Translational
 
 COVER = 10.0
 """Weight of the rows of lH- in Lemke's covering vector, those of others being 1. With equal weights the method runs
@@ -84,14 +102,15 @@ class HLCP(NamedTuple):
     W_T: np.ndarray
     mt: np.ndarray
     V: np.ndarray
+    e: np.ndarray
 
 
 class Solution(NamedTuple):
     """Accelerations, multipliers and frictions.
 
     `acceleration` is (k,). `lambda_C` (rows,) is as `EquationsOfMotion.rows`: of a guide the resultant force and total
-    moment on the slider, surface friction included. `friction` (guides,) acts on each slider along its guide. `gH` are
-    accelerations of those that stick, up to `rest` by rounding.
+    moment on the slider, surface friction included. `friction` (frictional,) acts on each slider along its guide, or is
+    the torque on the first body of a pin. `gH` are accelerations of those that stick, up to `rest` by rounding.
     """
 
     acceleration: np.ndarray
@@ -102,9 +121,9 @@ class Solution(NamedTuple):
 
 
 class March(NamedTuple):
-    """State as each step begins: `t` (n,); `q`, `v`, `a` (n, k); `force` (n, rows + guides), lambda_C and frictions.
+    """State as each step begins: `t` (n,); `q`, `v`, `a` (n, k); `force` (n, rows + frictional): lambda_C, frictions.
 
-    `mode` (n, guides). `events`: time, kind as of `stiction.scenes.Event`, guide. `sides`: a march of two rows per
+    `mode` (n, frictional). `events`: time, kind as of `stiction.scenes.Event`, joint. `sides`: a march of two rows per
     event, before and after it, or None. `breakdown`: why it ended early, or None.
     """
 
@@ -131,7 +150,7 @@ class NoSolution(Exception):
 
 
 class Paper:
-    """The method for a scene; `mode` is sgn gT of each slider, 0 for those in the stick set H.
+    """The method for a scene; `mode` is sgn gT of each slider and pin with friction, 0 for those in the stick set H.
 
     Raises
     ------
@@ -165,26 +184,40 @@ class Paper:
             if isinstance(stabilization, Baumgarte)
             else (0.0, 0.0)
         )
-        guides = self.equations.guides.values()
-        self.mu, self.mus = (
-            np.array([g.mu for g in guides]),
-            np.array([g.static_coefficient for g in guides]),
-        )
-        self.a, self.width = (
-            np.array([g.length for g in guides]),
-            np.array([g.width or 0.0 for g in guides]),
-        )
+        # the directions of friction: `joint`, the frictional joint that each belongs to, and `lever`, +- b/2
+        guides = list(scene.guides.values())
+        self.a = np.array([g.length for g in guides])
+        self.width = np.array([g.width or 0.0 for g in guides])
+        self.surfaces: list[np.ndarray] = []
+        joint: list[int] = []
+        for j, element in enumerate(self.equations.frictional.values()):
+            count = 2 if isinstance(element, Translational) else 1
+            self.surfaces.append(len(joint) + np.arange(count))
+            joint += [j] * count
+        self.joint = np.array(joint, dtype=int)
+        on_guide = [isinstance(f, Translational) for f in self.equations.frictional.values()]
+        #: the directions that are surfaces of guides, both of one guide after another
+        self.on_surface = np.flatnonzero(np.repeat(on_guide, [len(s) for s in self.surfaces]))
+        directions = len(self.joint)
+        self.lever = np.zeros(directions)
+        self.lever[self.on_surface] = np.kron(self.width / 2, [1.0, -1.0])
+        self.mu, self.mus = np.zeros(directions), np.zeros(directions)
+        self.mu[self.on_surface] = np.repeat([g.mu for g in guides], 2)
+        self.mus[self.on_surface] = np.repeat([g.static_coefficient for g in guides], 2)
+        # c and cH: each surface has half of the constant of its guide
+        share = np.array([len(self.surfaces[j]) for j in self.joint], dtype=float)
+        bounds = np.array([f.bounds for f in self.equations.frictional.values()]).reshape(-1, 2)
+        self.c, self.cH = (bounds[self.joint] / share[:, None]).T
         first = next(
             (i for i, row in enumerate(self.equations.rows) if row.endswith(".normal_force")), 0
         )
         S_i = [np.array([[1.0, 1.0], [-a / 2, a / 2]]) for a in self.a]
         self.S = block_diag(*S_i) if S_i else np.zeros((0, 0))  # (26)
         self.K = -self.S
-        # (4), (10)
-        self.H, self.G = (
-            np.kron(np.eye(len(S_i)), [[1, 1], [0, 0]]),
-            np.kron(np.eye(len(S_i)), [[0, 0], [1, 1]]),
-        )
+        # (4), (10); a pin has no normal force
+        self.H, self.G = np.zeros((2, directions, 2 * len(S_i)))
+        self.H[self.on_surface] = np.kron(np.eye(len(S_i)), [[1, 1], [0, 0]])
+        self.G[self.on_surface] = np.kron(np.eye(len(S_i)), [[0, 0], [1, 1]])
         self.CT = np.arange(first, first + 2 * len(self.a))
         self.CR_D = np.setdiff1d(np.arange(len(self.equations.rows)), self.CT)
 
@@ -197,17 +230,19 @@ class Paper:
         terms = self.equations.at(t, q, v)
         M, QE, J = np.diag(self.equations.mass), terms.QE, terms.J
         J_CT, J_lr = J[self.CT], J[self.CR_D]
-        n, lever = len(self.a), np.kron(self.width / 2, [1.0, -1.0])
-        W_T = np.repeat(terms.W, 2, 0) + lever[:, None] * np.repeat(J_CT[1::2], 2, 0)  # (8)-(9)
+        on_surface, lever = self.on_surface, self.lever[self.on_surface]
+        W_T, w_T = terms.W[self.joint], terms.w[self.joint]
+        W_T[on_surface] += lever[:, None] * np.repeat(J_CT[1::2], 2, 0)  # (8)-(9)
         correction = 2 * self.alpha * terms.phi_dot + self.beta**2 * terms.phi  # (25), (31)
-        w_T = np.repeat(terms.w, 2) + lever * np.repeat(
-            (terms.gamma + correction)[self.CT[1::2]], 2
-        )
-        stick = np.repeat(mode == 0, 2)
-        V = np.eye(2 * n)[:, stick]  # (11)
-        mubar = np.diag(np.repeat(-self.mu * mode, 2))  # (3), (11)
-        muH = V.T @ np.diag(np.repeat(self.mus, 2))  # (14)
+        w_T[on_surface] += lever * np.repeat((terms.gamma + correction)[self.CT[1::2]], 2)
+        sign = mode[self.joint]  # sgn gT of each direction
+        V = np.eye(len(sign))[:, sign == 0]  # (11)
+        mubar = np.diag(-self.mu * sign)  # (3), (11)
+        muH = V.T @ np.diag(self.mus)  # (14)
         mt = mubar - V @ muH
+        cH = V.T @ self.cH  # (14), extended
+        e = -sign * self.c - V @ cH  # (3), extended
+        QE_e = QE + W_T.T @ e
         H, G, S, K = self.H, self.G, self.S, self.K
         M1, M2 = J @ np.linalg.inv(M), V.T @ W_T @ np.linalg.inv(M)  # (12)
         MKG, MSH = J_CT.T @ K + W_T.T @ mt @ G, J_CT.T @ S + W_T.T @ mt @ H
@@ -227,8 +262,10 @@ class Paper:
                 [none((h, len(J_lr))), 2 * muH @ H, -E, none((h, h))],
             ]
         )
-        b = np.concatenate([-(M1 @ QE + terms.gamma + correction), -(M2 @ QE + V.T @ w_T), none(h)])
-        return HLCP(A0, A1, b, M, QE, J, W_T, mt, V)  # (36)
+        b = np.concatenate(
+            [-(M1 @ QE_e + terms.gamma + correction), -(M2 @ QE_e + V.T @ w_T), 2 * cH]
+        )
+        return HLCP(A0, A1, b, M, QE, J, W_T, mt, V, e)  # (36)
 
     def solve(self, t: float, q: np.ndarray, v: np.ndarray, mode: np.ndarray) -> Solution:
         """Solve the HLCP by Lemke's method, and eq. (33) for the accelerations.
@@ -238,7 +275,7 @@ class Paper:
         NoSolution
             If A0 is singular, Lemke's method ends on a ray, or a term is not finite.
         """
-        A0, A1, b, M, QE, J, W_T, mt, V = self.hlcp(t, q, v, mode)
+        A0, A1, b, M, QE, J, W_T, mt, V, e = self.hlcp(t, q, v, mode)
         if not (np.all(np.isfinite(A0)) and np.all(np.isfinite(b))):
             raise NoSolution(*BREAKDOWNS[NOT_FINITE])
         if not np.linalg.cond(A0) < 1 / ZERO:
@@ -252,19 +289,27 @@ class Paper:
         l_plus, F_minus, gH_plus, _ = np.split(y, parts)
         l_minus, F_plus, lH_plus, gH_minus = np.split(x, parts)
         FN = self.H @ F_plus + self.G @ F_minus  # (4), (10)
-        lambda_T = mt @ FN + V @ lH_plus  # (6), (11), (14)
+        lambda_T = mt @ FN + V @ lH_plus + e  # (6), (11), (14)
         lambda_C = np.zeros(len(J))
         lambda_C[self.CR_D] = l_plus - l_minus  # (27)-(28)
         lambda_C[self.CT] = self.S @ F_plus + self.K @ F_minus  # (26)
         acceleration = np.linalg.solve(M, QE + J.T @ lambda_C + W_T.T @ lambda_T)  # (22)-(24), (33)
-        plus, minus = lambda_T[0::2], lambda_T[1::2]
-        lambda_C[self.CT[1::2]] += self.width / 2 * (plus - minus)
+        on_guides = lambda_T[self.on_surface]
+        lambda_C[self.CT[1::2]] += self.width / 2 * (on_guides[0::2] - on_guides[1::2])
+        friction = np.bincount(self.joint, lambda_T, len(self.surfaces))
         terms = np.abs(
             W_T @ np.linalg.solve(M, np.hstack([QE[:, None], J.T * lambda_C, W_T.T * lambda_T]))
         )
-        gH = gH_plus - gH_minus  # (5), (13), (16)
+        # (5), (13), (16); the two surfaces of a slider have the same acceleration
+        gH = np.zeros(len(self.joint))
+        gH[np.flatnonzero(mode[self.joint] == 0)] = gH_plus - gH_minus
+        first_of_stuck = [self.surfaces[j][0] for j in np.flatnonzero(mode == 0)]
         return Solution(
-            acceleration, lambda_C, plus + minus, gH[0::2], REST * np.max(terms, initial=0.0)
+            acceleration,
+            lambda_C,
+            friction,
+            gH[first_of_stuck],
+            REST * np.max(terms, initial=0.0),
         )
 
     def decide(

@@ -25,7 +25,7 @@ class Column:
     meaning : str
         Description of the values.
     needs_friction : bool
-        True if only a guide with friction has these columns.
+        True if only a joint with friction has these columns.
     needs_length : bool
         True if only a guide with a length has these columns.
     """
@@ -40,17 +40,21 @@ class Column:
     @property
     def where(self) -> str:
         """Condition in words under which an element has the columns; empty if there is none."""
+        kind = "pin" if self.owner == "PIN" else "guide"
         if self.needs_friction and self.needs_length:
-            return "if the guide has a length and friction"
+            return f"if the {kind} has a length and friction"
         if self.needs_friction:
-            return "if the guide has friction"
+            return f"if the {kind} has friction"
         if self.needs_length:
-            return "if the guide has a length"
+            return f"if the {kind} has a length"
         return ""
 
 
 BODY_COLUMNS = (("x", "y", "angle"), ("vx", "vy", "omega"), ("ax", "ay", "alpha"))
 """Columns of the coordinates, velocities and accelerations of a body."""
+_MODE_MEANING = (
+    "-1: slip against the direction, 0: stick, 1: slip along it; not reported by every engine"
+)
 COLUMNS = (
     Column("BODY", ("x", "y"), "m", "centre of mass"),
     Column("BODY", ("angle",), "rad", "angle"),
@@ -80,13 +84,7 @@ COLUMNS = (
         "friction force on the slider along the direction",
         needs_friction=True,
     ),
-    Column(
-        "GUIDE",
-        ("mode",),
-        "",
-        "-1: slip against the direction, 0: stick, 1: slip along it; not reported by every engine",
-        needs_friction=True,
-    ),
+    Column("GUIDE", ("mode",), "", _MODE_MEANING, needs_friction=True),
     Column(
         "GUIDE",
         ("F1", "F2", "F3", "F4"),
@@ -102,6 +100,27 @@ COLUMNS = (
         needs_friction=True,
         needs_length=True,
     ),
+    Column(
+        "PIN",
+        ("friction",),
+        "N m",
+        "torque of dry friction on the first body",
+        needs_friction=True,
+    ),
+    Column(
+        "PIN",
+        ("slip_velocity",),
+        "rad/s",
+        "angular velocity of the first body relative to the second",
+        needs_friction=True,
+    ),
+    Column(
+        "PIN",
+        ("mode",),
+        "",
+        "sign of the slip velocity while the pin turns, 0: stick; not reported by every engine",
+        needs_friction=True,
+    ),
     Column("DRIVE", ("effort",), "N m or N", "torque or force of the drive on its first body"),
     Column(
         "drift", ("position",), "m, rad", "Euclidean norm of Phi, the residuals of the constraints"
@@ -113,6 +132,7 @@ COLUMNS = (
 def columns_of(scene: Scene) -> list[str]:
     """Return the names of all columns that a trajectory of the scene can have, without the time."""
     guides = scene.guides
+    frictional_joints = scene.frictional_joints
     owners: dict[str, Iterable[str]] = {
         "BODY": scene.bodies,
         "PIN": scene.pins,
@@ -123,12 +143,24 @@ def columns_of(scene: Scene) -> list[str]:
     columns = []
     for entry in COLUMNS:
         for owner in owners[entry.owner]:
-            if entry.needs_friction and not guides[owner].frictional:
+            if entry.needs_friction and owner not in frictional_joints:
                 continue
             if entry.needs_length and guides[owner].length is None:
                 continue
             columns += [f"{owner}.{name}" for name in entry.names]
     return columns
+
+
+def _entry_of(column: str, scene: Scene | None) -> Column | None:
+    """Return the entry of a trajectory's column among `COLUMNS`, None for a column that is not among them.
+
+    Pins and guides have columns of the same names. Without the scene they are taken for those of guides.
+    """
+    owner, _, name = column.rpartition(".")
+    entries = [entry for entry in COLUMNS if name in entry.names]
+    if scene is not None and owner in scene.pins:
+        entries = [entry for entry in entries if entry.owner == "PIN"]
+    return entries[0] if entries else None
 
 
 def unit_of(column: str, scene: Scene | None = None) -> str:
@@ -146,19 +178,11 @@ def unit_of(column: str, scene: Scene | None = None) -> str:
     owner, _, name = column.rpartition(".")
     if name == "effort" and scene is not None:
         return "N m" if scene.drives[owner].type == "angle" else "N"
-    entry = _entry_of(name)
+    entry = _entry_of(column, scene)
     return "" if entry is None else entry.unit
 
 
-def meaning_of(column: str) -> str:
+def meaning_of(column: str, scene: Scene | None = None) -> str:
     """Return the description of a column; empty if it is not in `COLUMNS`."""
-    entry = _entry_of(column.rpartition(".")[2])
+    entry = _entry_of(column, scene)
     return "" if entry is None else entry.meaning
-
-
-def _entry_of(name: str) -> Column | None:
-    """Return the entry of `COLUMNS` with a name such as ``"friction"``, without its owner."""
-    for entry in COLUMNS:
-        if name in entry.names:
-            return entry
-    return None

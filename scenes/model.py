@@ -48,17 +48,50 @@ class Body(Model):
 
 
 class Revolute(Model):
-    """A frictionless pin: `points[0]` of `bodies[0]` coincides with `points[1]` of `bodies[1]`.
+    """A pin: `points[0]` of `bodies[0]` coincides with `points[1]` of `bodies[1]`.
 
-    The reported force `fx`, `fy` (in ground axes) is the force on `bodies[0]`.
+    The reported force `fx`, `fy` (in ground axes) is the force on `bodies[0]`. `friction` declares dry friction whose
+    bound is a torque of its own; it does not depend on the force in the pin. The reported torque `friction` acts on
+    `bodies[0]`, against the angular velocity of `bodies[0]` relative to `bodies[1]`.
     """
 
     type: Literal["revolute"]
-    """A frictionless pin"""
+    """A pin"""
     bodies: tuple[Name, Name]
     """Names of two bodies; one of them may be `"ground"`"""
     points: tuple[Vector, Vector] = ((0.0, 0.0), (0.0, 0.0))
     """`[[x, y], [x, y]]`, the coinciding points in the axes of the two bodies; m"""
+    friction: NonNegative | None = None
+    """Torque of dry friction while the pin turns; without it the pin has no dry friction; N m"""
+    static_friction: NonNegative | None = None
+    """Largest torque of dry friction at rest, at least `friction`; default: `friction`; N m"""
+    damping: NonNegative = 0.0
+    """Damping coefficient of the relative rotation; N m s"""
+
+    @property
+    def frictional(self) -> bool:
+        """Whether the pin declares dry friction."""
+        return self.friction is not None
+
+    @property
+    def bounds(self) -> tuple[float, float]:
+        """The bounds of friction in force, of a pin that turns and of one at rest; N m."""
+        return _bounds(self)
+
+    @property
+    def rubs(self) -> bool:
+        """Whether its friction is not zero: one with a bound of 0 turns freely."""
+        return self.bounds[1] > 0.0
+
+    @property
+    def damper(self) -> TorsionalSpring | None:
+        """The damping of the pin as a damper between its bodies; None without any."""
+        if not self.damping:
+            return None
+        return TorsionalSpring(type="torsional", bodies=self.bodies, damping=self.damping)
+
+    def inconsistencies(self) -> Iterator[tuple[str, Any, str]]:
+        yield from _inconsistent_bounds(self)
 
 
 class Translational(Model):
@@ -69,8 +102,11 @@ class Translational(Model):
     +90 degrees. The lower surface (+) pushes the slider along the normal, the upper surface (-) against it.
 
     With a `length` (along the guide) the normal force is resolved into corner forces. With a `width` (across the guide)
-    the friction of the two surfaces has a lever arm. `mu` declares dry friction. Without `mus`, the static coefficient
-    equals `mu` (Coulomb's law with one coefficient).
+    the friction of the two surfaces has a lever arm. `mu` declares dry friction whose bound is a multiple of the normal
+    force, `friction` dry friction whose bound is a force of its own; with both, the bound of the guide is their sum,
+    `friction` + `mu` times the normal force. At rest `static_friction` and `mus` take their places, by default the same
+    numbers (Coulomb's law with one bound). The constant part acts along the line through `slider_point`: it does not
+    turn the slider.
     """
 
     type: Literal["translational"]
@@ -92,9 +128,15 @@ class Translational(Model):
     width: NonNegative | None = None
     """Width of the slider across the guide, the lever arm of surface friction; requires `length`; m"""
     mu: NonNegative | None = None
-    """Kinetic coefficient of friction; without it the guide is frictionless"""
+    """Kinetic coefficient of friction; without it friction does not depend on the normal force"""
     mus: NonNegative | None = None
     """Static coefficient of friction, at least `mu`; default: `mu`"""
+    friction: NonNegative | None = None
+    """Part of the bound of friction in slip that does not depend on the normal force; N"""
+    static_friction: NonNegative | None = None
+    """The same at rest, at least `friction`; default: `friction`; N"""
+    damping: NonNegative = 0.0
+    """Damping coefficient of the motion along the guide; N s/m"""
 
     @property
     def bodies(self) -> tuple[str, str]:
@@ -103,8 +145,31 @@ class Translational(Model):
 
     @property
     def frictional(self) -> bool:
-        """True if the guide declares a coefficient of friction, even if it is 0."""
-        return self.mu is not None
+        """True if the guide declares dry friction, by a coefficient or by a bound of its own."""
+        return self.mu is not None or self.friction is not None
+
+    @property
+    def bounds(self) -> tuple[float, float]:
+        """The constant parts of the bounds of friction, in slip and at rest, N."""
+        return _bounds(self)
+
+    @property
+    def rubs(self) -> bool:
+        """True if its friction can differ from zero: a guide whose bounds and coefficients are all 0 slides freely."""
+        return self.static_coefficient > 0.0 or self.bounds[1] > 0.0
+
+    @property
+    def damper(self) -> LinearSpring | None:
+        """The damping of the guide as a damper along it; None without any."""
+        if not self.damping:
+            return None
+        return LinearSpring(
+            type="linear",
+            bodies=self.bodies,
+            points=(self.slider_point, self.point),
+            axis=self.direction,
+            damping=self.damping,
+        )
 
     @property
     def extent(self) -> tuple[float, float]:
@@ -135,6 +200,25 @@ class Translational(Model):
             yield "mus", self.mus, "expected the kinetic coefficient mu too"
         if self.mus is not None and self.mu is not None and self.mus < self.mu:
             yield "mus", self.mus, f"expected at least mu = {self.mu:g}"
+        yield from _inconsistent_bounds(self)
+
+
+def _bounds(joint: Revolute | Translational) -> tuple[float, float]:
+    """Return the constant bounds of friction of a joint, in slip and at rest; 0 where it declares none."""
+    kinetic = joint.friction or 0.0
+    static = kinetic if joint.static_friction is None else joint.static_friction
+    return kinetic, static
+
+
+def _inconsistent_bounds(joint: Revolute | Translational) -> Iterator[tuple[str, Any, str]]:
+    """Yield what is wrong with the constant bounds of friction of a joint, as `Model.inconsistencies`."""
+    static = joint.static_friction
+    if static is None:
+        return
+    if joint.friction is None:
+        yield "static_friction", static, "expected the bound in slip, friction, too"
+    elif static < joint.friction:
+        yield "static_friction", static, f"expected at least friction = {joint.friction:g}"
 
 
 Joint = Annotated[Revolute | Translational, Field(discriminator="type")]
@@ -368,6 +452,17 @@ class Scene(Model):
     def frictional_guides(self) -> dict[str, Translational]:
         """The translational joints that declare friction, by name."""
         return {name: guide for name, guide in self.guides.items() if guide.frictional}
+
+    @property
+    def frictional_joints(self) -> dict[str, Joint]:
+        """The joints that declare dry friction, pins and guides, by name in the order of the scene."""
+        return {name: joint for name, joint in self.joints.items() if joint.frictional}
+
+    @property
+    def springs_and_dampers(self) -> dict[str, Spring]:
+        """The springs and dampers by name, and behind them the damping of joints as dampers, by the joints' names."""
+        dampers = {name: joint.damper for name, joint in self.joints.items()}
+        return self.springs | {name: damper for name, damper in dampers.items() if damper}
 
     def draw(self) -> Picture:
         """Draw the mechanism at t = 0.

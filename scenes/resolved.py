@@ -1,9 +1,9 @@
 """Resolved scenes: scenes as JSON for programs in other languages.
 
 A resolved scene contains numbers in place of arithmetic expressions, in SI units. Every key is present. Defaults are
-replaced by the values that apply: without gravity it is ``[0, 0]``, ``mus`` is ``mu``, and the width of a guide with a
-length is 0. A key is null if the scene does not declare an effect: friction (``mu``, ``mus``), corner forces
-(``length``, ``width``), or an ``axis``.
+replaced by the values that apply: without gravity it is ``[0, 0]``, ``mus`` is ``mu``, ``static_friction`` is
+``friction``, and the width of a guide with a length is 0. A key is null if the scene does not declare an effect:
+friction (``mu``, ``mus``, ``friction``, ``static_friction``), corner forces (``length``, ``width``), or an ``axis``.
 """
 
 from __future__ import annotations
@@ -41,10 +41,13 @@ def resolved_scene(scene: Scene) -> dict[str, Any]:
         tables["gravity"] = [0.0, 0.0]
     for name, guide in scene.guides.items():
         joint = tables["joints"][name]
-        if guide.frictional:
+        if guide.mu is not None:
             joint["mus"] = guide.static_coefficient
         if guide.length is not None:
             joint["width"] = guide.width or 0.0
+    for name, frictional_joint in scene.joints.items():
+        if frictional_joint.friction is not None:
+            tables["joints"][name]["static_friction"] = frictional_joint.bounds[1]
     return {"format": FORMAT, "version": VERSION, "name": scene.name, "scene": tables}
 
 

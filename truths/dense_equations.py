@@ -246,18 +246,18 @@ class DenseEquations:
 
     Attributes
     ----------
-    guides : dict of str to Translational
-        The frictional guides, in the order of the scene.
+    frictional : dict of str to Revolute or Translational
+        The joints with dry friction, in the order of the scene.
     mass : ndarray, shape (k,)
         Diagonal of M.
-    normal_row : list of int
-        The place of each frictional guide's row across; that of its angle is the next.
+    first_row : list of int
+        The place of each frictional joint's first row: of a guide the row across, and that of its angle is the next.
     pins : dict of str to int
         The place of each pin's row of x; that of y is the next.
     """
 
     def __init__(self, scene: Scene):
-        self.scene, self.guides = scene, dict(scene.frictional_guides)
+        self.scene, self.frictional = scene, dict(scene.frictional_joints)
         number = {name: i for i, name in enumerate([*scene.bodies, GROUND])}
         bodies = scene.bodies.values()
         self.mass = np.array([m for body in bodies for m in (body.mass, body.mass, body.inertia)])
@@ -265,7 +265,9 @@ class DenseEquations:
         pins = {name: j for name, j in scene.joints.items() if isinstance(j, Revolute)}
         guides = scene.guides
         self.pins = {name: 2 * i for i, name in enumerate(pins)}
-        self.normal_row = [2 * len(pins) + 2 * list(guides).index(name) for name in self.guides]
+        first_row = dict(self.pins)
+        first_row |= {name: 2 * (len(pins) + i) for i, name in enumerate(guides)}
+        self.first_row = [first_row[name] for name in self.frictional]
 
         # One group of distances, as each group costs time: pins (along x and y of the ground), then
         # across the guides, then along the guides with friction.
@@ -279,7 +281,8 @@ class DenseEquations:
                 points.append((complex(*pin.points[0]), complex(*pin.points[1])))
                 lines.append(complex(axis))
                 carriers.append(number[GROUND])
-        for turn, turned_guides in ((1j, guides), (1, self.guides)):
+        with_friction = {name: guides[name] for name in self.frictional if name in guides}
+        for turn, turned_guides in ((1j, guides), (1, with_friction)):
             for guide in turned_guides.values():
                 pairs.append((number[guide.slider], number[guide.guide]))
                 points.append((complex(*guide.slider_point), complex(*guide.point)))
@@ -290,13 +293,22 @@ class DenseEquations:
         self._guide_angles = Angles(
             [(number[g.slider], number[g.guide]) for g in guides.values()], len(scene.bodies)
         )
+        # friction of pins acts along their relative angles; `_frictional_order` mixes them with guides
+        rubbing = [pin for name, pin in pins.items() if name in self.frictional]
+        self._pin_angles = Angles(
+            [(number[pin.bodies[0]], number[pin.bodies[1]]) for pin in rubbing], len(scene.bodies)
+        )
+        listed = [*with_friction, *(name for name in pins if name in self.frictional)]
+        self._frictional_order = np.array(
+            [listed.index(name) for name in self.frictional], dtype=int
+        )
         self._prescribed_angles = np.array([g.angle for g in guides.values()])
         self._driven = Coordinates(list(scene.drives.values()), number)
         self._laws = [drive.law for drive in scene.drives.values()]
 
         # Applied forces. A load that is a torque has no point and no direction: zeros in their
         # place.
-        springs = list(scene.springs.values())
+        springs = list(scene.springs_and_dampers.values())
         self._springs = Coordinates(springs, number)
         self._stiffness = np.array([spring.stiffness for spring in springs])
         self._damping = np.array([spring.damping for spring in springs])
@@ -331,26 +343,33 @@ class DenseEquations:
         t, posture = np.asarray(t, dtype=float), Posture(q, v)
         distances = self._distances.at(posture)
         angles = self._guide_angles.at(posture)
+        turns = self._pin_angles.at(posture)
         driven = self._driven.at(posture)
         law = law_values(self._laws, t)
 
         def arrange(
-            of_distances: np.ndarray, of_angles: np.ndarray, of_drives: np.ndarray
+            of_distances: np.ndarray,
+            of_angles: np.ndarray,
+            of_drives: np.ndarray,
+            of_turns: np.ndarray,
         ) -> tuple[np.ndarray, np.ndarray]:
-            """Return the rows of all constraints in the order of J, and the rows along the frictional guides."""
+            """Return the rows of all constraints in the order of J, and the directions of friction."""
             axis = t.ndim
             pins, across, along = np.split(of_distances, self._parts, axis)
             # each guide's row across is followed by the row of its angle
             pair = np.stack([across, of_angles], axis + 1)
             of_guides = pair.reshape(*pair.shape[:axis], -1, *pair.shape[axis + 2 :])
-            return np.concatenate([pins, of_guides, of_drives], axis), along
+            directions = np.take(
+                np.concatenate([along, of_turns], axis), self._frictional_order, axis
+            )
+            return np.concatenate([pins, of_guides, of_drives], axis), directions
 
         # Value, rate and acceleration of each constraint less what guide or law prescribes.
         angle_errors = angles.value - self._prescribed_angles
-        phi, _ = arrange(distances.value, angle_errors, driven.value - law[0])
-        phi_dot, slip_speed = arrange(distances.rate, angles.rate, driven.rate - law[1])
-        gamma, w = arrange(distances.gamma, angles.gamma, driven.gamma - law[2])
-        J, W = arrange(distances.jacobian, angles.jacobian, driven.jacobian)
+        phi, _ = arrange(distances.value, angle_errors, driven.value - law[0], turns.value)
+        phi_dot, slip_speed = arrange(distances.rate, angles.rate, driven.rate - law[1], turns.rate)
+        gamma, w = arrange(distances.gamma, angles.gamma, driven.gamma - law[2], turns.gamma)
+        J, W = arrange(distances.jacobian, angles.jacobian, driven.jacobian, turns.jacobian)
         return Terms(self._applied(t, posture), phi, phi_dot, gamma, J, W, w, slip_speed)
 
     def _applied(self, t: np.ndarray, posture: Posture) -> np.ndarray:

@@ -1,4 +1,4 @@
-"""The motion of any mechanism with frictional guides, by trying every contact mode; slow, without the reference.
+"""The motion of any mechanism with friction in guides and pins, by trying all contact modes; without the reference.
 
 The equations of motion are those of `dense_equations`. What is frozen between events is a mode: which guides stick, to
 which side the others slip, and the signs of all corner forces. The motion follows from five decisions:
@@ -25,6 +25,11 @@ negative: unless the guide locks itself (mus b > a). Then l+ - l- = -mus d R, an
 
     capacity(d) = mus max(|R|, (2/a) |T + (b/2) mus d R|)
 
+Friction with a bound of its own, c in slip and c0 at rest (`friction` and `static_friction` of a guide or a pin), adds
+-d c to the friction of slip, as an applied force, and c0 to what is held at rest; for the linear programme half of it
+is on each surface of a guide. A pin is a guide without length that has no normal force, mu = mus = 0; its direction of
+friction is the relative rotation of its bodies, and its friction a torque. What is said of guides holds for pins.
+
 A self-locking guide can jam under stress of its own and has several motions; it is refused. All tolerances are
 absolute, in m, s, kg, rad: for mechanisms of about a metre, a second and a kilogram.
 """
@@ -42,6 +47,7 @@ from scipy.optimize import brentq, linprog, minimize_scalar
 
 from stiction.scenes import Breakdown, Scene
 from stiction.scenes.laws import Constant, law_kinks
+from stiction.scenes.model import Translational
 from stiction.truths.dense_equations import DenseEquations, Terms
 
 TOLERANCE = 1e-11
@@ -189,17 +195,29 @@ class Contact:
 
     def __init__(self, scene: Scene):
         self.equations = DenseEquations(scene)
-        self.names = list(self.equations.guides)
-        guides = self.equations.guides.values()
-        self.row = self.equations.normal_row
+        self.names = list(self.equations.frictional)
+        joints = self.equations.frictional.values()
+        self.row = self.equations.first_row
         loads = [*scene.drives.values(), *scene.forces.values()]
         self.loads_are_constant = not scene.drives and all(
             isinstance(load.law, Constant) for load in loads
         )
-        self.length = [guide.length or 0.0 for guide in guides]  # 0: a guide without
-        self.width = [guide.width or 0.0 for guide in guides]
-        self.mu = np.array([guide.kinetic_coefficient for guide in guides])
-        self.mus = np.array([guide.static_coefficient for guide in guides])
+        # constant bounds, in slip and at rest
+        self.bound, self.static_bound = (
+            np.array([joint.bounds for joint in joints]).reshape(-1, 2).T
+        )
+        # a joint whose friction does not depend on a load counts as a guide without length
+        guides = [
+            joint if isinstance(joint, Translational) and joint.mu is not None else None
+            for joint in joints
+        ]
+        self.has_load = [guide is not None for guide in guides]
+        self.length = [
+            guide.length or 0.0 if guide else 0.0 for guide in guides
+        ]  # 0: a guide without
+        self.width = [guide.width or 0.0 if guide else 0.0 for guide in guides]
+        self.mu = np.array([guide.kinetic_coefficient if guide else 0.0 for guide in guides])
+        self.mus = np.array([guide.static_coefficient if guide else 0.0 for guide in guides])
         for name, a, b, mus in zip(self.names, self.length, self.width, self.mus):
             if a and mus * b >= a:
                 raise ValueError(
@@ -207,8 +225,12 @@ class Contact:
                     "starts to lock itself"
                 )
 
-    def forces(self, terms: Terms, mode: Mode, mu: np.ndarray) -> Forces:
-        """Forces and accelerations of modes that share `slip`, with a coefficient of friction for each guide.
+    def forces(
+        self, terms: Terms, mode: Mode, mu: np.ndarray, bound: np.ndarray | None = None
+    ) -> Forces:
+        """Forces and accelerations of modes that share `slip`, with a coefficient and a constant bound for each guide.
+
+        The bounds are those of slip if they are not given.
 
         Raises
         ------
@@ -218,6 +240,9 @@ class Contact:
         # What must not accelerate: the constraints, and the slip of every guide at rest. The force
         # of each such row acts along the row itself (virtual work), so that `directions` begins as
         # a copy of `rows`.
+        bound = self.bound if bound is None else bound
+        constant = -mode.slip * bound
+        Q = terms.Q + np.sum(constant[:, None] * terms.W, -2)
         stuck = np.flatnonzero(mode.slip == 0)
         rows = np.concatenate([terms.J, terms.W[..., stuck, :]], -2)
         shape = np.broadcast_shapes(rows.shape[:-2], mode.corner.shape[:-2])
@@ -227,6 +252,8 @@ class Contact:
         # friction that it causes. This makes friction part of the linear system: no iteration over
         # normal forces is needed.
         for g in np.flatnonzero(mode.slip).tolist():
+            if not self.has_load[g]:
+                continue
             row = self.row[g]
             friction, signs = -mu[g] * mode.slip[g], mode.corner[..., g, :, None]
             normal, angle = terms.J[..., row, :], terms.J[..., row + 1, :]
@@ -242,11 +269,11 @@ class Contact:
         # diagonal.
         mass = self.equations.mass
         right = -np.concatenate([terms.gamma, terms.w[..., stuck]], -1)
-        right = right - np.sum(rows * (terms.Q / mass)[..., None, :], -1)
+        right = right - np.sum(rows * (Q / mass)[..., None, :], -1)
         right = np.broadcast_to(right, (*shape, right.shape[-1]))
         system = rows / mass @ np.swapaxes(directions, -1, -2)
         unknown = np.linalg.solve(system, right[..., None])[..., 0]
-        acceleration = (terms.Q + np.sum(directions * unknown[..., None], -2)) / mass
+        acceleration = (Q + np.sum(directions * unknown[..., None], -2)) / mass
 
         # Back from the unknowns to normal force, moment and friction of each guide.
         R, T, f = np.zeros((3, *shape, len(self.row)))
@@ -268,13 +295,14 @@ class Contact:
                 )
                 f[..., g] = friction * (signs[..., 0] * first + signs[..., 1] * second)
                 n[..., g, 0], n[..., g, 1] = first, second
+        f += constant
         return Forces(acceleration, R, T, f, n)
 
     def held_with(self, terms: Terms, stuck: Iterable[int]) -> set[int]:
         """Return the guides that cannot slip while the `stuck` ones do not slip.
 
         Their directions of slip depend linearly on the constraints and on the directions of the
-        stuck guides.
+        stuck guides. A guide that drives move has a speed, and is none of them.
 
         In a dead point a direction depends on the constraints as well, but the motion carries the guide on through it:
         its slip has an acceleration.
@@ -292,7 +320,9 @@ class Contact:
         basis = _row_space(self._scaled(rows))
         slips = self._scaled(terms.W)
         distance = np.linalg.norm(slips - slips @ basis.T @ basis, axis=1)
-        dependent = np.flatnonzero(distance < DEPENDENT)
+        dependent = np.flatnonzero(
+            (distance < DEPENDENT) & (np.abs(terms.slip_speed) <= ADMISSIBLE)
+        )
         if not len(dependent):
             return set()
         # At a dead point the same holds for an instant only: there any motion that the rows admit
@@ -316,8 +346,9 @@ class Contact:
         """By how much (N) the static cones of all guides, which are at rest, can hold the mechanism.
 
         It is the largest m for which there are reactions and surface frictions with M a = Q + J^T lambda + W^T f and
-        |l+-| <= mus FN+- - m on both surfaces of each guide, which no corner pulls on: one linear programme (HiGHS) for
-        each choice of corner signs. Negative where the frictions do not suffice, -inf where nothing balances the loads.
+        |l+-| <= c0/2 + mus FN+- - m on both surfaces of each guide, which no corner pulls on: one linear programme
+        (HiGHS) for each choice of corner signs. Negative where the frictions do not suffice, -inf where nothing
+        balances the loads.
 
         Unknown are the reactions lambda; of each guide n1 and n2 in place of R and T, then l+ and l-; and m.
         """
@@ -328,6 +359,9 @@ class Contact:
         directions[:rows] = terms.J
         for g, (row, a, b) in enumerate(zip(self.row, self.length, self.width)):
             normal, angle, along = terms.J[row], terms.J[row + 1], terms.W[g]
+            if not self.has_load[g]:
+                directions[rows + 2 * g] = directions[rows + 2 * g + 1] = along
+                continue
             if a:
                 directions[row] = normal - a / 2 * angle
                 directions[row + 1] = normal + a / 2 * angle
@@ -337,12 +371,14 @@ class Contact:
 
         # With the signs of all corner forces chosen, |n| is linear: the cones are then linear
         # inequalities.
-        signs_of_guides = [((1, 1), (-1, -1)) if not a else CORNERS for a in self.length]
+        signs_of_guides = [self._corner_signs(g, 1) for g in range(guides)]
         size, best = len(directions) + 1, -np.inf
         for choice in product(*signs_of_guides):
             bounds: list[tuple[float | None, float | None]] = [(None, None)] * size
-            conditions = []
-            for g, signs in enumerate(choice):
+            conditions, limits = [], []
+            for g, chosen in enumerate(choice):
+                # friction without a load: each "surface" has half of the constant
+                signs: tuple[int, ...] = chosen if self.has_load[g] else ()
                 corners = range(self.row[g], self.row[g] + (1 if not self.length[g] else 2))
                 for corner, sign in zip(corners, signs):
                     bounds[corner] = (0, None) if sign > 0 else (None, 0)
@@ -354,12 +390,15 @@ class Contact:
                         for corner, sign in zip(corners, signs):
                             condition[corner] = -self.mus[g] * sign if sign == side else 0.0
                         # a surface that nothing presses on has no friction, and no margin
-                        condition[-1] = 1.0 if side in signs[: len(corners)] else 0.0
+                        constant = self.static_bound[g] / 2
+                        pressed = side in signs[: len(corners)]
+                        condition[-1] = 1.0 if pressed or constant > 0.0 else 0.0
                         conditions.append(condition)
+                        limits.append(constant)
             programme = linprog(
                 np.append(np.zeros(size - 1), -1.0),
                 A_ub=np.array(conditions),
-                b_ub=np.zeros(len(conditions)),
+                b_ub=np.array(limits),
                 A_eq=np.column_stack([directions.T, np.zeros(len(needed))]),
                 b_eq=needed,
                 bounds=bounds,
@@ -385,11 +424,11 @@ class Contact:
         for g, d in enumerate(mode.slip):
             if d == 0:
                 for away in (1, -1):
-                    held = self.mus[g] * self.load(
+                    held = self.static_bound[g] + self.mus[g] * self.load(
                         g, forces.R[..., g], forces.T[..., g], self.mus[g], away
                     )
                     yield Margin(g, "hold", away), held + away * forces.f[..., g]
-            else:
+            elif self.has_load[g]:
                 for j in range(1 if not self.length[g] else 2):
                     yield Margin(g, "corner", j), mode.corner[..., g, j] * forces.n[..., g, j]
 
@@ -425,7 +464,9 @@ class Contact:
         """
         # At the instant of leaving rest a guide still has the static coefficient: it breaks away
         # against that.
-        mu = np.where([g in rest for g in range(len(slip))], self.mus, self.mu)
+        rests = [g in rest for g in range(len(slip))]
+        mu = np.where(rests, self.mus, self.mu)
+        bound = np.where(rests, self.static_bound, self.bound)
         motions: list[tuple[Mode, np.ndarray]] = []
         for slips in product(*((0, 1, -1) if g in rest else (d,) for g, d in enumerate(slip))):
             stuck = [g for g, d in enumerate(slips) if d == 0]
@@ -445,7 +486,7 @@ class Contact:
                 np.array(slips, dtype=int),
                 np.array(list(product(*signs))).reshape(-1, len(slip), 2),
             )
-            forces = self.forces(terms, modes, mu)
+            forces = self.forces(terms, modes, mu, bound)
             kept = np.all(np.isfinite(forces.acceleration), -1)
             for _, value in self.conditions(forces, modes):
                 kept &= value >= -ADMISSIBLE
@@ -464,8 +505,8 @@ class Contact:
 
     def _corner_signs(self, g: int, d: int) -> tuple[tuple[int, int], ...]:
         """Signs of the corner forces that a guide can have with the direction of slip d."""
-        if d == 0:
-            return ((1, 1),)  # forces at rest do not depend on them
+        if d == 0 or not self.has_load[g]:
+            return ((1, 1),)  # forces at rest, and those without a load, do not depend on them
         if not self.length[g]:
             return ((1, 1), (-1, -1))
         return CORNERS
@@ -771,13 +812,17 @@ def _audit(contact: Contact, mode: Mode, piece: DenseOutput, end: float) -> tupl
         if d == 0:
             # rest: no speed, and friction within what both surfaces hold in either direction
             mus = contact.mus[g]
-            excesses = (-away * f - mus * contact.load(g, R, T, mus, away) for away in (1, -1))
+            held = contact.static_bound[g]
+            excesses = (
+                -away * f - held - mus * contact.load(g, R, T, mus, away) for away in (1, -1)
+            )
             violations += [np.max(np.abs(speed)), *map(np.max, excesses)]
         else:
             # slip: the friction of the law, wherever the speed is large enough to have a sign
             sign = np.sign(speed)
             direction = np.where(sign == 0, d, sign)
-            friction = -contact.mu[g] * direction * contact.load(g, R, T, contact.mu[g], d)
+            load = contact.load(g, R, T, contact.mu[g], d)
+            friction = -direction * (contact.bound[g] + contact.mu[g] * load)
             errors = np.where(np.abs(speed) > NOISE, np.abs(f - friction), 0.0)
             violations.append(np.max(errors))
 

@@ -1,22 +1,28 @@
-"""The physics that a truth and an engine share: which guides have friction, and with how many coefficients."""
+"""The physics that a truth and an engine share: which joints have friction, and with how many coefficients."""
 
 from __future__ import annotations
 
 from stiction.scenes import Scene, vary
 
 
-def rubbing_guides(scene: Scene) -> frozenset[str]:
-    """Return the guides with friction: their contact modes change the motion, and their events count in every truth."""
-    return frozenset(
-        name for name, guide in scene.frictional_guides.items() if guide.static_coefficient > 0
-    )
+def rubbing_joints(scene: Scene) -> frozenset[str]:
+    """Return the joints with friction: their contact modes change the motion, and their events count in every truth."""
+    return frozenset(name for name, joint in scene.joints.items() if joint.rubs)
 
 
 def physics_of(scene: Scene, static_coefficient: bool) -> Scene:
-    """Return the scene with the physics of an engine: mus = mu on every guide unless it has a static coefficient."""
+    """Return the scene with the physics of an engine.
+
+    Unless the engine has a static coefficient, every guide has mus = mu, and every joint static_friction = friction.
+    """
+    if static_coefficient:
+        return scene
     overrides = {
-        f"{name}.mus": guide.mu
-        for name, guide in scene.frictional_guides.items()
-        if guide.mus is not None
+        f"{name}.mus": guide.mu for name, guide in scene.guides.items() if guide.mus is not None
     }
-    return scene if static_coefficient or not overrides else vary(scene, overrides)
+    overrides |= {
+        f"{name}.static_friction": joint.friction
+        for name, joint in scene.joints.items()
+        if joint.static_friction is not None
+    }
+    return vary(scene, overrides) if overrides else scene

@@ -13,7 +13,7 @@ from typing import Any, get_args
 
 from stiction.scenes import Scene
 from stiction.scenes.fields import GROUND
-from stiction.scenes.model import Force, Torque
+from stiction.scenes.model import Force, Revolute, Torque, Translational
 from stiction.scenes.wording import shown
 from stiction.truths.truth import NotThisMechanism
 
@@ -55,6 +55,7 @@ class Condition:
 ANY = Condition("any", lambda value: True)
 POSITIVE = Condition("> 0", lambda value: value > 0)
 NEGATIVE = Condition("< 0", lambda value: value < 0)
+ABSENT = Condition("none", lambda value: not value)
 CENTRE = (0, 0)
 FORWARD = (POSITIVE, 0)
 """A direction along the x axis."""
@@ -72,12 +73,17 @@ ONE, OPTIONAL, SEVERAL = "one", "at most one", "any number"
 """How often a part occurs in a mechanism."""
 
 
+JOINT_EFFECTS = ("friction", "static_friction", "damping")
+"""Fields of joints that a truth takes only where it says so."""
+
+
 class Part:
     """An element of a mechanism: its class, and the roles of the bodies that it connects or acts on, in their order.
 
     If `name` is None, the element may have any name. With `any_order` its bodies may be listed in
     either order. `where` is a condition on the whole element; each of the `fields` is a requirement
-    in the sense of `Condition.of`.
+    in the sense of `Condition.of`. A joint must have neither a constant bound of friction nor damping,
+    unless the fields say otherwise: a truth holds for the effects that it contains.
     """
 
     def __init__(
@@ -92,7 +98,10 @@ class Part:
     ):
         self.kind, self.bodies, self.name, self.count = kind, bodies, name, count
         self.any_order, self.where = any_order, where
-        self.fields = {field: Condition.of(wanted) for field, wanted in fields.items()}
+        absent = dict.fromkeys(JOINT_EFFECTS, ABSENT) if kind in (Revolute, Translational) else {}
+        self.fields = {
+            field: Condition.of(wanted) for field, wanted in {**absent, **fields}.items()
+        }
 
     def bind(self, name: str, element: Any, roles: Mapping[str, str]) -> Mapping[str, str] | None:
         """Return the bodies by role, with those of an element; None where the element is another part."""

@@ -31,7 +31,7 @@ from stiction.truths import (
     slider_crank_truth,
     trammel_truth,
 )
-from stiction.truths.physics import physics_of, rubbing_guides
+from stiction.truths.physics import physics_of, rubbing_joints
 from stiction.truths.proof.truth import with_proof
 from stiction.truths.truth import Tier
 
@@ -73,7 +73,7 @@ def ground_truth(scene: Scene, t_end: float | None = None) -> Truth:
     an event-driven run of the reference at `OWN_RTOL` with projection (`Tier.OWN_RUN`), whose
     uncertainty is the difference from the run at `COARSER_RTOL`. If this run ends early, or if the
     equations have no motion or several, the tier is `Tier.NONE`, and runs cannot be compared. Only
-    the events of `rubbing_guides` are included. Truths are cached.
+    the events of `rubbing_joints` are included. Truths are cached.
     """
     end = scene.t_end if t_end is None else t_end
     return _best_truth(_Request(scene_to_toml(scene), scene.name, end, scene))
@@ -105,13 +105,13 @@ def _best_truth(request: _Request) -> Truth:
         except Undecided as error:
             note = str(error)
             break
-        return with_proof(scene, _with_rubbing_guides(scene, truth))
+        return with_proof(scene, _with_rubbing_joints(scene, truth))
     try:
         truth = _own_truth(scene, t_end)
     except NoOwnRun as error:
         reasons = [reason for reason in (note, str(error)) if reason]
         return Truth.unknown(scene.name, t_end, "; ".join(reasons))
-    return _with_rubbing_guides(scene, replace(truth, note=note))
+    return _with_rubbing_joints(scene, replace(truth, note=note))
 
 
 def truth_for(scene: Scene, records: Sequence[Record], t_end: float | None = None) -> Truth:
@@ -145,15 +145,15 @@ def truths_for(
     return truths
 
 
-def _with_rubbing_guides(scene: Scene, truth: Truth) -> Truth:
-    """Return a truth that only has the events of guides with friction."""
-    guides = rubbing_guides(scene)
-    numbers = [i for i, event in enumerate(truth.events) if event.joint in guides]
+def _with_rubbing_joints(scene: Scene, truth: Truth) -> Truth:
+    """Return a truth that only has the events of joints with friction."""
+    joints = rubbing_joints(scene)
+    numbers = [i for i, event in enumerate(truth.events) if event.joint in joints]
     events = tuple(truth.events[i] for i in numbers)
     jumps = truth.jump_closed_form
     if jumps is not None:
         jumps = jumps[numbers]
-    return replace(truth, events=events, jump_closed_form=jumps, guides=guides)
+    return replace(truth, events=events, jump_closed_form=jumps, guides=joints)
 
 
 def _own_truth(scene: Scene, t_end: float) -> Truth:

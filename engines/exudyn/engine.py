@@ -298,7 +298,7 @@ def scene_as_script(scene: Scene, named: str = "SCENE") -> str:
     Refused
         If Exudyn cannot express the scene.
     """
-    reason = ExudynEngine().refusal(scene, Fidelity.JOINT)
+    reason = ExudynEngine().reason_to_refuse(scene, Fidelity.JOINT)
     if reason is not None:
         raise Refused(reason)
     options = settings_of({}, _JOINT_WITH_BRISTLES, ExudynEngine.name, Fidelity.JOINT)

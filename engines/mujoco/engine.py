@@ -205,7 +205,7 @@ def _captured_warnings() -> Iterator[list[str]]:
 def scene_as_mjcf(scene: Scene, timestep: float, fidelity: Fidelity = Fidelity.JOINT) -> str:
     """Return the MJCF of a scene with springs, dampers, loads and drives; Refused if MuJoCo cannot represent it."""
     engine = MujocoEngine()
-    if reason := engine.refusal(scene, fidelity):
+    if reason := engine.reason_to_refuse(scene, fidelity):
         raise Refused(reason)
     return mjcf(
         scene,

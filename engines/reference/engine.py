@@ -14,6 +14,7 @@ import numpy as np
 from threadpoolctl import ThreadpoolController
 
 from stiction.engines.assembly import Assembly, assembly_of
+from stiction.engines.joint_effects import ALL_EFFECTS
 from stiction.engines.protocol import Capabilities, Engine, check_settings, installed_version
 from stiction.scenes import Cost, Event, InputError, Scene, Trajectory
 from stiction.scenes.fidelity import Fidelity
@@ -97,6 +98,7 @@ class ReferenceEngine(Engine):
         order="8, with located events (method event); 4 between events and 1 across a break-away "
         "(methods paper, textbook)",
         adaptive=True,
+        joint_effects={Fidelity.JOINT: ALL_EFFECTS},
     )
 
     @property
@@ -133,7 +135,7 @@ class ReferenceEngine(Engine):
         # The kernels of the other methods are compiled at their first call.
         if (method or _method(dt, rtol)) == "event":
             projects = scene.stabilization.method if stabilization == "scene" else stabilization
-            compile_ahead(event_kernels(bool(scene.frictional_guides), projects == "projection"))
+            compile_ahead(event_kernels(bool(scene.frictional_joints), projects == "projection"))
 
     def refusal(self, scene: Scene, fidelity: Fidelity) -> str | None:
         return None
@@ -326,6 +328,7 @@ def _as_written(
             values[::every]
             for values in (part.t, part.q, part.v, part.a, part.force[:, order], part.mode)
         )
+        force = force / mechanism.force_units
         opened = open_forces(mechanism, t, q, v, force, slip)
         built = build_columns(mechanism, t, q, v, a, opened.force, slip)
         return built, alternative_columns(mechanism, opened, len(t), built)

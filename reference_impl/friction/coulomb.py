@@ -9,6 +9,8 @@ The slider has length a and width b. Its guide has a lower surface (+) at the le
 upper surface (-) at b/2. The symbols used throughout are
 
 ==========  =======================================================================================
+bound       constant part of the bound of friction in slip (newton): `friction` of a scene
+static      the same at rest: `static_friction`
 R           force of the normal row of the guide (newton): resultant of its normal forces
 T           force of its angle row (newton metre): moment of normal forces and surface friction
 N+, N-      normal forces of the two surfaces (newton); the load is their sum
@@ -16,7 +18,7 @@ M           moment of the normal forces alone (newton metre)
 n1, n2      normal forces at the rear and the front corners (newton), n_j = F+_j - F-_j: positive
             where the lower surface carries, negative where the upper does
 s1, s2      signs of n1 and n2
-kappa       coefficient of friction in use, with its sign: friction = kappa (N+ + N-)
+kappa       coefficient of friction in use, with its sign: friction = kappa (N+ + N-) without a bound
 d           direction of a slip, 1 or -1; a guide that slips has kappa = -mu d
 ==========  =======================================================================================
 
@@ -27,6 +29,16 @@ Both surfaces use the same kappa. Eqs. (1)-(2) and (26) of the paper
 
 and N+ + N- = |R| for a guide without length. `hlcp.assemble` has the law as a complementarity,
 eqs. (4)-(7) and (10)-(17).
+
+Beyond the paper, friction has a constant bound beside, or instead of, that by the load:
+
+    slip: friction = -d (bound + mu (N+ + N-)),    rest: |friction| <= static + mus (N+ + N-)
+
+The constant part is shared equally by both surfaces, so that it turns no slider: the moments above
+hold unchanged. At rest the part rho in use, from -1 to 1, is that of both bounds, kappa = rho mus,
+and friction = rho (static + mus (N+ + N-)) = kappa (static/mus + N+ + N-): as if the load were
+larger by static/mus. A pin has a constant bound alone, and mu = mus = 0; so has a guide without a
+coefficient.
 """
 
 from __future__ import annotations
@@ -102,21 +114,35 @@ def coefficient(m, f, slip):
 
 
 @kernel
+def constant_bound(m, f, slip):
+    """Return the constant part of the bound: that of slip, that of rest where the guide sticks, else 0.
+
+    It is the counterpart of `coefficient`.
+    """
+    if slip[f] != 0:
+        return m.friction[f].bound
+    if m.friction[f].freedom == FREE:
+        return m.friction[f].static_bound
+    return 0.0
+
+
+@kernel
 def capacity(m, f, R, T, d):
     """Return the largest static friction of (3) against a slip that begins in direction d (newton).
 
     Both surfaces are fully mobilized. `can_jam` tells where the law allows more.
     """
     guide = m.friction[f]
-    return guide.mus * normal_load(guide, R, T, -guide.mus * d)
+    return guide.static_bound + guide.mus * normal_load(guide, R, T, -guide.mus * d)
 
 
 @kernel
 def friction_coefficients(m, f, d, s1, s2, mu):
     """Return c_R and c_T of the friction c_R R + c_T T of a guide that slips, eq. (3).
 
-    They follow from friction = kappa (s1 n1 + s2 n2), which is linear in R and T once the signs of
-    the corner forces are known. With mus in place of mu, they are those of the `capacity`.
+    The constant part of the friction, -d times the bound, is left to the caller. They follow from
+    friction = kappa (s1 n1 + s2 n2), which is linear in R and T once the signs of the corner forces
+    are known. With mus in place of mu, they are those of the `capacity`.
 
     Parameters
     ----------
@@ -175,22 +201,27 @@ def mobilization(guide, R, T, friction):
 
     The friction must be within the `capacity`, but for rounding: -mus or mus is returned beyond it.
 
-    The friction carried, kappa (N+ + N-), is bisected. It grows with kappa where mus b <= a, so
-    that there is one root. A guide that wedges can have three, as its load falls with kappa before
-    it grows. The friction by its moment, kappa (2/a) |T - (b/2) kappa R|, has a peak at
-    kappa = T / (b R). Below the peak both terms of the friction grow. Beyond it the friction by the
-    moment reaches the height of the peak again only once it grows for good. So the root of smallest
-    size is below the peak if the friction carried there is large enough, and the only crossing
-    beyond it if not.
+    The friction carried, kappa (N0 + N+ + N-) with N0 = static/mus, is bisected. It grows with
+    kappa where mus b <= a, so that there is one root. A guide that wedges can have three, as its
+    load falls with kappa before it grows. The friction by its moment,
+    kappa (N0 + (2/a) |T - (b/2) kappa R|), has a peak at kappa = (T +- (a/2) N0) / (b R), with the
+    sign of T, if that is before the zero of the moment, 2 T / (b R). Below the peak both terms of
+    the friction grow. Beyond it the friction by the moment reaches the height of the peak again
+    only once it grows for good. So the root of smallest size is below the peak if the friction
+    carried there is large enough, and the only crossing beyond it if not.
     """
+    if guide.mus == 0.0:
+        return 0.0
     low = -guide.mus
     high = guide.mus
+    extra = guide.static_bound / guide.mus
 
     # cut the bracket of a guide that wedges at the peak, if that is on the side of the friction
     if _wedges(guide) and R != 0.0:
-        peak = T / (guide.width * R)
-        if peak * friction > 0.0 and abs(peak) < guide.mus:
-            carried = abs(peak) * normal_load(guide, R, T, peak)
+        lever = 0.5 * guide.length * extra
+        peak = (T + (lever if T > 0.0 else -lever)) / (guide.width * R)
+        if peak * friction > 0.0 and abs(peak) < guide.mus and lever < abs(T):
+            carried = abs(peak) * (extra + normal_load(guide, R, T, peak))
             root_is_below_peak = carried >= abs(friction)
             if root_is_below_peak == (friction > 0.0):
                 high = peak
@@ -199,7 +230,7 @@ def mobilization(guide, R, T, friction):
 
     for _ in range(_HALVINGS):
         kappa = 0.5 * (low + high)
-        if kappa * normal_load(guide, R, T, kappa) < friction:
+        if kappa * (extra + normal_load(guide, R, T, kappa)) < friction:
             low = kappa
         else:
             high = kappa
@@ -207,7 +238,12 @@ def mobilization(guide, R, T, friction):
 
 
 def equal_mobilization(
-    R: np.ndarray, T: np.ndarray, friction: np.ndarray, length: float, width: float
+    R: np.ndarray,
+    T: np.ndarray,
+    friction: np.ndarray,
+    length: float,
+    width: float,
+    extra: float = 0.0,
 ) -> np.ndarray:
     """Return the coefficient of friction in use at rest, kappa, where it is equal on both surfaces.
 
@@ -227,15 +263,17 @@ def equal_mobilization(
         Length a of the slider, m; 0 for a guide without length.
     width : float
         Width b of the slider, m.
+    extra : float
+        Load N0 as which a constant bound counts, static/mus, newton.
 
     Returns
     -------
     ndarray, shape (n,)
         The root kappa of smallest size of
 
-            kappa max(|R|, (2/a) |T - (b/2) kappa R|) = friction
+            kappa (N0 + max(|R|, (2/a) |T - (b/2) kappa R|)) = friction
 
-        and 0 without friction or without any load (R and T zero). There is a root for every other
+        and 0 without friction or without any load (R, T and N0 zero). There is a root for every other
         finite force; NaN where a force is not finite, or where floating-point numbers overflow.
     """
     R, T, friction = (np.asarray(force, dtype=float) for force in (R, T, friction))
@@ -243,42 +281,44 @@ def equal_mobilization(
     smallest = np.full(friction.shape, np.nan)
     size = np.full(friction.shape, np.inf)
     with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
-        for kappa in _candidates(R, T, friction, length, width):
+        for kappa in _candidates(R, T, friction, length, width, extra):
             load = np.abs(R)
             if length > 0.0:
                 load = np.maximum(load, 2.0 / length * np.abs(T - 0.5 * width * kappa * R))
+            load = extra + load
             is_root = np.isfinite(kappa) & (np.abs(kappa * load - friction) <= tolerance)
             is_better = is_root & (np.abs(kappa) < size)
             smallest = np.where(is_better, kappa, smallest)
             size = np.where(is_better, np.abs(kappa), size)
 
-    has_no_load = R == 0.0
+    has_no_load = (R == 0.0) & (extra == 0.0)
     if length > 0.0:
         has_no_load &= T == 0.0
     return np.where((friction == 0.0) | has_no_load, 0.0, smallest)
 
 
 def _candidates(
-    R: np.ndarray, T: np.ndarray, friction: np.ndarray, length: float, width: float
+    R: np.ndarray, T: np.ndarray, friction: np.ndarray, length: float, width: float, extra: float
 ) -> Iterator[np.ndarray]:
     """Yield what kappa of `equal_mobilization` is if its absolute values are replaced by signs.
 
     Candidates may be infinite or NaN; the caller ignores division by zero and invalid operations.
     """
     # the load is |R|
-    yield friction / np.abs(R)
+    yield friction / (extra + np.abs(R))
     if length == 0.0:
         return
 
-    # The load is sign (2/a) (T - (b/2) kappa R), so that
-    #     (b/2) R kappa^2 - T kappa + sign (a/2) friction = 0.
+    # The load is sign (2/a) (T - (b/2) kappa R), so that with T0 = T + sign (a/2) N0
+    #     (b/2) R kappa^2 - T0 kappa + sign (a/2) friction = 0.
     # The root of larger size adds numbers of one sign. The other is the product of both roots over
     # it, so that nothing cancels there either.
     quadratic = 0.5 * width * R
     product = 0.5 * length * friction
     for sign in (1.0, -1.0):
-        discriminant = T * T - 4.0 * quadratic * sign * product
+        linear = T + sign * 0.5 * length * extra
+        discriminant = linear * linear - 4.0 * quadratic * sign * product
         is_real = discriminant >= 0.0
-        numerator = T + np.copysign(np.sqrt(np.maximum(discriminant, 0.0)), T)
+        numerator = linear + np.copysign(np.sqrt(np.maximum(discriminant, 0.0)), linear)
         yield np.where(is_real, 2.0 * sign * product / numerator, np.nan)
         yield np.where(is_real & (quadratic != 0.0), numerator / (2.0 * quadratic), np.nan)

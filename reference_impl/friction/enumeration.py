@@ -16,6 +16,7 @@ from stiction.reference_impl.compiled.loops import copy
 from stiction.reference_impl.friction.coulomb import (
     capacity,
     coefficient,
+    constant_bound,
     corner_forces,
     friction_coefficients,
     sticks,
@@ -40,11 +41,17 @@ signs two modes give the same forces to rounding, and a hyperstatic friction spl
 
 
 @kernel
+def _sign_choices(m, f):
+    """Return the number of combinations of the signs of the corner forces of a guide: 4, 2 or 1."""
+    return 1 << m.friction[f].corners
+
+
+@kernel
 def modes(m, slip):
     """Number of contact modes: directions and signs of corner forces, of every guide."""
     total = 1.0
     for f in range(len(m.friction)):
-        signs = 4.0 if m.friction[f].length > 0.0 else 2.0
+        signs = _sign_choices(m, f)
         if sticks(m, slip, f):
             total *= 1.0 + 2.0 * signs
         elif slip[f] != 0:
@@ -108,7 +115,7 @@ def _decode(m, code, slip, direction, signs):
     it stays there (0) or begins to slip along + or -.
     """
     for f in range(len(m.friction)):
-        count = 4 if m.friction[f].length > 0.0 else 2
+        count = _sign_choices(m, f)
         direction[f] = slip[f]
         if slip[f] == 0 and not sticks(m, slip, f):
             choice = 0  # without friction: any signs will do
@@ -189,7 +196,8 @@ def fill(
 ) -> None:
     """Fill A and `force` with the system of a mode: constraint rows, and of each guide its tangential row or its law.
 
-    A guide that stays at rest has its tangential row, as an equation for its acceleration; any other f = c_R R + c_T T.
+    A guide that stays at rest has its tangential row, as an equation for its acceleration; any other f = c_R R + c_T T
+    - d bound.
     """
     nr = m.rows
     for r in range(len(force)):
@@ -209,7 +217,7 @@ def fill(
         A[nr + f, row + 1] = -c_T
         A[nr + f, row] = -c_R
         A[nr + f, nr + f] = 1.0
-        force[nr + f] = 0.0
+        force[nr + f] = 0.0 - direction[f] * constant_bound(m, f, slip)
 
     # rows of unit size, so that a system near a singular one is told from that
     for r in range(len(force)):
@@ -237,7 +245,7 @@ def revise(
     for f in range(len(m.friction)):
         guide, d = m.friction[f], direction[f]
         changed = False
-        floor = SLACK * largest / np.sqrt(w.G[guide.row, guide.row])
+        floor = SLACK * largest / np.sqrt(w.G[guide.unit, guide.unit])
         R, T, friction = force[guide.row], force[guide.row + 1], force[nr + f]
         if d == 0 and not sticks(m, slip, f):
             continue
@@ -250,9 +258,9 @@ def revise(
                 direction[f] = -1
             changed = direction[f] != 0
 
-        # slip: the corner forces must have the signs that were assumed for them
+        # slip: the corner forces, if it has any, must have the signs that were assumed for them
         n1, n2 = corner_forces(guide, R, T, -coefficient(m, f, slip) * direction[f])
-        if d != 0 or changed:
+        if guide.corners > 0 and (d != 0 or changed):
             if signs[f, 0] * n1 < -floor:
                 signs[f, 0] = -signs[f, 0]
                 changed = True

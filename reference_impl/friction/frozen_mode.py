@@ -11,6 +11,9 @@ n_j = F+_j - F-_j. While it lasts, with R = n1 + n2 the force of the normal row 
 is linear in (R, T), so that G force = right closes with f eliminated. A stuck guide keeps its friction as an unknown
 and its tangential row as an equation. A guide without length has f = -mu d s R.
 
+Beyond the paper, friction has a constant part too, -d bound, which goes to the right-hand side. A pin, or a guide
+without a coefficient of friction, has that part alone: it has no corners, whose signs would be part of its mode.
+
 Names. Kernels take the mechanism m and the workspace w of one instant; f is the number of a frictional guide, and
 m.rows + f that of its tangential row.
 """
@@ -89,7 +92,8 @@ def solve_mode(m: Arrays, w: Workspace, slip: Integers, corner: IntegerTable) ->
 def friction_of(m, f, slip, corner, force):
     """Friction of a guide that slips, from the forces of its rows."""
     c_R, c_T = friction_coefficients(m, f, slip[f], corner[f, 0], corner[f, 1], m.friction[f].mu)
-    return c_R * force[m.friction[f].row] + c_T * force[m.friction[f].row + 1]
+    by_load = c_R * force[m.friction[f].row] + c_T * force[m.friction[f].row + 1]
+    return by_load - slip[f] * m.friction[f].bound
 
 
 @kernel
@@ -148,9 +152,10 @@ def _fill_cell(m, w, c, slip, direction, corner, reach):
         # the tangential row of a guide that does not stick becomes an equation for its friction
         if f >= 0 and direction[f] != 0:
             mu = m.friction[f].mus if slip[f] == 0 else m.friction[f].mu
+            bound = m.friction[f].static_bound if slip[f] == 0 else m.friction[f].bound
             c_R, c_T = friction_coefficients(m, f, direction[f], corner[f, 0], corner[f, 1], mu)
             friction_row(m, w, w.A, f, n, reach, c_R, c_T)
-            w.x[k] = 0.0
+            w.x[k] = 0.0 - direction[f] * bound * w.G[r, r]
         elif f >= 0 and not sticks(m, slip, f):
             friction_row(m, w, w.A, f, n, reach, 0.0, 0.0)
             w.x[k] = 0.0
@@ -180,10 +185,15 @@ def fill_mode(m, w, slip, corner):
     n = held_rows(m, w, slip, False)
     for i in range(n):
         w.x[i] = w.right[w.held[i]]
-    # the friction of guides that slip, c_R R + c_T T, enters the columns of R and T
+    # the friction of guides that slip, c_R R + c_T T, enters the columns of R and T; its constant part is known
     for f in range(len(m.friction)):
         if slip[f] != 0:
             t, normal = m.rows + f, m.friction[f].row
+            if m.friction[f].bound > 0.0:
+                for i in range(n):
+                    w.x[i] += w.G[w.held[i], t] * slip[f] * m.friction[f].bound
+            if m.friction[f].corners == 0:
+                continue
             c_R, c_T = friction_coefficients(
                 m, f, slip[f], corner[f, 0], corner[f, 1], m.friction[f].mu
             )
@@ -202,13 +212,13 @@ def most_capacity(m, w, f):
 
 @kernel
 def _branch(m, f, R, T, d, s1, s2):
-    """mus (s1 n1 + s2 n2) with the surface friction fully mobilized.
+    """The static bound and mus (s1 n1 + s2 n2), with the surface friction fully mobilized.
 
     The capacity where s1, s2 are the signs of n1, n2, less elsewhere.
     """
     guide = m.friction[f]
     n1, n2 = corner_forces(guide, R, T, -guide.mus * d)
-    return guide.mus * (s1 * n1 + s2 * n2)
+    return guide.static_bound + guide.mus * (s1 * n1 + s2 * n2)
 
 
 @kernel
@@ -222,6 +232,8 @@ def choose_branches(m, w, slip, corner, least):
     for f in range(len(m.friction)):
         # of a guide without load the signs would be those of rounding
         if not sticks(m, slip, f) or most_capacity(m, w, f) <= least:
+            continue
+        if m.friction[f].corners == 0:
             continue
         R, T = w.force[m.friction[f].row], w.force[m.friction[f].row + 1]
         for k in range(2):
@@ -261,10 +273,13 @@ def event_functions(m, w, slip, corner):
             w.event[e + 1] = _branch(m, f, R, T, -1.0, corner[f, 2], corner[f, 3]) - friction
             w.event[e + 2] = 1.0
             continue
-        n1, n2 = corner_forces(m.friction[f], R, T, -m.friction[f].mu * slip[f])
         w.event[e] = slip[f] * w.slip_speed[f]
-        w.event[e + 1] = corner[f, 0] * n1
-        w.event[e + 2] = corner[f, 1] * n2 if m.friction[f].length > 0.0 else 1.0
+        w.event[e + 1], w.event[e + 2] = 1.0, 1.0
+        if m.friction[f].corners > 0:
+            n1, n2 = corner_forces(m.friction[f], R, T, -m.friction[f].mu * slip[f])
+            w.event[e + 1] = corner[f, 0] * n1
+            if m.friction[f].length > 0.0:
+                w.event[e + 2] = corner[f, 1] * n2
 
 
 @kernel
@@ -272,14 +287,13 @@ def margin(m, w, slip, f):
     """Margin by which a guide obeys Coulomb's law: m/s against its direction, and N; negative where it does not.
 
     Written in absolute values, so that no assumption about corners or branches enters. Slip: d g_T', and minus the
-    difference of |f| and mu (|n1| + |n2|). Stick: no speed, and the capacity minus the friction needed, in the worse
-    direction.
+    difference of |f| and bound + mu (|n1| + |n2|). Stick: no speed, and the capacity minus the friction needed, in the
+    worse direction.
     """
     r, friction = m.friction[f].row, w.force[m.rows + f]
     R, T = w.force[r], w.force[r + 1]
     if slip[f] == 0:
         return 0.0, min(capacity(m, f, R, T, 1.0) + friction, capacity(m, f, R, T, -1.0) - friction)
     n1, n2 = corner_forces(m.friction[f], R, T, -m.friction[f].mu * slip[f])
-    return slip[f] * w.slip_speed[f], -abs(
-        friction + slip[f] * m.friction[f].mu * (abs(n1) + abs(n2))
-    )
+    by_load = friction + slip[f] * m.friction[f].mu * (abs(n1) + abs(n2))
+    return slip[f] * w.slip_speed[f], -abs(by_load + slip[f] * m.friction[f].bound)

@@ -7,12 +7,21 @@ Every force of the problem acts through rows of the mechanism (`mechanism`): a c
 (1), the angle row (lever -+ a/2) and, if its surface slips, the tangential row (friction -mu sgn(g_T) F) with the
 surface's lever +- b/2 on the angle row. With E the columns of these coefficients, M1 MKG and its fellows are G E.
 
-Beyond the paper: rows of smooth guides and the angle row of a guide without length are bilateral and are split like
-lCR; a guide without length has one pair F+ - F- = R.
+Beyond the paper: friction has a constant bound beside that by the load (`coulomb`), or instead of it as in a pin,
+
+    slip: lambda_T = mubar FN - sgn(g_T') c ,    rest: lH+- = muH FN + cH +- lambda_H ,    lH+ = 2 (muH FN + cH) - lH-
+
+with c and cH the bounds in slip and at rest of each direction: half of a guide's for each of its two surfaces, so that
+the constant part turns no slider, and the whole bound for the single direction of a pin. The constants are forces
+e = -sgn(g_T') c - V cH of the tangential rows, and go to the right-hand side: that of (34) and (35) becomes
+right - G e, that of (17) 2 cH.
+
+Also beyond the paper: rows of smooth guides and the angle row of a guide without length are bilateral and are split
+like lCR; a guide without length has one pair F+ - F- = R.
 
 Places in y and x, the same everywhere: the rows that no corner force replaces (`Arrays.smooth`), the corner forces of
 each guide (`friction.pair`), which together are as many as there are rows, then gH+ with lH+ of every surface of the
-guides at rest, then lH- with gH- of these.
+guides at rest, then lH- with gH- of these. A pin, or a guide without a coefficient, has one "surface" here.
 """
 
 from __future__ import annotations
@@ -26,9 +35,10 @@ from stiction.reference_impl.compiled.linear_algebra import (
     add_shortest,
     eliminate_columns,
 )
-from stiction.reference_impl.compiled.loops import copy
+from stiction.reference_impl.compiled.loops import copy, product
 from stiction.reference_impl.friction.coulomb import (
     coefficient,
+    constant_bound,
     corner_forces,
     mobilization,
     sticks,
@@ -62,7 +72,7 @@ leaves of it. By so much the break-away of guides that share their load is late.
 @kernel(allocates=True)
 def assemble(
     m: Arrays, w: Workspace, slip: Integers, compliance: float = 0.0
-) -> tuple[Table, Table, Reals, Table, Table]:
+) -> tuple[Table, Table, Reals, Table, Table, Reals]:
     """A0, A1, b of eq. (36) for the rows in the workspace.
 
     `slip`: sgn(g_T) of each frictional guide; 0 of those at rest, the set H. `compliance` is added to the diagonal of
@@ -72,11 +82,13 @@ def assemble(
     -------
     A0, A1, b : ndarray, shape (n, n), (n, n), (n,)
     E0, E1 : ndarray, shape (rows + frictional, n)
-        Row forces per unit of each variable: force = E0 y + E1 x.
+        Row forces per unit of each variable: force = E0 y + E1 x + e.
+    e : ndarray, shape (rows + frictional,)
+        Constant part of the row forces: that of friction with a bound of its own.
     """
-    nr, nf, surfaces = m.rows, len(m.friction), _surfaces(slip)
+    nr, nf, surfaces = m.rows, len(m.friction), _surfaces(m, slip)
     n = nr + 2 * surfaces
-    E0, E1 = np.zeros((nr + nf, n)), np.zeros((nr + nf, n))
+    E0, E1, e = np.zeros((nr + nf, n)), np.zeros((nr + nf, n)), np.zeros(nr + nf)
     A0, A1, b = np.zeros((n, n)), np.zeros((n, n)), np.zeros(n)
     row, y, x = np.zeros(nr + nf), np.zeros(n), np.zeros(n)
 
@@ -92,6 +104,8 @@ def assemble(
         # mt = mubar - V muH, (3) and (11): friction per unit of normal force before lH+ is added
         mu = coefficient(m, f, slip)
         mt = -mu if slip[f] == 0 else -mu * slip[f]
+        bound = constant_bound(m, f, slip)
+        e[tangent] -= bound if slip[f] == 0 else bound * slip[f]
         for k in range(corners):
             column = m.friction[f].pair + k
             lever = (2 * k - 1) * half_a if corners == 2 else 0.0  # (26): S of F+, K = -S of F-
@@ -106,27 +120,28 @@ def assemble(
                 # (17): lH+ + lH- = 2 muH FN, of FN = H F+ + G F-, (4) and (10), the part of this corner
                 A1[g + surfaces, column] = 2.0 * mu
                 A0[g + surfaces + 1, column] = -2.0 * mu
-        for surface in range(2 if slip[f] == 0 else 0):
-            E1[tangent, g] = 1.0  # lambda_H = lH+ - muH FN, (6) and (14)
+        for surface in range(m.friction[f].surfaces if slip[f] == 0 else 0):
+            E1[tangent, g] = 1.0  # lambda_H = lH+ - muH FN - cH, (6) and (14)
+            b[g + surfaces] = 2.0 * bound / m.friction[f].surfaces  # 2 cH of (17)
             if corners == 2:
                 E1[normal + 1, g] = half_b if surface == 0 else -half_b
             A0[g, g], A1[g, g + surfaces] = -1.0, -1.0  # gH'' = gH+ - gH-, (5), (13) and (16)
             A0[g + surfaces, g + surfaces], A1[g + surfaces, g] = 1.0, -1.0
             g += 1
 
-    # (34): constraint rows of G (E0 y + E1 x) = right, with the compliance on their diagonal
+    # (34): constraint rows of G (E0 y + E1 x + e) = right, with the compliance on their diagonal
     for r in range(nr):
         _multiply_row(w.G[r], E0, E1, y, x)
         for c in range(n):
             A0[r, c] = y[c] + compliance * w.G[r, r] * E0[r, c]
             A1[r, c] = -(x[c] + compliance * w.G[r, r] * E1[r, c])
-        b[r] = w.right[r]
+        b[r] = w.right[r] - product(w.G[r], e)
 
     # (35): accelerations of the surfaces of guides at rest, added to the terms of gH'' that stand in these rows
     g = nr
     for f in range(nf):
         half_b, angle = 0.5 * m.friction[f].width, m.friction[f].row + 1
-        for surface in range(2 if slip[f] == 0 else 0):
+        for surface in range(m.friction[f].surfaces if slip[f] == 0 else 0):
             lever = half_b if surface == 0 else -half_b  # of (8)-(9); the row is (32), (35)
             # W_T of the surface = tangential row +- b/2 angle row, so gH'' of (12) = (that row of G) force - right
             for k in range(nr + nf):
@@ -135,9 +150,9 @@ def assemble(
             for c in range(n):
                 A0[g, c] += y[c]
                 A1[g, c] -= x[c]
-            b[g] = w.right[nr + f] + lever * w.right[angle]
+            b[g] = w.right[nr + f] + lever * w.right[angle] - product(row, e)
             g += 1
-    return A0, A1, b, E0, E1
+    return A0, A1, b, E0, E1, e
 
 
 @kernel
@@ -184,7 +199,7 @@ def solve(  # noqa: C901 - each way a solve ends
     rest : float
         Acceleration (m/s^2) up to which a stuck guide of this solution is at rest.
     """
-    surfaces = _surfaces(slip)
+    surfaces = _surfaces(m, slip)
     n = m.rows + 2 * surfaces
     row, unit_y, unit_x = _units(m, w, slip, n)
 
@@ -192,7 +207,7 @@ def solve(  # noqa: C901 - each way a solve ends
     # it is made regular by the compliance, which `_polish` takes out of the solution again.
     right, regular = np.zeros((n, n + 1)), False
     for compliance in (0.0, COMPLIANCE):
-        A0, A1, b, E0, E1 = assemble(m, w, slip, compliance)
+        A0, A1, b, E0, E1, e = assemble(m, w, slip, compliance)
         _scale(A0, A1, b, row, unit_y, unit_x, right)
         regular = eliminate_columns(A0, right, n, n + 1, n)
         if regular:
@@ -230,7 +245,7 @@ def solve(  # noqa: C901 - each way a solve ends
     force = np.zeros(len(w.force))
     if outcome == SOLVED:
         if compliance > 0.0:
-            A0, A1, b, _, _ = assemble(m, w, slip)
+            A0, A1, b, _, _, _ = assemble(m, w, slip)
             _scale(A0, A1, b, row, unit_y, unit_x, right)
             for i in range(n):
                 q[i] = right[i, n]
@@ -239,6 +254,7 @@ def solve(  # noqa: C901 - each way a solve ends
             _share(m, w, slip, y, x, unit_y, unit_x)
         _rescale(y, x, unit_y, unit_x, 1)
         for k in range(len(force)):
+            force[k] = e[k]
             for c in range(n):
                 force[k] += E0[k, c] * y[c] + E1[k, c] * x[c]
 
@@ -248,6 +264,7 @@ def solve(  # noqa: C901 - each way a solve ends
         t = m.rows + f
         scale = max(scale, abs(w.right[t]))
         for k in range(len(force)):
+            scale = max(scale, abs(w.G[t, k] * e[k]))
             for c in range(n):
                 of_y, of_x = w.G[t, k] * E0[k, c] * y[c], w.G[t, k] * E1[k, c] * x[c]
                 scale = max(scale, abs(of_y), abs(of_x))
@@ -273,11 +290,11 @@ def _residual_acceleration(m, w, force):
 
 
 @kernel
-def _surfaces(slip):
+def _surfaces(m, slip):
     """Return the number of surfaces of guides at rest."""
     count = 0
     for f in range(len(slip)):
-        count += 2 if slip[f] == 0 else 0
+        count += m.friction[f].surfaces if slip[f] == 0 else 0
     return count
 
 
@@ -307,15 +324,16 @@ def _units(m: Arrays, w: Workspace, slip: Integers, n: int) -> tuple[Reals, Real
 
     # guides: corner forces as their normal row; of the surfaces at rest accelerations as the tangential row, and
     # saturations lH as the normal forces that they are multiples of
-    g, surfaces = m.rows, _surfaces(slip)
+    g, surfaces = m.rows, _surfaces(m, slip)
     for f in range(len(m.friction)):
-        force, t = row[m.friction[f].row], m.rows + f
+        t = m.rows + f
+        force = 1.0 / np.sqrt(w.G[m.friction[f].unit, m.friction[f].unit])
         for c in range(m.friction[f].pair, m.friction[f].pair + m.friction[f].corners):
             unit_y[c] = force
             unit_x[c] = force
         if slip[f] == 0:
             acceleration = np.sqrt(w.G[t, t])
-            for _ in range(2):
+            for _ in range(m.friction[f].surfaces):
                 # the equation of gH'', with gH+ in y and lH+ in x
                 row[g] = 1.0 / acceleration
                 unit_y[g] = acceleration
@@ -408,7 +426,7 @@ def _share(
     It is the solution of a hyperstatic stick that depends neither on the order of constraints nor on masses. y, x in
     the units of `_units`.
     """
-    nf, surfaces = len(m.friction), _surfaces(slip)
+    nf, surfaces = len(m.friction), _surfaces(m, slip)
 
     # nothing to share where a guide leaves
     largest = 0.0
@@ -433,8 +451,8 @@ def _share(
     for r in range(len(w.force)):
         admissible = admissible and np.isfinite(w.force[r])
     for f in range(nf):
-        normal = m.friction[f].row
-        floor = ACCURATE * largest / np.sqrt(w.G[normal, normal])
+        unit = m.friction[f].unit
+        floor = ACCURATE * largest / np.sqrt(w.G[unit, unit])
         for e in range(0 if slip[f] == 0 else 1, 3):
             admissible = admissible and w.event[3 * f + e] >= -floor
     copy(event, w.event)
@@ -462,7 +480,7 @@ def _variables(
     m: Arrays, w: Workspace, slip: Integers, force: Reals, direction: Integers, y: Reals, x: Reals
 ) -> None:
     """Fill y and x from row forces; the friction of a stuck slider mobilizes both surfaces equally."""
-    nr, nf, surfaces = m.rows, len(m.friction), _surfaces(slip)
+    nr, nf, surfaces = m.rows, len(m.friction), _surfaces(m, slip)
     for c in range(len(m.smooth)):
         y[c] = max(force[m.smooth[c]], 0.0)
         x[c] = max(-force[m.smooth[c]], 0.0)
@@ -486,11 +504,22 @@ def _variables(
         # gH+, lH- in y and lH+, gH- in x, of each surface
         if slip[f] == 0:
             acceleration = row_acceleration(w, nr + f, force) if direction[f] != 0 else 0.0
-            for load in (lower, upper):
+            # the part of the constant bound in use, that of the coefficient if there is one
+            bound = constant_bound(m, f, slip)
+            part = 0.0
+            if direction[f] != 0:
+                part = -1.0 * direction[f]
+            elif mu > 0.0:
+                part = kappa / mu
+            elif bound > 0.0:
+                part = min(max(friction / bound, -1.0), 1.0)
+            bound /= guide.surfaces
+            for surface in range(guide.surfaces):
+                load = lower if surface == 0 else upper
                 y[g] = max(acceleration, 0.0)
                 x[g + surfaces] = max(-acceleration, 0.0)
-                y[g + surfaces] = (mu - kappa) * load
-                x[g] = (mu + kappa) * load
+                y[g + surfaces] = (mu - kappa) * load + (1.0 - part) * bound
+                x[g] = (mu + kappa) * load + (1.0 + part) * bound
                 g += 1
 
 
@@ -501,7 +530,7 @@ def read(m, w, slip, force, y, x, accelerate, corner):
     `accelerate` receives the accelerations, exactly 0 of a guide that stays at rest; `corner` the signs of F+_j - F-_j,
     +1 where both vanish. A guide without length uses the first.
     """
-    g, surfaces = m.rows, _surfaces(slip)
+    g, surfaces = m.rows, _surfaces(m, slip)
     for f in range(len(m.friction)):
         for k in range(m.friction[f].corners):
             column = m.friction[f].pair + k
@@ -516,7 +545,7 @@ def read(m, w, slip, force, y, x, accelerate, corner):
             # friction never acts along the acceleration: the compliance has chosen a wrong basis, by less than itself
             if accelerate[f] * force[m.rows + f] > 0.0:
                 accelerate[f] = 0.0
-            g += 2
+            g += m.friction[f].surfaces
 
 
 def residual(A0: np.ndarray, A1: np.ndarray, b: np.ndarray, y: np.ndarray, x: np.ndarray) -> float:

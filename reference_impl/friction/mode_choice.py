@@ -109,7 +109,7 @@ def _settle(m: Arrays, w: Workspace, slip: Integers, corner: IntegerTable) -> in
             return SOLVED
 
         # a solution in which guides leave is not the only one if they could also share the load and stay
-        if nf > 1 and _may_rest_as_well(m, w, slip, corner):
+        if nf > 1 and m.loaded > 0 and _may_rest_as_well(m, w, slip, corner):
             return SEVERAL
         leave_together(m, w, direction, firmness, slip)
     return SOLVED
@@ -150,8 +150,8 @@ def _may_rest_as_well(m: Arrays, w: Workspace, slip: Integers, corner: IntegerTa
 
     # all could stay if that margin is positive, by more than rounding, for the units of every guide's rows
     for f in range(len(slip)):
-        normal = m.friction[f].row
-        if not least > RESTS * largest / np.sqrt(w.G[normal, normal]):
+        unit = m.friction[f].unit
+        if not least > RESTS * largest / np.sqrt(w.G[unit, unit]):
             return False
     return any_shares
 
@@ -186,7 +186,8 @@ def _other_modes(m: Arrays, w: Workspace, resting: Flags, slip: Integers) -> int
             count += 1
             modes *= 3
             any_leaves = any_leaves or slip[f] != 0
-            any_drops = any_drops or m.friction[f].mus > m.friction[f].mu
+            guide = m.friction[f]
+            any_drops = any_drops or guide.mus > guide.mu or guide.static_bound > guide.bound
     if not (any_leaves and any_drops and 2 <= count <= MOST_AT_REST):
         return 0
 

@@ -5,7 +5,7 @@ equations of the mode, force = p + N tau. Null vectors without friction, those o
 them the shortest forces are taken (`linear_algebra.minimum_norm`). What a guide has left against a slip in direction
 d,
 
-    M_d(tau) = mus max(|R|, (2/a) |T + (b/2) mus d R|) + d f,
+    M_d(tau) = static + mus max(|R|, (2/a) |T + (b/2) mus d R|) + d f,
 
 is the largest of four linear functions of tau (of two without a length). A share of the load exists where the smallest
 of these margins over all guides and both directions can be made positive:
@@ -230,7 +230,9 @@ def _is_moved(m, slip, f, null):
         largest = 0.0
         for r in range(len(null)):
             largest = max(largest, abs(null[r, j]))
-        own = max(abs(null[m.rows + f, j]), abs(null[normal, j]))
+        own = abs(null[m.rows + f, j])
+        if m.friction[f].corners > 0:
+            own = max(own, abs(null[normal, j]))
         if m.friction[f].length > 0.0:
             own = max(own, abs(null[normal + 1, j]) / m.friction[f].length)
         if own > SHARES * largest:
@@ -242,7 +244,8 @@ def _is_moved(m, slip, f, null):
 def _margins_of_guide(m, w, f, null, first, value, slope):
     """Fill the linear functions of the two margins of a guide, from place `first` on.
 
-    They are those whose largest is M_d of the module's docstring: mus (+-R), mus (2/a) (+-(T + (b/2) mus d R)), + d f.
+    They are those whose largest is M_d of the module's docstring: static + mus (+-R) + d f and
+    static + mus (2/a) (+-(T + (b/2) mus d R)) + d f.
     """
     guide, normal, t = m.friction[f], m.friction[f].row, m.rows + f
     for side in range(2):
@@ -256,6 +259,7 @@ def _margins_of_guide(m, w, f, null, first, value, slope):
                 of_R = of_T * 0.5 * guide.width * guide.mus * d
             place = first + LINES * side + line
             value[place] = of_R * w.force[normal] + of_T * w.force[normal + 1] + d * w.force[t]
+            value[place] += guide.static_bound
             for j in range(null.shape[1]):
                 slope[place, j] = (
                     of_R * null[normal, j] + of_T * null[normal + 1, j] + d * null[t, j]

@@ -9,6 +9,11 @@ is below 1 the frictions are the fixed point of a contraction. So they exist and
 slipping guide that is necessary too: beyond, some loads have two solutions and others none (Painleve). There the
 contact modes are counted. A guide at rest adds its static coefficient, with both directions of slip in view.
 
+Where no friction depends on a load, the gain is zero. Friction with constant bounds is convex: the accelerations
+minimize the sum of Gauss' constraint (1/2) |a - M^-1 Q|_M^2 and of static_i |g_i''| over the guides at rest, on the
+accelerations that the constraints admit, a strictly convex problem. So they exist and are unique for any number of
+guides, and nothing is counted.
+
 The contraction is for given directions of slip. Guides at rest that share a load may all stay although a solution has
 some of them leave: `mode_choice` looks for that rest by its margins.
 """
@@ -123,9 +128,11 @@ def _respond_banded(
 def gain_of_mode(m: Arrays, w: Workspace, slip: Integers) -> tuple[float, int]:
     """The gain with the guides at rest held there, and if there are any, that without: the larger, and its guide.
 
-    0 and NO_GUIDE without friction.
+    0 and NO_GUIDE without friction that depends on a load.
     """
     worst, where = 0.0, NO_GUIDE
+    if m.loaded == 0:
+        return worst, where
     for c in range(count_cells(m)):
         own_m, own_w, guides = cell_of(m, w, c)
         own_slip, ways = taken(slip, guides), min(1, len(guides))

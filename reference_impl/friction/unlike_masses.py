@@ -56,7 +56,7 @@ def solve_with_motion(
             x[column[f]] = -w.gamma[nr + f]
 
     # J and -J^T, block by block. A guide that slips has no equation of its own: its friction c_R R + c_T T acts through
-    # the columns of R and T.
+    # the columns of R and T, its constant part is an applied force.
     for b in range(len(m.block)):
         at, row, k = np.int64(m.block[b, 0]), np.int64(m.block[b, 1]), np.int64(m.block[b, 2])
         g = row - nr  # the guide of a tangential row
@@ -72,6 +72,7 @@ def solve_with_motion(
                 )
                 A[k + c, normal] -= c_R * w.J[at + c]
                 A[k + c, normal + 1] -= c_T * w.J[at + c]
+                x[k + c] -= slip[g] * m.friction[g].bound * w.J[at + c]
     if not eliminate(A, x, unit, size, size, REGULAR):
         return False
     for i in range(n):

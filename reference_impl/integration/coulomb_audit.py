@@ -50,7 +50,7 @@ def audit(trajectory: Trajectory, mechanism: Mechanism, instants: int = 1000) ->
         if outcome != SOLVED:
             unsolved += 1
             continue
-        A0, A1, b, _, _ = hlcp.assemble(m, w, slip[i])
+        A0, A1, b, *_ = hlcp.assemble(m, w, slip[i])
         residual = max(residual, hlcp.residual(A0, A1, b, y, x))
         acceleration(m, w, force, fresh)
         difference = max(difference, float(np.max(np.abs(fresh - a[i]))))

@@ -189,13 +189,13 @@ def rounding_of_terms(m, w, s, e):
     is_speed = e % 3 == 0 and s.slip[e // 3] != 0
     if is_speed:
         return noise(s, e)
-    normal = m.friction[e // 3].row
-    return NOISE * largest_term(m, w) / np.sqrt(w.G[normal, normal])
+    unit = m.friction[e // 3].unit
+    return NOISE * largest_term(m, w) / np.sqrt(w.G[unit, unit])
 
 
 @kernel
 def remember(m, w, s):
-    """Keep the largest speed and force so far, by which rounding is judged; forces as of a guide's normal row.
+    """Keep the largest speed and force so far, by which rounding is judged; forces as of the row `unit` of a guide.
 
     A force that the terms of its equation leave small is known to the rounding of these terms: so is that of a guide
     which falls with its slider, without any load.
@@ -204,8 +204,8 @@ def remember(m, w, s):
     p.speed = max(p.speed, largest_speed(m, y[n:]))
     largest = max(largest_force(m, w, w.force), largest_term(m, w)) if len(m.friction) else 0.0
     for f in range(len(m.friction)):
-        normal = m.friction[f].row
-        p.force = max(p.force, largest / np.sqrt(w.G[normal, normal]))
+        unit = m.friction[f].unit
+        p.force = max(p.force, largest / np.sqrt(w.G[unit, unit]))
 
 
 @kernel

@@ -258,10 +258,9 @@ def alternative_columns(
 
     See `OpenForces`.
     """
-    names = [*mechanism.row_names, *(f"{name}.friction" for name in mechanism.guide_names)]
     found = {}
-    for r, name in enumerate(names):
-        values = opened.alternatives[:, :, r]
+    for r, name in enumerate(mechanism.force_names):
+        values = opened.alternatives[:, :, r] * mechanism.force_units[r]
         if name in wanted and not np.isnan(values).all():
             found[name] = np.full((count, values.shape[1]), np.nan)
             found[name][opened.rows] = values

@@ -1,6 +1,7 @@
-"""Which frictional guides can move at all: by a freedom of the mechanism, by its drives alone, or never.
+"""Which frictional joints can move at all: by a freedom of the mechanism, by its drives alone, or never.
 
-With J the rows of the joints, D those of the drives and W the tangential row of a guide, the slip velocity W v is
+Guides here are all frictional joints, pins among them: what is said of a slider holds for the rotation of a pin. With
+J the rows of the joints, D those of the drives and W the tangential row of a guide, the slip velocity W v is
 
     locked   W depends on J:       no motion that the joints allow moves the slider in its guide;
     driven   W depends on [J; D]:  the drives determine the slip velocity, and no freedom is left to it;
@@ -99,9 +100,9 @@ def guide_freedoms(scene: Scene, length_scale: float) -> GuideFreedoms:
     length_scale : float
         A length of the mechanism, m, by which angles are compared with lengths.
     """
-    candidates = tuple(name for name in scene.frictional_guides if _closes_loop(scene, name))
+    candidates = tuple(name for name in scene.frictional_joints if _closes_loop(scene, name))
     if not candidates:
-        return GuideFreedoms(dict.fromkeys(scene.frictional_guides, GuideFreedom.FREE))
+        return GuideFreedoms(dict.fromkeys(scene.frictional_joints, GuideFreedom.FREE))
     positions = tuple((name, (*body.position, body.angle)) for name, body in scene.bodies.items())
     return _freedoms(
         _Geometry(
@@ -118,12 +119,12 @@ def _freedoms(geometry: _Geometry, candidates: tuple[str, ...]) -> GuideFreedoms
     A run, its gate and the points of a sweep share the result.
     """
     scene, length_scale = geometry.scene, geometry.length_scale
-    found = dict.fromkeys(scene.frictional_guides, GuideFreedom.FREE)
+    found = dict.fromkeys(scene.frictional_joints, GuideFreedom.FREE)
     equations = EquationsOfMotion(scene)
     start, _ = equations.start()
     unit = np.where(np.arange(len(start)) % 3 == 2, 1.0 / length_scale, 1.0)
     joints = len(equations.rows) - len(scene.drives)
-    names = list(equations.guides)
+    names = list(equations.frictional)
     beside_joints = np.zeros((POSITIONS, len(names)))
     beside_all = np.zeros((POSITIONS, len(names)))
     for i, q in enumerate(_positions_near(equations, start, unit, joints, length_scale)):
@@ -150,18 +151,20 @@ def _freedoms(geometry: _Geometry, candidates: tuple[str, ...]) -> GuideFreedoms
         if found[name] == GuideFreedom.FREE
         and any(
             moved[equations.rows.index(f"{name}.{label}")]
-            for label in _load_rows(scene.guides[name])
+            for label in _load_rows(scene.joints[name])
         )
     ]
     return GuideFreedoms(found, tuple(stressed))
 
 
-def _load_rows(guide: Translational) -> tuple[str, ...]:
-    """Return the names of the rows that the load of a guide depends on.
+def _load_rows(joint: Joint) -> tuple[str, ...]:
+    """Return the names of the rows that the bound of friction of a joint depends on.
 
-    Without a length this is the normal force alone.
+    Without a length this is the normal force alone, without a coefficient of friction nothing.
     """
-    return ("normal_force", "moment") if guide.length else ("normal_force",)
+    if not isinstance(joint, Translational) or joint.mu is None:
+        return ()
+    return ("normal_force", "moment") if joint.length else ("normal_force",)
 
 
 def _closes_loop(scene: Scene, guide: str) -> bool:

@@ -149,6 +149,15 @@ def constraints_at(m, w, t, q, v):
             w.J[y + 1], w.J[y + 2], w.J[y + 4], w.J[y + 5] = 1.0, rax, -1.0, -rbx
             w.phi[r], w.phi_dot[r], w.gamma[r] = dx, ex, cx
             w.phi[r + 1], w.phi_dot[r + 1], w.gamma[r + 1] = dy, ey, cy
+            f = constraint.friction
+            if f >= 0:
+                # relative rotation as slip at the distance `length_scale`; it has no centripetal part
+                radius, z = m.length_scale, 6 * (m.rows + f)
+                w.J[z + 2], w.J[z + 5] = radius, -radius
+                omega_a = v[3 * a + 2] if a >= 0 else 0.0
+                omega_b = v[3 * b + 2] if b >= 0 else 0.0
+                w.slip_speed[f] = radius * (omega_a - omega_b)
+                w.gamma[m.rows + f] = 0.0
             continue
         arms = (rax, ray, rbx, rby)
         if kind == DISTANCE:

@@ -1,9 +1,13 @@
 """A scene as arrays: what the compiled kernels work on.
 
 Rows. The constraints Phi = [Phi_CR; Phi_CT; Phi_D] of eq. (20) are numbered row by row, joints in the order of
-the scene, then drives. A frictional guide adds one row behind them: the tangential direction of its slider
-(W_T of eq. (8) at the slider's point). Every row touches at most two bodies, so that it is stored as two blocks
-of three coefficients, `J[row, side]`.
+the scene, then drives. A frictional joint adds one row behind them, its tangential direction: of a guide that of its
+slider (W_T of eq. (8) at the slider's point), of a pin the relative rotation of its bodies. Every row touches at most
+two bodies, so that it is stored as two blocks of three coefficients, `J[row, side]`.
+
+The rotation of a pin counts as the slip of a point at the distance `length_scale` from it (`Mechanism.slip_radius`),
+and its friction as a force there, so that all slip velocities are in m/s and all frictions in newton. Columns of
+trajectories are in rad/s and N m.
 
 The surfaces (+) and (-) need no rows of their own: the angle of the slider in its guide is a constraint row, and the
 row of W_T for a surface at lever -+b/2 is the tangential row +- b/2 times that angle row.
@@ -35,7 +39,14 @@ from stiction.reference_impl.multibody.guide_freedom import guide_freedoms
 from stiction.scenes import Problem, Scene, SceneError
 from stiction.scenes.fields import GROUND
 from stiction.scenes.laws import Constant, Linear, Sine, law_kinks, spline_slopes
-from stiction.scenes.model import Baumgarte, Drive, Force, LinearSpring, Revolute
+from stiction.scenes.model import (
+    Baumgarte,
+    Drive,
+    Force,
+    LinearSpring,
+    Revolute,
+    Translational,
+)
 
 MOST_ROWS = 2000
 """Constraint rows of one part of a scene: a matrix of them has 32 MB, a dense solve takes seconds."""
@@ -61,10 +72,18 @@ def _record(integers: str, numbers: str) -> np.dtype:
 
 CONSTRAINT = _record("kind row a b law friction", "ax ay bx by ux uy offset")
 """Bodies a and b, their points, direction (ux, uy) in the axes of b, offset of the angle, frictional guide or -1."""
-FRICTION = _record("row corners pair freedom", "length width mu mus")
-"""Row of the guide's normal force (that of the moment follows), length 0 where it has none; `corners`, the normal
-forces that have one sign each (2, or 1 without length), `pair`, the first of their pairs in the HLCP, and `freedom`,
-one of `guide_freedom.GuideFreedom`."""
+FRICTION = _record(
+    "row corners pair freedom surfaces unit", "length width mu mus bound static_bound"
+)
+"""A frictional joint: a guide or a pin.
+
+`row`, the first of its two constraint rows: of a guide that of the normal force, and that of the moment follows.
+`corners`, the normal forces that have one sign each and that its friction depends on: 2, 1 without length, 0 without a
+coefficient of friction. `pair`, the first of their pairs in the HLCP. `freedom`, one of `guide_freedom.GuideFreedom`.
+`surfaces`, the directions of friction in the HLCP: the two surfaces of a guide with a coefficient, else 1. `unit`, the
+row whose mobility measures its forces: that of the normal force, or without corners its tangential row. `length` and
+`width` are 0 where it has none, or no corners. Its friction is at most bound + mu times the load in slip, static_bound
++ mus times the load at rest (newton)."""
 SPRING = _record("kind a b", "ax ay bx by ux uy stiffness damping rest")
 LOAD = _record("body law", "px py ux uy")
 LINE = _record("a b flips", "ax ay bx by")
@@ -92,7 +111,7 @@ class Arrays(Bundle):
     constraint: Annotated[
         np.ndarray, CONSTRAINT, 1
     ]  # one per joint and drive, in the order of their rows
-    friction: Annotated[np.ndarray, FRICTION, 1]  # one per frictional guide
+    friction: Annotated[np.ndarray, FRICTION, 1]  # one per frictional joint
     spring: Annotated[np.ndarray, SPRING, 1]
     load: Annotated[np.ndarray, LOAD, 1]  # a torque has the direction (0, 0)
     turning: Integers
@@ -122,7 +141,8 @@ class Arrays(Bundle):
     baumgarte_2alpha: float
     baumgarte_beta2: float
     length_scale: float
-    unfree: int  # frictional guides that no freedom moves (`guide_freedom`)
+    unfree: int  # frictional joints that no freedom moves (`guide_freedom`)
+    loaded: int  # frictional joints whose friction depends on a load: those that have corners
     unlike: int  # 1 if masses or inertias are unlike by more than `UNLIKE` (`unlike_masses`)
 
 
@@ -222,7 +242,13 @@ class Mechanism:
     arrays : Arrays
     body_names, row_names, guide_names : list of str
         Names of bodies, of constraint rows (``pin.fx``, ``guide.normal_force``, ``motor.effort``) and of
-        frictional guides, in the order of the arrays.
+        frictional joints, guides and pins, in the order of the arrays.
+    force_names : list of str
+        Columns of the row forces: `row_names`, and ``friction`` of the frictional joints.
+    slip_radius : ndarray, shape (frictional,)
+        Slip (m) per unit of relative motion of each frictional joint: 1 for a guide, `length_scale` for a pin (m/rad).
+    force_units : ndarray, shape (rows + frictional,)
+        Value of a column of `force_names` per unit of its row force: `slip_radius` for frictions, else 1.
     stressed_guides : tuple of str
         Guides whose load depends on a stress that rigid bodies leave open; see `guide_freedom.GuideFreedoms`.
     projection : bool
@@ -236,9 +262,18 @@ class Mechanism:
 
     def __init__(self, scene: Scene, stabilization: str = "scene"):
         self.scene = scene
-        self.body_names, self.guide_names = list(scene.bodies), list(scene.frictional_guides)
+        self.body_names, self.guide_names = list(scene.bodies), list(scene.frictional_joints)
         self.row_names = _row_names(scene)
+        self.force_names = [*self.row_names, *(f"{name}.friction" for name in self.guide_names)]
         self._index = {GROUND: -1, **{name: i for i, name in enumerate(self.body_names)}}
+        radius = self._length_scale()
+        self.slip_radius = np.array(
+            [
+                radius if isinstance(joint, Revolute) else 1.0
+                for joint in scene.frictional_joints.values()
+            ]
+        )
+        self.force_units = np.concatenate([np.ones(len(self.row_names)), self.slip_radius])
         self._laws = [element.law for element in [*scene.drives.values(), *scene.forces.values()]]
         alpha, beta = self._stabilize(stabilization)
         if len(self.row_names) > MOST_ROWS:
@@ -335,20 +370,9 @@ class Mechanism:
             else:
                 kind, points = TRANSLATIONAL, (element.slider_point, element.point)
                 direction, offset = element.direction, element.angle
-                if element.frictional:
-                    guide = len(frictions)
-                    frictions.append(
-                        (
-                            row,
-                            2 if element.length else 1,
-                            0,
-                            freedoms[name],
-                            element.length or 0.0,
-                            element.width or 0.0,
-                            element.kinetic_coefficient,
-                            element.static_coefficient,
-                        )
-                    )
+            if not isinstance(element, Drive) and element.frictional:
+                guide = len(frictions)
+                frictions.append(self._friction(name, element, row, freedoms[name]))
             constraints.append(
                 (
                     kind,
@@ -367,6 +391,8 @@ class Mechanism:
             np.array(constraints, dtype=CONSTRAINT),
             np.array(frictions, dtype=FRICTION),
         )
+        tangential = row + np.arange(len(friction))
+        friction["unit"] = np.where(friction["corners"] > 0, friction["row"], tangential)
         joints = tuple(
             [(kind, first, a, b, guide) for kind, first, a, b, _, guide, *_ in constraints]
         )
@@ -389,12 +415,28 @@ class Mechanism:
             "origin": np.zeros(0, dtype=np.int64),
             "length_scale": self._length_scale(),
             "unfree": int(np.count_nonzero(friction["freedom"])),
+            "loaded": int(np.count_nonzero(friction["corners"])),
             "unlike": int(self.largest_ratio_of_masses() > UNLIKE),
         }
 
+    def _friction(
+        self, name: str, joint: Revolute | Translational, row: int, freedom: int
+    ) -> tuple[float, ...]:
+        """Return the entry of a frictional joint in `Arrays.friction`, whose `pair` and `unit` are set later."""
+        corners, length, width, mu, mus = 0, 0.0, 0.0, 0.0, 0.0
+        if isinstance(joint, Translational) and joint.mu is not None:
+            corners = 2 if joint.length else 1
+            length, width = joint.extent
+            mu, mus = joint.kinetic_coefficient, joint.static_coefficient
+        # the bounds of a pin are torques: its friction counts as a force at the radius of its slip
+        radius = self._length_scale() if isinstance(joint, Revolute) else 1.0
+        bound, static_bound = (value / radius for value in joint.bounds)
+        surfaces = 2 if corners else 1
+        return (row, corners, 0, freedom, surfaces, 0, length, width, mu, mus, bound, static_bound)
+
     def _springs(self) -> dict[str, np.ndarray]:
         springs = []
-        for spring in self.scene.springs.values():
+        for spring in self.scene.springs_and_dampers.values():
             bodies = [self._index[body] for body in spring.bodies]
             if isinstance(spring, LinearSpring):
                 kind, axis = (DISTANCE, (1.0, 0.0)) if spring.axis is None else (AXIS, spring.axis)
@@ -652,6 +694,7 @@ def _separate(m: Arrays) -> tuple[Arrays, ...]:
         local[rows] = np.arange(len(rows))
         friction = m.friction[rows[rows >= m.rows] - m.rows]
         friction["row"] = local[friction["row"]]
+        friction["unit"] = local[friction["unit"]]
         block = m.block[cell["first_block"] : cell["end_block"]].copy()
         block[:, 1] = local[block[:, 1].astype(np.int64)]
         entry = local[m.entry[cell["first_entry"] : cell["end_entry"]]]
@@ -668,6 +711,7 @@ def _separate(m: Arrays) -> tuple[Arrays, ...]:
                 law=m.law[:0],
                 knots=m.knots[:0],
                 unfree=int(np.count_nonzero(friction["freedom"])),
+                loaded=int(np.count_nonzero(friction["corners"])),
                 block=block,
                 pair=m.pair[:0],
                 smooth=_hlcp_pairs(count, friction),

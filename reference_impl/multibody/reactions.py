@@ -39,7 +39,8 @@ def recover_columns(
 ) -> dict[str, np.ndarray]:
     """Compute all columns of a trajectory from states and accelerations.
 
-    Reactions and friction follow from the equations of motion, whatever friction law the engine used.
+    Reactions and friction follow from the equations of motion, whatever friction law the engine used. Friction in pins
+    is found like that in guides, from a motion that determines it.
 
     Parameters
     ----------
@@ -56,7 +57,7 @@ def recover_columns(
     reactions : mapping of str to array_like
         Columns of shape (n,) that the engine itself reports, for example ``"motor.effort"`` or
         ``"guide.normal_force"``. They replace the computed ones, and the corner forces are computed from them. Values
-        of a guide's ``friction`` that are not NaN are taken as known, and the other forces are computed with them.
+        of a joint's ``friction`` that are not NaN are taken as known, and the other forces are computed with them.
     mechanism : Mechanism
         The compiled mechanism of the scene, if it exists already.
 
@@ -88,6 +89,7 @@ def recover_columns(
     friction = np.full((len(t), len(frictions)), np.nan)
     for i, name in enumerate(frictions):
         friction[:, i] = reported.pop(name, np.nan)
+    friction /= mechanism.slip_radius
     told = ~np.isnan(friction)
     force, known = (
         np.hstack([np.zeros((len(t), m.rows), dtype=values.dtype), values])

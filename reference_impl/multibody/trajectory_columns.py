@@ -25,6 +25,8 @@ from stiction.scenes.model import Translational
 
 CORNER_COLUMNS = ("F1", "F2", "F3", "F4", "friction_lower", "friction_upper")
 GUIDE_COLUMNS, DRIFT_COLUMNS = ("displacement", "slip_velocity"), ("position", "velocity")
+PIN_SLIP = "slip_velocity"
+"""Column of a pin with friction, beside those of its row forces: its relative angular velocity."""
 BLOCK = 512
 """Rows that are transposed together: so many of some dozens of numbers fit into a processor's cache."""
 
@@ -43,9 +45,9 @@ def build_columns(  # noqa: PLR0913 - the parts of samples
     """Return the columns of a trajectory (`stiction.scenes.Trajectory`); all if `names` is None.
 
     `q`, `v` and `a` are (n, 3 * bodies). `force`, (n, rows + frictional): multipliers in the order of
-    `mechanism.row_names`, then the frictions on the sliders. `slip`, (n, frictional): contact modes (d; 0 = stick);
-    without them the corner forces are those of equal mobilization throughout and there is no column ``mode``.
-    `residual`, (n, 2): norms of Phi and Phi'; computed where None.
+    `mechanism.row_names`, then the frictions, in newton as the kernels have them (`Mechanism.force_units`). `slip`, (n,
+    frictional): contact modes (d; 0 = stick); without them the corner forces are those of equal mobilization throughout
+    and there is no column ``mode``. `residual`, (n, 2): norms of Phi and Phi'; computed where None.
     """
 
     def are_wanted(prefix: str, labels: Sequence[str]) -> bool:
@@ -61,18 +63,21 @@ def build_columns(  # noqa: PLR0913 - the parts of samples
     for r, name in enumerate(mechanism.row_names):
         read[name] = forces[r]
     for i, name in enumerate(mechanism.guide_names):
-        read[f"{name}.friction"] = forces[m.rows + i]
+        read[f"{name}.friction"] = forces[m.rows + i] * mechanism.slip_radius[i]
         if slip is not None:
             read[f"{name}.mode"] = slip[:, i].astype(np.int8)
     columns = {name: values for name, values in read.items() if names is None or name in names}
     for name, guide in mechanism.scene.guides.items():
         if guide.length is not None and are_wanted(name, CORNER_COLUMNS):
             columns.update(corner_columns(name, guide, read))
-    for k, name in enumerate(mechanism.scene.joints):
-        if m.constraint[k]["kind"] == TRANSLATIONAL and are_wanted(name, GUIDE_COLUMNS):
+    for k, (name, joint) in enumerate(mechanism.scene.joints.items()):
+        is_guide = m.constraint[k]["kind"] == TRANSLATIONAL
+        if is_guide and are_wanted(name, GUIDE_COLUMNS):
             columns.update(
                 zip((f"{name}.{label}" for label in GUIDE_COLUMNS), guide_motion(m, k, q, v))
             )
+        if not is_guide and joint.frictional and are_wanted(name, (PIN_SLIP,)):
+            columns[f"{name}.{PIN_SLIP}"] = slip_velocity(m, k, q, v)
     if are_wanted("drift", DRIFT_COLUMNS):
         norms = (
             residual_norms(
@@ -155,7 +160,13 @@ def corner_columns(
         mode = columns.get(f"{name}.mode", np.zeros(len(R)))
         kappa = -guide.kinetic_coefficient * mode
         rests = mode == 0
-        kappa[rests] = equal_mobilization(R[rests], T[rests], friction[rests], a, b)
+        static_bound, extra = guide.bounds[1], 0.0
+        if static_bound > 0.0 and guide.static_coefficient > 0.0:
+            extra = static_bound / guide.static_coefficient
+        if static_bound > extra == 0.0:
+            kappa[rests] = 0.0  # the constant part carries all friction
+        else:
+            kappa[rests] = equal_mobilization(R[rests], T[rests], friction[rests], a, b, extra)
         kappa[np.isnan(friction)] = np.nan
     N = (
         T - 0.5 * b * kappa * R if b else T
@@ -164,8 +175,13 @@ def corner_columns(
         f"{name}.F{number}": force for number, force in enumerate(corner_forces(guide, R, N), 1)
     }
     if guide.frictional:
-        corners[f"{name}.friction_lower"] = kappa * (corners[f"{name}.F1"] + corners[f"{name}.F2"])
-        corners[f"{name}.friction_upper"] = kappa * (corners[f"{name}.F3"] + corners[f"{name}.F4"])
+        lower = kappa * (corners[f"{name}.F1"] + corners[f"{name}.F2"])
+        upper = kappa * (corners[f"{name}.F3"] + corners[f"{name}.F4"])
+        if guide.friction is not None:
+            # what the loads do not carry is the constant part, of which each surface has half
+            constant = 0.5 * (friction - lower - upper)
+            lower, upper = lower + constant, upper + constant
+        corners[f"{name}.friction_lower"], corners[f"{name}.friction_upper"] = lower, upper
     return corners
 
 
@@ -215,6 +231,21 @@ def imbalance(
             left[i] = max(left[i], abs(a[i, k] - balanced[k]) * unit)
             size[i] = max(size[i], max(abs(a[i, k]), abs(w.free[k])) * unit)
     return left, size, position, velocity
+
+
+def slip_velocity(m, k: int, q: np.ndarray, v: np.ndarray) -> np.ndarray:
+    """Return the slip velocity of a frictional joint: along a guide (m/s), or of a pin's bodies (rad/s).
+
+    k is the number of the constraint; q and v have the shape (n, 3 * bodies).
+    """
+    constraint = m.constraint[k]
+    if constraint["kind"] == TRANSLATIONAL:
+        return guide_motion(m, k, q, v)[1]
+    rate = np.zeros(len(v))
+    for sign, body in ((1.0, constraint["a"]), (-1.0, constraint["b"])):
+        if body >= 0:
+            rate += sign * v[:, 3 * body + 2]
+    return rate
 
 
 def guide_motion(m, k: int, q: np.ndarray, v: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

@@ -332,7 +332,7 @@ def _refusal_rows(scene: Scene) -> Iterator[tuple[str, str, str]]:
             continue
         for fidelity in engine.capabilities.fidelities:
             try:
-                reason = engine.refusal(scene, fidelity)
+                reason = engine.reason_to_refuse(scene, fidelity)
             except Exception as error:
                 # Adapters may come from other packages. A failure of one is told in its own row,
                 # and must not hide the rows of the other engines.

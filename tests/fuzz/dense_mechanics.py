@@ -95,7 +95,7 @@ class Dense:
                 guide.kinetic_coefficient,
                 guide.static_coefficient,
             )
-            for name, guide in self.equations.guides.items()
+            for name, guide in self.equations.frictional.items()
         ]
         self.columns = [*self.rows, *(f"{guide.name}.friction" for guide in self.guides)]
 

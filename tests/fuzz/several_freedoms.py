@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator
 
 import numpy as np
-from random_mechanisms import SeededDice, moderate_scene
+from random_mechanisms import SeededDice, add_constant_friction, moderate_scene
 
 from stiction.scenes import Scene, Trajectory, scene_from_dict
 from stiction.truths.enumerated_motion import TOLERANCE, Motion
@@ -19,6 +19,18 @@ def random_scene(seed: int, i: int, guides: tuple[int, int] = (2, 3)) -> Scene:
     return scene_from_dict(
         moderate_scene(SeededDice((seed, i)), guides), f"random scene {i} of seed {seed}"
     )
+
+
+def scene_with_constant_bounds(seed: int, i: int) -> Scene:
+    """Scene i of a seed with friction of constant bounds in pins and guides, and damping in some of these.
+
+    In a third of the scenes no friction depends on a load, in a third guides have both kinds.
+    """
+    raw = moderate_scene(SeededDice((seed, i)), (1, 2))
+    keeps_mu = (0.0, 0.5, 1.0)[i % 3]
+    share = 1.0 if keeps_mu == 0.0 else 0.7
+    add_constant_friction(raw, np.random.default_rng((seed, i)), share, keeps_mu)
+    return scene_from_dict(raw, f"random scene {i} of seed {seed} with constant bounds")
 
 
 def differences(scene: Scene, motion: Motion, run: Trajectory, rtol: float) -> list[str]:
@@ -48,7 +60,7 @@ def _event_differences(
     scene: Scene, motion: Motion, run: Trajectory, tolerance: float, until: float
 ) -> Iterator[str]:
     """What differs in the events of each guide before `until`, in order."""
-    for name in scene.frictional_guides:
+    for name in scene.frictional_joints:
         expected = [event for event in motion.events if event.joint == name and event.time < until]
         found = [event for event in run.events if event.joint == name and event.time < until]
         for mine, its in zip(expected, found):

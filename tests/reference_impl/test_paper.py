@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from hypothesis import HealthCheck, assume, given, settings
 from hypothesis import strategies as st
-from random_mechanisms import SeededDice, moderate_scene
+from random_mechanisms import SeededDice, add_constant_friction, moderate_scene
 
 from stiction.engines.reference.engine import ReferenceEngine
 from stiction.reference_impl import paper as paper_module
@@ -18,6 +18,7 @@ from stiction.reference_impl.friction import hlcp
 from stiction.reference_impl.friction.outcomes import SOLVED
 from stiction.reference_impl.friction.uniqueness import gain_of_mode
 from stiction.reference_impl.multibody.dynamics import acceleration, row_form
+from stiction.reference_impl.multibody.guide_freedom import FREE
 from stiction.reference_impl.multibody.mechanism import Mechanism, workspace
 from stiction.reference_impl.paper import NoSolution, Paper, lemke
 from stiction.scenes import SceneError, catalogue, load_scene, scene_from_dict, vary
@@ -44,19 +45,28 @@ def close(found, expected, tolerance=ROUNDING, size=None):
 
 @st.composite
 def moments(draw):
-    """A mechanism whose sliders all have a length, with Baumgarte's stabilization or none, and a state near its start."""
+    """A mechanism whose sliders all have a length, with Baumgarte's stabilization or none, and a state near its start.
+
+    Half of them have friction with bounds of its own in guides and pins. A pin that a drive holds has none at rest in
+    the compiled code (`guide_freedom`), so that it slips here.
+    """
     seed = draw(st.integers(0, 10**6))
     raw, random = moderate_scene(SeededDice(seed)), np.random.default_rng(seed)
     for joint in raw["joints"].values():
         if joint["type"] == "translational" and "length" not in joint:
             joint |= {"length": 0.5, "width": 0.2}
+    if draw(st.booleans()):
+        add_constant_friction(raw, random)
     raw["stabilization"] = draw(
         st.sampled_from([NONE, {"method": "baumgarte", "alpha": 5, "beta": 3}])
     )
     scene = scene_from_dict(raw)
     q, v = EquationsOfMotion(scene).start()
     off = draw(st.sampled_from([0.0, 0.01]))
-    mode = np.array([draw(st.sampled_from([-1, 0, 1])) for _ in scene.frictional_guides])
+    mode = np.array(
+        [draw(st.sampled_from([-1, 0, 1])) for _ in scene.frictional_joints], dtype=np.int64
+    )
+    mode[(Mechanism(scene).arrays.friction["freedom"] != FREE) & (mode == 0)] = 1
     q, v = (x + off * random.normal(size=len(x)) for x in (q, v))
     return scene, draw(st.sampled_from([0.0, 0.7])), q, v, mode
 
@@ -107,13 +117,14 @@ def test_terms_of_every_kind_of_element(name):
     mechanism, m, w = compiled_rows(scene, 0.4, q, v)
     terms = equations.at(0.4, q, v)
     order = [equations.rows.index(row) for row in mechanism.row_names]
-    rows = np.concatenate([terms.J[order], terms.W])
+    radius = mechanism.slip_radius
+    rows = np.concatenate([terms.J[order], radius[:, None] * terms.W])
     close(rows / equations.mass @ rows.T, w.G)
     close(terms.QE / equations.mass, w.free)
     close(terms.phi[order], w.phi)
     close(terms.phi_dot[order], w.phi_dot)
-    close(np.concatenate([terms.gamma[order], terms.w]), w.gamma)
-    close(terms.slip_speed, w.slip_speed)
+    close(np.concatenate([terms.gamma[order], radius * terms.w]), w.gamma)
+    close(radius * terms.slip_speed, w.slip_speed)
 
 
 @SETTINGS
@@ -122,16 +133,27 @@ def test_hlcp_as_compiled(moment):
     """A0, A1, b entry by entry.
 
     The compiled rows of the constraints are in the order of the scene, the paper's by kind; columns have the same order.
+    The compiled friction of a pin is a force at a radius, and its slip the velocity there: equations and variables of
+    pins at rest, gH'' (rows), lH (rows behind), gH+ and lH- in y, lH+ and gH- in x, are in other units.
     """
     scene, t, q, v, mode = moment
     paper = Paper(scene)
     mechanism, m, w = compiled_rows(scene, t, q, v)
-    A0, A1, b, _, _ = hlcp.assemble(m, w, mode)
+    A0, A1, b, E0, E1, e = hlcp.assemble(m, w, mode)
     order, written = in_order(paper, mechanism), paper.hlcp(t, q, v, mode)
     order += range(len(order), len(b))
-    close(A0[order], written.A0)
-    close(A1[order], written.A1)
-    close(b[order], written.b)
+    radius = mechanism.slip_radius[paper.joint][mode[paper.joint] == 0]
+    rows = np.concatenate([np.ones(m.rows), radius, 1 / radius])
+    y, x = rows, np.concatenate([np.ones(m.rows), 1 / radius, radius])
+    close((A0 * y / rows[:, None])[order], written.A0)
+    close((A1 * x / rows[:, None])[order], written.A1)
+    close((b / rows)[order], written.b)
+    # the constant friction of each joint
+    close(
+        mechanism.slip_radius * e[m.rows :],
+        np.bincount(paper.joint, written.e, len(mode)) if len(mode) else np.zeros(0),
+    )
+    assert not e[: m.rows].any()
 
 
 @SETTINGS
@@ -149,7 +171,8 @@ def test_solution_as_compiled(moment):
     acceleration(m, w, force, motion)
     close(found.acceleration, motion, 1e-9)  # rounding, times the condition of the bases: up to 1e3
     close(found.lambda_C, force[in_order(paper, mechanism)], 1e-9)
-    close(found.friction, force[m.rows :], 1e-9, np.max(np.abs(force)))
+    friction = mechanism.slip_radius * force[m.rows :]
+    close(found.friction, friction, 1e-9, np.max(np.abs(force)))
 
 
 @pytest.mark.parametrize(("case", "t_end"), [(1, 2.7), (2, 0.45), (3, 1.2)])

@@ -250,10 +250,20 @@ BROKEN = [  # file, then for each problem: key, value found, words of what was e
         [("joints.bar", "the name of bodies.bar", "a name of its own")],
     ),
     (
-        BODIES + PIN.replace("bar", "crank") + "friction = 1\n[bodies.x]\nmass = 'q'\ninertia = 1",
+        BODIES + PIN + "friction = 2\nstatic_friction = 1",
+        [("joints.pin.static_friction", "1", "expected at least friction = 2")],
+    ),
+    (
+        BODIES + PIN + "static_friction = 1",
+        [("joints.pin.static_friction", "1", "expected the bound in slip, friction, too")],
+    ),
+    (BODIES + PIN + "friction = -1", [("joints.pin.friction", "-1", ">= 0")]),
+    (BODIES + PIN + "damping = -1", [("joints.pin.damping", "-1", ">= 0")]),
+    (
+        BODIES + PIN.replace("bar", "crank") + "radius = 1\n[bodies.x]\nmass = 'q'\ninertia = 1",
         [
             ("bodies.x.mass", "'q'", "unknown name"),
-            ("joints.pin.friction", "1", "unknown key"),
+            ("joints.pin.radius", "1", "unknown key"),
             (
                 "joints.pin.bodies.0",
                 "'crank'",

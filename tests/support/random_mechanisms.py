@@ -238,6 +238,25 @@ def moderate_scene(dice: SeededDice, guides: tuple[int, int] = (1, 3)) -> dict[s
     return a.raw
 
 
+def add_constant_friction(
+    raw: dict[str, Any], random: np.random.Generator, share: float = 0.7, keeps_mu: float = 1.0
+) -> None:
+    """Give joints of a scene dry friction with a bound of its own, larger at rest, and damping.
+
+    `share`: the probability that a joint gets friction; 0.3 that it is damped. `keeps_mu`: the probability that a guide
+    which has got a bound keeps its coefficients of friction.
+    """
+    for joint in raw["joints"].values():
+        if random.random() < share:
+            joint["friction"] = round(random.uniform(0.0, 2.0), 6)
+            joint["static_friction"] = round(joint["friction"] + random.uniform(0.0, 1.0), 6)
+            if random.random() > keeps_mu:
+                joint.pop("mu", None)
+                joint.pop("mus", None)
+        if random.random() < 0.3:
+            joint["damping"] = round(random.uniform(0.0, 1.0), 6)
+
+
 def extreme_scene(random: np.random.Generator) -> dict[str, Any]:
     """The tables of a random scene with a consistent start; not necessarily one that has a motion, or only one."""
 

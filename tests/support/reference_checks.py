@@ -108,7 +108,7 @@ def balance_residual(scene, t, columns):
     """
     equations, (q, v, a) = EquationsOfMotion(scene), motion(scene, columns)
     terms = equations.at(t, q, v)
-    names = np.array([*equations.rows, *(f"{guide}.friction" for guide in equations.guides)])
+    names = np.array([*equations.rows, *(f"{guide}.friction" for guide in equations.frictional)])
     known, rows = np.isin(names, list(columns)), np.concatenate([terms.J, terms.W], -2)
     forces = (
         np.array([columns[name] for name in names[known]]).T.reshape(len(t), -1, 1) * rows[:, known]
@@ -126,7 +126,7 @@ def power(scene, t, columns):
     """Power of applied forces, friction and drives; other constraints have none."""
     equations, (q, v, _) = EquationsOfMotion(scene), motion(scene, columns)
     total = np.sum(v * equations.at(t, q, v).QE, -1)
-    for name in equations.guides:
+    for name in equations.frictional:
         total += columns[f"{name}.friction"] * columns[f"{name}.slip_velocity"]
     for name, drive in scene.drives.items():
         total += columns[f"{name}.effort"] * law_rates(drive.law, t)

@@ -2,7 +2,12 @@
 
 import numpy as np
 import pytest
-from random_mechanisms import SeededDice, extreme_scene, moderate_scene
+from random_mechanisms import (
+    SeededDice,
+    add_constant_friction,
+    extreme_scene,
+    moderate_scene,
+)
 
 from stiction.reference_impl.equations_of_motion import EquationsOfMotion
 from stiction.scenes import load_scene, scene_from_dict
@@ -19,7 +24,8 @@ def largest_difference(scene, rng):
     q, v = mine.start()
     np.testing.assert_array_equal((q, v), theirs.start())
     np.testing.assert_array_equal(mine.mass, theirs.mass)
-    assert mine.normal_row == [theirs.rows.index(f"{name}.normal_force") for name in mine.guides]
+    first = {name: "normal_force" if name in scene.guides else "fx" for name in mine.frictional}
+    assert mine.first_row == [theirs.rows.index(f"{name}.{row}") for name, row in first.items()]
     assert mine.pins == {
         row.removesuffix(".fx"): i for i, row in enumerate(theirs.rows) if row.endswith(".fx")
     }
@@ -60,7 +66,10 @@ def test_scenes_of_the_catalogue(name):
 @pytest.mark.parametrize("i", range(20))
 def test_random_scenes(i):
     rng = np.random.default_rng([2, i])
-    assert largest_difference(scene_from_dict(moderate_scene(SeededDice((5, i)))), rng) < 1e-13
+    raw = moderate_scene(SeededDice((5, i)))
+    assert largest_difference(scene_from_dict(raw), rng) < 1e-13
+    add_constant_friction(raw, rng)
+    assert largest_difference(scene_from_dict(raw), rng) < 1e-13
     assert largest_difference(scene_from_dict(extreme_scene(rng)), rng) < 1e-13
 
 

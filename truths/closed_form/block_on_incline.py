@@ -3,6 +3,9 @@
 With d the direction of the guide, n its normal, G = m (g.d) and R = -m (g.n): x'' = (G - mu N sgn x')/m along the
 guide; at rest it stays where |G| <= mus N, else it starts along sgn G. On a guide at angle beta to gravity's
 horizontal this is: it sticks where tan(beta) <= mus, and slides with g (sin beta - mu cos beta).
+
+A constant bound of friction F adds to mu N, and F_s to mus N. On a vertical guide, N = 0: it holds where m g <= F_s,
+and sinks with g - F/m where not.
 """
 
 from __future__ import annotations
@@ -15,14 +18,22 @@ from stiction.scenes import Scene
 from stiction.scenes.fields import GROUND
 from stiction.scenes.model import Translational
 from stiction.truths.reduced.slider_contact import Contact
-from stiction.truths.structure import CENTRE, Condition, Part, Structure
+from stiction.truths.structure import ANY, CENTRE, Condition, Part, Structure
 from stiction.truths.truth import EPS, Truth, body_columns
 
 INCLINE = Structure(
     "a block on an incline",
     ("block",),
     {
-        "guide": Part(Translational, "block", GROUND, slider_point=CENTRE, frictional=True),
+        "guide": Part(
+            Translational,
+            "block",
+            GROUND,
+            slider_point=CENTRE,
+            frictional=True,
+            friction=ANY,
+            static_friction=ANY,
+        ),
     },
     gravity=Condition("a vector", lambda gravity: gravity is not None),
     any_names=True,
@@ -57,17 +68,23 @@ def incline_truth(scene: Scene, t_end: float | None = None) -> Truth:
     gravity = np.array(scene.gravity)
     pull, R = body.mass * gravity @ direction, -body.mass * gravity @ across
 
-    def capacity(coefficient: float) -> float:
-        return float(contact.capacity(R, 0.0, coefficient))
+    has_bound = guide.friction is not None
+    if has_bound and guide.length is not None:
+        raise INCLINE.misfit(
+            scene, f"{name}: expected no length beside a constant bound of friction"
+        )
+    bound, static_bound = guide.bounds
+    kinetic_friction = bound + float(contact.capacity(R, 0.0, contact.mu))
+    static_friction = static_bound + float(contact.capacity(R, 0.0, contact.mus))
 
     def begin_phase(start: float, x: float, v: float) -> _Phase:
         # At rest the pull decides: it starts along the pull if static friction does not hold it.
         slip = int(np.sign(v))
-        if slip == 0 and abs(pull) > capacity(contact.mus):
+        if slip == 0 and abs(pull) > static_friction:
             slip = int(np.sign(pull))
         if v == 0 and slip:
             contact.require_unique_slip(start)
-        a = (pull - slip * capacity(contact.mu)) / body.mass if slip else 0.0
+        a = (pull - slip * kinetic_friction) / body.mass if slip else 0.0
         return _Phase(start, x, v, a, slip)
 
     # All forces are constant, so that there are two phases at most: a block that is slowed down
@@ -88,18 +105,23 @@ def incline_truth(scene: Scene, t_end: float | None = None) -> Truth:
         since = t - start
         s, v = x + speed * since + a * since**2 / 2, speed + a * since
         # in slip by Coulomb's law, at rest by equilibrium
-        friction = np.where(slip != 0, -slip * capacity(contact.mu), -pull)
+        friction = np.where(slip != 0, -slip * kinetic_friction, -pull)
+        # a guide with a constant bound has no length, and no friction of its surfaces that phi would split
+        phi = 0.0 * t if has_bound else contact.mobilization(R, 0.0, friction)
         offset = np.array(guide.point) + (position @ across) * across
         d = direction[:, None]
-        return body_columns(block, offset[:, None] + d * s, d * v, d * a) | contact.columns(
+        values = body_columns(block, offset[:, None] + d * s, d * v, d * a) | contact.columns(
             name,
             np.full(len(t), R),
             np.zeros(len(t)),
-            contact.mobilization(R, 0.0, friction),
+            phi,
             slip.astype(float),
             displacement=s,
             slip_velocity=v,
         )
+        if has_bound:
+            values[f"{name}.friction"] = friction
+        return values
 
     switches = [
         (later.start, "reversal" if later.slip else "stick", name)

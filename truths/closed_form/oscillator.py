@@ -3,7 +3,8 @@
     m x'' = -k (x - x0) + F0 + P sin(Omega t + phi) - mu N sgn(x' - u)
 
 with a surface that moves at constant speed u (0: Den Hartog's oscillator; not 0: mass on a belt). In slip this is a
-linear oscillator about a shifted centre, in stick x' = u. A phase ends at the first zero of an elementary function
+linear oscillator about a shifted centre, in stick x' = u. A constant bound of friction (`friction` of the guide) adds
+to mu N, and `static_friction` to mus N. A phase ends at the first zero of an elementary function
 whose third derivative is bounded. `first_zero` steps towards it from the left over h where the Taylor polynomial minus
 the bound is positive: it can overlook no zero, and converges like Newton's method.
 """
@@ -39,6 +40,8 @@ _GUIDE: dict[str, Any] = {
     "slider_point": CENTRE,
     "angle": 0,
     "frictional": True,
+    "friction": ANY,
+    "static_friction": ANY,
 }
 _OTHERS = {
     "spring": Part(
@@ -118,7 +121,7 @@ class DryOscillator:
     """A mass on a spring that rubs on a surface of constant speed; symbols as in the module's equation.
 
     `load` is F0 + P sin(Omega t + phi); of the `normal` force R of the guide `slider_contact.py` with M = 0 makes N
-    (|R| unless mu b > a).
+    (|R| unless mu b > a). `bound` and `static_bound` are the constant parts of the bounds of friction, N.
     """
 
     mass: float
@@ -130,6 +133,8 @@ class DryOscillator:
     contact: Contact
     x: float
     v: float
+    bound: float = 0.0
+    static_bound: float = 0.0
 
     @property
     def w(self) -> float:
@@ -139,6 +144,16 @@ class DryOscillator:
     def capacity(self, coefficient: float) -> float:
         """coefficient * N with friction fully mobilized at that coefficient, N."""
         return self.contact.capacity(self.normal, 0.0, coefficient)
+
+    @property
+    def kinetic_friction(self) -> float:
+        """The friction in slip, N."""
+        return self.bound + self.capacity(self.contact.mu)
+
+    @property
+    def static_friction(self) -> float:
+        """The largest friction at rest, N."""
+        return self.static_bound + self.capacity(self.contact.mus)
 
     def forcing(self, t, derivative: int = 0):
         """The load or a derivative of it."""
@@ -163,7 +178,7 @@ class Phase:
     def _slip_solution(self) -> tuple[float, float, float, float]:
         """Centre, amplitude of the forced part, and cosine and sine amplitude of the free part."""
         o, f = self.oscillator, self.oscillator.load
-        centre = o.anchor + (f.offset - self.slip * o.capacity(o.contact.mu)) / o.stiffness
+        centre = o.anchor + (f.offset - self.slip * o.kinetic_friction) / o.stiffness
         forced = f.amplitude / (o.stiffness - o.mass * f.frequency**2) if f.amplitude else 0.0
         angle = f.frequency * self.start + f.phase
         return (
@@ -191,7 +206,7 @@ class Phase:
         """Force on the mass: given by Coulomb's law in slip, by equilibrium in stick."""
         o = self.oscillator
         if self.slip:
-            return -self.slip * o.capacity(o.contact.mu) + 0.0 * t
+            return -self.slip * o.kinetic_friction + 0.0 * t
         return o.stiffness * (self.derivative(t, 0) - o.anchor) - o.forcing(t)
 
     def close(self, t_end: float) -> Phase:
@@ -218,7 +233,7 @@ class Phase:
             # Reserve of static friction in both directions: friction is linear in time but for the
             # load's sine.
             bound = abs(o.load.amplitude) * o.load.frequency**3
-            limit = o.capacity(o.contact.mus)
+            limit = o.static_friction
             end = min(
                 first_zero(
                     lambda t: (
@@ -242,7 +257,7 @@ class Phase:
         o = self.oscillator
         x = float(self.derivative(self.end, 0))
         needed = float(replace(self, slip=0, start=self.end, x=x).friction(self.end))
-        sticks = self.slip != 0 and abs(needed) < o.capacity(o.contact.mus)
+        sticks = self.slip != 0 and abs(needed) < o.static_friction
         if not sticks:
             o.contact.require_unique_slip(self.end)
         return Phase(o, 0 if sticks else -int(np.sign(needed)), self.end, x, o.speed)
@@ -280,6 +295,7 @@ def oscillator_truth(scene: Scene, t_end: float | None = None) -> Truth:
     mass, belt = match.bodies["mass"], match.bodies.get("belt")
     belt_x = scene.bodies[belt].position[0] if belt else 0.0
     origin = match["guide"].point[0] + belt_x
+    has_bound = match["guide"].friction is not None
 
     def columns(t: np.ndarray, side: str) -> dict[str, np.ndarray]:
         # an event belongs to the phase before or after it
@@ -288,7 +304,8 @@ def oscillator_truth(scene: Scene, t_end: float | None = None) -> Truth:
         for i in np.unique(owner):
             sampled[:, owner == i] = motion[i].sample(t[owner == i])
         x, v, a, friction, mode = sampled
-        phi = o.contact.mobilization(o.normal, 0.0, friction)
+        # a guide with a constant bound has no length, and no friction of its surfaces that phi would split
+        phi = 0.0 * t if has_bound else o.contact.mobilization(o.normal, 0.0, friction)
         values = {f"{mass}.x": x, f"{mass}.vx": v, f"{mass}.ax": a}
         values |= o.contact.columns(
             guide,
@@ -299,6 +316,8 @@ def oscillator_truth(scene: Scene, t_end: float | None = None) -> Truth:
             displacement=x - origin - o.speed * t,
             slip_velocity=v - o.speed,
         )
+        if has_bound:
+            values[f"{guide}.friction"] = friction
         if belt:
             values |= {
                 f"{belt}.x": belt_x + o.speed * t,
@@ -322,6 +341,10 @@ def _read_oscillator(scene: Scene, structure: Structure, match: Match) -> DryOsc
         raise structure.misfit(
             scene, f"{match.name('spring')}: expected both of its ends at the same height"
         )
+    if match["guide"].friction is not None and match["guide"].length is not None:
+        raise structure.misfit(
+            scene, f"{match.name('guide')}: expected no length beside a constant bound of friction"
+        )
     # a constant force, or none, is a sine without amplitude
     load = match["force"].law if match["force"] else None
     if not isinstance(load, Sine):
@@ -342,4 +365,5 @@ def _read_oscillator(scene: Scene, structure: Structure, match: Match) -> DryOsc
         Contact.of(match["guide"]),
         body.position[0],
         body.velocity[0],
+        *match["guide"].bounds,
     )

@@ -1,4 +1,4 @@
-"""Frictionless slider-crank at constant speed: kinematics and inverse dynamics in closed form.
+"""Slider-crank at constant speed with dry or damped pins: kinematics and inverse dynamics in closed form.
 
 The crank (radius r, pivot at p) has the angle th = th0 + w t, the rod (length l) the angle phi, the guide is the line
 y = h along x:
@@ -11,8 +11,15 @@ velocity u, and the power of all inertia and weight forces per unit of th' is th
 
     tau = sum over bodies of m (a - g).u + I alpha dangle/dth .
 
+Pins with dry friction tau_i and damping c_i take power, which the motor gives: with the relative rates w_i,
+
+    w tau += sum over pins of tau_i |w_i| + c_i w_i^2 .
+
+The rates of the pivot and of the crank pin do not change their sign as the rod is longer than the crank; that of the
+slider pin is the rod's, and changes it where cos th = 0. There the torque jumps.
+
 Reactions: the slider needs m_s (a - g) along x from the rod, the rod's moments about the crank pin give the force
-across.
+across; the torques of both of its pins are among these moments.
 """
 
 from __future__ import annotations
@@ -23,16 +30,20 @@ from stiction.scenes import Scene
 from stiction.scenes.fields import GROUND
 from stiction.scenes.laws import Linear
 from stiction.scenes.model import Drive, Revolute, Translational
-from stiction.truths.structure import CENTRE, FORWARD, Condition, Match, Part, Structure
+from stiction.truths.structure import ANY, CENTRE, FORWARD, Condition, Match, Part, Structure
 from stiction.truths.truth import EPS, Truth, body_columns
 
+_DRY_OR_DAMPED = {"friction": ANY, "static_friction": ANY, "damping": ANY}
+"""Effects of pins that the torque contains. A pin that turns has its kinetic friction alone."""
+PINS = {"pivot": "crank", "crank pin": "rod", "slider pin": "rod"}
+"""Pins, and the body whose torque by the pin is counted positive."""
 SLIDER_CRANK = Structure(
     "a slider-crank at constant speed",
     ("crank", "rod", "slider"),
     {
-        "pivot": Part(Revolute, "crank", GROUND, any_order=True),
-        "crank pin": Part(Revolute, "rod", "crank", any_order=True),
-        "slider pin": Part(Revolute, "rod", "slider", any_order=True),
+        "pivot": Part(Revolute, "crank", GROUND, any_order=True, **_DRY_OR_DAMPED),
+        "crank pin": Part(Revolute, "rod", "crank", any_order=True, **_DRY_OR_DAMPED),
+        "slider pin": Part(Revolute, "rod", "slider", any_order=True, **_DRY_OR_DAMPED),
         "guide": Part(
             Translational,
             "slider",
@@ -67,6 +78,16 @@ def slider_crank_truth(scene: Scene, t_end: float | None = None) -> Truth:
     pin_sign = 1 if match["slider pin"].bodies[0] == "rod" else -1
     gravity = np.array(scene.gravity or (0.0, 0.0))[:, None]
     arms = {"crank": (r1, 0.0), "rod": (r, l1), "slider": (r, l)}
+    # the rod's rate changes its sign where cos th = 0
+    turns = _quarter_turns(th0, w, t_end)
+    rubs = match["slider pin"].friction is not None
+
+    def signs_of_rod(t: np.ndarray, side: str) -> np.ndarray:
+        """Return the signs of the rod's rate, -w cos th cos phi, at times t; at a change of sign those of a side."""
+        after = np.searchsorted(turns, t, side="right" if side == "after" else "left")
+        first_middle = 0.5 * (turns[0] if turns else t_end)
+        at_first = -np.sign(w * r * np.cos(th0 + w * first_middle)) * elbow
+        return at_first * (-1.0) ** after
 
     def columns(t: np.ndarray, side: str) -> dict[str, np.ndarray]:
         # Kinematics of the closed loop.
@@ -103,10 +124,33 @@ def slider_crank_truth(scene: Scene, t_end: float | None = None) -> Truth:
         # Force of the slider on the rod: along x by the slider's balance, across by the rod's
         # moments about the crank pin.
         fx = -inertia_force["slider"][0]
+        # Torques of the pins on crank and rods, and the power that the motor gives for them.
+        rates = {"pivot": zero + w, "crank pin": omega - w, "slider pin": omega}
+        signs = {
+            "pivot": np.sign(w) + zero,
+            "crank pin": -np.sign(w) + zero,
+            "slider pin": signs_of_rod(t, side),
+        }
+        on_first = {
+            label: -signs[label] * match[label].bounds[0] - match[label].damping * rates[label]
+            for label in PINS
+        }
+        for label in PINS if w != 0.0 else ():
+            torque -= on_first[label] * rates[label] / w
         moment = scene.bodies["rod"].inertia * alpha + l1 * (
             np.cos(phi) * inertia_force["rod"][1] - np.sin(phi) * inertia_force["rod"][0]
         )
+        moment -= on_first["crank pin"] + on_first["slider pin"]
         fy = (moment / l + np.sin(phi) * fx) / np.cos(phi)
+        for label, body in PINS.items():
+            if match[label].friction is not None:
+                turned = 1.0 if match[label].bodies[0] == body else -1.0
+                name = match.name(label)
+                values |= {
+                    f"{name}.friction": -turned * signs[label] * match[label].bounds[0],
+                    f"{name}.slip_velocity": turned * rates[label],
+                    f"{name}.mode": turned * signs[label],
+                }
         return values | {
             f"{motor}.effort": torque,
             f"{guide}.normal_force": fy + inertia_force["slider"][1],
@@ -115,7 +159,19 @@ def slider_crank_truth(scene: Scene, t_end: float | None = None) -> Truth:
         }
 
     rounding = _ROUNDING * (1 + abs(w) * t_end)  # th carries the rounding of w t
-    return Truth.of_formulas(scene, t_end, columns, rounding, _SAMPLES)
+    switches = [(turn, "reversal", pin) for turn in turns] if rubs else []
+    return Truth.of_formulas(scene, t_end, columns, rounding, _SAMPLES, switches)
+
+
+def _quarter_turns(th0: float, w: float, t_end: float) -> list[float]:
+    """Return the times in (0, t_end) at which the crank of angle th0 + w t stands across: cos th = 0."""
+    if w == 0.0:
+        return []
+    low, high = sorted((th0, th0 + w * t_end))
+    first = int(np.ceil(low / np.pi - 0.5))
+    last = int(np.floor(high / np.pi - 0.5))
+    times = [((k + 0.5) * np.pi - th0) / w for k in range(first, last + 1)]
+    return sorted(time for time in times if 0.0 < time < t_end)
 
 
 def _unit(angle: np.ndarray) -> np.ndarray:

@@ -22,7 +22,7 @@ from math import ceil, log10
 from flint import arb, arb_poly
 
 from stiction.scenes import Scene, catalogue, load_scene, scene_to_toml
-from stiction.truths.physics import physics_of, rubbing_guides
+from stiction.truths.physics import physics_of, rubbing_joints
 from stiction.truths.proof.certificate import (
     Claims,
     Failure,
@@ -192,7 +192,7 @@ def _rounding(polynomial: arb_poly, length: float) -> float:
 def _events(motion: ProvenMotion, scene: Scene) -> list[ProvenEvent]:
     """The events that count; of corners of a guide within `_AT_ONCE` the last."""
     kept: list[ProvenEvent] = []
-    counted = rubbing_guides(scene)
+    counted = rubbing_joints(scene)
     for event in motion.events:
         if event.joint not in counted:
             continue

@@ -146,7 +146,7 @@ def test_lemke_ends_without_a_solution_where_friction_is_extreme_only(at_rest):
 )
 def test_hlcp_of_the_slider_bar(case, t, size):
     m, w, slip, true = slider_bar_at(t, case)
-    A0, A1, b, E0, E1 = hlcp.assemble(m, w, slip)
+    A0, A1, b, E0, E1, _ = hlcp.assemble(m, w, slip)
     force, y, x, outcome, *_ = hlcp.solve(m, w, slip)
     assert len(b) == size and outcome == SOLVED
     assert hlcp.residual(A0, A1, b, y, x) < 1e-12  # rounding
@@ -285,7 +285,7 @@ def test_variables_of_a_mode_solve_the_hlcp():
         m, w, slip = at_start(stacked(random))
         forces, directions = np.zeros((1, len(w.force))), np.zeros((1, 3), dtype=np.int64)
         if consistent(m, w, slip, forces, directions):
-            A0, A1, b, E0, E1 = hlcp.assemble(m, w, slip)
+            A0, A1, b, E0, E1, _ = hlcp.assemble(m, w, slip)
             y, x = np.zeros(len(b)), np.zeros(len(b))
             hlcp._variables(m, w, slip, forces[0], directions[0], y, x)
             assert hlcp.residual(A0, A1, b, y, x) < 1e-9

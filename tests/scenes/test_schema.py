@@ -129,7 +129,7 @@ class TestCommands:
     def test_nothing_is_written_over(self, folder):
         (folder / "mine.toml").write_text("mine")
         ended = CliRunner().invoke(app, ["new", "mine.toml"])
-        assert ended.exit_code == 2 and "there already" in ended.output
+        assert ended.exit_code == 2 and "mine.toml" in ended.output
         assert [path.name for path in folder.iterdir()] == ["mine.toml"] and (
             folder / "mine.toml"
         ).read_text() == "mine"

@@ -1,0 +1,111 @@
+"""Bands of a slider-bar's steady states, examined and refined by its return map.
+
+Where the bands may be is found by another method, with more runs than the return map could make in the same time. Here
+each of them is examined in its middle and on both sides of its ends, and each end at which the slider begins or ceases
+to stick is refined as the threshold is.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
+
+from stiction.scenes import Scene, SceneError, vary
+from stiction.truths.bands import Band, BandKind
+from stiction.truths.reduced.slider_bar import SliderBar
+from stiction.truths.reduced.steady_state import (
+    MechanismAt,
+    NoSteadyState,
+    StickEnd,
+    SteadyState,
+    margin,
+    refined_end,
+    steady_state,
+)
+from stiction.truths.truth import TruthRefused
+
+_HALF_WIDTH = 2.5e-4
+"""Smallest distance from an end at which both sides are examined, as a part of the end: half of the interval within
+which a steady state is followed."""
+_SAFETY = 4.0
+"""Distance from an end at which both sides are examined first, in units of its uncertainty."""
+_WIDER, _ATTEMPTS = 4.0, 3
+"""Factor by which that distance grows where a side is not of the kind that was found, and how often it is tried."""
+_XTOL = 1e-9
+"""Width to which an end is halved where the steady state cannot be followed to it, in the parameter's unit."""
+
+
+def mechanism_at(scene: Scene, parameter: str) -> MechanismAt:
+    """Return the function that yields the slider-bar at a value of a scene's parameter."""
+    return lambda value: SliderBar.from_scene(vary(scene, {parameter: value}))
+
+
+def kind_of(mechanism: SliderBar, steady: SteadyState) -> BandKind:
+    """Return the kind of a steady state."""
+    if all(segment.mode[0] == 0 for segment in steady.motion.segments):
+        return BandKind.REST
+    if steady.sticks or margin(mechanism, steady) < 0:
+        return BandKind.STICK
+    return BandKind.SLIP
+
+
+def kind_at(at: MechanismAt, value: float) -> BandKind:
+    """Return the kind of the steady state that is reached from the start, at a value of the parameter."""
+    try:
+        mechanism = at(value)
+        return kind_of(mechanism, steady_state(mechanism))
+    except NoSteadyState:
+        return BandKind.UNSETTLED
+    except (TruthRefused, SceneError):
+        return BandKind.UNKNOWN
+
+
+def examined_bands(at: MechanismAt, bands: Sequence[Band]) -> tuple[Band, ...]:
+    """Return the bands with refined ends, and whether the return map confirms each of them.
+
+    A band is confirmed if the return map has the same kind of steady state in its middle and next to its ends. An end
+    next to values without a steady state is not sharp, and is left as it is.
+    """
+    bands = list(bands)
+    is_confirmed = [kind_at(at, band.middle) == band.kind for band in bands]
+    for i in range(len(bands) - 1):
+        below, above = bands[i], bands[i + 1]
+        if not (below.kind.is_steady and above.kind.is_steady):
+            continue
+        end = _examined_end(at, below, above)
+        if end is None:
+            is_confirmed[i] = is_confirmed[i + 1] = False
+            continue
+        bands[i] = replace(below, high=end.value, high_uncertainty=end.uncertainty)
+        bands[i + 1] = replace(above, low=end.value, low_uncertainty=end.uncertainty)
+    return tuple(
+        replace(band, is_confirmed=confirmed) for band, confirmed in zip(bands, is_confirmed)
+    )
+
+
+def _examined_end(at: MechanismAt, below: Band, above: Band) -> StickEnd | None:
+    """Return the end between two bands; None where the return map does not have both kinds on its sides."""
+    end = below.high
+    distance = max(_SAFETY * below.high_uncertainty, _HALF_WIDTH * abs(end))
+    if below.kind.has_stick == above.kind.has_stick:
+        # Between rest and stick nothing is followed: the bracket itself is the result.
+        distance = _SAFETY * below.high_uncertainty
+    for _ in range(_ATTEMPTS):
+        low, high = max(end - distance, below.middle), min(end + distance, above.middle)
+        if kind_at(at, low) == below.kind and kind_at(at, high) == above.kind:
+            return _refined(at, below, above, low, high)
+        distance *= _WIDER
+    return None
+
+
+def _refined(at: MechanismAt, below: Band, above: Band, low: float, high: float) -> StickEnd | None:
+    """Return the end within a bracket whose sides are of the kinds of the bands."""
+    if below.kind.has_stick == above.kind.has_stick:
+        return StickEnd(0.5 * (low + high), 0.5 * (high - low), (low, high))
+    inside, outside = (low, high) if below.kind.has_stick else (high, low)
+    try:
+        return refined_end(at, inside, outside, steady_state(at(outside)), _XTOL)
+    except (TruthRefused, np.linalg.LinAlgError):
+        return StickEnd(0.5 * (low + high), 0.5 * (high - low), (low, high))

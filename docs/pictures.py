@@ -37,7 +37,7 @@ from stiction.comparisons.measures.scene_truth import ground_truth
 from stiction.comparisons.regression.baseline import Baseline
 from stiction.comparisons.regression.nightly import run_night
 from stiction.comparisons.studies import studies
-from stiction.comparisons.sweep.steady_state_measures import SteadyRun
+from stiction.comparisons.measures.steady_state_measures import SteadyRun
 from stiction.comparisons.sweep.sweep import Specification, parse_axis, sweep, usual_end
 from stiction.engines import isolate, load_engine
 from stiction.reports.figures.charts import drawn

@@ -152,10 +152,12 @@ class _Edge:
     above: BandKind
 
 
-def find_bands(kind_at: KindAt, searched: Range, width: float) -> tuple[Band, ...]:
+def find_bands(
+    kind_at: KindAt, searched: Range, width: float, finer: KindAt | None = None
+) -> tuple[Band, ...]:
     """Return the bands that cover a range, in increasing order.
 
-    Each value of the grid is examined. Where two neighbours differ, the interval between them is halved down to
+    Each value of the grid is examined by `kind_at`, and values between them by `finer`, if it is given. Where two neighbours differ, the interval between them is halved down to
     `width`. An end next to values without a steady state is halved to `SPLIT_PART` of the resolution only: it depends
     on the time that a motion is given to settle, and is not sharp.
     """
@@ -164,7 +166,7 @@ def find_bands(kind_at: KindAt, searched: Range, width: float) -> tuple[Band, ..
     edges: list[_Edge] = []
     for i in range(len(values) - 1):
         edge = _Edge(values[i], values[i + 1], kinds[i], kinds[i + 1])
-        edges += _narrowed(kind_at, edge, width, SPLIT_PART * searched.resolution)
+        edges += _narrowed(finer or kind_at, edge, width, SPLIT_PART * searched.resolution)
 
     # Each edge ends one band and begins the next one.
     bands = []

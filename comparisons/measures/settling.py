@@ -18,6 +18,13 @@ SETTLED = 1e-7
 from which on a run at rtol 1e-9 shows its contraction and not its own errors."""
 PASSES = 10
 """Changes from pass to pass, at most, over which the contraction is averaged."""
+CREEP_TOLERANCE = 1e-4
+"""m/s; a sampled motion slower than this is at rest. A slider that reverses with the accelerations of the paper's
+example (0.2 m/s^2 and more) is this slow for 1 ms."""
+SHORTEST_STICK = 0.002
+"""s; a sampled motion must be slow for so long, and for two steps at least, to count as a stick phase. The duration of a
+stick phase goes to zero at the end of a band, so that one that must last has a lower end. Where events are located, any
+stick event counts, however short."""
 MOST_RATIO, RATIONAL = 64, 1e-9
 """Largest denominator of a ratio of frequencies that have a common period, and how near a ratio must be to it."""
 

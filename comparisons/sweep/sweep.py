@@ -36,7 +36,7 @@ from stiction.comparisons.studies.threshold import (
     bands_above,
     measure_threshold,
 )
-from stiction.comparisons.sweep.steady_state_measures import (
+from stiction.comparisons.measures.steady_state_measures import (
     CONTRACTION,
     MEASURES,
     REPEATS,

@@ -243,7 +243,7 @@ def sweep(
     """
     from stiction.comparisons.bench.executors import check_executor, open_isolate
     from stiction.comparisons.sweep import sweep as sweeps
-    from stiction.comparisons.sweep.steady_state_measures import SteadyRun
+    from stiction.comparisons.measures.steady_state_measures import SteadyRun
     from stiction.scenes.fidelity import fidelity_of
 
     loaded = scene_of(scene, overrides)

@@ -11,6 +11,7 @@ from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
+from scipy.optimize import brentq, minimize_scalar
 
 from stiction.scenes import Scene, SceneError, vary
 from stiction.truths.bands import Band, BandKind
@@ -35,6 +36,8 @@ _WIDER, _ATTEMPTS = 4.0, 3
 """Factor by which that distance grows where a side is not of the kind that was found, and how often it is tried."""
 _XTOL = 1e-9
 """Width to which an end is halved where the steady state cannot be followed to it, in the parameter's unit."""
+_INSTANTS = 500
+"""Instants of a period at which the excess of the load over static friction is sampled before its peak is refined."""
 
 
 def mechanism_at(scene: Scene, parameter: str) -> MechanismAt:
@@ -87,25 +90,49 @@ def examined_bands(at: MechanismAt, bands: Sequence[Band]) -> tuple[Band, ...]:
 
 def _examined_end(at: MechanismAt, below: Band, above: Band) -> StickEnd | None:
     """Return the end between two bands; None where the return map does not have both kinds on its sides."""
+    if BandKind.REST in (below.kind, above.kind):
+        return _end_of_rest(at, below, above)
     end = below.high
     distance = max(_SAFETY * below.high_uncertainty, _HALF_WIDTH * abs(end))
-    if below.kind.has_stick == above.kind.has_stick:
-        # Between rest and stick nothing is followed: the bracket itself is the result.
-        distance = _SAFETY * below.high_uncertainty
     for _ in range(_ATTEMPTS):
         low, high = max(end - distance, below.middle), min(end + distance, above.middle)
         if kind_at(at, low) == below.kind and kind_at(at, high) == above.kind:
-            return _refined(at, below, above, low, high)
+            inside, outside = (low, high) if below.kind.has_stick else (high, low)
+            return refined_end(at, inside, outside, steady_state(at(outside)), _XTOL)
         distance *= _WIDER
     return None
 
 
-def _refined(at: MechanismAt, below: Band, above: Band, low: float, high: float) -> StickEnd | None:
-    """Return the end within a bracket whose sides are of the kinds of the bands."""
-    if below.kind.has_stick == above.kind.has_stick:
-        return StickEnd(0.5 * (low + high), 0.5 * (high - low), (low, high))
-    inside, outside = (low, high) if below.kind.has_stick else (high, low)
-    try:
-        return refined_end(at, inside, outside, steady_state(at(outside)), _XTOL)
-    except (TruthRefused, np.linalg.LinAlgError):
-        return StickEnd(0.5 * (low + high), 0.5 * (high - low), (low, high))
+def _end_of_rest(at: MechanismAt, below: Band, above: Band) -> StickEnd | None:
+    """Return the value at which a slider that rests from the start breaks away, if that is the end between two bands.
+
+    It breaks away where the largest excess of the load over static friction within a period is zero. Beyond that value
+    a motion may take hundreds of periods to settle, so that the return map is no help there. None where the slider
+    moves before it rests, or breaks away elsewhere: it may then come to rest for ever at another place.
+    """
+    resting = below if below.kind == BandKind.REST else above
+    steady = steady_state(at(resting.middle))
+    mechanism = at(resting.middle)
+    if kind_of(mechanism, steady) != BandKind.REST or steady.state[0] != mechanism.x:
+        return None
+    end, uncertainty = below.high, _SAFETY * below.high_uncertainty
+    low, high = max(end - uncertainty, below.middle), min(end + uncertainty, above.middle)
+    excess = [_largest_excess(at(value)) for value in (low, high)]
+    if not min(excess) < 0 < max(excess):
+        return None
+    root = float(brentq(lambda value: _largest_excess(at(value)), low, high, xtol=_XTOL))
+    return StickEnd(root, 2 * _XTOL, (low, high))
+
+
+def _largest_excess(mechanism: SliderBar) -> float:
+    """Return the largest excess of the load over static friction at rest at the start within a period, N."""
+    instants, step = np.linspace(0.0, mechanism.period(), _INSTANTS + 1, retstep=True)
+    sampled = [mechanism.break_away_margin(t, mechanism.x) for t in instants]
+    near = instants[int(np.argmax(sampled))]
+    peak = minimize_scalar(
+        lambda t: -mechanism.break_away_margin(t, mechanism.x),
+        bounds=(near - step, near + step),
+        method="bounded",
+        options={"xatol": _XTOL},
+    )
+    return float(max(-peak.fun, *sampled))

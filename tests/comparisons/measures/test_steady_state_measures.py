@@ -5,7 +5,7 @@ import pytest
 
 from stiction.comparisons.measures.settling import NotSettled
 from stiction.comparisons.measures.steady_stretch import steady_stretch
-from stiction.comparisons.sweep.steady_state_measures import (
+from stiction.comparisons.measures.steady_state_measures import (
     MEASURES,
     SAMPLE_STEP,
     Measure,

@@ -150,7 +150,7 @@ class SteadyMotion:
     reason: str = ""
 
 
-@dataclass
+@dataclass(frozen=True)
 class ReferenceProbe:
     """Runs of the reference, each at one value of a parameter from one start.
 
@@ -162,14 +162,11 @@ class ReferenceProbe:
         Parameter and guide.
     rtol : float
         Relative tolerance of the runs.
-    runs : int
-        Number of runs so far.
     """
 
     scene: Scene
     variation: Variation
     rtol: float
-    runs: int = 0
 
     def kind(self, value: float) -> BandKind:
         """Return the kind of the steady state that is reached from the scene's own start."""
@@ -191,7 +188,6 @@ class ReferenceProbe:
 
     def _settled(self, scene: Scene, factor: int) -> SteadyMotion:
         """Return the steady state of a run that is longer than usual by a factor; raises NotSettled."""
-        self.runs += 1
         end = usual_end(scene) * factor
         guide = self.variation.joint
         window = steady_window(
@@ -252,23 +248,26 @@ class ReferenceBands:
     ----------
     bands : tuple of Band
         They cover the range, for motions from the scene's own start.
-    runs : int
-        Number of runs that they took.
+    motions : Mapping[float, SteadyMotion]
+        The steady state at each value of the grid.
     reason : str
         Why some value has no steady state; of the first such value.
     """
 
     bands: tuple[Band, ...]
-    runs: int
+    motions: Mapping[float, SteadyMotion]
     reason: str = ""
 
 
-def bands_of_reference(scene: Scene, variation: Variation) -> ReferenceBands:
-    """Return the bands of a scene, their ends, and where other starts lead to other kinds of steady states.
+def bands_from_own_start(
+    scene: Scene, variation: Variation, width: float | None = None
+) -> ReferenceBands:
+    """Return the bands of the steady states that are reached from the scene's own start, and their ends.
 
-    The motion is followed from the scene's own start at each value of the grid, and besides from the steady state of
-    the value below, upwards through the range, and from that of the value above, downwards: where two steady states
-    coexist, each is followed as far as it goes.
+    Parameters
+    ----------
+    width : float, optional
+        Width to which an end is located, in the unit of the parameter; `END_WIDTH` of the range if not given.
 
     Raises
     ------
@@ -279,15 +278,14 @@ def bands_of_reference(scene: Scene, variation: Variation) -> ReferenceBands:
     fine = ReferenceProbe(scene, variation, END_RTOL)
     searched = variation.searched
     values = searched.values()
-
-    own = {value: coarse.motion(value) for value in values}
-    if all(motion.kind == BandKind.UNKNOWN for motion in own.values()):
+    motions = {value: coarse.motion(value) for value in values}
+    if all(motion.kind == BandKind.UNKNOWN for motion in motions.values()):
         raise InputError(
             f"{variation.parameter}: found no motion of {scene.name} at any of {len(values)} values; "
-            f"at {values[0]:g}: {own[values[0]].reason}"
+            f"at {values[0]:g}: {motions[values[0]].reason}"
         )
-    width = END_WIDTH * (searched.high - searched.low)
-    bands = find_bands(lambda value: own[value].kind, searched, width, fine.kind)
+    width = width or END_WIDTH * (searched.high - searched.low)
+    bands = find_bands(lambda value: motions[value].kind, searched, width, fine.kind)
 
     # The rest of the transient shifts an end, too.
     transient = REPEATS * END_RTOL
@@ -299,11 +297,27 @@ def bands_of_reference(scene: Scene, variation: Variation) -> ReferenceBands:
         )
         for band in bands
     )
-    seen = [*_continued(coarse, values, own), *_continued(coarse, values[::-1], own)]
-    reasons = (motion.reason for motion in own.values() if motion.reason)
-    return ReferenceBands(
-        with_coexisting(bands, seen), coarse.runs + fine.runs, next(reasons, "")
-    )
+    reasons = [motion.reason for motion in motions.values() if motion.reason]
+    return ReferenceBands(bands, motions, reasons[0] if reasons else "")
+
+
+def bands_of_reference(scene: Scene, variation: Variation) -> ReferenceBands:
+    """Return the bands of a scene, and where other starts lead to other kinds of steady states.
+
+    Besides the scene's own start at each value of the grid, the motion is continued from the steady state of the value
+    below, upwards through the range, and from that of the value above, downwards: where two steady states coexist, each
+    is followed as far as it goes.
+
+    Raises
+    ------
+    InputError
+        If there is no motion at any value.
+    """
+    own = bands_from_own_start(scene, variation)
+    probe = ReferenceProbe(scene, variation, GRID_RTOL)
+    values = list(own.motions)
+    seen = _continued(probe, values, own.motions) + _continued(probe, values[::-1], own.motions)
+    return replace(own, bands=with_coexisting(own.bands, seen))
 
 
 def _with_transient(end: float, uncertainty: float, part: float) -> float:

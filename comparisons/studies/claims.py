@@ -572,7 +572,7 @@ def plan(scope: Scope) -> Comparison[Tables]:
     """Statements about the motion, about drift on the runs of its study, and at full depth about open choices."""
     cases = dict(enumerate(scope.scenes, 1))
     parts: list[Comparison[Any]] = [
-        claims_comparison(cases, scope.known[TRUTH][True]),
+        claims_comparison(cases, scope.known[TRUTH][True].threshold),
         drift_study_comparison(cases, scope.depth),
         general_claims_comparison(),
     ]

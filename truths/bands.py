@@ -157,9 +157,10 @@ def find_bands(
 ) -> tuple[Band, ...]:
     """Return the bands that cover a range, in increasing order.
 
-    Each value of the grid is examined by `kind_at`, and values between them by `finer`, if it is given. Where two neighbours differ, the interval between them is halved down to
-    `width`. An end next to values without a steady state is halved to `SPLIT_PART` of the resolution only: it depends
-    on the time that a motion is given to settle, and is not sharp.
+    Each value of the grid is examined by `kind_at`, and values between them by `finer`, if it is given. Where two
+    neighbours differ, the interval between them is halved down to `width`. An end next to values without a steady state
+    is halved to `SPLIT_PART` of the resolution only: it depends on the time that a motion is given to settle, and is
+    not sharp.
     """
     values = searched.values()
     kinds = [kind_at(value) for value in values]

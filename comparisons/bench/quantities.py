@@ -395,6 +395,13 @@ THRESHOLD = (
         description="bands of amplitudes above the threshold at which the slider sticks again: pairs of the smallest "
         "and the largest amplitude seen to, as a JSON list",
     ),
+    Quantity(
+        "stick_bands",
+        "sticks",
+        "N",
+        Kind.INTERVALS,
+        description="bands of amplitudes at which the slider sticks: pairs of amplitudes, as a JSON list",
+    ),
     _value("scanned_to", "scanned up to F0", "N"),
     _text("varied", "varied parameter"),
     Quantity("band_low", "from", "", Kind.EXACT),

@@ -18,7 +18,6 @@ from stiction.comparisons.measures.reference_bands import AMPLITUDE
 from stiction.comparisons.measures.settling import (
     CREEP_TOLERANCE,
     MOST_PERIODS,
-    SETTLED,
     SHORTEST_STICK,
     NotSettled,
     common_period,
@@ -29,7 +28,7 @@ from stiction.engines.registry import load_engine
 from stiction.scenes import Scene, Trajectory, vary
 
 SETTLE_PERIODS = 4
-"""Periods before the window of a sampled motion: the transients of the paper's example have decayed by then to the errors
+"""Periods before the window of a sampled motion. By then the transients of the paper's example have decayed to the errors
 of the coarse steps with which such motions are computed."""
 WINDOW_PERIODS = 1
 """Length of that window in periods: the steady states of the paper's cases repeat themselves after one."""
@@ -227,9 +226,7 @@ def measure_threshold(
             slowest = "" if creep is None else f": the slowest stretch moves at {creep:.2g} m/s"
             return probe.bracket(None, None, f"no stick phase at {parameter} = {inside:g}{slowest}")
         if probe.sticks(outside):
-            return probe.bracket(
-                outside, None, f"still a stick phase at {parameter} = {outside:g}"
-            )
+            return probe.bracket(outside, None, f"still a stick phase at {parameter} = {outside:g}")
         while high - low > search.width:
             middle = 0.5 * (low + high)
             low, high = (middle, high) if is_below(middle) else (low, middle)

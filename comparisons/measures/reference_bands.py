@@ -30,8 +30,8 @@ USUAL_RANGE = 4.0
 """Upper end of the range of a parameter for which none is given, in units of the scene's own value; the lower end is
 zero."""
 USUAL_VALUES = 120
-"""Values in a range for which no resolution is given: a few seconds of computing time. The narrowest band that is known,
-of 0.39 N in a range of 12 N, contains three of them."""
+"""Values in a range for which no resolution is given: a few seconds of computing time. The narrowest band that is
+known, 0.3 N of 12 N, contains three of them."""
 GRID_RTOL = 1e-6
 """Relative tolerance of the runs on the grid."""
 END_RTOL = 1e-9
@@ -227,8 +227,7 @@ def _state_at_end(window: SteadyWindow) -> Start:
     (x, y, angle), (vx, vy, rate) = BODY_COLUMNS[:2]
     for name, body in window.scene.bodies.items():
         last = {
-            label: float(columns[f"{name}.{label}"][-1])
-            for label in (x, y, angle, vx, vy, rate)
+            label: float(columns[f"{name}.{label}"][-1]) for label in (x, y, angle, vx, vy, rate)
         }
         turns = round((last[angle] - body.angle) / (2 * np.pi))
         start |= {

@@ -22,9 +22,10 @@ CREEP_TOLERANCE = 1e-4
 """m/s; a sampled motion slower than this is at rest. A slider that reverses with the accelerations of the paper's
 example (0.2 m/s^2 and more) is this slow for 1 ms."""
 SHORTEST_STICK = 0.002
-"""s; a sampled motion must be slow for so long, and for two steps at least, to count as a stick phase. The duration of a
-stick phase goes to zero at the end of a band, so that one that must last has a lower end. Where events are located, any
-stick event counts, however short."""
+"""s; a sampled motion must be slow for so long, and for two steps at least, to count as a stick phase.
+
+The duration of a stick phase goes to zero at the end of a band, so that the band of stick phases that must last ends
+earlier. Where events are located, any stick event counts, however short."""
 MOST_RATIO, RATIONAL = 64, 1e-9
 """Largest denominator of a ratio of frequencies that have a common period, and how near a ratio must be to it."""
 

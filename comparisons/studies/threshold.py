@@ -9,7 +9,7 @@ threshold and for the other ends, and is asked whether it sticks at a few values
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from enum import StrEnum
 from typing import Any
 
@@ -74,8 +74,8 @@ FIRST_PART = 0.1
 LOCATED_WIDTH = 1e-9
 """Width of the bracket of an engine with located events, in the unit of the parameter."""
 BRACKET_RANGE = 12.0
-"""N; range to which the width of a bracket of `depth.Extent` refers. For parameters other than F0 it is the same part of
-their range."""
+"""N; range to which the width of a bracket of `depth.Extent` refers. For other parameters it is the same part of their
+range."""
 SCAN_VALUES = 8
 """Values from end to end of the range, besides the middles of the bands, at which an engine is asked whether it sticks:
 some runs at its coarsest step, which cost less than one bracket."""
@@ -628,7 +628,7 @@ def map_table(
 
 
 def present(results: Results) -> Presentation:
-    """Return the bands, the distance of each method's threshold from the truth, and the methods that are clearly off."""
+    """Return the bands, and the distance of each method's threshold from the truth with the methods that are off."""
     table = results.table("threshold")
     bands = results.table(BANDS)
     true = _true_rows(bands)
@@ -715,9 +715,7 @@ def _true_rows(bands: pd.DataFrame) -> list[object]:
     """Return the rows of the true bands."""
     if bands.empty:
         return []
-    return [
-        row_of(BANDS, bands, label) for label in bands[bands["variant"] == TRUE_VARIANT].index
-    ]
+    return [row_of(BANDS, bands, label) for label in bands[bands["variant"] == TRUE_VARIANT].index]
 
 
 def _range(bands: pd.DataFrame) -> dict[str, object]:

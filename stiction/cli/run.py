@@ -242,8 +242,8 @@ def sweep(
     steady state, and its point has no value.
     """
     from stiction.comparisons.bench.executors import check_executor, open_isolate
-    from stiction.comparisons.sweep import sweep as sweeps
     from stiction.comparisons.measures.steady_state_measures import SteadyRun
+    from stiction.comparisons.sweep import sweep as sweeps
     from stiction.scenes.fidelity import fidelity_of
 
     loaded = scene_of(scene, overrides)
@@ -343,7 +343,7 @@ def _show_bands(table: Any) -> None:
         point = ", ".join(f"{key} = {row[key]:g}" for key in keys)
         bands = " N and ".join(intervals_in_words(row[AGAIN]))
         print(
-            f"threshold: above {row['threshold']:.6g} N the slider sticks again at about {bands} N "
+            f"threshold: above {row['threshold']:.6g} N the slider sticks again at {bands} N "
             f"({point})"
         )
     if len(again) > EVENTS_SHOWN:

@@ -485,8 +485,7 @@ def _end_of_sliding(
     # Inverse interpolation: the parameter as a polynomial in what is left, at zero. The difference
     # to one node less is its error.
     root, coarser = (
-        float(BarycentricInterpolator(distances[:n], values[:n])(0.0))
-        for n in (_NODES, _NODES - 1)
+        float(BarycentricInterpolator(distances[:n], values[:n])(0.0)) for n in (_NODES, _NODES - 1)
     )
     if not min(inside, outside) < root < max(inside, outside):
         return None

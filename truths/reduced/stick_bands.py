@@ -19,8 +19,8 @@ from stiction.truths.reduced.slider_bar import SliderBar
 from stiction.truths.reduced.steady_state import (
     MechanismAt,
     NoSteadyState,
-    StickEnd,
     SteadyState,
+    StickEnd,
     margin,
     refined_end,
     steady_state,

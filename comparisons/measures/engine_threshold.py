@@ -28,8 +28,8 @@ from stiction.engines.registry import load_engine
 from stiction.scenes import Scene, Trajectory, vary
 
 SETTLE_PERIODS = 4
-"""Periods before the window of a sampled motion. By then the transients of the paper's example have decayed to the errors
-of the coarse steps with which such motions are computed."""
+"""Periods before the window of a sampled motion. By then the transients of the paper's example have decayed to about
+the errors of the coarse steps with which such motions are computed."""
 WINDOW_PERIODS = 1
 """Length of that window in periods: the steady states of the paper's cases repeat themselves after one."""
 FIRST_SETTLING = 30

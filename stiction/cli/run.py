@@ -180,8 +180,8 @@ def sweep(
             "--measure",
             metavar="A,B,..",
             help="stick-fraction, peak-torque, peak-speed, event-count or threshold; peak-speed:NAME refers "
-            "to the guide, drive or body NAME. threshold is the largest F0 at which the slider sticks, in the "
-            "band of amplitudes nearest to the scene's F0.",
+            "to the guide, drive or body NAME. threshold is the upper end of the band of F0 with "
+            "stick phases that is nearest to the scene's F0; the table contains all such bands.",
         ),
     ],
     engine: EngineName = "reference",

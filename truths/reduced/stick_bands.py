@@ -35,7 +35,7 @@ _SAFETY = 4.0
 _WIDER, _ATTEMPTS = 4.0, 3
 """Factor by which that distance grows where a side is not of the kind that was found, and how often it is tried."""
 _XTOL = 1e-9
-"""Width to which an end is halved where the steady state cannot be followed to it, in the parameter's unit."""
+"""Accuracy of the value at which a slider at rest breaks away, in the parameter's unit."""
 _INSTANTS = 500
 """Instants of a period at which the excess of the load over static friction is sampled before its peak is refined."""
 
@@ -98,7 +98,10 @@ def _examined_end(at: MechanismAt, below: Band, above: Band) -> StickEnd | None:
         low, high = max(end - distance, below.middle), min(end + distance, above.middle)
         if kind_at(at, low) == below.kind and kind_at(at, high) == above.kind:
             inside, outside = (low, high) if below.kind.has_stick else (high, low)
-            return refined_end(at, inside, outside, steady_state(at(outside)), _XTOL)
+            # Where the sliding motion loses its stability before it comes to rest, it cannot be
+            # followed to the end, and settles ever more slowly: halving stops early.
+            width = _SAFETY * below.high_uncertainty
+            return refined_end(at, inside, outside, steady_state(at(outside)), width)
         distance *= _WIDER
     return None
 

@@ -95,13 +95,13 @@ def test_the_slider_sticks_again_above_a_threshold(mu, kinds, ends):
 
 
 def test_the_return_map_confirms_and_refines_a_lower_end():
-    """Between slip and stick at mu = 0.015, where the sliding steady state is followed upwards."""
+    """Between slip and stick at mu = 0.015, where the sliding motion loses its stability: by halving alone."""
     scene = vary(CASE_1, {"mu": 0.015, "mus": 0.04})
     rough = bands_from_own_start(scene, variation_of(scene, ends=(3.6, 4.0), resolution=0.1)).bands
     slip, stick = examined_bands(mechanism_at(scene, "F0"), rough)
     assert slip.kind == SLIP and stick.kind == STICK and slip.is_confirmed and stick.is_confirmed
-    assert abs(slip.high - 3.7687779) < 1e-6 and slip.high == stick.low
-    assert slip.high_uncertainty < 1e-7
+    assert slip.high == stick.low
+    assert abs(slip.high - 3.7687779) < slip.high_uncertainty < 5e-5
 
 
 def test_the_end_of_rest_is_where_the_load_exceeds_static_friction():

@@ -223,7 +223,8 @@ def _state_at_end(window: SteadyWindow) -> Start:
 
     Whole turns are taken off the angles: drives begin anew at zero.
     """
-    columns, start = window.whole.columns, {}
+    columns = window.whole.columns
+    start: dict[str, object] = {}
     (x, y, angle), (vx, vy, rate) = BODY_COLUMNS[:2]
     for name, body in window.scene.bodies.items():
         last = {

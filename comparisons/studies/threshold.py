@@ -149,11 +149,14 @@ def true_bands(
     """
     by_reference = bands_of_reference(scene, variation)
     bands, tier = by_reference.bands, Tier.OWN_RUN
+    if variation.parameter != AMPLITUDE:
+        proven = None
     if _is_slider_bar(scene):
-        bands = examined_bands(mechanism_at(scene, variation.parameter), bands)
+        bands = examined_bands(mechanism_at(scene, variation.parameter), bands, proven)
         tier = Tier.HIGH_PRECISION
     threshold = _threshold(bands, variation)
-    if proven is not None and variation.parameter == AMPLITUDE:
+    # The theorem is about the same end, with its bounds and words.
+    if proven is not None and threshold.F0 == proven.F0:
         threshold = proven
     return TrueBands(threshold, bands, tier, by_reference.reason)
 

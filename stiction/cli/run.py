@@ -343,7 +343,7 @@ def _show_bands(table: Any) -> None:
         point = ", ".join(f"{key} = {row[key]:g}" for key in keys)
         bands = " N and ".join(intervals_in_words(row[AGAIN]))
         print(
-            f"threshold: above {row['threshold']:.6g} N the slider sticks again at {bands} N "
+            f"threshold: above {row['threshold']:.6g} N the slider sticks again at about {bands} N "
             f"({point})"
         )
     if len(again) > EVENTS_SHOWN:

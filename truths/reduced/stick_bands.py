@@ -21,6 +21,7 @@ from stiction.truths.reduced.steady_state import (
     NoSteadyState,
     SteadyState,
     StickEnd,
+    StickThreshold,
     margin,
     refined_end,
     steady_state,
@@ -34,6 +35,9 @@ _SAFETY = 4.0
 """Distance from an end at which both sides are examined first, in units of its uncertainty."""
 _WIDER, _ATTEMPTS = 4.0, 3
 """Factor by which that distance grows where a side is not of the kind that was found, and how often it is tried."""
+_HALVED = 5e-5
+"""Width, as a part of the end, to which an end is halved where the steady state cannot be followed to it: a tenth of
+the interval on whose sides it is examined. Narrower ones take minutes, as motions settle ever more slowly."""
 _XTOL = 1e-9
 """Accuracy of the value at which a slider at rest breaks away, in the parameter's unit."""
 _INSTANTS = 500
@@ -65,8 +69,12 @@ def kind_at(at: MechanismAt, value: float) -> BandKind:
         return BandKind.UNKNOWN
 
 
-def examined_bands(at: MechanismAt, bands: Sequence[Band]) -> tuple[Band, ...]:
+def examined_bands(
+    at: MechanismAt, bands: Sequence[Band], proven: StickThreshold | None = None
+) -> tuple[Band, ...]:
     """Return the bands with refined ends, and whether the return map confirms each of them.
+
+    `proven` is an end that a theorem encloses, if there is one: it is not refined.
 
     A band is confirmed if the return map has the same kind of steady state in its middle and next to its ends. An end
     next to values without a steady state is not sharp, and is left as it is.
@@ -77,7 +85,7 @@ def examined_bands(at: MechanismAt, bands: Sequence[Band]) -> tuple[Band, ...]:
         below, above = bands[i], bands[i + 1]
         if not (below.kind.is_steady and above.kind.is_steady):
             continue
-        end = _examined_end(at, below, above)
+        end = _proven_end(proven, below, above) or _examined_end(at, below, above)
         if end is None:
             is_confirmed[i] = is_confirmed[i + 1] = False
             continue
@@ -86,6 +94,16 @@ def examined_bands(at: MechanismAt, bands: Sequence[Band]) -> tuple[Band, ...]:
     return tuple(
         replace(band, is_confirmed=confirmed) for band, confirmed in zip(bands, is_confirmed)
     )
+
+
+def _proven_end(proven: StickThreshold | None, below: Band, above: Band) -> StickEnd | None:
+    """Return the end of a theorem, if it is the end between two bands: of stick phases, above which there are none."""
+    if proven is None or proven.F0 is None or proven.uncertainty is None:
+        return None
+    is_its_kind = below.kind.has_stick and above.kind == BandKind.SLIP
+    if not is_its_kind or abs(proven.F0 - below.high) > _SAFETY * below.high_uncertainty:
+        return None
+    return StickEnd(proven.F0, proven.uncertainty, proven.bracket)
 
 
 def _examined_end(at: MechanismAt, below: Band, above: Band) -> StickEnd | None:
@@ -100,7 +118,7 @@ def _examined_end(at: MechanismAt, below: Band, above: Band) -> StickEnd | None:
             inside, outside = (low, high) if below.kind.has_stick else (high, low)
             # Where the sliding motion loses its stability before it comes to rest, it cannot be
             # followed to the end, and settles ever more slowly: halving stops early.
-            width = _SAFETY * below.high_uncertainty
+            width = max(_SAFETY * below.high_uncertainty, _HALVED * abs(end))
             return refined_end(at, inside, outside, steady_state(at(outside)), width)
         distance *= _WIDER
     return None

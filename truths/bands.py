@@ -158,9 +158,8 @@ def find_bands(
     """Return the bands that cover a range, in increasing order.
 
     Each value of the grid is examined by `kind_at`, and values between them by `finer`, if it is given. Where two
-    neighbours differ, the interval between them is halved down to `width`. An end next to values without a steady state
-    is halved to `SPLIT_PART` of the resolution only: it depends on the time that a motion is given to settle, and is
-    not sharp.
+    neighbours differ, the interval between them is halved down to `width`. An end that is not sharp (see
+    `is_sharp_end`) is halved to `SPLIT_PART` of the resolution only.
     """
     values = searched.values()
     kinds = [kind_at(value) for value in values]
@@ -180,6 +179,14 @@ def find_bands(
     return tuple(bands)
 
 
+def is_sharp_end(below: BandKind, above: BandKind) -> bool:
+    """Return True if an end between two kinds does not depend on the time that a motion is given to settle.
+
+    Whether a slider is at rest for ever is known at once, also beside motions that do not settle.
+    """
+    return BandKind.REST in (below, above) or (below.is_steady and above.is_steady)
+
+
 def _narrowed(kind_at: KindAt, edge: _Edge, width: float, split: float) -> list[_Edge]:
     """Return the edges within an interval, each as narrow as `width`; none where both of its ends are of one kind.
 
@@ -189,8 +196,7 @@ def _narrowed(kind_at: KindAt, edge: _Edge, width: float, split: float) -> list[
     low, high, below, above = edge.low, edge.high, edge.below, edge.above
     if below == above:
         return []
-    is_sharp = below.is_steady and above.is_steady
-    while high - low > (width if is_sharp else max(width, split)):
+    while high - low > (width if is_sharp_end(below, above) else max(width, split)):
         middle = 0.5 * (low + high)
         kind = kind_at(middle)
         if kind not in (below, above) and high - low > split:

@@ -41,7 +41,7 @@ END_WIDTH = 1e-6
 tolerance."""
 FIRST_PERIODS = 30
 """Periods of loads and drives that a motion is given at first. Case 1 of the paper contracts by half in each."""
-EXTENSIONS = 3
+EXTENSIONS = 4
 """Number of times that a motion that has not settled is given twice as long, before it counts as not settling."""
 
 Start = Mapping[str, object]

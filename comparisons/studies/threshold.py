@@ -76,9 +76,11 @@ LOCATED_WIDTH = 1e-9
 BRACKET_RANGE = 12.0
 """N; range to which the width of a bracket of `depth.Extent` refers. For other parameters it is the same part of their
 range."""
+DEFAULT_VALUES = 60
+"""Values in the range at the default depth of `stiction validate`, which has many other studies to make."""
 SCAN_VALUES = 8
-"""Values from end to end of the range, besides the middles of the bands, at which an engine is asked whether it sticks:
-some runs at its coarsest step, which cost less than one bracket."""
+"""Values from end to end of the range, besides the middles of the bands, at which an engine is asked whether it sticks
+at full depth: some runs at its coarsest step, which cost less than one bracket."""
 COEFFICIENT = "mu"
 """Parameter over which bands are mapped."""
 MAP_FACTORS = tuple(np.linspace(1 / 6, 7 / 6, 13))
@@ -194,13 +196,18 @@ def _threshold(bands: Sequence[Band], variation: Variation) -> StickThreshold:
 def variation_in(scope: Scope) -> Variation:
     """Return what the study varies in the first scene of a scope, by the options of the command."""
     options = scope.options
-    return variation_of(
+    variation = variation_of(
         scope.scenes[0],
         options.get("parameter"),
         options.get("joint"),
         options.get("range"),
         options.get("resolution"),
     )
+    if scope.depth != Depth.DEFAULT or "resolution" in options:
+        return variation
+    searched = variation.searched
+    resolution = (searched.high - searched.low) / DEFAULT_VALUES
+    return replace(variation, searched=replace(searched, resolution=resolution))
 
 
 def true_thresholds(scope: Scope) -> Comparison[dict[bool, TrueBands]]:
@@ -322,7 +329,7 @@ def plan(scope: Scope) -> Comparison[Tables]:
             variation,
             _main_search(bands, variation, centre, bracket),
             _other_ends(bands, centre, bracket),
-            _scanned_values(bands, variation),
+            _scanned_values(bands, variation, SCAN_VALUES if scope.depth == Depth.FULL else 0),
         )
         tasks.append(Task(f"threshold/{scene.name}/{variant.label}", measure_bands, arguments))
     mapped = _mapped(scope, variation)
@@ -385,11 +392,15 @@ def _other_ends(bands: Sequence[Band], threshold: float | None, width: float) ->
     return ends
 
 
-def _scanned_values(bands: Sequence[Band], variation: Variation) -> list[float]:
-    """Return the values over the range at which engines are asked, where the truth has a steady state."""
+def _scanned_values(bands: Sequence[Band], variation: Variation, count: int) -> list[float]:
+    """Return the values at which engines are asked, where the truth has a steady state.
+
+    These are the middles of the bands, and `count` values from end to end of the range.
+    """
     searched = variation.searched
-    step = (searched.high - searched.low) / SCAN_VALUES
-    spread = [searched.low + (i + 0.5) * step for i in range(SCAN_VALUES)]
+    spread = [
+        searched.low + (i + 0.5) / count * (searched.high - searched.low) for i in range(count)
+    ]
     middles = [0.5 * (low + high) for low, high in stick_bands(bands)]
     middles += [band.middle for band in bands if not band.kind.has_stick]
     return sorted(value for value in {*spread, *middles} if _band_at(bands, value) is not None)
@@ -874,13 +885,14 @@ def _band_figures(bands: pd.DataFrame) -> list[Chart]:
         return []
     true = bands[bands["variant"] == TRUE_VARIANT]
     series, names = [], []
+    is_named: set[str] = set()
     for place, (mus, rows) in enumerate(true.groupby("mus", sort=False)):
         names.append(f"mus = {mus:g}")
         for kind, alike in rows.groupby("band_kind", sort=False):
             low, high = alike["band_low"].to_numpy(float), alike["band_high"].to_numpy(float)
             series.append(
                 Series(
-                    str(kind) if place == 0 else "",
+                    "" if kind in is_named else str(kind),
                     0.5 * (low + high),
                     np.full(len(low), -float(place)),
                     low,
@@ -890,15 +902,18 @@ def _band_figures(bands: pd.DataFrame) -> list[Chart]:
                     points=True,
                 )
             )
+            is_named.add(kind)
     ticks = [-float(place) for place in range(len(names))]
+    varied = str(bands["varied"].iloc[0])
+    label = f"{varied} [N]" if varied == AMPLITUDE else varied
     panel = Panel(
         "",
-        Axis(str(true["varied"].iloc[0]) if len(true) else ""),
+        Axis(label),
         Axis("", ticks=ticks, words=names),
         series,
         horizontal=True,
     )
-    return [Chart(BANDS, (panel,), columns=1, height=1.2 + 0.3 * len(names))]
+    return [Chart(BANDS, (panel,), columns=1, height=0.8 + 0.3 * len(names))]
 
 
 def _map_figures(mapped: pd.DataFrame) -> list[Chart]:

@@ -14,7 +14,7 @@ import numpy as np
 from scipy.optimize import brentq, minimize_scalar
 
 from stiction.scenes import Scene, SceneError, vary
-from stiction.truths.bands import Band, BandKind
+from stiction.truths.bands import Band, BandKind, is_sharp_end
 from stiction.truths.reduced.slider_bar import SliderBar
 from stiction.truths.reduced.steady_state import (
     MechanismAt,
@@ -77,13 +77,13 @@ def examined_bands(
     `proven` is an end that a theorem encloses, if there is one: it is not refined.
 
     A band is confirmed if the return map has the same kind of steady state in its middle and next to its ends. An end
-    next to values without a steady state is not sharp, and is left as it is.
+    that is not sharp (`bands.is_sharp_end`) is left as it is.
     """
     bands = list(bands)
     is_confirmed = [kind_at(at, band.middle) == band.kind for band in bands]
     for i in range(len(bands) - 1):
         below, above = bands[i], bands[i + 1]
-        if not (below.kind.is_steady and above.kind.is_steady):
+        if not is_sharp_end(below.kind, above.kind):
             continue
         end = _proven_end(proven, below, above) or _examined_end(at, below, above)
         if end is None:

@@ -275,7 +275,7 @@ def test_engines_search_for_every_end_within_its_own_bands():
     assert upper.value == 4.5484 and not upper.search.is_lower_end
     for end in (lower, upper):
         assert end.search.low < end.value < end.search.high
-    scanned = _scanned_values(MU_0015, VARIATION)
+    scanned = _scanned_values(MU_0015, VARIATION, 0)
     for low, high in ((0.0, 3.2372), (3.2372, 3.7688), (3.7688, 4.5484), (4.5484, 12.0)):
         assert any(low < value < high for value in scanned)
 
@@ -303,7 +303,7 @@ def test_bands_are_found_shifted_missed_or_invented(sticks, ends, verdicts):
         sides = (end + 5e-4, end - 5e-4) if is_lower else (end - 5e-4, end + 5e-4)
         return Threshold(*sides, 1)
 
-    values = [*_scanned_values(MU_0015, VARIATION)]
+    values = _scanned_values(MU_0015, VARIATION, 8)
     engine = EngineBands(
         (bracket(ends[0], False),),
         tuple((value, sticks(value)) for value in values),

@@ -9,7 +9,7 @@ threshold and for the other ends, and is asked whether it sticks at a few values
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from enum import StrEnum
 from typing import Any
 

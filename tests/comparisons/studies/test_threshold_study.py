@@ -9,8 +9,10 @@ from hypothesis import given
 from hypothesis import strategies as st
 from made_up_runs import wrongly_written
 
+from stiction.comparisons.bench.depth import Depth
 from stiction.comparisons.bench.presentation.presentation import ANSWER_LENGTH
 from stiction.comparisons.bench.results import Results
+from stiction.comparisons.bench.study import Scope
 from stiction.comparisons.bench.variants import Variant
 from stiction.comparisons.measures.engine_threshold import (
     FIRST_STEP,
@@ -36,6 +38,7 @@ from stiction.comparisons.studies.threshold import (
     _scanned_values,
     band_table,
     present,
+    variation_in,
 )
 from stiction.engines.isolation import Outcome
 from stiction.engines.status import Status
@@ -429,3 +432,14 @@ def test_a_finer_step_begins_at_the_bracket_of_the_coarser_one():
         fine.runs <= afar.runs / 2
         and fine.without_stick - coarse.with_stick < FIRST_STEP * search.width
     )
+
+
+def test_the_default_depth_has_half_the_values_unless_a_resolution_is_given():
+    scenes = (load_scene("slider-bar-case-1"),)
+    counts = {
+        depth: len(variation_in(Scope(scenes, depth)).searched.values())
+        for depth in (Depth.QUICK, Depth.DEFAULT, Depth.FULL)
+    }
+    assert counts == {Depth.QUICK: 121, Depth.DEFAULT: 61, Depth.FULL: 121}
+    asked = Scope(scenes, Depth.DEFAULT, options={"range": (1.0, 2.0), "resolution": 0.1})
+    assert len(variation_in(asked).searched.values()) == 11

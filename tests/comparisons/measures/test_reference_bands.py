@@ -14,7 +14,6 @@ from stiction.truths.bands import BandKind
 from stiction.truths.reduced.stick_bands import examined_bands, mechanism_at
 
 REST, STICK, SLIP = BandKind.REST, BandKind.STICK, BandKind.SLIP
-UNSETTLED = BandKind.UNSETTLED
 CASE_1 = load_scene("slider-bar-case-1")
 MASS, GRAVITY, MU, MUS = 2.0, 9.81, 0.2, 0.3
 
@@ -80,14 +79,14 @@ def test_a_coefficient_of_friction_as_the_parameter():
 def test_the_slider_sticks_again_above_a_threshold(mu, ends):
     """The ends are those of an independent fixed-step integration of the equation of motion.
 
-    Its step is 2 ms, of fourth order, and it locates stops within a step. At mu = 0.01 there is no steady state from
-    about 4.281 to 4.324 N: the width of that band is below the resolution, and it may be missed.
+    Its step is 2 ms, of fourth order, and it locates stops within a step. At mu = 0.01 the motions
+    from 4.2806 to 4.324 N have no steady state, or subharmonic ones: those bands are narrower than the resolution.
     """
     scene = vary(CASE_1, {"mu": mu, "mus": 0.04})
     found = bands_of_reference(scene, variation_of(scene, ends=(2.0, 6.0), resolution=0.1)).bands
-    steady = [band for band in found if band.kind != UNSETTLED]
-    assert [band.kind for band in steady] == [STICK, SLIP, STICK, SLIP]
-    for band, end in zip(steady, ends):
+    wide = [band for band in found if band.high - band.low > 0.1]
+    assert [band.kind for band in wide] == [STICK, SLIP, STICK, SLIP]
+    for band, end in zip(wide, ends):
         is_sharp = mu > 0.01 or end != 4.3
         assert abs(band.high - end) <= (max(band.high_uncertainty, 2e-6) if is_sharp else 0.03)
 

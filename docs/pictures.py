@@ -34,10 +34,10 @@ from stiction.comparisons.bench.study import Scope, planned, union
 from stiction.comparisons.judge.judgement import judge
 from stiction.comparisons.measures.accuracy import errors, truth_over_time
 from stiction.comparisons.measures.scene_truth import ground_truth
+from stiction.comparisons.measures.steady_state_measures import SteadyRun
 from stiction.comparisons.regression.baseline import Baseline
 from stiction.comparisons.regression.nightly import run_night
 from stiction.comparisons.studies import studies
-from stiction.comparisons.sweep.steady_state_measures import SteadyRun
 from stiction.comparisons.sweep.sweep import Specification, parse_axis, sweep, usual_end
 from stiction.engines import isolate, load_engine
 from stiction.reports.figures.charts import draw_figures

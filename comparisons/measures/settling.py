@@ -27,6 +27,15 @@ MOST_RATIO = 64
 """Largest denominator of the ratio of two frequencies with a common period."""
 RATIONAL = 1e-9
 """Largest difference of a ratio of frequencies from a rational number."""
+CREEP_TOLERANCE = 1e-4
+"""Largest speed, m/s, of a sampled motion that is at rest.
+
+A slider that reverses with the accelerations of the paper's example (0.2 m/s^2 and more) is this slow for 1 ms."""
+SHORTEST_STICK = 0.002
+"""Shortest time, s, for which a sampled motion must be slow to count as a stick phase; at least two steps.
+
+The duration of a stick phase goes to zero at the end of a band, so that the band of stick phases that must last ends
+earlier. Where events are located, any stick event counts, however short."""
 
 
 class NoCommonPeriod(InputError):

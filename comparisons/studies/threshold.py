@@ -1,19 +1,22 @@
-"""The stick threshold: upper end of the band of F0, next to the scene's own, with a stick phase in the steady state.
+"""The stick bands: all values of a parameter, within a range, for which the steady state has a stick phase.
 
-The steady state is the one that is reached from the scene's start. The threshold is searched here for each engine
-(`measure_threshold`), for the truth in `truths.reduced.steady_state`, and proven in `truths.proof.threshold`. Above
-it the slider may stick again: `bands_above` scans for that.
+The truth is `true_bands`: the bands that the event-driven reference finds, examined and refined by the return map of
+the slider-bar where the scene has its structure. The threshold is the upper end of the interval with stick that
+contains the scene's own value, or is next to it; `truths.proof.threshold` proves it. Every engine searches for the
+threshold and for the other ends, and is asked whether it sticks at a few values over the whole range.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from enum import StrEnum
 from typing import Any
 
 import numpy as np
 import pandas as pd
 
+from stiction.comparisons.bench.depth import Depth
 from stiction.comparisons.bench.methods import with_columns
 from stiction.comparisons.bench.participants import extent, threshold_variants
 from stiction.comparisons.bench.presentation import (
@@ -29,53 +32,59 @@ from stiction.comparisons.bench.presentation import (
     view,
 )
 from stiction.comparisons.bench.presentation.cells import intervals_text, setting_of
+from stiction.comparisons.bench.presentation.charts import TRUTH as TRUTH_LOOK
 from stiction.comparisons.bench.results import Results
 from stiction.comparisons.bench.runner import Comparison
 from stiction.comparisons.bench.study import Scope, Study, Tables
 from stiction.comparisons.bench.variants import Variant, has_static_coefficient, run_key, truth_key
-from stiction.comparisons.measures.settling import (
-    MOST_PERIODS,
-    SETTLED,
-    NotSettled,
-    common_period,
-    settled,
+from stiction.comparisons.measures.engine_threshold import (
+    FIRST_STEP,
+    Search,
+    StickProbe,
+    Threshold,
+    arguments_of,
+    measure_series,
+    measure_threshold,
 )
+from stiction.comparisons.measures.reference_bands import (
+    AMPLITUDE,
+    Variation,
+    bands_from_own_start,
+    bands_of_reference,
+    variation_of,
+)
+from stiction.comparisons.measures.settling import NotSettled
 from stiction.engines.isolation import Outcome, Task
-from stiction.engines.protocol import EngineFailure
-from stiction.engines.registry import label_of, load_engine
+from stiction.engines.registry import label_of
 from stiction.engines.status import Status
-from stiction.scenes import Scene, Trajectory, vary
-from stiction.scenes.laws import Sine
-from stiction.truths import StickThreshold, Tier, stick_threshold
+from stiction.scenes import Scene, vary
+from stiction.truths import StickThreshold, Tier
+from stiction.truths.bands import Band, stick_bands, threshold_of
 from stiction.truths.physics import physics_of
 from stiction.truths.proof.truth import threshold_of_theorem
-from stiction.truths.reduced.steady_state import StickBands, margin, steady_state, with_threshold
+from stiction.truths.reduced.slider_bar import SliderBar
+from stiction.truths.reduced.stick_bands import examined_bands, mechanism_at
+from stiction.truths.truth import NotThisMechanism
 from stiction.uncertain import Uncertain
 
-AMPLITUDE = "F0"
-"""Parameter on which the threshold is."""
 PAPER_VALUE = None
 """The paper prints the threshold, but the number is lost in the only text there is; it is never guessed."""
-CREEP_TOLERANCE, SHORTEST_STICK = 1e-4, 0.002
-"""m/s and s: a sampled motion slower than this for so long, and for two steps at least, is a stick phase. A slider that
-reverses with the accelerations of the paper's example (0.2 m/s^2 and more) is this slow for 1 ms. The duration of a
-stick phase goes to zero at the threshold, so that one that must last has a lower threshold. Of an engine whose events
-are located, any stick event counts, however short."""
-SETTLE_PERIODS, WINDOW_PERIODS = 4, 1
-"""Periods before the window of a sampled motion, and its length."""
-FIRST_SETTLING, MOST_SETTLING = 30, 960
-"""Periods that a motion with located events is given at first, and after which it counts as not settled."""
-FIRST_STEP, FIRST_PART = 8, 0.1
-"""Length of the first step of a search: in brackets where it begins near the threshold, else as a part of the amplitude
-that it begins at."""
-SCAN_STEP, SCAN_END, SCAN_WIDTH = 0.04, 2.5, 0.005
-"""Parts of a threshold: distance of the amplitudes at which a scan above it looks for stick phases, end of the scan,
-and width to which the ends of a band are halved. The narrowest band that is known is 0.16 of its threshold wide."""
-SCAN_RTOL, SCAN_DISTANCE, SCAN_FLOOR, SCAN_SETTLING = 1e-6, 1e-3, 0.05, 120
-"""Tolerance of the runs of a scan; distance from its limit at which a motion has settled, and the part of it above
-which its contraction is measured, as in sweeps; periods after which a motion that has not is given up."""
+FIRST_PART = 0.1
+"""Length of the first step of an engine's search, as a part of the value that it begins at."""
 LOCATED_WIDTH = 1e-9
-"""N; width of the bracket of an engine with located events."""
+"""Width of the bracket of an engine with located events, in the unit of the parameter."""
+BRACKET_RANGE = 12.0
+"""N; range to which the width of a bracket of `depth.Extent` refers. For other parameters it is the same part of their
+range."""
+DEFAULT_VALUES = 60
+"""Values in the range at the default depth of `stiction validate`, which has many other studies to make."""
+SCAN_VALUES = 8
+"""Values from end to end of the range, besides the middles of the bands, at which an engine is asked whether it sticks
+at full depth: some runs at its coarsest step, which cost less than one bracket."""
+COEFFICIENT = "mu"
+"""Parameter over which bands are mapped."""
+MAP_FACTORS = tuple(np.linspace(1 / 6, 7 / 6, 13))
+"""Values of the map in units of the scene's own: for the paper's mu = 0.03 from 0.005 to 0.035 by 0.0025."""
 SETTLES = 0.25
 """Part of an error by which the last refinement may still change it where it is said to be one: with more, finer steps
 may remove it."""
@@ -86,380 +95,357 @@ MIDDLE, ERROR, UNCERTAINTY = "F0_threshold", "threshold_error", "threshold_uncer
 TRUE_THRESHOLD, TIER = "true_threshold", "truth_tier"
 AGAIN, SCANNED = "sticks_again", "scanned_to"
 WITH_STICK, WITHOUT_STICK = "F0_with_stick", "F0_without_stick"
-CONSTANTS = {"settles": SETTLES, "scan_step": SCAN_STEP, "scan_end": SCAN_END, "most_named": 2}
-"""What the text of the study mentions besides results: a part of an error, parts of a threshold, and the number of
-methods up to which its answer, which is one line, names them."""
+BANDS, MAP = "bands", "bands-map"
+"""Names of the tables of bands."""
+TRUE_VARIANT = "truth"
+"""Label of the rows of the truth in the table of bands."""
+CONSTANTS = {"settles": SETTLES, "most_named": 2}
+"""What the text of the study mentions besides results: a part of an error, and the number of methods up to which its
+answer, which is one line, names them."""
+
+
+class Verdict(StrEnum):
+    """How an engine's intervals with stick compare with the true ones."""
+
+    FOUND = "found"
+    """Both ends agree with the true ones within the brackets of the search."""
+    SHIFTED = "shifted"
+    """An end is off by more than its bracket."""
+    MISSED = "missed"
+    """The engine does not stick where the truth does."""
+    INVENTED = "invented"
+    """The engine sticks where the truth slips, beyond the shift of an end."""
+    NOT_COMPARED = "not compared"
+    """The run has failed."""
 
 
 @dataclass(frozen=True)
-class Threshold:
-    """A bracket of the threshold: F0 (N) seen with a stick phase, and seen without one above it.
-
-    `runs` is the number of simulations, `remark` says why a bracket is missing. With located events, `residual` (N) is
-    what the rest of the transient can shift a threshold by.
-    """
-
-    with_stick: float | None
-    without_stick: float | None
-    runs: int
-    remark: str = ""
-    residual: float = 0.0
-
-
-@dataclass(frozen=True)
-class Search:
-    """The search of a bracket between two amplitudes.
+class TrueBands:
+    """The bands of a scene, and its threshold.
 
     Attributes
     ----------
-    low, high : float
-        N; the search is given up if the low end does not stick or the high one does.
-    width : float
-        N; width of the final bracket.
-    near : float, optional
-        N; where the threshold may be. From there on, steps that double enclose it: where it is near, that takes half as
-        many runs as halving the whole range, which is done without `near`.
-    first : float, optional
-        N; length of the first step from `near`; `FIRST_STEP` brackets if not given.
-    probes : int
-        Amplitudes from end to end of the range, where it is halved, at which a band is looked for. Small ones need not
-        stick either.
-    own : float, optional
-        N; the band next to it is taken, the one below it rather than the one above; the highest one if not given.
+    threshold : StickThreshold
+        The threshold next to the scene's own value, in the unit of the parameter.
+    bands : tuple of Band
+        They cover the range.
+    tier : Tier
+        That of an independent solution, or of our own run.
+    reason : str
+        Why some value has no steady state.
     """
 
-    low: float
-    high: float
-    width: float
-    near: float | None = None
-    first: float | None = None
-    probes: int = 2
-    own: float | None = None
+    threshold: StickThreshold
+    bands: tuple[Band, ...]
+    tier: Tier
+    reason: str = ""
 
 
-@dataclass
-class StickProbe:
-    """Runs of an engine at one amplitude each, and whether their steady states have a stick phase.
+def true_bands(
+    scene: Scene, variation: Variation, proven: StickThreshold | None = None
+) -> TrueBands:
+    """Return the bands of a scene by the best method that it has.
 
-    Attributes
-    ----------
-    arguments : Mapping
-        Of `Engine.simulate`; with ``dt`` steps bound the shortest stick phase that is seen, else events are located.
-    distance, floor : float
-        Of a motion with located events, by which it counts as settled; see `settled`.
-    most_settling : int
-        Periods that a motion with located events is given at most; `MOST_SETTLING` if not given.
-    seen : dict
-        By amplitude whether it sticks, and of a sampled motion the median speed (m/s) of its slowest stretch.
+    Of a slider-bar, the bands of the reference are examined by the return map of the independent solution. `proven` is
+    the threshold of a theorem about the scene, if there is one.
     """
-
-    scene: Scene
-    engine: str
-    arguments: Mapping[str, Any]
-    distance: float = SETTLED
-    floor: float = SETTLED
-    most_settling: int | None = None
-    seen: dict[float, tuple[bool, float | None]] = field(default_factory=dict)
-    runs: int = 0
-    settle_periods: int = FIRST_SETTLING
-    residual: float = 0.0
-
-    def __post_init__(self) -> None:
-        self.period, self.guide = (
-            common_period(self.scene),
-            next(iter(self.scene.frictional_guides)),
-        )
-
-    def sticks(self, F0: float) -> bool:
-        if F0 not in self.seen:
-            self.seen[F0] = (
-                self._sampled(F0, self.arguments["dt"])
-                if "dt" in self.arguments
-                else self._located(F0)
-            )
-        return self.seen[F0][0]
-
-    def bracket(
-        self, with_stick: float | None, without_stick: float | None, remark: str = ""
-    ) -> Threshold:
-        """The result of a search."""
-        return Threshold(with_stick, without_stick, self.runs, remark, self.residual)
-
-    def _simulate(self, F0: float, end: float, output_step: float) -> Trajectory:
-        run = load_engine(self.engine).simulate(
-            vary(self.scene, {AMPLITUDE: F0}), t_end=end, output_step=output_step, **self.arguments
-        )
-        if run.termination != "end":
-            raise EngineFailure(f"F0 = {F0:g}: {run.termination}")
-        self.runs += 1
-        return run
-
-    def _sampled(self, F0: float, step: float) -> tuple[bool, float]:
-        run = self._simulate(F0, (SETTLE_PERIODS + WINDOW_PERIODS) * self.period, step)
-        return sticks(run, self.guide, SETTLE_PERIODS * self.period, step)
-
-    def _located(self, F0: float) -> tuple[bool, None]:
-        periods = self.settle_periods
-        while periods <= (self.most_settling or MOST_SETTLING):
-            run = self._simulate(F0, periods * self.period, self.period)
-            state = settled(
-                run[f"{self.guide}.displacement"][: periods + 1], self.distance, self.floor
-            )
-            if state is not None:
-                self.settle_periods, self.residual = (
-                    periods,
-                    max(self.residual, state.distance * F0),
-                )
-                start = (periods - state.order) * self.period * (1 - 1e-12)
-                return sticks(run, self.guide, start, 0.0)[0], None
-            periods *= 2
-        raise NotSettled(
-            f"not settled after {periods // 2} periods of {self.period:g} s at F0 = {F0:.9g} N: no steady "
-            f"state of up to {MOST_PERIODS} periods"
-        )
+    by_reference = bands_of_reference(scene, variation)
+    bands, tier = by_reference.bands, Tier.OWN_RUN
+    if variation.parameter != AMPLITUDE:
+        proven = None
+    if _is_slider_bar(scene):
+        bands = examined_bands(mechanism_at(scene, variation.parameter), bands, proven)
+        tier = Tier.HIGH_PRECISION
+    threshold = _threshold(bands, variation)
+    # The theorem is about the same end, with its bounds and words.
+    if proven is not None and threshold.F0 == proven.F0:
+        threshold = proven
+    return TrueBands(threshold, bands, tier, by_reference.reason)
 
 
-def sticks(run: Trajectory, guide: str, start: float, step: float) -> tuple[bool, float]:
-    """Return True if the guide sticks after `start` seconds, and the median speed (m/s) of its slowest stretch."""
-    window = run.t >= start
-    t, speed = run.t[window], np.abs(run[f"{guide}.slip_velocity"][window])
-    count = max(2, int(round(max(SHORTEST_STICK, 2 * step) / np.median(np.diff(t)))) + 1)
-    stretches = np.lib.stride_tricks.sliding_window_view(speed, min(count, len(speed)))
-    worst = stretches.max(axis=1)
-    slowest = int(np.argmin(worst))
-    creep = float(np.median(stretches[slowest]))
-    if run.settings.get("method") == "event":
-        events = [event for event in run.events if event.kind == "stick" and event.joint == guide]
-        return bool(
-            np.any(run[f"{guide}.mode"][window] == 0)
-            or any(event.time >= start for event in events)
-        ), creep
-    return bool(worst[slowest] <= CREEP_TOLERANCE), creep
-
-
-def measure_threshold(
-    scene: Scene,
-    engine: str,
-    arguments: Mapping[str, Any],
-    search: Search,
-    distance: float = SETTLED,
-    floor: float = SETTLED,
-) -> Threshold:
-    """Bracket the threshold of an engine on the amplitude; see `Search` and `StickProbe`."""
-    probe = StickProbe(scene, engine, arguments, distance, floor)
+def _is_slider_bar(scene: Scene) -> bool:
+    """Return True if the independent solution of the slider-bar applies."""
     try:
-        low, high = _ends(probe.sticks, search)
-        if not probe.sticks(low):
-            creep = probe.seen[low][1]
-            slowest = "" if creep is None else f": the slowest stretch moves at {creep:.2g} m/s"
-            return probe.bracket(None, None, f"no stick phase at F0 = {low:g} N{slowest}")
-        if probe.sticks(high):
-            return probe.bracket(high, None, f"still a stick phase at F0 = {high:g} N")
-        while high - low > search.width:
-            middle = 0.5 * (low + high)
-            low, high = (middle, high) if probe.sticks(middle) else (low, middle)
-    except NotSettled as error:
-        return probe.bracket(None, None, str(error))
-    return probe.bracket(low, high)
+        SliderBar.from_scene(scene)
+    except NotThisMechanism:
+        return False
+    return True
 
 
-def measure_series(scene: Scene, variant: Variant, search: Search) -> tuple[Threshold, ...]:
-    """Bracket the threshold at each step from coarse to fine; each search begins at the bracket before."""
-    found: list[Threshold] = []
-    for step in variant.ladder:
-        arguments = {variant.parameter: step, "fidelity": variant.fidelity, **variant.settings}
-        found.append(measure_threshold(scene, variant.engine, arguments, search))
-        low, high = found[-1].with_stick, found[-1].without_stick
-        if low is not None and high is not None:
-            search = replace(search, near=low, first=FIRST_STEP * (high - low))
-    return tuple(found)
-
-
-def _ends(stuck: Callable[[float], bool], search: Search) -> tuple[float, float]:
-    """The amplitudes between which the range is halved, N."""
-    if search.near is not None:
-        first = search.first or FIRST_STEP * search.width
-        return around(stuck, search.near, search.low, search.high, first)
-    amplitudes = [float(F0) for F0 in np.linspace(search.low, search.high, search.probes)]
-    last = len(amplitudes) - 1
-    own = last if search.own is None else int(np.argmin(np.abs(np.array(amplitudes) - search.own)))
-    # the band of its own amplitude, else the next one below, else the next one above; then its upper end
-    inside = next(
-        (i for i in (*range(own, -1, -1), *range(own + 1, last + 1)) if stuck(amplitudes[i])), 0
+def _threshold(bands: Sequence[Band], variation: Variation) -> StickThreshold:
+    """Return the threshold next to the scene's own value; one without a number if no band ends within the range."""
+    sides = threshold_of(bands, variation.own)
+    if sides is None:
+        searched = variation.searched
+        note = (
+            f"no end of a band with stick above which the slider slips, for {variation.parameter} from "
+            f"{searched.low:g} to {searched.high:g}"
+        )
+        return StickThreshold(None, None, (np.nan, np.nan), note)
+    below, above = sides
+    others = sorted({str(kind) for band in sides for kind in band.coexisting})
+    note = ""
+    if others:
+        note = f"two steady states coexist: from another start the slider {' or '.join(others)}"
+    uncertainty = below.high_uncertainty
+    return StickThreshold(
+        below.high, uncertainty, (below.high - uncertainty, below.high + uncertainty), note
     )
-    while inside < last and stuck(amplitudes[inside + 1]):
-        inside += 1
-    return amplitudes[inside], amplitudes[min(inside + 1, last)]
 
 
-def around(
-    stuck: Callable[[float], bool], near: float, low: float, high: float, step: float
-) -> tuple[float, float]:
-    """Two amplitudes around the threshold, N: a stick phase at the first and none at the second.
-
-    Steps from `near` on double until one has passed the threshold, or is `low` or `high`.
-    """
-    is_stuck, edge = stuck(near), near
-    while True:
-        other = min(edge + step, high) if is_stuck else max(edge - step, low)
-        if other in (low, high) or stuck(other) != is_stuck:
-            return (edge, other) if is_stuck else (other, edge)
-        edge, step = other, 2 * step
-
-
-def bands_above(scene: Scene, threshold: float, start: float | None = None) -> StickBands:
-    """Scan for F0 above a threshold (N) at which the slider sticks again, by the event-driven reference.
-
-    From `start`, or a step above the threshold, to `SCAN_END` times it, `SCAN_STEP` of it apart. What is narrower, or
-    farther up, is not seen. The ends of a band are halved to `SCAN_WIDTH` of the threshold; an amplitude without a
-    steady state counts as one without a stick phase there.
-    """
-    probe = StickProbe(
-        scene,
-        "reference",
-        {"rtol": SCAN_RTOL, "stabilization": "projection", "assemble": True},
-        SCAN_DISTANCE,
-        SCAN_FLOOR * SCAN_DISTANCE,
-        SCAN_SETTLING,
+def variation_in(scope: Scope) -> Variation:
+    """Return what the study varies in the first scene of a scope, by the options of the command."""
+    options = scope.options
+    variation = variation_of(
+        scope.scenes[0],
+        options.get("parameter"),
+        options.get("joint"),
+        options.get("range"),
+        options.get("resolution"),
     )
-    unknown: list[float] = []
-
-    def stuck(F0: float) -> bool:
-        try:
-            return probe.sticks(F0)
-        except (NotSettled, EngineFailure):
-            unknown.append(F0)
-            return False
-
-    def end_of(inside: float, outside: float) -> float:
-        """The F0 next to the end of a band that still sticks."""
-        while abs(outside - inside) > SCAN_WIDTH * threshold:
-            middle = 0.5 * (inside + outside)
-            inside, outside = (middle, outside) if stuck(middle) else (inside, middle)
-        return inside
-
-    step = SCAN_STEP * threshold
-    amplitudes = [
-        float(F0)
-        for F0 in np.arange(start or threshold + step, SCAN_END * threshold + 0.5 * step, step)
-    ]
-    seen = [stuck(F0) for F0 in amplitudes]
-    without, bands = tuple(unknown), []
-    for i, F0 in enumerate(amplitudes):
-        if seen[i] and not (i and seen[i - 1]):
-            last = next((j for j in range(i, len(seen)) if not seen[j]), len(seen)) - 1
-            low = end_of(F0, amplitudes[i - 1]) if i else F0
-            high = (
-                end_of(amplitudes[last], amplitudes[last + 1])
-                if last + 1 < len(amplitudes)
-                else amplitudes[last]
-            )
-            bands.append((low, high))
-    return StickBands(tuple(bands), amplitudes[-1], step, without)
+    if scope.depth != Depth.DEFAULT or "resolution" in options:
+        return variation
+    searched = variation.searched
+    resolution = (searched.high - searched.low) / DEFAULT_VALUES
+    return replace(variation, searched=replace(searched, resolution=resolution))
 
 
-def with_bands(scene: Scene, threshold: StickThreshold | None = None) -> StickThreshold:
-    """The threshold of the reduced solution, if it is not given, and what is seen above it.
+def true_thresholds(scope: Scope) -> Comparison[dict[bool, TrueBands]]:
+    """Return the true bands for the physics with and without a static coefficient of its own.
 
-    A band that the reference sees counts if the reduced solution sticks in its middle too.
-    """
-    found = threshold or stick_threshold(scene)
-    if found.F0 is None:
-        return found
-    above, mechanism = bands_above(scene, found.F0), with_threshold(scene)
-
-    def confirmed(band: tuple[float, float]) -> bool:
-        loaded = replace(mechanism, F0=0.5 * sum(band))
-        return margin(loaded, steady_state(loaded)) < 0
-
-    return replace(found, above=replace(above, bands=tuple(filter(confirmed, above.bands))))
-
-
-def true_thresholds(scene: Scene) -> Comparison[dict[bool, StickThreshold]]:
-    """The threshold of the reduced solution, for the physics with and without a static coefficient of its own.
-
-    Where the suite has a theorem it is the proven interval, and only the scan above it is made; one that failed has its
+    Where the suite has a theorem the threshold is the proven interval. A computation that failed has no bands, and its
     reason.
 
     Raises
     ------
     InputError
-        If the scene has none that could be computed: it is no slider-bar, has no friction, or is not periodic.
+        As `variation_of`.
     """
-    with_threshold(scene)
+    scene, variation = scope.scenes[0], variation_in(scope)
     physics = {has_mus: physics_of(scene, has_mus) for has_mus in (False, True)}
-    proven = {has_mus: threshold_of_theorem(varied) for has_mus, varied in physics.items()}
+    tasks = []
+    for has_mus, varied in physics.items():
+        proven = threshold_of_theorem(varied) if _is_slider_bar(varied) else None
+        label = f"threshold/{truth_key(scene.name, has_mus)}/truth"
+        tasks.append(Task(label, true_bands, (varied, variation, proven)))
 
-    def tabulate(outcomes: Sequence[Outcome]) -> dict[bool, StickThreshold]:
+    def tabulate(outcomes: Sequence[Outcome]) -> dict[bool, TrueBands]:
         return {
-            has_mus: outcome.value
-            or proven[has_mus]
-            or StickThreshold(None, None, (np.nan, np.nan), f"{outcome.status}: {outcome.reason}")
+            has_mus: outcome.value or _unknown(f"{outcome.status}: {outcome.reason}")
             for has_mus, outcome in zip(physics, outcomes, strict=True)
         }
 
-    return Comparison(
-        tuple(
-            Task(
-                f"threshold/{truth_key(scene.name, has_mus)}/truth",
-                with_bands,
-                (varied, proven[has_mus]),
-            )
-            for has_mus, varied in physics.items()
-        ),
-        tabulate,
-    )
+    return Comparison(tuple(tasks), tabulate)
+
+
+def _unknown(reason: str) -> TrueBands:
+    """Return the result of a computation that failed."""
+    return TrueBands(StickThreshold(None, None, (np.nan, np.nan), reason), (), Tier.NONE, reason)
+
+
+@dataclass(frozen=True)
+class End:
+    """An end of a true interval with stick, as an engine searches for it.
+
+    Attributes
+    ----------
+    value : float
+        The true end.
+    search : Search
+        Where it is searched for.
+    """
+
+    value: float
+    search: Search
+
+
+@dataclass(frozen=True)
+class EngineBands:
+    """What an engine shows of the bands.
+
+    Attributes
+    ----------
+    series : tuple of Threshold
+        The threshold, for each step from coarse to fine.
+    scan : tuple of (float, bool)
+        Values over the range, and whether the steady state has a stick phase, with the coarsest step.
+    others : tuple of (float, Threshold)
+        The other ends, by their true values, with the finest step.
+    """
+
+    series: tuple[Threshold, ...]
+    scan: tuple[tuple[float, bool], ...] = ()
+    others: tuple[tuple[float, Threshold], ...] = ()
+
+
+def measure_bands(
+    scene: Scene,
+    variant: Variant,
+    variation: Variation,
+    search: Search,
+    ends: Sequence[End],
+    values: Sequence[float],
+) -> EngineBands:
+    """Measure the threshold of an engine, the other ends, and whether it sticks at values over the range."""
+    names = variation.parameter, variation.joint
+    series = measure_series(scene, variant, search, *names)
+    probe = StickProbe(scene, variant.engine, arguments_of(variant, variant.ladder[0]), *names)
+    scan = []
+    for value in values:
+        try:
+            scan.append((value, probe.sticks(value)))
+        except NotSettled:
+            continue
+    finest = arguments_of(variant, variant.ladder[-1])
+    others = [
+        (end.value, measure_threshold(scene, variant.engine, finest, end.search, *names))
+        for end in ends
+    ]
+    return EngineBands(series, tuple(scan), tuple(others))
 
 
 def plan(scope: Scope) -> Comparison[Tables]:
-    """The threshold of every engine on the first scene, along its refinement series: `threshold_table`.
+    """Return the searches of every engine on the first scene, along its refinement series.
 
-    The first search begins at the scene's own amplitude, finer ones at the variant's own coarser bracket. Only the
-    range of a search uses the truth: from half the smaller to twice the larger of that amplitude and the true one.
-    Each ends with a bracket of the depth's width (with located events: `LOCATED_WIDTH`). The bracket is the variant's
-    own: it was seen to stick at one end and not at the other.
+    The first search begins at the scene's own value, finer ones at the variant's own coarser bracket. Only the range of
+    a search uses the truth. Each ends with a bracket of the depth's width (with located events: `LOCATED_WIDTH`). The
+    bracket is the variant's own: it was seen to stick at one end and not at the other.
     """
-    scene, true = scope.scenes[0], scope.known[TRUTH]
-    variants, width, tasks = (
-        threshold_variants(scope.engines, scope.depth),
-        extent(scope.depth).bracket,
-        [],
-    )
+    scene, true, variation = scope.scenes[0], scope.known[TRUTH], variation_in(scope)
+    variants = threshold_variants(scope.engines, scope.depth)
+    searched = variation.searched
+    width = extent(scope.depth).bracket
+    if variation.parameter != AMPLITUDE:
+        width *= (searched.high - searched.low) / BRACKET_RANGE
+    tasks = []
     for variant in variants:
         has_mus = has_static_coefficient(variant)
-        physics = physics_of(scene, has_mus)
-        start = max(
-            load.law.amplitude for load in physics.forces.values() if isinstance(load.law, Sine)
+        bracket = LOCATED_WIDTH if variant.parameter == "rtol" else width
+        bands = true[has_mus].bands
+        centre = true[has_mus].threshold.F0
+        arguments = (
+            physics_of(scene, has_mus),
+            variant,
+            variation,
+            _main_search(bands, variation, centre, bracket),
+            _other_ends(bands, centre, bracket),
+            _scanned_values(bands, variation, SCAN_VALUES if scope.depth == Depth.FULL else 0),
         )
-        centre = true[has_mus].F0 or start
+        tasks.append(Task(f"threshold/{scene.name}/{variant.label}", measure_bands, arguments))
+    mapped = _mapped(scope, variation)
+
+    def tabulate(outcomes: Sequence[Outcome]) -> Tables:
+        of_engines, of_map = outcomes[: len(variants)], outcomes[len(variants) :]
+        return Tables(
+            {
+                "threshold": threshold_table(scene, variation, variants, of_engines, true),
+                BANDS: band_table(scene, variation, variants, of_engines, true),
+                MAP: map_table(scene, variation, list(mapped), of_map),
+            }
+        )
+
+    return Comparison((*tasks, *mapped.values()), tabulate, variants)
+
+
+def _main_search(
+    bands: Sequence[Band], variation: Variation, centre: float | None, width: float
+) -> Search:
+    """Return the search of the threshold: from half of the smaller to twice the larger of own value and true threshold.
+
+    It does not go beyond the interval with stick and the gap above it. Without a threshold it is the whole range.
+    """
+    own, searched = variation.own, variation.searched
+    low, high = searched.low, searched.high
+    if centre is None:
+        return Search(low, high, width)
+    for begin, end in stick_bands(bands):
+        if abs(end - centre) <= abs(begin - centre) and begin < centre:
+            low = begin
+        if begin > centre:
+            high = 0.5 * (centre + begin)
+            break
+    if own > 0 and centre > 0:
+        low, high = max(low, min(own, centre) / 2), min(high, 2 * max(own, centre))
+    near = own if low < own < high else centre
+    return Search(low, high, width, near, FIRST_PART * abs(own) or None)
+
+
+def _other_ends(bands: Sequence[Band], threshold: float | None, width: float) -> list[End]:
+    """Return the searches of all ends between stick and slip but the threshold, each within its two bands."""
+    ends = []
+    for below, above in zip(bands, bands[1:]):
+        is_compared = below.kind.is_steady and above.kind.is_steady
+        if not is_compared or below.kind.has_stick == above.kind.has_stick:
+            continue
+        uncertainty = below.high_uncertainty
+        if threshold is not None and abs(below.high - threshold) <= max(uncertainty, width):
+            continue
         search = Search(
-            min(start, centre) / 2,
-            2 * max(start, centre),
-            LOCATED_WIDTH if variant.parameter == "rtol" else width,
-            start,
-            FIRST_PART * start,
+            below.middle,
+            above.middle,
+            width,
+            below.high,
+            FIRST_STEP * width,
+            is_lower_end=above.kind.has_stick,
         )
-        tasks.append(
-            Task(
-                f"threshold/{scene.name}/{variant.label}",
-                measure_series,
-                (physics, variant, search),
-            )
+        ends.append(End(below.high, search))
+    return ends
+
+
+def _scanned_values(bands: Sequence[Band], variation: Variation, count: int) -> list[float]:
+    """Return the values at which engines are asked, where the truth has a steady state.
+
+    These are the middles of the bands, and `count` values from end to end of the range.
+    """
+    searched = variation.searched
+    spread = [
+        searched.low + (i + 0.5) / count * (searched.high - searched.low) for i in range(count)
+    ]
+    middles = [0.5 * (low + high) for low, high in stick_bands(bands)]
+    middles += [band.middle for band in bands if not band.kind.has_stick]
+    return sorted(value for value in {*spread, *middles} if _band_at(bands, value) is not None)
+
+
+def _band_at(bands: Sequence[Band], value: float) -> Band | None:
+    """Return the band with steady states that contains a value; None if there is none."""
+    for band in bands:
+        if band.contains(value) and band.kind.is_steady:
+            return band
+    return None
+
+
+def _mapped(scope: Scope, variation: Variation) -> dict[float, Task]:
+    """Return the computation of the bands at each value of the coefficient of friction; none at lower depths.
+
+    Only F0 of a scene that has the parameter `COEFFICIENT` is mapped.
+    """
+    scene = scope.scenes[0]
+    own = scene.parameters.get(COEFFICIENT)
+    if scope.depth != Depth.FULL or variation.parameter != AMPLITUDE or not own:
+        return {}
+    return {
+        factor * own: Task(
+            f"threshold/{scene.name}/map {factor * own:.6g}",
+            map_bands,
+            (scene, variation, factor * own),
         )
-    return Comparison(
-        tuple(tasks),
-        lambda outcomes: Tables({"threshold": threshold_table(scene, variants, outcomes, true)}),
-        variants,
-    )
+        for factor in MAP_FACTORS
+    }
+
+
+def map_bands(scene: Scene, variation: Variation, coefficient: float) -> tuple[Band, ...]:
+    """Return the bands by the reference at a coefficient of friction."""
+    return bands_from_own_start(vary(scene, {COEFFICIENT: coefficient}), variation).bands
 
 
 def threshold_table(
     scene: Scene,
+    variation: Variation,
     variants: Sequence[Variant],
     outcomes: Sequence[Outcome],
-    true: Mapping[bool, StickThreshold],
+    true: Mapping[bool, TrueBands],
 ) -> pd.DataFrame:
-    """One row per variant and step; the values of the outcomes are those of `measure_series`.
+    """Return one row per variant and step; the values of the outcomes are those of `measure_bands`.
 
     The numerical uncertainty is the width of the bracket plus the rest of the transient. Along a refinement series the
     change from the next coarser step is added.
@@ -467,18 +453,9 @@ def threshold_table(
     rows = []
     for variant, outcome in zip(variants, outcomes, strict=True):
         has_mus = has_static_coefficient(variant)
-        truth, guide = (
-            true[has_mus],
-            next(iter(physics_of(scene, has_mus).frictional_guides.values())),
-        )
-        tier = Tier.HIGH_PRECISION
-        if truth.F0 is None:
-            tier = Tier.NONE
-        elif truth.theorem:
-            tier = Tier.PROVEN
-        for step, found in zip(
-            variant.ladder, outcome.value or [None] * len(variant.ladder), strict=True
-        ):
+        about = _about_truth(scene, variation, has_mus, true[has_mus])
+        series = outcome.value.series if outcome.value else [None] * len(variant.ladder)
+        for step, threshold in zip(variant.ladder, series, strict=True):
             row = {
                 "scene": scene.name,
                 "variant": variant.label,
@@ -487,30 +464,51 @@ def threshold_table(
                 "parameter": variant.parameter,
                 "step": step,
                 "status": outcome.status,
-                "reason": outcome.reason or (found.remark if found else ""),
-                TRUE_THRESHOLD: truth.F0,
-                TIER: tier,
-                "truth_note": truth.note,
-                "true_threshold_uncertainty": truth.uncertainty,
-                "theorem": truth.theorem,
-                "paper_threshold": PAPER_VALUE,
-                AGAIN: intervals_text(truth.above.bands) if truth.above else "",
-                SCANNED: truth.above.end if truth.above else np.nan,
-                "mus": guide.static_coefficient,
+                "reason": outcome.reason or (threshold.remark if threshold else ""),
+                **about,
                 "key": f"threshold/{run_key(scene, variant, step)}",
             }
-            rows.append(
-                row
-                if found is None
-                else row
-                | {
-                    WITH_STICK: found.with_stick,
-                    WITHOUT_STICK: found.without_stick,
-                    "runs": found.runs,
-                    "residual": found.residual,
+            if threshold is not None:
+                row |= {
+                    WITH_STICK: threshold.with_stick,
+                    WITHOUT_STICK: threshold.without_stick,
+                    "runs": threshold.runs,
+                    "residual": threshold.residual,
                 }
-            )
-    table = pd.DataFrame(rows)
+            rows.append(row)
+    return _with_errors(pd.DataFrame(rows))
+
+
+def _about_truth(
+    scene: Scene, variation: Variation, has_mus: bool, true: TrueBands
+) -> dict[str, Any]:
+    """Return the columns about the truth of a physics, and what is varied."""
+    threshold = true.threshold
+    tier = true.tier
+    if threshold.F0 is None:
+        tier = Tier.NONE
+    elif threshold.theorem:
+        tier = Tier.PROVEN
+    again = []
+    if threshold.F0 is not None:
+        again = [band for band in stick_bands(true.bands) if band[0] > threshold.F0]
+    guide = physics_of(scene, has_mus).frictional_guides[variation.joint]
+    return {
+        TRUE_THRESHOLD: threshold.F0,
+        TIER: tier,
+        "truth_note": threshold.note,
+        "true_threshold_uncertainty": threshold.uncertainty,
+        "theorem": threshold.theorem,
+        "paper_threshold": PAPER_VALUE,
+        AGAIN: intervals_text(again),
+        SCANNED: variation.searched.high if true.bands else np.nan,
+        "mus": guide.static_coefficient,
+        "varied": variation.parameter,
+    }
+
+
+def _with_errors(table: pd.DataFrame) -> pd.DataFrame:
+    """Return the table with the middle of each bracket, its error and uncertainty, if there is a bracket."""
     if WITH_STICK not in table:
         return table
     ends, residual = table[[WITH_STICK, WITHOUT_STICK]].astype(float), table.pop("residual")
@@ -528,12 +526,135 @@ def threshold_table(
     )
 
 
+def band_table(
+    scene: Scene,
+    variation: Variation,
+    variants: Sequence[Variant],
+    outcomes: Sequence[Outcome],
+    true: Mapping[bool, TrueBands],
+) -> pd.DataFrame:
+    """Return the true bands, a row each, and the intervals with stick of each variant with their verdicts."""
+    rows: list[dict[str, Any]] = []
+    searched = variation.searched
+    for has_mus, bands in true.items():
+        guide = physics_of(scene, has_mus).frictional_guides[variation.joint]
+        about = {
+            "scene": scene.name,
+            "varied": variation.parameter,
+            "joint": variation.joint,
+            "mus": guide.static_coefficient,
+            "range_low": searched.low,
+            "range_high": searched.high,
+            "resolution": searched.resolution,
+        }
+        rows += [
+            {**about, "variant": TRUE_VARIANT, **_band_row(band, bands.tier)}
+            for band in bands.bands
+        ]
+        for variant, outcome in zip(variants, outcomes, strict=True):
+            if has_static_coefficient(variant) != has_mus:
+                continue
+            own = {**about, "variant": variant.label, "fidelity": variant.fidelity}
+            if outcome.value is None:
+                rows.append({**own, "verdict": Verdict.NOT_COMPARED})
+            else:
+                rows += [{**own, **row} for row in _compared(outcome.value, bands)]
+    table = pd.DataFrame(rows)
+    # Where both physics are the same, as in a scene with mus = mu, the truth is listed once.
+    return table.drop_duplicates(ignore_index=True)
+
+
+def _band_row(band: Band, tier: Tier) -> dict[str, Any]:
+    """Return the columns of a true band."""
+    return {
+        "band_low": band.low,
+        "band_high": band.high,
+        "band_low_uncertainty": band.low_uncertainty,
+        "band_high_uncertainty": band.high_uncertainty,
+        "band_kind": band.kind,
+        "depends_on_start": band.depends_on_start,
+        "coexisting": ", ".join(band.coexisting),
+        "truth_tier": tier if band.is_confirmed else Tier.OWN_RUN,
+    }
+
+
+def _compared(engine: EngineBands, true: TrueBands) -> list[dict[str, Any]]:
+    """Return a row for each true interval with stick, and for each value at which the engine sticks without one."""
+    measured = dict(engine.others)
+    if true.threshold.F0 is not None and engine.series:
+        measured[true.threshold.F0] = engine.series[-1]
+    intervals = stick_bands(true.bands)
+    rows = [_compared_interval(interval, engine, measured) for interval in intervals]
+
+    # Between a true end and the engine's own one the end is shifted, and nothing is invented.
+    shifted = []
+    for end, threshold in measured.items():
+        if threshold.with_stick is not None:
+            shifted.append(sorted((end, threshold.with_stick)))
+    for value, sticks in engine.scan:
+        band = _band_at(true.bands, value)
+        is_shift = any(low <= value <= high for low, high in shifted)
+        if sticks and band is not None and not band.kind.has_stick and not is_shift:
+            rows.append({"band_low": value, "band_high": value, "verdict": Verdict.INVENTED})
+    return rows
+
+
+def _compared_interval(
+    interval: tuple[float, float], engine: EngineBands, measured: Mapping[float, Threshold]
+) -> dict[str, Any]:
+    """Return the engine's ends of a true interval with stick, their shifts, and the verdict."""
+    row: dict[str, Any] = {"verdict": Verdict.FOUND}
+    middle = 0.5 * (interval[0] + interval[1])
+    if (middle, False) in engine.scan:
+        row["verdict"] = Verdict.MISSED
+    for name, true_end in zip(("band_low", "band_high"), interval):
+        near = [end for end in measured if np.isclose(end, true_end, rtol=1e-6, atol=0.0)]
+        if not near:
+            continue
+        threshold = measured[near[0]]
+        if threshold.with_stick is None or threshold.without_stick is None:
+            row["verdict"] = Verdict.MISSED
+            continue
+        end = 0.5 * (threshold.with_stick + threshold.without_stick)
+        width = abs(threshold.with_stick - threshold.without_stick) + threshold.residual
+        row |= {name: end, f"{name}_uncertainty": width, f"{name}_shift": end - true_end}
+        if abs(end - true_end) > width and row["verdict"] == Verdict.FOUND:
+            row["verdict"] = Verdict.SHIFTED
+    return row
+
+
+def map_table(
+    scene: Scene, variation: Variation, coefficients: Sequence[float], outcomes: Sequence[Outcome]
+) -> pd.DataFrame:
+    """Return the bands by the reference over the coefficient of friction, a row each."""
+    rows = []
+    for coefficient, outcome in zip(coefficients, outcomes, strict=True):
+        about = {
+            "scene": scene.name,
+            "mu": coefficient,
+            "varied": variation.parameter,
+            "status": outcome.status,
+            "reason": outcome.reason,
+        }
+        bands = outcome.value or ()
+        rows += [{**about, **_band_row(band, Tier.OWN_RUN)} for band in bands] or [about]
+    return pd.DataFrame(rows)
+
+
 def present(results: Results) -> Presentation:
-    """The distance of each method's threshold from the truth, and the methods that are off by more than the search."""
+    """Return the bands, and the distance of each method's threshold from the truth with the methods that are off."""
     table = results.table("threshold")
+    bands = results.table(BANDS)
+    true = _true_rows(bands)
     if table.empty or ERROR not in table or table[ERROR].isna().all():
-        return Presentation()
-    table = with_columns(table, CHANGE, TIER, AGAIN, SCANNED).assign(
+        if not true:
+            return Presentation()
+        return Presentation(
+            rows={**_no_threshold(table), "bands": true, **_range(bands), **CONSTANTS},
+            tables=_band_views(bands),
+            figures=[*_band_figures(bands), *_map_figures(results.table(MAP))],
+        )
+    table = with_columns(table, CHANGE, TIER, AGAIN, SCANNED, "varied").assign(
         setting=list(map(setting_of, table["parameter"], table["step"]))
     )
     measured = table[table[ERROR].notna()]
@@ -549,6 +670,9 @@ def present(results: Results) -> Presentation:
             row_of("threshold", table, label)
             for label in table[table[TIER] == Tier.PROVEN].drop_duplicates("mus").index
         ],
+        "bands": true,
+        **_range(bands),
+        **_wrong_bands(bands),
         **_above(table),
         **CONSTANTS,
     }
@@ -575,11 +699,109 @@ def present(results: Results) -> Presentation:
         rows=rows,
         headlines=[headline],
         tables=[
+            *_band_views(bands),
             view("threshold", finest, columns),
             view("threshold-all", table, columns, source="threshold", in_report=False),
         ],
-        figures=[_figure(measured)],
+        figures=[
+            *_map_figures(results.table(MAP)),
+            *_band_figures(bands),
+            _figure(measured),
+        ],
     )
+
+
+def _no_threshold(table: pd.DataFrame) -> dict[str, object]:
+    """Return the rows of the text where no method has a threshold."""
+    return {
+        "truth": None,
+        "off": [],
+        "inconclusive": [],
+        "without": [],
+        "proven": [],
+        "invented": [],
+        "missed": [],
+        **_above(with_columns(table, AGAIN, SCANNED)),
+    }
+
+
+def _true_rows(bands: pd.DataFrame) -> list[object]:
+    """Return the rows of the true bands."""
+    if bands.empty:
+        return []
+    return [row_of(BANDS, bands, label) for label in bands[bands["variant"] == TRUE_VARIANT].index]
+
+
+def _range(bands: pd.DataFrame) -> dict[str, object]:
+    """Return what was varied, in which range and resolution, and the bands in which the start decides."""
+    if bands.empty:
+        return {
+            "searched": None,
+            "name": AMPLITUDE,
+            "unit": " N",
+            "start_dependent": [],
+            "own_run": False,
+        }
+    name = str(bands["varied"].iloc[0])
+    true = bands[bands["variant"] == TRUE_VARIANT]
+    dependent = true[true["depends_on_start"].eq(True)]
+    return {
+        "searched": row_of(BANDS, bands, bands.index[0]),
+        "name": name,
+        "unit": " N" if name == AMPLITUDE else "",
+        "start_dependent": [row_of(BANDS, bands, label) for label in dependent.index],
+        "own_run": bool(len(true)) and bool(true["truth_tier"].eq(Tier.OWN_RUN).all()),
+    }
+
+
+def _wrong_bands(bands: pd.DataFrame) -> dict[str, object]:
+    """Return the methods that miss or invent a band."""
+    if bands.empty or "verdict" not in bands:
+        return {"missed": [], "invented": []}
+    return {
+        name: list(bands.loc[bands["verdict"] == verdict, "variant"].unique())
+        for name, verdict in (("missed", Verdict.MISSED), ("invented", Verdict.INVENTED))
+    }
+
+
+def _band_views(bands: pd.DataFrame) -> list[Any]:
+    """Return the table of the true bands, and that of the engines'."""
+    if bands.empty:
+        return []
+    is_true = bands["variant"] == TRUE_VARIANT
+    ends = (Column("band_low", form=".12g"), Column("band_high", form=".12g"))
+    true = view(
+        BANDS,
+        bands[is_true],
+        (
+            Column("mus", form="g"),
+            *ends,
+            Column("band_kind"),
+            Column("coexisting"),
+            Column("truth_tier"),
+        ),
+    )
+    engines = with_columns(
+        bands[~is_true], "verdict", "fidelity", "band_low_shift", "band_high_shift"
+    )
+    if engines.empty:
+        return [true]
+    compared = view(
+        "bands-engines",
+        engines,
+        (
+            METHOD,
+            Column("mus", form="g"),
+            Column("band_low", form=".6g"),
+            Column("band_high", form=".6g"),
+            Column("band_low_shift", interval=True, uncertainty="band_low_uncertainty"),
+            Column("band_high_shift", interval=True, uncertainty="band_high_uncertainty"),
+            Column("verdict"),
+        ),
+        source=BANDS,
+        in_report=False,
+    )
+    return [true, compared]
 
 
 def _off(finest: pd.DataFrame) -> tuple[pd.DataFrame, pd.DataFrame]:
@@ -657,16 +879,78 @@ def _figure(measured: pd.DataFrame) -> Chart:
     return Chart("threshold", (panel,), columns=1, height=1.0 + 0.24 * len(names))
 
 
+def _band_figures(bands: pd.DataFrame) -> list[Chart]:
+    """Return the chart of the true intervals with stick over the parameter, a line for each physics."""
+    if bands.empty:
+        return []
+    true = bands[bands["variant"] == TRUE_VARIANT]
+    series, names = [], []
+    is_named: set[str] = set()
+    for place, (mus, rows) in enumerate(true.groupby("mus", sort=False)):
+        names.append(f"mus = {mus:g}")
+        for kind, alike in rows.groupby("band_kind", sort=False):
+            low, high = alike["band_low"].to_numpy(float), alike["band_high"].to_numpy(float)
+            series.append(
+                Series(
+                    "" if kind in is_named else str(kind),
+                    0.5 * (low + high),
+                    np.full(len(low), -float(place)),
+                    low,
+                    high,
+                    look=str(kind),
+                    line=False,
+                    points=True,
+                )
+            )
+            is_named.add(kind)
+    ticks = [-float(place) for place in range(len(names))]
+    varied = str(bands["varied"].iloc[0])
+    label = f"{varied} [N]" if varied == AMPLITUDE else varied
+    panel = Panel(
+        "",
+        Axis(label),
+        Axis("", ticks=ticks, words=names),
+        series,
+        horizontal=True,
+    )
+    return [Chart(BANDS, (panel,), columns=1, height=0.8 + 0.3 * len(names))]
+
+
+def _map_figures(mapped: pd.DataFrame) -> list[Chart]:
+    """Return the map of the bands: a vertical bar over F0 for each band and each coefficient of friction."""
+    if mapped.empty or "band_kind" not in mapped:
+        return []
+    series = []
+    for kind, rows in mapped.dropna(subset="band_kind").groupby("band_kind", sort=False):
+        low, high = rows["band_low"].to_numpy(float), rows["band_high"].to_numpy(float)
+        series.append(
+            Series(
+                str(kind),
+                rows["mu"].to_numpy(float),
+                0.5 * (low + high),
+                low,
+                high,
+                look=TRUTH_LOOK if kind == "sticks" else str(kind),
+                line=False,
+                points=True,
+            )
+        )
+    panel = Panel("", Axis("mu"), Axis("F0 [N]"), series)
+    return [Chart(MAP, (panel,), columns=1, height=3.4)]
+
+
 STUDY = Study(
     "threshold",
     "Stick limit",
-    "Up to which load amplitude does the slider stick in the steady state?",
+    "For which load amplitudes does the slider stick in the steady state?",
     present,
     plan,
-    {TRUTH: lambda scope: true_thresholds(scope.scenes[0])},
+    {TRUTH: true_thresholds},
     seconds=10.0,
-    takes=frozenset({"engines"}),
+    takes=frozenset({"engines", "parameter", "range", "joint", "resolution"}),
     tables={
         "threshold": "Stick thresholds",
+        BANDS: "Bands with and without stick phases",
+        MAP: "Bands over the coefficient of friction",
     },
 )

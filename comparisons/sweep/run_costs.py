@@ -13,7 +13,7 @@ from collections.abc import Callable, Iterator
 from typing import TypeVar
 
 from stiction.comparisons.bench.environment import conditions, load
-from stiction.comparisons.sweep.steady_state_measures import MEASURES, SteadyRun, steady_window
+from stiction.comparisons.measures.steady_state_measures import MEASURES, SteadyRun, steady_window
 from stiction.engines.registry import load_engine
 from stiction.scenes import Scene, Trajectory, load_scene, vary
 

@@ -25,26 +25,22 @@ from stiction.comparisons.bench.identity import engine_identity
 from stiction.comparisons.bench.presentation.cells import intervals_text
 from stiction.comparisons.bench.runner import TIME_LIMIT, prepare
 from stiction.comparisons.bench.store import kept_runs
-from stiction.comparisons.measures.settling import NoCommonPeriod, NotSettled, common_period
-from stiction.comparisons.studies.threshold import (
-    AGAIN,
+from stiction.comparisons.measures.engine_threshold import StickProbe
+from stiction.comparisons.measures.reference_bands import (
     AMPLITUDE,
-    SCANNED,
-    WITH_STICK,
-    WITHOUT_STICK,
-    Search,
-    bands_above,
-    measure_threshold,
+    USUAL_VALUES,
+    Variation,
+    bands_from_own_start,
 )
-from stiction.comparisons.sweep.steady_state_measures import (
-    CONTRACTION,
+from stiction.comparisons.measures.settling import NoCommonPeriod, NotSettled, common_period
+from stiction.comparisons.measures.steady_state_measures import (
     MEASURES,
-    REPEATS,
     Measure,
     SteadyRun,
     measure_of,
     steady_window,
 )
+from stiction.comparisons.studies.threshold import AGAIN, SCANNED, WITH_STICK, WITHOUT_STICK
 from stiction.engines import EngineMissing, Isolate, Outcome, Refused, Task, isolate, load_engine
 from stiction.engines.status import Status
 from stiction.reference_impl.multibody.initial_state import with_consistent_start
@@ -52,17 +48,26 @@ from stiction.scenes import InputError, Scene, SceneError, scene_to_toml, vary
 from stiction.scenes.atomic_files import make_folder, whole_file, write_text
 from stiction.scenes.digest import digest
 from stiction.scenes.expressions import evaluate
+from stiction.truths.bands import Band, BandKind, Range, find_bands, stick_bands, threshold_of
 
-THRESHOLD, THRESHOLD_COLUMN, WINDOW_START = "threshold", "threshold", "window_begin"
-"""The measure that is a bisection and not a run, its column, and the column of the start of a run's window."""
+THRESHOLD = "threshold"
+"""The measure that is a search over the amplitude and not a run."""
+THRESHOLD_COLUMN = "threshold"
+"""Column of the upper end of the band with stick next to the scene's own amplitude."""
+STICK_BANDS = "stick_bands"
+"""Column of all bands with stick within the range, as pairs of amplitudes."""
+WINDOW_START = "window_begin"
+"""Column of the start of a run's window."""
 SEARCH = (0.25, 4.0)
 """Multiples of the scene's own amplitude between which the threshold is searched if the amplitude is no axis; else from
 end to end of the axis."""
 BRACKET = 2.5e-3
-"""Width of a threshold's bracket as a part of the range in which it is searched."""
-PROBES = 9
-"""Amplitudes from end to end of the search at which the band next to the scene's own amplitude is looked for before the
-bisection."""
+"""Largest width to which the ends of bands are halved, as a part of the range in which they are searched."""
+REFERENCE_BRACKET = 1e-5
+"""The same for the event-driven reference, whose runs cost a hundredth of those of an engine."""
+ENGINE_VALUES = 24
+"""Amplitudes in the range at which a method is asked whose motion is sampled; `USUAL_VALUES` for the event-driven
+reference."""
 FAILURES = {
     NotSettled: Status.NO_STEADY_STATE,
     NoCommonPeriod: Status.NO_STEADY_STATE,
@@ -304,7 +309,7 @@ class Specification:
         numbers = [WINDOW_START, *(measure.column for measure in self.run_measures)]
         if part == THRESHOLD:
             numbers = [THRESHOLD_COLUMN, WITH_STICK, WITHOUT_STICK, SCANNED]
-            text.append(AGAIN)
+            text += [AGAIN, STICK_BANDS]
         types = dict.fromkeys([*keys, *numbers], float) | dict.fromkeys(text, str)
         table = pd.DataFrame(rows, columns=[*keys, *text, *numbers])
         table[text] = table[text].astype(object).fillna("")
@@ -336,36 +341,54 @@ def map_numbers(scene: Scene, run: SteadyRun, measures: Sequence[str]) -> dict[s
 
 
 def threshold_numbers(
-    scene: Scene, run: SteadyRun, search: tuple[float, float] | None
+    scene: Scene, run: SteadyRun, ends: tuple[float, float] | None
 ) -> dict[str, Any]:
-    """The threshold, searched between two amplitudes (N), or around the scene's own, and what is seen above it."""
+    """Return the threshold and all bands with stick between two amplitudes (N), or around the scene's own."""
     own = abs(scene.parameters[AMPLITUDE])
-    low, high = search or sorted(factor * own for factor in SEARCH)
-    step, distance = run.step(scene), REPEATS * run.rtol
-    arguments: dict[str, Any] = {"rtol": run.rtol} if step is None else {"dt": step}
+    low, high = ends or sorted(factor * own for factor in SEARCH)
     if run.is_event_driven_reference:
-        arguments |= {"stabilization": "projection", "assemble": True}
+        searched = Range(low, high, (high - low) / USUAL_VALUES)
+        variation = Variation(AMPLITUDE, list(scene.frictional_guides)[0], searched, own)
+        bands = bands_from_own_start(scene, variation, REFERENCE_BRACKET * (high - low)).bands
     else:
-        scene, arguments["fidelity"] = with_consistent_start(scene, assemble=True), run.fidelity
-    found = measure_threshold(
-        scene,
-        run.engine,
-        arguments,
-        Search(low, high, BRACKET * (high - low), probes=PROBES, own=own),
-        distance,
-        CONTRACTION * distance,
-    )
-    if found.with_stick is None or found.without_stick is None:
-        return {"status": Status.NOT_FOUND, "reason": found.remark}
-    middle = 0.5 * (found.with_stick + found.without_stick)
-    above = bands_above(scene, middle)
+        bands = _bands_of_engine(scene, run, Range(low, high, (high - low) / ENGINE_VALUES))
+
+    intervals = stick_bands(bands)
+    numbers: dict[str, Any] = {STICK_BANDS: intervals_text(intervals), SCANNED: high}
+    sides = threshold_of(bands, own)
+    if sides is None:
+        reason = f"no stick phase at {AMPLITUDE} = {low:g} N to {high:g} N"
+        if intervals:
+            reason = f"still a stick phase at {AMPLITUDE} = {intervals[-1][1]:g} N"
+        return {**numbers, "status": Status.NOT_FOUND, "reason": reason}
+    below, _ = sides
+    threshold, uncertainty = below.high, below.high_uncertainty
     return {
-        THRESHOLD_COLUMN: middle,
-        WITH_STICK: found.with_stick,
-        WITHOUT_STICK: found.without_stick,
-        AGAIN: intervals_text(above.bands),
-        SCANNED: above.end,
+        **numbers,
+        THRESHOLD_COLUMN: threshold,
+        WITH_STICK: threshold - uncertainty,
+        WITHOUT_STICK: threshold + uncertainty,
+        AGAIN: intervals_text([interval for interval in intervals if interval[0] > threshold]),
     }
+
+
+def _bands_of_engine(scene: Scene, run: SteadyRun, searched: Range) -> tuple[Band, ...]:
+    """Return the bands by a method other than the event-driven reference."""
+    step = run.step(scene)
+    arguments: dict[str, Any] = {"rtol": run.rtol} if step is None else {"dt": step}
+    probe = StickProbe(
+        with_consistent_start(scene, assemble=True),
+        run.engine,
+        {**arguments, "fidelity": run.fidelity},
+    )
+
+    def kind_at(value: float) -> BandKind:
+        try:
+            return BandKind.STICK if probe.sticks(value) else BandKind.SLIP
+        except NotSettled:
+            return BandKind.UNSETTLED
+
+    return find_bands(kind_at, searched, BRACKET * (searched.high - searched.low))
 
 
 @dataclass(frozen=True)
@@ -373,8 +396,8 @@ class Sweep:
     """Tables with one row per point, in the order of the grid; None where no measure requires one.
 
     `map`: axes, ``status``, ``reason``, ``window_begin``, a column per measure. `threshold`: axes that are not F0,
-    ``status``, ``reason``, ``sticks_again`` (bands above the threshold, as pairs of amplitudes), the bracket of the
-    threshold and its middle, and up to where the slider was seen not to stick again.
+    ``status``, ``reason``, ``sticks_again`` and ``stick_bands`` (the bands with stick above the threshold, and all of
+    them, as pairs of amplitudes), the bracket of the threshold and its middle, and the end of the searched range.
     """
 
     specification: Specification

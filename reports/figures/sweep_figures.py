@@ -9,9 +9,10 @@ import pandas as pd
 from matplotlib import patheffects
 from matplotlib.axes import Axes
 
+from stiction.comparisons.bench.presentation.cells import intervals_of
 from stiction.comparisons.bench.quantities import Quantity, quantity_of
-from stiction.comparisons.studies.threshold import AMPLITUDE
-from stiction.comparisons.sweep.sweep import THRESHOLD_COLUMN, Sweep
+from stiction.comparisons.measures.reference_bands import AMPLITUDE
+from stiction.comparisons.sweep.sweep import STICK_BANDS, THRESHOLD_COLUMN, Sweep
 from stiction.engines.status import Status
 from stiction.reports.figures.style import COLORS, Drawing, make_panels
 from stiction.scenes import Scene
@@ -169,6 +170,25 @@ def _draw_threshold(ax: Axes, threshold: pd.DataFrame, axes: tuple[str, str]) ->
         label="stick threshold",
         path_effects=[patheffects.withStroke(linewidth=OUTLINE_WIDTH, foreground="white")],
     )
+    # The ends of the other bands within the map, as points: they are not one curve.
+    ends = [
+        (end, row[up if right == AMPLITUDE else right])
+        for row in threshold.to_dict("records")
+        for interval in intervals_of(row[STICK_BANDS])
+        for end in interval
+        if end != row[THRESHOLD_COLUMN]
+    ]
+    if ends:
+        amplitudes, others = zip(*ends)
+        places = (amplitudes, others) if right == AMPLITUDE else (others, amplitudes)
+        ax.plot(
+            *places,
+            "o",
+            color=THRESHOLD_COLOR,
+            markersize=MARKER_SIZE,
+            markeredgecolor="white",
+            label="other ends of stick bands",
+        )
 
 
 def _file_name(quantity: Quantity) -> str:

@@ -24,6 +24,7 @@ from stiction.cli.options import (
     Workers,
     check_distinct,
     count,
+    positive,
     scene_of,
     written,
 )
@@ -68,6 +69,39 @@ Problems = Annotated[
         callback=written(".parquet"),
         help="Write the complementarity problems solved by the reference to this file "
         "(.parquet), for `stiction replay`.",
+    ),
+]
+Parameter = Annotated[
+    str | None,
+    typer.Option(
+        metavar="KEY",
+        help="Parameter or value of the scene, named as in --set, whose stick bands are searched "
+        "for. Default: F0.",
+    ),
+]
+SearchedRange = Annotated[
+    str | None,
+    typer.Option(
+        "--range",
+        metavar="LOW:HIGH",
+        help="Values of the parameter that are searched, with arithmetic. Default: from zero to "
+        "four times the value in the scene.",
+    ),
+]
+Joint = Annotated[
+    str | None,
+    typer.Option(
+        metavar="GUIDE",
+        help="Guide whose slider is examined. Default: the first guide with friction.",
+    ),
+]
+Resolution = Annotated[
+    float | None,
+    typer.Option(
+        metavar="STEP",
+        parser=positive,
+        help="Largest distance between two examined values of the parameter; narrower bands may "
+        "be missed. Default: 1/120 of the range.",
     ),
 ]
 HELP = "Compare the engines and the reference on a scene, with regard to one question."
@@ -129,6 +163,10 @@ def _command(study: Study) -> Callable[..., None]:
         out: TableFile = None,
         plot: Plot = None,
         problems: Problems = None,
+        parameter: Parameter = None,
+        searched: SearchedRange = None,
+        joint: Joint = None,
+        resolution: Resolution = None,
     ) -> None:
         from stiction.comparisons.bench.depth import Depth
         from stiction.comparisons.bench.study import Scope
@@ -139,10 +177,17 @@ def _command(study: Study) -> Callable[..., None]:
             "repeats": repeats,
         }
         options: dict[str, Any] = {}
-        if drive is not None:
-            options["drive"] = drive
-        if problems is not None:
-            options["problems"] = problems
+        optional_values = {
+            "drive": drive,
+            "problems": problems,
+            "parameter": parameter,
+            "range": None if searched is None else _range(searched),
+            "joint": joint,
+            "resolution": resolution,
+        }
+        for name, value in optional_values.items():
+            if value is not None:
+                options[name] = value
         # All studies have the same options; those that a study does not use are refused.
         for name, value in {**arguments, **options}.items():
             if value is not None and name not in study.takes:
@@ -159,6 +204,23 @@ def _command(study: Study) -> Callable[..., None]:
         _show(study, results, out, plot, problems)
 
     return compare
+
+
+def _range(text: str) -> tuple[float, float]:
+    """Return the ends of ``LOW:HIGH``, each a number or arithmetic."""
+    from stiction.scenes import InputError
+    from stiction.scenes.expressions import evaluate
+
+    parts = text.split(":")
+    if len(parts) != 2:
+        raise typer.BadParameter(
+            f"found {text!r}; expected LOW:HIGH, such as 0:12", param_hint="--range"
+        )
+    try:
+        low, high = (evaluate(part.strip(), {}) for part in parts)
+    except InputError as error:
+        raise typer.BadParameter(f"found {text!r}; {error}", param_hint="--range") from None
+    return low, high
 
 
 def _load_scenes(

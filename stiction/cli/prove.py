@@ -74,9 +74,9 @@ def prove(
             "--threshold",
             metavar="N",
             parser=_up_to(11),
-            help="Instead of a motion, prove the stick threshold to N decimal places: the largest F0 at which the "
-            "slider sticks, in the band of amplitudes nearest to the scene's F0 (slider-bar "
-            "only).",
+            help="Instead of a motion, prove the stick threshold to N decimal places: the upper "
+            "end of the band of F0 with stick phases that is nearest to the scene's F0 "
+            "(slider-bar only).",
         ),
     ] = None,
 ) -> None:

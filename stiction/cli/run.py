@@ -213,8 +213,8 @@ def sweep(
             "--measure",
             metavar="A,B,..",
             help="stick-fraction, peak-torque, peak-speed, event-count or threshold; peak-speed:NAME refers "
-            "to the guide, drive or body NAME. threshold is the largest F0 at which the slider sticks, in the "
-            "band of amplitudes nearest to the scene's F0.",
+            "to the guide, drive or body NAME. threshold is the upper end of the band of F0 with "
+            "stick phases that is nearest to the scene's F0; the table contains all such bands.",
         ),
     ],
     engine: EngineName = "reference",
@@ -275,8 +275,8 @@ def sweep(
     steady state, and its point has no value.
     """
     from stiction.comparisons.bench.executors import check_executor, open_isolate
+    from stiction.comparisons.measures.steady_state_measures import SteadyRun
     from stiction.comparisons.sweep import sweep as sweeps
-    from stiction.comparisons.sweep.steady_state_measures import SteadyRun
     from stiction.scenes.fidelity import fidelity_of
 
     loaded = scene_of(scene, overrides)

@@ -1,7 +1,7 @@
-"""Steady states of the slider-bar as fixed points of its return map, and the threshold of stick phases.
+"""Steady states of the slider-bar as fixed points of its return map, and the ends of its bands of stick phases.
 
 The threshold is the upper end of one band of F0 with stick phases, the one next to the scene's own F0. Above it the
-slider may stick again.
+slider may stick again: `truths.reduced.stick_bands` returns all bands of a parameter.
 
 Load and bar have a common period T; the return map takes (x, v) at time 0 to (x, v) at n T. The motion is followed from
 its start until it nearly repeats itself after n <= 8 periods. Then Newton's method finds the fixed point, and the
@@ -11,6 +11,7 @@ fixed point without Newton's help, one of a continuum.
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -210,26 +211,6 @@ def _attracts(mechanism: SliderBar, fixed_point: SteadyState, state: np.ndarray)
 
 
 @dataclass(frozen=True)
-class StickBands:
-    """Result of a scan of amplitudes above a threshold.
-
-    Attributes
-    ----------
-    bands : tuple of (float, float)
-        Smallest and largest F0 (N) seen with a stick phase of each band.
-    end, step : float
-        N; up to where it went, and the distance of its amplitudes: narrower bands may be missed.
-    unknown : tuple of float
-        Amplitudes (N) at which no steady state was found.
-    """
-
-    bands: tuple[tuple[float, float], ...]
-    end: float
-    step: float
-    unknown: tuple[float, ...] = ()
-
-
-@dataclass(frozen=True)
 class StickThreshold:
     """The threshold of `DEFINITION`: F0 and its uncertainty in N, both None if there is no threshold.
 
@@ -238,8 +219,7 @@ class StickThreshold:
     jump at which the motion from the start was followed is added. `bracket` contains the amplitudes
     with and without a stick phase between which the root was sought. `note` describes a coexisting
     steady state, or gives the reason why there is no threshold. `theorem` is the proof in words;
-    with it the uncertainty is a bound. `above` is the result of a scan of larger amplitudes, if
-    any.
+    with it the uncertainty is a bound.
     """
 
     F0: float | None
@@ -247,7 +227,6 @@ class StickThreshold:
     bracket: tuple[float, float]
     note: str = ""
     theorem: str = ""
-    above: StickBands | None = None
 
 
 class NoThreshold(TruthRefused):
@@ -304,15 +283,18 @@ def _starts(motion: Motion) -> np.ndarray:
 
 
 def _threshold(mechanism: SliderBar, xtol: float) -> StickThreshold:
+    """Bracket the threshold from the mechanism's own F0, and refine it."""
     steady: dict[float, SteadyState] = {}
 
-    def sticks(F0: float) -> bool:
-        loaded = replace(mechanism, F0=F0)
-        steady[F0] = steady_state(loaded)
-        return margin(loaded, steady[F0]) < 0
+    def loaded(F0: float) -> SliderBar:
+        return replace(mechanism, F0=F0)
 
-    # A bracket: from the scene's own amplitude upwards to the first without a stick phase, else
-    # downwards to one with.
+    def sticks(F0: float) -> bool:
+        steady[F0] = steady_state(loaded(F0))
+        return margin(loaded(F0), steady[F0]) < 0
+
+    # Upwards from the scene's own amplitude to the first one without a stick phase, else downwards
+    # to one with a stick phase.
     low = high = mechanism.F0
     while sticks(high):
         low, high = high, _SEARCH * high
@@ -326,42 +308,114 @@ def _threshold(mechanism: SliderBar, xtol: float) -> StickThreshold:
         middle = (low + high) / 2
         low, high = (middle, high) if sticks(middle) else (low, middle)
 
-    # The steady state at the upper end is followed down to its own end, without transients and to
-    # rounding. That is the threshold only if the motion from the start leads to the steady state
-    # just above, and sticks just below.
-    end = _end_of_sliding(mechanism, steady[high], low, high)
+    end = refined_end(loaded, low, high, steady[high], xtol)
+    note = end.note
+    if end.coexisting is not None:
+        lower = _lower_end(loaded, end.coexisting, end.outside)
+        note = f"two steady states coexist: {lower}{note}"
+    return StickThreshold(end.value, end.uncertainty, end.bracket, note)
+
+
+MechanismAt = Callable[[float], SliderBar]
+"""Mechanism at a value of the varied parameter."""
+
+
+@dataclass(frozen=True)
+class StickEnd:
+    """An end of a band of a parameter with stick phases.
+
+    Attributes
+    ----------
+    value, uncertainty : float
+        In the unit of the parameter.
+    bracket : tuple of float
+        Values, the smaller one first, between which the end was sought.
+    note : str
+        The order of a subharmonic steady state, or the reason why halving has ended early.
+    coexisting : SteadyState, optional
+        The steady state without a stick phase at `outside`, where it goes on beyond the end, so that the start
+        decides between two.
+    outside : float
+        Value without a stick phase next to the end.
+    """
+
+    value: float
+    uncertainty: float
+    bracket: tuple[float, float]
+    note: str = ""
+    coexisting: SteadyState | None = None
+    outside: float = np.nan
+
+
+def refined_end(
+    at: MechanismAt, inside: float, outside: float, sliding: SteadyState, xtol: float
+) -> StickEnd:
+    """Refine the end of a band between a value with a stick phase and one without.
+
+    Parameters
+    ----------
+    inside, outside : float
+        The steady state from the mechanism's start has a stick phase at the first, which may be the larger one, and
+        none at the second.
+    sliding : SteadyState
+        That at `outside`.
+    xtol : float
+        Width of the bracket to which the interval is halved where the steady state cannot be followed to its end;
+        `_RESOLUTION` of the value at least.
+
+    Raises
+    ------
+    NoSteadyState, NoMotion
+        If a motion next to the end has none.
+    """
+
+    def sticks(value: float) -> bool:
+        return margin_at(at, value) < 0
+
+    # The steady state outside is followed to its own end, without transients and to rounding. That
+    # is the end of the band only if the motion from the start leads to this steady state just
+    # outside, and sticks just inside.
+    end = _end_of_sliding(at, sliding, inside, outside)
     if end is not None:
-        F0, uncertainty, note = end
-        bracket = low, high
-        offset = (high - low) / _PARTS
-        below, above = F0 - offset, F0 + offset
-        if sticks(below) and not sticks(above):
-            margin_below, margin_above = (
-                margin(replace(mechanism, F0=side), steady[side]) for side in (below, above)
-            )
-            low, high = F0 + _SEEN * F0, above
-            if not sticks(low):
-                # a margin that runs on through zero is that of one steady state; above a jump its basin may be small
-                jumps = not 1 / _CONTINUES < -margin_below / margin_above < _CONTINUES
-                return StickThreshold(
-                    F0, uncertainty + _SEEN * F0 if jumps else uncertainty, bracket, note
-                )
+        value, uncertainty, note = end
+        bracket = min(inside, outside), max(inside, outside)
+        offset = (outside - inside) / _PARTS
+        margin_inside, margin_outside = (
+            margin_at(at, side) for side in (value - offset, value + offset)
+        )
+        if margin_inside < 0 <= margin_outside:
+            inside, outside = value + np.sign(offset) * _SEEN * abs(value), value + offset
+            if not sticks(inside):
+                # A margin that runs on through zero is that of one steady state; beside a jump its
+                # basin may be small.
+                is_jump = not 1 / _CONTINUES < -margin_inside / margin_outside < _CONTINUES
+                if is_jump:
+                    uncertainty += _SEEN * abs(value)
+                return StickEnd(value, uncertainty, bracket, note)
 
     # Two steady states coexist: which of them the start leads to is found by trial alone.
     unknown = ""
-    while high - low > max(xtol, _RESOLUTION * high):
-        middle = (low + high) / 2
+    while abs(outside - inside) > max(xtol, _RESOLUTION * abs(outside)):
+        middle = (inside + outside) / 2
         try:
-            low, high = (middle, high) if sticks(middle) else (low, middle)
+            inside, outside = (middle, outside) if sticks(middle) else (inside, middle)
         except NoSteadyState as error:
             unknown = f"; {error}"
             break
-    return StickThreshold(
-        (low + high) / 2,
-        high - low,
-        (low, high),
-        f"two steady states coexist: {_lower_end(mechanism, steady[high], high)}{unknown}",
+    return StickEnd(
+        (inside + outside) / 2,
+        abs(outside - inside),
+        (min(inside, outside), max(inside, outside)),
+        unknown,
+        steady_state(at(outside)),
+        outside,
     )
+
+
+def margin_at(at: MechanismAt, value: float) -> float:
+    """Return `margin` of the steady state that is reached from the start, at a value of the parameter."""
+    mechanism = at(value)
+    return margin(mechanism, steady_state(mechanism))
 
 
 def _left_until_rest(mechanism: SliderBar, motion: Motion) -> dict[tuple[str, int], float]:
@@ -392,57 +446,59 @@ def _left_until_rest(mechanism: SliderBar, motion: Motion) -> dict[tuple[str, in
 
 
 def _end_of_sliding(
-    mechanism: SliderBar, sliding: SteadyState, low: float, high: float
+    at: MechanismAt, sliding: SteadyState, inside: float, outside: float
 ) -> tuple[float, float, str] | None:
-    """Return the F0 at which the steady state without a stick phase at `high` gets one, its uncertainty and a note.
+    """Return the value at which the steady state without a stick phase at `outside` gets one.
 
-    None if it has no stick phase down to `low`.
+    With it its uncertainty and a note. None if it has no stick phase up to `inside`.
 
     Where the slider comes to rest within a slip phase it is held for some time at once: the steady state jumps or
-    ends. What is left until then is smooth in F0 down to its zero and not beyond: the zero is extrapolated from above.
+    ends. What is left until then is smooth in the parameter down to its zero and not beyond: the zero is extrapolated
+    from outside. With `step` directed outwards, the way to a stick phase is met first whose zero is nearest.
     """
-    # The first way to a stick phase that is met from above, by a secant.
-    step = (high - low) / _PARTS
-    ways = _ways_to_rest(mechanism, sliding, high, step)
-    way, end = max(ways.items(), key=lambda item: item[1], default=(("", 0), -np.inf))
-    if end < low:
+    step = (outside - inside) / _PARTS
+    ways = _ways_to_rest(at, sliding, outside, step)
+    if not ways:
+        return None
+    way = min(ways, key=lambda name: (outside - ways[name]) / step)
+    end = ways[way]
+    if (outside - end) / step > _PARTS:
         return None
 
-    # Steady states just above that amplitude; the first of them by another discretization too.
-    amplitudes = end + step * np.arange(1, _NODES + 1)
-    followed = [_followed(mechanism, sliding, F0) for F0 in amplitudes]
+    # Steady states just outside of that value; the first of them by another discretization too.
+    values = end + step * np.arange(1, _NODES + 1)
+    followed = [_followed(at, sliding, value) for value in values]
     steady = [state for state in followed if state is not None]
     if len(steady) < _NODES:
         return None
-    check = _period(replace(mechanism, F0=amplitudes[0]), steady[0].state, sliding.periods, _CHECK)
+    check = _period(at(values[0]), steady[0].state, sliding.periods, _CHECK)
 
     # What is left until rest at each of them.
-    values = []
-    for F0, motion in zip([*amplitudes, amplitudes[0]], [*(s.motion for s in steady), check]):
-        left = _left_until_rest(replace(mechanism, F0=F0), motion).get(way)
+    distances = []
+    for value, motion in zip([*values, values[0]], [*(s.motion for s in steady), check]):
+        left = _left_until_rest(at(value), motion).get(way)
         if left is None:
             return None
-        values.append(left)
-    *values, checked = values
+        distances.append(left)
+    *distances, checked = distances
 
-    # Inverse interpolation: F0 as a polynomial in what is left, at zero. The difference to one node
-    # less is its error.
+    # Inverse interpolation: the parameter as a polynomial in what is left, at zero. The difference
+    # to one node less is its error.
     root, coarser = (
-        float(BarycentricInterpolator(values[:n], amplitudes[:n])(0.0))
-        for n in (_NODES, _NODES - 1)
+        float(BarycentricInterpolator(distances[:n], values[:n])(0.0)) for n in (_NODES, _NODES - 1)
     )
-    if not low < root < high:
+    if not min(inside, outside) < root < max(inside, outside):
         return None
 
-    # Errors of the values: discretization, and the residual of the steady state, which the map's
+    # Errors of the distances: discretization, and the residual of the steady state, which the map's
     # contraction bounds by residual / (1 - rate); a shift of x changes a break-away margin by the
     # stiffness times as much. Extrapolation amplifies errors by at most the sum of its weights,
     # 2^nodes - 1 for nodes at equal distances.
     rate = max(map(abs, sliding.multipliers))
     residual = max([*np.abs(_end(check) - steady[0].state), *(s.residual for s in steady)])
-    per_metre = mechanism.stiffness if way[0] == "stop" else 1.0
-    unsure = abs(values[0] - checked) + per_metre * residual / (1 - rate)
-    slope = (values[1] - values[0]) / step
+    per_metre = at(root).stiffness if way[0] == "stop" else 1.0
+    unsure = abs(distances[0] - checked) + per_metre * residual / (1 - rate)
+    slope = abs((distances[1] - distances[0]) / step)
     note = ""
     if sliding.periods > 1:
         note = f"the steady state has {sliding.periods} periods of load and bar"
@@ -450,37 +506,35 @@ def _end_of_sliding(
 
 
 def _ways_to_rest(
-    mechanism: SliderBar, sliding: SteadyState, high: float, step: float
+    at: MechanismAt, sliding: SteadyState, outside: float, step: float
 ) -> dict[tuple[str, int], float]:
-    """Estimate the F0 below `high` at which the steady state there comes to rest, in each of the ways, by a secant."""
-    beyond = _followed(mechanism, sliding, high + step)
+    """Estimate by a secant where the steady state at `outside` comes to rest, in each of the ways that it may."""
+    beyond = _followed(at, sliding, outside + step)
     if beyond is None:
         return {}
-    near, far = (
-        _left_until_rest(replace(mechanism, F0=F0), steady.motion)
-        for F0, steady in ((high, sliding), (high + step, beyond))
-    )
+    near = _left_until_rest(at(outside), sliding.motion)
+    far = _left_until_rest(at(outside + step), beyond.motion)
     return {
-        way: high - step * near[way] / (far[way] - near[way])
+        way: outside - step * near[way] / (far[way] - near[way])
         for way in near
         if far.get(way, -np.inf) > near[way]
     }
 
 
-def _followed(mechanism: SliderBar, sliding: SteadyState, F0: float) -> SteadyState | None:
-    """Return the steady state without a stick phase near another one, at F0; None if there is none."""
-    loaded = replace(mechanism, F0=F0)
-    state = _newton(loaded, sliding.state, sliding.periods)
-    if state is None or max(map(abs, state.multipliers)) >= 1 or margin(loaded, state) < 0:
+def _followed(at: MechanismAt, sliding: SteadyState, value: float) -> SteadyState | None:
+    """Return the steady state without a stick phase near another one, at a value; None if there is none."""
+    mechanism = at(value)
+    state = _newton(mechanism, sliding.state, sliding.periods)
+    if state is None or max(map(abs, state.multipliers)) >= 1 or margin(mechanism, state) < 0:
         return None
     return state
 
 
-def _lower_end(mechanism: SliderBar, steady: SteadyState, F0: float) -> str:
+def _lower_end(at: MechanismAt, steady: SteadyState, F0: float) -> str:
     """Describe down to which F0 a steady state without a stick phase exists that the start does not lead to."""
     step = F0 / _FOLLOWED_FROM
     while step > _FOLLOWED_TO * F0:
-        lower = _followed(mechanism, steady, F0 - step)
+        lower = _followed(at, steady, F0 - step)
         if lower is None:
             step /= 2
         else:

@@ -9,33 +9,43 @@ from hypothesis import given
 from hypothesis import strategies as st
 from made_up_runs import wrongly_written
 
+from stiction.comparisons.bench.depth import Depth
 from stiction.comparisons.bench.presentation.presentation import ANSWER_LENGTH
 from stiction.comparisons.bench.results import Results
+from stiction.comparisons.bench.study import Scope
 from stiction.comparisons.bench.variants import Variant
-from stiction.comparisons.measures.settling import NotSettled
+from stiction.comparisons.measures.engine_threshold import (
+    FIRST_STEP,
+    Search,
+    Threshold,
+    around,
+    measure_series,
+    measure_threshold,
+)
+from stiction.comparisons.measures.reference_bands import Variation
 from stiction.comparisons.studies.threshold import (
     AGAIN,
     CHANGE,
     ERROR,
-    FIRST_STEP,
-    SCAN_END,
-    SCAN_STEP,
-    SCAN_WIDTH,
     SCANNED,
     STUDY,
     UNCERTAINTY,
-    Search,
-    StickProbe,
-    _ends,
-    around,
-    bands_above,
-    measure_series,
-    measure_threshold,
+    EngineBands,
+    TrueBands,
+    Verdict,
+    _main_search,
+    _other_ends,
+    _scanned_values,
+    band_table,
     present,
+    variation_in,
 )
+from stiction.engines.isolation import Outcome
+from stiction.engines.status import Status
 from stiction.reports.text import section_of
 from stiction.scenes import load_scene, vary
 from stiction.truths import StickThreshold, Tier, stick_threshold
+from stiction.truths.bands import Band, BandKind, Range
 from stiction.truths.reduced import steady_state as steady_states
 from stiction.truths.reduced.slider_bar import SliderBar
 from stiction.truths.reduced.steady_state import NoSteadyState, steady_state
@@ -147,8 +157,8 @@ def test_none_found_is_a_typed_result(monkeypatch):
 
 
 def test_a_measurement_that_does_not_settle_says_so(monkeypatch):
-    monkeypatch.setattr("stiction.comparisons.studies.threshold.settled", lambda *_: None)
-    monkeypatch.setattr("stiction.comparisons.studies.threshold.MOST_SETTLING", 30)
+    monkeypatch.setattr("stiction.comparisons.measures.engine_threshold.settled", lambda *_: None)
+    monkeypatch.setattr("stiction.comparisons.measures.engine_threshold.MOST_SETTLING", 30)
     found = measure_threshold(
         load_scene("slider-bar-case-1"), "reference", {"rtol": 1e-6}, Search(4.0, 4.5, 0.1)
     )
@@ -249,105 +259,93 @@ def test_a_proven_threshold_is_enclosed_and_methods_without_one_are_named():
     assert not wrongly_written(section, results)
 
 
-def sticks_by_the_truth(scene, F0):
-    mechanism = replace(SliderBar.from_scene(scene), F0=F0)
-    return steady_states.margin(mechanism, steady_state(mechanism)) < 0
-
-
-@pytest.mark.parametrize(
-    ("mu", "threshold", "band"), [(0.015, 3.2371867, (3.77, 4.55)), (0.01, 2.299, (4.33, 4.71))]
+MU_0015 = (
+    Band(0.0, 0.8106, BandKind.REST, 0.0, 1e-6),
+    Band(0.8106, 3.2372, BandKind.STICK, 1e-6, 1e-9),
+    Band(3.2372, 3.7688, BandKind.SLIP, 1e-9, 1e-9),
+    Band(3.7688, 4.5484, BandKind.STICK, 1e-9, 1e-9),
+    Band(4.5484, 12.0, BandKind.SLIP, 1e-9, 0.0),
 )
-def test_the_slider_sticks_again_above_its_threshold(mu, threshold, band):
-    """A second band of F0, whose ends the return map of the reduced solution confirms: inside it sticks, outside not.
+"""Of case 1 with mu = 0.015."""
+VARIATION = Variation("F0", "guide", Range(0.0, 12.0, 0.1), 3.0)
 
-    Next to the lower end of the band of mu = 0.01, at 4.3 N, there is no steady state of up to 8 periods.
-    """
-    scene = vary(load_scene("slider-bar-case-1"), {"mu": mu, "mus": 0.04})
-    found = bands_above(scene, threshold)
-    [(low, high)] = found.bands
-    width = SCAN_WIDTH * threshold
-    assert (low, high) == pytest.approx(band, abs=2 * width)
-    assert found.end == pytest.approx(SCAN_END * threshold, abs=found.step)
-    inside = (low + width, 0.5 * (low + high), high)
-    outside = (
-        0.98 * threshold + 0.1,
-        0.5 * (threshold + low) if mu > 0.01 else 1.1 * threshold,
-        high + 1.1 * width,
-        found.end,
-    )
-    assert all(sticks_by_the_truth(scene, F0) for F0 in inside)
-    assert not any(sticks_by_the_truth(scene, F0) for F0 in outside)
+
+def test_engines_search_for_every_end_within_its_own_bands():
+    main = _main_search(MU_0015, VARIATION, 3.2372, 0.01)
+    assert (main.low, main.near) == (1.5, 3.0) and 3.2372 < main.high < 3.7688
+    lower, upper = _other_ends(MU_0015, 3.2372, 0.01)
+    assert lower.value == 3.7688 and lower.search.is_lower_end
+    assert upper.value == 4.5484 and not upper.search.is_lower_end
+    for end in (lower, upper):
+        assert end.search.low < end.value < end.search.high
+    scanned = _scanned_values(MU_0015, VARIATION, 0)
+    for low, high in ((0.0, 3.2372), (3.2372, 3.7688), (3.7688, 4.5484), (4.5484, 12.0)):
+        assert any(low < value < high for value in scanned)
 
 
 @pytest.mark.parametrize(
-    ("name", "threshold"),
+    ("sticks", "ends", "verdicts"),
     [
-        ("slider-bar-case-1", 4.2119563),
-        ("slider-bar-case-2", 4.2119563),
-        ("slider-bar-case-3", None),
-        ("slider-bar-case-1-mus-equals-mu", 3.8942035),
+        (lambda F0: F0 < 3.2372 or 3.7688 < F0 < 4.5484, (3.2372, 3.7688, 4.5484), ["found"] * 2),
+        (lambda F0: F0 < 3.2, (3.2, None, None), ["shifted", "missed"]),
+        (lambda F0: F0 < 3.2372 or 3.6 < F0 < 4.5484, (3.2372, 3.6, 4.5484), ["found", "shifted"]),
+        (lambda F0: F0 < 4.5484, (None, None, 4.5484), ["missed", "missed", "invented"]),
+        (
+            lambda F0: F0 < 3.2372 or 3.7688 < F0 < 4.5484 or F0 > 10,
+            (3.2372, 3.7688, 4.5484),
+            ["found", "found", "invented"],
+        ),
     ],
 )
-def test_the_paper_s_cases_have_no_other_band(name, threshold):
-    """In what is scanned: above the threshold, or of case 3, which has none, from its own F0 on."""
-    scene = load_scene(name)
-    found = bands_above(scene, threshold or scene.parameters["F0"])
-    assert found.bands == () and found.unknown == ()
+def test_bands_are_found_shifted_missed_or_invented(sticks, ends, verdicts):
+    """By an engine that sticks as it is given, and brackets the ends to 1e-3 N."""
 
+    def bracket(end, is_lower):
+        if end is None:
+            return Threshold(None, None, 1, "none")
+        sides = (end + 5e-4, end - 5e-4) if is_lower else (end - 5e-4, end + 5e-4)
+        return Threshold(*sides, 1)
 
-@given(
-    st.lists(st.tuples(st.floats(1.0, 2.6), st.floats(0.0, 0.5)), max_size=3),
-    st.lists(st.floats(1.0, 2.6), max_size=4),
-)
-def test_the_scan_finds_every_band_that_is_wider_than_its_step(bands, gaps):
-    """And only those; next to an amplitude without a steady state a band ends."""
-    bands = [(low, low + width) for low, width in bands]
-    with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(StickProbe, "__post_init__", lambda self: None)
-
-        def sticks(self, F0):
-            if any(abs(F0 - gap) < 1e-3 for gap in gaps):
-                raise NotSettled("here")
-            return any(low <= F0 <= high for low, high in bands)
-
-        patch.setattr(StickProbe, "sticks", sticks)
-        found = bands_above(None, 1.0)
-    assert all(any(low <= end <= high for low, high in bands) for one in found.bands for end in one)
-    for low, high in bands:
-        seen = np.arange(1.0 + SCAN_STEP, found.end, SCAN_STEP)
-        inside = [
-            F0 for F0 in seen if low <= F0 <= high and not any(abs(F0 - gap) < 1e-3 for gap in gaps)
-        ]
-        assert all(
-            any(one[0] - 1e-9 <= F0 <= one[1] + 1e-9 for one in found.bands) for F0 in inside
-        )
-
-
-@pytest.mark.parametrize(
-    ("own", "expected"),
-    [
-        (3.0, (2.0, 3.0)),
-        (2.0, (2.0, 3.0)),
-        (4.0, (2.0, 3.0)),
-        (6.0, (7.0, 8.0)),
-        (8.0, (7.0, 8.0)),
-        (None, (7.0, 8.0)),
-    ],
-)
-def test_the_band_next_to_the_own_amplitude_is_searched(own, expected):
-    """Sticking in 1..2.5 and 5.5..7.5 of 0..8: that of the amplitude itself, else the next one below."""
-    low, high = _ends(
-        lambda F0: 1 <= F0 <= 2.5 or 5.5 <= F0 <= 7.5, Search(0.0, 8.0, 0.1, probes=9, own=own)
+    values = _scanned_values(MU_0015, VARIATION, 8)
+    engine = EngineBands(
+        (bracket(ends[0], False),),
+        tuple((value, sticks(value)) for value in values),
+        ((3.7688, bracket(ends[1], True)), (4.5484, bracket(ends[2], False))),
     )
-    assert (low, high) == expected
-
-
-def test_a_band_above_is_taken_where_there_is_none_below():
-    assert _ends(lambda F0: 5.5 <= F0 <= 7.5, Search(0.0, 8.0, 0.1, probes=9, own=3.0)) == (
-        7.0,
-        8.0,
+    threshold = StickThreshold(3.2372, 1e-9, (3.2, 3.3))
+    true = {True: TrueBands(threshold, MU_0015, Tier.HIGH_PRECISION)}
+    variant = Variant("one", "reference", "rtol", (1e-9,))
+    table = band_table(
+        load_scene("slider-bar-case-1"),
+        VARIATION,
+        [variant],
+        [Outcome("one", Status.OK, engine)],
+        true,
     )
-    assert _ends(lambda F0: False, Search(0.0, 8.0, 0.1, probes=9, own=3.0)) == (0.0, 1.0)
+    rows = table[table["variant"] == "one"]
+    seen = list(rows["verdict"])
+    assert seen[:2] == [Verdict(verdict) for verdict in verdicts[:2]]
+    assert set(seen[2:]) == {Verdict(verdict) for verdict in verdicts[2:]}
+    assert list(table.loc[table["variant"] == "truth", "band_kind"]) == [
+        band.kind for band in MU_0015
+    ]
+
+
+def test_bands_appear_in_the_section():
+    """With the range and its resolution, and where the start decides."""
+    bands = [
+        replace(MU_0015[0], coexisting=(BandKind.STICK,), is_confirmed=True),
+        *MU_0015[1:],
+    ]
+    threshold = StickThreshold(None, None, (np.nan, np.nan), "none")
+    true = {True: TrueBands(threshold, tuple(bands), Tier.HIGH_PRECISION)}
+    table = band_table(load_scene("slider-bar-case-1"), VARIATION, [], [], true)
+    results = Results((), {}, {"threshold": pd.DataFrame(), "bands": table})
+    section, shown = section_of(STUDY, results), present(results).rows
+    assert len(shown["bands"]) == 5 and len(shown["start_dependent"]) == 1
+    assert [row for row in section.findings if "resolution of 0.1 N" in row]
+    assert [row for row in section.findings if "depends on the start" in row]
+    assert not wrongly_written(section, results)
 
 
 def test_the_table_and_the_answer_say_where_it_sticks_again():
@@ -434,3 +432,14 @@ def test_a_finer_step_begins_at_the_bracket_of_the_coarser_one():
         fine.runs <= afar.runs / 2
         and fine.without_stick - coarse.with_stick < FIRST_STEP * search.width
     )
+
+
+def test_the_default_depth_has_half_the_values_unless_a_resolution_is_given():
+    scenes = (load_scene("slider-bar-case-1"),)
+    counts = {
+        depth: len(variation_in(Scope(scenes, depth)).searched.values())
+        for depth in (Depth.QUICK, Depth.DEFAULT, Depth.FULL)
+    }
+    assert counts == {Depth.QUICK: 121, Depth.DEFAULT: 61, Depth.FULL: 121}
+    asked = Scope(scenes, Depth.DEFAULT, options={"range": (1.0, 2.0), "resolution": 0.1})
+    assert len(variation_in(asked).searched.values()) == 11

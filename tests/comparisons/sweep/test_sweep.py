@@ -17,7 +17,7 @@ from stiction.comparisons.bench.executors import open_isolate
 from stiction.comparisons.bench.presentation.cells import intervals_of
 from stiction.comparisons.bench.store import kept_file
 from stiction.comparisons.measures.settling import NotSettled
-from stiction.comparisons.sweep.steady_state_measures import MEASURES, SteadyRun, steady_window
+from stiction.comparisons.measures.steady_state_measures import MEASURES, SteadyRun, steady_window
 from stiction.comparisons.sweep.sweep import (
     Specification,
     SweepAxis,
@@ -216,7 +216,7 @@ def test_failing_points_are_rows(tmp_path, monkeypatch):
         and "expected at least mu" in result["reason"][3]
     )
     assert result["stick-fraction"].isna().tolist() == [True, False, False, True]
-    monkeypatch.setattr("stiction.comparisons.sweep.steady_state_measures.STEP_LIMIT", 5)
+    monkeypatch.setattr("stiction.comparisons.measures.steady_state_measures.STEP_LIMIT", 5)
     row = row_of(specification("F0=3"), "map", 0)
     assert row["status"] == "failed" and "step limit" in row["reason"]
 

@@ -16,14 +16,15 @@ from stiction.comparisons.bench.quantities import Quantity
 from stiction.comparisons.bench.variants import COMMON_STEP, time_factor
 from stiction.comparisons.measures.invariant_shifts import TURN, invariant_shifts
 from stiction.comparisons.measures.settling import (
+    CREEP_TOLERANCE,
     LEAST_PASSES,
     MOST_PERIODS,
+    SHORTEST_STICK,
     NoCommonPeriod,
     NotSettled,
     excitation_period,
     settled,
 )
-from stiction.comparisons.studies.threshold import CREEP_TOLERANCE, SHORTEST_STICK
 from stiction.engines.protocol import EVENTS_LOCATED_BY, EngineFailure, Refused
 from stiction.engines.registry import load_engine
 from stiction.reference_impl.integration.event_driven import Integration, Options

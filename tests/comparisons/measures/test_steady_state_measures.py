@@ -4,8 +4,7 @@ import numpy as np
 import pytest
 
 from stiction.comparisons.measures.settling import NotSettled
-from stiction.comparisons.measures.steady_stretch import steady_stretch
-from stiction.comparisons.sweep.steady_state_measures import (
+from stiction.comparisons.measures.steady_state_measures import (
     MEASURES,
     SAMPLE_STEP,
     Measure,
@@ -13,6 +12,7 @@ from stiction.comparisons.sweep.steady_state_measures import (
     measure_of,
     steady_window,
 )
+from stiction.comparisons.measures.steady_stretch import steady_stretch
 from stiction.engines import Refused
 from stiction.engines.reference.engine import ReferenceEngine
 from stiction.scenes import load_scene, scene_from_dict, vary

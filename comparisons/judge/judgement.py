@@ -276,7 +276,11 @@ def judge(
     table = _within(table, min(scene.t_end, truth.t_end))
     wanted = {
         *table.columns,
-        *(f"{guide}.{label}" for guide in scene.guides for label in ("slip_velocity", "mode")),
+        *(
+            f"{joint}.{label}"
+            for joint in {**scene.guides, **scene.frictional_joints}
+            for label in ("slip_velocity", "mode")
+        ),
         *(f"{body}.{label}" for body in scene.bodies for label in POSITIONS),
     }
     compared = Compared(
@@ -296,7 +300,7 @@ def judge(
         if truth.tier == Tier.NONE
         else [
             phase
-            for guide in scene.frictional_guides
+            for guide in scene.frictional_joints
             for phase in _stick_phases(scene, full, truth, guide)
         ]
     )
@@ -416,7 +420,7 @@ def _trajectory(scene: Scene, table: ResultTable, truth: Truth) -> Trajectory:
         Event(time, kind, guide, before, after)
         for time, before, after in table.jumps(table.columns)
         if t[0] < time < t[-1]
-        for kind, guide in [*changed_modes(scene.frictional_guides, before, after)]
+        for kind, guide in [*changed_modes(scene.frictional_joints, before, after)]
         or _nearest(truth, time)
     ]
     rows = last[(first == last) | (t[last] == t[0]) | (t[last] == t[-1])]
@@ -459,6 +463,7 @@ def _derived(scene: Scene, found: Trajectory, truth: Truth) -> Mapping[str, np.n
             for guide in scene.guides
             for label in ("displacement", "slip_velocity")
         ]
+        names += [f"{pin}.slip_velocity" for pin in scene.pins if pin in scene.frictional_joints]
 
         def made(part: slice) -> dict[str, np.ndarray]:
             here = {

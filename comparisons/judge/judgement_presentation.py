@@ -233,7 +233,7 @@ def _not_judged(judged: Judgement) -> dict[str, object]:
     scene, run = judged.scene, judged.trajectory
     slips = any(
         f"{guide}.{label}" in run
-        for guide in scene.frictional_guides
+        for guide in scene.frictional_joints
         for label in ("slip_velocity", "mode")
     )
     efforts = any(f"{drive}.effort" in run for drive in scene.drives)
@@ -241,8 +241,8 @@ def _not_judged(judged: Judgement) -> dict[str, object]:
     is_balanced = "energy_error" in summary or "completed_energy_error" in summary
     missing = [name for name in needed_columns(scene) if name not in judged.table.columns]
     return {
-        "stick_phases": bool(scene.frictional_guides) and not slips,
-        "jumps": bool(scene.frictional_guides and scene.drives) and not efforts,
+        "stick_phases": bool(scene.frictional_joints) and not slips,
+        "jumps": bool(scene.frictional_joints and scene.drives) and not efforts,
         "drift": "drift.position" not in run,
         "energy": [] if is_balanced else missing,
     }
@@ -352,9 +352,8 @@ def _both(judged: Judgement, shades: Sequence[tuple[float, float]]) -> Iterator[
     run, known = judged.trajectory, judged.truth(judged.trajectory.t)
     t = np.linspace(run.t[0], run.t[-1], DRAWN)
     some = slice(None, None, -(-len(run.t) // POINTS))
-    labels = {
-        f"{guide}.slip_velocity": "slip velocity [m/s]" for guide in judged.scene.frictional_guides
-    }
+    slips = [f"{joint}.slip_velocity" for joint in judged.scene.frictional_joints]
+    labels = {slip: f"slip velocity [{unit_of(slip, judged.scene)}]" for slip in slips}
     for drive in judged.scene.drives:
         effort = f"{drive}.effort"
         labels[effort] = f"effort [{unit_of(effort, judged.scene)}]"

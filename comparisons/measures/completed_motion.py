@@ -20,6 +20,7 @@ from stiction.reference_impl.multibody.reactions import recover_columns
 from stiction.reference_impl.multibody.trajectory_columns import corner_columns
 from stiction.scenes import Scene
 from stiction.scenes.column_file import row_slices
+from stiction.scenes.model import Revolute
 from stiction.truths import Truth
 
 RANK = 1e-9
@@ -235,12 +236,15 @@ def slips(
 def _ways(
     scene: Scene, t: np.ndarray, q: np.ndarray, v: np.ndarray | None
 ) -> Iterator[tuple[str, np.ndarray, np.ndarray]]:
-    """Name, displacement and slip velocity of each frictional guide."""
+    """Name, displacement and slip velocity of each frictional joint; of a pin relative angle and angular velocity."""
     motion = Motion(list(scene.bodies), t, q, np.zeros_like(q) if v is None else v)
-    for name, guide in scene.frictional_guides.items():
-        way = motion.direction(guide.guide, guide.direction).dot(
-            motion.between(guide.bodies, (guide.slider_point, guide.point))
-        )
+    for name, joint in scene.frictional_joints.items():
+        if isinstance(joint, Revolute):
+            way = motion.angle(joint.bodies[0]) - motion.angle(joint.bodies[1])
+        else:
+            way = motion.direction(joint.guide, joint.direction).dot(
+                motion.between(joint.bodies, (joint.slider_point, joint.point))
+            )
         yield name, way.value, way.rate
 
 
@@ -313,11 +317,15 @@ def _balance(
 def _coulomb(
     scene: Scene, name: str, slip: np.ndarray, columns: Mapping[str, np.ndarray]
 ) -> np.ndarray:
-    """Friction on the slider of a guide by the kinetic coefficient; zero at rest, where it does no work."""
-    guide = scene.guides[name]
+    """Friction of a joint by its kinetic bound and coefficient; zero at rest, where it does no work."""
+    joint = scene.joints[name]
     mode = np.where(np.abs(slip) > STILL * np.max(np.abs(slip)), np.sign(slip), 0.0)
-    if guide.length is None:
-        return -mode * guide.kinetic_coefficient * np.abs(columns[f"{name}.normal_force"])
-    sliding = corner_columns(name, guide, {**columns, f"{name}.mode": mode})
-    friction = sliding[f"{name}.friction_lower"] + sliding[f"{name}.friction_upper"]
-    return np.where(mode != 0, friction, 0.0)
+    bound, _ = joint.bounds
+    if isinstance(joint, Revolute):
+        return -mode * bound
+    if joint.length is None:
+        load = np.abs(columns[f"{name}.normal_force"])
+    else:
+        sliding = corner_columns(name, joint, {**columns, f"{name}.mode": mode})
+        load = sum(sliding[f"{name}.F{corner}"] for corner in (1, 2, 3, 4))
+    return np.where(mode != 0, -mode * (bound + joint.kinetic_coefficient * load), 0.0)

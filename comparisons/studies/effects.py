@@ -116,9 +116,9 @@ def toggles(scene: Scene) -> Iterator[Effect]:
             "",
             [
                 f"{name}.{key}"
-                for name, guide in frictional.items()
-                for key in ("mu", "mus")
-                if getattr(guide, key) is not None
+                for name, joint in scene.frictional_joints.items()
+                for key in ("mu", "mus", "friction", "static_friction")
+                if getattr(joint, key, None) is not None
             ],
         ),
         (
@@ -128,6 +128,11 @@ def toggles(scene: Scene) -> Iterator[Effect]:
                 f"{name}.mus"
                 for name, guide in frictional.items()
                 if guide.static_coefficient > guide.kinetic_coefficient
+            ]
+            + [
+                f"{name}.static_friction"
+                for name, joint in scene.frictional_joints.items()
+                if joint.bounds[1] > joint.bounds[0]
             ],
         ),
         (
@@ -158,7 +163,8 @@ def toggles(scene: Scene) -> Iterator[Effect]:
         (
             "damper",
             "",
-            [f"springs.{name}.damping" for name, spring in scene.springs.items() if spring.damping],
+            [f"springs.{name}.damping" for name, spring in scene.springs.items() if spring.damping]
+            + [f"joints.{name}.damping" for name, joint in scene.joints.items() if joint.damping],
         ),
         ("load", "", [f"forces.{name}" for name in scene.forces]),
     )

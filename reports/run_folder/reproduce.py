@@ -122,9 +122,10 @@ def again(record: Record) -> str | None:
         for name, value in job(scene, record.variant, record.step).arguments.items()
     ]
     options += [
-        ("set", f"{name}.mus={mus!r}")
-        for name, guide in declared.frictional_guides.items()
-        if guide.mus != (mus := scene.guides[name].mus)
+        ("set", f"{name}.{key}={getattr(scene.joints[name], key)!r}")
+        for name, joint in declared.joints.items()
+        for key in ("mus", "static_friction")
+        if getattr(joint, key, None) != getattr(scene.joints[name], key, None)
     ]
     return run_command(record.scene, record.variant.engine, options)
 

@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 
+from stiction.engines import load_engine
 from stiction.engines.reference.engine import ReferenceEngine
 from stiction.reference_impl.energies import energies
 from stiction.scenes import load_scene, scene_from_dict, vary
@@ -363,3 +364,45 @@ def test_paper_scheme_and_textbook():
         np.testing.assert_allclose(run["bar.angle"], exact["bar.angle"], atol=1e-6)
     for column in compiled.columns:
         np.testing.assert_allclose(compiled[column], written[column], rtol=0, atol=1e-8)
+
+
+def moreau(scene, dt, t_end):
+    run = load_engine("moreau").simulate(
+        scene, t_end=t_end, dt=dt, output_step=0.01, fidelity="contact"
+    )
+    assert run.breakdown is None
+    return run
+
+
+@pytest.mark.parametrize(
+    ("name", "changes"),
+    [
+        ("slider-crank-dry-pins", {}),
+        ("slider-bar-case-1", {"guide.friction": 0.5, "pin.friction": 0.2, "guide.mus": None}),
+        ("pendulum-dry-pin", {"pin.static_friction": None}),
+    ],
+)
+def test_moreau_converges(name, changes):
+    """To the event-driven motion, in pins and beside contacts; of first order across events."""
+    scene = vary(load_scene(name), changes)
+    exact = simulate(scene, 1e-10, t_end=1.0)
+    body = list(scene.bodies)[-1]
+    errors = []
+    for dt in (2e-3, 5e-4, 1.25e-4):
+        run = moreau(scene, dt, 1.0)
+        errors.append(
+            max(np.max(np.abs(run[f"{body}.{x}"] - exact[f"{body}.{x}"])) for x in ("x", "angle"))
+        )
+        for joint in scene.frictional_joints:
+            difference = run[f"{joint}.friction"] - exact[f"{joint}.friction"]
+            assert np.median(np.abs(difference)) < 1e-8 + 2 * dt
+    assert errors[-1] < 0.5 * errors[0] and errors[-1] < 1e-4
+
+
+@pytest.mark.parametrize("part", [0.3, 0.99])
+def test_moreau_holds_below_the_bound(part):
+    """Set-valued friction: no creep, and the friction is the load."""
+    run = moreau(arm({"type": "constant", "value": part}), 1e-3, 0.5)
+    assert np.max(np.abs(run["arm.angle"])) < 1e-14
+    np.testing.assert_allclose(run["pin.friction"], -part, rtol=1e-9)
+    assert not run["pin.mode"].any()

@@ -199,15 +199,11 @@ def _active_rows(
             n += 1
     W = np.zeros((2 * n + len(contacts.dry), len(q)))
     for b in range(len(m.block)):
-        at, f, k = (
-            np.int64(m.block[b, 0]),
-            np.int64(m.block[b, 1]) - m.rows,
-            np.int64(m.block[b, 2]),
-        )
+        at, row, column = np.int64(m.block[b, 0]), np.int64(m.block[b, 1]), np.int64(m.block[b, 2])
         for i in range(len(contacts.dry)):
-            if contacts.dry[i] == f:
+            if contacts.dry[i] == row - m.rows:
                 for c in range(3):
-                    W[2 * n + i, k + c] = w.J[at + c]
+                    W[2 * n + i, column + c] = w.J[at + c]
     for i in range(2 * n):
         k, half = closed[i % n], 6 * (i // n)
         a, b = contacts.contact[k].a, contacts.contact[k].b

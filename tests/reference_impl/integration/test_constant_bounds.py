@@ -45,7 +45,9 @@ def arm(law, inertia=0.5, bound=1.0, static_bound=None, damping=0.0):
 def test_pendulum_turns_by_energy(rtol):
     scene = load_scene("pendulum-dry-pin")
     p = scene.parameters
-    expected = pendulum_turning_angles(p["m"] * p["g"] * p["l"], p["tau"], p["tau_s"], p["start"])
+    expected = pendulum_turning_angles(
+        p["m"] * p["g"] * p["l"], p["friction"], p["static_friction"], p["start"]
+    )
     run = simulate(scene, rtol)
     kinds = [event.kind for event in run.events]
     assert kinds == ["reversal"] * (len(expected) - 2) + ["stick"]
@@ -57,14 +59,14 @@ def test_pendulum_turns_by_energy(rtol):
     assert run["pin.mode"][-1] == 0 and abs(run["pin.slip_velocity"][-1]) < 1e-12
     slips = run["pin.mode"] != 0
     np.testing.assert_allclose(
-        run["pin.friction"][slips], -p["tau"] * run["pin.mode"][slips], rtol=1e-12
+        run["pin.friction"][slips], -p["friction"] * run["pin.mode"][slips], rtol=1e-12
     )
 
 
 def test_pendulum_holds_up_to_its_static_bound():
     """At rest while m g l |sin a| <= tau_s: from either side of the bound, by a part in a million."""
     p = load_scene("pendulum-dry-pin").parameters
-    limit = np.arcsin(p["tau_s"] / (p["m"] * p["g"] * p["l"]))
+    limit = np.arcsin(p["static_friction"] / (p["m"] * p["g"] * p["l"]))
     for factor, events in ((1 - 1e-6, 0), (1 + 1e-6, 1)):
         run = simulate(load_scene("pendulum-dry-pin", {"start": factor * limit}), t_end=0.3)
         moved = abs(run["bar.angle"][-1] - run["bar.angle"][0]) > 1e-9
@@ -113,7 +115,9 @@ def test_constant_bound_is_the_weight_times_a_coefficient():
 
 
 @pytest.mark.parametrize("rtol", RTOLS)
-@pytest.mark.parametrize("changes", [{}, {"F_s": 19.0}, {"v": 0}, {"v": 0, "F_s": 19.0}])
+@pytest.mark.parametrize(
+    "changes", [{}, {"static_friction": 19.0}, {"v": 0}, {"v": 0, "static_friction": 19.0}]
+)
 def test_vertical_slider(changes, rtol):
     """It stops on its way up; then it holds above m g = 19.62 N and sinks with g - F/m below."""
     scene = load_scene("vertical-slider", changes)
@@ -123,7 +127,7 @@ def test_vertical_slider(changes, rtol):
     ]
     for column, values in truth(run.t).items():
         np.testing.assert_allclose(run[column], values, rtol=0, atol=TIMES_RTOL * rtol * 20)
-    sinks = changes.get("F_s", 25.0) < 19.62
+    sinks = changes.get("static_friction", 25.0) < 19.62
     assert (run["slider.vy"][-1] < 0) == sinks
     if sinks:
         assert run["slider.ay"][-1] == pytest.approx(-(9.81 - 15 / 2), rel=1e-9)

@@ -327,11 +327,12 @@ def _cached_columns(
     scene: Scene, table: ResultTable, truth: Truth, report: Callable[[float], None]
 ) -> CachedColumns:
     """Return the columns of a truth that the measures need, which are computed once for each set of instants."""
+    slipping_joints = {**scene.guides, **scene.frictional_joints}
     names = {
         *table.columns,
         *(f"{body}.{label}" for body in scene.bodies for label in POSITIONS),
-        *(f"{guide}.slip_velocity" for guide in scene.guides),
-        *(f"{guide}.mode" for guide in scene.guides),
+        *(f"{joint}.slip_velocity" for joint in slipping_joints),
+        *(f"{joint}.mode" for joint in slipping_joints),
     }
     max_instants = RUN if truth.tier == Tier.OWN_RUN else SOLVED
     return CachedColumns(truth.columns, names, max_instants, report)
@@ -410,8 +411,8 @@ def _stick_phase_table(scene: Scene, run: Trajectory, truth: Truth) -> pd.DataFr
     """
     phases: list[dict[str, Any]] = []
     if truth.tier != Tier.NONE:
-        for guide in scene.frictional_guides:
-            phases += _stick_phases(scene, run, truth, guide)
+        for joint in scene.frictional_joints:
+            phases += _stick_phases(scene, run, truth, joint)
     return pd.DataFrame(phases, columns=PHASE)
 
 

@@ -263,8 +263,8 @@ def _not_judged(judged: Judgement) -> dict[str, object]:
     """Return which questions are not answered because columns are missing; of ``energy``, the missing columns."""
     scene, run = judged.scene, judged.trajectory
     has_slip = any(
-        f"{guide}.{label}" in run
-        for guide in scene.frictional_guides
+        f"{joint}.{label}" in run
+        for joint in scene.frictional_joints
         for label in ("slip_velocity", "mode")
     )
     has_effort = any(name in run for name in _effort_columns(judged))
@@ -272,8 +272,8 @@ def _not_judged(judged: Judgement) -> dict[str, object]:
     is_balanced = "energy_error" in summary or "completed_energy_error" in summary
     missing = [name for name in needed_columns(scene) if name not in judged.table.columns]
     return {
-        "stick_phases": bool(scene.frictional_guides) and not has_slip,
-        "jumps": bool(scene.frictional_guides and scene.drives) and not has_effort,
+        "stick_phases": bool(scene.frictional_joints) and not has_slip,
+        "jumps": bool(scene.frictional_joints and scene.drives) and not has_effort,
         "drift": "drift.position" not in run,
         "energy": [] if is_balanced else missing,
     }
@@ -286,7 +286,8 @@ def _unknown(judged: Judgement) -> list[str]:
     """
     if judged.truth.tier == Tier.NONE:
         return []
-    modes = {f"{guide}.mode" for guide in judged.scene.guides}
+    scene = judged.scene
+    modes = {f"{joint}.mode" for joint in {**scene.guides, **scene.frictional_joints}}
     judged_elsewhere = {*judged.tables["errors"]["column"], *modes, *RESIDUALS}
     return [name for name in judged.table.columns if name not in judged_elsewhere]
 
@@ -384,9 +385,10 @@ def _compared_columns(judged: Judgement, shades: Sequence[tuple[float, float]]) 
     true = judged.truth(run.t)
     t = np.linspace(run.t[0], run.t[-1], LINE_SAMPLES)
     stride = -(-len(run.t) // TABLE_POINTS)
-    labels = {
-        f"{guide}.slip_velocity": "slip velocity [m/s]" for guide in judged.scene.frictional_guides
-    }
+    labels = {}
+    for joint in judged.scene.frictional_joints:
+        slip = f"{joint}.slip_velocity"
+        labels[slip] = f"slip velocity [{unit_of(slip, judged.scene)}]"
     for effort in _effort_columns(judged):
         labels[effort] = f"effort [{unit_of(effort, judged.scene)}]"
     for name, label in labels.items():

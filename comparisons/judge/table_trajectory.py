@@ -99,7 +99,7 @@ def trajectory_of(scene: Scene, table: ResultTable, truth: Truth) -> Trajectory:
     for time, before, after in table.jumps(table.columns):
         if not t[0] < time < t[-1]:
             continue
-        kinds = list(changed_modes(scene.frictional_guides, before, after))
+        kinds = list(changed_modes(scene.frictional_joints, before, after))
         if not kinds:
             kinds = _nearest_kinds(truth, time)
         events += [Event(time, kind, guide, before, after) for kind, guide in kinds]
@@ -156,6 +156,7 @@ def _columns_of_states(scene: Scene, run: Trajectory) -> Mapping[str, np.ndarray
     names = [
         f"{guide}.{label}" for guide in scene.guides for label in ("displacement", "slip_velocity")
     ]
+    names += [f"{pin}.slip_velocity" for pin in scene.pins if pin in scene.frictional_joints]
     names += ["drift.position", "drift.velocity"]
     has_velocities = has_columns(run.columns, scene, VELOCITIES)
     labels = [*POSITIONS, *VELOCITIES] if has_velocities else [*POSITIONS]

@@ -22,6 +22,7 @@ from stiction.reference_impl.multibody.reactions import recover_columns
 from stiction.reference_impl.multibody.trajectory_columns import corner_columns
 from stiction.scenes import Scene
 from stiction.scenes.column_file import row_slices
+from stiction.scenes.model import Revolute
 from stiction.truths import Truth
 
 RANK = 1e-9
@@ -274,12 +275,15 @@ def slips(
 def _slips_of_guides(
     scene: Scene, t: np.ndarray, q: np.ndarray, v: np.ndarray | None
 ) -> Iterator[tuple[str, np.ndarray, np.ndarray]]:
-    """Yield name, displacement (m) and slip velocity (m/s) of each guide with friction."""
+    """Yield name, displacement (m) and slip velocity (m/s) of each joint with friction; of a pin rad and rad/s."""
     motion = Motion(list(scene.bodies), t, q, np.zeros_like(q) if v is None else v)
-    for name, guide in scene.frictional_guides.items():
-        displacement = motion.direction(guide.guide, guide.direction).dot(
-            motion.between(guide.bodies, (guide.slider_point, guide.point))
-        )
+    for name, joint in scene.frictional_joints.items():
+        if isinstance(joint, Revolute):
+            displacement = motion.angle(joint.bodies[0]) - motion.angle(joint.bodies[1])
+        else:
+            displacement = motion.direction(joint.guide, joint.direction).dot(
+                motion.between(joint.bodies, (joint.slider_point, joint.point))
+            )
         yield name, displacement.value, displacement.rate
 
 
@@ -367,11 +371,15 @@ def _balance(
 def _coulomb(
     scene: Scene, name: str, slip: np.ndarray, columns: Mapping[str, np.ndarray]
 ) -> np.ndarray:
-    """Return the friction force on the slider of a guide, N; zero at rest, where it does no work."""
-    guide = scene.guides[name]
+    """Return the friction of a joint by its kinetic bound and coefficient, N or N m; zero at rest, without work."""
+    joint = scene.joints[name]
     mode = np.where(np.abs(slip) > STILL * np.max(np.abs(slip)), np.sign(slip), 0.0)
-    if guide.length is None:
-        return -mode * guide.kinetic_coefficient * np.abs(columns[f"{name}.normal_force"])
-    sliding = corner_columns(name, guide, {**columns, f"{name}.mode": mode})
-    friction = sliding[f"{name}.friction_lower"] + sliding[f"{name}.friction_upper"]
-    return np.where(mode != 0, friction, 0.0)
+    bound, _ = joint.bounds
+    if isinstance(joint, Revolute):
+        return -mode * bound
+    if joint.length is None:
+        load = np.abs(columns[f"{name}.normal_force"])
+    else:
+        sliding = corner_columns(name, joint, {**columns, f"{name}.mode": mode})
+        load = sum(sliding[f"{name}.F{corner}"] for corner in (1, 2, 3, 4))
+    return np.where(mode != 0, -mode * (bound + joint.kinetic_coefficient * load), 0.0)

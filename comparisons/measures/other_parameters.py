@@ -321,6 +321,8 @@ def changed(scene: Scene, parameter: Parameter, factor: float) -> Scene:
     # All guides together; mus never falls below mu.
     joints = dict(scene.joints)
     for name, guide in scene.frictional_guides.items():
+        if guide.mu is None:
+            continue  # its bound is a constant, which no hypothesis varies
         kinetic, static = guide.kinetic_coefficient, guide.static_coefficient
         if hypothesis is Hypothesis.ONE_COEFFICIENT:
             static = kinetic

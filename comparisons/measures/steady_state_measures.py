@@ -317,7 +317,7 @@ class Measure:
     function : callable
         Yields the number of a window, from the column of its run that is named. Its docstring says what it is.
     needs : str or None
-        A part of the scene that must not be empty: ``"guides"``, ``"frictional_guides"``, ``"drives"``.
+        A part of the scene that must not be empty: ``"guides"``, ``"frictional_joints"``, ``"drives"``.
     of : str
         Column of these, such as ``"effort"``.
     sampled : bool
@@ -388,7 +388,7 @@ def measure_of(text: str) -> Measure:
 
 
 def stick_fraction(window: SteadyWindow, mode: str) -> float:
-    """Part of the window in which a frictional guide sticks.
+    """Part of the window in which a frictional joint sticks.
 
     It is taken from located events, else from the stretches between samples of which both are slower than
     `CREEP_TOLERANCE`: a reversal has only one such sample.
@@ -446,7 +446,7 @@ def event_count(window: SteadyWindow, _: str) -> float:
 MEASURES = {
     measure.name: measure
     for measure in (
-        Measure("stick-fraction", "-", stick_fraction, needs="frictional_guides", of="mode"),
+        Measure("stick-fraction", "-", stick_fraction, needs="frictional_joints", of="mode"),
         Measure("peak-torque", "N m", peak, needs="drives", of="effort", sampled=True),
         Measure(
             "peak-speed",

@@ -174,11 +174,25 @@ def _removals(scene: Scene) -> list[tuple[str, str, list[str]]]:
         for name, guide in frictional.items()
         if guide.static_coefficient > guide.kinetic_coefficient
     ]
+    with_static_bound = [
+        name for name, joint in scene.frictional_joints.items() if joint.bounds[1] > joint.bounds[0]
+    ]
+    static_keys = [
+        *(f"{name}.mus" for name in with_static_friction),
+        *(f"{name}.static_friction" for name in with_static_bound),
+    ]
+    friction_keys = _declared_keys(
+        scene.frictional_joints, "mu", "mus", "friction", "static_friction"
+    )
     springs = scene.springs.items()
+    damping_keys = [
+        *(f"springs.{name}.damping" for name, spring in springs if spring.damping),
+        *(f"joints.{name}.damping" for name, joint in scene.joints.items() if joint.damping),
+    ]
     return [
         ("gravity", "", ["gravity"] if scene.gravity and any(scene.gravity) else []),
-        ("friction", "", _declared_keys(frictional, "mu", "mus")),
-        ("static coefficient", "mus = mu", [f"{name}.mus" for name in with_static_friction]),
+        ("friction", "", friction_keys),
+        ("static coefficient", "mus = mu", static_keys),
         (
             "surface levers",
             "width",
@@ -191,18 +205,18 @@ def _removals(scene: Scene) -> list[tuple[str, str, list[str]]]:
             "",
             [f"springs.{name}.stiffness" for name, spring in springs if spring.stiffness],
         ),
-        ("damper", "", [f"springs.{name}.damping" for name, spring in springs if spring.damping]),
+        ("damper", "", damping_keys),
         ("load", "", [f"forces.{name}" for name in scene.forces]),
     ]
 
 
-def _declared_keys(guides: Mapping[str, Any], *attributes: str) -> list[str]:
-    """Return the keys of those attributes of guides that the scene declares: ``guide.mu``."""
+def _declared_keys(joints: Mapping[str, Any], *attributes: str) -> list[str]:
+    """Return the keys of those attributes of joints that the scene declares: ``guide.mu``."""
     return [
         f"{name}.{attribute}"
-        for name, guide in guides.items()
+        for name, joint in joints.items()
         for attribute in attributes
-        if getattr(guide, attribute) is not None
+        if getattr(joint, attribute, None) is not None
     ]
 
 

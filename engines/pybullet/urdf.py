@@ -8,6 +8,7 @@ from stiction.engines.protocol import Refused
 from stiction.engines.shared.law_expression import law_expression
 from stiction.engines.shared.link_tree import LinkTree
 from stiction.scenes import Scene
+from stiction.scenes.model import Joint
 
 BASE = "base"
 _HEADER = """
@@ -57,6 +58,8 @@ def urdf(scene: Scene) -> str:
             joint, "origin", xyz=_numbers(*tree.place(i)), rpy=_numbers(0.0, 0.0, link.angle)
         )
         xml.SubElement(joint, "axis", xyz=_numbers(*link.axis, 0.0) if link.slides else "0 0 1")
+        if link.joint is not None:
+            _dynamics(joint, scene.joints[link.joint])
         if link.slides:
             xml.SubElement(
                 joint,
@@ -79,6 +82,17 @@ def _inertial(link: xml.Element, point: tuple[float, float], mass: float, inerti
     xml.SubElement(inertial, "inertia", {key: repr(float(value)) for key, value in moments.items()})
 
 
+def _dynamics(element: xml.Element, joint: Joint) -> None:
+    """Give a joint its damping and the constant bound of its friction in slip, if it has any."""
+    if joint.damping or joint.friction:
+        xml.SubElement(
+            element,
+            "dynamics",
+            damping=repr(float(joint.damping)),
+            friction=repr(float(joint.friction or 0.0)),
+        )
+
+
 def _missing(scene: Scene) -> str:
     """Return a line for each effect of the scene that is not in the file."""
     effects = [
@@ -93,7 +107,13 @@ def _missing(scene: Scene) -> str:
             f"bound mu (|n1| + |n2|), mu = {guide.mu!r}, and "
             f"{guide.static_coefficient!r} while it sticks",
         )
-        for name, guide in scene.frictional_guides.items()
+        for name, guide in scene.guides.items()
+        if guide.mu is not None
+    ]
+    effects += [
+        (f'static friction of "{name}"', f"the bound is {joint.bounds[1]!r} while it sticks")
+        for name, joint in scene.joints.items()
+        if joint.bounds[1] > joint.bounds[0]
     ]
     return "".join(f"\n  - {effect}: {what};" for effect, what in effects) or " nothing."
 

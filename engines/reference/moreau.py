@@ -7,6 +7,7 @@ from dataclasses import replace
 from typing import Any
 
 from stiction.engines.assembly import Assembly, assembly_of
+from stiction.engines.joint_effects import ALL_EFFECTS, JointEffect
 from stiction.engines.protocol import Capabilities, Engine, installed_version
 from stiction.engines.reference.engine import compile_kernels
 from stiction.engines.shared.fixed_step import settings_of, step_of, steps_between_outputs
@@ -28,7 +29,7 @@ class MoreauEngine(Engine):
     (`Arrays.length_scale`; the settings of a trajectory also contain it in metres); `restitution`, Newton's coefficient
     of restitution.
 
-    Scenes are refused only for static coefficients above the kinetic ones; guides may be on moving bodies. If
+    Scenes are refused only for static friction above the kinetic one; guides may be on moving bodies. If
     Lemke's method finds no solution of the complementarity problem of a step, all contact modes are tried. The run ends
     early if none of them is a solution, or if there are too many to try.
     """
@@ -42,6 +43,7 @@ class MoreauEngine(Engine):
         },
         reactions="engine",
         order="1",
+        joint_effects={Fidelity.CONTACT: ALL_EFFECTS - {JointEffect.STATIC_FRICTION}},
     )
 
     @property
@@ -63,7 +65,7 @@ class MoreauEngine(Engine):
                 f"joints.{name}: Moreau's impact law has one coefficient of friction; mus = {guide.mus:g} is not "
                 f"mu = {guide.mu:g}"
                 for name, guide in scene.frictional_guides.items()
-                if guide.static_coefficient != guide.mu
+                if guide.static_coefficient != guide.kinetic_coefficient
             ),
             None,
         )

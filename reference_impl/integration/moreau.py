@@ -11,11 +11,17 @@ v) to (q+, v+), with q_M = q + dt/2 v:
     0 <= P_N  _|_  W_N^T v+ + e W_N^T v >= 0     contacts with g(q_M) <= 0; e: Newton's coefficient of restitution
     P_T in mu P_N [-1, 1],  -W_T^T v+ in its normal cone     Coulomb's law; there is one coefficient, mus is not used
 
+Beyond that paper: joints whose friction has a constant bound F of its own (`Arrays.friction`), of pins and guides, have
+a direction W_C each, which is always closed, with impulses P_C in F dt [-1, 1]; there is one bound, the static one is
+not used.
+
 Bilateral impulses are eliminated. What is left is a linear complementarity problem with P_T = b1 - b2 and the largest
 slip l of a contact (Stewart & Trinkle, Int. J. Numer. Methods Eng. 39 (1996) 2673-2691, one direction in the plane),
 copositive, so that Lemke's method finds a solution wherever some velocity is admissible:
 
     w_N = D_NN P_N + D_NT (b1 - b2) + c_N      w_i = +-(D_TN P_N + D_TT (b1 - b2) + c_T) + l      w_l = mu P_N - b1 - b2
+
+with w_l = F dt - b1 - b2 for a constant bound.
 
 The right side -Phi/dt takes back the drift of the last step; contacts keep their penetration, at most that of one step.
 """
@@ -80,10 +86,14 @@ class Work(Record):
 
 
 class Contacts(Bundle):
-    """The unilateral part of a mechanism, and the numbers of the constraint rows that stay."""
+    """The unilateral part of a mechanism, and the numbers of the constraint rows that stay.
+
+    `dry` are the numbers of the frictional joints with a constant bound.
+    """
 
     contact: Annotated[np.ndarray, CONTACT, 1]
     bilateral: Integers
+    dry: Integers
 
 
 class Task(Bundle):
@@ -156,16 +166,20 @@ def contacts_of(mechanism: Mechanism, clearance: float) -> Contacts:
                 )
             )
     kept = [row for row in range(m.rows) if row not in released]
-    return Contacts(np.array(contacts, dtype=CONTACT), np.array(kept, dtype=np.int64))
+    return Contacts(
+        np.array(contacts, dtype=CONTACT),
+        np.array(kept, dtype=np.int64),
+        np.flatnonzero(m.friction["bound"] > 0.0).astype(np.int64),
+    )
 
 
 @kernel(allocates=True)
 def _active_rows(
     m: Arrays, w: Workspace, contacts: Contacts, q: Reals, v: Reals
 ) -> tuple[Integers, Table]:
-    """Return the numbers of the closed contacts, and their rows (2 * closed, 3 * bodies).
+    """Return the numbers of the closed contacts, and their rows (2 * closed + dry, 3 * bodies).
 
-    Rows of the normals come first, then those of the tangents.
+    Rows of the normals come first, then those of the tangents, then the directions of dry friction.
     """
     rows, closed, n = (
         np.zeros((len(contacts.contact), 12)),
@@ -183,7 +197,13 @@ def _active_rows(
             row_along(rows[k], 1, ux, uy, arms, dx, dy)
             closed[n] = k
             n += 1
-    W = np.zeros((2 * n, len(q)))
+    W = np.zeros((2 * n + len(contacts.dry), len(q)))
+    for b in range(len(m.block)):
+        at, row, column = np.int64(m.block[b, 0]), np.int64(m.block[b, 1]), np.int64(m.block[b, 2])
+        for i in range(len(contacts.dry)):
+            if contacts.dry[i] == row - m.rows:
+                for c in range(3):
+                    W[2 * n + i, column + c] = w.J[at + c]
     for i in range(2 * n):
         k, half = closed[i % n], 6 * (i // n)
         a, b = contacts.contact[k].a, contacts.contact[k].b
@@ -258,37 +278,49 @@ def _contact_matrix(m: Arrays, W: Table, J: Table, X: Table) -> Table:
 
 
 @kernel(allocates=True)
-def _contact_impulses(D: Table, c: Reals, mu: Reals, P: Reals) -> tuple[int, int]:
-    """Solve the complementarity problem of the closed contacts for P = (P_N, P_T); returns outcome and pivots.
+def _contact_impulses(D: Table, c: Reals, mu: Reals, limit: Reals, P: Reals) -> tuple[int, int]:
+    """Solve the complementarity problem of the closed contacts for P = (P_N, P_T, P_C); returns outcome and pivots.
 
-    D (2n, 2n) is velocity per impulse, c (2n,) the velocities without contact impulses, restitution included.
+    D (2n + d, 2n + d) is velocity per impulse, c (2n + d,) the velocities without contact impulses, restitution
+    included. `mu` (n,): coefficients of the contacts; `limit` (d,): constant bounds of impulses, N s.
     """
-    n = len(mu)
+    n, tangents = len(mu), len(mu) + len(limit)
     size = 1e-300
-    for i in range(2 * n):
+    for i in range(n + tangents):
         size = max(size, D[i, i])
-    A, b, cover = np.zeros((4 * n, 4 * n)), np.zeros(4 * n), np.zeros(4 * n)
-    for i in range(4 * n):
+    count = n + 3 * tangents
+    A, b, cover = np.zeros((count, count)), np.zeros(count), np.zeros(count)
+    for i in range(count):
         # Lemke's covering vector, spread over 1 .. 1.5: the two corners on one surface have one tangent, and with equal
         # weights their ties led his method to a ray within seconds of the paper's example
         cover[i] = 1.0 + 0.5 * (GOLDEN * (i + 1) % 1.0)
+    # places of b1, b2 and l behind those of P_N
+    one, two, slip = n, n + tangents, n + 2 * tangents
     for i in range(n):
         for j in range(n):
-            N, NT, TN, T = (
-                D[i, j] / size,
-                D[i, n + j] / size,
-                D[n + i, j] / size,
-                D[n + i, n + j] / size,
-            )
-            A[i, j], A[i, n + j], A[i, 2 * n + j] = N, NT, -NT
-            A[n + i, j], A[n + i, n + j], A[n + i, 2 * n + j] = TN, T, -T
-            A[2 * n + i, j], A[2 * n + i, n + j], A[2 * n + i, 2 * n + j] = -TN, -T, T
-        A[n + i, 3 * n + i], A[2 * n + i, 3 * n + i] = 1.0, 1.0
-        A[3 * n + i, i], A[3 * n + i, n + i], A[3 * n + i, 2 * n + i] = mu[i], -1.0, -1.0
-        b[i], b[n + i], b[2 * n + i] = c[i], c[n + i], -c[n + i]
+            A[i, j] = D[i, j] / size
+        for j in range(tangents):
+            NT, TN = D[i, n + j] / size, D[n + j, i] / size
+            A[i, one + j], A[i, two + j] = NT, -NT
+            A[one + j, i], A[two + j, i] = TN, -TN
+        b[i] = c[i]
+    for i in range(tangents):
+        for j in range(tangents):
+            T = D[n + i, n + j] / size
+            A[one + i, one + j], A[one + i, two + j] = T, -T
+            A[two + i, one + j], A[two + i, two + j] = -T, T
+        A[one + i, slip + i], A[two + i, slip + i] = 1.0, 1.0
+        A[slip + i, one + i], A[slip + i, two + i] = -1.0, -1.0
+        b[one + i], b[two + i] = c[n + i], -c[n + i]
+        if i < n:
+            A[slip + i, i] = mu[i]
+        else:
+            b[slip + i] = limit[i - n] * size
     _, z, outcome, pivots = lemke(A, b, cover)
     for i in range(n):
-        P[i], P[n + i] = z[i] / size, (z[n + i] - z[2 * n + i]) / size
+        P[i] = z[i] / size
+    for i in range(tangents):
+        P[n + i] = (z[one + i] - z[two + i]) / size
     return outcome, pivots
 
 
@@ -305,7 +337,7 @@ def _step(
         q[k] += 0.5 * dt * v[k]
     row_form(m, w, t + 0.5 * dt, q, v)
     closed, W = _active_rows(m, w, contacts, q, v)
-    n = len(closed)
+    n, impulses = len(closed), len(W)
     J, X = _bilateral(m, w, contacts, W, dt)
     if len(X) < len(J):
         return SINGULAR
@@ -314,21 +346,23 @@ def _step(
         for r in range(len(J)):
             impulse += J[r, k] * X[r, 0]
         v_new[k] = v[k] + dt * w.free[k] + m.inverse_mass[k] * impulse
-    P = np.zeros(2 * n)
-    if n:
-        c, mu = np.zeros(2 * n), np.zeros(n)
-        for i in range(2 * n):
+    P = np.zeros(impulses)
+    if impulses:
+        c, mu, limit = np.zeros(impulses), np.zeros(n), np.zeros(len(contacts.dry))
+        for i in range(impulses):
             for k in range(len(v)):
                 c[i] += W[i, k] * (v_new[k] + (task.restitution * v[k] if i < n else 0.0))
         for i in range(n):
             mu[i] = contacts.contact[closed[i]].mu
-        outcome, pivots = _contact_impulses(_contact_matrix(m, W, J, X), c, mu, P)
+        for i in range(len(limit)):
+            limit[i] = m.friction[contacts.dry[i]].bound * dt
+        outcome, pivots = _contact_impulses(_contact_matrix(m, W, J, X), c, mu, limit, P)
         s.work.pivots += pivots
         if outcome != SOLVED:
             return outcome
         for k in range(len(v)):
             impulse = 0.0
-            for i in range(2 * n):
+            for i in range(impulses):
                 impulse += W[i, k] * P[i]
             for r in range(len(J)):
                 impulse -= J[r, k] * product(X[r, 1:], P)
@@ -338,7 +372,7 @@ def _step(
         force[r] = 0.0
     for i in range(len(contacts.bilateral)):
         force[contacts.bilateral[i]] = (X[i, 0] - product(X[i, 1:], P)) / dt
-    for i in range(2 * n):
+    for i in range(impulses):
         P[i] /= dt
     _reactions(m, w, contacts, s, closed, W, P, row)
     for k in range(len(q)):
@@ -361,6 +395,9 @@ def _reactions(m, w, contacts, s, closed, W, P, row):
             corner[g, k, 0], corner[g, k, 1] = 0.0, 0.0
     for f in range(len(slip)):
         slip[f] = 1 if w.slip_speed[f] > 0.0 else -1
+    for i in range(len(contacts.dry)):
+        force[m.rows + contacts.dry[i]] += P[2 * n + i]
+        slip[contacts.dry[i]] = _direction(product(W[2 * n + i], v_new), speed)
     for i in range(n):
         contact, normal, friction = contacts.contact[closed[i]], P[i], P[n + i]
         corner[contact.guide, contact.corner, 0], corner[contact.guide, contact.corner, 1] = (
@@ -374,10 +411,15 @@ def _reactions(m, w, contacts, s, closed, W, P, row):
         force[m.rows + contact.friction] += friction
         if normal > heaviest[contact.guide]:
             heaviest[contact.guide] = normal
-            velocity = product(W[n + i], v_new)
-            slip[contact.friction] = (
-                0 if abs(velocity) <= AT_REST * speed else 1 if velocity > 0.0 else -1
-            )
+            slip[contact.friction] = _direction(product(W[n + i], v_new), speed)
+
+
+@kernel
+def _direction(velocity, speed):
+    """Return the direction of a slip velocity: 0 where it is rounding of the largest speed."""
+    if abs(velocity) <= AT_REST * speed:
+        return 0
+    return 1 if velocity > 0.0 else -1
 
 
 @kernel
@@ -459,10 +501,12 @@ def simulate_moreau(
         if guide.length is not None:
             columns |= {f"{name}.F{k + 1}": corners[:, i, k, 0] for k in range(4)}
         if guide.length is not None and guide.frictional:
-            columns |= {
-                f"{name}.friction_lower": corners[:, i, :2, 1].sum(axis=1),
-                f"{name}.friction_upper": corners[:, i, 2:, 1].sum(axis=1),
-            }
+            lower, upper = corners[:, i, :2, 1].sum(axis=1), corners[:, i, 2:, 1].sum(axis=1)
+            if guide.friction is not None:
+                # what is not friction of contacts has the constant bound, of which each surface has half
+                constant = 0.5 * (columns[f"{name}.friction"] - lower - upper)
+                lower, upper = lower + constant, upper + constant
+            columns |= {f"{name}.friction_lower": lower, f"{name}.friction_upper": upper}
     breakdown = (
         None
         if code == DONE

@@ -15,7 +15,9 @@ from stiction.scenes import Scene
 from stiction.scenes.model import Baumgarte, NoStabilization, Revolute
 
 UNKNOWNS_OF_STICK = 4
-"""gH+ and lH- of both surfaces: what a sticking guide adds to the HLCP."""
+"""gH+ and lH- of both surfaces: what a sticking guide with a coefficient of friction adds to the HLCP."""
+UNKNOWNS_OF_DIRECTION = 2
+"""gH+ and lH- of one direction: what any other sticking joint adds, a pin or a guide with a constant bound alone."""
 
 
 @dataclass(frozen=True)
@@ -35,7 +37,13 @@ class Block:
 def blocks(scene: Scene) -> list[Block]:
     """All effects there are, declared by the scene or not."""
     revolute = tuple(name for name, joint in scene.joints.items() if isinstance(joint, Revolute))
-    guides, frictional = scene.guides, scene.frictional_guides
+    guides = scene.guides
+    frictional = {name: guide for name, guide in guides.items() if guide.mu is not None}
+    bounded = tuple(name for name, joint in scene.joints.items() if joint.friction is not None)
+    firmer = tuple(
+        name for name in bounded if scene.joints[name].bounds[1] > scene.joints[name].bounds[0]
+    )
+    alone = [name for name in bounded if name not in frictional]
     cornered = tuple(name for name, guide in guides.items() if guide.length is not None)
     levers = tuple(name for name, guide in frictional.items() if guide.width)
     static = tuple(
@@ -44,7 +52,7 @@ def blocks(scene: Scene) -> list[Block]:
         if guide.static_coefficient > guide.kinetic_coefficient
     )
     stiff = tuple(name for name, spring in scene.springs.items() if spring.stiffness)
-    damped = tuple(name for name, spring in scene.springs.items() if spring.damping)
+    damped = tuple(name for name, spring in scene.springs_and_dampers.items() if spring.damping)
     law, stabilization = scene.stabilization, "Phi'' = 0"
     if isinstance(law, Baumgarte):
         stabilization = f"Phi'' + {2 * law.alpha:g} Phi' + {law.beta**2:g} Phi = 0 (25)"
@@ -111,7 +119,16 @@ def blocks(scene: Scene) -> list[Block]:
             tuple(frictional),
             "slip: lambda_T = -mu FN sgn(gT'); stick: gT' = 0 (3)-(16)",
             f"tangential rows: {len(frictional)}",
-            "no complementarity problem: one linear solve gives all multipliers",
+            "friction does not depend on normal forces: accelerations exist and are unique"
+            if bounded
+            else "no complementarity problem: one linear solve gives all multipliers",
+        ),
+        Block(
+            "constant bounds",
+            bounded,
+            "slip: lambda_T = -(c + mu FN) sgn(gT'); stick: |lambda_T| <= cH + mus FN",
+            f"tangential rows: {len(alone)}",
+            "friction is proportional to normal forces",
         ),
         Block(
             "surface levers",
@@ -122,22 +139,34 @@ def blocks(scene: Scene) -> list[Block]:
         ),
         Block(
             "static coefficient",
-            static,
-            "stick: |lambda_T| <= mus FN, mus > mu (14), (17)",
+            tuple(dict.fromkeys([*static, *firmer])),
+            "stick: |lambda_T| <= cH + mus FN, mus > mu or cH > c (14), (17)"
+            if firmer
+            else "stick: |lambda_T| <= mus FN, mus > mu (14), (17)",
             "",
             "friction does not drop at break-away",
         ),
     ]
 
 
-def hlcp_size(scene: Scene, sticking: int = 0) -> int:
-    """Return the number of complementary pairs of eqs. (36)-(38) for a number of sticking guides.
+def two_sided_guides(scene: Scene) -> list[str]:
+    """Return the guides with a coefficient of friction, whose two surfaces have a friction each."""
+    return [name for name, guide in scene.guides.items() if guide.mu is not None]
 
-    It is 0 without frictional guides. There is a pair for every bilateral row. The two rows of a
-    frictional guide give way to its two corners, or without a length its normal row to its normal
-    force. `UNKNOWNS_OF_STICK` are added for every sticking guide.
+
+def hlcp_size(scene: Scene, sticking: int = 0, sticking_otherwise: int = 0) -> int:
+    """Return the number of complementary pairs of eqs. (36)-(38) for a number of sticking joints.
+
+    It is 0 without friction. There is a pair for every bilateral row. The two rows of a guide with a
+    coefficient of friction give way to its two corners, or without a length its normal row to its
+    normal force. `UNKNOWNS_OF_STICK` are added for each of these guides that is `sticking`, and
+    `UNKNOWNS_OF_DIRECTION` for each other joint that is `sticking_otherwise`: a pin, or a guide with
+    a constant bound alone.
     """
-    return constraint_rows(scene) + UNKNOWNS_OF_STICK * sticking if scene.frictional_guides else 0
+    if not scene.frictional_joints:
+        return 0
+    of_stick = UNKNOWNS_OF_STICK * sticking + UNKNOWNS_OF_DIRECTION * sticking_otherwise
+    return constraint_rows(scene) + of_stick
 
 
 def constraint_rows(scene: Scene) -> int:

@@ -133,7 +133,7 @@ def rerun_command(record: Record) -> str | None:
         return shlex.join(
             ["stiction", "compare", "effects", record.scene, "--engines", record.variant.engine]
         )
-    # An engine without a static coefficient was given a scene with mus = mu.
+    # An engine without static friction was given a scene whose static values are the kinetic ones.
     scene = physics_of(declared, has_static_coefficient(record.variant))
     options = []
     for name, value in job(scene, record.variant, record.step).arguments.items():
@@ -141,10 +141,11 @@ def rerun_command(record: Record) -> str | None:
             options.append((name.replace("_", "-"), str(value)))
         else:
             options.append(("setting", f"{name}={as_given(value)}"))
-    for name, guide in declared.frictional_guides.items():
-        mus = scene.guides[name].mus
-        if guide.mus != mus:
-            options.append(("set", f"{name}.mus={mus!r}"))
+    for name, joint in declared.joints.items():
+        for key in ("mus", "static_friction"):
+            value = getattr(scene.joints[name], key, None)
+            if getattr(joint, key, None) != value:
+                options.append(("set", f"{name}.{key}={value!r}"))
     return run_command(record.scene, record.variant.engine, options)
 
 

@@ -273,9 +273,14 @@ def _show_freedoms(scene: Scene) -> None:
 def _show_problem_sizes(scene: Scene) -> None:
     """Print the sizes of the complementarity problem and of the linear solve in some contact modes.
 
-    The modes are those in which no guide sticks, one guide sticks, and all guides stick.
+    The modes are those in which no joint sticks, one joint sticks, and all joints stick. The first to stick is a guide
+    with a coefficient of friction, if there is any.
     """
-    from stiction.reference_impl.multibody.equation_summary import constraint_rows, hlcp_size
+    from stiction.reference_impl.multibody.equation_summary import (
+        constraint_rows,
+        hlcp_size,
+        two_sided_guides,
+    )
 
     print(
         "Size of the problem for the forces in each contact mode: complementary pairs in the horizontal linear "
@@ -283,24 +288,25 @@ def _show_problem_sizes(scene: Scene) -> None:
         "change:"
     )
     constraints = constraint_rows(scene)
-    guides = len(scene.frictional_guides)
+    joints, two_sided = len(scene.frictional_joints), len(two_sided_guides(scene))
+    noun = "guides" if len(scene.frictional_guides) == joints else "joints"
     rows = []
-    for sticking in sorted({0, min(1, guides), guides}):
-        # Each sticking guide adds the equation that holds its slider.
+    for sticking in sorted({0, min(1, joints), joints}):
+        # Each sticking joint adds the equation that holds it.
         equations = constraints + sticking
-        rows.append(
-            (_contact_mode(guides, sticking), str(hlcp_size(scene, sticking)), str(equations))
-        )
+        guides = min(sticking, two_sided)
+        size = hlcp_size(scene, guides, sticking - guides)
+        rows.append((_contact_mode(joints, sticking, noun), str(size), str(equations)))
     show(("contact mode", "HLCP", "linear"), rows)
 
 
-def _contact_mode(guides: int, sticking: int) -> str:
-    """Describe a contact mode in which `sticking` of the frictional guides stick and the others slip."""
-    if guides == 0:
+def _contact_mode(joints: int, sticking: int, noun: str) -> str:
+    """Describe a contact mode in which `sticking` of the frictional joints stick and the others slip."""
+    if joints == 0:
         return "no friction: no complementarity problem"
-    if guides == 1:
+    if joints == 1:
         return "sticking" if sticking else "slipping"
-    return f"{sticking} of {guides} guides sticking"
+    return f"{sticking} of {joints} {noun} sticking"
 
 
 def _show_independent_parts(scene: Scene) -> None:

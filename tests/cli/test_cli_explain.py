@@ -39,7 +39,7 @@ class TestSizes:
         row_form(m, w, 0.0, *mechanism.initial_state())
         assert m.rows == constraint_rows(mechanism.scene)
         for stuck in product((False, True), repeat=len(m.friction)):
-            _, _, b, _, _ = hlcp.assemble(m, w, np.where(stuck, 0, 1))
+            _, _, b, *_ = hlcp.assemble(m, w, np.where(stuck, 0, 1))
             assert len(b) == hlcp_size(mechanism.scene, sum(stuck))
 
     def test_no_friction_no_problem(self):

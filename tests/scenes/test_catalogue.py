@@ -11,6 +11,7 @@ from stiction.scenes import catalogue, load_scene, scene_from_dict, scene_to_tom
 NAMES = {
     "painleve-rod",
     "uniqueness-lost",
+    "vertical-slider",
     "existence-lost",
     "slider-bar-case-1",
     "slider-bar-case-2",
@@ -25,7 +26,9 @@ NAMES = {
     "mass-on-belt",
     "four-bar",
     "pendulum",
+    "pendulum-dry-pin",
     "slider-crank",
+    "slider-crank-dry-pins",
     "elliptic-trammel",
     "slider-on-moving-guide",
     "block-pulled-by-strut",

@@ -24,6 +24,8 @@ across; the torques of both of its pins are among these moments.
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 
 from stiction.scenes import Scene
@@ -33,7 +35,7 @@ from stiction.scenes.model import Drive, Revolute, Translational
 from stiction.truths.structure import ANY, CENTRE, FORWARD, Condition, Match, Part, Structure
 from stiction.truths.truth import EPS, Truth, body_columns
 
-_DRY_OR_DAMPED = {"friction": ANY, "static_friction": ANY, "damping": ANY}
+_DRY_OR_DAMPED: dict[str, Any] = {"friction": ANY, "static_friction": ANY, "damping": ANY}
 """Effects of pins that the torque contains. A pin that turns has its kinetic friction alone."""
 PINS = {"pivot": "crank", "crank pin": "rod", "slider pin": "rod"}
 """Pins, and the body whose torque by the pin is counted positive."""
@@ -142,9 +144,9 @@ def slider_crank_truth(scene: Scene, t_end: float | None = None) -> Truth:
         )
         moment -= on_first["crank pin"] + on_first["slider pin"]
         fy = (moment / l + np.sin(phi) * fx) / np.cos(phi)
-        for label, body in PINS.items():
+        for label, counted in PINS.items():
             if match[label].friction is not None:
-                turned = 1.0 if match[label].bodies[0] == body else -1.0
+                turned = 1.0 if match[label].bodies[0] == counted else -1.0
                 name = match.name(label)
                 values |= {
                     f"{name}.friction": -turned * signs[label] * match[label].bounds[0],

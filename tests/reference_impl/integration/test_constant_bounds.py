@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 
+from stiction.engines import load_engine
 from stiction.engines.reference.engine import ReferenceEngine
 from stiction.reference_impl.energies import energies
 from stiction.scenes import load_scene, scene_from_dict, vary
@@ -44,7 +45,9 @@ def arm(law, inertia=0.5, bound=1.0, static_bound=None, damping=0.0):
 def test_pendulum_turns_by_energy(rtol):
     scene = load_scene("pendulum-dry-pin")
     p = scene.parameters
-    expected = pendulum_turning_angles(p["m"] * p["g"] * p["l"], p["tau"], p["tau_s"], p["start"])
+    expected = pendulum_turning_angles(
+        p["m"] * p["g"] * p["l"], p["friction"], p["static_friction"], p["start"]
+    )
     run = simulate(scene, rtol)
     kinds = [event.kind for event in run.events]
     assert kinds == ["reversal"] * (len(expected) - 2) + ["stick"]
@@ -56,14 +59,14 @@ def test_pendulum_turns_by_energy(rtol):
     assert run["pin.mode"][-1] == 0 and abs(run["pin.slip_velocity"][-1]) < 1e-12
     slips = run["pin.mode"] != 0
     np.testing.assert_allclose(
-        run["pin.friction"][slips], -p["tau"] * run["pin.mode"][slips], rtol=1e-12
+        run["pin.friction"][slips], -p["friction"] * run["pin.mode"][slips], rtol=1e-12
     )
 
 
 def test_pendulum_holds_up_to_its_static_bound():
     """At rest while m g l |sin a| <= tau_s: from either side of the bound, by a part in a million."""
     p = load_scene("pendulum-dry-pin").parameters
-    limit = np.arcsin(p["tau_s"] / (p["m"] * p["g"] * p["l"]))
+    limit = np.arcsin(p["static_friction"] / (p["m"] * p["g"] * p["l"]))
     for factor, events in ((1 - 1e-6, 0), (1 + 1e-6, 1)):
         run = simulate(load_scene("pendulum-dry-pin", {"start": factor * limit}), t_end=0.3)
         moved = abs(run["bar.angle"][-1] - run["bar.angle"][0]) > 1e-9
@@ -112,7 +115,9 @@ def test_constant_bound_is_the_weight_times_a_coefficient():
 
 
 @pytest.mark.parametrize("rtol", RTOLS)
-@pytest.mark.parametrize("changes", [{}, {"F_s": 19.0}, {"v": 0}, {"v": 0, "F_s": 19.0}])
+@pytest.mark.parametrize(
+    "changes", [{}, {"static_friction": 19.0}, {"v": 0}, {"v": 0, "static_friction": 19.0}]
+)
 def test_vertical_slider(changes, rtol):
     """It stops on its way up; then it holds above m g = 19.62 N and sinks with g - F/m below."""
     scene = load_scene("vertical-slider", changes)
@@ -122,7 +127,7 @@ def test_vertical_slider(changes, rtol):
     ]
     for column, values in truth(run.t).items():
         np.testing.assert_allclose(run[column], values, rtol=0, atol=TIMES_RTOL * rtol * 20)
-    sinks = changes.get("F_s", 25.0) < 19.62
+    sinks = changes.get("static_friction", 25.0) < 19.62
     assert (run["slider.vy"][-1] < 0) == sinks
     if sinks:
         assert run["slider.ay"][-1] == pytest.approx(-(9.81 - 15 / 2), rel=1e-9)
@@ -363,3 +368,45 @@ def test_paper_scheme_and_textbook():
         np.testing.assert_allclose(run["bar.angle"], exact["bar.angle"], atol=1e-6)
     for column in compiled.columns:
         np.testing.assert_allclose(compiled[column], written[column], rtol=0, atol=1e-8)
+
+
+def moreau(scene, dt, t_end):
+    run = load_engine("moreau").simulate(
+        scene, t_end=t_end, dt=dt, output_step=0.01, fidelity="contact"
+    )
+    assert run.breakdown is None
+    return run
+
+
+@pytest.mark.parametrize(
+    ("name", "changes"),
+    [
+        ("slider-crank-dry-pins", {}),
+        ("slider-bar-case-1", {"guide.friction": 0.5, "pin.friction": 0.2, "guide.mus": None}),
+        ("pendulum-dry-pin", {"pin.static_friction": None}),
+    ],
+)
+def test_moreau_converges(name, changes):
+    """To the event-driven motion, in pins and beside contacts; of first order across events."""
+    scene = vary(load_scene(name), changes)
+    exact = simulate(scene, 1e-10, t_end=1.0)
+    body = list(scene.bodies)[-1]
+    errors = []
+    for dt in (2e-3, 5e-4, 1.25e-4):
+        run = moreau(scene, dt, 1.0)
+        errors.append(
+            max(np.max(np.abs(run[f"{body}.{x}"] - exact[f"{body}.{x}"])) for x in ("x", "angle"))
+        )
+        for joint in scene.frictional_joints:
+            difference = run[f"{joint}.friction"] - exact[f"{joint}.friction"]
+            assert np.median(np.abs(difference)) < 1e-8 + 2 * dt
+    assert errors[-1] < 0.5 * errors[0] and errors[-1] < 1e-4
+
+
+@pytest.mark.parametrize("part", [0.3, 0.99])
+def test_moreau_holds_below_the_bound(part):
+    """Set-valued friction: no creep, and the friction is the load."""
+    run = moreau(arm({"type": "constant", "value": part}), 1e-3, 0.5)
+    assert np.max(np.abs(run["arm.angle"])) < 1e-14
+    np.testing.assert_allclose(run["pin.friction"], -part, rtol=1e-9)
+    assert not run["pin.mode"].any()

@@ -5,7 +5,12 @@ from functools import cache
 
 import numpy as np
 import pytest
-from fuzz.several_freedoms import RESERVE, differences, random_scene
+from fuzz.several_freedoms import (
+    RESERVE,
+    differences,
+    random_scene,
+    scene_with_constant_bounds,
+)
 
 from stiction.comparisons.measures.scene_truth import ground_truth
 from stiction.engines.reference.engine import ReferenceEngine
@@ -68,6 +73,32 @@ def test_hundreds_of_random_mechanisms(block):
         assert motion.violation < RESERVE * TOLERANCE
         for rtol in RTOLS:
             run = reference(scene, t_end, rtol)
+            assert (run.breakdown or not motion.breakdown) and differences(
+                scene, motion, run, rtol
+            ) == [], (i, rtol)
+
+
+@pytest.mark.parametrize("i", range(3))  # hundreds in the long tests
+def test_random_mechanisms_with_constant_bounds(i):
+    """Friction with bounds of its own in pins and guides, alone and beside coefficients, and damping."""
+    scene = scene_with_constant_bounds(11, i)
+    motion = simulate(scene, T_END)
+    assert motion.breakdown is None and motion.violation < RESERVE * TOLERANCE
+    run = reference(scene, T_END, 1e-9)
+    assert run.breakdown is None and differences(scene, motion, run, 1e-9) == []
+
+
+@pytest.mark.long
+@pytest.mark.parametrize("block", range(12))
+def test_hundreds_of_random_mechanisms_with_constant_bounds(block):
+    """Nothing is silently wrong; without friction that depends on a load nothing is refused either."""
+    for i in range(300)[block::12]:
+        scene, t_end = scene_with_constant_bounds(3, i), 1.0
+        motion = simulate(scene, t_end)
+        assert motion.violation < RESERVE * TOLERANCE
+        for rtol in RTOLS:
+            run = reference(scene, t_end, rtol)
+            assert run.breakdown is None or any(guide.mu for guide in scene.guides.values())
             assert (run.breakdown or not motion.breakdown) and differences(
                 scene, motion, run, rtol
             ) == [], (i, rtol)

@@ -1,0 +1,68 @@
+"""Effects of joints: what an engine's capabilities name it takes, and any other it refuses before a run."""
+
+import pytest
+
+from stiction.engines import load_engine
+from stiction.engines.joint_effects import ALL_EFFECTS, JointEffect, effects_of, first_unsupported
+from stiction.engines.listing import known_engines
+from stiction.engines.protocol import Capabilities, Refused
+from stiction.engines.registry import EngineMissing
+from stiction.scenes import load_scene, vary
+
+CASE = "slider-bar-case-1-mus-equals-mu"
+CHANGES = {
+    JointEffect.PIN_FRICTION: {"pin.friction": 0.1},
+    JointEffect.GUIDE_FRICTION: {"guide.friction": 0.1},
+    JointEffect.DAMPING: {"pin.damping": 0.1},
+}
+
+
+def test_every_effect_is_found_in_its_joint():
+    scene = load_scene(CASE)
+    assert first_unsupported(scene, frozenset()) is None
+    for effect, change in CHANGES.items():
+        changed = vary(scene, change)
+        name = next(iter(change)).partition(".")[0]
+        assert effects_of(changed.joints[name]) == [effect]
+        assert first_unsupported(changed, frozenset()) == (name, effect)
+        assert first_unsupported(changed, frozenset({effect})) is None
+    static = vary(scene, {"pin.friction": 0.1, "pin.static_friction": 0.2})
+    assert JointEffect.STATIC_FRICTION in effects_of(static.joints["pin"])
+
+
+def test_zero_is_no_effect():
+    """A bound or a damping of zero changes no motion: all engines run such scenes."""
+    scene = vary(load_scene(CASE), {"pin.friction": 0.0, "guide.damping": 0.0})
+    assert first_unsupported(scene, frozenset()) is None
+
+
+@pytest.mark.parametrize("effect", CHANGES)
+def test_engines_refuse_what_they_do_not_take(effect):
+    """None ignores a key: the adapter of each engine that is installed takes the effect, or refuses the scene."""
+    scene = vary(load_scene(CASE), CHANGES[effect])
+    refusing = 0
+    for _, engine in known_engines():
+        if isinstance(engine, EngineMissing):
+            continue
+        for fidelity in engine.capabilities.fidelities:
+            if effect in engine.capabilities.joint_effects.get(fidelity, frozenset()):
+                continue
+            with pytest.raises(Refused, match="does not yet take"):
+                engine.simulate(scene, t_end=0.01, fidelity=fidelity)
+            refusing += 1
+    assert refusing >= 3
+
+
+def test_the_reference_takes_all():
+    assert load_engine("reference").capabilities.joint_effects["joint"] == ALL_EFFECTS
+
+
+def test_static_bounds_are_refused_by_moreau():
+    scene = vary(load_scene(CASE), {"pin.friction": 0.1, "pin.static_friction": 0.2})
+    with pytest.raises(Refused, match="larger at rest"):
+        load_engine("moreau").simulate(scene, t_end=0.01, fidelity="contact")
+
+
+def test_capabilities_are_a_mapping():
+    with pytest.raises(TypeError, match="joint_effects"):
+        Capabilities(("joint",), {}, {}, "engine", "1", joint_effects=[JointEffect.DAMPING])

@@ -464,3 +464,18 @@ def test_moreau_holds_below_the_bound(part):
     assert np.max(np.abs(run["arm.angle"])) < 1e-14
     np.testing.assert_allclose(run["pin.friction"], -part, rtol=1e-9)
     assert not run["pin.mode"].any()
+
+
+@pytest.mark.parametrize("solver", ["lemke", "enumeration", "trial"])
+def test_every_solver(solver):
+    """Lemke's method, enumeration, and trial and error choose the modes of a guide with both kinds and of a dry pin."""
+    changes = {"guide.friction": 0.5, "guide.static_friction": 0.7, "pin.friction": 0.2}
+    scene = vary(load_scene("slider-bar-case-1"), changes)
+    expected = simulate(scene, 1e-10, t_end=8.0)
+    assert {event.kind for event in expected.events} >= {"slip", "stick", "reversal"}
+    found = simulate(scene, 1e-10, t_end=8.0, solver=solver)
+    assert [(event.kind, event.joint) for event in found.events] == [
+        (event.kind, event.joint) for event in expected.events
+    ]
+    for column in ("slider.x", "guide.friction", "motor.effort"):
+        np.testing.assert_allclose(found[column], expected[column], rtol=0, atol=1e-7)

@@ -234,7 +234,7 @@ def test_slider_crank_with_dry_pins(rtol):
 
 @pytest.mark.parametrize("rtol", (1e-9, 1e-12))
 @pytest.mark.parametrize("sign", [1, -1])
-@pytest.mark.parametrize("share", [(2.0, 1.0, 3.0, 4.0), (0.5, 3.0, 0.2, 0.0)])
+@pytest.mark.parametrize("share", [(2.0, 1.0, 3.0, 4.0), (0.5, 3.0, 0.2, 0.0), (2.0, 1.0, 3.0)])
 def test_joints_at_rest_share_a_load_up_to_the_sum_of_their_bounds(share, sign, rtol):
     """A slider-crank at rest under a growing torque on its crank: three pins and the guide give way together.
 
@@ -245,8 +245,9 @@ def test_joints_at_rest_share_a_load_up_to_the_sum_of_their_bounds(share, sign, 
     phi = np.arcsin(-r * np.sin(angle) / l)
     rod_rate = -r * np.cos(angle) / (l * np.cos(phi))
     slider_rate = -r * np.sin(angle) - l * np.sin(phi) * rod_rate
-    rates = (1.0, rod_rate - 1.0, rod_rate, slider_rate)
-    joints = ("pivot", "crankpin", "pin", "guide")
+    # of three joints the shares are tried (`shared_rest`), of four the HLCP decides
+    rates = (1.0, rod_rate - 1.0, rod_rate, slider_rate)[: len(share)]
+    joints = ("pivot", "crankpin", "pin", "guide")[: len(share)]
     scene = vary(
         load_scene("slider-crank"),
         {

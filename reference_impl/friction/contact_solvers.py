@@ -80,6 +80,8 @@ def solve_contact(
         copy(directions[0], direction)
         for f in range(nf):
             guide, mu = m.friction[f], coefficient(m, f, slip)
+            if guide.corners == 0:
+                continue
             n1, n2 = corner_forces(
                 guide, w.force[guide.row], w.force[guide.row + 1], -mu * direction[f]
             )

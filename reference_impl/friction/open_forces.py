@@ -122,6 +122,8 @@ def take_least_forces(m: Arrays, w: Workspace, slip: Integers, corner: IntegerTa
         return
     copy(forces[best], w.force)
     for f in range(nf):
+        if m.friction[f].corners == 0:
+            continue
         normal = m.friction[f].row
         kappa = -coefficient(m, f, slip) * directions[best, f]
         n1, n2 = corner_forces(m.friction[f], w.force[normal], w.force[normal + 1], kappa)

@@ -70,6 +70,8 @@ def _watch_drives(m: Arrays, w: Workspace, slip: Integers) -> None:
         if m.friction[f].freedom != DRIVEN:
             continue
         if slip[f] != 0:
+            if m.friction[f].corners == 0:
+                continue
             ordinary = ordinary_load(m, w, f)
             w.event[3 * f + 1] = bounded(w.event[3 * f + 1], ordinary)
             if m.friction[f].length > 0.0:

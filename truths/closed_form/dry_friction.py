@@ -6,6 +6,7 @@ pin. Each function returns what follows from a balance of energy or of forces al
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -79,6 +80,19 @@ def oscillator_turning_points(
         amplitude = abs(places[-1]) - 2 * bound / stiffness
         places.append(-np.sign(places[-1]) * amplitude)
     return places
+
+
+def break_away_load(bounds: Sequence[float], rates: Sequence[float]) -> float:
+    """Return the load from which on a mechanism of one freedom at rest begins to move, whatever its joints share of it.
+
+    A load does the power `load` times the rate of its coordinate. Friction can take at most that of all static bounds
+    at once, so that the mechanism rests while
+
+        |load| <= sum over joints of static_i |rate_i| ,
+
+    `rates` per unit of the rate of the load's coordinate. Some share of the load lies within all bounds exactly then.
+    """
+    return float(np.sum(np.abs(rates) * np.array(bounds)))
 
 
 @dataclass(frozen=True)

@@ -11,6 +11,7 @@ from stiction.truths import incline_truth, oscillator_truth, slider_crank_truth
 from stiction.truths.closed_form.dry_friction import (
     MassesInSeries,
     RampedStart,
+    break_away_load,
     oscillator_turning_points,
     pendulum_turning_angles,
 )
@@ -231,6 +232,60 @@ def test_slider_crank_with_dry_pins(rtol):
         assert found == pytest.approx(jump, abs=TIMES_RTOL * rtol * 10)
 
 
+@pytest.mark.parametrize("rtol", (1e-9, 1e-12))
+@pytest.mark.parametrize("sign", [1, -1])
+@pytest.mark.parametrize("share", [(2.0, 1.0, 3.0, 4.0), (0.5, 3.0, 0.2, 0.0), (2.0, 1.0, 3.0)])
+def test_joints_at_rest_share_a_load_up_to_the_sum_of_their_bounds(share, sign, rtol):
+    """A slider-crank at rest under a growing torque on its crank: three pins and the guide give way together.
+
+    Static bounds are larger than kinetic ones. Where they are equal, the motion begins without an acceleration, and a
+    run may end there with a typed breakdown, as the signs of its first speeds are rounding.
+    """
+    r, l, angle = 0.5, 2.0, 0.7
+    phi = np.arcsin(-r * np.sin(angle) / l)
+    rod_rate = -r * np.cos(angle) / (l * np.cos(phi))
+    slider_rate = -r * np.sin(angle) - l * np.sin(phi) * rod_rate
+    # of three joints the shares are tried (`shared_rest`), of four the HLCP decides
+    rates = (1.0, rod_rate - 1.0, rod_rate, slider_rate)[: len(share)]
+    joints = ("pivot", "crankpin", "pin", "guide")[: len(share)]
+    scene = vary(
+        load_scene("slider-crank"),
+        {
+            "drives.motor": None,
+            "gravity": None,
+            "crank.angle": angle,
+            "rod.angle": phi,
+            "crank.position": [r / 2 * np.cos(angle), r / 2 * np.sin(angle)],
+            "rod.position": [
+                r * np.cos(angle) + l / 2 * np.cos(phi),
+                r * np.sin(angle) + l / 2 * np.sin(phi),
+            ],
+            "slider.position": [r * np.cos(angle) + l * np.cos(phi), 0.0],
+            "crank.velocity": None,
+            "crank.angular_velocity": None,
+            "rod.velocity": None,
+            "rod.angular_velocity": None,
+            **{f"{name}.friction": 0.9 * bound for name, bound in zip(joints, share)},
+            **{f"{name}.static_friction": bound for name, bound in zip(joints, share)},
+        },
+    )
+    torque = {"type": "torque", "body": "crank", "law": {"type": "linear", "rate": sign * 5.0}}
+    scene = vary(scene, {"forces": {"torque": torque}})
+    expected = break_away_load(share, rates) / 5.0
+    run = simulate(scene, rtol, t_end=expected + 0.1, output_step=0.01)
+    moving = [event for event in run.events if event.time < expected + 0.05]
+    assert {event.kind for event in moving} == {"slip"}
+    assert {event.joint for event in moving} == set(joints)
+    times = [event.time for event in moving]
+    np.testing.assert_allclose(times, expected, rtol=0, atol=TIMES_RTOL * rtol)
+    # until then the frictions are within their bounds, and their power is that of the torque
+    rests = run.t < expected - 1e-6
+    power = sum(run[f"{name}.friction"][rests] * rate for name, rate in zip(joints, rates))
+    np.testing.assert_allclose(power, -sign * 5.0 * run.t[rests], rtol=0, atol=1e-9)
+    for name, bound in zip(joints, share):
+        assert np.all(np.abs(run[f"{name}.friction"][rests]) <= bound * (1 + 1e-9) + 1e-12)
+
+
 def four_bar(friction, w):
     """A crank-rocker a = 0.2, b = 0.5, c = 0.4, d = 0.45 m, driven at constant speed; bodies not at mid-bar."""
     lengths = {"crank": 0.2, "coupler": 0.5, "rocker": 0.4}
@@ -410,3 +465,18 @@ def test_moreau_holds_below_the_bound(part):
     assert np.max(np.abs(run["arm.angle"])) < 1e-14
     np.testing.assert_allclose(run["pin.friction"], -part, rtol=1e-9)
     assert not run["pin.mode"].any()
+
+
+@pytest.mark.parametrize("solver", ["lemke", "enumeration", "trial"])
+def test_every_solver(solver):
+    """Lemke's method, enumeration, and trial and error choose the modes of a guide with both kinds and of a dry pin."""
+    changes = {"guide.friction": 0.5, "guide.static_friction": 0.7, "pin.friction": 0.2}
+    scene = vary(load_scene("slider-bar-case-1"), changes)
+    expected = simulate(scene, 1e-10, t_end=8.0)
+    assert {event.kind for event in expected.events} >= {"slip", "stick", "reversal"}
+    found = simulate(scene, 1e-10, t_end=8.0, solver=solver)
+    assert [(event.kind, event.joint) for event in found.events] == [
+        (event.kind, event.joint) for event in expected.events
+    ]
+    for column in ("slider.x", "guide.friction", "motor.effort"):
+        np.testing.assert_allclose(found[column], expected[column], rtol=0, atol=1e-7)

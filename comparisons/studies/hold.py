@@ -617,8 +617,8 @@ STUDY = Study(
     takes=frozenset({"engines"}),
     tables={
         "hold": "Runs of sliders that should be held",
-        "hold-joint-methods": "Creep of joints with a constant bound, by method",
         "hold-joints": "Runs of joints with a constant bound that should be held",
+        "hold-joint-methods": "Creep of joints with a constant bound, by method",
         "hold-laws": "Laws of creep",
         "hold-methods": "Creep by method",
         "hold-published": "Published creep, and ours",

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from stiction.engines import load_engine
+from stiction.engines.mujoco.engine import scene_as_mjcf
 from stiction.engines.protocol import FRICTION_SUPPLIED_BY, Refused
 from stiction.scenes import Scene, Trajectory, load_scene, scene_from_dict, vary
 from stiction.truths.closed_form.dry_friction import (
@@ -320,6 +321,26 @@ def test_creep_of_mujocos_default_reference(part):
     expected = part * BOUND / INERTIA * 0.1 / 0.9 / b
     assert run["arm.omega"][-1] == pytest.approx(expected, rel=1e-3)
     assert run.settings[FRICTION_SUPPLIED_BY] == "engine"
+
+
+def test_mjcf_contains_bound_and_damping():
+    """Plain MuJoCo makes the adapter's motion from the file alone, as nothing has to be set in a step."""
+    mujoco = pytest.importorskip("mujoco")
+    dry = vary(load_scene("pendulum-dry-pin"), {"tau_s": 0.3, "pin.damping": 0.05})
+    text = scene_as_mjcf(dry, STEP)
+    assert "To be set before each step" in text and "N, N m): nothing" in " ".join(text.split())
+    model = mujoco.MjModel.from_xml_string(text)
+    data = mujoco.MjData(model)
+    mujoco.mj_resetDataKeyframe(model, data, 0)
+    run = Method("mujoco", "engine", 0.0).run(dry, 3.0)
+    angles = []
+    for _ in run.t:
+        angles.append(data.qpos[0])
+        mujoco.mj_step(model, data)
+    moved = np.array(angles) - angles[0]
+    assert run["bar.angle"] - run["bar.angle"][0] == pytest.approx(moved, abs=1e-9)
+    static = scene_as_mjcf(load_scene("pendulum-dry-pin"), STEP)
+    assert 'frictionloss of joint "pin", here that of slip, 0.3: 0.35 while it sticks' in static
 
 
 @pytest.mark.parametrize("engine", ["mujoco", "pybullet", "dart", "drake"])

@@ -387,9 +387,10 @@ def _method_series(scope: Scope) -> Iterator[_Series]:
 
 
 def _joint_series(scope: Scope) -> Iterator[_Series]:
-    """Yield the runs with scenes whose friction has a constant bound: of all methods, and of `joint_subjects`.
+    """Yield the runs with scenes whose friction has a constant bound, at joint fidelity.
 
-    The bound is the same at rest and in slip, so that the friction is the engine's own where it has such an element.
+    They are those of all methods, and of `joint_subjects`. The bound is the same at rest and in slip, so that the
+    friction is the engine's own where it has such an element.
     """
     depth = _depth_of(scope)
     loads = [_Load(HELD, load) for load in depth.joint_loads]
@@ -398,8 +399,11 @@ def _joint_series(scope: Scope) -> Iterator[_Series]:
         for subject in load_data().joint_subjects
         if scope.engines is None or subject.engine in scope.engines
     ]
+    joint_variants = [
+        variant for variant in variants(scope.engines) if variant.fidelity == Fidelity.JOINT
+    ]
     for scene in _scenes(scope, depth.joint_scenes, constant=True):
-        for variant in variants(scope.engines):
+        for variant in joint_variants:
             steps = depth.steps if variant.parameter == "dt" else variant.ladder[-1:]
             yield _Series(scene, replace(variant, ladder=steps), False, loads)
         for subject in subjects:

@@ -5,7 +5,7 @@ from __future__ import annotations
 from enum import StrEnum
 
 from stiction.scenes import Scene
-from stiction.scenes.model import Joint, Revolute
+from stiction.scenes.model import Joint, Revolute, Translational
 
 
 class JointEffect(StrEnum):
@@ -44,3 +44,19 @@ def first_unsupported(
             if effect not in supported:
                 return name, effect
     return None
+
+
+def has_constant_bounds(scene: Scene) -> bool:
+    """Return True if a scene has friction, and no bound of it depends on a normal force."""
+    rubbing = [joint for joint in scene.frictional_joints.values() if joint.rubs]
+    return bool(rubbing) and not any(_depends_on_load(joint) for joint in rubbing)
+
+
+def has_static_bounds(scene: Scene) -> bool:
+    """Return True if the constant bound of a joint is larger at rest than in slip."""
+    return any(static > kinetic for kinetic, static in (j.bounds for j in scene.joints.values()))
+
+
+def _depends_on_load(joint: Joint) -> bool:
+    """Return True if the bound of a joint's friction grows with its normal force."""
+    return isinstance(joint, Translational) and joint.static_coefficient > 0.0

@@ -18,7 +18,12 @@ from typing import TYPE_CHECKING, Any
 from stiction.engines.assembly import Assembly
 from stiction.engines.examined import Examined
 from stiction.engines.gate import first_problem
-from stiction.engines.joint_effects import JointEffect, first_unsupported
+from stiction.engines.joint_effects import (
+    JointEffect,
+    first_unsupported,
+    has_constant_bounds,
+    has_static_bounds,
+)
 from stiction.scenes import Cost, InputError, Scene, StictionError, Trajectory
 from stiction.scenes.fidelity import Fidelity, fidelity_of
 
@@ -153,6 +158,10 @@ class Capabilities:
     friction_by : Mapping[str, Supplier]
         By fidelity: who supplies the friction law; by default the engine. Only runs with the same supplier are ranked
         together.
+    constant_bound_by : Mapping[str, Supplier]
+        By fidelity: who supplies friction in joints whose bounds are constants, in scenes without other friction; by
+        default the supplier in `friction_by`. If the bounds at rest and in slip differ, an engine that supplies it is
+        assisted by its adapter, see `Engine.constant_bound_supplier`.
     joint_effects : Mapping[str, frozenset of JointEffect]
         By fidelity: the effects of joints that are supported beside Coulomb's law in guides; by default none. Scenes
         with other effects are refused.
@@ -171,6 +180,7 @@ class Capabilities:
     adaptive: bool = False
     event_location: Supplier = Supplier.ENGINE
     friction_by: Mapping[str, Supplier] = field(default_factory=dict)
+    constant_bound_by: Mapping[str, Supplier] = field(default_factory=dict)
     joint_effects: Mapping[str, frozenset[JointEffect]] = field(default_factory=dict, repr=False)
 
     def __post_init__(self) -> None:
@@ -182,7 +192,13 @@ class Capabilities:
             )
         # An adapter may use plain texts in place of members.
         object.__setattr__(self, "fidelities", tuple(map(Fidelity, self.fidelities)))
-        for name in ("static_coefficient", "friction_law", "friction_by", "joint_effects"):
+        for name in (
+            "static_coefficient",
+            "friction_law",
+            "friction_by",
+            "constant_bound_by",
+            "joint_effects",
+        ):
             value = getattr(self, name)
             if not isinstance(value, Mapping):
                 raise TypeError(f"{name}: found {value!r}; expected a mapping by fidelity")
@@ -190,13 +206,14 @@ class Capabilities:
             raise ValueError(
                 f"event_location: found {self.event_location!r}; expected 'engine' or 'adapter'"
             )
-        for fidelity, supplier in self.friction_by.items():
-            if fidelity not in self.fidelities or supplier not in tuple(Supplier):
-                raise ValueError(
-                    f"friction_by: found {_quoted(fidelity)}: {supplier!r}; expected one of "
-                    f"{', '.join(map(_quoted, self.fidelities))} and one of "
-                    f"{', '.join(map(_quoted, Supplier))}"
-                )
+        for name in ("friction_by", "constant_bound_by"):
+            for fidelity, supplier in getattr(self, name).items():
+                if fidelity not in self.fidelities or supplier not in tuple(Supplier):
+                    raise ValueError(
+                        f"{name}: found {_quoted(fidelity)}: {supplier!r}; expected one of "
+                        f"{', '.join(map(_quoted, self.fidelities))} and one of "
+                        f"{', '.join(map(_quoted, Supplier))}"
+                    )
 
 
 def _quoted(member: str) -> str:
@@ -344,11 +361,27 @@ class Engine(ABC):
         return {**self.default_settings(fidelity), **given}
 
     def friction_supplier(self, fidelity: Fidelity, settings: Mapping[str, Any]) -> Supplier:
-        """Return who supplies the friction law of a run with these settings.
+        """Return who supplies the law of friction that depends on normal forces, in a run with these settings.
 
         The default is that of `Capabilities.friction_by`. Engines with several methods that differ in it override it.
         """
         return self.capabilities.friction_by.get(fidelity, Supplier.ENGINE)
+
+    def constant_bound_supplier(
+        self, scene: Scene, fidelity: Fidelity, settings: Mapping[str, Any]
+    ) -> Supplier | None:
+        """Return who supplies the friction law of a scene in which all bounds of friction are constants.
+
+        It is None for other scenes, whose supplier is `friction_supplier`. The default is that of
+        `Capabilities.constant_bound_by`; if this is the engine and a bound is larger at rest, both, as the adapter
+        then switches between the bounds.
+        """
+        if not has_constant_bounds(scene):
+            return None
+        supplier = self.capabilities.constant_bound_by.get(fidelity)
+        if supplier == Supplier.ENGINE and has_static_bounds(scene):
+            return Supplier.BOTH
+        return supplier
 
     def locates_events(self, fidelity: Fidelity, settings: Mapping[str, Any]) -> bool:
         """Return True if runs with these settings report an event at each change of a guide's mode.
@@ -543,7 +576,9 @@ class Engine(ABC):
         # Complete the fields that do not depend on the engine's report.
         friction_supplier = Supplier.NOBODY
         if scene.frictional_joints:
-            friction_supplier = self.friction_supplier(fidelity, trajectory.settings)
+            friction_supplier = self.constant_bound_supplier(
+                scene, fidelity, trajectory.settings
+            ) or self.friction_supplier(fidelity, trajectory.settings)
         event_supplier = Supplier.NOBODY
         if self.locates_events(fidelity, trajectory.settings):
             event_supplier = self.capabilities.event_location

@@ -128,12 +128,18 @@ def same_work(table: pd.DataFrame) -> Iterator[tuple[Group, pd.DataFrame]]:
     """Yield the groups of methods that may be ranked, and the rows of each.
 
     These are parts of the `groups` in which the same side, engine or adapter, supplies the friction
-    law and locates events. For a failed run this is taken from other runs of its variant.
+    law and locates events. For a failed run, and for one without friction, this is taken from other
+    runs of its variant. Who supplies the law may depend on the scene: a constant bound of friction
+    in a joint is an element of many engines, a bound that depends on the normal force is not.
     """
     for group, rows in groups(table):
-        suppliers = [
+        friction_by, events_by = (
             rows["variant"].map(known_of(rows, column)) for column in (FRICTION_BY, EVENTS_BY)
-        ]
+        )
+        if FRICTION_BY in rows:
+            own = rows[FRICTION_BY]
+            friction_by = friction_by.where(own.isna() | (own == Supplier.NOBODY), own)
+        suppliers = [friction_by, events_by]
         for (friction, events), part in rows.groupby(suppliers, sort=False):
             yield replace(group, friction_by=friction, events_by=events), part
 

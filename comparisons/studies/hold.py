@@ -34,6 +34,12 @@ from stiction.comparisons.measures.creep import LANDING, LET_GO, Slip, slip_of
 from stiction.comparisons.measures.published_creep import ENGINE, published_creep
 from stiction.comparisons.measures.scene_truth import ground_truth
 from stiction.comparisons.studies.hold_data import Runs, load_data
+from stiction.comparisons.studies.hold_joints import (
+    JOINT_CREEP,
+    JOINT_UNIT,
+    JOINT_UNSURE,
+    joint_methods_table,
+)
 from stiction.comparisons.studies.hold_presentation import present
 from stiction.comparisons.studies.hold_tables import (
     BOUND,
@@ -62,17 +68,21 @@ from stiction.comparisons.studies.hold_tables import (
 )
 from stiction.comparisons.studies.settings import SETTING, SUBJECT
 from stiction.engines.isolation import Outcome, Task
+from stiction.engines.joint_effects import has_constant_bounds
 from stiction.engines.protocol import EngineFailure
 from stiction.engines.registry import load_engine
 from stiction.engines.status import UNMADE
 from stiction.scenes import InputError, Scene, Trajectory, load_scene, vary
 from stiction.scenes.fidelity import Fidelity
+from stiction.scenes.fields import GROUND
 from stiction.scenes.wording import as_given
 from stiction.truths import Tier
 
-PARAMETERS = ("part", "ramp", "v0", "limit", "mu", "mus")
+LOAD_PARAMETERS = ("part", "ramp", "v0", "limit")
 """Parameters of a scene of the study: the load is part + ramp t of the limit, and v0 is the initial velocity of the
-slider along it."""
+joint along it."""
+PARAMETERS = (*LOAD_PARAMETERS, "mu", "mus")
+"""Parameters of a scene of the study whose friction depends on normal forces."""
 PERIOD = "period"
 """Parameter of a scene whose load also oscillates: its period, s."""
 OUTPUT = {HELD: 4e-3, RAMP: 1e-3, STOP: 4e-3}
@@ -141,18 +151,21 @@ class Trial:
 def changes(scene: Scene, test: str, load: float, static_coefficient: bool) -> dict[str, float]:
     """Return the parameters of a scene that a test changes.
 
-    For an engine without a static coefficient mus is mu, which also reduces the limit.
+    For an engine without a static coefficient mus is mu, which also reduces the limit. Scenes whose friction has a
+    constant bound have no coefficients.
 
     Raises
     ------
     InputError
-        If the scene lacks one of `PARAMETERS`.
+        If the scene lacks one of `PARAMETERS`, or of `LOAD_PARAMETERS` if its friction has a constant bound.
     """
-    missing = [name for name in PARAMETERS if name not in scene.parameters]
+    is_constant = has_constant_bounds(scene)
+    expected = LOAD_PARAMETERS if is_constant else PARAMETERS
+    missing = [name for name in expected if name not in scene.parameters]
     if missing:
         raise InputError(
-            f"{scene.name}: parameters: found no {', '.join(missing)}; expected {', '.join(PARAMETERS)}, "
-            "as the scenes hold-.. of the catalogue have them"
+            f"{scene.name}: parameters: found no {', '.join(missing)}; expected {', '.join(expected)}, "
+            f"as the scenes {'held' if is_constant else 'hold'}-.. of the catalogue have them"
         )
     data = load_data()
     changed: dict[str, float] = {}
@@ -162,7 +175,7 @@ def changes(scene: Scene, test: str, load: float, static_coefficient: bool) -> d
         changed.update(data.ramp.model_dump())
     else:
         changed.update(data.stop.model_dump(exclude={"landed"}))
-    if not static_coefficient:
+    if not static_coefficient and not is_constant:
         changed["mus"] = scene.parameters["mu"]
     return changed
 
@@ -196,11 +209,10 @@ def measure_slip(
     run = load_engine(engine).simulate(scene, output_step=OUTPUT[test], **arguments)
     if run.termination != "end":
         raise EngineFailure(run.termination)
-    guide = _guide_name(scene)
     slip = slip_of(
         run.t,
-        run[f"{guide}.displacement"],
-        run[f"{guide}.slip_velocity"],
+        _displacement(scene, run),
+        run[f"{_joint_name(scene)}.slip_velocity"],
         _rounding(scene, run),
         **_window(scene, test),
     )
@@ -216,16 +228,29 @@ def measure_slip(
     return slip, ends
 
 
-def _guide_name(scene: Scene) -> str:
-    """Return the name of the guide with friction, of which scenes of this study have one."""
-    return next(iter(scene.frictional_guides))
+def _joint_name(scene: Scene) -> str:
+    """Return the name of the joint with friction, of which scenes of this study have one."""
+    return next(iter(scene.frictional_joints))
+
+
+def _displacement(scene: Scene, run: Trajectory) -> np.ndarray:
+    """Return the displacement of the joint with friction: along a guide (m), or the angle of a pin (rad)."""
+    name = _joint_name(scene)
+    if name in scene.guides:
+        return run[f"{name}.displacement"]
+    first, second = (
+        np.zeros(len(run.t)) if body == GROUND else run[f"{body}.angle"]
+        for body in scene.pins[name].bodies
+    )
+    return first - second
 
 
 def _rounding(scene: Scene, run: Trajectory) -> float:
-    """Return the rounding error of a displacement, m: that of the largest coordinate in each step."""
+    """Return the rounding error of a displacement, m or rad: that of the largest coordinate in each step."""
+    turns = _joint_name(scene) in scene.pins
     size = 1.0
     for body in scene.bodies:
-        for coordinate in ("x", "y"):
+        for coordinate in ("angle",) if turns else ("x", "y"):
             size = max(size, float(np.max(np.abs(run[f"{body}.{coordinate}"]))))
     steps = max(1, run.cost.counters.get("steps", len(run.t)))
     return float(np.finfo(float).eps * size * steps)
@@ -242,7 +267,7 @@ def true_slip(scene: Scene, test: str) -> tuple[Slip, float]:
     truth = ground_truth(scene)
     if truth.tier == Tier.NONE:
         raise InputError(f"{scene.name}: found no truth: {truth.note}; expected one of its motion")
-    guide = _guide_name(scene)
+    guide = _joint_name(scene)
     t = np.linspace(0.0, scene.t_end, round(scene.t_end / TRUE_STEP) + 1)
     columns = truth(t)
     slip = slip_of(
@@ -268,13 +293,15 @@ def plan(scope: Scope) -> Comparison[Tables]:
     coefficient, mus = mu, as most engines do.
     """
     series = [*_method_series(scope), *_setting_series(scope)]
+    joint_series = list(_joint_series(scope))
     trials = list(_trials(series))
+    joint_trials = list(_trials(joint_series))
     truth_tasks = {
         trial.truth: Task(trial.truth, true_slip, (trial.scene, trial.test))
         for trial in trials
         if trial.test != HELD
     }
-    run_tasks = [_task(trial) for trial in trials]
+    run_tasks = [_task(trial) for trial in (*trials, *joint_trials)]
     published_tasks = []
     if _computes_published_creep(scope, series):
         published_tasks.append(Task("hold/published creep", published_creep))
@@ -283,19 +310,28 @@ def plan(scope: Scope) -> Comparison[Tables]:
         remaining = iter(outcomes)
         truth_of = {key: next(remaining) for key in truth_tasks}
         rows = [_row(trial, next(remaining), truth_of.get(trial.truth)) for trial in trials]
-        table = pd.DataFrame(rows)
-        tables = {
-            "hold": table,
-            "hold-methods": methods_table(table),
-            "hold-laws": laws_table(table),
-            "hold-settings": settings_table(table),
-        }
+        joint_rows = [_joint_row(trial, next(remaining)) for trial in joint_trials]
+        tables: dict[str, pd.DataFrame] = {}
+        if rows:
+            table = pd.DataFrame(rows)
+            tables |= {
+                "hold": table,
+                "hold-methods": methods_table(table),
+                "hold-laws": laws_table(table),
+                "hold-settings": settings_table(table),
+            }
+        if joint_rows:
+            joint_table = pd.DataFrame(joint_rows)
+            tables |= {
+                "hold-joints": joint_table,
+                "hold-joint-methods": joint_methods_table(joint_table),
+            }
         for outcome in remaining:
             if outcome.status not in UNMADE:
                 tables["hold-published"] = _published_table(outcome)
         return Tables(tables)
 
-    chosen = {one.variant.label: one.variant for one in series}
+    chosen = {one.variant.label: one.variant for one in (*series, *joint_series)}
     return Comparison(
         (*truth_tasks.values(), *run_tasks, *published_tasks), tabulate, tuple(chosen.values())
     )
@@ -325,10 +361,13 @@ def _depth_of(scope: Scope) -> Runs:
     return load_data().depths[scope.depth]
 
 
-def _scenes(scope: Scope, names: Iterable[str]) -> list[Scene]:
-    """Return the scenes of the catalogue with these names, or the one scene of the scope if there is one."""
+def _scenes(scope: Scope, names: Iterable[str], constant: bool = False) -> list[Scene]:
+    """Return the scenes of the catalogue with these names, or the one scene of the scope if there is one.
+
+    That one is left out if its friction has a constant bound and `constant` is False, or the other way round.
+    """
     if len(scope.scenes) == 1:
-        return list(scope.scenes)
+        return [scene for scene in scope.scenes if has_constant_bounds(scene) == constant]
     return [load_scene(name) for name in names]
 
 
@@ -345,6 +384,32 @@ def _method_series(scope: Scope) -> Iterator[_Series]:
             steps = depth.steps if variant.parameter == "dt" else variant.ladder[-1:]
             static = variant.fidelity == Fidelity.JOINT and has_static_coefficient(variant)
             yield _Series(scene, replace(variant, ladder=steps), static, loads)
+
+
+def _joint_series(scope: Scope) -> Iterator[_Series]:
+    """Yield the runs with scenes whose friction has a constant bound, at joint fidelity.
+
+    They are those of all methods, and of `joint_subjects`. The bound is the same at rest and in slip, so that the
+    friction is the engine's own where it has such an element.
+    """
+    depth = _depth_of(scope)
+    loads = [_Load(HELD, load) for load in depth.joint_loads]
+    subjects = [
+        subject
+        for subject in load_data().joint_subjects
+        if scope.engines is None or subject.engine in scope.engines
+    ]
+    joint_variants = [
+        variant for variant in variants(scope.engines) if variant.fidelity == Fidelity.JOINT
+    ]
+    for scene in _scenes(scope, depth.joint_scenes, constant=True):
+        for variant in joint_variants:
+            steps = depth.steps if variant.parameter == "dt" else variant.ladder[-1:]
+            yield _Series(scene, replace(variant, ladder=steps), False, loads)
+        for subject in subjects:
+            for variant in subject.variants(depth.steps):
+                plain = replace(variant, label=subject.label, subject="", setting="")
+                yield _Series(scene, plain, False, loads)
 
 
 def _setting_series(scope: Scope) -> Iterator[_Series]:
@@ -429,6 +494,26 @@ def _row(trial: Trial, outcome: Outcome, truth: Outcome | None) -> dict[str, Any
     return row
 
 
+def _joint_row(trial: Trial, outcome: Outcome) -> dict[str, Any]:
+    """Return the row of a run whose friction has a constant bound, as `_row`."""
+    slip: Slip | None = None
+    ends: Trajectory | None = None
+    if outcome.value is not None:
+        slip, ends = outcome.value
+    row = _description(trial, replace(outcome, value=ends))
+    turns = _joint_name(trial.scene) in trial.scene.pins
+    row[JOINT_UNIT] = "rad/s" if turns else "m/s"
+    if slip is None or ends is None:
+        return row
+    row[AGAIN] = _command(trial)
+    row |= {
+        JOINT_CREEP: slip.creep.value,
+        JOINT_UNSURE: slip.creep.uncertainty,
+        LETS_GO: slip.lets_go,
+    }
+    return row
+
+
 def _description(trial: Trial, outcome: Outcome) -> dict[str, Any]:
     """Return what was run; the value of the outcome is the trajectory."""
     variant = trial.variant
@@ -482,7 +567,7 @@ def _part_of_bound(scene: Scene, ends: Trajectory) -> float:
 
     The corner forces of an engine may be larger than those of statics, on which the limit is based.
     """
-    name = _guide_name(scene)
+    name = _joint_name(scene)
     mu = scene.frictional_guides[name].mu or 0.0
     bound = mu * sum(abs(ends[f"{name}.F{corner}"][-1]) for corner in (1, 2, 3, 4))
     if not bound > 0.0:
@@ -536,6 +621,8 @@ STUDY = Study(
     takes=frozenset({"engines"}),
     tables={
         "hold": "Runs of sliders that should be held",
+        "hold-joints": "Runs of joints with a constant bound that should be held",
+        "hold-joint-methods": "Creep of joints with a constant bound, by method",
         "hold-laws": "Laws of creep",
         "hold-methods": "Creep by method",
         "hold-published": "Published creep, and ours",

@@ -91,6 +91,10 @@ class Runs(Model):
         True if ramp and stop are run, too.
     settings : tuple of str
         Scenes with which settings are varied.
+    joint_scenes : tuple of str
+        Scenes whose friction has a constant bound, with which all methods are run.
+    joint_loads : tuple of float
+        Loads of these, as fractions of the bound.
     """
 
     scenes: tuple[str, ...]
@@ -98,6 +102,8 @@ class Runs(Model):
     steps: tuple[Positive, ...]
     moved: bool
     settings: tuple[str, ...]
+    joint_scenes: tuple[str, ...]
+    joint_loads: tuple[Positive, ...]
 
 
 class Law(Model):
@@ -145,6 +151,8 @@ class Data(Model):
         By engine and fidelity (``"exudyn, contact"``), the setting with the speed at which friction is regularized.
     subjects : tuple of Subject
         Methods whose settings are varied.
+    joint_subjects : tuple of Subject
+        Methods that are run, beside the participants, on scenes whose friction has a constant bound.
     laws : tuple of Law
         Laws of creep.
     """
@@ -154,6 +162,7 @@ class Data(Model):
     depths: dict[Depth, Runs]
     regularization: dict[str, str]
     subjects: tuple[Subject, ...]
+    joint_subjects: tuple[Subject, ...]
     laws: tuple[Law, ...]
 
 

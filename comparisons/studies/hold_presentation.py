@@ -34,6 +34,7 @@ from stiction.comparisons.measures.creep import LANDING, LET_GO
 from stiction.comparisons.measures.drift import ROUNDING
 from stiction.comparisons.measures.published_creep import CREEP as OURS
 from stiction.comparisons.measures.published_creep import MATCHED, PUBLISHED
+from stiction.comparisons.studies.hold_joints import joint_headline, joint_rows, joint_tables
 from stiction.comparisons.studies.hold_tables import (
     BOUND,
     BREAK_AWAY,
@@ -86,6 +87,13 @@ CONSTANTS = {
 }
 """What the text of the study mentions besides results."""
 
+NO_VERDICTS: Mapping[str, object] = {
+    "engines": {"holding": 0, "all": 0},
+    "own": {"holding": 0, "all": 0},
+    **dict.fromkeys(("creeping", "regularized", "let_go", "undecided", "failed"), ()),
+}
+"""Rows for the text without runs whose friction depends on normal forces."""
+
 Rows = list[tuple[dict[str, Any], pd.DataFrame]]
 """Rows of a table, each with the runs that it summarizes."""
 
@@ -109,21 +117,23 @@ def present(results: Results) -> Presentation:
     settings = results.table("hold-settings")
     laws = results.table("hold-laws")
     published = results.table("hold-published")
-    if methods.empty:
+    joint_methods = results.table("hold-joint-methods")
+    if methods.empty and joint_methods.empty:
         return Presentation()
-    has_creep = bool(methods[CREEP].notna().any())
-    has_failed = methods["failed"] > 0
+    has_creep = not methods.empty and bool(methods[CREEP].notna().any())
     rows = {
         "measured": has_creep,
-        **_verdicts(table, methods),
+        **(NO_VERDICTS if methods.empty else _verdicts(table, methods)),
         **_settings(settings),
         **_laws(laws),
         **_published(published),
-        "failed": [row_of("hold-methods", methods, label) for label in methods.index[has_failed]],
+        **joint_rows(joint_methods),
         **CONSTANTS,
     }
+    joint_views = joint_tables(results.table("hold-joints"), joint_methods)
+    joint_headlines = [] if joint_methods.empty else [joint_headline(joint_methods)]
     if not has_creep:
-        return Presentation(rows=rows)
+        return Presentation(rows=rows, headlines=joint_headlines, tables=joint_views)
     loads = sorted(table.loc[table[TEST] == HELD, LOAD].unique())
     by_load = _by_load(table, methods, loads)
     figures = [_over_load(by_load, loads)]
@@ -137,8 +147,10 @@ def present(results: Results) -> Presentation:
         *_laws_tables(laws),
         _all_runs_table(table),
         *_published_tables(published),
+        *joint_views,
     ]
-    return Presentation(rows=rows, headlines=[_headline(methods)], tables=tables, figures=figures)
+    headlines = [_headline(methods), *joint_headlines]
+    return Presentation(rows=rows, headlines=headlines, tables=tables, figures=figures)
 
 
 def _without_rounding(table: pd.DataFrame) -> pd.DataFrame:
@@ -167,7 +179,7 @@ def _headline(methods: pd.DataFrame) -> Headline:
 
 
 def _verdicts(table: pd.DataFrame, methods: pd.DataFrame) -> dict[str, object]:
-    """Return the numbers of methods that hold, and the methods that creep, break away or are undecided."""
+    """Return the numbers of methods that hold, and those that creep, break away, are undecided, or failed."""
     ranked = _ranked(methods)
     shown = _without_rounding(methods)
     is_own = ranked["engine"].isin(own_methods())
@@ -190,6 +202,9 @@ def _verdicts(table: pd.DataFrame, methods: pd.DataFrame) -> dict[str, object]:
         "regularized": [row for row in creeping if row[OF_ZONE] is not None],
         "let_go": breaking_away,
         "undecided": list(ranked.loc[ranked[HOLDS].isna(), "variant"]),
+        "failed": [
+            row_of("hold-methods", methods, label) for label in methods.index[methods["failed"] > 0]
+        ],
     }
 
 

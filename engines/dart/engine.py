@@ -2,7 +2,7 @@
 
 Joint fidelity. The bodies are those of `stiction.engines.shared.link_tree.LinkTree`, in prismatic and revolute joints;
 joints that close loops are ball joint constraints, corrected by `erp` of their error each step. Drives: actuators of
-prescribed velocity. Friction: the Coulomb friction of DART's joints at the bound.
+prescribed velocity. Friction: the Coulomb friction of DART's joints, sliding and turning, at the bound.
 
 Contact fidelity. The slider has four small spheres between two half-spaces, without clearance. Their outer points are
 the corners of a box of the guide's length and width; or the slider is that box, between two fixed boxes. DART's
@@ -326,7 +326,7 @@ class _Stepper(TreeStepper):
             moves = slip_speed > _AT_REST * np.abs(self.velocity).max(initial=0.0)
             self.held[:] = 0.0
             if moves.any():
-                # The mobility (1/kg) by which DART scales the mixing: that of each guide's joint
+                # The mobility (1/kg, 1/(kg m^2)) by which DART scales the mixing: that of each joint
                 # with all other joints free, and loops open.
                 mobility = np.concatenate(
                     [np.diagonal(skeleton.getInvMassMatrix()) for skeleton, _ in self._skeletons]

@@ -4,9 +4,9 @@ Discrete steps by its convex solver SAP ("lagged"), semi-implicit Euler.
 
 Joint fidelity. The bodies are those of `stiction.engines.shared.link_tree.LinkTree`, in prismatic and revolute joints;
 joints that close loops are ball constraints. Drake has no Coulomb friction of joints. Its actuators have a servo, which
-is solved for implicitly with the step, and an effort limit. Friction is a servo of rate zero whose limit is the bound;
-a drive is a servo without a limit. Drake limits a servo's gain, so that a sticking slider creeps with 1/3948 of the
-speed that its load would give it in a step.
+is solved for implicitly with the step, and an effort limit. Friction is a servo of rate zero whose limit is the bound,
+in guides and in pins; a constant bound is the adapter's law, too. A drive is a servo without a limit. Drake limits a
+servo's gain, so that a sticking slider creeps with 1/3948 of the speed that its load would give it in a step.
 
 Contact fidelity. The corners of a slider touch half-spaces (`stiction.engines.drake.contact`). The continuous plant:
 `stiction.engines.drake.continuous`.
@@ -18,6 +18,7 @@ import math
 from abc import abstractmethod
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import AbstractContextManager, contextmanager, nullcontext
+from dataclasses import replace
 from importlib import import_module
 from typing import Any
 
@@ -80,6 +81,9 @@ class DrakeEngine(TreeEngine):
     """
 
     name, called, defaults = "drake", "Drake", _SETTINGS
+    capabilities = replace(
+        TreeEngine.capabilities, constant_bound_by={Fidelity.JOINT: Supplier.ADAPTER}
+    )
 
     @property
     def version(self) -> str:
@@ -226,7 +230,7 @@ class _DrakeStepper(TreeStepper):
 
 
 class _JointStepper(_DrakeStepper):
-    """Guides as prismatic joints, friction as their limited servos."""
+    """Guides as prismatic joints, pins as revolute ones, friction as their limited servos."""
 
     def __init__(self, assembly: Assembly, h: float, options: Mapping[str, Any]):
         super().__init__(assembly, h, options)

@@ -5,7 +5,8 @@ The adapter renews the bound before each step.
 `ObjectConnectorCoordinateSpringDamperExt` sticks as a spring between the slider and the place where it came to rest,
 and slips with the force F_d + F_s exp(-|v|/v_s). Exudyn has no force there that depends on a joint's reactions, so that
 F_d = mu N and F_s = (mus - mu) N are set with the N = |n1| + |n2| of the multipliers of the step before (as in
-`stepping`). Nothing is located, and nothing repeated.
+`stepping`). Nothing is located, and nothing repeated. Constant bounds of a guide or a pin are F_d and F_d + F_s as they
+are, given once.
 
 An implicit step of h has one solution only where friction falls with the speed by less than m/h, with the mass m that
 slip moves: F_s/v_s < m/h. So v_s is set to `static_decay` times F_s h/m, which vanishes with the step. At 1 slip begins
@@ -19,12 +20,18 @@ from math import copysign
 
 import numpy as np
 
-from stiction.engines.exudyn.friction import REST_SPEED, SlidingGuide
+from stiction.engines.exudyn.friction import (
+    REST_SPEED,
+    FrictionalJoint,
+    SlidingGuide,
+    TurningPin,
+)
 from stiction.engines.exudyn.model import Model
 from stiction.reference_impl.multibody.dynamics import row_form
 from stiction.reference_impl.multibody.mechanism import Mechanism, workspace
-from stiction.scenes.model import Translational
+from stiction.scenes.model import Revolute, Translational
 
+CONSTANT_FRICTION_LAW = "Coulomb with bristles and constant bounds (engine)"
 FRICTION_LAW = (
     "Coulomb with bristles (engine), bound mu (|n1| + |n2|) from the multipliers of the step before "
     "(adapter)"
@@ -39,14 +46,77 @@ HELD = 1e-9
 left of it is rounding."""
 
 
-class BristleGuide(SlidingGuide):
-    """The friction of one slider of a model that is not yet assembled, by the adapter's settings and the step, s.
+class Bristles(FrictionalJoint):
+    """Friction of a joint by Exudyn's bristles; subclasses also derive from `SlidingGuide` or `TurningPin`.
 
     Attributes
     ----------
     decay : float
-        v_s, the speed at which 37 % of the static excess F_s are left, over F_s, m/(N s).
+        v_s, the speed at which 37 % of the static excess F_s are left, over F_s, m/(N s) or rad/(N m s).
     """
+
+    def _add_bristles(
+        self, model: Model, options: Mapping[str, float], step: float, mechanism: Mechanism
+    ) -> None:
+        """Add the bristles to a model that is not yet assembled, by the adapter's settings and the step, s."""
+        self.decay = options["static_decay"] * step / moved_mass(mechanism, self.name)
+        items = model.items
+        # The initial state of the bristles: direction of slip, and place at which they stick. A
+        # slider in motion that began as sticking would be braked by the damping of the bristles.
+        q, v = model.initial_state()
+        speed = self.slip_speed(q, v)
+        slides = copysign(1.0, speed) if abs(speed) > REST_SPEED else 0.0
+        self.node = self.system.AddNode(
+            items.NodeGenericData(
+                name=f"{self.name}-bristles",
+                initialCoordinates=[slides, float(self.displacement(q)), 0.0],
+                numberOfDataCoordinates=3,
+            )
+        )
+        # Constant bounds are given once; `renew` adds what depends on the load.
+        excess = self.static_constant - self.constant
+        self.bristles = self.system.AddObject(
+            items.ObjectConnectorCoordinateSpringDamperExt(
+                name=f"{self.name}-bristles",
+                markerNumbers=self.connector_markers(model),
+                nodeNumber=self.node,
+                stickingStiffness=options["bristle_stiffness"],
+                stickingDamping=options["bristle_damping"],
+                dynamicFrictionForce=max(self.constant, LEAST),
+                **({"staticFrictionOffsetForce": excess} if excess > 0.0 else {}),
+                exponentialDecayStatic=max(self.decay * excess, LEAST),
+            )
+        )
+
+    def renew(self, multipliers: np.ndarray) -> None:
+        """Set the largest forces and the surface moment from multipliers; they are constant within a step."""
+        R = self.measure_load(multipliers)
+        self.mode, self.friction, _ = self.record()
+        if self.mus == 0.0:
+            return
+        # F_d, F_s and v_s of the module's docstring
+        excess = max(self.mus - self.coefficient, 0.0) * self.load
+        excess += self.static_constant - self.constant
+        for parameter, value in (
+            ("dynamicFrictionForce", max(self.constant + self.coefficient * self.load, LEAST)),
+            ("staticFrictionOffsetForce", excess),
+            ("exponentialDecayStatic", max(self.decay * excess, LEAST)),
+        ):
+            self.system.SetObjectParameter(self.bristles, parameter, value)
+        self.apply_surface_moment(self.friction, R)
+
+    def record(self) -> tuple[int, float, float]:
+        """Return mode, friction (N, N m) and surface moment (N m) of the last step."""
+        import exudyn
+
+        kind = exudyn.OutputVariableType
+        force = float(self.system.GetObjectOutput(self.bristles, kind.Force))
+        sliding = float(self.system.GetNodeOutput(self.node, kind.Coordinates)[0])
+        return int(copysign(1, sliding)) if sliding else 0, -force, self.surface_moment
+
+
+class BristleGuide(Bristles, SlidingGuide):
+    """The friction of one slider of a model."""
 
     def __init__(
         self,
@@ -58,80 +128,55 @@ class BristleGuide(SlidingGuide):
         mechanism: Mechanism,
     ):
         super().__init__(model, name, joint)
-        self.decay = options["static_decay"] * step / moved_mass(mechanism, name)
-        items = model.items
-        # The initial state of the bristles: direction of slip, and place at which they stick. A
-        # slider in motion that began as sticking would be braked by the damping of the bristles.
-        q, v = model.initial_state()
-        speed = self.slip_speed(q, v)
-        slides = copysign(1.0, speed) if abs(speed) > REST_SPEED else 0.0
-        self.node = self.system.AddNode(
-            items.NodeGenericData(
-                name=f"{name}-bristles",
-                initialCoordinates=[slides, float(self.displacement(q)), 0.0],
-                numberOfDataCoordinates=3,
-            )
-        )
-        self.bristles = self.system.AddObject(
-            items.ObjectConnectorCoordinateSpringDamperExt(
-                name=f"{name}-bristles",
-                markerNumbers=[model.zero(), self.along],
-                nodeNumber=self.node,
-                stickingStiffness=options["bristle_stiffness"],
-                stickingDamping=options["bristle_damping"],
-                dynamicFrictionForce=LEAST,
-                exponentialDecayStatic=LEAST,
-            )
-        )
-
-    def renew(self, multipliers: np.ndarray) -> None:
-        """Set the largest forces and the surface moment from multipliers; they are constant within a step."""
-        R = self.measure_load(multipliers)
-        self.mode, self.friction, _ = self.record()
-        # F_d, F_s and v_s of the module's docstring
-        excess = max(self.mus - self.coefficient, 0.0) * self.load
-        for parameter, value in (
-            ("dynamicFrictionForce", max(self.coefficient * self.load, LEAST)),
-            ("staticFrictionOffsetForce", excess),
-            ("exponentialDecayStatic", max(self.decay * excess, LEAST)),
-        ):
-            self.system.SetObjectParameter(self.bristles, parameter, value)
-        self.apply_surface_moment(self.friction, R)
-
-    def record(self) -> tuple[int, float, float]:
-        """Mode, force on the slider along the guide (N) and surface moment (N m) of the last step."""
-        import exudyn
-
-        kind = exudyn.OutputVariableType
-        force = float(self.system.GetObjectOutput(self.bristles, kind.Force))
-        sliding = float(self.system.GetNodeOutput(self.node, kind.Coordinates)[0])
-        return int(copysign(1, sliding)) if sliding else 0, -force, self.surface_moment
+        self._add_bristles(model, options, step, mechanism)
 
 
-def bristle_guides(
+class BristlePin(Bristles, TurningPin):
+    """The friction of one pin of a model."""
+
+    def __init__(
+        self,
+        model: Model,
+        name: str,
+        joint: Revolute,
+        options: Mapping[str, float],
+        step: float,
+        mechanism: Mechanism,
+    ):
+        super().__init__(model, name, joint)
+        self._add_bristles(model, options, step, mechanism)
+
+
+def bristles_of(
     model: Model, options: Mapping[str, float], step: float, mechanism: Mechanism
-) -> list[BristleGuide]:
-    """Give a model bristles in each guide with friction."""
-    return [
-        BristleGuide(model, name, guide, options, step, mechanism)
-        for name, guide in model.scene.frictional_guides.items()
-        if guide.static_coefficient
-    ]
+) -> list[Bristles]:
+    """Give a model bristles in each joint with friction."""
+    bristles: list[Bristles] = []
+    for name, joint in model.scene.frictional_joints.items():
+        if not joint.rubs:
+            continue
+        if isinstance(joint, Revolute):
+            bristles.append(BristlePin(model, name, joint, options, step, mechanism))
+        else:
+            bristles.append(BristleGuide(model, name, joint, options, step, mechanism))
+    return bristles
 
 
 def moved_mass(mechanism: Mechanism, name: str) -> float:
     """Return the mass (kg) that slip moves at the start: 1/(acceleration of slip by a unit force along the guide).
 
-    Where constraints hold the slider along its guide, this is the mass of the slider without them.
+    Where constraints hold the slider along its guide, this is the mass of the slider without them. Of a pin it is the
+    moment of inertia, kg m^2.
     """
     arrays, work = mechanism.arrays, workspace(mechanism.arrays)
     row_form(arrays, work, 0.0, *mechanism.initial_state())
     # G = J M^-1 J^T has the rows of the constraints first, then those along the guides. What the
     # constraints take from the mobility along the guide is the Schur complement of their block.
-    along = arrays.rows + mechanism.guide_names.index(name)
+    number = mechanism.guide_names.index(name)
+    along, radius = arrays.rows + number, float(mechanism.slip_radius[number])
     constraints = slice(arrays.rows)
     without_constraints = work.G[along, along]
     reactions = np.linalg.lstsq(work.G[constraints, constraints], work.G[constraints, along])[0]
     mobility = without_constraints - work.G[along, constraints] @ reactions
     can_slip = mobility > HELD * without_constraints
-    return 1.0 / (mobility if can_slip else without_constraints)
+    return radius**2 / (mobility if can_slip else without_constraints)

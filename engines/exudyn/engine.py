@@ -16,9 +16,14 @@ from typing import Any
 import numpy as np
 
 from stiction.engines.assembly import Assembly, assembly_of
-from stiction.engines.exudyn.bristles import FRICTION_LAW, BristleGuide, bristle_guides
+from stiction.engines.exudyn.bristles import (
+    CONSTANT_FRICTION_LAW,
+    FRICTION_LAW,
+    Bristles,
+    bristles_of,
+)
 from stiction.engines.exudyn.contact import ContactGuide
-from stiction.engines.exudyn.friction import FrictionalGuide
+from stiction.engines.exudyn.friction import FrictionalGuide, FrictionalPin, LocatedFriction
 from stiction.engines.exudyn.model import Model
 from stiction.engines.exudyn.script import exudyn_script
 from stiction.engines.exudyn.solver import INTEGRATORS
@@ -28,6 +33,7 @@ from stiction.engines.exudyn.stepping import (
     Sample,
     Stepper,
 )
+from stiction.engines.joint_effects import ALL_EFFECTS, has_constant_bounds
 from stiction.engines.protocol import (
     UNSETTLED,
     Capabilities,
@@ -45,7 +51,7 @@ from stiction.reference_impl.multibody.reactions import recover_columns
 from stiction.scenes import Breakdown, Cost, Event, InputError, Scene, Trajectory
 from stiction.scenes.event_values import rows_of
 from stiction.scenes.fidelity import Fidelity
-from stiction.scenes.model import LinearSpring
+from stiction.scenes.model import LinearSpring, Revolute
 
 _DEFAULT_STEP = 2e-3
 """Step in seconds where none is given; twice that of the engines of first order, as Exudyn's methods are of second."""
@@ -103,9 +109,9 @@ class ExudynEngine(Engine):
     creeps. Exudyn subdivides steps in which a contact changes.
 
     ``method="bristles"``, at joint fidelity, uses Exudyn's own friction model (`bristles`). It has the further settings
-    `bristle_stiffness` (N/m), `bristle_damping` (N s/m) and `static_decay`. The excess of static over kinetic friction
-    decreases exponentially with the slip speed, to 37 % at `static_decay` times the change of speed that the excess
-    causes in one step.
+    `bristle_stiffness` (N/m, of a pin N m/rad), `bristle_damping` (N s/m, N m s/rad) and `static_decay`. The excess of
+    static over kinetic friction decreases exponentially with the slip speed, to 37 % at `static_decay` times the change
+    of speed that the excess causes in one step.
     """
 
     name = "exudyn"
@@ -121,6 +127,7 @@ class ExudynEngine(Engine):
         order="2",
         event_location=Supplier.ADAPTER,
         friction_by={Fidelity.JOINT: Supplier.ADAPTER, Fidelity.CONTACT: Supplier.ENGINE},
+        joint_effects={Fidelity.JOINT: ALL_EFFECTS},
     )
 
     @property
@@ -146,6 +153,14 @@ class ExudynEngine(Engine):
         if fidelity == Fidelity.JOINT and settings.get("method") == BRISTLES:
             return Supplier.BOTH  # the law is Exudyn's; the adapter sets its bound before each step
         return super().friction_supplier(fidelity, settings)
+
+    def constant_bound_supplier(
+        self, scene: Scene, fidelity: Fidelity, settings: Mapping[str, Any]
+    ) -> Supplier | None:
+        # Bristles have a static excess of their own, so that nothing is left to the adapter.
+        if settings.get("method") == BRISTLES and has_constant_bounds(scene):
+            return Supplier.ENGINE
+        return super().constant_bound_supplier(scene, fidelity, settings)
 
     def locates_events(self, fidelity: Fidelity, settings: Mapping[str, Any]) -> bool:
         return settings.get("method") == LOCATED
@@ -226,9 +241,14 @@ class ExudynEngine(Engine):
         if stepper.solver.redundant:
             linear_solver = "EigenDense, singular matrices tolerated"
         reported = {"dt": h, **options, "linear_solver": linear_solver}
-        if scene.frictional_guides:
-            law = self.capabilities.friction_law[fidelity]
-            reported["friction_law"] = FRICTION_LAW if options.get("method") == BRISTLES else law
+        if not scene.frictional_joints:
+            return reported
+        if options.get("method") != BRISTLES:
+            reported["friction_law"] = self.capabilities.friction_law[fidelity]
+        elif has_constant_bounds(scene):
+            reported["friction_law"] = CONSTANT_FRICTION_LAW
+        else:
+            reported["friction_law"] = FRICTION_LAW
         return reported
 
 
@@ -324,15 +344,15 @@ class _Simulation:
         self.model = Model(self.scene, joints=method is not None)
         self._zone = options.get("friction_zone", 0.0)
         # One of three models of the guides; the other two lists remain empty.
-        located: list[FrictionalGuide] = []
-        bristles: list[BristleGuide] = []
+        located: list[LocatedFriction] = []
+        bristles: list[Bristles] = []
         boxes: list[ContactGuide] = []
         if method is None:
             boxes = _contact_guides(self.model, options)
         elif method == BRISTLES:
-            bristles = bristle_guides(self.model, options, h, self._mechanism)
+            bristles = bristles_of(self.model, options, h, self._mechanism)
         else:
-            located = _located_guides(self.model)
+            located = _located_friction(self.model)
         self.model.assemble()
         settings = _solver_settings(self.model, h, options)
         if method is None:
@@ -340,7 +360,7 @@ class _Simulation:
         # Where the solution of a step is repeated for the friction, a Jacobian of this step pays;
         # otherwise one of a step before costs less.
         settings.timeIntegration.newton.modifiedNewtonJacUpdatePerStep = bool(located)
-        self._guides: list[Any] = [*located, *bristles, *boxes]
+        self._rubbing: list[Any] = [*located, *bristles, *boxes]
         self.stepper = Stepper(
             self.model,
             located,
@@ -348,7 +368,7 @@ class _Simulation:
             settings,
             bristles,
             self._mechanism,
-            lambda: [guide.record() for guide in self._guides],
+            lambda: [joint.record() for joint in self._rubbing],
         )
 
     def events(self) -> tuple[Event, ...]:
@@ -377,8 +397,8 @@ class _Simulation:
             for name in ("t", "q", "v", "a", "multipliers")
         )
         reactions = self.model.reactions(multipliers)
-        for i, guide in enumerate(self._guides):
-            reactions |= guide.columns(
+        for i, joint in enumerate(self._rubbing):
+            reactions |= joint.columns(
                 np.array([sample.guides[i] for sample in samples]), q, reactions
             )
         columns = {
@@ -398,13 +418,17 @@ def _contact_guides(model: Model, options: Mapping[str, Any]) -> list[ContactGui
     return [ContactGuide(model, name, guide, options) for name, guide in model.scene.guides.items()]
 
 
-def _located_guides(model: Model) -> list[FrictionalGuide]:
-    """Return the adapter's friction of all guides that have any."""
-    return [
-        FrictionalGuide(model, name, guide)
-        for name, guide in model.scene.frictional_guides.items()
-        if guide.static_coefficient > 0
-    ]
+def _located_friction(model: Model) -> list[LocatedFriction]:
+    """Return the adapter's friction of all joints that have any."""
+    located: list[LocatedFriction] = []
+    for name, joint in model.scene.frictional_joints.items():
+        if not joint.rubs:
+            continue
+        if isinstance(joint, Revolute):
+            located.append(FrictionalPin(model, name, joint))
+        else:
+            located.append(FrictionalGuide(model, name, joint))
+    return located
 
 
 def _divide_steps_at_contacts(settings: Any) -> None:

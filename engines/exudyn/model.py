@@ -60,6 +60,9 @@ class Model:
         self.constraints |= {name: self._drive(name, drive) for name, drive in scene.drives.items()}
         for name, spring in scene.springs.items():
             self._spring(name, spring)
+        for name, joint in scene.joints.items():
+            if joint.damper is not None:
+                self._spring(f"{name}-damper", joint.damper)
         for name, load in scene.forces.items():
             self._load(name, load)
 
@@ -144,9 +147,13 @@ class Model:
             self.items.MarkerNodeCoordinate(nodeNumber=self.nodes[body], coordinate=coordinate)
         )
 
-    def _angles(self, bodies: tuple[str, str]) -> list[int]:
-        """Markers of the two angles in Exudyn's order: its connectors measure the second minus the first."""
-        return [self._coordinate(name, 0 if name == GROUND else 2) for name in reversed(bodies)]
+    def angle(self, body: str) -> int:
+        """Return a marker of a body's angle; that of the ground stays zero."""
+        return self._coordinate(body, 0 if body == GROUND else 2)
+
+    def angles(self, bodies: tuple[str, str]) -> list[int]:
+        """Return markers of two angles in Exudyn's order: its connectors measure the second minus the first."""
+        return [self.angle(name) for name in reversed(bodies)]
 
     def _add_bodies(self) -> None:
         for name, body in self.scene.bodies.items():
@@ -201,7 +208,7 @@ class Model:
         # and a constant distance; a user function for the others (see the module).
         first, second = drive.bodies
         if drive.type == "angle":
-            markers = self._angles(drive.bodies)
+            markers = self.angles(drive.bodies)
         elif drive.axis is not None and second == GROUND:
             markers = [
                 self.zero(),
@@ -268,7 +275,7 @@ class Model:
         if isinstance(spring, TorsionalSpring):
             add(
                 items.ObjectConnectorCoordinateSpringDamper(
-                    markerNumbers=self._angles(spring.bodies),
+                    markerNumbers=self.angles(spring.bodies),
                     offset=spring.rest_angle,
                     **coefficients,
                 )

@@ -17,7 +17,7 @@ from typing import Any
 import numpy as np
 
 from stiction.engines.assembly import Assembly
-from stiction.engines.exudyn.bristles import LEAST, bristle_guides
+from stiction.engines.exudyn.bristles import LEAST, BristleGuide, bristles_of
 from stiction.engines.exudyn.model import Model
 from stiction.engines.exudyn.solver import INTEGRATORS
 from stiction.engines.exudyn.stepping import (
@@ -78,7 +78,7 @@ _FRICTION = """
 # the slider the moment (b/2) (f/N) R of friction f on its surfaces. The excess falls to 37 % at the speed that it makes
 # in a step.
 # Joint, bristles, loads of the surfaces' moment with their signs, mu, mus - mu, that speed over the excess,
-# 2/a (0 without a length), b/2:
+# 2/a (0 without a length), b/2, and the constant parts of both bounds:
 guides = (
 {guides}
 )
@@ -86,14 +86,14 @@ guides = (
 
 def renew_friction(mbs, t):
     multipliers = mbs.systemData.GetAECoordinates()
-    for joint, bristles, moments, mu, excess, decay, lever, half_width in guides:
+    for joint, bristles, moments, mu, excess, decay, lever, half_width, bound, more in guides:
         R, M = (multipliers[row] for row in mbs.systemData.GetObjectLTGAE(joint))
         N = max(abs(R), lever * abs(M))
         friction = -mbs.GetObjectOutput(bristles, exu.OutputVariableType.Force)  # of the step before, with its bounds
         # bristles without a force are left out
-        mbs.SetObjectParameter(bristles, "dynamicFrictionForce", max(mu * N, {least}))
-        mbs.SetObjectParameter(bristles, "staticFrictionOffsetForce", excess * N)
-        mbs.SetObjectParameter(bristles, "exponentialDecayStatic", max(decay * excess * N, {least}))
+        mbs.SetObjectParameter(bristles, "dynamicFrictionForce", max(bound + mu * N, {least}))
+        mbs.SetObjectParameter(bristles, "staticFrictionOffsetForce", excess * N + more)
+        mbs.SetObjectParameter(bristles, "exponentialDecayStatic", max(decay * (excess * N + more), {least}))
         for load, sign in moments:
             mbs.SetLoadParameter(load, "loadVector", [0.0, 0.0, sign * half_width * friction / N * R if N else 0.0])
     return True
@@ -114,11 +114,20 @@ def exudyn_script(
     Raises
     ------
     Refused
-        If the scene has a law by table, or a drive or a spring that Exudyn has no item for.
+        If the scene has a law by table, a drive or a spring that Exudyn has no item for, or surface friction with both
+        kinds of bounds.
     """
     # Building the model records its lines; what the friction needs of each guide follows from it.
     model = _Written(scene)
-    guides = bristle_guides(model, options, dt, Assembly(scene).whole)
+    bristles = bristles_of(model, options, dt, Assembly(scene).whole)
+    # Constant bounds are parameters of the items; those of the others are renewed in each step.
+    guides = [each for each in bristles if isinstance(each, BristleGuide) and each.mus > 0.0]
+    for guide in guides:
+        if guide.static_constant > 0.0 and guide.half_width > 0.0:
+            raise Refused(
+                f"joints.{guide.name}: a constant bound beside mu, in a guide with a width, is not written as a "
+                "script; expected one of them"
+            )
     model.assemble()
     redundant = rank(scene) < constraint_rows(scene)
     # A row of the script's table of guides for each; see `_FRICTION` for its entries.
@@ -133,6 +142,8 @@ def exudyn_script(
                 guide.decay,
                 guide.lever,
                 guide.half_width,
+                guide.constant,
+                guide.static_constant - guide.constant,
             )
         )
         for guide in guides
@@ -145,7 +156,7 @@ def exudyn_script(
         title=scene.title,
         name=scene.name,
         scene=named,
-        options=" --setting method=bristles" if guides else "",
+        options=" --setting method=bristles" if bristles else "",
         imported=textwrap.fill(
             ", ".join(sorted(model.items.used)),
             140,

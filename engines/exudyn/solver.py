@@ -11,7 +11,7 @@ from typing import Any
 
 import numpy as np
 
-from stiction.engines.exudyn.bristles import BristleGuide
+from stiction.engines.exudyn.bristles import Bristles
 from stiction.engines.exudyn.model import Model
 from stiction.engines.protocol import EngineFailure
 from stiction.engines.shared.engine_clock import EngineClock
@@ -126,7 +126,7 @@ class Solver:
             np.array(self._data.GetODE2Coordinates_t(self._start_of_step)),
         )
 
-    def before_step(self, bristles: list[BristleGuide]) -> None:
+    def before_step(self, bristles: list[Bristles]) -> None:
         """Renew the bounds of bristles before each step, with the multipliers of the step before."""
 
         def renew() -> bool:

@@ -16,8 +16,8 @@ from typing import Any, NamedTuple
 import numpy as np
 from scipy.optimize import brentq
 
-from stiction.engines.exudyn.bristles import BristleGuide
-from stiction.engines.exudyn.friction import REST_SPEED, FrictionalGuide
+from stiction.engines.exudyn.bristles import Bristles
+from stiction.engines.exudyn.friction import REST_SPEED, LocatedFriction
 from stiction.engines.exudyn.model import Model
 from stiction.engines.exudyn.solver import Solver
 from stiction.engines.protocol import Declined, EngineFailure, Unsettled
@@ -97,10 +97,10 @@ class Stepper:
     def __init__(
         self,
         model: Model,
-        guides: list[FrictionalGuide],
+        guides: list[LocatedFriction],
         dt: float,
         settings: Any,
-        bristles: list[BristleGuide],
+        bristles: list[Bristles],
         mechanism: Mechanism,
         record: Callable[[], list[Any]],
     ):
@@ -249,11 +249,11 @@ class Stepper:
         # be known.
         for guide in given:
             guide.switch(1, q)
-            guide.coefficient = 0.0
+            guide.slip_without_friction()
         a, _ = self._start(0.0, q, on_constraints)
         # A slider whose speed stays rounding over the first step stays at rest, and is held.
         for guide in given:
-            guide.coefficient = guide.joint.kinetic_coefficient
+            guide.slip_with_kinetic_bound()
             acceleration = guide.slip_acceleration(q, on_constraints, a)
             guide.switch(
                 0 if abs(acceleration) * self.dt <= REST_SPEED else int(copysign(1, acceleration)),
@@ -377,7 +377,7 @@ class Stepper:
             lower = brentq(lambda h: min(margins(h)), lower, step, xtol=SWITCH_TOLERANCE * step)
         self._switch(self.guides[int(np.argmin(margins(lower)))])
 
-    def _switch(self, ended: FrictionalGuide) -> None:
+    def _switch(self, ended: LocatedFriction) -> None:
         """End the mode of a guide at the present state, and restart."""
         modes = [guide.mode for guide in self.guides]
         before = self._consistent(self._sample())
@@ -403,20 +403,20 @@ class Stepper:
                 self.switches.append(Switch(kind, guide.name, before, after))
         self.counters["switches"] += 1
 
-    def _stop(self, state: Sample, guides: list[FrictionalGuide]) -> None:
+    def _stop(self, state: Sample, guides: list[LocatedFriction]) -> None:
         """Reverse sliders that have come to rest if static friction cannot hold them; otherwise they stick."""
         # They are released in the opposite direction with the static coefficient, and stick unless
         # all accelerate that way. To hold them and compare the force with its bound would fail at a
         # reversal that constraints prescribe, where no force holds a slider.
         for guide in guides:
             guide.switch(-guide.mode, state.q)
-            guide.coefficient = guide.mus
+            guide.slip_with_static_bound()
         a, _ = self._start(state.t, state.q, state.v)
         turns = [
             guide.mode * guide.slip_acceleration(state.q, state.v, a) > 0.0 for guide in guides
         ]
         for guide in guides:
-            guide.coefficient = guide.joint.kinetic_coefficient
+            guide.slip_with_kinetic_bound()
             if not all(turns):
                 guide.switch(0, state.q)
 
@@ -441,7 +441,7 @@ class Stepper:
                 return Sample(t, q, on_constraints, a, multipliers, self._record())
             overloaded.switch(int(-copysign(1, overloaded.friction)), q)
 
-    def _independent(self, held: list[FrictionalGuide]) -> bool:
+    def _independent(self, held: list[LocatedFriction]) -> bool:
         """Return True where the connectors that hold sliders all add to the rank of the constraints."""
         jacobian = self.solver.jacobian()
         others = np.delete(jacobian, [guide.hold_row for guide in held], axis=0)

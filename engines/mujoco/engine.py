@@ -3,9 +3,9 @@
 Joint fidelity. The scene is written as MJCF (`stiction.engines.mujoco.mjcf`): the tree of links of
 `stiction.engines.shared.link_tree`, joints that close loops as `connect` constraints. Drives: a rotor of huge inertia
 in the joint and, in each step, the force that ends the step on the law. Friction: `frictionloss` of the joint at the
-bound, with a reference that brings the slider to rest within a step. It is soft: only the share `impedance` of the
-force that would hold a slider is applied, and a sticking slider would creep. MuJoCo's `noslip` sweeps solve for the
-frictions once more without this softness.
+bound, with a reference (``solreffriction``) that brings the joint to rest within a step. It is soft: only the share
+`impedance` (``solimpfriction``) of the force that would hold a slider is applied, and a sticking slider would creep.
+MuJoCo's `noslip` sweeps solve for the frictions once more without this softness.
 
 Contact fidelity. The slider is a box between two planes, without clearance (`stiction.engines.mujoco.contact`);
 contacts have elliptic cones. The adapter also sets the damping of a guide's friction before each step.
@@ -49,6 +49,7 @@ _SETTINGS: Mapping[str, Defaults] = {
         "impedance": HARDEST,
         "solver": ("PGS", "Newton", "CG"),
         "noslip": ("on", "off"),
+        "loss_reference": ("step", "default"),
         "integrator": ("Euler", "implicitfast", "discrete", "RK4"),
     },
     Fidelity.CONTACT: {
@@ -78,7 +79,9 @@ class MujocoEngine(TreeEngine):
     Further settings at joint fidelity: `passes`, repetitions of a step in which sticking is undecided; `impedance` of
     friction and loops, the fraction of the force that would hold them rigidly, at most 0.9999; `noslip` (on, off),
     whether MuJoCo's noslip solver then computes friction as a hard constraint; `integrator`, Euler, implicitfast,
-    discrete or RK4. Friction bounds and loads are constant during a step.
+    discrete or RK4; `loss_reference`, step or default: whether friction is as stiff as one step allows, or has the
+    ``solreffriction`` and ``solimpfriction`` of a model that sets neither. An ordinary MuJoCo model is
+    ``loss_reference=default noslip=off solver=Newton``. Friction bounds and loads are constant during a step.
 
     Further settings at contact fidelity: `impedance` of contacts; `recovery`, the fraction of their overlap that hard
     contacts correct in one step; `friction_damping`, the damping by which friction opposes slip: with ``adapted``,
@@ -274,7 +277,7 @@ class _Stepper(TreeStepper):
 
 
 class _JointStepper(_Stepper):
-    """Guides as slides, friction as their loss."""
+    """Guides as slides, pins as hinges, friction as their loss."""
 
     def __init__(
         self, assembly: Assembly, h: float, options: Mapping[str, Any], warnings: Sequence[str]

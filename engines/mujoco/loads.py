@@ -93,7 +93,10 @@ def add_loads(
 
     # Springs by what they are measured along: two points, joint coordinates, an axis of the ground.
     # MJCF has no element for an axis of a moving body that is not a guide's.
-    for name, spring in scene.springs.items():
+    # Dampers of joints are attributes of these, but joints that close loops are no joints of MJCF.
+    dampers = {name: scene.joints[name].damper for name in tree.loops}
+    springs = scene.springs | {name: damper for name, damper in dampers.items() if damper}
+    for name, spring in springs.items():
         constants = {"stiffness": repr(spring.stiffness), "damping": repr(spring.damping)}
         if isinstance(spring, LinearSpring) and spring.axis is None:
             tendon = add(

@@ -13,6 +13,7 @@ from stiction.engines.shared.link_tree import Link, LinkTree
 from stiction.scenes import Scene
 from stiction.scenes.fidelity import Fidelity
 from stiction.scenes.laws import evaluate_law
+from stiction.scenes.model import Translational
 
 HARDEST = 0.9999
 """Impedance of constraints that are to be hard: MuJoCo's own limit."""
@@ -33,13 +34,15 @@ _BOUND = (
     'frictionloss of joint "{name}" (N, here {placeholder:g}): mu (|n1| + |n2|) of its two corners with mu = '
     "{guide.mu!r}, and {guide.static_coefficient!r} while it sticks"
 )
+_CONSTANT_PART = ", and to that its constant part: {bounds[0]!r}, and {bounds[1]!r} while it sticks"
+_STATIC_BOUND = 'frictionloss of joint "{name}", here that of slip, {bounds[0]!r}: {bounds[1]!r} while it sticks'
 _COEFFICIENTS = (
     'friction of the pairs "{name}.*": {guide.mu!r} while the slider slides, {guide.static_coefficient!r} '
     "while stick is undecided"
 )
 _DAMPING = "; solreffriction: less damping while it slides, see the adapter"
 _PLACEHOLDER = 1.0
-"""Friction of a guide (N) until its bound is set: with zero MuJoCo leaves the row out."""
+"""Friction of a joint (N, N m) until its bound is set: with zero MuJoCo leaves the row out."""
 
 
 def mjcf(
@@ -108,6 +111,9 @@ def mjcf(
         "solref": numbers(stiffness, damping),
         "solimp": numbers(impedance, impedance, *SOLIMP_SHAPE),
     }
+    reference = {"solreffriction": soft["solref"], "solimpfriction": soft["solimp"]}
+    if not contact and options["loss_reference"] == "default":
+        reference = {}
     elements: dict[int, xml.Element] = {-1: xml.SubElement(root, "worldbody")}
     for i, link in enumerate(tree.links):
         if link.body is None:
@@ -123,7 +129,11 @@ def mjcf(
             euler=numbers(0.0, 0.0, link.angle),
         )
         for j in (i - 2, i - 1, i) if free else (i,):
-            _joint(body, tree.links[j], joint_name(tree, j), scene, j in driven, soft)
+            name = joint_name(tree, j)
+            attributes = _friction(scene, name, reference)
+            if loaded and name in scene.joints and scene.joints[name].damping:
+                attributes["damping"] = repr(scene.joints[name].damping)
+            _joint(body, tree.links[j], name, j in driven, attributes)
         data = scene.bodies[link.body]
         xml.SubElement(
             body,
@@ -156,18 +166,36 @@ def mjcf(
         ctrl=numbers(*loads.ctrl),
     )
     if loaded:
-        line = _COEFFICIENTS + _DAMPING * (not options["time_constant"]) if contact else _BOUND
-        root.insert(0, xml.Comment(_header(scene, timestep, loads, line)))
+        if contact:
+            line = _COEFFICIENTS + _DAMPING * (not options["time_constant"])
+            friction = [
+                line.format(name=name, guide=guide)
+                for name, guide in scene.frictional_guides.items()
+            ]
+        else:
+            friction = _varying_bounds(scene)
+        root.insert(0, xml.Comment(_header(scene, timestep, loads, friction)))
     xml.indent(root)
     return xml.tostring(root, encoding="unicode") + "\n"
 
 
-def _header(scene: Scene, timestep: float, loads: Loads, line: str) -> str:
-    """Return the comment of a file; `line` is the template of what is to be set for a frictional guide."""
-    friction = [
-        line.format(name=name, guide=guide, placeholder=_PLACEHOLDER)
-        for name, guide in scene.frictional_guides.items()
-    ]
+def _varying_bounds(scene: Scene) -> list[str]:
+    """Return a line for each joint whose friction has a bound that is to be set before each step."""
+    lines = []
+    for name, joint in scene.frictional_joints.items():
+        kinetic, static = joint.bounds
+        if isinstance(joint, Translational) and joint.mu is not None:
+            line = _BOUND.format(name=name, guide=joint, placeholder=_PLACEHOLDER)
+            if static > 0.0:
+                line += _CONSTANT_PART.format(bounds=joint.bounds)
+            lines.append(line)
+        elif static > kinetic:
+            lines.append(_STATIC_BOUND.format(name=name, bounds=joint.bounds))
+    return lines
+
+
+def _header(scene: Scene, timestep: float, loads: Loads, friction: list[str]) -> str:
+    """Return the comment of a file; `friction` are lines of what is to be set for frictional joints."""
     to_set, missing = (
         "".join(f"\n  - {line};" for line in lines) or " nothing."
         for lines in (loads.to_set + friction, loads.missing)
@@ -195,22 +223,24 @@ def joint_name(tree: LinkTree, i: int) -> str:
     return f"{body}.{'x' if link.axis[0] else 'y'}"
 
 
+def _friction(scene: Scene, name: str, reference: Mapping[str, str]) -> dict[str, str]:
+    """Return the attributes of a joint's friction; none if the scene has no frictional joint of that name."""
+    if name not in scene.frictional_joints:
+        return {}
+    joint = scene.frictional_joints[name]
+    is_constant = not isinstance(joint, Translational) or joint.mu is None
+    loss = joint.bounds[0] if is_constant else 0.0
+    return {"frictionloss": repr(loss or _PLACEHOLDER), **reference}
+
+
 def _joint(
-    body: xml.Element, link: Link, name: str, scene: Scene, driven: bool, soft: Mapping[str, str]
+    body: xml.Element, link: Link, name: str, driven: bool, attributes: Mapping[str, str]
 ) -> None:
+    """Add the joint of a link to an element, with further attributes."""
     kind = (
         {"type": "slide", "axis": numbers(*link.axis, 0.0)}
         if link.slides
         else {"type": "hinge", "axis": "0 0 1"}
     )
     rotor = {"armature": repr(ROTOR)} if driven else {}
-    friction = (
-        {
-            "frictionloss": repr(_PLACEHOLDER),
-            "solreffriction": soft["solref"],
-            "solimpfriction": soft["solimp"],
-        }
-        if name in scene.frictional_guides
-        else {}
-    )
-    add(body, "joint", name=name, **kind, **rotor, **friction)
+    add(body, "joint", name=name, **kind, **rotor, **attributes)

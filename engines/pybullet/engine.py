@@ -7,8 +7,8 @@ Joint fidelity. The mechanism is one multibody on a fixed base, its joints those
 `stiction.engines.shared.link_tree.LinkTree`. Revolute joints that close a loop are point-to-point constraints,
 corrected by `erp` of their error each step. A translational joint that closes a loop is refused: `createConstraint` has
 `JOINT_PRISMATIC`, but no motor, which friction needs. Drives: velocity motors. Friction: a velocity motor of rate zero
-with `force` at the bound of `stiction.engines.shared.friction_bound`. All damping that PyBullet adds by default is
-switched off.
+with `force` at the bound of `stiction.engines.shared.friction_bound`, in guides and in pins. All damping that PyBullet
+adds by default is switched off.
 
 Contact fidelity. The slider is a box of the guide's length and width between two fixed boxes, without clearance.
 """
@@ -222,7 +222,7 @@ def _multibody(scene: Scene, tree: LinkTree, shapes: Mapping[int, int], client: 
 
 
 class _Stepper(TreeStepper):
-    """A scene as a PyBullet multibody; friction as capped motors of the guides' joints."""
+    """A scene as a PyBullet multibody; friction as capped motors of its joints."""
 
     def __init__(self, assembly: Assembly, h: float, options: Mapping[str, Any], client: int):
         super().__init__(assembly, h, options)
@@ -238,9 +238,9 @@ class _Stepper(TreeStepper):
         if scene.gravity is not None:
             bullet.setGravity(*scene.gravity, 0.0, physicsClientId=client)
         self._multibody = _multibody(scene, tree, self._shapes(scene), client)
-        loaded = {name for spring in scene.springs.values() for name in spring.bodies} | {
-            load.body for load in scene.forces.values()
-        }
+        loaded = {
+            name for spring in scene.springs_and_dampers.values() for name in spring.bodies
+        } | {load.body for load in scene.forces.values()}
         # Functions with the arguments that do not change, which saves time in each step.
         links = list(range(len(tree.links)))
         self._simulate = bullet.stepSimulation

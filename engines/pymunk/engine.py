@@ -13,6 +13,7 @@ slider. Angle drive: `SimpleMotor`, at constant rate left alone, otherwise with 
 each step on the law. Distance drive: `PinJoint` whose distance follows the law, along an axis a
 `GrooveJoint` or `PinJoint` across it, as for guides, whose place does. Friction: the same across
 the guide, so that only its force along the guide acts, without position correction and with
+`max_force` at the bound. Friction in a pin: `SimpleMotor` of rate zero between its bodies, with
 `max_force` at the bound.
 
 A `GrooveJoint` must not be used where one of its bodies can turn. It multiplies the relative
@@ -134,6 +135,9 @@ class PymunkEngine(SteppedEngine):
         for name, drive in scene.drives.items():
             if drive.type == "angle" and fixed.issuperset(drive.bodies):
                 return f"drives.{name}: neither of its bodies can turn, their guides hold the angle that it drives"
+        for name, pin in scene.pins.items():
+            if pin.frictional and fixed.issuperset(pin.bodies):
+                return f"joints.{name}: has friction, and neither of its bodies can turn: their guides hold its angle"
         return None
 
     def stepper(
@@ -212,7 +216,7 @@ class _PymunkStepper(Stepper):
         for drive in scene.drives.values():
             self._drive(drive, *(named[name] for name in drive.bodies))
         self._named = named
-        self._loaded = bool(scene.springs or scene.forces)
+        self._loaded = bool(scene.springs_and_dampers or scene.forces)
         self._share_states([named[name].id for name in scene.bodies])
 
     def _share_states(self, bodies: Sequence[int]) -> None:
@@ -420,7 +424,7 @@ class _PymunkStepper(Stepper):
 
 
 class _JointStepper(_PymunkStepper):
-    """Guides as grooves, friction as capped grooves across them."""
+    """Guides as grooves, friction as capped grooves across them, or as capped motors of pins."""
 
     capped = True
 
@@ -430,8 +434,8 @@ class _JointStepper(_PymunkStepper):
         fixed = non_turning(assembly.scene)
         super().__init__(assembly, h, options, fixed)
         scene = assembly.scene
-        self._rubbing: list[Constraint] = []
-        for guide in scene.guides.values():
+        rows: dict[str, Constraint] = {}
+        for name, guide in scene.guides.items():
             slider, base = self._named[guide.slider], self._named[guide.guide]
             along = pymunk.Vec2d(*guide.direction).normalized()
             held = _Line(along.perpendicular(), pymunk.Vec2d(*guide.point))
@@ -440,7 +444,13 @@ class _JointStepper(_PymunkStepper):
             self._space.add(joint)
             if guide.slider not in fixed:
                 self._space.add(pymunk.GearJoint(base, slider, guide.angle, 1.0))
-            self._rubbing += friction
+            if friction:
+                (rows[name],) = friction
+        for name, pin in scene.pins.items():
+            if pin.frictional:
+                first, second = (self._named[body] for body in pin.bodies)
+                rows[name] = pymunk.SimpleMotor(first, second, 0.0)
+        self._rubbing = [rows[name] for name in scene.frictional_joints]
         # Gauss-Seidel visits constraints in the order in which they were added. Friction is last, so
         # that no other constraint changes the slip after it. It corrects no position error.
         for row in self._rubbing:

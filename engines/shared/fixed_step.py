@@ -13,6 +13,7 @@ from typing import Any, ClassVar, NamedTuple
 import numpy as np
 
 from stiction.engines.assembly import Assembly, assembly_of
+from stiction.engines.joint_effects import ALL_EFFECTS
 from stiction.engines.protocol import (
     BadTrajectory,
     Capabilities,
@@ -23,11 +24,17 @@ from stiction.engines.protocol import (
     check_steps,
 )
 from stiction.engines.shared.engine_clock import EngineClock
-from stiction.engines.shared.friction_bound import CAPPED, CONTACT, FrictionBound
+from stiction.engines.shared.friction_bound import (
+    CAPPED,
+    CONSTANT,
+    CONSTANT_SWITCHED,
+    CONTACT,
+    FrictionBound,
+)
 from stiction.engines.shared.inconsistent_start import refuse_off
 from stiction.reference_impl.multibody.mechanism import Mechanism
 from stiction.reference_impl.multibody.reactions import recover_columns
-from stiction.reference_impl.multibody.trajectory_columns import guide_motion
+from stiction.reference_impl.multibody.trajectory_columns import slip_velocity
 from stiction.scenes import Cost, InputError, Scene, Trajectory
 from stiction.scenes.fidelity import Fidelity
 
@@ -40,8 +47,9 @@ DEFAULT_SHARE = 0.01
 class Sample(NamedTuple):
     """A state and the acceleration of the step that belongs to it, each of shape (3 * bodies,).
 
-    Per frictional guide, shape (frictional,): `modes` -1, 0, 1 (slip against, stick, slip along), and `friction`, the
-    force that the engine exerted on the slider along the guide (N), NaN where that is not known.
+    Per frictional joint, shape (frictional,): `modes` -1, 0, 1 (slip against, stick, slip along), and `friction`, the
+    force that the engine exerted on the slider along the guide (N), or the torque on the first body of a pin (N m), NaN
+    where that is not known.
     """
 
     q: np.ndarray
@@ -96,7 +104,7 @@ class Stepper(ABC):
 
     @abstractmethod
     def advance(self, caps: Sequence[float]) -> None:
-        """Make a pass: the engine steps with these bounds of friction (N) under the loads, and its state is read."""
+        """Make a pass: the engine steps with these bounds of friction (N, N m) under the loads; its state is read."""
 
     @abstractmethod
     def retreat(self) -> None:
@@ -247,6 +255,8 @@ class SteppedEngine(Engine):
         reactions="momentum balance",
         order="1",
         friction_by={Fidelity.JOINT: Supplier.ADAPTER, Fidelity.CONTACT: Supplier.BOTH},
+        constant_bound_by={Fidelity.JOINT: Supplier.ENGINE},
+        joint_effects={Fidelity.JOINT: ALL_EFFECTS},
     )
     defaults: ClassVar[Mapping[str, Defaults]]
     reach: ClassVar[Mapping[str, float]] = {Fidelity.JOINT: math.inf, Fidelity.CONTACT: math.inf}
@@ -338,8 +348,21 @@ class SteppedEngine(Engine):
             t=t,
             columns=columns,
             cost=cost,
-            settings={"dt": h, **options, "friction_law": self.capabilities.friction_law[fidelity]},
+            settings={
+                "dt": h,
+                **options,
+                "friction_law": self._friction_law(scene, fidelity, options),
+            },
         )
+
+    def _friction_law(self, scene: Scene, fidelity: Fidelity, options: Mapping[str, Any]) -> str:
+        """Return the friction law of the steps of a scene, in words."""
+        match self.constant_bound_supplier(scene, fidelity, options):
+            case Supplier.ENGINE:
+                return CONSTANT
+            case Supplier.BOTH:
+                return CONSTANT_SWITCHED
+        return self.capabilities.friction_law[fidelity]
 
 
 def columns_of_motion(
@@ -351,22 +374,22 @@ def columns_of_motion(
     modes: np.ndarray,
     frictions: np.ndarray,
 ) -> dict[str, np.ndarray]:
-    """Return all columns of a motion, with a column of modes and frictions (N) for each frictional guide.
+    """Return all columns of a motion, with columns of modes and frictions (N, N m) for each frictional joint.
 
     A friction that is NaN is recovered from the balance of momentum.
     """
-    guide_columns: dict[str, np.ndarray] = {}
+    joint_columns: dict[str, np.ndarray] = {}
     for i, name in enumerate(mechanism.guide_names):
-        guide_columns |= {f"{name}.mode": modes[:, i], f"{name}.friction": frictions[:, i]}
-    return recover_columns(mechanism.scene, t, q, v, a, guide_columns, mechanism)
+        joint_columns |= {f"{name}.mode": modes[:, i], f"{name}.friction": frictions[:, i]}
+    return recover_columns(mechanism.scene, t, q, v, a, joint_columns, mechanism)
 
 
 def _rest_with_others(
     mechanism: Mechanism, q: np.ndarray, v: np.ndarray, friction: np.ndarray, dt: float
 ) -> np.ndarray:
-    """Return flags, shape (n, frictional), of guides that rest to rounding while another one is held.
+    """Return flags, shape (n, frictional), of joints that rest to rounding while another one is held.
 
-    A guide that is held has a friction of NaN. Guides at rest share the load, and an engine may give some of them the
+    A joint that is held has a friction of NaN. Joints at rest share the load, and an engine may give some of them the
     friction of slip at its bound. Their speeds are rounding, whose sign is no direction of slip, so that the balance of
     momentum has to give their shares too.
     """
@@ -375,9 +398,10 @@ def _rest_with_others(
     arrays, scene = mechanism.arrays, mechanism.scene
     joints = list(scene.joints)
     slip = np.stack(
-        [guide_motion(arrays, joints.index(name), q, v)[1] for name in scene.frictional_guides],
+        [slip_velocity(arrays, joints.index(name), q, v) for name in scene.frictional_joints],
         axis=1,
     )
+    slip *= mechanism.slip_radius
     # at rest: in a step the slider moves by less than the rounding of its place
     rests = np.abs(slip) * dt <= np.finfo(float).eps * arrays.length_scale
     return rests & np.isnan(friction).any(axis=1, keepdims=True)

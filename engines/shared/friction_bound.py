@@ -1,4 +1,4 @@
-"""Coulomb friction of guides in an engine's steps: a bound for its joints, or a coefficient for its contacts.
+"""Coulomb friction in an engine's steps: a bound for its joints, or a coefficient for its contacts.
 
 An engine whose joints have a friction with an upper bound holds the slider with a force of at most `cap` along its
 guide. The cap is set from the guide's reactions, mu (|n1| + |n2|): with R the normal force, T the moment on the slider
@@ -10,11 +10,15 @@ Wang 2014, Sect. 5, reduced to one slider):
 and |R| where the guide has no length. Reactions depend on the friction. Therefore a step in which stick and slip are
 decided is repeated with the reactions that it gave. The arithmetic is compiled: `_set_caps` and `_judge` of
 `step_kernels`.
+
+A constant bound, of a guide or a pin, is added to the cap. A joint with nothing else has the same cap in every step: it
+is a parameter of the engine's own friction, which then decides between stick and slip itself, and no step is repeated.
+If the bound at rest is larger, the adapter switches between both as it does between mus and mu.
 """
 
 from __future__ import annotations
 
-from collections.abc import Collection
+from collections.abc import Collection, Sequence
 from math import nan
 
 import numpy as np
@@ -30,9 +34,14 @@ from stiction.engines.shared.step_kernels import (
 from stiction.reference_impl.compiled.kernel import link_kernels
 from stiction.reference_impl.multibody.mechanism import Mechanism
 from stiction.scenes import Scene
-from stiction.scenes.model import Translational
+from stiction.scenes.model import Joint, Translational
 
 CAPPED = "Coulomb, bound mu (|n1| + |n2|) set by the adapter each step, held by the engine's joint friction"
+CONSTANT = "Coulomb with a constant bound, the engine's own joint friction (engine)"
+CONSTANT_SWITCHED = (
+    "Coulomb with constant bounds, the engine's own joint friction; the adapter switches between the bounds at rest "
+    "and in slip"
+)
 CONTACT = "Coulomb at each contact (engine); the adapter switches between mu and mus"
 _FIRST_STEPS = 4
 """Steps at the start that get more passes (`step_kernels.FIRST_PASSES`): the first has no reactions of a step before
@@ -40,26 +49,37 @@ it, and those of the next ones still come from its error."""
 
 
 class GuideFriction:
-    """State of the frictional guides of a scene in an engine's steps; no rows where there is none.
+    """State of the frictional joints of a scene in an engine's steps; no rows where there is none.
+
+    Parameters
+    ----------
+    joints : collection of Joint
+        Guides, and pins if their friction is the engine's too.
+    radii : sequence of float
+        By joint: `Mechanism.slip_radius`, m.
 
     Attributes
     ----------
     guides : ndarray of `stiction.engines.shared.step_kernels.GUIDE`
+        A row for each of the joints.
     """
 
-    def __init__(self, guides: Collection[Translational]):
-        # A record for each guide, all zero at first. So the cap of the very first pass is zero: it
-        # is made without friction, and its reactions give the next cap.
-        self.guides = np.zeros(len(guides), GUIDE)
-        for row, guide in zip(self.guides, guides):
-            row["mu"], row["mus"] = guide.kinetic_coefficient, guide.static_coefficient
-            row["length"], row["width"] = guide.length or 0.0, guide.width or 0.0
+    def __init__(self, joints: Collection[Joint], radii: Sequence[float]):
+        # A record for each joint, all zero at first. So that part of the cap of the very first pass
+        # that depends on the load is zero: its reactions give the next cap.
+        self.guides = np.zeros(len(joints), GUIDE)
+        for row, joint, radius in zip(self.guides, joints, radii):
+            row["bound"], row["static_bound"] = joint.bounds
+            row["radius"] = radius
+            if isinstance(joint, Translational):
+                row["mu"], row["mus"] = joint.kinetic_coefficient, joint.static_coefficient
+                row["length"], row["width"] = joint.extent
 
     def begin(self) -> None:
         """Begin the first step, if the kernel of the engine's steps does not begin it."""
 
     def modes(self) -> np.ndarray:
-        """Per frictional guide: -1, 0, 1 (slip against, stick, slip along) in the last step."""
+        """Per frictional joint: -1, 0, 1 (slip against, stick, slip along) in the last step."""
         return self.guides["mode"].copy()
 
     def modes_before(self) -> np.ndarray:
@@ -67,7 +87,10 @@ class GuideFriction:
         return self.guides["mode_before"].copy()
 
     def frictions(self) -> np.ndarray:
-        """Per frictional guide: the force on the slider along the guide in the last step (N); NaN while it stuck."""
+        """Per frictional joint: its friction in the last step (N, of a pin N m); NaN while it stuck.
+
+        It is the force on the slider along the guide, or the torque on the first body of a pin.
+        """
         return np.where(self.guides["stuck"], nan, self.guides["friction"])
 
 
@@ -86,7 +109,7 @@ class FrictionBound(GuideFriction):
     passes : int
         Attempts at an undecided step.
     capped : bool
-        False if the engine finds the friction itself; then no guide has a cap.
+        False if the engine finds the friction itself; then no joint has a cap.
 
     Attributes
     ----------
@@ -97,14 +120,15 @@ class FrictionBound(GuideFriction):
     data : Cap
         Argument of the kernels of `stiction.engines.shared.step_kernels`.
     caps : callable
-        Returns a list of the bounds of the coming pass by guide (N).
+        Returns a list of the bounds of the coming pass by joint (N, of pins N m).
     held : ndarray, shape (frictional,)
-        Magnitudes of the frictions in a pass (N), which the adapter sets after it.
+        Magnitudes of the frictions in a pass (N, of pins N m), which the adapter sets after it.
     """
 
     def __init__(self, mechanism: Mechanism, passes: int, capped: bool):
         scene = mechanism.scene
-        super().__init__(scene.frictional_guides.values() if capped else ())
+        joints = scene.frictional_joints.values() if capped else ()
+        super().__init__(joints, mechanism.slip_radius.tolist())
         self.balance = Balance.of(mechanism)
         # views of the records: what the kernels write is seen here, and the other way round
         self.held = self.guides["held"]
@@ -125,7 +149,8 @@ class CoefficientSwitch(GuideFriction):
     """
 
     def __init__(self, scene: Scene):
-        super().__init__(scene.frictional_guides.values())
+        guides = scene.frictional_guides.values()
+        super().__init__(guides, [1.0] * len(guides))
         self._coefficients = self.guides["coefficient"]
 
     def begin(self) -> None:

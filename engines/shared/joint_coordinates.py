@@ -53,6 +53,7 @@ def motor_link(scene: Scene, tree: LinkTree, drive: Drive) -> tuple[int, int]:
         # the sum of several.
         hinges = tree.hinge_between(*drive.bodies)
         if len(hinges) == 1:
+            _refuse_friction(scene, tree, hinges[0][0], "pin")
             return hinges[0]
         raise Refused(f"drives one hinge at a time, and {len(hinges)} hinges make up this angle")
     driven = None
@@ -62,9 +63,14 @@ def motor_link(scene: Scene, tree: LinkTree, drive: Drive) -> tuple[int, int]:
         raise Refused(
             "drives distances only along a guide between the same two bodies, parallel to it"
         )
-    if tree.links[driven[0]].joint in scene.frictional_guides:
-        raise Refused("has one motor for each joint, and the guide's friction needs it")
+    _refuse_friction(scene, tree, driven[0], "guide")
     return driven
+
+
+def _refuse_friction(scene: Scene, tree: LinkTree, link: int, kind: str) -> None:
+    """Raise Refused for a motor of a link whose joint, a guide or a pin by its `kind`, has friction."""
+    if tree.links[link].joint in scene.frictional_joints:
+        raise Refused(f"has one motor for each joint, and the {kind}'s friction needs it")
 
 
 def link_along(
@@ -102,8 +108,8 @@ def motors_of(scene: Scene, tree: LinkTree, position: np.ndarray) -> list[Motor]
 class TreeStepper(Stepper):
     """A tree of links with drives and loads, one step ahead of its samples; subclasses add the engine.
 
-    The engine holds the joints of frictional guides by a friction with an upper bound; for contacts see
-    `ContactStepper`. A step takes h seconds. The setting `passes`, if there is one, is that of `FrictionBound`.
+    The engine holds frictional joints by a friction with an upper bound; for contacts see `ContactStepper`. A step
+    takes h seconds. The setting `passes`, if there is one, is that of `FrictionBound`.
 
     Attributes
     ----------
@@ -113,9 +119,9 @@ class TreeStepper(Stepper):
         Coordinates of the bodies at the beginning of the step, and applied forces in it without weight. They are
         computed only if the scene is `loaded`.
     friction_links : list of int
-        Link of each guide with a bound.
+        Link of each joint whose friction has a bound.
     held : ndarray, shape (frictional,)
-        Magnitudes of the frictions of the guides with a bound (N), which the adapter sets after each pass.
+        Magnitudes of the frictions of these joints (N, N m), which the adapter sets after each pass.
     rates : dict of int to float
         Rates of the links that motors drive in the coming pass (m/s or rad/s).
     """
@@ -129,14 +135,14 @@ class TreeStepper(Stepper):
         scene = assembly.scene
         tree, capped = LinkTree(scene, self.fidelity), self.fidelity == Fidelity.JOINT
         self.tree = tree
-        self.loaded = bool(scene.springs or scene.forces)
+        self.loaded = bool(scene.springs_and_dampers or scene.forces)
         # Made of every scene, with friction or without: a mechanism that is too large for the
         # balance is then refused before the engine gets it.
         self.bound = FrictionBound(assembly.whole, options.get("passes", 1), capped)
         self.friction = self.bound
         self.held, self.balanced = self.bound.held, bool(len(self.bound.held))
         self.friction_links = (
-            [tree.link_of_joint[name] for name in scene.frictional_guides] if capped else []
+            [tree.link_of_joint[name] for name in scene.frictional_joints] if capped else []
         )
         self.settling = _SETTLING if tree.loops else 0
         self.share_joint_state(*tree.coordinates(scene))
@@ -185,7 +191,7 @@ class TreeStepper(Stepper):
         self.rates[link] = rate
 
     def advance(self, caps: Sequence[float]) -> None:
-        """Make a pass of the engine with these bounds of `friction_links` (N), under `loads`.
+        """Make a pass of the engine with these bounds of `friction_links` (N, N m), under `loads`.
 
         Sets `position`, `velocity` and `held`.
         """

@@ -47,8 +47,8 @@ class Link:
 class LinkTree:
     """Links of a scene in depth-first order, each branch complete before the next begins.
 
-    Translational joints come into the tree first, then the revolute joints that an angle drive turns, then the others:
-    a joint in the tree has a joint coordinate, which friction and motors need.
+    Translational joints come into the tree first, then the revolute joints that an angle drive turns, then those with
+    friction, then the others: a joint in the tree has a joint coordinate, which friction and motors need.
 
     At contact fidelity guides are no joints, and each slider hangs from the ground itself. An engine solves for
     contacts with their Jacobian J at the start of a step, and what the step leaves of J' v would move a slider that
@@ -78,7 +78,9 @@ class LinkTree:
             joint = scene.joints[name]
             if isinstance(joint, Translational):
                 return 0
-            return 1 if frozenset(joint.bodies) in driven else 2
+            if frozenset(joint.bodies) in driven:
+                return 1
+            return 2 if joint.frictional else 3
 
         # Kruskal's algorithm for a spanning tree: a joint that connects two bodies which are not
         # connected yet belongs to the tree, any other one closes a loop.

@@ -61,16 +61,22 @@ GUIDE = np.dtype(
                 "change",
                 "coefficient",
                 "cap",
+                "bound",
+                "static_bound",
+                "constant",
+                "radius",
             )
         ),
         *((name, np.int64) for name in ("stuck", "landed", "mode", "mode_before")),
     ]
 )
-"""A frictional guide (m; length 0 where it has none) and its state in the last step (N, N m, m/s).
+"""A frictional joint (m; length 0 where it has none) and its state in the last step (N, N m, m/s; N m, rad/s of a pin).
 
 `held` is the magnitude of its friction, as the engine has it, `cap` the largest that it may have: the bound of its
-joint, or the sum of those of its contacts. `change` is that of the slip speed in the step; `mode` is -1, 0 (stick) or 1
-in it, `mode_before` in the one before."""
+joint, or the sum of those of its contacts. `bound` and `static_bound` are the parts of its cap in slip and at rest that
+do not depend on its load, and `constant` is that part in the present attempt, as `coefficient` is the coefficient.
+`radius` is the distance (m) at which the balance of momentum has the friction of a pin as a force; 1 for a guide.
+`change` is that of the slip speed in the step; `mode` is -1, 0 (stick) or 1 in it, `mode_before` in the one before."""
 Guides = Annotated[np.ndarray, GUIDE, 1]
 
 
@@ -138,7 +144,7 @@ class Balance(Bundle):
 
 
 class Cap(Bundle):
-    """Guides whose friction is capped, of a balance, with the number of attempts at an undecided step."""
+    """Joints whose friction is capped, of a balance, with the number of attempts at an undecided step."""
 
     balance: Balance
     guides: Guides
@@ -343,17 +349,33 @@ def _undecided(guide):
 
 
 @kernel
+def _has_fixed_cap(guide):
+    """Return True if the cap is one positive constant, so that the engine itself decides between stick and slip."""
+    return guide.mus == 0.0 and guide.bound > 0.0 and guide.static_bound == guide.bound
+
+
+@kernel
 def _choose_coefficients(guides):
-    """Set the coefficients of the step that begins; return whether any guide is undecided."""
+    """Set the coefficients and constants of the step that begins; return whether any cap is undecided."""
     any_undecided = False
     for i in range(len(guides)):
         guide = guides[i]
         undecided = _undecided(guide)
-        any_undecided = any_undecided or undecided
+        any_undecided = any_undecided or (undecided and not _has_fixed_cap(guide))
         # Stick is tried first, with what static friction can hold.
         guide.coefficient = guide.mus if undecided else guide.mu
+        guide.constant = guide.static_bound if undecided else guide.bound
         guide.slip_speed_before = guide.slip_speed
     return any_undecided
+
+
+@kernel
+def _all_caps_are_fixed(guides):
+    """Return True if no cap depends on reactions or modes: then no step needs more than one attempt."""
+    for i in range(len(guides)):
+        if not _has_fixed_cap(guides[i]):
+            return False
+    return True
 
 
 @kernel
@@ -372,7 +394,8 @@ def _set_caps(cap):
         # (`friction_bound`). Friction that holds a slider opposes the motion that it would have.
         direction = -_sign(guide.friction) if guide.stuck else _sign(guide.slip_speed)
         kappa = -guide.coefficient * direction
-        guide.cap = guide.coefficient * normal_load(guide, guide.normal_force, guide.moment, kappa)
+        load = normal_load(guide, guide.normal_force, guide.moment, kappa)
+        guide.cap = guide.constant + guide.coefficient * load
         if not isfinite(guide.cap):
             raise FloatingPointError("a reaction is not finite")
 
@@ -389,7 +412,7 @@ def _begin(cap, loaded, t, q, v, ahead):
     # O(h), as the step itself. A guide that may stick needs its cap and its reactions to agree.
     attempts = cap.attempts
     attempts.left = cap.passes if _choose_coefficients(cap.guides) else 1
-    if attempts.first > 0:
+    if attempts.first > 0 and not _all_caps_are_fixed(cap.guides):
         attempts.left = max(cap.passes, FIRST_PASSES)
     attempts.first = max(attempts.first - 1, 0)
     _set_caps(cap)
@@ -407,13 +430,15 @@ def _judge(cap, a):
     for i in range(len(guides)):
         guide = guides[i]
         guide.stuck = int(guide.held < guide.cap * SATURATED)
-        balance.given_friction[i] = np.nan if guide.stuck else -_sign(guide.slip_speed) * guide.cap
+        balance.given_friction[i] = (
+            np.nan if guide.stuck else -_sign(guide.slip_speed) * guide.cap / guide.radius
+        )
     # The reactions of this attempt give the caps of the next one.
     row_forces(balance, a)
     for i in range(len(guides)):
         guide, row = guides[i], m.friction[i].row
         guide.normal_force, guide.moment = balance.force[row], balance.force[row + 1]
-        guide.friction = balance.force[m.rows + i]
+        guide.friction = balance.force[m.rows + i] * guide.radius
     attempts.left -= 1
     repeat = attempts.left > 0
     if attempts.left == 0:
@@ -421,8 +446,9 @@ def _judge(cap, a):
         # with the kinetic one, for which the step is repeated once.
         for i in range(len(guides)):
             guide = guides[i]
-            if not guide.stuck and guide.coefficient != guide.mu:
-                guide.coefficient = guide.mu
+            has_static_cap = guide.coefficient != guide.mu or guide.constant != guide.bound
+            if not guide.stuck and has_static_cap:
+                guide.coefficient, guide.constant = guide.mu, guide.bound
                 repeat = True
     if repeat:
         _set_caps(cap)

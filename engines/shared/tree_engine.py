@@ -10,6 +10,7 @@ from dataclasses import replace
 from typing import Any, ClassVar
 
 from stiction.engines.assembly import Assembly, assembly_of
+from stiction.engines.joint_effects import effects_of
 from stiction.engines.protocol import Refused, Supplier
 from stiction.engines.shared.acceleration_integrator import (
     DEFAULT_TOLERANCE,
@@ -66,8 +67,14 @@ class TreeEngine(SteppedEngine):
         # the tree. A drive needs a joint coordinate, and no two may have the same.
         tree, motors = LinkTree(scene, fidelity), dict[int, str]()
         for name in tree.loops:
-            if isinstance(scene.joints[name], Translational):
+            joint = scene.joints[name]
+            if isinstance(joint, Translational):
                 return f"joints.{name}: closes a loop; the {self.called} adapter closes loops by revolute joints only"
+            if joint.frictional:
+                return (
+                    f"joints.{name}: closes a loop and has friction; {self.called} has friction in coordinates of "
+                    "joints, of which a joint that closes a loop has none"
+                )
         for name, drive in scene.drives.items():
             try:
                 link, _ = motor_link(scene, tree, drive)
@@ -113,6 +120,12 @@ class TreeEngine(SteppedEngine):
         if dt is not None or fidelity != Fidelity.JOINT or len(settings) > 1:
             raise InputError(
                 f"method={METHOD}: found dt, contact fidelity or other settings; expected rtol alone"
+            )
+        effects = [name for name, joint in scene.joints.items() if effects_of(joint)]
+        if effects:
+            raise Refused(
+                f"joints.{effects[0]}: method={METHOD} takes neither constant bounds of friction nor damping in "
+                "joints; expected steps (dt)"
             )
         start, tolerance = time.process_time(), DEFAULT_TOLERANCE if rtol is None else rtol
         assembly = assembly_of(scene, assembly)

@@ -291,6 +291,10 @@ def _show(
     from stiction.reports.text import section_of
 
     table = results.table(study.name)
+    # A scene may have runs of another kind, in a table of their own: those of joints in `hold`.
+    for name in study.tables:
+        if table.empty:
+            table = results.table(name)
     section = section_of(study, results)
     if out is not None:
         # An empty table is written, too; the file then shows which columns it would have.

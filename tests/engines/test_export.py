@@ -326,6 +326,8 @@ def test_what_a_format_cannot_say_is_refused(arguments, code, words):
         ("four-bar", 2.0),
         ("mass-on-belt", 2.0),
         ("block-on-incline", 2.0),
+        ("pendulum-dry-pin", 2.0),
+        ("slider-crank-dry-pins", 0.4),
     ],
 )
 def test_the_script_makes_the_motion_of_the_adapter(name, t_end, tmp_path):
@@ -345,7 +347,7 @@ def test_the_script_makes_the_motion_of_the_adapter(name, t_end, tmp_path):
         '"""[^"]*"""', "", file.read_text()
     )
     run = load_engine("exudyn").simulate(
-        scene, **({"method": "bristles"} if scene.frictional_guides else {})
+        scene, **({"method": "bristles"} if scene.frictional_joints else {})
     )
     for body, state in end.items():
         # the same items, settings and steps; what Newton's method leaves of a step, up to its tolerance of 1e-9,

@@ -1,4 +1,4 @@
-"""The physics that a truth and an engine share: which guides have friction, and with how many coefficients."""
+"""Physics that a truth and an engine share: the guides with friction, and the coefficients of these."""
 
 from __future__ import annotations
 
@@ -6,7 +6,7 @@ from stiction.scenes import Scene, vary
 
 
 def rubbing_guides(scene: Scene) -> frozenset[str]:
-    """Return the guides with friction: their contact modes change the motion, and their events count in every truth."""
+    """Return the guides with friction. Their contact modes change the motion, and their events count in every truth."""
     return frozenset(
         name for name, guide in scene.frictional_guides.items() if guide.static_coefficient > 0
     )
@@ -19,4 +19,6 @@ def physics_of(scene: Scene, static_coefficient: bool) -> Scene:
         for name, guide in scene.frictional_guides.items()
         if guide.mus is not None
     }
-    return scene if static_coefficient or not overrides else vary(scene, overrides)
+    if static_coefficient or not overrides:
+        return scene
+    return vary(scene, overrides)

@@ -61,7 +61,7 @@ class ProvenSteadyState:
     digits: int
 
     def sentence(self) -> str:
-        """The proof in words."""
+        """Return the proof in words."""
         x, speed = (value.str(15) for value in self.state)
         phase = "has a stick phase" if self.sticks else "has no stick phase"
         radius = float(self.states.size[0].rad())

@@ -215,7 +215,7 @@ class ExactPart:
 
 
 def exact_parameters(scene: Scene) -> dict[str, Exact]:
-    """The parameters of a scene, at the working precision."""
+    """Return the parameters of a scene, at the working precision."""
     parameters: dict[str, Exact] = {}
     # in their order: a parameter may use those before it
     for name, value in scene._raw.get("parameters", {}).items():
@@ -224,5 +224,5 @@ def exact_parameters(scene: Scene) -> dict[str, Exact]:
 
 
 def exact_scene(scene: Scene) -> ExactPart:
-    """A whole scene with exact numbers, at the working precision."""
+    """Return a scene with exact numbers, at the working precision."""
     return ExactPart(scene._raw, scene, exact_parameters(scene))

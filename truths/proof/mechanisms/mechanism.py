@@ -95,17 +95,17 @@ class ProvableMechanism(ABC):
         """Prove that over a stretch of time the motion of the mode is the only one; raises Undecided if that fails."""
 
     def held(self, mode: Any) -> Mapping[int, arb]:
-        """Velocities that a mode prescribes, by coordinate."""
+        """Return the velocities that a mode prescribes, by coordinate."""
         return {}
 
     def event_joint(self, before: Any, after: Any) -> str:
-        """The guide at which an event happens."""
+        """Return the guide to which an event belongs."""
         return self.joint
 
     @abstractmethod
     def columns(self, t: Value, q: Sequence[Value], v: Sequence[Value]) -> dict[str, Value]:
-        """The state by the names of a Trajectory; balls, or power series in time."""
+        """Return the state by the columns of a Trajectory, as balls or power series in time."""
 
     def bodies(self, t: Value, q: Sequence[Value], v: Sequence[Value]) -> dict[str, Value]:
-        """`columns` with the positions and velocities of all bodies that move."""
+        """Return `columns` with the positions and velocities of all bodies that move."""
         return self.columns(t, q, v)

@@ -40,7 +40,7 @@ class Pendulum(ProvableMechanism):
         raise AssertionError("a pendulum has no guards")
 
     def require_unique(self, mode, t, bound) -> None:
-        """The equation is Lipschitz: the a-priori enclosure proves it."""
+        """Do nothing: the equation is Lipschitz, so that the a-priori enclosure suffices."""
 
     def columns(self, t, q, v):
         sine, cosine, l, name = q[0].sin(), q[0].cos(), self.length, self.body

@@ -1,14 +1,13 @@
-"""The end of a band of load amplitudes with a stick phase in the periodic motion, between two bounds: a theorem.
+"""Proven bounds of the stick threshold: the end of a band of load amplitudes whose steady state has a stick phase.
 
-P takes the state (x, x') of the slider-bar at t = 0 to that n common periods T of bar and load later. For a set
-B = {c + W y : |y1|, |y2| <= e} let N enclose W^-1 DP W on B. Where
+P maps the state (x, x') of the slider-bar at t = 0 to the state n common periods T of bar and load later. For a set
+B = {c + W y : |y1|, |y2| <= e} let N enclose W^-1 DP W on B. If
 
     q = ||N||_inf < 1   and   ||W^-1 (P(c) - c)||_inf <= (1 - q) e ,
 
 P maps B into itself and contracts it (Banach). Then exactly one motion of period n T starts in B, and every motion from
-B tends to it. Its changes of mode are those proven for all of B at once, so that it has a stick phase or has none. If
-the motion from the scene's start is in B after some periods, the periodic motion is the steady state that the scene
-leads to.
+B converges to it. Its changes of mode are proven for all of B at once, and decide whether it has a stick phase. If the
+motion from the scene's start is in B after some periods, the periodic motion is the steady state of the scene.
 """
 
 from __future__ import annotations
@@ -34,19 +33,40 @@ _DIGITS = 24
 """Digits of the balls, and with them the smallest size of B that is tried."""
 _REFINEMENTS = 6
 """Newton steps on the fixed point: from the 1e-11 of floats to the working precision, quadratically, with a reserve."""
-_LARGEST, _SMALLER = 8, 2
-"""Decimal exponents (negative) of the first size of B that is tried, and how much smaller the next one is."""
+_LARGEST = 8
+"""Negative decimal exponent of the first size of B that is tried."""
+_SMALLER = 2
+"""Difference of the exponents of successive sizes."""
 _PERIODS = 200
-"""Periods that the motion from the scene's start may take to come into B."""
+"""Largest number of periods after which the motion from the scene's start may enter B."""
 
 
 @dataclass(frozen=True)
 class ProvenSteadyState:
-    """An attracting periodic motion that exists, for the amplitude F0 (N), and bounds of it.
+    """An attracting periodic motion whose existence is proven.
 
-    Its period is n T (s), n the `count`; it starts in `state`, (x, x') in m and m/s, within the set B, `states`.
-    `contraction` is an upper bound of q on B, in which the motion from the scene's start is after so many `periods`
-    n T. `events` are those of one period; it `sticks` where it has a stick phase.
+    Attributes
+    ----------
+    F0 : Fraction
+        Amplitude of the load, N.
+    period : arb
+        Period n T, s.
+    state : tuple of arb
+        (x, x') at t = 0, m and m/s.
+    contraction : float
+        Upper bound of q on B.
+    states : StateSet
+        The set B.
+    count : int
+        Number n of common periods.
+    periods : int
+        Number of periods n T after which the motion from the scene's start is in B.
+    events : list of ProvenEvent
+        Events of one period.
+    sticks : bool
+        True if the motion has a stick phase.
+    digits : int
+        Digits of the proof.
     """
 
     F0: Fraction

@@ -230,7 +230,8 @@ class _PymunkStepper(Stepper):
         order = batch.Buffer()
         batch.get_space_bodies(space, fields.BODY_ID, order)
         expected = [*bodies, space.static_body.id]
-        if (listed := list(memoryview(order.int_buf()).cast("P"))) != expected:
+        listed = list(memoryview(order.int_buf()).cast("P"))
+        if listed != expected:
             raise RuntimeError(
                 f"pymunk lists the bodies {listed}; expected {expected}, as they were added and the "
                 "static one last"

@@ -99,7 +99,7 @@ class BristleGuide(SlidingGuide):
         self.apply_surface_moment(self.friction, R)
 
     def record(self) -> tuple[int, float, float]:
-        """Mode, force on the slider along the guide (N) and surface moment (N m) of the last step."""
+        """Return mode, force on the slider along the guide (N) and surface moment (N m) of the last step."""
         import exudyn
 
         kind = exudyn.OutputVariableType

@@ -79,7 +79,7 @@ class SlidingGuide:
         return abs(self.surface_moment - before)
 
     def slip_speed(self, q: np.ndarray, v: np.ndarray) -> float:
-        """Velocity of the slider's point along the guide, relative to the guide, m/s."""
+        """Return the velocity of the slider's point along the guide, relative to the guide, m/s."""
         i, j = self.slider, self.guide
         px, py = turned(self.joint.slider_point, q[i + 2])
         vx, vy = v[i] - v[i + 2] * py, v[i + 1] + v[i + 2] * px
@@ -104,7 +104,7 @@ class SlidingGuide:
         }
 
     def displacement(self, q: np.ndarray) -> float:
-        """Coordinate of the slider's point along the guide."""
+        """Return the coordinate of the slider's point along the guide, m."""
         i, j = self.slider, self.guide
         px, py = turned(self.joint.slider_point, q[i + 2])
         gx, gy, angle = (0.0, 0.0, 0.0) if j is None else q[j : j + 3]
@@ -140,7 +140,7 @@ class FrictionalGuide(SlidingGuide):
             self._apply(0.0)
 
     def record(self) -> tuple[int, float, float]:
-        """Mode, friction and surface moment of the last solution."""
+        """Return mode, friction (N) and surface moment (N m) of the last solution."""
         return self.mode, self.friction, self.surface_moment
 
     def _apply(self, friction: float) -> float:
@@ -177,7 +177,7 @@ class FrictionalGuide(SlidingGuide):
         return self.mus * self.load - abs(self.friction)
 
     def slip_acceleration(self, q: np.ndarray, v: np.ndarray, a: np.ndarray) -> float:
-        """Rate of `slip_speed` (m/s^2) by a central difference."""
+        """Return the rate of `slip_speed` (m/s^2) by a central difference."""
         h = DIFFERENCE_STEP
         return (self.slip_speed(q + h * v, v + h * a) - self.slip_speed(q - h * v, v - h * a)) / (
             2 * h

@@ -80,11 +80,11 @@ class Model:
         self.system = self._container.AddSystem()
 
     def multipliers(self, item: int) -> list[int]:
-        """Indices of an object's multipliers among the algebraic coordinates."""
+        """Return the indices of an object's multipliers among the algebraic coordinates."""
         return list(self.system.systemData.GetObjectLTGAE(item))
 
     def initial_state(self) -> tuple[np.ndarray, np.ndarray]:
-        """Coordinates and velocities at t = 0, each of shape (3 * bodies,)."""
+        """Return coordinates and velocities at t = 0, each of shape (3 * bodies,)."""
         bodies = self.scene.bodies.values()
         return (
             np.array([x for body in bodies for x in (*body.position, body.angle)]),
@@ -92,7 +92,7 @@ class Model:
         )
 
     def reactions(self, multipliers: np.ndarray) -> dict[str, np.ndarray]:
-        """Columns of joints and drives from multipliers of shape (n, algebraic coordinates).
+        """Return the columns of joints and drives from multipliers of shape (n, algebraic coordinates).
 
         Exudyn's residual is M a + C_q^T lambda - f, so that -C_q^T lambda is the force on the coordinates: a positive
         lambda acts against what raises C. `moment` is the moment of the joint itself, without the friction of the
@@ -112,7 +112,7 @@ class Model:
         return columns
 
     def rigid(self, body: str, point: tuple[float, float] = (0.0, 0.0)) -> int:
-        """A marker at a point of a body."""
+        """Return a marker at a point of a body."""
         return self.system.AddMarker(
             self.items.MarkerBodyRigid(bodyNumber=self.bodies[body], localPosition=[*point, 0.0])
         )
@@ -125,7 +125,7 @@ class Model:
         body: str,
         body_point: tuple[float, float],
     ) -> int:
-        """A marker for the coordinate of `body_point` along `axis` of `guide`, from `point`."""
+        """Return a marker for the coordinate of `body_point` along `axis` of `guide`, from `point`."""
         return self.system.AddMarker(
             self.items.MarkerBodiesRelativeTranslationCoordinate(
                 bodyNumbers=[self.bodies[guide], self.bodies[body]],
@@ -136,7 +136,7 @@ class Model:
         )
 
     def zero(self) -> int:
-        """A marker for a coordinate that stays zero."""
+        """Return a marker for a coordinate that stays zero."""
         return self._coordinate(GROUND, 0)
 
     def _coordinate(self, body: str, coordinate: int) -> int:
@@ -145,7 +145,7 @@ class Model:
         )
 
     def _angles(self, bodies: tuple[str, str]) -> list[int]:
-        """Markers of the two angles in Exudyn's order: its connectors measure the second minus the first."""
+        """Return the markers of two angles in Exudyn's order: its connectors measure the second minus the first."""
         return [self._coordinate(name, 0 if name == GROUND else 2) for name in reversed(bodies)]
 
     def _add_bodies(self) -> None:
@@ -419,12 +419,12 @@ class PointDistance:
 
 
 def unit(vector: tuple[float, float]) -> tuple[float, float]:
-    """The vector divided by its length."""
+    """Return the vector divided by its length."""
     length = hypot(*vector)
     return vector[0] / length, vector[1] / length
 
 
 def turned(vector: tuple[float, float], angle: float) -> tuple[float, float]:
-    """The vector turned by an angle, counter-clockwise."""
+    """Return the vector turned by an angle (rad), counter-clockwise."""
     c, s = cos(angle), sin(angle)
     return c * vector[0] - s * vector[1], s * vector[0] + c * vector[1]

@@ -127,7 +127,7 @@ class Solver:
         )
 
     def before_step(self, bristles: list[BristleGuide]) -> None:
-        """Renew the bounds of bristles before each step, with the multipliers of the step before."""
+        """Update the bounds of bristles before each step, with the multipliers of the previous step."""
 
         def renew() -> bool:
             for each in bristles:

@@ -38,10 +38,16 @@ DEFAULT_SHARE = 0.01
 
 
 class Sample(NamedTuple):
-    """A state and the acceleration of the step that belongs to it, each of shape (3 * bodies,).
+    """Motion and friction of a scene at one instant.
 
-    Per frictional guide, shape (frictional,): `modes` -1, 0, 1 (slip against, stick, slip along), and `friction`, the
-    force that the engine exerted on the slider along the guide (N), NaN where that is not known.
+    Attributes
+    ----------
+    q, v, a : ndarray, shape (3 * bodies,)
+        Coordinates and velocities of the bodies, and the accelerations of the step that belongs to them.
+    modes : ndarray, shape (frictional,)
+        By frictional guide: -1, 0 or 1 for slip against the guide's direction, stick, and slip along it.
+    friction : ndarray, shape (frictional,)
+        By frictional guide: force of the engine on the slider along the guide, N; NaN where it is unknown.
     """
 
     q: np.ndarray
@@ -52,7 +58,10 @@ class Sample(NamedTuple):
 
 
 class Stepper(ABC):
-    """A scene inside an engine, advanced by one fixed step at a time; `step` is a step from top to bottom.
+    """A scene inside an engine, which is advanced by one fixed step at a time.
+
+    `step` calls the abstract methods in their order. A pass is a step of the engine that may have to be repeated with
+    other bounds of friction.
 
     Attributes
     ----------
@@ -66,7 +75,7 @@ class Stepper(ABC):
         Evaluates a pass, given the time (s) that the next step is for. Returns False if the step is accepted, and has
         then begun the next one; True if it is to be repeated with other bounds. Compiled, and set by `begin`.
     clock : EngineClock
-        Its calls are passes: steps of the engine, repeated ones included.
+        Clock whose calls are the passes.
     balanced : bool
         True if the balance of momentum is solved in each pass, for the friction bound.
     ahead : int
@@ -84,7 +93,9 @@ class Stepper(ABC):
     finish: Callable[[float], bool]
 
     def __init__(self, h: float) -> None:
-        self.clock, self.h, self.k = EngineClock(), h, 0
+        self.clock = EngineClock()
+        self.h = h
+        self.k = 0
 
     @abstractmethod
     def compile(self) -> None:
@@ -113,9 +124,9 @@ class Stepper(ABC):
         """
         self.aim()
         caps = self.bound.caps
-        k = self.k = self.k + 1
-        # the time that the loads of the step after this one are due at: its end, or with `ahead` its start
-        t = (k + 1 - self.ahead) * self.h
+        self.k += 1
+        # The loads of the step after this one are evaluated at its end, or with `ahead` at its start.
+        t = (self.k + 1 - self.ahead) * self.h
         self.advance(caps())
         while self.finish(t):
             self.retreat()
@@ -123,30 +134,29 @@ class Stepper(ABC):
 
 
 def march(stepper: Stepper, grid: Grid, samples: list[Sample]) -> None:
-    """Take the steps of a run, and append the samples at t = 0, every h, 2 every h, .. to a list.
+    """Take the steps of a run, and append a sample to a list at t = 0 and after each `grid.every` steps.
 
     Raises
     ------
     FloatingPointError
         For a state that is not finite; the list then contains the samples before it.
     """
-    step, settling, last, every = stepper.step, stepper.settling, grid.last, grid.every
     # A stepper that is ahead of its samples knows the acceleration at t = 0 from a first step.
     for _ in range(stepper.ahead):
-        step()
+        stepper.step()
     # A run that is shorter than settling goes on until the engine has settled, without samples.
-    for k in range(max(last, settling) + 1):
-        if k:
-            step()
-        if k == settling and samples:
-            # the accelerations of the first steps were those of settling, not of the motion
+    for k in range(max(grid.last, stepper.settling) + 1):
+        if k > 0:
+            stepper.step()
+        if k == stepper.settling and samples:
+            # Replace the accelerations and frictions that belong to settling and not to the motion.
             settled = stepper.sample()
             samples[:] = [
                 early._replace(a=settled.a, friction=settled.friction) for early in samples
             ]
-        if not k % every and k <= last:
+        if k % grid.every == 0 and k <= grid.last:
             sample = stepper.sample()
-            # a sum is finite only if all of its terms are, and costs less than to ask each
+            # A sum is finite only if all of its terms are, and costs less than a test of each.
             if not math.isfinite(sample.q.sum() + sample.v.sum() + sample.a.sum()):
                 raise FloatingPointError("a state is not finite")
             samples.append(sample)
@@ -161,12 +171,14 @@ def step_of(dt: float | None, t_end: float) -> float:
 
 
 def steps_between_outputs(steps: int, wanted: float) -> int:
-    """Return the steps from one output to the next: the largest divisor of `steps` that is not above the wanted number.
+    """Return the largest divisor of `steps`, the number of steps of a run, that is at most the wanted number.
 
-    A divisor, so that the end of the run is an output.
+    It is the number of steps from one output to the next. A divisor makes the end of the run an output.
     """
-    most = min(steps, max(1, round(wanted)))
-    return next(every for every in range(most, 0, -1) if steps % every == 0)
+    every = min(steps, max(1, round(wanted)))
+    while steps % every:
+        every -= 1
+    return every
 
 
 Defaults = Mapping[str, int | float | tuple[str, ...]]
@@ -187,36 +199,58 @@ def settings_of(
         For an unknown name, a wrong type or a value that is not allowed.
     """
     check_settings(given, defaults, engine, fidelity)
-    for name, value in given.items():
-        if isinstance(default := defaults[name], tuple):
-            if value not in default:
-                raise InputError(f"{name}: found {value!r}; expected one of {', '.join(default)}")
-            continue
-        # A number: True is an int in Python, but not a number here.
-        whole = isinstance(default, int)
-        least = min(1, default) if whole else 0
-        if (
-            isinstance(value, bool)
-            or not isinstance(value, int if whole else (int, float))
-            or not math.isfinite(value)
-            or value < least
-        ):
-            kind = "whole number" if whole else "number"
-            raise InputError(f"{name}: found {value!r}; expected a {kind} >= {least}")
-    settings = {
-        name: default[0] if isinstance(default, tuple) else default
-        for name, default in defaults.items()
-    }
-    return {**settings, **given}
+    settings: dict[str, Any] = {}
+    for name, default in defaults.items():
+        if isinstance(default, tuple):
+            value = given.get(name, default[0])
+            _check_word(name, value, default)
+        else:
+            value = given.get(name, default)
+            _check_number(name, value, default)
+        settings[name] = value
+    return settings
+
+
+def _check_word(name: str, value: Any, words: tuple[str, ...]) -> None:
+    """Raise InputError if the value of a setting is none of the allowed words."""
+    if value not in words:
+        raise InputError(f"{name}: found {value!r}; expected one of {', '.join(words)}")
+
+
+def _check_number(name: str, value: Any, default: int | float) -> None:
+    """Raise InputError if the value of a setting is not a number like its default, see `settings_of`."""
+    is_whole = isinstance(default, int)
+    least = min(1, default) if is_whole else 0
+    kinds = int if is_whole else (int, float)
+    # True is an int in Python, but not a number here.
+    is_number = isinstance(value, kinds) and not isinstance(value, bool)
+    if not is_number or not math.isfinite(value) or value < least:
+        kind = "whole number" if is_whole else "number"
+        raise InputError(f"{name}: found {value!r}; expected a {kind} >= {least}")
 
 
 @dataclass(frozen=True)
 class Grid:
-    """Instants of a run: `last` steps of `dt` seconds, each `every`-th of them an output."""
+    """Instants of a run of fixed step.
+
+    Attributes
+    ----------
+    dt : float
+        The step, s.
+    last : int
+        Number of steps.
+    every : int
+        Number of steps from one output to the next.
+    """
 
     dt: float
     last: int
     every: int
+
+    @property
+    def output_times(self) -> np.ndarray:
+        """Times of the outputs, s."""
+        return np.arange(0, self.last + 1, self.every) * self.dt
 
     @staticmethod
     def of(t_end: float, dt: float, output_step: float) -> Grid:
@@ -235,9 +269,9 @@ class SteppedEngine(Engine):
     Attributes
     ----------
     defaults : Mapping
-        By fidelity: settings of its steps, as `settings_of` takes them.
+        By fidelity: settings of the steps, as `settings_of` takes them.
     reach : Mapping
-        By fidelity: largest displacement (m) that its guides allow.
+        By fidelity: largest displacement (m) that the guides of the engine allow.
     """
 
     capabilities = Capabilities(
@@ -255,7 +289,8 @@ class SteppedEngine(Engine):
         return settings_of({}, self.defaults[fidelity], self.name, fidelity)
 
     def steps_by_impulses(self, fidelity: Fidelity, settings: Mapping[str, Any]) -> bool:
-        return "method" not in settings  # a method is something else than these steps
+        # The setting "method" of some engines selects an integrator instead of these steps.
+        return "method" not in settings
 
     @abstractmethod
     def stepper(
@@ -281,65 +316,99 @@ class SteppedEngine(Engine):
         settings: Mapping[str, Any],
         assembly: Assembly | None = None,
     ) -> Trajectory:
-        started = process_time()
-        grid, samples = Grid.of(t_end, step_of(dt, t_end), output_step), list[Sample]()
-        h, last, every = grid.dt, grid.last, grid.every
+        begin = process_time()
+        grid = Grid.of(t_end, step_of(dt, t_end), output_step)
         options = settings_of(settings, self.defaults[fidelity], self.name, fidelity)
         assembly = assembly_of(scene, assembly)
         refuse_off(assembly)
-        with self.stepper(assembly, h, options, fidelity) as stepper:
-            # CPU time is reported by three parts of the run: setting up, compiling, and stepping.
-            set_up = start = process_time()
-            try:
-                stepper.compile()
-                start = process_time()
-                stepper.clock.start()
-                march(stepper, grid, samples)
-            except FloatingPointError as error:
-                reached = max(len(samples) - 1, 0) * every * h
-                raise EngineFailure(
-                    f"{self.name}: {error}, after t = {reached:g} s with dt = {h:g} s"
-                ) from error
-            passes = stepper.clock.calls
-            cost = Cost(
-                set_up - started,
-                start - set_up,
-                process_time() - start,
-                {"steps": last + 1, "passes": passes, "balances": passes * stepper.balanced},
-                stepper.clock.engine_s,
-            )
-        t = np.arange(0, last + 1, every) * h
-        q, v, a, modes, friction = (np.array(part) for part in zip(*samples))
-        rests = _rest_with_others(assembly.whole, q, v, friction, h)
-        columns = columns_of_motion(
-            assembly.whole, t, q, v, a, np.where(rests, 0, modes), np.where(rests, np.nan, friction)
-        )
-        # Beyond the end of a guide the engine has simulated another mechanism. A run that has
-        # diverged gets there too, and gets the message about that cause.
-        size = assembly.whole.arrays.length_scale
-        drift = columns["drift.position"]
-        for name in scene.guides:
-            if (farthest := np.abs(columns[f"{name}.displacement"]).max()) > self.reach[fidelity]:
-                if len(diverged := np.flatnonzero(~(drift <= size))):
-                    raise BadTrajectory(
-                        f"{self.name}: the run diverged: {drift[diverged[0]]:.3g} m off its "
-                        f"constraints at t = {t[diverged[0]]:g} s with dt = {h:g} s; expected less "
-                        f"than the size of the mechanism, {size:.3g} m"
-                    )
-                raise BadTrajectory(
-                    f"{self.name}: {name} is {farthest:g} m from its guide's point; guides end at "
-                    f"{self.reach[fidelity]:g} m"
-                )
+        with self.stepper(assembly, grid.dt, options, fidelity) as stepper:
+            samples, cost = self._take_steps(stepper, grid, begin)
+        columns = _columns_of_samples(assembly.whole, grid, samples)
+        self._check_reach(assembly.whole, grid, columns, self.reach[fidelity])
         return Trajectory(
             scene=scene.name,
             engine=self.name,
             version=self.version,
             fidelity=fidelity,
-            t=t,
+            t=grid.output_times,
             columns=columns,
             cost=cost,
-            settings={"dt": h, **options, "friction_law": self.capabilities.friction_law[fidelity]},
+            settings={
+                "dt": grid.dt,
+                **options,
+                "friction_law": self.capabilities.friction_law[fidelity],
+            },
         )
+
+    def _take_steps(self, stepper: Stepper, grid: Grid, begin: float) -> tuple[list[Sample], Cost]:
+        """Return the samples of a run and its cost; `begin` is the CPU time (s) at which setting up began.
+
+        Raises
+        ------
+        EngineFailure
+            If a state or a reaction is not finite.
+        """
+        samples: list[Sample] = []
+        # The cost has three parts: setting up, compiling, and stepping.
+        setup_end = compile_end = process_time()
+        try:
+            stepper.compile()
+            compile_end = process_time()
+            stepper.clock.start()
+            march(stepper, grid, samples)
+        except FloatingPointError as error:
+            reached = max(len(samples) - 1, 0) * grid.every * grid.dt
+            raise EngineFailure(
+                f"{self.name}: {error}, after t = {reached:g} s with dt = {grid.dt:g} s"
+            ) from error
+        passes = stepper.clock.calls
+        balances = passes if stepper.balanced else 0
+        cost = Cost(
+            setup_end - begin,
+            compile_end - setup_end,
+            process_time() - compile_end,
+            {"steps": grid.last + 1, "passes": passes, "balances": balances},
+            stepper.clock.engine_s,
+        )
+        return samples, cost
+
+    def _check_reach(
+        self, mechanism: Mechanism, grid: Grid, columns: Mapping[str, np.ndarray], reach: float
+    ) -> None:
+        """Raise BadTrajectory if a slider is beyond the end of its guide, `reach` metres from the guide's point.
+
+        There the engine has simulated another mechanism.
+        """
+        t, size = grid.output_times, mechanism.arrays.length_scale
+        drift = columns["drift.position"]
+        for name in mechanism.scene.guides:
+            farthest = np.abs(columns[f"{name}.displacement"]).max()
+            if not farthest > reach:
+                continue
+            # A run that has diverged gets beyond the end too; the message then states this cause.
+            diverged = np.flatnonzero(~(drift <= size))
+            if len(diverged):
+                i = diverged[0]
+                raise BadTrajectory(
+                    f"{self.name}: the run diverged: {drift[i]:.3g} m off its "
+                    f"constraints at t = {t[i]:g} s with dt = {grid.dt:g} s; expected less "
+                    f"than the size of the mechanism, {size:.3g} m"
+                )
+            raise BadTrajectory(
+                f"{self.name}: {name} is {farthest:g} m from its guide's point; guides end at "
+                f"{reach:g} m"
+            )
+
+
+def _columns_of_samples(
+    mechanism: Mechanism, grid: Grid, samples: Sequence[Sample]
+) -> dict[str, np.ndarray]:
+    """Return all columns of the samples of a run."""
+    q, v, a, modes, friction = (np.array(values) for values in zip(*samples))
+    rests = _rests_with_others(mechanism, q, v, friction, grid.dt)
+    modes = np.where(rests, 0, modes)
+    friction = np.where(rests, np.nan, friction)
+    return columns_of_motion(mechanism, grid.output_times, q, v, a, modes, friction)
 
 
 def columns_of_motion(
@@ -361,23 +430,24 @@ def columns_of_motion(
     return recover_columns(mechanism.scene, t, q, v, a, guide_columns, mechanism)
 
 
-def _rest_with_others(
+def _rests_with_others(
     mechanism: Mechanism, q: np.ndarray, v: np.ndarray, friction: np.ndarray, dt: float
 ) -> np.ndarray:
-    """Return flags, shape (n, frictional), of guides that rest to rounding while another one is held.
+    """Return flags, shape (n, frictional), of guides that rest to rounding while another one sticks.
 
-    A guide that is held has a friction of NaN. Guides at rest share the load, and an engine may give some of them the
-    friction of slip at its bound. Their speeds are rounding, whose sign is no direction of slip, so that the balance of
-    momentum has to give their shares too.
+    A guide that sticks has a friction of NaN. Guides at rest share the load, and an engine may report some of them as
+    slipping with friction at its bound. Their speeds are rounding, whose sign is no direction of slip. Therefore the
+    balance of momentum has to give their frictions too.
     """
     if friction.shape[1] < 2:
         return np.zeros(friction.shape, dtype=bool)
     arrays, scene = mechanism.arrays, mechanism.scene
     joints = list(scene.joints)
-    slip = np.stack(
-        [guide_motion(arrays, joints.index(name), q, v)[1] for name in scene.frictional_guides],
-        axis=1,
-    )
-    # at rest: in a step the slider moves by less than the rounding of its place
+    slip_speeds = []
+    for name in scene.frictional_guides:
+        _, speed = guide_motion(arrays, joints.index(name), q, v)
+        slip_speeds.append(speed)
+    slip = np.stack(slip_speeds, axis=1)
+    # A guide is at rest if its slider moves in a step by less than the rounding of its position.
     rests = np.abs(slip) * dt <= np.finfo(float).eps * arrays.length_scale
     return rests & np.isnan(friction).any(axis=1, keepdims=True)

@@ -2,13 +2,13 @@
 
 An engine whose joints have a friction with an upper bound holds the slider with a force of at most `cap` along its
 guide. The cap is set from the guide's reactions, mu (|n1| + |n2|): with R the normal force, T the moment on the slider
-about its point, slider length a and width b, friction of coefficient c that opposes motion in direction s (Zhuang &
-Wang 2014, Sect. 5, reduced to one slider):
+about its point, slider length a and width b, and friction of coefficient c that opposes motion in direction s (Zhuang &
+Wang 2014, Sect. 5, reduced to one slider), the normal forces n1 and n2 at its ends satisfy
 
     n1 + n2 = R ,   n2 - n1 = (2/a) (T + (b/2) s c R) ,   |n1| + |n2| = max(|n1 + n2|, |n2 - n1|)
 
-and |R| where the guide has no length. Reactions depend on the friction. Therefore a step in which stick and slip are
-decided is repeated with the reactions that it gave. The arithmetic is compiled: `_set_caps` and `_judge` of
+For a guide without length, the sum is |R|. Reactions depend on the friction. Therefore a step that decides between
+stick and slip is repeated with the reactions that it yielded. The arithmetic is compiled: `_set_caps` and `_judge` of
 `step_kernels`.
 """
 
@@ -33,41 +33,46 @@ from stiction.scenes import Scene
 from stiction.scenes.model import Translational
 
 CAPPED = "Coulomb, bound mu (|n1| + |n2|) set by the adapter each step, held by the engine's joint friction"
+"""Setting `friction_law` of trajectories at joint fidelity."""
 CONTACT = "Coulomb at each contact (engine); the adapter switches between mu and mus"
+"""Setting `friction_law` of trajectories at contact fidelity."""
 _FIRST_STEPS = 4
-"""Steps at the start that get more passes (`step_kernels.FIRST_PASSES`): the first has no reactions of a step before
-it, and those of the next ones still come from its error."""
+"""Number of first steps that get more passes (`step_kernels.FIRST_PASSES`): the first step has no reactions of a
+previous step, and its error still affects the reactions of the next ones."""
 
 
 class GuideFriction:
-    """State of the frictional guides of a scene in an engine's steps; no rows where there is none.
+    """State of the frictional guides of a scene in an engine's steps.
 
     Attributes
     ----------
-    guides : ndarray of `stiction.engines.shared.step_kernels.GUIDE`
+    guides : ndarray of `stiction.engines.shared.step_kernels.GUIDE`, shape (frictional,)
+        The guides.
     """
 
     def __init__(self, guides: Collection[Translational]):
-        # A record for each guide, all zero at first. So the cap of the very first pass is zero: it
-        # is made without friction, and its reactions give the next cap.
+        # The records are zero at first. Therefore the very first pass is made without friction, and its
+        # reactions determine the next cap.
         self.guides = np.zeros(len(guides), GUIDE)
-        for row, guide in zip(self.guides, guides):
-            row["mu"], row["mus"] = guide.kinetic_coefficient, guide.static_coefficient
-            row["length"], row["width"] = guide.length or 0.0, guide.width or 0.0
+        for record, guide in zip(self.guides, guides):
+            record["mu"] = guide.kinetic_coefficient
+            record["mus"] = guide.static_coefficient
+            record["length"] = guide.length or 0.0
+            record["width"] = guide.width or 0.0
 
     def begin(self) -> None:
         """Begin the first step, if the kernel of the engine's steps does not begin it."""
 
     def modes(self) -> np.ndarray:
-        """Per frictional guide: -1, 0, 1 (slip against, stick, slip along) in the last step."""
+        """Return the mode of each frictional guide in the last step: -1, 0, 1 (slip against, stick, slip along)."""
         return self.guides["mode"].copy()
 
     def modes_before(self) -> np.ndarray:
-        """`modes` in the step before the last."""
+        """Return the mode of each frictional guide in the step before the last, see `modes`."""
         return self.guides["mode_before"].copy()
 
     def frictions(self) -> np.ndarray:
-        """Per frictional guide: the force on the slider along the guide in the last step (N); NaN while it stuck."""
+        """Return the force on each slider along its guide in the last step (N); NaN if it stuck."""
         return np.where(self.guides["stuck"], nan, self.guides["friction"])
 
 
@@ -83,10 +88,11 @@ class FrictionBound(GuideFriction):
     Parameters
     ----------
     mechanism : Mechanism
+        The mechanism.
     passes : int
-        Attempts at an undecided step.
+        Number of attempts at a step in which stick is undecided.
     capped : bool
-        False if the engine finds the friction itself; then no guide has a cap.
+        False if the engine computes the friction itself; then no guide has a cap.
 
     Attributes
     ----------
@@ -106,7 +112,7 @@ class FrictionBound(GuideFriction):
         scene = mechanism.scene
         super().__init__(scene.frictional_guides.values() if capped else ())
         self.balance = Balance.of(mechanism)
-        # views of the records: what the kernels write is seen here, and the other way round
+        # Views of the records, which the kernels read and write too.
         self.held = self.guides["held"]
         self.caps = self.guides["cap"].tolist
         self.initial = self.balance.q.copy(), self.balance.v.copy()
@@ -119,7 +125,7 @@ class FrictionBound(GuideFriction):
 
 
 class CoefficientSwitch(GuideFriction):
-    """The coefficient for contacts of an engine with one coefficient: mus while stick is undecided, mu otherwise.
+    """Coefficient for the contacts of an engine with one coefficient: mus while stick is undecided, mu otherwise.
 
     Boxes without clearance have no contact forces at the start. Until they have landed, stick is undecided.
     """

@@ -41,12 +41,12 @@ distance from that error is then 1e-3 of what it was at the start."""
 
 
 def motor_link(scene: Scene, tree: LinkTree, drive: Drive) -> tuple[int, int]:
-    """Return the link whose joint coordinate a drive prescribes, and its sign.
+    """Return the link whose joint coordinate a drive prescribes, and the sign of the coordinate in the drive's law.
 
     Raises
     ------
     Refused
-        If there is none; the message continues a sentence that begins with the name of an adapter.
+        If there is no such link; the message continues a sentence that begins with the name of an adapter.
     """
     if drive.type == "angle":
         # A motor drives one joint coordinate. An angle between bodies further apart in the tree is
@@ -75,22 +75,27 @@ def link_along(
     The axis is in the axes of the second body. The sign is -1 if the link's coordinate decreases along the axis. None
     if there is no such guide.
     """
+    ax, ay = axis
     for name, guide in scene.guides.items():
-        (ax, ay), (dx, dy) = axis, guide.direction
+        if guide.bodies != bodies or name not in tree.link_of_joint:
+            continue
+        dx, dy = guide.direction
         sine = (ax * dy - ay * dx) / math.hypot(ax, ay) / math.hypot(dx, dy)
-        if guide.bodies == bodies and name in tree.link_of_joint and abs(sine) < PARALLEL:
+        if abs(sine) < PARALLEL:
             link = tree.link_of_joint[name]
-            sense = 1 if np.dot(axis, guide.direction) > 0 else -1
-            return link, sense * tree.links[link].sign
+            is_same_direction = np.dot(axis, guide.direction) > 0
+            sign = tree.links[link].sign
+            return link, sign if is_same_direction else -sign
     return None
 
 
 Motor = tuple[int, int, Law, float]
-"""Link and sign of a drive's joint coordinate, the drive's law, and the coordinate where the law is zero."""
+"""Motor of a drive: its link, the sign of the link's coordinate in the drive's law, the law, and the coordinate at
+which the law is zero."""
 
 
 def motors_of(scene: Scene, tree: LinkTree, position: np.ndarray) -> list[Motor]:
-    """Return the motor of each drive of a scene that begins at this position of the links, shape (links,)."""
+    """Return the motors of a scene's drives; `position`, shape (links,), are the joint coordinates at the start."""
     motors = []
     for drive in scene.drives.values():
         link, sign = motor_link(scene, tree, drive)
@@ -127,20 +132,21 @@ class TreeStepper(Stepper):
     def __init__(self, assembly: Assembly, h: float, options: Mapping[str, Any]):
         super().__init__(h)
         scene = assembly.scene
-        tree, capped = LinkTree(scene, self.fidelity), self.fidelity == Fidelity.JOINT
-        self.tree = tree
+        self.tree = tree = LinkTree(scene, self.fidelity)
         self.loaded = bool(scene.springs or scene.forces)
-        # Made of every scene, with friction or without: a mechanism that is too large for the
-        # balance is then refused before the engine gets it.
-        self.bound = FrictionBound(assembly.whole, options.get("passes", 1), capped)
+        # The bound is set up for every scene, with friction or without: a mechanism that is too large
+        # for the balance is then refused before the engine gets it.
+        is_capped = self.fidelity == Fidelity.JOINT
+        self.bound = FrictionBound(assembly.whole, options.get("passes", 1), is_capped)
         self.friction = self.bound
-        self.held, self.balanced = self.bound.held, bool(len(self.bound.held))
-        self.friction_links = (
-            [tree.link_of_joint[name] for name in scene.frictional_guides] if capped else []
-        )
+        self.held = self.bound.held
+        self.balanced = bool(len(self.held))
+        self.friction_links = []
+        if is_capped:
+            self.friction_links = [tree.link_of_joint[name] for name in scene.frictional_guides]
         self.settling = _SETTLING if tree.loops else 0
         self.share_joint_state(*tree.coordinates(scene))
-        # The rate of a constant or linear law is set once, that of another one before each step.
+        # The rate of a constant or linear law is set once, the rate of any other law before each step.
         self._motors = motors_of(scene, tree, self.position)
         self._followed = [
             motor for motor in self._motors if not isinstance(motor[2], (Constant, Linear))
@@ -148,16 +154,18 @@ class TreeStepper(Stepper):
         self.rates: dict[int, float] = {}
 
     def share_joint_state(self, position: np.ndarray, velocity: np.ndarray) -> None:
-        """Keep the joints' coordinates and velocities in these arrays from now on, each of shape (links,).
+        """Use these arrays, each of shape (links,), for the joints' coordinates and velocities from now on.
 
         They may be the engine's own memory, which then need not be copied in each step.
         """
         balance = self.bound.balance
         links = len(self.tree.links)
-        self.position, self.velocity, self.loads = position, velocity, balance.loads
+        self.position = position
+        self.velocity = velocity
+        self.loads = balance.loads
         self.coordinates, v, a = np.zeros((3, len(balance.q)))
-        # The compiled kernel and this object use the same arrays: the start of the coming step, to
-        # which `retreat` returns, and start and acceleration of the last one, for `sample`.
+        # The compiled kernel and this object share arrays: the start of the coming step, to which
+        # `retreat` returns, and start and acceleration of the last step, for `sample`.
         *self._start, last_position, last_velocity, acceleration = np.zeros((5, links))
         self._last = last_position, last_velocity, acceleration
         signs = [self.tree.links[link].sign for link in self.friction_links]
@@ -181,7 +189,7 @@ class TreeStepper(Stepper):
         )
 
     def drive_rate(self, link: int, rate: float) -> None:
-        """Set the rate that the motor of a joint holds from now on (m/s or rad/s)."""
+        """Set the rate (m/s or rad/s) that the motor of a link's joint maintains from now on."""
         self.rates[link] = rate
 
     def advance(self, caps: Sequence[float]) -> None:
@@ -211,8 +219,8 @@ class TreeStepper(Stepper):
         self.finish = bound(finish_joints, self._data)
 
     def aim(self) -> None:
-        # The rate that leads from the present coordinate to the law at the end of the step, so that
-        # errors of earlier steps are corrected and do not add up.
+        # The rate leads from the present coordinate to the law at the end of the step, so that errors
+        # of earlier steps are corrected and do not add up.
         for link, sign, law, offset in self._followed:
             end = sign * evaluate_law(law, self.k * self.h + self.h)[0] + offset
             self.drive_rate(link, (end - self.position[link]) / self.h)
@@ -225,7 +233,7 @@ class TreeStepper(Stepper):
 
 
 class ContactStepper(TreeStepper):
-    """Steps of a tree whose sliders are held by contacts; a base besides an engine's `TreeStepper`."""
+    """Steps of a tree whose sliders are held by contacts; inherited together with an engine's `TreeStepper`."""
 
     fidelity = Fidelity.CONTACT
     friction: CoefficientSwitch
@@ -234,18 +242,18 @@ class ContactStepper(TreeStepper):
         super().__init__(assembly, h, options, *engine)
         scene = assembly.scene
         self.friction = CoefficientSwitch(scene)
-        # Of each frictional guide: the place of its slider's velocity, and the guide's direction,
-        # which is fixed at contact fidelity.
+        # For each frictional guide, the index of its slider's velocity, and the guide's direction, which
+        # is fixed at contact fidelity.
         places = {name: 3 * i for i, name in enumerate(scene.bodies)}
         self._axes = [
             (places[guide.slider], *direction_of(guide))
             for guide in scene.frictional_guides.values()
         ]
-        self._still = np.zeros(len(self.tree.links))
+        self._no_acceleration = np.zeros(len(self.tree.links))
         guides = self.friction.guides
-        self._contact_caps, self._contact_held, self._contact_slip_speeds = (
-            guides[name] for name in ("cap", "held", "slip_speed")
-        )
+        self._contact_caps = guides["cap"]
+        self._contact_held = guides["held"]
+        self._contact_slip_speeds = guides["slip_speed"]
 
     @abstractmethod
     def rub(self, coefficients: Sequence[float]) -> None:
@@ -253,11 +261,11 @@ class ContactStepper(TreeStepper):
 
     @abstractmethod
     def contact_forces(self) -> tuple[Sequence[float], Sequence[float]]:
-        """Return, per frictional guide, sums of the magnitudes of its contacts' normal and tangential forces (N)."""
+        """Return the sums of the normal and of the tangential force magnitudes of each guide's contacts, N."""
 
     def slip_speeds(self) -> list[float]:
-        """Return, per frictional guide, the present slip speed (m/s)."""
-        _, v, _ = self.tree.motion(self.position, self.velocity, self._still)
+        """Return the present slip speed of each frictional guide, m/s."""
+        _, v, _ = self.tree.motion(self.position, self.velocity, self._no_acceleration)
         return [ux * v[place] + uy * v[place + 1] for place, ux, uy in self._axes]
 
     def advance(self, caps: Sequence[float]) -> None:
@@ -265,7 +273,7 @@ class ContactStepper(TreeStepper):
         self.rub(coefficients)
         super().advance(caps)
         if coefficients:
-            # What the engine's contacts did decides the coefficients of the next step.
+            # The forces of the engine's contacts decide about the coefficients of the next step.
             normals, frictions = self.contact_forces()
             for i, speed in enumerate(self.slip_speeds()):
                 self._contact_caps[i] = coefficients[i] * normals[i]

@@ -1,7 +1,7 @@
-"""Compiled arithmetic of each step of an adapter: balance of momentum, friction bound, forward kinematics.
+"""Compiled arithmetic of the steps of adapters: balance of momentum, friction bound, forward kinematics.
 
-An engine's step of a small mechanism takes some microseconds, as long as a few operations on small arrays in Python. So
-a step has one kernel, which ends it and begins the next one. The kernels are in one file because the cache of `kernel`
+An engine's step of a small mechanism takes some microseconds, as long as a few operations on small arrays in Python.
+Therefore one kernel ends a step and begins the next one. The kernels are in one file because the cache of `kernel`
 depends on the file of the function that is called.
 
 Symbols of the kernels: `m` are the arrays of the mechanism and `w` is its workspace (`Arrays` and `Workspace` of
@@ -34,48 +34,58 @@ from stiction.reference_impl.multibody.kinematics import rotate
 from stiction.reference_impl.multibody.mechanism import Arrays, Mechanism, Workspace, workspace
 
 SATURATED = 1.0 - 1e-6
-"""Part of the cap above which a guide slips. The distance from 1 is above the residuals of the engines' solvers (1e-9),
-and below any difference of loads that matters."""
+"""Fraction of the cap above which friction means slip. Its distance from 1 is above the residuals of the engines'
+solvers (1e-9), and below any difference of loads that matters."""
 FIRST_PASSES = 3
-"""Least number of attempts at each of the first steps, which have no reactions of a step before. With two, the friction
-of two guides that load each other is off by the root of the step."""
+"""Least number of attempts at each of the first steps, which have no reactions of a previous step. With two attempts,
+the friction of two guides that load each other has an error of the order of the square root of the step."""
 LOOK_AHEAD = 1.5
-"""A reversal is expected within this many steps at the last step's change of velocity. One step is the time until the
-next sample; half a step is a margin for a change that grows."""
+"""Number of steps for which the last change of velocity is extrapolated to find a reversal. One step is the time until
+the next sample; half a step is a margin for a change that grows."""
 
 GUIDE = np.dtype(
     [
-        *(
-            (name, float)
-            for name in (
-                "mu",
-                "mus",
-                "length",
-                "width",
-                "normal_force",
-                "moment",
-                "friction",
-                "held",
-                "slip_speed",
-                "slip_speed_before",
-                "change",
-                "coefficient",
-                "cap",
-            )
-        ),
-        *((name, np.int64) for name in ("stuck", "landed", "mode", "mode_before")),
+        ("mu", float),
+        ("mus", float),
+        ("length", float),
+        ("width", float),
+        ("normal_force", float),
+        ("moment", float),
+        ("friction", float),
+        ("held", float),
+        ("slip_speed", float),
+        ("slip_speed_before", float),
+        ("change", float),
+        ("coefficient", float),
+        ("cap", float),
+        ("stuck", np.int64),
+        ("landed", np.int64),
+        ("mode", np.int64),
+        ("mode_before", np.int64),
     ]
 )
-"""A frictional guide (m; length 0 where it has none) and its state in the last step (N, N m, m/s).
+"""A frictional guide, and its state in the last step (N, N m, m/s).
 
-`held` is the magnitude of its friction, as the engine has it, `cap` the largest that it may have: the bound of its
-joint, or the sum of those of its contacts. `change` is that of the slip speed in the step; `mode` is -1, 0 (stick) or 1
-in it, `mode_before` in the one before."""
+The coefficients `mu` and `mus` are kinetic and static; `length` and `width` are those of the slider (m), and 0 if it
+has none. `normal_force` and `moment` are the reactions, `friction` is the force on the slider along the guide.
+
+`held` is the magnitude of the friction in the engine. `cap` is the largest one that is possible: the bound of the
+engine's joint, or the sum of the bounds of its contacts with the present `coefficient`. `change` is the change of the
+slip speed in the step. `stuck` is 1 if the guide stuck, `landed` is 1 if its contacts have had a force. `mode` is -1, 0
+(stick) or 1 in the step, and `mode_before` in the step before it."""
 Guides = Annotated[np.ndarray, GUIDE, 1]
 
 
 class Attempts(Record):
-    """Number of attempts left for a step, and number of steps that still count as first ones."""
+    """Attempts at a step.
+
+    Attributes
+    ----------
+    left : int
+        Number of attempts that are left for the present step.
+    first : int
+        Number of steps that still count as first steps, see `FIRST_PASSES`.
+    """
 
     left: int
     first: int
@@ -84,10 +94,22 @@ class Attempts(Record):
 class Balance(Bundle):
     """The balance of momentum of a scene at an instant, `M a - Q = J^T lambda + T f`.
 
-    `mass`, `q`, `v` and `loads` (the applied forces without weight) are (3 * bodies,). `bodies` (rows + frictional, 2)
-    are the bodies of each row, -1 where there is none. `force` (rows + frictional,) are row forces, then frictions, of
-    the last solution. `given_friction` (frictional,) are frictions that are given, NaN where they are to be found. The
-    rest is scratch of `row_forces`.
+    Attributes
+    ----------
+    m, w : Arrays, Workspace
+        Arrays and workspace of the mechanism.
+    mass : ndarray, shape (3 * bodies,)
+        Masses and moments of inertia, kg and kg m^2.
+    bodies : ndarray, shape (rows + frictional, 2)
+        The bodies of each row of the Jacobian; -1 where there is none.
+    q, v, loads : ndarray, shape (3 * bodies,)
+        Coordinates, velocities, and the applied forces without weight (N, N m).
+    force : ndarray, shape (rows + frictional,)
+        Row forces, then frictions, of the last solution (N, N m).
+    given_friction : ndarray, shape (frictional,)
+        Frictions that are prescribed (N); NaN where they are unknown.
+    excess, right, solution, least_squares, unit, unknown, system, work : ndarray
+        Scratch of `row_forces`.
     """
 
     m: Arrays
@@ -112,33 +134,53 @@ class Balance(Bundle):
     def of(cls, mechanism: Mechanism) -> Balance:
         """Return the balance of a mechanism, with coordinates and rates at t = 0."""
         m = mechanism.arrays
-        frictional, coordinates = len(m.friction), len(m.inverse_mass)
+        frictional = len(m.friction)
+        coordinates = len(m.inverse_mass)
         rows = m.rows + frictional
         balance = cls.zeros(
             m=m,
             w=workspace(m),
             mass=coordinates,
             bodies=(rows, 2),
+            q=coordinates,
+            v=coordinates,
+            loads=coordinates,
+            force=rows,
             given_friction=frictional,
+            excess=coordinates,
+            right=rows,
+            solution=rows,
+            least_squares=rows,
             unit=2 * rows,
             unknown=rows,
             system=(rows, rows),
             work=(rows, rows),
-            **dict.fromkeys(("q", "v", "loads", "excess"), coordinates),
-            **dict.fromkeys(("force", "right", "solution", "least_squares"), rows),
         )
         balance.q[:], balance.v[:] = mechanism.initial_state()
         balance.mass[:] = 1.0 / m.inverse_mass
-        # J has six entries a row, three for each of its two bodies: the place of a block of three
-        # among them tells which of the two the body is.
+        # J has six entries in a row, three for each of its two bodies. The place of a block of three
+        # in the row tells whether it belongs to the first or to the second body.
         balance.bodies[:] = -1
         for place, row, coordinate in m.block:
-            balance.bodies[row, place % 6 // 3] = coordinate // 3
+            side = place % 6 // 3
+            balance.bodies[row, side] = coordinate // 3
         return balance
 
 
 class Cap(Bundle):
-    """Guides whose friction is capped, of a balance, with the number of attempts at an undecided step."""
+    """Guides whose friction is capped by the adapter.
+
+    Attributes
+    ----------
+    balance : Balance
+        The balance of momentum of the scene.
+    guides : ndarray of GUIDE, shape (frictional,)
+        The guides.
+    passes : int
+        Number of attempts at a step in which stick is undecided.
+    attempts : Attempts
+        The attempts at the present step.
+    """
 
     balance: Balance
     guides: Guides
@@ -147,10 +189,19 @@ class Cap(Bundle):
 
 
 class Tree(Bundle):
-    """Tables of the links (`link_tree`), the link of each body, and the links' motion.
+    """Tables of the links of a mechanism (`link_tree`), and the links' motion.
 
-    q, v, a are (links, 3). `arm` (links, 6) has, in ground axes: from the parent's centre of mass to the joint, along
-    the guide, and from the own centre of mass to the joint.
+    Attributes
+    ----------
+    parent, slides, axis, anchor, point, angle : ndarray, first dimension links
+        The fields of `link_tree.Link`.
+    order : ndarray, shape (bodies,)
+        Link of each body.
+    arm : ndarray, shape (links, 6)
+        Three vectors in ground axes: from the parent's centre of mass to the joint (m), the unit vector along the
+        guide, and from the link's own centre of mass to the joint (m).
+    q, v, a : ndarray, shape (links, 3)
+        Coordinates x, y, angle of the centre of mass, and their first and second derivatives.
     """
 
     parent: Integers
@@ -167,11 +218,22 @@ class Tree(Bundle):
 
 
 class SpaceStep(Bundle):
-    """A step of h seconds in the bodies' coordinates, whose forces are those at its end.
+    """A step in the bodies' coordinates, whose forces are evaluated at its end.
 
-    `loaded` is 1 if anything but weight acts on the bodies: `pushed`, (3 * bodies,), for the engine. `present` and
-    `before` (bodies, 6): positions, angles, and their rates, as the engine has left them, and at the step's beginning.
-    q, v, a (3 * bodies,): after the last pass, and the acceleration of its step.
+    Attributes
+    ----------
+    cap : Cap
+        The guides with capped friction.
+    h : float
+        The step, s.
+    loaded : int
+        1 if anything but weight acts on the bodies.
+    pushed : ndarray, shape (3 * bodies,)
+        Applied forces without weight for the engine, N and N m.
+    present, before : ndarray, shape (bodies, 6)
+        x, y, angle and their rates, as the engine has left them, and at the beginning of the step.
+    q, v, a : ndarray, shape (3 * bodies,)
+        State after the last pass, and the acceleration of its step.
     """
 
     cap: Cap
@@ -186,11 +248,22 @@ class SpaceStep(Bundle):
 
 
 class SpaceContacts(Bundle):
-    """Contacts, by which guides rub, of an engine that reports them two bodies at a time.
+    """Contacts of sliders with their guides, in an engine that reports contacts by pairs of bodies.
 
-    By frictional guide: the body of the slider, the engine's name of it (`identity`), the unit vector of the guide
-    (`along`). By pair: names of the two bodies (`touching`), and the `impulse` of the step (N s): x, y, and the
-    contact's normal; zero where there is no such pair.
+    Attributes
+    ----------
+    guides : ndarray of GUIDE, shape (frictional,)
+        The guides.
+    step : SpaceStep
+        The step.
+    slider, identity : ndarray, shape (frictional,)
+        Index of the slider's body in the scene, and its number in the engine.
+    along : ndarray, shape (frictional, 2)
+        Unit vector along the guide.
+    touching : ndarray, shape (pairs, 2)
+        Numbers of the two bodies of each pair in the engine.
+    impulse : ndarray, shape (pairs, 4)
+        Impulse of the step (x and y, N s) and the contact's normal (x and y); zero for a pair without contact.
     """
 
     guides: Guides
@@ -203,12 +276,30 @@ class SpaceContacts(Bundle):
 
 
 class JointStep(Bundle):
-    """A step of h seconds in the joint coordinates of a tree, whose forces are those at its start.
+    """A step in the joint coordinates of a tree, whose forces are evaluated at its start.
 
-    `loaded` is 1 if anything but weight acts on the bodies. `links`, `signs`: of the guides with a cap, and 1, or -1
-    where the link's coordinate runs against the displacement. By link: `position`, `velocity` as the engine has left
-    them; at the start of the step that is about to be made; at that of the last one, and the acceleration in it.
-    q, v, a (3 * bodies,): of the bodies, at `start_position`; `a` is scratch.
+    Attributes
+    ----------
+    cap : Cap
+        The guides with capped friction.
+    h : float
+        The step, s.
+    loaded : int
+        1 if anything but weight acts on the bodies.
+    tree : Tree
+        The links.
+    links, signs : ndarray, shape (frictional,)
+        Link of each guide with a cap, and 1, or -1 if the link's coordinate decreases with the displacement.
+    position, velocity : ndarray, shape (links,)
+        State of the joints, as the engine has left it.
+    start_position, start_velocity : ndarray, shape (links,)
+        State at the start of the coming step.
+    last_position, last_velocity, acceleration : ndarray, shape (links,)
+        State at the start of the last step, and the acceleration in it.
+    q, v : ndarray, shape (3 * bodies,)
+        State of the bodies at `start_position`.
+    a : ndarray, shape (3 * bodies,)
+        Scratch.
     """
 
     cap: Cap
@@ -231,19 +322,19 @@ class JointStep(Bundle):
 
 @kernel
 def _place(balance, q, v, ahead):
-    """Set the state of a balance: q moved on with v for `ahead` seconds, and v."""
+    """Set the state of a balance: the coordinates q + ahead v, and the velocities v; `ahead` in seconds."""
     for i in range(len(q)):
         balance.q[i], balance.v[i] = q[i] + ahead * v[i], v[i]
 
 
 @kernel
 def applied_loads(balance: Balance, t: float, q: Reals, v: Reals, ahead: float) -> None:
-    """Compute the applied forces without weight at q + ahead v, into the loads of a balance."""
+    """Compute the applied forces without weight at q + ahead v, and store them as the loads of a balance."""
     m, w, loads = balance.m, balance.w, balance.loads
     _place(balance, q, v, ahead)
     rotate(m, w, balance.q)
     applied_forces(m, w.rotation, t, balance.q, balance.v, loads)
-    # weight is the engine's own gravity
+    # The engine itself applies the weight.
     for i in range(len(loads)):
         loads[i] -= m.weight[i]
 
@@ -276,29 +367,24 @@ def row_forces(balance: Balance, a: Reals) -> None:
 
     The last rows are the frictions, which are solved for where `given_friction` is NaN.
     """
-    m, w, force, given_friction, right = (
-        balance.m,
-        balance.w,
-        balance.force,
-        balance.given_friction,
-        balance.right,
-    )
-    rows = m.rows
+    w, force, right = balance.w, balance.force, balance.right
+    given_friction = balance.given_friction
+    rows = balance.m.rows
     size = rows + len(given_friction)
-    # The right-hand side: J times the difference between the accelerations and those that the
-    # applied forces alone would give. Where a run has diverged, all forces are NaN, which
-    # `_set_caps` reports; the solvers below require finite numbers.
-    finite = True
+    # The right-hand side is J times the difference between the accelerations and those by the
+    # applied forces alone. If a run has diverged, all forces are set to NaN, which `_set_caps`
+    # reports; the solvers below require finite numbers.
+    is_finite = True
     for i in range(len(a)):
         balance.excess[i] = a[i] - w.free[i]
     for r in range(size):
         right[r] = _row_product(balance, r, balance.excess)
-        finite = finite and np.isfinite(right[r])
-    if not finite:
+        is_finite = is_finite and np.isfinite(right[r])
+    if not is_finite:
         for r in range(size):
             force[r] = np.nan
         return
-    # Sort the rows: known frictions go to the right-hand side, all others are unknown.
+    # Prescribed frictions go to the right-hand side; the forces of all other rows are unknown.
     unknown, system, work = balance.unknown, balance.system, balance.work
     solution, least_squares = balance.solution, balance.least_squares
     n = 0
@@ -309,7 +395,7 @@ def row_forces(balance: Balance, a: Reals) -> None:
             force[r] = 0.0
             unknown[n] = r
             n += 1
-    # The system of the unknown rows, in two copies: elimination overwrites its own.
+    # Set up the system of the unknown rows in two copies, because elimination overwrites its copy.
     for i in range(n):
         solution[i] = right[unknown[i]]
         for j in range(rows, size):
@@ -322,7 +408,8 @@ def row_forces(balance: Balance, a: Reals) -> None:
         for i in range(n):
             force[unknown[i]] = solution[i]
         return
-    # Redundant rows: the motion does not determine their forces. Those of minimum norm are taken.
+    # The matrix is singular if rows are redundant. The motion does not determine their forces then,
+    # and the solution of minimum norm is taken.
     minimum_norm(system, least_squares, n)
     for i in range(n):
         force[unknown[i]] = least_squares[i]
@@ -330,12 +417,12 @@ def row_forces(balance: Balance, a: Reals) -> None:
 
 @kernel
 def _sign(value):
-    """Return -1, 0 or 1."""
+    """Return the sign of a value: -1, 0 or 1."""
     return copysign(1.0, value) if value != 0.0 else 0.0
 
 
 @kernel
-def _undecided(guide):
+def _is_undecided(guide):
     """Return True if the next step may begin, end or contain stick."""
     return (
         guide.stuck != 0 or guide.slip_speed * (guide.slip_speed + LOOK_AHEAD * guide.change) <= 0.0
@@ -348,9 +435,9 @@ def _choose_coefficients(guides):
     any_undecided = False
     for i in range(len(guides)):
         guide = guides[i]
-        undecided = _undecided(guide)
+        undecided = _is_undecided(guide)
         any_undecided = any_undecided or undecided
-        # Stick is tried first, with what static friction can hold.
+        # Stick is tried first, with the largest static friction.
         guide.coefficient = guide.mus if undecided else guide.mu
         guide.slip_speed_before = guide.slip_speed
     return any_undecided
@@ -358,7 +445,7 @@ def _choose_coefficients(guides):
 
 @kernel
 def _record_mode(guide):
-    """Set the mode of the step that was accepted, and keep the mode before."""
+    """Set the mode of the step that was accepted, and store the mode of the step before it."""
     guide.mode_before = guide.mode
     guide.mode = 0 if guide.stuck else int(_sign(guide.slip_speed))
 
@@ -369,7 +456,7 @@ def _set_caps(cap):
     for i in range(len(cap.guides)):
         guide = cap.guides[i]
         # The load |n1| + |n2| depends on the direction of friction, by the moment of the surfaces
-        # (`friction_bound`). Friction that holds a slider opposes the motion that it would have.
+        # (`friction_bound`). Static friction opposes the motion that the slider would have without it.
         direction = -_sign(guide.friction) if guide.stuck else _sign(guide.slip_speed)
         kappa = -guide.coefficient * direction
         guide.cap = guide.coefficient * normal_load(guide, guide.normal_force, guide.moment, kappa)
@@ -385,8 +472,8 @@ def _begin(cap, loaded, t, q, v, ahead):
             applied_loads(cap.balance, t, q, v, ahead)
         return
     assemble(cap.balance, t, q, v, ahead)
-    # One attempt suffices where all guides slip on: the reactions of the step before are off by
-    # O(h), as the step itself. A guide that may stick needs its cap and its reactions to agree.
+    # One attempt suffices if all guides continue to slip: the reactions of the previous step have an
+    # error of O(h), as the step itself. If a guide may stick, its cap and its reactions have to agree.
     attempts = cap.attempts
     attempts.left = cap.passes if _choose_coefficients(cap.guides) else 1
     if attempts.first > 0:
@@ -397,13 +484,14 @@ def _begin(cap, loaded, t, q, v, ahead):
 
 @kernel
 def _judge(cap, a):
-    """Evaluate an attempt by its accelerations and by the slip speeds that the guides have.
+    """Evaluate an attempt by its accelerations and by the present slip speeds of the guides.
 
     Return True if the step is to be repeated.
     """
-    guides, balance, m, attempts = cap.guides, cap.balance, cap.balance.m, cap.attempts
-    # A guide whose friction stayed below its cap stuck. Its friction is what held it, and is solved
-    # for; that of a guide which slipped is the cap.
+    guides, attempts = cap.guides, cap.attempts
+    balance, m = cap.balance, cap.balance.m
+    # A guide whose friction stayed below its cap stuck, and its friction is solved for. The friction
+    # of a guide that slipped is its cap.
     for i in range(len(guides)):
         guide = guides[i]
         guide.stuck = int(guide.held < guide.cap * SATURATED)
@@ -417,8 +505,8 @@ def _judge(cap, a):
     attempts.left -= 1
     repeat = attempts.left > 0
     if attempts.left == 0:
-        # The last attempt decides. A guide that did not stick with the static coefficient slips
-        # with the kinetic one, for which the step is repeated once.
+        # The last attempt decides about stick. A guide that did not stick with the static coefficient
+        # slips with the kinetic one, and the step is repeated once with that.
         for i in range(len(guides)):
             guide = guides[i]
             if not guide.stuck and guide.coefficient != guide.mu:
@@ -427,7 +515,7 @@ def _judge(cap, a):
     if repeat:
         _set_caps(cap)
         return True
-    # Accepted: record what the next step needs to know of this one.
+    # The step is accepted. Record what the next step needs.
     for i in range(len(guides)):
         guide = guides[i]
         guide.change = guide.slip_speed - guide.slip_speed_before
@@ -437,7 +525,7 @@ def _judge(cap, a):
 
 @kernel
 def begin_contacts(guides: Guides) -> None:
-    """Begin the first step of guides whose friction the engine's contacts find."""
+    """Begin the first step of guides whose friction is computed by the engine's contacts."""
     _choose_coefficients(guides)
 
 
@@ -446,7 +534,8 @@ def finish_contacts(guides: Guides) -> None:
     """Evaluate a step by `cap`, `held` and `slip_speed` of the guides, and begin the next one."""
     for i in range(len(guides)):
         guide = guides[i]
-        # A box that has not touched its surfaces yet has no friction, and stick is undecided.
+        # A box that has not touched its surfaces yet has no friction; it counts as stuck, so that
+        # stick is undecided in the next step.
         guide.stuck = int(guide.held < guide.cap * SATURATED or not guide.landed)
         guide.landed = int(guide.landed or guide.cap > 0.0)
         guide.change = guide.slip_speed - guide.slip_speed_before
@@ -461,9 +550,10 @@ def finish_space_contacts(touch: SpaceContacts) -> None:
     guides, step, touching, impulse = touch.guides, touch.step, touch.touching, touch.impulse
     for i in range(len(guides)):
         guide = guides[i]
-        # Normal and tangential impulses (`along` and `across` the normal) of all contacts of the
-        # slider. Magnitudes are added: a box may be pressed on by both surfaces.
-        along, across = 0.0, 0.0
+        # Sum the normal and tangential impulses (along and across the normal) of all contacts of the
+        # slider. Magnitudes are added because both surfaces may press on a box.
+        along = 0.0
+        across = 0.0
         for k in range(len(touching)):
             if touching[k, 0] == touch.identity[i] or touching[k, 1] == touch.identity[i]:
                 jx, jy, nx, ny = impulse[k, 0], impulse[k, 1], impulse[k, 2], impulse[k, 3]
@@ -472,14 +562,14 @@ def finish_space_contacts(touch: SpaceContacts) -> None:
         guide.cap, guide.held = guide.coefficient * along / step.h, across / step.h
         vx = 3 * touch.slider[i]
         guide.slip_speed = touch.along[i, 0] * step.v[vx] + touch.along[i, 1] * step.v[vx + 1]
-    # The engine writes pairs that touch only, so those of this step must not remain.
+    # The engine writes only the pairs that touch. The impulses of this step must not remain.
     impulse[:] = 0.0
     finish_contacts(guides)
 
 
 @kernel
 def _read_space(step):
-    """Copy coordinates and velocities from the engine's layout, and difference the velocities."""
+    """Copy coordinates and velocities from the engine's layout, and compute accelerations as differences."""
     present, before = step.present, step.before
     for body in range(len(present)):
         for k in range(3):
@@ -490,13 +580,14 @@ def _read_space(step):
 
 @kernel
 def begin_space(step: SpaceStep, t: float) -> None:
-    """Begin a step, which ends at t, in the present state."""
+    """Begin a step, which ends at t (s), in the present state."""
     cap = step.cap
     _read_space(step)
     for body in range(len(step.present)):
         for k in range(6):
             step.before[body, k] = step.present[body, k]
-    # The engine moves the bodies first, and then balances forces: these are due at q + h v.
+    # The engine moves the bodies first and then balances forces, which are therefore evaluated at
+    # q + h v.
     _begin(cap, step.loaded, t, step.q, step.v, step.h)
     copy(cap.balance.loads, step.pushed)
 
@@ -527,11 +618,12 @@ def _move(tree, position, velocity, bodies_q, bodies_v):
 
     A parent comes before its children, so that one pass over the links suffices.
     """
-    parent, axis, anchor, point, order = tree.parent, tree.axis, tree.anchor, tree.point, tree.order
+    parent, order = tree.parent, tree.order
+    axis, anchor, point = tree.axis, tree.anchor, tree.point
     arm, q, v = tree.arm, tree.q, tree.v
     for i in range(len(parent)):
-        # (x, y), angle and their rates follow the chain: first the joint's point of the parent,
-        # which is at rest on the ground, and otherwise moves with the rigid parent, v + omega x r.
+        # Follow the chain with (x, y), the angle and their rates. It begins at the joint's point of
+        # the parent, which is at rest on the ground, and otherwise moves by v + omega x r.
         p = parent[i]
         x, y, angle = anchor[i, 0], anchor[i, 1], 0.0
         vx, vy, omega = 0.0, 0.0, 0.0
@@ -542,8 +634,8 @@ def _move(tree, position, velocity, bodies_q, bodies_v):
             x, y = q[p, 0] + rx, q[p, 1] + ry
             vx, vy = v[p, 0] - omega * ry, v[p, 1] + omega * rx
         angle += tree.angle[i]
-        # Then the joint's own motion: (u d)' = u d' + d (omega x u) along the axis u, which turns
-        # with the parent, or a rotation.
+        # Add the joint's own motion: a rotation, or a displacement along the axis u, which turns with
+        # the parent: (u d)' = u d' + d (omega x u).
         if tree.slides[i]:
             ux, uy = _turned(axis[i, 0], axis[i, 1], angle)
             arm[i, 2], arm[i, 3] = ux, uy
@@ -552,13 +644,13 @@ def _move(tree, position, velocity, bodies_q, bodies_v):
             vx, vy = vx + ux * rate - uy * omega * d, vy + uy * rate + ux * omega * d
         else:
             angle, omega = angle + position[i], omega + velocity[i]
-        # Last the way from the joint to the centre of mass of the link.
+        # Add the vector from the joint to the centre of mass of the link.
         bx, by = _turned(point[i, 0], point[i, 1], angle)
         arm[i, 4], arm[i, 5] = bx, by
         rx, ry = -bx, -by
         q[i, 0], q[i, 1], q[i, 2] = x + rx, y + ry, angle
         v[i, 0], v[i, 1], v[i, 2] = vx - omega * ry, vy + omega * rx, omega
-    # Bodies in the scene's order; links without body are left out.
+    # Copy the motion of the bodies, in the scene's order; links without body are left out.
     for b in range(len(order)):
         for i in range(3):
             bodies_q[3 * b + i], bodies_v[3 * b + i] = q[order[b], i], v[order[b], i]
@@ -566,9 +658,9 @@ def _move(tree, position, velocity, bodies_q, bodies_v):
 
 @kernel
 def _accelerate(tree, position, velocity, acceleration, bodies_a):
-    """Compute accelerations of links and bodies, at the coordinates and velocities that `_move` has set.
+    """Compute accelerations of links and bodies at the coordinates and velocities that `_move` has set.
 
-    The chain is that of `_move`, differentiated once more.
+    The formulas are the derivatives of those of `_move`.
     """
     parent, order, arm, v, a = tree.parent, tree.order, tree.arm, tree.v, tree.a
     for i in range(len(parent)):
@@ -603,18 +695,18 @@ def _accelerate(tree, position, velocity, acceleration, bodies_a):
 def motion(
     tree: Tree, position: Reals, velocity: Reals, acceleration: Reals, q: Reals, v: Reals, a: Reals
 ) -> None:
-    """Forward kinematics: per body x, y, angle of the centre of mass and their first and second derivatives."""
+    """Compute coordinates, velocities and accelerations of the bodies from those of the joints."""
     _move(tree, position, velocity, q, v)
     _accelerate(tree, position, velocity, acceleration, a)
 
 
 @kernel
 def begin_joints(step: JointStep, t: float) -> None:
-    """Begin a step, at t, in the present state."""
+    """Begin a step, which starts at t (s), in the present state."""
     copy(step.position, step.start_position)
     copy(step.velocity, step.start_velocity)
-    # Engines in joint coordinates find accelerations at the start of a step. Without loads and
-    # guides nothing of the adapter depends on the bodies' state, so it is not computed.
+    # Engines in joint coordinates compute accelerations at the start of a step. Without loads and
+    # guides the adapter does not need the state of the bodies.
     if len(step.cap.guides) or step.loaded:
         _move(step.tree, step.position, step.velocity, step.q, step.v)
         _begin(step.cap, step.loaded, t, step.q, step.v, 0.0)

@@ -1,4 +1,4 @@
-"""Common parts of adapters of engines in joint coordinates: their refusals, settings and methods."""
+"""Base class of the adapters of engines in joint coordinates: refusals, settings and methods."""
 
 from __future__ import annotations
 
@@ -32,14 +32,14 @@ from stiction.scenes.model import Translational
 class TreeEngine(SteppedEngine):
     """An engine that steps the joints of a tree of links, and whose accelerations can be integrated.
 
-    ``method="accelerations"``, joint fidelity, mechanisms without loops: mass matrix and bias forces are the engine's;
-    the integration to `rtol` with located events is ours (`stiction.engines.shared.acceleration_integrator`). This
-    method has no other settings and no `dt`.
+    With ``method="accelerations"``, at joint fidelity and for mechanisms without loops, the engine computes only the
+    mass matrix and the bias forces; `stiction.engines.shared.acceleration_integrator` integrates the motion to `rtol`
+    with located events. This method has no other settings and no `dt`.
 
     Attributes
     ----------
     called : str
-        The engine's name in sentences.
+        The engine's name in messages.
     """
 
     capabilities = replace(SteppedEngine.capabilities, event_location=Supplier.ADAPTER)
@@ -51,7 +51,7 @@ class TreeEngine(SteppedEngine):
             super().check_arguments(settings=settings, **asked)
 
     def settings_of_run(self, given: Mapping[str, Any], **asked: Any) -> dict[str, Any]:
-        # The defaults are those of steps, and not of any method.
+        # The defaults belong to steps. A method has no other settings.
         if "method" in given:
             return dict(given)
         return super().settings_of_run(given, **asked)
@@ -60,32 +60,37 @@ class TreeEngine(SteppedEngine):
         return settings.get("method") == METHOD
 
     def refusal(self, scene: Scene, fidelity: Fidelity) -> str | None:
-        if fidelity == Fidelity.CONTACT and (reason := contact_refusal(scene)):
-            return reason
-        # A loop is closed by a constraint between two points, so a translational joint has to be in
-        # the tree. A drive needs a joint coordinate, and no two may have the same.
-        tree, motors = LinkTree(scene, fidelity), dict[int, str]()
+        if fidelity == Fidelity.CONTACT:
+            reason = contact_refusal(scene)
+            if reason:
+                return reason
+        # A loop is closed by a constraint between two points, so that a translational joint has to be
+        # in the tree.
+        tree = LinkTree(scene, fidelity)
         for name in tree.loops:
             if isinstance(scene.joints[name], Translational):
                 return f"joints.{name}: closes a loop; the {self.called} adapter closes loops by revolute joints only"
+        # Each drive needs a joint coordinate of its own.
+        drive_of_link: dict[int, str] = {}
         for name, drive in scene.drives.items():
             try:
                 link, _ = motor_link(scene, tree, drive)
-            except Refused as reason:
-                return f"drives.{name}: the {self.called} adapter {reason}"
-            if (other := motors.setdefault(link, name)) != name:
-                return f"drives.{name}: drives the same joint as drives.{other}"
+            except Refused as error:
+                return f"drives.{name}: the {self.called} adapter {error}"
+            if link in drive_of_link:
+                return f"drives.{name}: drives the same joint as drives.{drive_of_link[link]}"
+            drive_of_link[link] = name
         return self.refusal_of_tree(scene, tree)
 
     def refusal_of_tree(self, scene: Scene, tree: LinkTree) -> str | None:
-        """Return why this engine cannot represent a tree of links that others can; None if it can."""
+        """Return why this engine cannot represent a tree of links that other engines can; None if it can."""
         return None
 
     @abstractmethod
     def dynamics(
         self, scene: Scene, tree: LinkTree, clock: EngineClock
     ) -> AbstractContextManager[Dynamics]:
-        """Return a context whose value are the engine's dynamics of a tree; the engine is called by the clock."""
+        """Return a context whose value is the engine's `Dynamics` of a tree; the clock times its calls."""
 
     def run(
         self,
@@ -114,7 +119,8 @@ class TreeEngine(SteppedEngine):
             raise InputError(
                 f"method={METHOD}: found dt, contact fidelity or other settings; expected rtol alone"
             )
-        start, tolerance = time.process_time(), DEFAULT_TOLERANCE if rtol is None else rtol
+        begin = time.process_time()
+        tolerance = DEFAULT_TOLERANCE if rtol is None else rtol
         assembly = assembly_of(scene, assembly)
         refuse_off(assembly)
         accelerations = TreeAccelerations(assembly.whole)
@@ -128,5 +134,5 @@ class TreeEngine(SteppedEngine):
                 t_end=t_end,
                 rtol=tolerance,
                 output_step=output_step,
-                setup_s=time.process_time() - start,
+                setup_s=time.process_time() - begin,
             )

@@ -1,11 +1,11 @@
-"""Independent truths: what every engine, the reference included, is compared with.
+"""Independent solutions (truths), with which all engines and the reference implementation are compared.
 
-Written from the equations of motion of each mechanism in its own minimal coordinates; nothing here knows the
-reference implementation, a constraint Jacobian or a complementarity problem. ``docs/theory/truths.md`` lists them.
+They are derived from the equations of motion of each mechanism in its own minimal coordinates, and use neither the
+reference implementation nor a constraint Jacobian nor a complementarity problem. ``docs/theory/truths.md`` lists them.
 
-The truth of a scene is ``x_truth(scene, t_end)``. It raises `NotThisMechanism` for a scene of another structure and
-`NoMotion` where the equations have no motion or several. Where two integrations find different events it raises
-`Undecided`.
+Each ``.._truth(scene, t_end)`` returns the `Truth` of one kind of mechanism. It raises `NotThisMechanism` for a scene
+of another structure, `NoMotion` if the equations have no motion or several, and `Undecided` if two integrations find
+different events.
 """
 
 from stiction.truths.closed_form.block_on_incline import incline_truth

@@ -1,4 +1,4 @@
-"""The equations of motion of a scene in dense matrices, at many instants at once; without the reference.
+"""Equations of motion of a scene in dense matrices, at many instants at once, independent of the reference.
 
     M q'' = Q + J^T lambda + W^T f,   Phi'' = J q'' + gamma,   slip' = W q'' + w
 
@@ -58,10 +58,11 @@ class Terms:
     phi, phi_dot, gamma : ndarray, shape (..., rows)
         Residuals of the constraints and of their rates; Phi'' = J q'' + gamma.
     J : ndarray, shape (..., rows, k)
+        Jacobian of the constraints.
     W : ndarray, shape (..., guides, k)
         Directions of slip of the frictional guides.
     w, slip_speed : ndarray, shape (..., guides)
-        slip' = W q'' + w, and the slip's rate itself.
+        The term w of slip' = W q'' + w, and the slip velocity.
     """
 
     Q: np.ndarray
@@ -75,35 +76,46 @@ class Terms:
 
 
 def scalar_product(a: Any, b: Any) -> Any:
-    """Scalar product of planar vectors, which are complex numbers."""
+    """Return the scalar product of planar vectors, which are complex numbers."""
     return (np.conj(a) * b).real
 
 
 class Posture:
-    """Places and velocities of all bodies, the ground the last, at instants."""
+    """Positions and velocities of all bodies at instants; the last body is the ground.
+
+    Attributes
+    ----------
+    place, velocity : ndarray of complex, shape (..., bodies)
+        Positions (m) and velocities (m/s) of the centres of mass.
+    angle, spin : ndarray, shape (..., bodies)
+        Angles (rad) and angular velocities (rad/s).
+    turn : ndarray of complex, shape (..., bodies)
+        exp(i angle), which turns a vector from the axes of a body into those of the ground.
+    """
 
     def __init__(self, q: np.ndarray, v: np.ndarray):
-        # The ground is one more body, at rest: no equation below has to tell it apart.
+        # The ground is one more body at rest, so that the equations below need no special case.
         ground = np.zeros((*q.shape[:-1], 3))
         q = np.concatenate([q, ground], -1)
         v = np.concatenate([v, ground], -1)
         self.place = q[..., 0::3] + 1j * q[..., 1::3]
         self.velocity = v[..., 0::3] + 1j * v[..., 1::3]
-        self.angle, self.spin = q[..., 2::3], v[..., 2::3]
+        self.angle = q[..., 2::3]
+        self.spin = v[..., 2::3]
         self.turn = np.exp(1j * self.angle)
 
 
 class Distances:
-    """Vectors between points of two bodies, first less second, and what is read off them.
+    """Distances between points of two bodies, along given directions or along the line between the points.
 
     Parameters
     ----------
     bodies : sequence of pairs of int
-        Numbers of the bodies; the ground's is the last.
+        Numbers of the bodies; the last number is the ground's.
     points : sequence of pairs of complex
-        In the axes of the bodies.
+        Points in the axes of the bodies, m. Vectors go from the second to the first.
     directions : sequence of complex, optional
-        In which the distances are measured, of any length; along the vectors themselves if not given.
+        Directions in which the distances are measured, of any length; along the vectors themselves if not given.
     carriers : sequence of int, optional
         Bodies with which the directions turn.
     """
@@ -120,22 +132,26 @@ class Distances:
         self.direction = None
         if directions is not None:
             line = np.array(directions, dtype=complex)
-            self.direction, self.carrier = line / np.abs(line), np.array(carriers, dtype=int)
+            self.direction = line / np.abs(line)
+            self.carrier = np.array(carriers, dtype=int)
 
     def at(self, posture: Posture) -> Values:
-        # Both ends: arm from the body's centre, place, velocity, and the acceleration that does not
-        # contain q'', which is centripetal.
+        """Return the distances, their rates and derivatives."""
+        # For both ends: arm from the body's centre, position, velocity, and the acceleration without
+        # q'', which is centripetal.
         ends = []
         for body, point in zip(self.body, self.point):
-            arm, spin = point * posture.turn[..., body], posture.spin[..., body]
-            place, velocity = posture.place[..., body] + arm, posture.velocity[..., body]
+            arm = point * posture.turn[..., body]
+            spin = posture.spin[..., body]
+            place = posture.place[..., body] + arm
+            velocity = posture.velocity[..., body]
             ends.append((arm, place, velocity + 1j * spin * arm, -(spin**2) * arm))
         (arm, *first), (other_arm, *second) = ends
-        r, r_rate, centripetal = (here - there for here, there in zip(first, second))
+        r, r_rate, centripetal = (a - b for a, b in zip(first, second))
 
         if self.direction is None:
             value = np.abs(r)
-            # two ends that meet have no direction, and no force of a spring along it
+            # If the two ends coincide there is no direction, and no force of a spring along it.
             e = np.where(value > 0.0, r / np.where(value > 0.0, value, 1.0), 0.0)
             rate = scalar_product(e, r_rate)
             with np.errstate(divide="ignore", invalid="ignore"):
@@ -153,9 +169,9 @@ class Distances:
                 - turning**2 * value
             )
 
-        # ds/dq: a coordinate moves with the points of both ends, and with the angle of the carrier
-        # of its direction. `+=` as the carrier may be one of the two bodies; the columns of the
-        # ground are dropped.
+        # ds/dq: a distance changes with the points of both ends, and with the angle of the carrier of
+        # its direction. Terms are added because the carrier may be one of the two bodies. The columns
+        # of the ground are dropped.
         row = np.arange(len(self.body[0]))
         jacobian = np.zeros((*value.shape, 3 * posture.angle.shape[-1]))
         for body, lever, sign in zip(self.body, (arm, other_arm), (1, -1)):
@@ -167,7 +183,7 @@ class Distances:
 
 
 class Angles:
-    """Differences of the angles of two bodies, first less second."""
+    """Differences of the angles of two bodies, the first minus the second; `count` is the number of bodies."""
 
     def __init__(self, bodies: Sequence[tuple[int, int]], count: int):
         self.rows = np.zeros((len(bodies), 3 * count + 3))
@@ -176,6 +192,7 @@ class Angles:
             row[3 * second + 2] -= 1
 
     def at(self, posture: Posture) -> Values:
+        """Return the differences, their rates and derivatives."""
         of_angles = self.rows[:, 2::3].T
         value = posture.angle @ of_angles
         shape = (*value.shape[:-1], *self.rows[:, :-3].shape)
@@ -188,7 +205,7 @@ class Angles:
 
 
 class Coordinates:
-    """The coordinates of drives or of springs, in their order."""
+    """Coordinates of drives or of springs, in the order of the scene."""
 
     def __init__(self, elements: Sequence[Any], number: dict[str, int]):
         def pair(element: Any) -> tuple[int, int]:
@@ -213,14 +230,15 @@ class Coordinates:
             ),
             Distances([pair(e) for e in free], [places(e) for e in free]),
         ]
-        # an empty group of angles stands in where there are no elements at all: it has the right
-        # shapes
-        kept = [bool(turning) or not straight, bool(along), bool(free)]
-        self.groups = [group for group, keep in zip(groups, kept) if keep]
+        # Empty groups are left out. If there are no elements at all, the empty group of angles is kept
+        # because it yields the right shapes.
+        is_needed = [bool(turning) or not straight, bool(along), bool(free)]
+        self.groups = [group for group, needed in zip(groups, is_needed) if needed]
         grouped = [id(e) for e in (*turning, *along, *free)]
         self.order = [grouped.index(id(e)) for e in elements]
 
     def at(self, posture: Posture) -> Values:
+        """Return the coordinates, their rates and derivatives."""
         parts = [group.at(posture) for group in self.groups]
         if len(parts) == 1:
             return parts[0]
@@ -233,7 +251,7 @@ class Coordinates:
 
 
 def law_values(laws: Sequence[Law], t: np.ndarray) -> np.ndarray:
-    """Values and first and second derivatives of laws, shape (3, ..., laws)."""
+    """Return values and first and second derivatives of laws at times t (s), shape (3, ..., laws)."""
     derivatives = np.zeros((3, *t.shape, len(laws)))
     for i, law in enumerate(laws):
         values = np.array([evaluate_law(law, time) for time in t.flat])
@@ -251,13 +269,15 @@ class DenseEquations:
     mass : ndarray, shape (k,)
         Diagonal of M.
     first_row : list of int
-        The place of each frictional joint's first row: of a guide the row across, and that of its angle is the next.
+        Index in J of the first row of each frictional joint. It is the row across a guide, which the row of its angle
+        follows.
     pins : dict of str to int
-        The place of each pin's row of x; that of y is the next.
+        Index in J of the x row of each pin; the y row is the next one.
     """
 
     def __init__(self, scene: Scene):
-        self.scene, self.frictional = scene, dict(scene.frictional_joints)
+        self.scene = scene
+        self.frictional = dict(scene.frictional_joints)
         number = {name: i for i, name in enumerate([*scene.bodies, GROUND])}
         bodies = scene.bodies.values()
         self.mass = np.array([m for body in bodies for m in (body.mass, body.mass, body.inertia)])
@@ -269,8 +289,8 @@ class DenseEquations:
         first_row |= {name: 2 * (len(pins) + i) for i, name in enumerate(guides)}
         self.first_row = [first_row[name] for name in self.frictional]
 
-        # One group of distances, as each group costs time: pins (along x and y of the ground), then
-        # across the guides, then along the guides with friction.
+        # All distances are one group, as each group costs time: pins (along x and y of the ground),
+        # then across the guides, then along the guides with friction.
         pairs: list[tuple[int, int]] = []
         points: list[tuple[complex, complex]] = []
         lines: list[complex] = []
@@ -293,7 +313,8 @@ class DenseEquations:
         self._guide_angles = Angles(
             [(number[g.slider], number[g.guide]) for g in guides.values()], len(scene.bodies)
         )
-        # friction of pins acts along their relative angles; `_frictional_order` mixes them with guides
+        # Friction of pins acts along their relative angles. `_frictional_order` contains the index of
+        # each frictional joint among the guides and then the pins with friction.
         rubbing = [pin for name, pin in pins.items() if name in self.frictional]
         self._pin_angles = Angles(
             [(number[pin.bodies[0]], number[pin.bodies[1]]) for pin in rubbing], len(scene.bodies)
@@ -306,16 +327,22 @@ class DenseEquations:
         self._driven = Coordinates(list(scene.drives.values()), number)
         self._laws = [drive.law for drive in scene.drives.values()]
 
-        # Applied forces. A load that is a torque has no point and no direction: zeros in their
-        # place.
-        springs = list(scene.springs_and_dampers.values())
+        self._read_springs(number)
+        self._read_loads(number)
+
+    def _read_springs(self, number: dict[str, int]) -> None:
+        """Set the arrays of the springs and dampers; `number` contains the numbers of the bodies."""
+        springs = list(self.scene.springs_and_dampers.values())
         self._springs = Coordinates(springs, number)
         self._stiffness = np.array([spring.stiffness for spring in springs])
         self._damping = np.array([spring.damping for spring in springs])
         self._rest = np.array(
             [s.rest_length if s.type == "linear" else s.rest_angle for s in springs]
         )
-        loads = list(scene.forces.values())
+
+    def _read_loads(self, number: dict[str, int]) -> None:
+        """Set the arrays of the loads. A torque has no point and no direction, which are zero instead."""
+        loads = list(self.scene.forces.values())
         self._load_laws = [load.law for load in loads]
         self._loaded = np.array([number[load.body] for load in loads], dtype=int)
         forces = [load if isinstance(load, Force) else None for load in loads]
@@ -326,21 +353,24 @@ class DenseEquations:
         self._torque = np.array([0.0 if f else 1.0 for f in forces])
 
     def start(self) -> tuple[np.ndarray, np.ndarray]:
-        """q and v at t = 0 as the scene gives them."""
+        """Return q and v at t = 0 according to the scene."""
         bodies = self.scene.bodies.values()
         q = [x for body in bodies for x in (*body.position, body.angle)]
         v = [x for body in bodies for x in (*body.velocity, body.angular_velocity)]
         return np.array(q, dtype=float), np.array(v, dtype=float)
 
     def at(self, t: float | np.ndarray, q: np.ndarray, v: np.ndarray) -> Terms:
-        """The terms at an instant or, with leading axes, at many.
+        """Return the terms at an instant or, with leading axes, at many instants.
 
         Parameters
         ----------
         t : float or ndarray, shape (...,)
+            Times, s.
         q, v : ndarray, shape (..., k)
+            Coordinates and velocities.
         """
-        t, posture = np.asarray(t, dtype=float), Posture(q, v)
+        t = np.asarray(t, dtype=float)
+        posture = Posture(q, v)
         distances = self._distances.at(posture)
         angles = self._guide_angles.at(posture)
         turns = self._pin_angles.at(posture)
@@ -356,7 +386,7 @@ class DenseEquations:
             """Return the rows of all constraints in the order of J, and the directions of friction."""
             axis = t.ndim
             pins, across, along = np.split(of_distances, self._parts, axis)
-            # each guide's row across is followed by the row of its angle
+            # The row across each guide is followed by the row of its angle.
             pair = np.stack([across, of_angles], axis + 1)
             of_guides = pair.reshape(*pair.shape[:axis], -1, *pair.shape[axis + 2 :])
             directions = np.take(
@@ -364,7 +394,7 @@ class DenseEquations:
             )
             return np.concatenate([pins, of_guides, of_drives], axis), directions
 
-        # Value, rate and acceleration of each constraint less what guide or law prescribes.
+        # Subtract the prescribed angles and laws from values, rates and accelerations.
         angle_errors = angles.value - self._prescribed_angles
         phi, _ = arrange(distances.value, angle_errors, driven.value - law[0], turns.value)
         phi_dot, slip_speed = arrange(distances.rate, angles.rate, driven.rate - law[1], turns.rate)
@@ -373,18 +403,19 @@ class DenseEquations:
         return Terms(self._applied(t, posture), phi, phi_dot, gamma, J, W, w, slip_speed)
 
     def _applied(self, t: np.ndarray, posture: Posture) -> np.ndarray:
-        """Generalized forces of weight, springs with dampers, and loads."""
+        """Return the generalized forces of weight, springs with dampers, and loads."""
         Q = np.zeros((*t.shape, len(self.mass))) + self.mass * self.gravity
         if len(self._stiffness):
-            # virtual work: a tension F in the coordinate s contributes -F ds/dq
+            # By virtual work a tension F in the coordinate s contributes -F ds/dq.
             springs = self._springs.at(posture)
             stretch = springs.value - self._rest
             tension = self._stiffness * stretch + self._damping * springs.rate
             Q -= np.sum(tension[..., None] * springs.jacobian, -2)
         size = law_values(self._load_laws, t)[0]
         for i, body in enumerate(self._loaded):
-            # the point of a force turns with its body, the direction does not
-            arm, push = self._arm[i] * posture.turn[..., body], self._push[i]
+            # The point of a force turns with its body, the direction does not.
+            arm = self._arm[i] * posture.turn[..., body]
+            push = self._push[i]
             moment = scalar_product(1j * arm, push) + self._torque[i]
             for column, part in enumerate((push.real, push.imag, moment)):
                 Q[..., 3 * body + column] += size[..., i] * part

@@ -1,37 +1,41 @@
-"""The motion of any mechanism with friction in guides and pins, by trying all contact modes; without the reference.
+"""Motion of any mechanism with friction in guides and pins by enumeration of contact modes, without the reference.
 
-The equations of motion are those of `dense_equations`. What is frozen between events is a mode: which guides stick, to
-which side the others slip, and the signs of all corner forces. The motion follows from five decisions:
+The method is slow. The equations of motion are those of `dense_equations`. Between events the contact mode is constant:
+the guides that stick, the directions in which the others slip, and the signs of all corner forces. The method has five
+parts:
 
 - The forces of a mode: one dense linear solve with the corner forces themselves as unknowns. A guide that slips in the
   direction d has n_j = F+_j - F-_j, of the sign s_j, at the lever -+ a/2; its surfaces turn the slider by b/2:
 
       force of n_j on the slider = normal row + (-+ a/2) angle row - mu d (s_j tangential row + (b/2) angle row)
 
-- The mode: every combination of stick, slip to either side and corner signs is tried, and kept if no corner pulls, no
-  friction at rest exceeds what its surfaces hold, and every guide that leaves rest leaves it against its friction. More
-  than one acceleration is reported, not chosen from.
-- Guides at rest that share a load: where their rows are redundant, as those of two guides of one freedom, only a sum of
-  their frictions is determined. They stay at rest if some share of the load lies in the static cones of all surfaces: a
-  linear programme for each choice of corner signs (`Contact.largest_margin`). Loads that change are refused there.
-- Rest: the motion ends where guides at rest hold the whole mechanism and no load changes, as it stays there.
-- Events: scipy's DOP853, with every margin of the mode sampled in every step, near its start down to 1e-9 of it. A
-  margin that dips between samples is minimised; a first zero is found by Brent's method.
+- The mode: every combination of stick, slip in either direction and corner signs is tried. It is accepted if no corner
+  pulls, if the friction of guides at rest is within their capacity, and if every guide that leaves rest moves against
+  its friction. If there is more than one acceleration, this is reported and none is selected.
+- Guides at rest that share a load: if their rows are redundant, as for two guides of one freedom, only a sum of their
+  frictions is determined. They stay at rest if some distribution of the load lies in the static cones of all surfaces,
+  which is a linear programme for each choice of corner signs (`Contact.largest_margin`). Variable loads are refused in
+  this case.
+- Rest: the motion ends if guides at rest hold the whole mechanism and no load changes, because it stays there.
+- Events: in each step of SciPy's DOP853 every margin of the mode is sampled, near the start down to 1e-9 of the step. A
+  margin that dips between samples is minimised; its first zero is found by Brent's method.
 
-What a guide at rest holds against slip in the direction d. Its surface frictions l+, l- obey |l+-| <= mus FN+-, and the
-corner forces carry the moment that they leave of T, D = n2 - n1 = (2/a)(T - (b/2)(l+ - l-)). The largest -d (l+ + l-)
-of this linear programme has both surfaces at their bound as long as its two multipliers, 1 -+ mus b/a, are not
-negative: unless the guide locks itself (mus b > a). Then l+ - l- = -mus d R, and
+The capacity of a guide at rest against slip in the direction d is found as follows. Its surface frictions l+, l- obey
+|l+-| <= mus FN+-, and the corner forces carry the rest of the moment T: D = n2 - n1 = (2/a)(T - (b/2)(l+ - l-)). In the
+solution of this linear programme with the largest -d (l+ + l-), both surfaces are at their bound as long as its two
+multipliers, 1 -+ mus b/a, are not negative, that is unless the guide is self-locking (mus b > a). Then
+l+ - l- = -mus d R, and
 
     capacity(d) = mus max(|R|, (2/a) |T + (b/2) mus d R|)
 
-Friction with a bound of its own, c in slip and c0 at rest (`friction` and `static_friction` of a guide or a pin), adds
--d c to the friction of slip, as an applied force, and c0 to what is held at rest; for the linear programme half of it
-is on each surface of a guide. A pin is a guide without length that has no normal force, mu = mus = 0; its direction of
-friction is the relative rotation of its bodies, and its friction a torque. What is said of guides holds for pins.
+A constant bound of friction, c in slip and c0 at rest (`friction` and `static_friction` of a guide or a pin), adds
+-d c to the friction in slip, as an applied force, and c0 to the capacity at rest. In the linear programme half of c0
+belongs to each surface of a guide. A pin is treated as a guide without length and without normal force, with
+mu = mus = 0. Its direction of friction is the relative rotation of its bodies, and its friction is a torque. What is
+said of guides holds for pins as well.
 
-A self-locking guide can jam under stress of its own and has several motions; it is refused. All tolerances are
-absolute, in m, s, kg, rad: for mechanisms of about a metre, a second and a kilogram.
+A self-locking guide can jam under its own stress and has several motions; it is refused. All tolerances are absolute,
+in m, s, kg, rad, for mechanisms of about a metre, a second and a kilogram.
 """
 
 from __future__ import annotations
@@ -68,20 +72,22 @@ ADMISSIBLE = 1e-8
 SAME = 1e-6
 """m/s^2, rad/s^2; accelerations that differ by less count as equal, as those of two modes at their common boundary."""
 CORNERS = ((1, 1), (1, -1), (-1, 1), (-1, -1))
-"""Signs of both corner forces of a guide."""
+"""Possible signs of both corner forces of a guide."""
 AT_ONCE = 1e-11
-"""Seconds within which events are one: what rounding leaves of a time."""
+"""Time, s, within which events are simultaneous: rounding of times."""
 MOST_AT_ONCE = 20
-"""Events without time passing after which a run is given up."""
+"""Largest number of events without time passing; more end the run."""
 DEPENDENT = 1e-9
-"""Singular value, of rows of length 1, below which one depends on the others: what rounding leaves of it."""
+"""Singular value of rows of length 1 below which they are linearly dependent: rounding of zero."""
 _MINIMUM_XTOL = 1e-9
 """Tolerance of the time of a margin's minimum, relative to the interval between samples.
 
 The value at a smooth minimum depends on it quadratically, so that its error is rounding.
 """
-_ZERO_XTOL, _ZERO_RTOL = 1e-15, 1e-14
-"""Tolerances (s; relative) of the time of a zero: some roundings, as close as Brent's method can get."""
+_ZERO_XTOL = 1e-15
+"""Absolute tolerance of the time of a zero, s: rounding of times of seconds."""
+_ZERO_RTOL = 1e-14
+"""Relative tolerance of the time of a zero: some roundings, the limit of Brent's method."""
 _RATE_FRACTION = 1e-6
 """Fraction of a step over which the rate of a margin is measured on both sides of its zero.
 
@@ -89,17 +95,27 @@ The secant is of second order in it, and the rounding of the margins is divided 
 are below 1e-9.
 """
 _AUDITED = np.linspace(0.05, 0.95, 9)
-"""Fractions of a step at which `_audit` looks at Coulomb's law: off the ends, which are events of the search itself."""
+"""Fractions of a step at which `_audit` checks Coulomb's law; the ends are left out because they may be events."""
 _MIDDLE = len(_AUDITED) // 2
-_OPTIMAL, _UNBOUNDED = 0, 3
-"""Values of `scipy.optimize.OptimizeResult.status` of a linear programme."""
+"""Index of the middle of a step in `_AUDITED`."""
+_OPTIMAL = 0
+"""`scipy.optimize.OptimizeResult.status` of a linear programme with a solution."""
+_UNBOUNDED = 3
+"""`scipy.optimize.OptimizeResult.status` of an unbounded linear programme."""
 
 
 @dataclass(frozen=True)
 class Instant:
-    """An event of a guide; `rate` (N/s or m/s^2) is that of the margin that passes zero.
+    """An event of a guide.
 
-    An error e of the margin shifts the time by e / rate.
+    Attributes
+    ----------
+    time : float
+        Time, s.
+    kind, joint : str
+        Kind of the event, and the guide.
+    rate : float
+        Rate of the margin that passes zero, N/s or m/s^2. An error e of the margin shifts the time by e / rate.
     """
 
     time: float
@@ -110,29 +126,53 @@ class Instant:
 
 @dataclass(frozen=True)
 class Mode:
-    """Contact mode: what does not change between two events."""
+    """Contact mode, which is constant between two events.
 
-    slip: np.ndarray  # (guides,), the directions d, 0 at rest
-    corner: np.ndarray  # (guides, 2), the signs s
+    Attributes
+    ----------
+    slip : ndarray of int, shape (guides,)
+        Directions d of slip; 0 at rest.
+    corner : ndarray of int, shape (..., guides, 2)
+        Signs s of the corner forces; leading axes run over several modes.
+    """
+
+    slip: np.ndarray
+    corner: np.ndarray
 
 
 @dataclass(frozen=True)
 class Forces:
-    """Forces of one mode at several instants, or of several modes at one instant, along the leading axes."""
+    """Forces of one mode at several instants, or of several modes at one instant, along the leading axes.
 
-    acceleration: np.ndarray  # (..., k)
-    R: np.ndarray  # (..., guides), normal force on each slider
-    T: np.ndarray  # total moment
-    f: np.ndarray  # friction
-    n: np.ndarray  # (..., guides, 2), corner forces of guides that slip (without a length: R, R)
+    Attributes
+    ----------
+    acceleration : ndarray, shape (..., k)
+        Accelerations of the coordinates.
+    R, T, f : ndarray, shape (..., guides)
+        Normal force (N), total moment (N m) and friction (N) on each slider.
+    n : ndarray, shape (..., guides, 2)
+        Corner forces of the guides that slip, N; R for both in a guide without length.
+    """
+
+    acceleration: np.ndarray
+    R: np.ndarray
+    T: np.ndarray
+    f: np.ndarray
+    n: np.ndarray
 
 
 @dataclass(frozen=True)
 class Margin:
-    """A condition of a mode, positive while it holds.
+    """A condition of a mode, whose value is positive while it holds.
 
-    `what` is ``"speed"``, ``"corner"`` (`which` is the number of the corner) or ``"hold"`` (`which`
-    is the direction in which the guide would break away).
+    Attributes
+    ----------
+    guide : int
+        Index of the guide.
+    what : str
+        ``"speed"``, ``"corner"`` or ``"hold"``.
+    which : int
+        Index of the corner, or the direction in which a guide at rest would break away.
     """
 
     guide: int
@@ -142,7 +182,17 @@ class Margin:
 
 @dataclass(frozen=True)
 class Step:
-    """A step of the integrator up to `end`: its mode, and (q, v) over time."""
+    """A step of the integrator.
+
+    Attributes
+    ----------
+    mode : Mode
+        The contact mode.
+    state : DenseOutput
+        (q, v) as a function of time.
+    end : float
+        End of the step, s.
+    """
 
     mode: Mode
     state: DenseOutput
@@ -151,24 +201,43 @@ class Step:
 
 @dataclass(frozen=True)
 class Motion:
-    """The motion of a scene, up to its end or to the breakdown if there is one."""
+    """The motion of a scene up to its end, or to its breakdown.
+
+    Attributes
+    ----------
+    contact : Contact
+        The contact modes of the mechanism.
+    t : ndarray, shape (n,)
+        Ends of all steps, s.
+    q, v : ndarray, shape (n, k)
+        Coordinates and velocities there.
+    steps : tuple of Step
+        All steps.
+    events : tuple of Instant
+        All events.
+    violation : float
+        Largest violation of Coulomb's law (N, m/s) and of the constraints (m, m/s) at instants inside the steps.
+    force : float
+        Largest reaction at these instants, N.
+    breakdown : Breakdown or None
+        Why the motion ends early, if it does.
+    rest : float or None
+        Time (s) from which on guides hold the whole mechanism under constant loads; None if they do not.
+    """
 
     contact: Contact
-    t: np.ndarray  # (n,), the ends of all steps
-    q: np.ndarray  # (n, k)
+    t: np.ndarray
+    q: np.ndarray
     v: np.ndarray
     steps: tuple[Step, ...]
     events: tuple[Instant, ...]
     violation: float
-    """The largest of Coulomb's law (N, m/s) and of the constraints (m, m/s) at instants inside the steps."""
     force: float
-    """The largest reaction there, N."""
     breakdown: Breakdown | None
     rest: float | None
-    """The instant from which on guides hold the whole mechanism under constant loads, s; None if they do not."""
 
     def at(self, t: float) -> tuple[np.ndarray, Forces]:
-        """Position and forces at an instant before the rest."""
+        """Return coordinates and forces at an instant (s) before the rest."""
         step = next(step for step in self.steps if t <= step.end)
         q, v = np.split(step.state(t), 2)
         terms = self.contact.equations.at(t, q, v)
@@ -176,13 +245,13 @@ class Motion:
 
 
 def _row_space(rows: np.ndarray) -> np.ndarray:
-    """Orthonormal rows that span the same space."""
+    """Return orthonormal rows that span the same space."""
     _, size, basis = np.linalg.svd(rows, full_matrices=False)
     return basis[size > DEPENDENT]
 
 
 class _Stopped(Exception):
-    """Carries the breakdown out of the search."""
+    """The motion ends early; carries the breakdown to `simulate`."""
 
     def __init__(
         self, kind: str, time: float, reason: str, guide: str = "", solutions: int | None = None
@@ -191,7 +260,7 @@ class _Stopped(Exception):
 
 
 class Contact:
-    """Contact modes of a mechanism: their forces, their margins, and which are possible."""
+    """Contact modes of a mechanism: their forces, their margins, and the modes that are possible at an instant."""
 
     def __init__(self, scene: Scene):
         self.equations = DenseEquations(scene)
@@ -202,20 +271,19 @@ class Contact:
         self.loads_are_constant = not scene.drives and all(
             isinstance(load.law, Constant) for load in loads
         )
-        # constant bounds, in slip and at rest
+        # Constant bounds in slip and at rest.
         self.bound, self.static_bound = (
             np.array([joint.bounds for joint in joints]).reshape(-1, 2).T
         )
-        # a joint whose friction does not depend on a load counts as a guide without length
+        # A joint whose friction does not depend on a load is treated as a guide without length.
         guides = [
             joint if isinstance(joint, Translational) and joint.mu is not None else None
             for joint in joints
         ]
         self.has_load = [guide is not None for guide in guides]
-        self.length = [
-            guide.length or 0.0 if guide else 0.0 for guide in guides
-        ]  # 0: a guide without
-        self.width = [guide.width or 0.0 if guide else 0.0 for guide in guides]
+        # The length is 0 for a guide without length.
+        self.length = [(guide.length or 0.0) if guide else 0.0 for guide in guides]
+        self.width = [(guide.width or 0.0) if guide else 0.0 for guide in guides]
         self.mu = np.array([guide.kinetic_coefficient if guide else 0.0 for guide in guides])
         self.mus = np.array([guide.static_coefficient if guide else 0.0 for guide in guides])
         for name, a, b, mus in zip(self.names, self.length, self.width, self.mus):
@@ -228,21 +296,24 @@ class Contact:
     def forces(
         self, terms: Terms, mode: Mode, mu: np.ndarray, bound: np.ndarray | None = None
     ) -> Forces:
-        """Forces and accelerations of modes that share `slip`, with a coefficient and a constant bound for each guide.
+        """Return forces and accelerations of modes that share `slip`.
 
-        The bounds are those of slip if they are not given.
+        `mu` and `bound` are the coefficient and the constant bound (N, N m) of each joint; the bounds are those of slip
+        if they are not given.
 
         Raises
         ------
         numpy.linalg.LinAlgError
             If the constraints of the mode are redundant.
         """
-        # What must not accelerate: the constraints, and the slip of every guide at rest. The force
-        # of each such row acts along the row itself (virtual work), so that `directions` begins as
-        # a copy of `rows`.
+        # Friction of constant size is an applied force.
         bound = self.bound if bound is None else bound
         constant = -mode.slip * bound
         Q = terms.Q + np.sum(constant[:, None] * terms.W, -2)
+
+        # The constraints and the slip of every guide at rest have no acceleration. The force of each
+        # such row acts along the row itself (virtual work), so that `directions` begins as a copy of
+        # `rows`.
         stuck = np.flatnonzero(mode.slip == 0)
         rows = np.concatenate([terms.J, terms.W[..., stuck, :]], -2)
         shape = np.broadcast_shapes(rows.shape[:-2], mode.corner.shape[:-2])
@@ -255,8 +326,10 @@ class Contact:
             if not self.has_load[g]:
                 continue
             row = self.row[g]
-            friction, signs = -mu[g] * mode.slip[g], mode.corner[..., g, :, None]
-            normal, angle = terms.J[..., row, :], terms.J[..., row + 1, :]
+            friction = -mu[g] * mode.slip[g]
+            signs = mode.corner[..., g, :, None]
+            normal = terms.J[..., row, :]
+            angle = terms.J[..., row + 1, :]
             along = terms.W[..., g, :]
             if not self.length[g]:
                 directions[..., row, :] = normal + friction * signs[..., 0, :] * along
@@ -265,8 +338,8 @@ class Contact:
                     surface = signs[..., j, :] * along + self.width[g] / 2 * angle
                     directions[..., row + j, :] = normal + lever * angle + friction * surface
 
-        # rows M^-1 directions^T forces = -(gamma, w) - rows M^-1 Q: accelerations eliminated, M is
-        # diagonal.
+        # Eliminate the accelerations (M is diagonal):
+        # rows M^-1 directions^T forces = -(gamma, w) - rows M^-1 Q.
         mass = self.equations.mass
         right = -np.concatenate([terms.gamma, terms.w[..., stuck]], -1)
         right = right - np.sum(rows * (Q / mass)[..., None, :], -1)
@@ -275,11 +348,12 @@ class Contact:
         unknown = np.linalg.solve(system, right[..., None])[..., 0]
         acceleration = (Q + np.sum(directions * unknown[..., None], -2)) / mass
 
-        # Back from the unknowns to normal force, moment and friction of each guide.
+        # Compute normal force, moment and friction of each guide from the unknowns.
         R, T, f = np.zeros((3, *shape, len(self.row)))
         n = np.zeros((*shape, len(self.row), 2))
         for g, row in enumerate(self.row):
-            friction, signs = -mu[g] * mode.slip[g], mode.corner[..., g, :]
+            friction = -mu[g] * mode.slip[g]
+            signs = mode.corner[..., g, :]
             first, second = unknown[..., row], unknown[..., row + 1]
             if mode.slip[g] == 0:
                 R[..., g], T[..., g] = first, second
@@ -301,11 +375,10 @@ class Contact:
     def held_with(self, terms: Terms, stuck: Iterable[int]) -> set[int]:
         """Return the guides that cannot slip while the `stuck` ones do not slip.
 
-        Their directions of slip depend linearly on the constraints and on the directions of the
-        stuck guides. A guide that drives move has a speed, and is none of them.
-
-        In a dead point a direction depends on the constraints as well, but the motion carries the guide on through it:
-        its slip has an acceleration.
+        Their directions of slip depend linearly on the constraints and on the directions of the stuck guides. Guides
+        that drives move depend on the constraints too, but have a speed, and are not returned. At a dead point a
+        direction depends on the constraints as well, but the motion continues through it because the slip has an
+        acceleration.
 
         Raises
         ------
@@ -315,7 +388,7 @@ class Contact:
         stuck = sorted(stuck)
         if len(_row_space(self._scaled(terms.J))) < len(terms.J):
             raise np.linalg.LinAlgError("redundant constraints")
-        # A direction depends on the rows if nothing of it is left after projection onto their span.
+        # A direction depends on the rows if it equals its projection onto their span.
         rows = np.concatenate([terms.J, terms.W[stuck]])
         basis = _row_space(self._scaled(rows))
         slips = self._scaled(terms.W)
@@ -325,32 +398,33 @@ class Contact:
         )
         if not len(dependent):
             return set()
-        # At a dead point the same holds for an instant only: there any motion that the rows admit
-        # accelerates the slip.
+        # At a dead point this holds only for an instant: any motion that the rows admit accelerates the
+        # slip.
         right = -np.concatenate([terms.gamma, terms.w[stuck]])
         acceleration = np.linalg.lstsq(rows, right, rcond=DEPENDENT)[0]
-        carried = np.abs(terms.W[dependent] @ acceleration + terms.w[dependent]) > ADMISSIBLE
-        return set(dependent[~carried].tolist())
+        is_dead_point = np.abs(terms.W[dependent] @ acceleration + terms.w[dependent]) > ADMISSIBLE
+        return set(dependent[~is_dead_point].tolist())
 
     def _scaled(self, rows: np.ndarray) -> np.ndarray:
-        """Rows in the metric of the mass matrix, of length 1."""
+        """Return rows in the metric of the mass matrix, scaled to length 1."""
         rows = rows / np.sqrt(self.equations.mass)
         return rows / np.linalg.norm(rows, axis=1)[:, None]
 
     def shares(self, terms: Terms, stuck: Sequence[int]) -> bool:
-        """Return whether guides at rest, with all that they hold, are redundant: their frictions are not determined."""
+        """Return True if the rows of guides at rest are redundant, so that their frictions are not determined."""
         rows = np.concatenate([terms.J, terms.W[list(stuck)]])
         return len(_row_space(self._scaled(rows))) < len(rows)
 
     def largest_margin(self, terms: Terms, acceleration: np.ndarray) -> float:
-        """By how much (N) the static cones of all guides, which are at rest, can hold the mechanism.
+        """Return the margin (N) with which the static cones of all guides, which are at rest, hold the mechanism.
 
         It is the largest m for which there are reactions and surface frictions with M a = Q + J^T lambda + W^T f and
-        |l+-| <= c0/2 + mus FN+- - m on both surfaces of each guide, which no corner pulls on: one linear programme
-        (HiGHS) for each choice of corner signs. Negative where the frictions do not suffice, -inf where nothing
-        balances the loads.
+        |l+-| <= c0/2 + mus FN+- - m on both surfaces of each guide, if no corner pulls: one linear programme (HiGHS)
+        for each choice of corner signs. It is negative if the frictions do not suffice, and -inf if nothing balances
+        the loads.
 
-        Unknown are the reactions lambda; of each guide n1 and n2 in place of R and T, then l+ and l-; and m.
+        The unknowns are the reactions lambda, with n1 and n2 of each guide instead of R and T; then l+ and l- of each
+        guide; and m.
         """
         # Generalized force of each unknown: reactions (n1 and n2 in place of R and T), then both
         # surface frictions.
@@ -369,36 +443,16 @@ class Contact:
             directions[rows + 2 * g + 1] = along - b / 2 * angle
         needed = self.equations.mass * acceleration - terms.Q
 
-        # With the signs of all corner forces chosen, |n| is linear: the cones are then linear
-        # inequalities.
+        # For given signs of all corner forces |n| is linear, so that the cones are linear inequalities.
         signs_of_guides = [self._corner_signs(g, 1) for g in range(guides)]
-        size, best = len(directions) + 1, -np.inf
+        size = len(directions) + 1
+        best = -np.inf
         for choice in product(*signs_of_guides):
-            bounds: list[tuple[float | None, float | None]] = [(None, None)] * size
-            conditions, limits = [], []
-            for g, chosen in enumerate(choice):
-                # friction without a load: each "surface" has half of the constant
-                signs: tuple[int, ...] = chosen if self.has_load[g] else ()
-                corners = range(self.row[g], self.row[g] + (1 if not self.length[g] else 2))
-                for corner, sign in zip(corners, signs):
-                    bounds[corner] = (0, None) if sign > 0 else (None, 0)
-                # +-l - mus (sum of the corner forces that press on this surface) + m <= 0
-                for surface, side in enumerate((1, -1)):
-                    for way in (1, -1):
-                        condition = np.zeros(size)
-                        condition[rows + 2 * g + surface] = way
-                        for corner, sign in zip(corners, signs):
-                            condition[corner] = -self.mus[g] * sign if sign == side else 0.0
-                        # a surface that nothing presses on has no friction, and no margin
-                        constant = self.static_bound[g] / 2
-                        pressed = side in signs[: len(corners)]
-                        condition[-1] = 1.0 if pressed or constant > 0.0 else 0.0
-                        conditions.append(condition)
-                        limits.append(constant)
+            conditions, limits, bounds = self._static_cones(choice, rows, size)
             programme = linprog(
                 np.append(np.zeros(size - 1), -1.0),
-                A_ub=np.array(conditions),
-                b_ub=np.array(limits),
+                A_ub=conditions,
+                b_ub=limits,
                 A_eq=np.column_stack([directions.T, np.zeros(len(needed))]),
                 b_eq=needed,
                 bounds=bounds,
@@ -407,12 +461,58 @@ class Contact:
             if programme.status == _OPTIMAL:
                 best = max(best, -programme.fun)
             elif programme.status == _UNBOUNDED:
-                # guides that press against each other (self-stress) hold any load
+                # Guides that press against each other (self-stress) hold any load.
                 best = np.inf
         return float(best)
 
+    def _static_cones(
+        self, choice: Sequence[tuple[int, int]], rows: int, size: int
+    ) -> tuple[np.ndarray, np.ndarray, list[tuple[float | None, float | None]]]:
+        """Return the static cones of `largest_margin` as linear inequalities.
+
+        Parameters
+        ----------
+        choice : sequence of tuple
+            Signs of the corner forces of each guide.
+        rows, size : int
+            Index of the first surface friction among the unknowns, and number of the unknowns.
+
+        Returns
+        -------
+        conditions : ndarray, shape (conditions, size)
+            Coefficients; each condition is that its product with the unknowns is at most its limit.
+        limits : ndarray, shape (conditions,)
+            Limits, N or N m.
+        bounds : list of tuple
+            Bounds of each unknown.
+        """
+        bounds: list[tuple[float | None, float | None]] = [(None, None)] * size
+        conditions = []
+        limits = []
+        for g, signs_of_guide in enumerate(choice):
+            # A joint without a load has no corner forces; each "surface" has half of the constant bound.
+            signs: tuple[int, ...] = signs_of_guide if self.has_load[g] else ()
+            constant = self.static_bound[g] / 2
+            corners = range(self.row[g], self.row[g] + (1 if not self.length[g] else 2))
+            for corner, sign in zip(corners, signs):
+                bounds[corner] = (0, None) if sign > 0 else (None, 0)
+            # +-l - mus (sum of the corner forces that press on this surface) + m <= c0/2
+            for surface, side in enumerate((1, -1)):
+                for direction in (1, -1):
+                    condition = np.zeros(size)
+                    condition[rows + 2 * g + surface] = direction
+                    for corner, sign in zip(corners, signs):
+                        condition[corner] = -self.mus[g] * sign if sign == side else 0.0
+                    # A surface without a corner force and without a constant bound has no friction
+                    # and no margin.
+                    is_pressed = side in signs[: len(corners)]
+                    condition[-1] = 1.0 if is_pressed or constant > 0.0 else 0.0
+                    conditions.append(condition)
+                    limits.append(constant)
+        return np.array(conditions), np.array(limits), bounds
+
     def load(self, g: int, R: np.ndarray, T: np.ndarray, mu: float, d: int) -> np.ndarray:
-        """|n1| + |n2| with both surfaces fully mobilized against slip in the direction d."""
+        """Return |n1| + |n2| (N) if both surfaces are fully mobilized against slip in the direction d."""
         if not self.length[g]:
             return np.abs(R)
         return np.maximum(
@@ -420,7 +520,7 @@ class Contact:
         )
 
     def conditions(self, forces: Forces, mode: Mode) -> Iterator[tuple[Margin, np.ndarray]]:
-        """Yield what the forces of a mode must obey, each positive if it is so: corners press, guides at rest hold."""
+        """Yield the conditions on the forces of a mode, which are positive if corners press and guides at rest hold."""
         for g, d in enumerate(mode.slip):
             if d == 0:
                 for away in (1, -1):
@@ -433,7 +533,7 @@ class Contact:
                     yield Margin(g, "corner", j), mode.corner[..., g, j] * forces.n[..., g, j]
 
     def margins(self, t: np.ndarray, y: np.ndarray, mode: Mode) -> tuple[list[Margin], np.ndarray]:
-        """All margins of a frozen mode at instants, (n, margins)."""
+        """Return all margins of a mode and their values at instants t (s) with the states y, shape (n, margins)."""
         terms = self.equations.at(t, *np.split(y, 2, -1))
         conditions = list(self.conditions(self.forces(terms, mode, self.mu), mode))
         for g, d in enumerate(mode.slip):
@@ -443,6 +543,7 @@ class Contact:
         return list(margins), np.stack(values, -1)
 
     def derivative(self, mode: Mode, t: float, y: np.ndarray) -> np.ndarray:
+        """Return y' of a state y = (q, v) in a mode."""
         q, v = np.split(y, 2)
         return np.concatenate(
             [v, self.forces(self.equations.at(t, q, v), mode, self.mu).acceleration]
@@ -451,60 +552,60 @@ class Contact:
     def possible(
         self, terms: Terms, slip: np.ndarray, rest: set[int], left: set[int]
     ) -> list[tuple[Mode, np.ndarray]]:
-        """All modes at an instant whose forces obey Coulomb's law, with their accelerations; modes of one motion once.
+        """Return all modes at an instant whose forces obey Coulomb's law, with their accelerations.
+
+        Of several modes with the same acceleration one is returned.
 
         Parameters
         ----------
         slip : ndarray of int, shape (guides,)
             Directions of the guides that slip.
         rest : set of int
-            Guides at rest: they hold or leave to either side, with the static coefficient.
+            Guides at rest, which stay at rest or leave it in either direction, with the static coefficient.
         left : set of int
-            Guides that have left rest in this instant, in the direction `slip`, with the kinetic coefficient.
+            Guides that have left rest at this instant, in the direction `slip`, with the kinetic coefficient.
         """
-        # At the instant of leaving rest a guide still has the static coefficient: it breaks away
-        # against that.
-        rests = [g in rest for g in range(len(slip))]
-        mu = np.where(rests, self.mus, self.mu)
-        bound = np.where(rests, self.static_bound, self.bound)
+        # A guide breaks away against its static friction.
+        is_resting = [g in rest for g in range(len(slip))]
+        mu = np.where(is_resting, self.mus, self.mu)
+        bound = np.where(is_resting, self.static_bound, self.bound)
         motions: list[tuple[Mode, np.ndarray]] = []
         for slips in product(*((0, 1, -1) if g in rest else (d,) for g, d in enumerate(slip))):
             stuck = [g for g, d in enumerate(slips) if d == 0]
             moving = set(range(len(slip))) - set(stuck)
             if self.held_with(terms, stuck) & moving:
-                # A guide cannot slip here. The choice in which it is at rest too describes this
-                # motion.
+                # A guide cannot slip here. This motion belongs to the choice in which it is at rest too.
                 continue
             if stuck and self.shares(terms, stuck):
                 # Frictions are not determined, and `forces` would be singular.
                 motions += self._shared_rest(terms, np.array(slips, dtype=int), motions)
                 continue
 
-            # All corner signs of this choice of slips at once.
+            # Evaluate all corner signs of this choice of slips at once.
             signs = [self._corner_signs(g, d) for g, d in enumerate(slips)]
             modes = Mode(
                 np.array(slips, dtype=int),
                 np.array(list(product(*signs))).reshape(-1, len(slip), 2),
             )
             forces = self.forces(terms, modes, mu, bound)
-            kept = np.all(np.isfinite(forces.acceleration), -1)
+            is_possible = np.all(np.isfinite(forces.acceleration), -1)
             for _, value in self.conditions(forces, modes):
-                kept &= value >= -ADMISSIBLE
-            # A guide without speed moves in the direction of its slip acceleration: this has to be
-            # that of the mode.
+                is_possible &= value >= -ADMISSIBLE
+            # A guide without speed moves in the direction of its slip acceleration, which has to be
+            # the direction of the mode.
             for g in (rest | left) & set(np.flatnonzero(modes.slip).tolist()):
                 slip_acceleration = forces.acceleration @ terms.W[g] + terms.w[g]
-                kept &= modes.slip[g] * slip_acceleration >= -ADMISSIBLE
+                is_possible &= modes.slip[g] * slip_acceleration >= -ADMISSIBLE
 
-            # Neighbouring modes agree on their common boundary: one motion, kept once.
-            for i in np.flatnonzero(kept):
+            # Neighbouring modes have the same motion on their common boundary, which is added once.
+            for i in np.flatnonzero(is_possible):
                 a = forces.acceleration[i]
                 if all(np.max(np.abs(a - other)) > SAME for _, other in motions):
                     motions.append((Mode(modes.slip, modes.corner[i]), a))
         return motions
 
     def _corner_signs(self, g: int, d: int) -> tuple[tuple[int, int], ...]:
-        """Signs of the corner forces that a guide can have with the direction of slip d."""
+        """Return the signs of the corner forces that a guide can have with the direction of slip d."""
         if d == 0 or not self.has_load[g]:
             return ((1, 1),)  # forces at rest, and those without a load, do not depend on them
         if not self.length[g]:
@@ -514,7 +615,9 @@ class Contact:
     def _shared_rest(
         self, terms: Terms, slip: np.ndarray, others: Sequence[tuple[Mode, np.ndarray]]
     ) -> list[tuple[Mode, np.ndarray]]:
-        """The mode in which guides at rest share the load, if they can; as `possible`.
+        """Return the mode in which guides at rest share the load, if this is possible, in the form of `possible`.
+
+        `others` are the motions that are known already.
 
         Raises
         ------
@@ -539,12 +642,12 @@ class Contact:
         return [(Mode(slip, np.ones((len(slip), 2), dtype=int)), acceleration)]
 
     def rests_for_good(self, t: float, y: np.ndarray, mode: Mode) -> bool:
-        """Return whether guides at rest hold the whole mechanism under loads that stay as they are.
+        """Return True if guides at rest hold the whole mechanism under constant loads.
 
         Raises
         ------
         numpy.linalg.LinAlgError
-            If the guides share loads that change: whether they go on holding is not followed.
+            If the guides share variable loads; the method does not check whether they continue to hold.
         """
         stuck = np.flatnonzero(mode.slip == 0)
         if not len(stuck):
@@ -557,13 +660,20 @@ class Contact:
         return rank == rows.shape[1] and self.loads_are_constant
 
     def settle(self, t: float, y: np.ndarray, slip: np.ndarray, left: set[int]) -> Mode:
-        """Return the mode that follows at an instant; as `possible`, with all guides of no direction at rest.
+        """Return the mode that follows at an instant.
 
-        A guide whose friction at rest does not hold it leaves, and then has the kinetic coefficient, which may set
-        others free.
+        The arguments are those of `possible`; all guides with the direction 0 are at rest. A guide whose static
+        friction does not suffice leaves rest, and then has the kinetic coefficient, which may release other guides.
+
+        Raises
+        ------
+        _Stopped
+            If there is no such mode, or several.
         """
-        terms, slip, left = self.equations.at(t, *np.split(y, 2)), slip.copy(), set(left)
-        # Every pass takes at least one guide out of `rest`, so that the loop ends.
+        terms = self.equations.at(t, *np.split(y, 2))
+        slip = slip.copy()
+        left = set(left)
+        # Every pass removes at least one guide from `rest`, so that the loop ends.
         while True:
             rest = set(np.flatnonzero(slip == 0).tolist())
             motions = self.possible(terms, slip, rest, left)
@@ -577,8 +687,41 @@ class Contact:
             slip, left = mode.slip, left | leaving
 
 
+class _Recorder:
+    """Collects the steps and events of a motion, and its audit.
+
+    Attributes
+    ----------
+    times, states : list
+        Times (s) and states (q, v) of the start and of the ends of all steps.
+    steps, events : list
+        Steps and events.
+    violation, force : float
+        See `Motion`.
+    """
+
+    def __init__(self, t: float, y: np.ndarray):
+        self.times = [t]
+        self.states = [y]
+        self.steps: list[Step] = []
+        self.events: list[Instant] = []
+        self.violation = 0.0
+        self.force = 0.0
+
+    def add(self, contact: Contact, step: Step) -> None:
+        """Audit a step and add it."""
+        self.steps.append(step)
+        self.times.append(step.end)
+        self.states.append(step.state(step.end))
+        violation, force = _audit(contact, step.mode, step.state, step.end)
+        self.violation = max(self.violation, violation)
+        self.force = max(self.force, force)
+
+
 def simulate(scene: Scene, t_end: float, tolerance: float = TOLERANCE) -> Motion:
-    """Simulate a scene from its consistent start; `tolerance` is that of a step, relative and absolute.
+    """Simulate a scene from its consistent start to t_end (s).
+
+    `tolerance` is the relative and absolute error of a step.
 
     Raises
     ------
@@ -586,66 +729,79 @@ def simulate(scene: Scene, t_end: float, tolerance: float = TOLERANCE) -> Motion
         For a self-locking guide.
     """
     contact = Contact(scene)
-    q, v = contact.equations.start()
-    t, y = 0.0, np.concatenate([q, v])
-    times, states, events = [t], [y], []
-    violation, force, at_once, breakdown = 0.0, 0.0, 0, None
-    steps: list[Step] = []
-    rest = None
+    recorder = _Recorder(0.0, np.concatenate(contact.equations.start()))
     # DOP853 assumes a smooth right-hand side: integration restarts at the kinks of all laws.
     loads = [*scene.drives.values(), *scene.forces.values()]
-    stops = sorted({time for element in loads for time in law_kinks(element.law, t_end)} | {t_end})
+    kinks = {time for element in loads for time in law_kinks(element.law, t_end)}
+    rest = None
+    breakdown = None
     try:
-        speed = contact.equations.at(t, q, v).slip_speed
-        direction = np.where(np.abs(speed) <= NOISE, 0, np.sign(speed)).astype(int)
-        mode = contact.settle(t, y, direction, set())
-        while t < t_end:
-            if contact.rests_for_good(t, y, mode):
-                rest = t
-                break
-            # One mode: steps up to its first event or the next kink, each audited.
-            stop = next(time for time in stops if time > t)
-            began = t
-            taken = _steps(contact, mode, t, y, stop, t_end / STEPS, tolerance)
-            for piece, t, passed in taken:  # noqa: B007, B020 - from t on, used behind
-                y = piece(t)
-                steps.append(Step(mode, piece, t))
-                times.append(t)
-                states.append(y)
-                step_violation, step_force = _audit(contact, mode, piece, t)
-                violation, force = max(violation, step_violation), max(force, step_force)
-
-            # The event decides the next mode; modes that end at once are counted, as they may never
-            # stop.
-            if passed:
-                at_once = at_once + 1 if t - began <= AT_ONCE else 0
-                if at_once > MOST_AT_ONCE:
-                    raise _Stopped(
-                        "chatter", t, "contact modes follow each other without time passing"
-                    )
-                before, mode = mode, _after(contact, mode, t, y, [margin for margin, _ in passed])
-                rate = max(rate for _, rate in passed)
-                events += [
-                    Instant(t, kind, contact.names[g], rate) for g, kind in _changes(before, mode)
-                ]
+        rest = _integrate(contact, recorder, sorted(kinks | {t_end}), t_end / STEPS, tolerance)
     except _Stopped as stopped:
         breakdown = stopped.breakdown
     except np.linalg.LinAlgError as error:
         reason = f"the constraints of a contact mode are redundant: {error}"
-        breakdown = Breakdown("singular", t, reason)
-    q, v = np.split(np.array(states), 2, -1)
+        breakdown = Breakdown("singular", recorder.times[-1], reason)
+    q, v = np.split(np.array(recorder.states), 2, -1)
     return Motion(
-        contact,
-        np.array(times),
-        q,
-        v,
-        tuple(steps),
-        tuple(events),
-        violation,
-        force,
-        breakdown,
-        rest,
+        contact=contact,
+        t=np.array(recorder.times),
+        q=q,
+        v=v,
+        steps=tuple(recorder.steps),
+        events=tuple(recorder.events),
+        violation=recorder.violation,
+        force=recorder.force,
+        breakdown=breakdown,
+        rest=rest,
     )
+
+
+def _integrate(
+    contact: Contact,
+    recorder: _Recorder,
+    stops: Sequence[float],
+    longest: float,
+    tolerance: float,
+) -> float | None:
+    """Integrate mode by mode to the last of `stops`, at which integration restarts (s).
+
+    Returns
+    -------
+    float or None
+        The time from which on the mechanism rests for good, if it does.
+    """
+    t = recorder.times[-1]
+    y = recorder.states[-1]
+    speed = contact.equations.at(t, *np.split(y, 2)).slip_speed
+    direction = np.where(np.abs(speed) <= NOISE, 0, np.sign(speed)).astype(int)
+    mode = contact.settle(t, y, direction, set())
+    events_at_once = 0
+    while t < stops[-1]:
+        if contact.rests_for_good(t, y, mode):
+            return t
+        # Take steps in one mode up to its first event or the next stop.
+        begin = t
+        stop = min(time for time in stops if time > t)
+        passed: list[tuple[Margin, float]] = []
+        for step, margins in _steps(contact, mode, t, y, stop, longest, tolerance):
+            recorder.add(contact, step)
+            passed = margins
+        t = recorder.times[-1]
+        y = recorder.states[-1]
+        if not passed:
+            continue
+        # The event decides the next mode. Modes that end at once are counted, because they may follow
+        # each other without end.
+        events_at_once = events_at_once + 1 if t - begin <= AT_ONCE else 0
+        if events_at_once > MOST_AT_ONCE:
+            raise _Stopped("chatter", t, "contact modes follow each other without time passing")
+        before = mode
+        mode = _after(contact, before, t, y, [margin for margin, _ in passed])
+        rate = max(rate for _, rate in passed)
+        for g, kind in _changes(before, mode):
+            recorder.events.append(Instant(t, kind, contact.names[g], rate))
+    return None
 
 
 def _steps(
@@ -656,10 +812,10 @@ def _steps(
     stop: float,
     longest: float,
     tolerance: float,
-) -> Iterator[tuple[DenseOutput, float, list[tuple[Margin, float]]]]:
-    """Steps of a frozen mode up to its end or `stop`.
+) -> Iterator[tuple[Step, list[tuple[Margin, float]]]]:
+    """Yield the steps of a mode from (t, y) up to its end or `stop` (s), none longer than `longest` (s).
 
-    Each is a dense output, its last instant, and the margins that pass zero there.
+    Each comes with the margins that pass zero at its end, and their rates.
     """
     solver = DOP853(
         partial(contact.derivative, mode),
@@ -677,15 +833,15 @@ def _steps(
             raise _Stopped("step too small", solver.t, "DOP853 found no step small enough")
         piece = solver.dense_output()
         end, passed = _first_zero(contact, mode, piece)
-        yield piece, end, passed
+        yield Step(mode, piece, end), passed
 
 
 def _first_zero(
     contact: Contact, mode: Mode, piece: DenseOutput
 ) -> tuple[float, list[tuple[Margin, float]]]:
-    """Locate the first zero of the margins in a step; return its time, all margins that pass there, and their rates.
+    """Return the time (s) of the first zero of the margins in a step, and all margins that pass there with their rates.
 
-    The time is that of the end of the step, with no margins, if none passes zero.
+    If no margin passes zero, the time is the end of the step.
     """
     t = piece.t_old + FRACTIONS * (piece.t - piece.t_old)
     margins, values = contact.margins(t, piece(t).T, mode)
@@ -708,7 +864,7 @@ def _first_zero(
     if not zeros:
         return piece.t, []
 
-    # Margins whose zeros rounding cannot tell apart are one event, decided together.
+    # Margins whose zeros differ by rounding are one event.
     first = min(time for time, _ in zeros)
     beside = first + _RATE_FRACTION * (piece.t - piece.t_old) * np.array([-1.0, 1.0])
     change = np.diff(contact.margins(beside, piece(beside).T, mode)[1], axis=0)[0]
@@ -723,13 +879,13 @@ def _zero_of(
 
     None if it has none, NaN if it is negative from the start.
     """
-    # Beyond the first negative sample there is nothing to find.
+    # The first zero is not after the first negative sample.
     negative = np.flatnonzero((sampled < -NOISE) & (FRACTIONS <= 1.0))
     last = negative[0] if len(negative) else len(t) - 1
 
-    # A dip between samples: at a sampled minimum that the margin could leave by crossing zero. A
-    # convex function lies above the continuation of its chords, so that it stays positive where the
-    # value exceeds both differences.
+    # Search dips between samples, near sampled minima that are low enough. A convex function lies
+    # above the continuation of its chords, so that it stays positive if the value exceeds both
+    # differences.
     for i in range(1, last):
         left, right = sampled[i - 1] - sampled[i], sampled[i + 1] - sampled[i]
         if sampled[i] > 0 and left >= 0 and right >= 0 and sampled[i] < max(left, right):
@@ -742,7 +898,7 @@ def _zero_of(
             if lowest.fun < -NOISE and lowest.x <= end:
                 return float(brentq(evaluate, t[i - 1], lowest.x, xtol=_ZERO_XTOL, rtol=_ZERO_RTOL))
 
-    # A change of sign between samples.
+    # Search the change of sign between samples.
     if not len(negative):
         return None
     positive = np.flatnonzero(sampled[:last] > 0)
@@ -752,33 +908,35 @@ def _zero_of(
 
 
 def _after(contact: Contact, mode: Mode, t: float, y: np.ndarray, passed: Iterable[Margin]) -> Mode:
-    """Return the mode after an event."""
-    slip, corner = mode.slip.copy(), mode.corner.copy()
+    """Return the mode after an event at t (s) in the state y, at which the margins `passed` have passed zero."""
+    slip = mode.slip.copy()
+    corner = mode.corner.copy()
     left: set[int] = set()
     slips_change = False
     for margin in passed:
         if margin.what == "corner":
-            # A corner force is continuous where it passes zero: only its sign changes, and nothing
-            # has to be decided.
+            # A corner force passes zero continuously: only its sign changes.
             corner[margin.guide, margin.which] *= -1
             if not contact.length[margin.guide]:
                 corner[margin.guide, 1] = corner[margin.guide, 0]
         elif margin.what == "hold":
-            slip[margin.guide], slips_change = margin.which, True
+            slip[margin.guide] = margin.which
+            slips_change = True
             left.add(margin.guide)
         else:
-            slip[margin.guide], slips_change = 0, True
+            slip[margin.guide] = 0
+            slips_change = True
     if not slips_change:
         return Mode(slip, corner)
     if np.any(slip == 0):
-        # what cannot slip without those that came to rest is at rest as well, whatever rounding leaves of its speed
+        # Guides that cannot slip without those at rest are at rest as well. Their speeds are rounding.
         terms = contact.equations.at(t, *np.split(y, 2))
         slip[sorted(contact.held_with(terms, np.flatnonzero(slip == 0)))] = 0
     return contact.settle(t, y, slip, left)
 
 
 def _changes(before: Mode, after: Mode) -> Iterator[tuple[int, str]]:
-    """Yield each guide whose contact mode changes, with the kind of its event."""
+    """Yield the index of each guide whose contact mode changes, and the kind of its event."""
     for g, (old, new) in enumerate(zip(before.slip, after.slip)):
         if new != old and old == 0:
             yield g, "slip"
@@ -791,14 +949,13 @@ def _changes(before: Mode, after: Mode) -> Iterator[tuple[int, str]]:
 def _audit(contact: Contact, mode: Mode, piece: DenseOutput, end: float) -> tuple[float, float]:
     """Return the largest violation of Coulomb's law and of the constraints inside a step, and the largest reaction.
 
-    The law is evaluated from the sign of the velocity and from R and T alone, without the corner
-    signs of the mode. In the middle of the step all modes are tried: there must be one motion, that
-    of the mode.
+    The law is evaluated from the sign of the velocity and from R and T alone, without the corner signs of the mode. In
+    the middle of the step all modes are tried: the motion of the mode must be the only one.
 
     Raises
     ------
     _Stopped
-        If there are several motions, or another one.
+        If there are several motions, or a different one.
     """
     t = piece.t_old + _AUDITED * (end - piece.t_old)
     terms = contact.equations.at(t, *np.split(piece(t).T, 2, -1))
@@ -810,7 +967,7 @@ def _audit(contact: Contact, mode: Mode, piece: DenseOutput, end: float) -> tupl
     for g, d in enumerate(mode.slip):
         R, T, f, speed = forces.R[:, g], forces.T[:, g], forces.f[:, g], terms.slip_speed[:, g]
         if d == 0:
-            # rest: no speed, and friction within what both surfaces hold in either direction
+            # At rest there is no speed, and friction is within the capacity in either direction.
             mus = contact.mus[g]
             held = contact.static_bound[g]
             excesses = (
@@ -818,7 +975,7 @@ def _audit(contact: Contact, mode: Mode, piece: DenseOutput, end: float) -> tupl
             )
             violations += [np.max(np.abs(speed)), *map(np.max, excesses)]
         else:
-            # slip: the friction of the law, wherever the speed is large enough to have a sign
+            # In slip friction follows the law if the speed is large enough to have a sign.
             sign = np.sign(speed)
             direction = np.where(sign == 0, d, sign)
             load = contact.load(g, R, T, contact.mu[g], d)
@@ -826,7 +983,7 @@ def _audit(contact: Contact, mode: Mode, piece: DenseOutput, end: float) -> tupl
             errors = np.where(np.abs(speed) > NOISE, np.abs(f - friction), 0.0)
             violations.append(np.max(errors))
 
-    # Uniqueness, at one instant as it is the most expensive check.
+    # Uniqueness is checked at one instant only, because this check is expensive.
     middle = Terms(*(getattr(terms, name)[_MIDDLE] for name in Terms.__dataclass_fields__))
     rest = set(np.flatnonzero(mode.slip == 0).tolist())
     motions = contact.possible(middle, mode.slip, rest, set())

@@ -1,4 +1,4 @@
-"""The physics that a truth and an engine share: which joints have friction, and with how many coefficients."""
+"""Physics that a truth and an engine share: the joints with friction, and the coefficients of these."""
 
 from __future__ import annotations
 
@@ -6,7 +6,7 @@ from stiction.scenes import Scene, vary
 
 
 def rubbing_joints(scene: Scene) -> frozenset[str]:
-    """Return the joints with friction: their contact modes change the motion, and their events count in every truth."""
+    """Return the joints with friction. Their contact modes change the motion, and their events count in every truth."""
     return frozenset(name for name, joint in scene.joints.items() if joint.rubs)
 
 
@@ -25,4 +25,6 @@ def physics_of(scene: Scene, static_coefficient: bool) -> Scene:
         for name, joint in scene.joints.items()
         if joint.static_friction is not None
     }
-    return vary(scene, overrides) if overrides else scene
+    if not overrides:
+        return scene
+    return vary(scene, overrides)

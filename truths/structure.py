@@ -1,4 +1,4 @@
-"""Structures of scenes: the elements of a mechanism, and their positions and directions.
+"""Structures of scenes, by which a truth recognizes the mechanism that it applies to.
 
 A truth declares which scenes it applies to by a `Structure`. `Structure.match` finds the parts of
 the mechanism in a scene, or raises an error that lists everything that does not fit.
@@ -20,14 +20,25 @@ from stiction.truths.truth import NotThisMechanism
 
 @dataclass(frozen=True)
 class Condition:
-    """A condition on a value, and its words in a message."""
+    """A condition on a value.
+
+    Attributes
+    ----------
+    words : str
+        The condition in words, for messages.
+    holds : callable
+        Returns True for a value that fulfils the condition.
+    """
 
     words: str
     holds: Callable[[Any], bool]
 
     @classmethod
     def of(cls, wanted: Any) -> Condition:
-        """Make a condition from what is wanted: a condition itself, a class, a value, or a tuple of these."""
+        """Return the condition that a value is an instance of a class, equals a value, or fulfils a condition.
+
+        `wanted` is the class, the value or the condition, or a tuple of these for the elements of a tuple.
+        """
         if isinstance(wanted, Condition):
             return wanted
         if isinstance(wanted, type | UnionType):
@@ -35,28 +46,33 @@ class Condition:
             return cls(names, lambda value: isinstance(value, wanted))
         if isinstance(wanted, tuple):
             parts = [cls.of(part) for part in wanted]
-            return cls(
-                f"[{', '.join(part.words for part in parts)}]",
-                lambda value: (
-                    value is not None
-                    and all(part.holds(inner) for part, inner in zip(parts, value))
-                ),
-            )
+
+            def holds(value: Any) -> bool:
+                if value is None:
+                    return False
+                return all(part.holds(element) for part, element in zip(parts, value))
+
+            return cls(f"[{', '.join(part.words for part in parts)}]", holds)
         return cls(shown(wanted), lambda value: value == wanted)
 
     def misfit(self, name: str, value: Any) -> Iterator[str]:
-        """Describe a value for which the condition does not hold."""
+        """Yield a message for a value that does not fulfil the condition."""
         if not self.holds(value):
-            # a law is shown by its type: its numbers are not what is wrong
+            # A law is shown by its type, because its numbers are not wrong.
             actual = getattr(value, "type", None) or shown(value)
             yield f"{name}: found {actual}; expected {self.words}"
 
 
 ANY = Condition("any", lambda value: True)
+"""Condition that every value fulfils."""
 POSITIVE = Condition("> 0", lambda value: value > 0)
+"""Condition on a positive number."""
 NEGATIVE = Condition("< 0", lambda value: value < 0)
+"""Condition on a negative number."""
 ABSENT = Condition("none", lambda value: not value)
+"""Condition on a value that is absent or zero."""
 CENTRE = (0, 0)
+"""The centre of mass of a body."""
 FORWARD = (POSITIVE, 0)
 """A direction along the x axis."""
 ON_X_AXIS = (ANY, 0)
@@ -69,21 +85,39 @@ PULLS_ALONG_X = Condition(
 )
 """Condition on a spring between two points of the x axis."""
 
-ONE, OPTIONAL, SEVERAL = "one", "at most one", "any number"
-"""How often a part occurs in a mechanism."""
-
+ONE = "one"
+"""Count of a part that occurs once in a mechanism."""
+OPTIONAL = "at most one"
+"""Count of a part that may be missing."""
+SEVERAL = "any number"
+"""Count of a part that may occur any number of times."""
 
 JOINT_EFFECTS = ("friction", "static_friction", "damping")
-"""Fields of joints that a truth takes only where it says so."""
+"""Fields of joints that must be absent or zero unless a part has requirements on them."""
 
 
 class Part:
-    """An element of a mechanism: its class, and the roles of the bodies that it connects or acts on, in their order.
+    """An element of a mechanism.
 
-    If `name` is None, the element may have any name. With `any_order` its bodies may be listed in
-    either order. `where` is a condition on the whole element; each of the `fields` is a requirement
-    in the sense of `Condition.of`. A joint must have neither a constant bound of friction nor damping,
-    unless the fields say otherwise: a truth holds for the effects that it contains.
+    A joint must have neither a constant bound of friction nor damping, unless its fields say otherwise: a truth holds
+    for the effects that it contains.
+
+    Parameters
+    ----------
+    kind : type
+        Class of the element.
+    *bodies : str
+        Roles of the bodies that it connects or acts on, in their order.
+    name : str, optional
+        Name of the element; any name if None.
+    count : str
+        `ONE`, `OPTIONAL` or `SEVERAL`.
+    any_order : bool
+        True if the bodies may be listed in either order.
+    where : Condition
+        Condition on the whole element.
+    **fields
+        Requirements on fields of the element, in the sense of `Condition.of`.
     """
 
     def __init__(
@@ -96,30 +130,35 @@ class Part:
         where: Condition = ANY,
         **fields: Any,
     ):
-        self.kind, self.bodies, self.name, self.count = kind, bodies, name, count
-        self.any_order, self.where = any_order, where
+        self.kind = kind
+        self.bodies = bodies
+        self.name = name
+        self.count = count
+        self.any_order = any_order
+        self.where = where
         absent = dict.fromkeys(JOINT_EFFECTS, ABSENT) if kind in (Revolute, Translational) else {}
         self.fields = {
             field: Condition.of(wanted) for field, wanted in {**absent, **fields}.items()
         }
 
     def bind(self, name: str, element: Any, roles: Mapping[str, str]) -> Mapping[str, str] | None:
-        """Return the bodies by role, with those of an element; None where the element is another part."""
+        """Return the bodies by role after the bodies of an element are added; None if the element is another part."""
         if not isinstance(element, self.kind) or self.name not in (None, name):
             return None
-        bodies, bound = _bodies(element), dict(roles)
+        bodies = _bodies(element)
+        bound = dict(roles)
         if self.any_order and bodies[0] != self.bodies[0]:
             bodies = bodies[::-1]
         for role, body in zip(self.bodies, bodies):
             if (role == GROUND) != (body == GROUND):
                 return None
-            # a role that is already another body's: the element is that of another part
+            # If another body has the role already, the element belongs to another part.
             if bound.setdefault(role, body) != body:
                 return None
         return bound
 
     def misfits(self, name: str, element: Any) -> Iterator[str]:
-        """Describe which fields of an element are not as required."""
+        """Yield a message for each field of an element that is not as required."""
         for field, condition in self.fields.items():
             yield from condition.misfit(f"{name}.{field}", getattr(element, field))
         if not self.where.holds(element):
@@ -128,17 +167,25 @@ class Part:
 
 @dataclass(frozen=True)
 class Match:
-    """The parts of a mechanism in a scene: names of bodies by role, and elements by part and name."""
+    """The parts of a mechanism in a scene.
+
+    Attributes
+    ----------
+    bodies : Mapping
+        Names of the bodies by role.
+    elements : Mapping
+        Elements by the label of their part, then by name.
+    """
 
     bodies: Mapping[str, str]
     elements: Mapping[str, Mapping[str, Any]]
 
     def __getitem__(self, label: str) -> Any:
-        """Return the element of a part; None where the scene has none."""
+        """Return the element of a part; None if the scene has none."""
         return next(iter(self.elements[label].values()), None)
 
     def name(self, label: str) -> str:
-        """Return the name of the element of a part; raises KeyError where the scene has none."""
+        """Return the name of the element of a part; raise KeyError if the scene has none."""
         if not self.elements[label]:
             raise KeyError(f"{label}: found none; expected an element of the scene")
         return next(iter(self.elements[label]))
@@ -146,12 +193,20 @@ class Match:
 
 @dataclass(frozen=True)
 class Structure:
-    """The structure of a mechanism, by which scenes of it are recognized.
+    """The structure of a mechanism, by which its scenes are recognized.
 
-    `mechanism` is its name in messages, such as "a pendulum". `bodies` are the roles of its bodies,
-    which are also their names unless `any_names` is set. `parts` contains all other elements by a
-    label. `gravity` is the requirement on the gravity of the scene, like that on a field of a
-    `Part`.
+    Attributes
+    ----------
+    mechanism : str
+        The mechanism in messages, such as "a pendulum".
+    bodies : tuple of str
+        Roles of the bodies, which are also their names unless `any_names` is set.
+    parts : Mapping
+        All other elements by a label.
+    gravity
+        Requirement on the gravity of the scene, in the sense of `Condition.of`.
+    any_names : bool
+        True if the bodies may have any names.
     """
 
     mechanism: str
@@ -161,9 +216,9 @@ class Structure:
     any_names: bool = False
 
     def match(self, scene: Scene) -> Match:
-        """Find the parts in a scene; raises NotThisMechanism, naming everything that does not fit."""
-        # With fixed names every role is known; else the elements bind the roles to bodies one after
-        # the other.
+        """Return the parts in a scene; raise NotThisMechanism with everything that does not fit."""
+        # With fixed names every role is known. Otherwise the elements assign bodies to the roles one
+        # after the other.
         fixed = () if self.any_names else self.bodies
         roles: Mapping[str, str] = {name: name for name in (GROUND, *fixed)}
         faults = list(Condition.of(self.gravity).misfit("gravity", scene.gravity))
@@ -173,14 +228,15 @@ class Structure:
             faults.append(
                 f"bodies: found {', '.join(scene.bodies)}; expected {', '.join(self.bodies)}"
             )
-        # Each part takes its elements out of `others`; what remains there belongs to no part.
+        # Each part takes its elements out of `others`. The remaining ones belong to no part.
         others = {**scene.joints, **scene.drives, **scene.springs, **scene.forces}
         elements: dict[str, dict[str, Any]] = {label: {} for label in self.parts}
         for label, part in self.parts.items():
             for name, element in list(others.items()):
                 bound = part.bind(name, element, roles)
                 if bound is not None and (part.count == SEVERAL or not elements[label]):
-                    elements[label][name], roles = others.pop(name), bound
+                    elements[label][name] = others.pop(name)
+                    roles = bound
                     faults += part.misfits(name, element)
             if part.count == ONE and not elements[label]:
                 faults.append(
@@ -200,4 +256,7 @@ class Structure:
 
 
 def _bodies(element: Any) -> tuple[str, ...]:
-    return (element.body,) if isinstance(element, (Force, Torque)) else element.bodies
+    """Return the bodies that an element connects or acts on."""
+    if isinstance(element, (Force, Torque)):
+        return (element.body,)
+    return element.bodies

@@ -1,4 +1,4 @@
-"""Truth: an independent solution with its own uncertainty, to compare solvers with."""
+"""Truths: independent solutions with their own uncertainty, with which solvers are compared."""
 
 from __future__ import annotations
 
@@ -13,14 +13,14 @@ from stiction.scenes.columns import BODY_COLUMNS
 
 
 class Tier(StrEnum):
-    """What a truth rests on, the best first.
+    """Source of a truth, the best first.
 
-    The values are keys of stored files: baselines, histories of nights, folders of truths. What people read is in
-    `TIER_LABELS`.
+    The values are keys of stored files: baselines, histories of nights, folders of truths. `TIER_LABELS` contains the
+    words for reports.
     """
 
     PROVEN = "proven"
-    """Enclosed by ball arithmetic; a certificate that comes with the suite holds the bounds."""
+    """Enclosed by ball arithmetic; a certificate in the suite contains the bounds."""
     CLOSED_FORM = "closed form"
     """A formula, known up to rounding."""
     HIGH_PRECISION = "independent high-precision solution"
@@ -28,13 +28,13 @@ class Tier(StrEnum):
     PUBLISHED = "published"
     """A number from the literature, as exact as it is printed."""
     OWN_RUN = "our own run"
-    """The reference implementation at its finest: not independent of it. Also of counters and times of a run."""
+    """The reference implementation at its finest tolerance, which is not independent; also counters and times."""
     NONE = "none"
     """Nothing is known; the note of the truth says why."""
 
     @property
     def label(self) -> str:
-        """What people read."""
+        """Words of the tier in reports."""
         return TIER_LABELS[self]
 
 
@@ -46,20 +46,22 @@ TIER_LABELS: Mapping[Tier, str] = {
     Tier.OWN_RUN: "our own run",
     Tier.NONE: "none",
 }
-"""Words for people; no result depends on them."""
+"""Words of each tier in reports; no result depends on them."""
 SIDES = ("before", "after")
+"""Sides of an event."""
 EPS = np.finfo(float).eps
+"""Relative rounding of a number."""
 SAMPLES = 2401
-"""Instants at which the truth of a stored run is known, over the whole of its time: every 10 ms of 24 s."""
+"""Number of instants at which the truth of a stored run is known: every 10 ms of 24 s."""
 _END_ROUNDING = 1e-12
-"""Part of its end by which a time may lie outside of a truth: some thousand roundings of sums of steps."""
+"""Time, relative to the end, by which a time may lie outside of a truth: some thousand roundings of sums of steps."""
 
 Columns = Callable[[np.ndarray, str], Mapping[str, np.ndarray]]
 """``columns(t, side)`` with t of shape (n,) and side of `SIDES`: the columns by name."""
 
 
 class TruthRefused(StictionError):
-    """A truth has no answer; the message says why."""
+    """A truth has no answer; the message is the reason."""
 
 
 class NotThisMechanism(TruthRefused, InputError):
@@ -68,15 +70,30 @@ class NotThisMechanism(TruthRefused, InputError):
 
 @dataclass(frozen=True)
 class Truth:
-    """An independent solution of a `scene` for 0 <= t <= t_end (s).
+    """An independent solution of a scene for 0 <= t <= t_end.
 
-    In a proven truth, columns that no proof encloses (efforts and forces) have the tier
-    `tier_below`; it is None for other truths. `uncertainty` contains, by column, the largest error
-    to be expected between events, and under ``"event time"`` the error of their times. `events` are
-    sorted by time and have the values of both sides; only events of `guides` count, or all of them
-    where `guides` is None. `jump_closed_form`, shape (events,), contains the jump of the drive's
-    effort at each event, computed from its closed form. `note` explains why a better tier has no
-    answer; it is empty for the best tier that is possible.
+    Attributes
+    ----------
+    scene : str
+        Name of the scene.
+    tier : Tier
+        Source of the columns.
+    t_end : float
+        End of the solution, s.
+    columns : callable
+        Returns the columns by name for times and a side, see `Columns`.
+    uncertainty : Mapping
+        By column, the largest error to be expected between events; under ``"event time"`` that of the events, s.
+    events : tuple of Event
+        Events in the order of time, with the values on both sides.
+    jump_closed_form : ndarray, shape (events,), or None
+        Jump of the drive's effort at each event by its closed form.
+    note : str
+        Why a better tier has no answer; empty for the best tier that is possible.
+    tier_below : Tier or None
+        In a proven truth, tier of the columns that no proof encloses (efforts and forces).
+    guides : frozenset of str or None
+        Guides whose events count; None for all guides.
     """
 
     scene: str
@@ -97,7 +114,7 @@ class Truth:
 
     @classmethod
     def unknown(cls, scene: str, t_end: float, note: str) -> Truth:
-        """Return a truth without columns and events, where no tier has an answer."""
+        """Return a truth without columns and events, for a scene that no tier has an answer for."""
         return cls(scene, Tier.NONE, t_end, lambda t, side: {}, {}, note=note)
 
     @classmethod
@@ -112,13 +129,24 @@ class Truth:
     ) -> Truth:
         """Return the closed form of a motion as a Truth.
 
-        `rounding` is the error of a column, relative to one plus its largest size at `samples`
-        instants. For times of events it is relative to `t_end`, or to 1 s if that is more.
-        `switches` contains time, kind and guide of each event; it is None for a motion without
-        friction.
+        Parameters
+        ----------
+        scene : Scene
+            The scene.
+        t_end : float
+            End of the motion, s.
+        columns : callable
+            The closed form.
+        rounding : float
+            Error of a column, relative to one plus its largest magnitude; for times of events relative to `t_end`, or
+            to 1 s if that is more.
+        samples : int
+            Number of instants at which the magnitudes are taken.
+        switches : sequence, optional
+            Time, kind and guide of each event; None for a motion without friction.
         """
-        # Rounding is proportional to a column's size; the 1 stands for columns that are nearly zero
-        # throughout.
+        # Rounding is proportional to the magnitude of a column; the 1 is for columns that are nearly
+        # zero throughout.
         sampled = columns(np.linspace(0, t_end, samples), "after")
         uncertainty = {
             name: rounding * float(1 + np.max(np.abs(values))) for name, values in sampled.items()
@@ -135,14 +163,17 @@ class Truth:
         )
 
     def __call__(self, t: np.ndarray | float, side: str = "after") -> Mapping[str, np.ndarray]:
-        """Return the columns of a Trajectory at times t; `side` says which value holds at an event itself.
+        """Return the columns of a Trajectory at times t (s); `side` selects the value at an event itself.
 
-        Raises ValueError for a time outside of [0, t_end] or an unknown side.
+        Raises
+        ------
+        ValueError
+            For a time outside of [0, t_end] or an unknown side.
         """
         if side not in SIDES:
             raise ValueError(f"side: found {side!r}; expected one of {', '.join(SIDES)}")
-        # Output times are sums of steps: they may pass the ends by rounding, and count as the ends
-        # then.
+        # Output times are sums of steps, which may exceed the ends by rounding and then count as the
+        # ends.
         t = np.atleast_1d(np.asarray(t, dtype=float))
         rounding = _END_ROUNDING * self.t_end
         if not np.all((t >= -rounding) & (t <= self.t_end + rounding)):
@@ -153,7 +184,7 @@ class Truth:
 
 
 def kind_of_change(before: int, after: int) -> str:
-    """Return the kind of event at which a guide's direction of slip, 0 in stick, changes to another one."""
+    """Return the kind of the event at which a guide's direction of slip (0 in stick) changes."""
     if after == 0:
         return "stick"
     return "slip" if before == 0 else "reversal"
@@ -170,12 +201,15 @@ def two_sided(switches: Sequence[tuple[float, str, str]], columns: Columns) -> t
 
 
 def _rows(columns: Mapping[str, np.ndarray]) -> list[dict[str, float]]:
-    """Return a dict by column of each instant."""
+    """Return, for each instant, the values by column."""
     return [dict(zip(columns, row)) for row in np.array(list(columns.values())).T.tolist()]
 
 
 def body_columns(body: str, *motion: Sequence[np.ndarray]) -> dict[str, np.ndarray]:
-    """Return the columns of a body: x, y and, where it turns, the angle, of position, velocity and acceleration."""
+    """Return the columns of a body from its position, velocity and acceleration.
+
+    Each contains x and y, and the angle if the body turns, as arrays.
+    """
     return {
         f"{body}.{name}": values
         for names, column in zip(BODY_COLUMNS, motion)

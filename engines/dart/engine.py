@@ -216,7 +216,8 @@ def _skeletons(
         )
         joints[i], bodies[i] = joint, body
         # Arrays of coordinates are exchanged by place, so DART's order has to be that of the links.
-        if (place := first + joint.getIndexInSkeleton(joint.getNumDofs() - 1)) != i:
+        place = first + joint.getIndexInSkeleton(joint.getNumDofs() - 1)
+        if place != i:
             raise RuntimeError(
                 f"DART gives the coordinate of link {i} the number {place}; expected the order of creation"
             )
@@ -425,8 +426,9 @@ class _ContactStepper(ContactStepper, _Stepper):
     def advance(self, caps: Sequence[float]) -> None:
         super().advance(caps)
         for name, x, point in self._ends:
-            # Not left to the end of the run: with a body much farther away, ODE ends the process.
-            if (distance := math.dist(self.position[x : x + 2], point)) > REACH:
+            # This is checked in each step, because ODE ends the process if a body is much farther away.
+            distance = math.dist(self.position[x : x + 2], point)
+            if distance > REACH:
                 raise BadTrajectory(
                     f"dart: {name} is {distance:g} m from its guide's point; guides end at {REACH:g} m"
                 )

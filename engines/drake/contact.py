@@ -245,7 +245,7 @@ class Boxes:
 
 @contextmanager
 def quiet() -> Iterator[None]:
-    """Suppress the warning that half-spaces do not touch deformable bodies: there are none."""
+    """Suppress the warning that half-spaces do not touch deformable bodies, which do not occur here."""
     logger = logging.getLogger("drake")
     level = logger.level
     logger.setLevel(logging.ERROR)

@@ -58,11 +58,12 @@ friction up to the stiction tolerance or 2.65e-3 of the speed that one contact t
 transition to kinetic friction depends on the stiction tolerance alone. Two contacts take half of the speed each."""
 _GAIN = 1e8
 """Gain of motors, in inertias of their joint per second."""
-_TOUCHING, _LANDING = 16, 16
-"""Numbers of short and of long attempts at a step in which boxes sink into their surfaces. A short one takes sqrt(m/k):
-a body that nothing holds yet then falls as far as it will sink, so that no corner leaves the surface that it will press
-on. A long one takes `_LONG_ATTEMPT` times as long, and the part of a load that the surfaces do not carry yet decreases
-to a hundredth or less."""
+_TOUCHING = 16
+"""Largest number of short attempts at a step in which boxes sink into their surfaces. A short attempt takes sqrt(m/k):
+a free body then falls as far as it will sink, so that no corner leaves the surface that it will press on."""
+_LANDING = 16
+"""Largest number of long attempts at such a step. A long attempt takes `_LONG_ATTEMPT` times as long, and the part of a
+load that the surfaces do not carry yet decreases to a hundredth or less."""
 _LONG_ATTEMPT = 10
 """Ratio of the duration of long attempts at landing to that of short ones."""
 _LANDED = 0.01

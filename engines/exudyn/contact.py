@@ -77,7 +77,7 @@ class ContactGuide:
             )
 
     def record(self) -> np.ndarray:
-        """Forces of the contacts on the slider, shape (4, 2), ground axes, in the order F1 .. F4."""
+        """Return the forces of the contacts on the slider, shape (4, 2), in ground axes and in the order F1 .. F4."""
         import exudyn
 
         kind = exudyn.OutputVariableType.Force
@@ -86,7 +86,7 @@ class ContactGuide:
         )
 
     def columns(self, forces: np.ndarray, q: np.ndarray, _: Any) -> dict[str, np.ndarray]:
-        """The guide's columns from forces of shape (n, 4, 2) and states of shape (n, 3 * bodies)."""
+        """Return the guide's columns from forces of shape (n, 4, 2) and states of shape (n, 3 * bodies)."""
         joint = self.joint
         # Forces are measured along and across the slider's own direction at each instant: the
         # corner forces of the other columns are those of the slider's corners.

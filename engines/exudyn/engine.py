@@ -494,7 +494,7 @@ def _captured_messages() -> Iterator[None]:
 
 
 def _shortened(message: str, printed: str) -> str:
-    """Join the lines of a message and of what was printed, each once, without banners and names of source files."""
+    """Return the lines of a message and of the printed output, each once, without banners and names of source files."""
     text = re.sub(
         r"(Python WARNING )?\[(Python )?file '[^']*', line \d+\]:?", "", message + "\n" + printed
     )

@@ -300,14 +300,14 @@ class Stepper:
         return done
 
     def _settled(self, multipliers: np.ndarray) -> bool:
-        """Renew the frictions from multipliers; return True where none of them changes any more."""
+        """Update the frictions from multipliers; return True if none of them changes any more."""
         changes = [(guide.renew(multipliers), guide.load) for guide in self.guides]
         return all(
             change <= max(FRICTION_TOLERANCE * load, self._rounding) for change, load in changes
         )
 
     def _judge(self) -> list[float]:
-        """Renew the friction after a Newton solution, and answer Exudyn.
+        """Update the friction after a Newton solution, and return the answer to Exudyn.
 
         The step is repeated with the new friction, accepted, or, where a mode is violated, given up.
         """
@@ -334,7 +334,7 @@ class Stepper:
         shortest = SHORTEST_STEP * step
 
         def margins(h: float) -> list[float]:
-            """Margins of all guides after one step of h seconds; the solver then has the state there."""
+            """Return the margins of all guides after one step of h seconds; the solver then has the state there."""
             a, _ = self._start(t, q, v)
             state = q, v
             if h >= shortest:

@@ -1,4 +1,4 @@
-"""An FMU as an engine: fmpy steps it by co-simulation, or integrates it by model exchange."""
+"""An FMU as an engine, which fmpy steps by co-simulation or integrates by model exchange."""
 
 from __future__ import annotations
 
@@ -28,14 +28,17 @@ from stiction.scenes.result_table import result_table
 from stiction.scenes.wording import last_lines, shortened, shown
 
 MAP = ".map.toml"
+"""Ending of the file with the names and capabilities of an FMU."""
 LOGGING = "logging"
+"""Setting that turns the debug logging of an FMU on."""
 _LIBRARIES = (".so", ".dylib", ".dll")
+"""Endings of shared libraries."""
 _QUOTIENT_ROUNDING = 1e-9
-"""Rounding of t_end divided by an output step, which may be just above a whole number."""
+"""Rounding of t_end divided by an output step: the quotient may be just above a whole number."""
 _LONGEST_VERSION = 40
-"""Characters of the version that an FMU states."""
+"""Largest number of characters of the version that an FMU states."""
 _LONGEST_ERROR = 160
-"""Characters of fmpy's message about a model description, which may quote it."""
+"""Largest number of characters of fmpy's message about a model description, which may quote the description."""
 
 
 class FmuEngine(DeclaredEngine):
@@ -43,13 +46,13 @@ class FmuEngine(DeclaredEngine):
 
     By co-simulation dt is the communication step, and rtol, if given, goes to the FMU's own solver. By model exchange
     fmpy's CVode integrates to rtol and locates events; where fmpy has no CVode, Euler's method steps by dt.
-    Accelerations that the FMU does not give are differences of velocities, and forces follow from the balance of
-    momentum. The setting `logging` turns the FMU's debug logging on: what it logs is in the reason of a failed run.
+    Missing accelerations are differences of velocities, and forces follow from the balance of momentum. The setting
+    `logging` turns the FMU's debug logging on; a failed run quotes the log in its reason.
 
     Raises
     ------
     FileError
-        With what is wrong in the file or in its map.
+        If the file or its map cannot be used, with all problems.
     EngineMissing
         If fmpy is not installed, or the FMU has no binary for this machine.
     """
@@ -59,41 +62,50 @@ class FmuEngine(DeclaredEngine):
     def __init__(self, file: Path):
         import fmpy
 
-        self.file, self.name, self.map_file = file, file.stem, file.with_name(file.stem + MAP)
-        used = accepted("fmpy", fmpy.__version__)
-        chosen = read_declaration(self.map_file, Map) if self.map_file.is_file() else Map()
-        self.variables, self.interface = _read(file, chosen, self.map_file)
-        about = self.variables.description
-        own = about.version or about.generationDateAndTime or about.guid
-        self.version = f"{shortened(own, _LONGEST_VERSION)} (FMI {about.fmiVersion}, fmpy {used})"
-        folder = fmpy.platform_tuple if about.fmiMajorVersion == 3 else fmpy.platform
-        with ZipFile(file) as archive:
-            binaries = [
-                name
-                for name in archive.namelist()
-                if name.startswith("binaries/") and name.endswith(_LIBRARIES)
-            ]
-        if not any(name.startswith(f"binaries/{folder}/") for name in binaries):
-            raise EngineMissing(
-                f"{self.name}: found {', '.join(binaries) or 'no binaries'}; expected one in "
-                f"binaries/{folder}"
-            )
+        self.file = file
+        self.name = file.stem
+        self.map_file = file.with_name(file.stem + MAP)
+        fmpy_version = accepted("fmpy", fmpy.__version__)
+        names = read_declaration(self.map_file, Map) if self.map_file.is_file() else Map()
+        self.variables, self.interface = _read(file, names, self.map_file)
+        description = self.variables.description
+        stated = description.version or description.generationDateAndTime or description.guid
+        self.version = (
+            f"{shortened(stated, _LONGEST_VERSION)} (FMI {description.fmiVersion}, "
+            f"fmpy {fmpy_version})"
+        )
+        self._check_binaries(
+            fmpy.platform_tuple if description.fmiMajorVersion == 3 else fmpy.platform
+        )
         # A model by co-simulation has a solver of its own. Only CVode adapts its steps and locates
-        # events, whatever the map declares.
+        # events, independently of the map.
         self.solver = ""
         if self.interface == MODEL_EXCHANGE:
             self.solver = "CVode" if has_cvode() else "Euler"
-        by_cvode = self.solver == "CVode"
-        self.declared = chosen.capabilities.model_copy(
+        is_cvode = self.solver == "CVode"
+        self.declared = names.capabilities.model_copy(
             update={
-                "adaptive": chosen.capabilities.adaptive or by_cvode,
-                "locates_events": chosen.capabilities.locates_events and by_cvode,
+                "adaptive": names.capabilities.adaptive or is_cvode,
+                "locates_events": names.capabilities.locates_events and is_cvode,
             }
         )
 
+    def _check_binaries(self, platform: str) -> None:
+        """Raise EngineMissing if the FMU has no shared library for a platform, by fmpy's name of it."""
+        with ZipFile(self.file) as archive:
+            files = archive.namelist()
+        binaries = [
+            name for name in files if name.startswith("binaries/") and name.endswith(_LIBRARIES)
+        ]
+        if not any(name.startswith(f"binaries/{platform}/") for name in binaries):
+            raise EngineMissing(
+                f"{self.name}: found {', '.join(binaries) or 'no binaries'}; expected one in "
+                f"binaries/{platform}"
+            )
+
     def content(self) -> bytes:
-        chosen = self.map_file.read_bytes() if self.map_file.is_file() else b""
-        return self.file.read_bytes() + chosen + self.version.encode()
+        names = self.map_file.read_bytes() if self.map_file.is_file() else b""
+        return self.file.read_bytes() + names + self.version.encode()
 
     def default_settings(self, fidelity: Fidelity) -> Mapping[str, Any]:
         return {LOGGING: False}
@@ -106,16 +118,18 @@ class FmuEngine(DeclaredEngine):
         fidelity: Fidelity,
         settings: Mapping[str, Any],
     ) -> None:
-        """See `Engine.check_arguments`; co-simulation takes both, a step and a tolerance."""
+        """See `Engine.check_arguments`; co-simulation accepts both a step and a tolerance."""
         if self.interface == CO_SIMULATION:
             dt = rtol = None
         super().check_arguments(dt=dt, rtol=rtol, fidelity=fidelity, settings=settings)
-        if not isinstance(chosen := settings.get(LOGGING, False), bool):
-            raise InputError(f"{LOGGING}: found {chosen!r}; expected true or false")
+        logging = settings.get(LOGGING, False)
+        if not isinstance(logging, bool):
+            raise InputError(f"{LOGGING}: found {logging!r}; expected true or false")
 
     def refusal(self, scene: Scene, fidelity: Fidelity) -> str | None:
-        """See `Engine.refusal`: another scene than the FMU states, columns that it lacks, friction not declared."""
-        if reason := self.variables.refusal(scene):
+        """See `Engine.refusal`. Refused are other scenes than the FMU states, and scenes whose columns it lacks."""
+        reason = self.variables.refusal(scene)
+        if reason:
             return f"{self.name}: {reason}"
         return super().refusal(scene, fidelity)
 
@@ -131,15 +145,16 @@ class FmuEngine(DeclaredEngine):
         settings: Mapping[str, Any],
         assembly: Assembly | None = None,
     ) -> Trajectory:
-        by_steps = self.solver != "CVode"
-        # A run to a tolerance is recorded at the outputs; other runs have steps, of which each
-        # `grid.every`-th is an output.
-        if not by_steps or self.declared.adaptive and dt is None:
+        has_fixed_step = self.solver != "CVode"
+        # A run to a tolerance is recorded at the outputs. Other runs have steps, and each
+        # `grid.every`-th of them is an output.
+        if not has_fixed_step or (self.declared.adaptive and dt is None):
             rtol = rtol or DEFAULT_RTOL
             dt = t_end / math.ceil(t_end / output_step - _QUOTIENT_ROUNDING)
         grid = Grid.of(t_end, step_of(dt, t_end), output_step)
-        values, logging = self.variables.settable(scene), settings.get(LOGGING, False)
-        rows, setup, stepping = self._simulate(scene, grid, rtol, values, logging)
+        parameters = self.variables.settable(scene)
+        logging = settings.get(LOGGING, False)
+        rows, setup_s, stepping_s = self._simulate(scene, grid, rtol, parameters, logging)
         with self.reading():
             table = result_table(
                 self.variables.columns(scene, rows),
@@ -147,62 +162,73 @@ class FmuEngine(DeclaredEngine):
                 origin=self.name,
                 has_map_option=False,
             )
-        chosen = {
-            "dt": grid.dt if by_steps else None,
+
+        def events(columns: Mapping[str, np.ndarray]) -> Iterator[Event]:
+            for time, before, after in table.jumps(columns):
+                for kind, guide in changed_modes(scene.frictional_guides, before, after):
+                    yield Event(time, kind, guide, before, after)
+
+        last_time = float(table.t[-1])
+        termination = "end"
+        if not last_time > (grid.last - 0.5) * grid.dt:
+            termination = f"the FMU ended the run at t = {last_time:.9g} s"
+        return self.trajectory(
+            scene,
+            table,
+            events,
+            self._settings_of_run(scene, grid, rtol, parameters, logging),
+            Cost(setup_s, 0.0, stepping_s, {"steps": grid.last} if has_fixed_step else {}),
+            termination,
+            assembly,
+        )
+
+    def _settings_of_run(
+        self,
+        scene: Scene,
+        grid: Grid,
+        rtol: float | None,
+        parameters: Mapping[str, float],
+        logging: bool,
+    ) -> dict[str, Any]:
+        """Return the settings that a trajectory stores, without those that do not apply."""
+        settings = {
+            "dt": grid.dt if self.solver != "CVode" else None,
             "rtol": rtol,
             "interface": self.interface,
             "solver": f"{self.solver} (fmpy)" if self.solver else None,
             LOGGING: logging,
-            "parameters": " ".join(f"{name}={value:.12g}" for name, value in values.items()),
-            "units without a definition, taken as SI": ", ".join(
-                self.variables.undefined_units(scene)
-            )
-            or None,
+            "parameters": " ".join(f"{name}={value:.12g}" for name, value in parameters.items()),
+            "units without a definition, taken as SI": (
+                ", ".join(self.variables.undefined_units(scene)) or None
+            ),
         }
-        until, cost = (
-            float(table.t[-1]),
-            Cost(setup, 0.0, stepping, {"steps": grid.last} if by_steps else {}),
-        )
-        return self.trajectory(
-            scene,
-            table,
-            lambda columns: [
-                Event(time, kind, guide, before, after)
-                for time, before, after in table.jumps(columns)
-                for kind, guide in changed_modes(scene.frictional_guides, before, after)
-            ],
-            {key: value for key, value in chosen.items() if value is not None},
-            cost,
-            "end"
-            if until > (grid.last - 0.5) * grid.dt
-            else f"the FMU ended the run at t = {until:.9g} s",
-            assembly,
-        )
+        return {name: value for name, value in settings.items() if value is not None}
 
     def _simulate(
         self,
         scene: Scene,
         grid: Grid,
         rtol: float | None,
-        values: Mapping[str, float],
+        parameters: Mapping[str, float],
         logging: bool,
     ) -> tuple[np.ndarray, float, float]:
-        """Return the rows that fmpy has recorded, and CPU seconds before the first step and from there on."""
+        """Return the rows that fmpy has recorded, and the CPU seconds before the first step and after its start."""
         from fmpy import extract, instantiate_fmu, simulate_fmu
 
-        description, began = self.variables.description, process_time()
+        description = self.variables.description
+        setup_begin = process_time()
         logged: list[str] = []
         failures: list[BaseException] = []
-        by_steps = self.interface == CO_SIMULATION
-        kind = "CoSimulation" if by_steps else "ModelExchange"
+        is_co_simulation = self.interface == CO_SIMULATION
+        kind = "CoSimulation" if is_co_simulation else "ModelExchange"
         with TemporaryDirectory(prefix="stiction-fmu-", ignore_cleanup_errors=True) as folder:
             try:
                 extract(self.file, folder)
                 fmu = instantiate_fmu(
                     folder, description, kind, debug_logging=logging, logger=_logger(logged)
                 )
-                started = process_time()
-                with _noting(failures):
+                stepping_begin = process_time()
+                with _collect_callback_errors(failures):
                     rows = simulate_fmu(
                         folder,
                         fmu_instance=fmu,
@@ -215,9 +241,9 @@ class FmuEngine(DeclaredEngine):
                         solver=self.solver,
                         relative_tolerance=rtol,
                         record_events=self.declared.locates_events,
-                        start_values=dict(values),
+                        start_values=dict(parameters),
                         output=self.variables.names(scene),
-                        step_finished=_thinned(grid.every) if by_steps else None,
+                        step_finished=_keep_outputs(grid.every) if is_co_simulation else None,
                     )
                 if failures:
                     raise failures[0]
@@ -225,19 +251,14 @@ class FmuEngine(DeclaredEngine):
             except Exception as error:  # fmpy raises Exception itself
                 # The cause is an exception in a callback, if there was one; the FMU's own log may
                 # explain it.
-                cause, words = next(iter(failures), error), last_lines("\n".join(logged))
-                if words:
-                    log = f"It logged: {words}"
-                elif logging:
-                    log = "It logged nothing"
-                else:
-                    log = f"It logged nothing; --setting {LOGGING}=true may bring more"
+                cause = failures[0] if failures else error
+                log = _describe_log(logged, logging)
                 raise EngineFailure(
                     f"{self.name}: {str(cause) or type(cause).__name__} {log}"
                 ) from error
         if self.solver == "Euler":
             rows = rows[:: grid.every]
-        return rows, started - began, process_time() - started
+        return rows, stepping_begin - setup_begin, process_time() - stepping_begin
 
 
 def has_cvode() -> bool:
@@ -299,11 +320,21 @@ def _read(file: Path, chosen: Map, map_file: Path) -> tuple[Variables, str]:
     return variables, chosen_interface
 
 
+def _describe_log(logged: list[str], logging: bool) -> str:
+    """Return a sentence about the messages that an FMU has logged."""
+    text = last_lines("\n".join(logged))
+    if text:
+        return f"It logged: {text}"
+    if logging:
+        return "It logged nothing"
+    return f"It logged nothing; --setting {LOGGING}=true may bring more"
+
+
 def _logger(logged: list[str]) -> Callable[..., None]:
     """Return a logger that collects the messages of an FMU, and prints them in case it ends the process."""
 
     def log(*arguments: Any) -> None:
-        # FMI 2 also gives the name of the instance, before these three. A status of 0 is no trouble.
+        # FMI 2 also passes the name of the instance, before these three. A status of 0 is no problem.
         status, _, message = arguments[-3:]
         text = message.decode(errors="replace").strip() if message else ""
         if status and text:
@@ -314,33 +345,36 @@ def _logger(logged: list[str]) -> Callable[..., None]:
 
 
 @contextmanager
-def _noting(failures: list[BaseException]) -> Iterator[None]:
+def _collect_callback_errors(failures: list[BaseException]) -> Iterator[None]:
     """Collect exceptions that are raised in callbacks from C, which ctypes does not pass on."""
+    previous_hook = sys.unraisablehook
 
-    def note(lost: Any) -> None:
-        if "ctypes" in str(lost.err_msg):
-            failures.append(lost.exc_value)
+    def hook(unraisable: Any) -> None:
+        if "ctypes" in str(unraisable.err_msg):
+            failures.append(unraisable.exc_value)
         else:
-            before(lost)
+            previous_hook(unraisable)
 
-    before, sys.unraisablehook = sys.unraisablehook, note
+    sys.unraisablehook = hook
     try:
         yield
     finally:
-        sys.unraisablehook = before
+        sys.unraisablehook = previous_hook
 
 
-def _thinned(every: int) -> Callable[[float, Any], bool]:
+def _keep_outputs(every: int) -> Callable[[float, Any], bool]:
     """Return a callback that keeps each `every`-th row of fmpy, and raises RuntimeError if a step does not advance."""
-    latest, step = -math.inf, 0
+    latest = -math.inf
+    step = 0
 
-    def finished(time: float, recorder: Any) -> bool:
+    def step_finished(time: float, recorder: Any) -> bool:
         nonlocal latest, step
         if not time > latest:
             raise RuntimeError(f"the FMU discards the step at t = {time:.9g} s")
-        latest, step = time, step + 1
+        latest = time
+        step += 1
         if step % every:
             recorder.rows.pop()
         return True
 
-    return finished
+    return step_finished

@@ -1,4 +1,4 @@
-"""Variables of an FMU by the columns and parameters of a scene, and the file that renames them.
+"""Variables of an FMU that are columns or parameters of a scene, and the file with their other names.
 
 A variable with the name of a column, such as ``slider.x``, is that column; one with the name of a parameter of the
 scene, or of a number in it, such as ``joints.guide.mu``, is set. Other names, and the capabilities of the FMU, are in
@@ -28,10 +28,13 @@ if TYPE_CHECKING:
     from fmpy.model_description import ModelDescription, ModelVariable
 
 SCENE = "stiction.scene"
-"""Text variable by which an FMU states the scenes that it is made for: names or patterns such as ``slider-bar-*``."""
-CO_SIMULATION, MODEL_EXCHANGE = "co-simulation", "model exchange"
+"""Text variable in which an FMU states the scenes that it is made for: names or patterns such as ``slider-bar-*``."""
+CO_SIMULATION = "co-simulation"
+"""Interface of an FMU with a solver of its own."""
+MODEL_EXCHANGE = "model exchange"
+"""Interface of an FMU whose equations are integrated from outside."""
 _NUMBERS = ("Real", "Integer", "Boolean", "Enumeration", "Float", "Int", "UInt")
-"""Beginnings of the types of variables that are numbers, in FMI 2 and 3."""
+"""Beginnings of the numeric types of FMI 2 and 3."""
 _SAME = 1e-12
 """Relative difference of a number of the scene from one that a model description contains as text."""
 
@@ -50,19 +53,28 @@ def flattened(tables: Any) -> Any:
 
 
 class FmuDeclared(Declared):
-    """Capabilities of an FMU. It is made for its scenes, so that it has their friction unless it states otherwise."""
+    """Capabilities of an FMU, which is made for its scenes and has their friction unless the file states otherwise."""
 
     friction_law: StrictStr = "the FMU's own"
     static_coefficient: StrictBool = True
 
 
 class Map(Model):
-    """Names in an FMU that are not the scene's, and its capabilities.
+    """Names in an FMU that differ from those of the scene, and its capabilities.
 
-    `scene`: its scenes, in the format of `SCENE`. `interface`: the one to use of an FMU that has both; the default is
-    co-simulation. `columns`: column -> ``"variable"``, ``"-variable"``, or a number if the FMU has no variable for it.
-    `parameters`: name of a parameter or number of the scene -> ``"variable"``; ``""`` sets nothing. The capability
-    `locates_events` means that events of model exchange change the variables ``GUIDE.mode``.
+    Attributes
+    ----------
+    scene
+        Scenes of the FMU, in the format of `SCENE`.
+    interface
+        Interface to use if the FMU has both; the default is co-simulation.
+    columns
+        For a column, ``"variable"``, ``"-variable"``, or a number if the FMU has no variable for it.
+    parameters
+        For a parameter or number of the scene, ``"variable"``; ``""`` sets nothing.
+    capabilities
+        What the FMU can represent. With `locates_events`, events of model exchange change the variables
+        ``GUIDE.mode``.
     """
 
     scene: StrictStr = ""
@@ -76,7 +88,17 @@ class Map(Model):
 
 @dataclass(frozen=True)
 class Variables:
-    """Variables of an FMU, as fmpy describes them, and the names that a map, of a file, gives to them."""
+    """Variables of an FMU by the names of a scene.
+
+    Attributes
+    ----------
+    description : ModelDescription
+        The model description, as fmpy reads it.
+    map : Map
+        Names of the variables.
+    file : str
+        File of the map, for messages.
+    """
 
     description: ModelDescription
     map: Map
@@ -84,32 +106,35 @@ class Variables:
 
     @cached_property
     def by_name(self) -> dict[str, ModelVariable]:
+        """All variables by name."""
         return {variable.name: variable for variable in self.description.modelVariables}
 
     def problems(self) -> Iterator[Problem]:
         """Yield the names in the map that are no variables of the FMU, or no numbers."""
+        for key, value in self.map.columns.items():
+            if isinstance(value, str):
+                yield from self._check_name(f"columns.{key}", value, value.removeprefix("-"))
+        for key, value in self.map.parameters.items():
+            if value:
+                yield from self._check_name(f"parameters.{key}", value, value)
+
+    def _check_name(self, key: str, value: str, name: str) -> Iterator[Problem]:
+        """Yield a problem if the variable `name`, by the value of a key of the map, is not a number of the FMU."""
         variables = self.by_name
-        named = {
-            f"columns.{key}": value
-            for key, value in self.map.columns.items()
-            if isinstance(value, str)
-        }
-        named |= {f"parameters.{key}": value for key, value in self.map.parameters.items() if value}
-        for key, value in named.items():
-            name = value.removeprefix("-") if key.startswith("columns.") else value
-            if name not in variables:
-                yield Problem(
-                    key,
-                    shown(value),
-                    f"expected a variable of the FMU: {names(variables)}{did_you_mean(name, variables)}",
-                )
-            elif not _is_number(variables[name]):
-                yield Problem(
-                    key, f"{shown(value)}, {variables[name].type}", "expected a number alone"
-                )
+        if name not in variables:
+            yield Problem(
+                key,
+                shown(value),
+                f"expected a variable of the FMU: {names(variables)}{did_you_mean(name, variables)}",
+            )
+        elif not _is_number(variables[name]):
+            yield Problem(key, f"{shown(value)}, {variables[name].type}", "expected a number alone")
 
     def sources(self, scene: Scene) -> dict[str, tuple[str, float, float]]:
-        """Return, by column of the scene that the FMU has: variable ("": none), factor and offset to SI units."""
+        """Return the source of each column of the scene that the FMU has.
+
+        It is a variable, or "" for a constant, and the factor and the offset that yield SI units.
+        """
         sources: dict[str, tuple[str, float, float]] = {}
         for column in columns_of(scene):
             source = self.map.columns.get(column, column)
@@ -125,36 +150,37 @@ class Variables:
         return sources
 
     def refusal(self, scene: Scene) -> str | None:
-        """Return why the FMU is not of this scene: another scene stated, another constant, a missing column."""
-        variable_of_scenes = self.by_name.get(SCENE)
-        stated_in_fmu = variable_of_scenes.start if variable_of_scenes is not None else ""
-        stated = (self.map.scene or stated_in_fmu or "").split()
-        if stated and not any(fnmatchcase(scene.name, pattern) for pattern in stated):
-            return f"made for {' or '.join(stated)}; found {scene.name}"
-        columns, sources = columns_of(scene), self.sources(scene)
-        if unknown := [column for column in self.map.columns if column not in columns]:
-            return (
-                f"{self.file}: columns.{unknown[0]}: {scene.name} has no such column"
-                f"{did_you_mean(unknown[0], columns)}"
-            )
-        # A number that the FMU has as a constant has to be that of the scene.
+        """Return why the FMU cannot represent a scene: another scene or constant, a missing column; None if it can."""
+        scene_variable = self.by_name.get(SCENE)
+        stated_in_fmu = scene_variable.start if scene_variable is not None else ""
+        patterns = (self.map.scene or stated_in_fmu or "").split()
+        if patterns and not any(fnmatchcase(scene.name, pattern) for pattern in patterns):
+            return f"made for {' or '.join(patterns)}; found {scene.name}"
+        columns = columns_of(scene)
+        for column in self.map.columns:
+            if column not in columns:
+                return (
+                    f"{self.file}: columns.{column}: {scene.name} has no such column"
+                    f"{did_you_mean(column, columns)}"
+                )
+        # A constant of the FMU has to be the number of the scene.
         for key, variable, value in self._numbers(scene):
-            if (
-                not _can_be_set(variable, value)
-                and variable.start is not None
-                and (not math.isclose(float(variable.start), value, rel_tol=_SAME))
-            ):
+            if _can_be_set(variable, value) or variable.start is None:
+                continue
+            if not math.isclose(float(variable.start), value, rel_tol=_SAME):
                 return (
                     f"{key} = {value:g} cannot be set in it: {variable.name} is {variable.start}, "
                     f"{variable.variability}, {variable.type}"
                 )
-        # The other columns follow from the motion. To report an event, accelerations and modes on both
-        # sides of it are needed, which the motion between samples does not give.
+        # All other columns can be computed from the motion. To report an event, accelerations and modes on
+        # both sides of it are needed, which do not follow from the motion between samples.
         needed = state_columns(scene)
         if self.map.capabilities.locates_events:
             needed += [f"{body}.{label}" for body in scene.bodies for label in BODY_COLUMNS[2]]
             needed += [f"{guide}.mode" for guide in scene.frictional_guides]
-        if missing := [column for column in needed if column not in sources]:
+        sources = self.sources(scene)
+        missing = [column for column in needed if column not in sources]
+        if missing:
             return (
                 f"no variable {names(missing)}; expected positions and velocities of all bodies (to locate events, "
                 f"accelerations and modes too), by these names or in {self.file}"
@@ -182,26 +208,22 @@ class Variables:
 
     def columns(self, scene: Scene, rows: np.ndarray) -> dict[str, np.ndarray]:
         """Return columns of the scene in SI units from the rows of fmpy, with the time as ``t``."""
-        return {
-            "t": rows["time"].astype(float),
-            **{
-                column: factor * rows[name or "time"].astype(float) + offset
-                for column, (name, factor, offset) in self.sources(scene).items()
-            },
-        }
+        columns = {"t": rows["time"].astype(float)}
+        for column, (name, factor, offset) in self.sources(scene).items():
+            # a constant has the factor 0, so that it may be computed from any variable
+            columns[column] = factor * rows[name or "time"].astype(float) + offset
+        return columns
 
     def _numbers(self, scene: Scene) -> Iterator[tuple[str, ModelVariable, float]]:
         """Yield name in the scene, variable, and value in its unit of each parameter that the scene has too."""
-        # Numbers of the resolved scene by dotted keys, and parameters of the scene by name. Inputs
-        # and outputs of the FMU that have such a name are no parameters.
-        for key, value in {**flattened(resolved_scene(scene)["scene"]), **scene.parameters}.items():
+        # Numbers of the resolved scene have dotted keys, parameters of the scene have names. Inputs and
+        # outputs of the FMU with such a name are no parameters.
+        numbers = {**flattened(resolved_scene(scene)["scene"]), **scene.parameters}
+        for key, value in numbers.items():
             variable = self.by_name.get(self.map.parameters.get(key, key))
-            if (
-                variable is not None
-                and _is_number(variable)
-                and type(value) in (int, float)
-                and (variable.causality == "parameter" or variable.variability == "constant")
-            ):
+            if variable is None or not _is_number(variable) or type(value) not in (int, float):
+                continue
+            if variable.causality == "parameter" or variable.variability == "constant":
                 factor, offset = self._unit(variable)
                 yield key, variable, (value - offset) / factor
 
@@ -215,13 +237,17 @@ class Variables:
         }
 
     def _unit(self, variable: ModelVariable) -> tuple[float, float]:
+        """Return factor and offset from the unit of a variable to SI units."""
         return self._units.get(_unit_name(variable), (1.0, 0.0))
 
 
 def _unit_name(variable: ModelVariable) -> str:
     """Return the unit of a variable, its own or that of its type; empty if there is none."""
-    of_type = variable.declaredType.unit if variable.declaredType is not None else None
-    return variable.unit or of_type or ""
+    if variable.unit:
+        return variable.unit
+    if variable.declaredType is not None and variable.declaredType.unit:
+        return variable.declaredType.unit
+    return ""
 
 
 def _is_number(variable: ModelVariable) -> bool:

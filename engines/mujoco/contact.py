@@ -140,7 +140,7 @@ def add_guides(
 
 
 def _pair(guide: Translational, options: Mapping[str, Any], timestep: float) -> dict[str, str]:
-    """Attributes of a contact of a guide: friction and compliance.
+    """Return the attributes of a contact of a guide: friction and compliance.
 
     Two contacts together lose all of their velocity in a step.
     """

@@ -129,7 +129,8 @@ class MujocoEngine(TreeEngine):
         for i, link in enumerate(tree.links):
             # A free body's three joints are in one element, so its other two links do not count.
             depth[i] = depth.get(link.parent, 0) + (link.body is not None)
-        if (deepest := max(depth.values(), default=0)) > DEEPEST:
+        deepest = max(depth.values(), default=0)
+        if deepest > DEEPEST:
             return (
                 f"{deepest} links hang on each other; MuJoCo's reader of XML takes {DEEPEST}, as their elements "
                 "are nested"

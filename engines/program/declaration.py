@@ -26,7 +26,7 @@ PLACEHOLDERS = {
     "output_step": "largest time between rows in seconds",
     "settings": "one argument `KEY=VALUE` for each setting; nothing else may be in this argument",
 }
-"""Words that are replaced if they are in braces in an argument, and what replaces them."""
+"""Words in braces in an argument, and their replacements."""
 RESERVED = {
     "dt",
     "rtol",
@@ -92,12 +92,12 @@ class Declaration(Model):
                     f"unknown {{{unknown}}}; expected one of {names(PLACEHOLDERS)}"
                     f"{did_you_mean(unknown, PLACEHOLDERS)}",
                 )
-            # The settings become any number of arguments, so that they cannot stand within one.
+            # The settings become any number of arguments, so that they cannot be a part of one.
             if "{settings}" in word and word != "{settings}":
                 yield f"command.{i}", word, "expected {settings} as an argument of its own"
 
     def _wrong_arguments(self) -> Iterator[tuple[str, Any, str]]:
-        """Yield placeholders that the command lacks, and a step or a tolerance that it cannot use."""
+        """Yield placeholders that are missing in the command, and a step or a tolerance that is of no use."""
         # The command has to pass on everything on which the run depends: the step or the tolerance,
         # the settings if there are any, and a file for events if the program is to locate them.
         capabilities = self.capabilities
@@ -134,10 +134,10 @@ class Declaration(Model):
 
     def arguments(self, values: dict[str, str], settings: list[str]) -> list[str]:
         """Return the arguments with their placeholders replaced. No shell reads them."""
-        filled = []
+        arguments = []
         for word in self.command[1:]:
             if word == "{settings}":
-                filled += settings
+                arguments += settings
             else:
-                filled.append(_BRACES.sub(lambda found: values[found[1]], word))
-        return filled
+                arguments.append(_BRACES.sub(lambda match: values[match[1]], word))
+        return arguments

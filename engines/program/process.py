@@ -17,21 +17,28 @@ from stiction.scenes.wording import last_lines
 
 SUPERVISOR = Path(__file__).with_name("supervisor.py")
 LOG_BYTES = 4000
-"""Number of bytes that are read of the end of what a program printed."""
+"""Number of bytes at the end of a program's output that are read."""
 
 
-class Ended(NamedTuple):
-    """End of a program.
+class ProgramEnd(NamedTuple):
+    """How a program ended.
 
-    `code`: exit code, or minus the signal that ended it; None if it was not started, or was given up. `cpu_s`: CPU
-    seconds, user and system, of the program and of those of its children that it waited for. `words`: the end in words,
-    with the last lines that it printed, which are `said`.
+    Attributes
+    ----------
+    code : int or None
+        Exit code, or minus the signal that ended the program; None if it was not started or exceeded its time.
+    cpu_s : float
+        CPU time (s), user and system, of the program and of those of its children that it waited for.
+    words : str
+        The end in words, with the last lines of the output.
+    last_lines : str
+        The last lines of the output.
     """
 
     code: int | None
     cpu_s: float
     words: str
-    said: str = ""
+    last_lines: str = ""
 
 
 def run_program(
@@ -41,11 +48,23 @@ def run_program(
     log: Path,
     largest: int,
     timeout_s: float | None = None,
-) -> Ended:
-    """Run a program in a folder to its end, or for `timeout_s` seconds.
+) -> ProgramEnd:
+    """Run a program to its end, or for `timeout_s` seconds, and return how it ended.
 
-    `environment` adds to the variables of this process. What the program prints goes to `log`. The system ends a
-    program that writes more than `largest` bytes to a file, `log` included.
+    Parameters
+    ----------
+    command
+        The program and its arguments.
+    folder
+        The working folder.
+    environment
+        Environment variables in addition to those of this process.
+    log
+        The file for the output of the program.
+    largest
+        The size of a file, the log included, at which the system ends the program, in bytes.
+    timeout_s
+        Time limit, s.
     """
     # The supervisor ends the program when its standard input is closed, which also happens when this
     # process is interrupted or killed.
@@ -61,15 +80,24 @@ def run_program(
         try:
             supervisor.wait(timeout_s)
         except subprocess.TimeoutExpired:
-            return Ended(None, 0.0, f"no end within {timeout_s:g} s")
+            return ProgramEnd(None, 0.0, f"no end within {timeout_s:g} s")
         assert supervisor.stdout is not None
         first, _, rest = supervisor.stdout.read().strip().partition(" ")
-    # no answer at all, or that the program could not be started
+    # The supervisor answers nothing if it was killed, and "error" if the program could not be started.
     if not first or first == "error":
-        return Ended(None, 0.0, rest or "its supervisor was killed")
+        return ProgramEnd(None, 0.0, rest or "its supervisor was killed")
     with log.open("rb") as file:
         file.seek(max(0, log.stat().st_size - LOG_BYTES))
-        said, code = last_lines(file.read().decode(errors="replace")), int(first)
-    name = signal.Signals(-code).name if -code in set(signal.Signals) else f"signal {-code}"
-    how = f"exit code {code}" if code >= 0 else f"ended by {name}"
-    return Ended(code, float(rest), f"{how}: {said or 'nothing was printed'}", said)
+        output = last_lines(file.read().decode(errors="replace"))
+    code = int(first)
+    words = f"{_describe_code(code)}: {output or 'nothing was printed'}"
+    return ProgramEnd(code, float(rest), words, output)
+
+
+def _describe_code(code: int) -> str:
+    """Return an exit code, or minus a signal, in words."""
+    if code >= 0:
+        return f"exit code {code}"
+    if -code in set(signal.Signals):
+        return f"ended by {signal.Signals(-code).name}"
+    return f"ended by signal {-code}"

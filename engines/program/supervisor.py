@@ -1,8 +1,9 @@
-"""Run of a program under supervision: when the process that started it ends, for any reason, the program is killed.
+"""Script that runs a program, and kills it when the process that started the script ends for any reason.
 
-This is a script for ``python -I -S``. Arguments: a file for the program's output, the largest size of a file in bytes,
-the program with its arguments. Standard output: exit code (minus the signal that ended it) and CPU seconds, or
-``error`` and why it could not be started. At the end of standard input the program's process group is killed.
+It is run by ``python -I -S``. Its arguments are a file for the program's output, the largest size of a file in bytes,
+and the program with its arguments. It prints the exit code (minus the signal that ended the program) and the CPU
+seconds, or ``error`` and the reason if the program could not be started. At the end of standard input the program's
+process group is killed.
 """
 
 import _thread
@@ -13,8 +14,9 @@ import sys
 
 
 def main(log: str, largest: str, *command: str) -> None:
-    """Run the command to its end, or to that of standard input, and print the answer."""
-    signal.signal(signal.SIGPIPE, signal.SIG_DFL)  # nobody reads an answer: no need of a traceback
+    """Run the command to its end, or to the end of standard input, and print the answer."""
+    # Without a reader of the answer this process ends quietly, without a traceback.
+    signal.signal(signal.SIGPIPE, signal.SIG_DFL)
     resource.setrlimit(resource.RLIMIT_FSIZE, (int(largest), int(largest)))
     resource.setrlimit(resource.RLIMIT_CORE, (0, 0))
     files = [
@@ -22,6 +24,7 @@ def main(log: str, largest: str, *command: str) -> None:
         (os.POSIX_SPAWN_OPEN, 1, log, os.O_WRONLY | os.O_CREAT | os.O_APPEND, 0o600),
         (os.POSIX_SPAWN_DUP2, 1, 2),
     ]
+    # The program gets the default action of the signals that Python ignores.
     try:
         number = os.posix_spawn(
             command[0],
@@ -30,7 +33,7 @@ def main(log: str, largest: str, *command: str) -> None:
             file_actions=files,
             setpgroup=0,
             setsigdef=[signal.SIGPIPE, signal.SIGXFSZ],
-        )  # Python ignores the second
+        )
     except OSError as error:
         print("error", error.strerror)
         return
@@ -49,7 +52,8 @@ def main(log: str, largest: str, *command: str) -> None:
     _thread.start_new_thread(kill_group, (True,))
     os.waitid(os.P_PID, number, os.WEXITED | os.WNOWAIT)
     kill_group(False)  # processes that the program has left running
-    # Never released: once the program has been waited for, its number may be that of another process.
+    # The lock is never released: once the program has been waited for, the system may give its number
+    # to another process, which must not be killed.
     lock.acquire()
     _, status, used = os.wait4(number, 0)
     print(os.waitstatus_to_exitcode(status), used.ru_utime + used.ru_stime)

@@ -52,19 +52,27 @@ MOST_GUIDES = 31
 MOST_LINKS = 121
 """Largest number of links of a multibody: commands have room for 128 coordinates (MAX_DEGREE_OF_FREEDOM), 7 of which
 are those of the base. The coordinates of more links are silently dropped."""
-_FASTEST, _SLOWEST = _NO_LIMIT / 2, -_NO_LIMIT / 2
-"""Bounds of joint velocities within which PyBullet has surely not clamped them, which it does silently."""
+_FASTEST = _NO_LIMIT / 2
+"""Joint velocity below which PyBullet has surely not clamped it, which it does silently."""
+_SLOWEST = -_NO_LIMIT / 2
+"""Joint velocity above which PyBullet has surely not clamped it."""
 _DEPTH = 0.5
 """Half the depth (m) of boxes out of the plane. It has no influence, as nothing turns out of the plane."""
-_PLACE_GAIN, _RATE_GAIN = 0.1, 1.0
-"""PyBullet's defaults of the optional arguments of velocity motors. With these, all arguments are given by place: names
-cost half a microsecond a call."""
+_PLACE_GAIN = 0.1
+"""PyBullet's default of an optional argument of velocity motors, the gain of positions. All arguments are positional,
+because names cost half a microsecond a call."""
+_RATE_GAIN = 1.0
+"""PyBullet's default of the gain of velocities, which is passed for the same reason."""
 _PARENT_OF_JOINT = 16
 """Place of the index of the parent link in what `getJointInfo` returns."""
 _MOTOR_FORCE = 3
 """Place of the force of the motor in a joint state."""
-_NORMAL_FORCE, _FRICTION_1, _FRICTION_2 = 9, 10, 12
-"""Places in a contact point of the normal force and of the friction in two tangential directions."""
+_NORMAL_FORCE = 9
+"""Index of the normal force in a contact point."""
+_FRICTION_1 = 10
+"""Index of the friction in the first tangential direction."""
+_FRICTION_2 = 12
+"""Index of the friction in the second tangential direction."""
 _SETTINGS: Mapping[str, Defaults] = {
     Fidelity.JOINT: {"iterations": 50, "passes": 2, "erp": 1.0},
     Fidelity.CONTACT: {
@@ -227,7 +235,10 @@ class _Stepper(TreeStepper):
     def __init__(self, assembly: Assembly, h: float, options: Mapping[str, Any], client: int):
         super().__init__(assembly, h, options)
         scene = assembly.scene
-        self._bullet, self._client, tree = (bullet := _pybullet()), client, self.tree
+        bullet = _pybullet()
+        self._bullet = bullet
+        self._client = client
+        tree = self.tree
         bullet.setTimeStep(h, physicsClientId=client)
         bullet.setPhysicsEngineParameter(
             numSolverIterations=options["iterations"],

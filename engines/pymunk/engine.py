@@ -173,7 +173,7 @@ class _Line(NamedTuple):
     level: Callable[[float], float] | None = None
 
     def distance(self, place: Vec2d, t: float) -> float:
-        """Metres from the line to a place, along the normal."""
+        """Return the distance (m) of a place from the line, along the normal."""
         if self.origin is None:
             return 0.0
         return (place - self.origin).dot(self.normal) - (self.level(t) if self.level else 0.0)
@@ -234,7 +234,8 @@ class _PymunkStepper(Stepper):
         order = batch.Buffer()
         batch.get_space_bodies(space, fields.BODY_ID, order)
         expected = [*bodies, space.static_body.id]
-        if (listed := list(memoryview(order.int_buf()).cast("P"))) != expected:
+        listed = list(memoryview(order.int_buf()).cast("P"))
+        if listed != expected:
             raise RuntimeError(
                 f"pymunk lists the bodies {listed}; expected {expected}, as they were added and the "
                 "static one last"

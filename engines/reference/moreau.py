@@ -1,4 +1,4 @@
-"""Moreau's time stepping behind the engine protocol: the suite's own, at contact fidelity."""
+"""Adapter of the suite's own implementation of Moreau's time stepping, at contact fidelity."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from stiction.scenes import InputError, Scene, Trajectory
 from stiction.scenes.fidelity import Fidelity
 
 SETTINGS = {"clearance": 1e-6, "restitution": 0.0}
-"""Default of each setting. The clearance is far below what is seen of a motion, and far above rounding."""
+"""Default of each setting. The clearance is far below the size of motions, and far above rounding."""
 
 
 class MoreauEngine(Engine):
@@ -60,15 +60,13 @@ class MoreauEngine(Engine):
         return True
 
     def refusal(self, scene: Scene, fidelity: Fidelity) -> str | None:
-        return next(
-            (
-                f"joints.{name}: Moreau's impact law has one coefficient of friction; mus = {guide.mus:g} is not "
-                f"mu = {guide.mu:g}"
-                for name, guide in scene.frictional_guides.items()
-                if guide.static_coefficient != guide.kinetic_coefficient
-            ),
-            None,
-        )
+        for name, guide in scene.frictional_guides.items():
+            if guide.static_coefficient != guide.kinetic_coefficient:
+                return (
+                    f"joints.{name}: Moreau's impact law has one coefficient of friction; mus = "
+                    f"{guide.static_coefficient:g} is not mu = {guide.kinetic_coefficient:g}"
+                )
+        return None
 
     def run(
         self,
@@ -95,16 +93,17 @@ class MoreauEngine(Engine):
             )
         if options["restitution"] > 1:
             raise InputError(f"restitution: found {options['restitution']!r}; expected 0 .. 1")
-        compiled, started = compiling_seconds(), clock()
+        compiled = compiling_seconds()
+        begin = clock()
         mechanism = assembly_of(scene, assembly).whole
         q, v = consistent_start(mechanism)
-        # steps of equal length up to t_end, so that the last one is as long as the others
+        # All steps up to t_end have the same length.
         steps = max(1, round(t_end / dt))
         dt = t_end / steps
         # In metres, as the method has no scale of its own: a mechanism of another size, but the same
         # shape, gets the same motion.
         clearance = options["clearance"] * mechanism.arrays.length_scale
-        assembled = clock() - started
+        assembly_s = clock() - begin
         run = simulate_moreau(
             mechanism,
             q,
@@ -117,7 +116,9 @@ class MoreauEngine(Engine):
         )
         # Kernels may be compiled at their first call anywhere above, which the compiler counts.
         cost = replace(
-            run.cost, setup_s=run.cost.setup_s + assembled, compile_s=compiling_seconds() - compiled
+            run.cost,
+            setup_s=run.cost.setup_s + assembly_s,
+            compile_s=compiling_seconds() - compiled,
         )
         return Trajectory(
             scene=scene.name,

@@ -1,11 +1,11 @@
 """An engine's accelerations under an integrator of high order that locates events.
 
-It separates the error of an engine's equations of motion from that of its stepping. The engine computes accelerations
-in joint coordinates, which fulfil the constraints by themselves. The friction of the guides is determined here, from
-the reactions that belong to those accelerations; the integrator is SciPy's DOP853. In a contact mode friction is linear
-in the reactions and these in the friction. An event is an instant at which an event function of
-`stiction.reference_impl.friction.frozen_mode` falls through zero; event functions are sampled at some instants of each
-step.
+It separates the error of an engine's equations of motion from the error of its steps. The engine computes
+accelerations in joint coordinates, which satisfy the constraints by themselves. The friction of the guides is computed
+here, from the reactions that belong to these accelerations; the integrator is SciPy's DOP853. In a contact mode,
+frictions are linear functions of the reactions, and reactions of the frictions. An event is an instant at which an
+event function of `stiction.reference_impl.friction.frozen_mode` falls through zero; event functions are sampled at some
+instants of each step.
 
 Symbols: y = (x, x') is the state, with the free coordinates x of the links and their rates. `m` are the arrays of the
 mechanism and `w` is its workspace, as in `stiction.engines.shared.step_kernels`.
@@ -46,17 +46,17 @@ FRICTION_LAW = (
 DEFAULT_TOLERANCE = 1e-9
 """Relative tolerance where none is given; that of the reference implementation."""
 _SAMPLES = 8
-"""Instants of a step at which event functions are evaluated. A function that falls below zero and rises again between
-two of them is not noticed; steps of DOP853 are short against changes of the motion."""
-_MOST_EVENTS = 100
-"""Largest number of events in a row without time passing. A scene has a few guides, of three event functions each; more
-events than that follow each other for ever."""
+"""Intervals of a step at whose ends event functions are evaluated. A function that falls below zero and rises again
+within an interval is not noticed; steps of DOP853 are short compared with changes of the motion."""
+_MAX_EVENTS_AT_ONCE = 100
+"""Largest number of events at the same instant. A scene has a few guides with three event functions each; a longer
+sequence would never end."""
 _EVENT_TOLERANCE = 1e-15
-"""Absolute tolerance (s) of Brent's method for the instant of an event: that of rounding at times of seconds. SciPy
-adds its smallest relative one."""
-_DRAWS = 2
-"""Times that the signs of corner forces are corrected: signs change the friction, and this the corner forces once
-more."""
+"""Absolute tolerance (s) of Brent's method for the instant of an event: the rounding of times of seconds. SciPy adds
+its smallest relative tolerance."""
+_SIGN_CORRECTIONS = 2
+"""Number of times that the signs of corner forces are corrected. Other signs change the friction, which changes the
+corner forces once more."""
 
 
 Dynamics = Callable[[np.ndarray, np.ndarray, np.ndarray], tuple[np.ndarray, np.ndarray]]
@@ -65,9 +65,16 @@ links under gravity, each of shape (links,)."""
 
 
 class _Instant(NamedTuple):
-    """Solution at a state in a contact mode: x'', frictions (N), and event functions, shape (frictional, 3).
+    """Solution of the equations of motion at a state in a contact mode.
 
-    The event functions of a guide are that of its slip (or stick), and those of its two corner pairs.
+    Attributes
+    ----------
+    second : ndarray, shape (n,)
+        The second derivatives x''.
+    friction : ndarray, shape (frictional,)
+        The frictions, N.
+    event : ndarray, shape (frictional, 3)
+        The event functions of each guide: of its slip (or stick), and of its two corner pairs.
     """
 
     second: np.ndarray
@@ -106,20 +113,21 @@ class TreeAccelerations:
         self._driven = motors_of(scene, tree, position)
         self._free = np.setdiff1d(np.arange(len(tree.links)), [link for link, *_ in self._driven])
         self.start = np.concatenate([position[self._free], velocity[self._free]])
-        # Of each frictional guide: the index of its displacement in x, and the sign, which is -1
-        # where x decreases as the displacement grows.
+        # For each frictional guide, the index of its coordinate in x, and -1 as its sign if the
+        # coordinate decreases as the displacement grows, otherwise 1.
         links = [tree.link_of_joint[name] for name in scene.frictional_guides]
         self._guides = np.searchsorted(self._free, links)
         self._signs = np.array([tree.links[link].sign for link in links], dtype=float)
-        self._balance, self._loaded = Balance.of(mechanism), bool(scene.springs or scene.forces)
+        self._balance = Balance.of(mechanism)
+        self._loaded = bool(scene.springs or scene.forces)
         self.slip = np.sign(self._slip_speed(self.start)).astype(np.int64)
         self.corner = np.ones((len(links), 4), dtype=np.int64)
 
     def begin(self, y: np.ndarray) -> None:
-        """Choose the contact mode of the start, in place."""
+        """Choose the contact mode of the start, and set the rates of guides at rest in y to zero."""
         for guide in np.flatnonzero(self.slip == 0).tolist():
-            self._rest(0.0, y, guide, held=True)
-        self._draw(0.0, y)
+            self._leave_rest(0.0, y, guide, may_stick=True)
+        self._correct_signs(0.0, y)
 
     def compile(self) -> None:
         """Compile what the solutions call, or load it."""
@@ -128,39 +136,14 @@ class TreeAccelerations:
     def at(self, t: float, y: np.ndarray) -> _Instant:
         """Solve for the accelerations and frictions of a state in the present contact mode."""
         self.calls += 1
-        balance, signs, guides, count = self._balance, self._signs, self._guides, len(self.slip)
-        m, w = balance.m, balance.w
+        count = len(self.slip)
+        m, w = self._balance.m, self._balance.w
         second, mobility = self._without_friction(t, y)
         if not count:
             return _Instant(second, np.zeros(0), np.zeros((0, 3)))
-        # Reactions are linear in the friction. The reactions without friction and with one newton
-        # in each guide give normal forces and moments of the guides: constant + slope @ friction.
-        per_newton = mobility[:, guides] * signs
-        q, v, a = self._motion(t, y, second)
-        assemble(balance, t, q, v, 0.0)
-        constant = self._reactions(a, np.zeros(count))
-        slope = np.stack(
-            [
-                self._reactions(self._motion(t, y, second + added)[2], newton) - constant
-                for added, newton in zip(per_newton.T, np.eye(count))
-            ],
-            axis=-1,
-        )
-        # One equation for each guide: in stick its acceleration is zero, in slip its friction is
-        # Coulomb's, which with the signs of the corner forces is linear in the reactions.
-        matrix, right = np.eye(count), np.zeros(count)
-        for i, direction in enumerate(self.slip):
-            if direction == 0:
-                matrix[i] = signs[i] * per_newton[guides[i]]
-                right[i] = -signs[i] * second[guides[i]]
-            else:
-                s1, s2 = self.corner[i, :2]
-                share = np.array(
-                    friction_coefficients(m, i, direction, s1, s2, m.friction["mu"][i])
-                )
-                matrix[i] -= share @ slope[:, i]
-                right[i] = share @ constant[:, i]
-        friction = np.linalg.solve(matrix, right)
+        per_newton = mobility[:, self._guides] * self._signs
+        constant, slope = self._reactions_by_friction(t, y, second, per_newton)
+        friction = self._solve_friction(second, per_newton, constant, slope)
         # The event functions are those of the reference, which reads the forces from its workspace.
         rows = m.friction["row"]
         w.force[rows], w.force[rows + 1] = constant + slope @ friction
@@ -168,6 +151,59 @@ class TreeAccelerations:
         choose_branches(m, w, self.slip, self.corner, ALL)
         event_functions(m, w, self.slip, self.corner)
         return _Instant(second + per_newton @ friction, friction, w.event.reshape(count, 3).copy())
+
+    def _reactions_by_friction(
+        self, t: float, y: np.ndarray, second: np.ndarray, per_newton: np.ndarray
+    ) -> tuple[np.ndarray, np.ndarray]:
+        """Return the reactions of the frictional guides as linear functions of the frictions.
+
+        Parameters
+        ----------
+        t, y : float, ndarray
+            Time (s) and state.
+        second : ndarray, shape (n,)
+            x'' without friction.
+        per_newton : ndarray, shape (n, frictional)
+            x'' by a friction of one newton in each guide.
+
+        Returns
+        -------
+        constant : ndarray, shape (2, frictional)
+            Normal forces (N) and moments (N m) without friction.
+        slope : ndarray, shape (2, frictional, frictional)
+            Their changes by one newton in each guide.
+        """
+        count = len(self.slip)
+        q, v, a = self._motion(t, y, second)
+        assemble(self._balance, t, q, v, 0.0)
+        constant = self._reactions(a, np.zeros(count))
+        changes = []
+        for added, newton in zip(per_newton.T, np.eye(count)):
+            _, _, a = self._motion(t, y, second + added)
+            changes.append(self._reactions(a, newton) - constant)
+        return constant, np.stack(changes, axis=-1)
+
+    def _solve_friction(
+        self, second: np.ndarray, per_newton: np.ndarray, constant: np.ndarray, slope: np.ndarray
+    ) -> np.ndarray:
+        """Return the frictions (N) of the present contact mode; see `_reactions_by_friction` for the arguments."""
+        # There is one equation for each guide. In stick its acceleration is zero. In slip its
+        # friction is Coulomb's, which with the signs of the corner forces is linear in the reactions.
+        m, signs, guides = self._balance.m, self._signs, self._guides
+        matrix = np.eye(len(self.slip))
+        right = np.zeros(len(self.slip))
+        for i, direction in enumerate(self.slip):
+            if direction == 0:
+                matrix[i] = signs[i] * per_newton[guides[i]]
+                right[i] = -signs[i] * second[guides[i]]
+                continue
+            s1, s2 = self.corner[i, :2]
+            coefficients = np.array(
+                friction_coefficients(m, i, direction, s1, s2, m.friction["mu"][i])
+            )
+            matrix[i] -= coefficients @ slope[:, i]
+            right[i] = coefficients @ constant[:, i]
+        return np.linalg.solve(matrix, right)
 
     def sample(self, t: float, y: np.ndarray) -> tuple[Any, ...]:
         """Return time, coordinates, velocities, accelerations of the bodies, modes and frictions at an instant."""
@@ -177,19 +213,22 @@ class TreeAccelerations:
     def first_event(
         self, curve: Callable[[float], np.ndarray], start: float, end: float
     ) -> tuple[float, int]:
-        """Return the first instant at which an event function falls through zero, and its place in `event`.
+        """Return the first instant at which an event function falls through zero, and the index of the function.
 
-        `end` and -1 if none does. `curve` is the state by the time.
+        Parameters
+        ----------
+        curve : callable
+            The state by the time.
+        start, end : float
+            The times between which events are sought, s.
+
+        Returns
+        -------
+        time : float
+            The instant, s; `end` if there is no event.
+        place : int
+            Index of the function in the flattened `event` of the instant; -1 if there is no event.
         """
-
-        def value(t: float, place: int) -> float:
-            return self.at(t, curve(t)).event.flat[place]
-
-        def time_of_zero(place: int) -> float:
-            if before[place] > 0.0:
-                return brentq(value, low, high, args=(place,), xtol=_EVENT_TOLERANCE)
-            return low
-
         if not len(self.slip):
             return end, -1
         times = np.linspace(start, end, _SAMPLES + 1)
@@ -197,63 +236,84 @@ class TreeAccelerations:
         for low, high in pairwise(times):
             after = self.at(high, curve(high)).event.ravel()
             # A function that is not positive at the start of the step has just had its event: it
-            # rises from there, or its mode ends at once. Later on, one that is not positive was
-            # found in an earlier interval.
+            # rises from there, or its mode ends at once. One that is not positive at a later instant
+            # was found in the interval before.
             falls = np.flatnonzero((after < 0.0) & ((before > 0.0) | (low == start))).tolist()
             if falls:
-                return min((time_of_zero(place), place) for place in falls)
+                zeros = []
+                for place in falls:
+                    time_of_zero = low
+                    if before[place] > 0.0:
+                        time_of_zero = self._zero(curve, place, low, high)
+                    zeros.append((time_of_zero, place))
+                return min(zeros)
             before = after
         return end, -1
+
+    def _zero(
+        self, curve: Callable[[float], np.ndarray], place: int, low: float, high: float
+    ) -> float:
+        """Return the time (s) between low and high at which an event function vanishes."""
+
+        def value(t: float) -> float:
+            return self.at(t, curve(t)).event.flat[place]
+
+        return brentq(value, low, high, xtol=_EVENT_TOLERANCE)
 
     def switch(self, t: float, y: np.ndarray, guide: int, place: int) -> None:
         """Change the contact mode after an event of a guide, in place.
 
-        `place` is that of the event function: 0 of its slip or stick, 1 and 2 of its corners.
+        `place` is the index of the event function of the guide: 0 for slip or stick, 1 and 2 for its corners.
         """
         if self.slip[guide] and place:
             self.corner[guide, place - 1] *= -1
-            self._draw(t, y, but=(guide, place - 1))
+            self._correct_signs(t, y, fixed=(guide, place - 1))
         else:
-            self._rest(t, y, guide, held=bool(self.slip[guide]))
-            self._draw(t, y)
+            self._leave_rest(t, y, guide, may_stick=bool(self.slip[guide]))
+            self._correct_signs(t, y)
 
-    def _rest(self, t: float, y: np.ndarray, guide: int, held: bool) -> None:
-        """Let a guide at rest stick, in place, if static friction can hold it; otherwise slip where the load draws it.
+    def _leave_rest(self, t: float, y: np.ndarray, guide: int, may_stick: bool) -> None:
+        """Set the mode of a guide at rest: stick if it `may_stick` and static friction suffices, otherwise slip.
 
-        Unless it may be `held`, it slips in any case.
+        The rate of the guide in y is set to zero.
         """
-        # Try stick: its friction tells whether it holds, and in which direction the slider goes if not.
-        y[len(y) // 2 :][self._guides[guide]] = 0.0
+        # Try stick. The friction that it needs shows whether stick is possible, and otherwise in which
+        # direction the slider goes.
+        rates = y[len(y) // 2 :]
+        rates[self._guides[guide]] = 0.0
         self.slip[guide] = 0
         instant = self.at(t, y)
-        if not held or instant.event[guide, :2].min() < 0.0:
+        if not may_stick or instant.event[guide, :2].min() < 0.0:
             self.slip[guide] = -np.sign(instant.friction[guide])
 
-    def _draw(self, t: float, y: np.ndarray, but: tuple[int, int] | None = None) -> None:
-        """Choose the signs of the mode as those of the corner forces of sliders that slip, `but` for one."""
-        for _ in range(_DRAWS):
-            wrong = (self.at(t, y).event[:, 1:] < 0.0) & (self.slip != 0)[:, None]
-            if but is not None:
-                wrong[but] = False
-            self.corner[:, :2][wrong] *= -1
+    def _correct_signs(self, t: float, y: np.ndarray, fixed: tuple[int, int] | None = None) -> None:
+        """Set the signs of the mode to those of the corner forces of sliders that slip.
+
+        `fixed` is the guide and the corner pair whose sign is kept, if any.
+        """
+        for _ in range(_SIGN_CORRECTIONS):
+            is_wrong = (self.at(t, y).event[:, 1:] < 0.0) & (self.slip != 0)[:, None]
+            if fixed is not None:
+                is_wrong[fixed] = False
+            self.corner[:, :2][is_wrong] *= -1
 
     def _without_friction(self, t: float, y: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Return x'' without friction, (n,), and x'' by a unit force on each coordinate, as columns, (n, n)."""
-        # The engine's inverse dynamics give the joint forces that the motion without accelerations
-        # of the free coordinates needs. The opposite forces accelerate these coordinates.
+        # The engine's inverse dynamics yield the joint forces of a motion in which the free coordinates
+        # are not accelerated. The opposite forces accelerate these coordinates.
         position, velocity, driven = self._joints(t, y, np.zeros(len(y) // 2))
-        mass, needed = self.dynamics(position, velocity, driven)
+        mass, holding_force = self.dynamics(position, velocity, driven)
         mobility = np.linalg.inv(mass[np.ix_(self._free, self._free)])
-        force = -needed[self._free]
-        # Loads on the bodies become joint forces by their power: the velocities of the bodies for a
-        # unit rate of each joint.
+        force = -holding_force[self._free]
+        # Loads on the bodies become joint forces by their power at a unit rate of each joint.
         if self._loaded:
             q, v, _ = self.tree.motion(position, velocity, driven)
             applied_loads(self._balance, t, q, v, 0.0)
             loads = self._balance.loads
             still = np.zeros(len(position))
             for i, unit in enumerate(np.eye(len(position))[self._free]):
-                force[i] += self.tree.motion(position, unit, still)[1] @ loads
+                _, v, _ = self.tree.motion(position, unit, still)
+                force[i] += v @ loads
         return mobility @ force, mobility
 
     def _reactions(self, a: np.ndarray, friction: np.ndarray) -> np.ndarray:
@@ -286,6 +346,41 @@ class TreeAccelerations:
         return self._signs * y[len(y) // 2 :][self._guides]
 
 
+class _Record:
+    """What the integration of a motion yields.
+
+    A sample contains time (s), coordinates, velocities, accelerations, modes and frictions; see
+    `TreeAccelerations.sample`.
+
+    Attributes
+    ----------
+    samples : list of tuple
+        Samples at the output times.
+    sides : list of tuple
+        Samples before and after each event, in turn.
+    switches : list of tuple of str
+        Kind and guide of each event.
+    steps : int
+        Number of steps of the integrator.
+    """
+
+    def __init__(self) -> None:
+        self.samples: list[tuple[Any, ...]] = []
+        self.sides: list[tuple[Any, ...]] = []
+        self.switches: list[tuple[str, str]] = []
+        self.steps = 0
+
+    def events(self, mechanism: Mechanism) -> tuple[Event, ...]:
+        """Return the events with the columns on both sides."""
+        if not self.switches:
+            return ()
+        rows = rows_of(_columns(mechanism, self.sides))
+        return tuple(
+            Event(self.sides[2 * i][0], kind, guide, rows[2 * i], rows[2 * i + 1])
+            for i, (kind, guide) in enumerate(self.switches)
+        )
+
+
 def integrate(
     accelerations: TreeAccelerations,
     mechanism: Mechanism,
@@ -296,7 +391,7 @@ def integrate(
     output_step: float,
     setup_s: float,
 ) -> Trajectory:
-    """Integrate from t = 0 to t_end with local errors of rtol (1 + |x|), in m, rad and their rates.
+    """Return the motion from t = 0 to t_end, with local errors of rtol (1 + |x|), in m, rad and their rates.
 
     `setup_s` is the CPU time (s) of making the accelerations.
 
@@ -305,48 +400,61 @@ def integrate(
     EngineFailure
         If the step becomes too small, or contact modes follow each other without time passing.
     """
-    scene, started = mechanism.scene, time.process_time()
+    setup_end = time.process_time()
     accelerations.compile()
-    compiled = time.process_time()
+    compile_end = time.process_time()
     accelerations.clock.start()
-    samples: list[tuple[Any, ...]] = []
-    sides: list[tuple[Any, ...]] = []  # before and after each event, in turn
-    switches: list[tuple[str, str]] = []  # kind and guide of each event
-    names = list(scene.frictional_guides)
-    t, y = 0.0, accelerations.start
-    steps = 0
+    record = _integrate_stretches(accelerations, mechanism, t_end, rtol, output_step)
+    stepping_end = time.process_time()
+    cost = Cost(
+        setup_s,
+        compile_end - setup_end,
+        stepping_end - compile_end,
+        {
+            "steps": record.steps,
+            "rhs": accelerations.calls,
+            "events": len(record.switches),
+        },
+        accelerations.clock.engine_s,
+    )
+    return Trajectory(
+        scene=mechanism.scene.name,
+        engine=engine.name,
+        version=engine.version,
+        fidelity=Fidelity.JOINT,
+        t=np.array([t for t, *_ in record.samples]),
+        columns=_columns(mechanism, record.samples),
+        events=record.events(mechanism),
+        settings={"rtol": rtol, "method": METHOD, "friction_law": FRICTION_LAW},
+        cost=cost,
+    )
+
+
+def _integrate_stretches(
+    accelerations: TreeAccelerations,
+    mechanism: Mechanism,
+    t_end: float,
+    rtol: float,
+    output_step: float,
+) -> _Record:
+    """Integrate the motion stretch by stretch, and change the contact mode at each event.
+
+    Between kinks of the laws of time and between events the right-hand side is smooth. A Runge-Kutta method keeps its
+    order only there, so that each stretch is a problem of its own.
+    """
+    record = _Record()
+    guides = list(mechanism.scene.frictional_guides)
+    output = output_times(t_end, output_step)
+    t = 0.0
+    y = accelerations.start
     events_at_once = 0
     accelerations.begin(y)
-    output = output_times(t_end, output_step)
-    # Between kinks of the laws of time and between events the right-hand side is smooth. A
-    # Runge-Kutta method keeps its order only there, so each stretch is a problem of its own.
     for stop in (*mechanism.kinks(t_end), t_end):
         while t < stop:
-            solver = DOP853(
-                lambda t, y: np.concatenate([y[len(y) // 2 :], accelerations.at(t, y).second]),
-                t,
-                y,
-                stop,
-                rtol=rtol,
-                atol=rtol,
-            )
-            event, started_at = -1, t
-            while event < 0 and solver.status == "running":
-                message = solver.step()
-                if solver.status == "failed":
-                    raise EngineFailure(f"{message} (t = {solver.t:.9g} s)")
-                steps += 1
-                # The step ends at its first event, of which only the dense output knows. Samples
-                # up to there are evaluated in the mode of this step.
-                curve = solver.dense_output()
-                end, event = accelerations.first_event(curve, t, solver.t)
-                samples += [
-                    accelerations.sample(at, curve(at))
-                    for at in output[(output >= t) & (output < end)]
-                ]
-                t, y = end, curve(end) if event >= 0 else solver.y
-            events_at_once = events_at_once + 1 if t <= started_at else 0
-            if events_at_once > _MOST_EVENTS:
+            begin = t
+            t, y, event = _integrate_to_event(accelerations, record, output, t, y, stop, rtol)
+            events_at_once = events_at_once + 1 if t <= begin else 0
+            if events_at_once > _MAX_EVENTS_AT_ONCE:
                 raise EngineFailure(
                     f"contact modes follow each other without time passing at t = {t:.9g} s"
                 )
@@ -354,41 +462,59 @@ def integrate(
                 continue
             # Change the mode, and record the event with its values in both modes.
             guide, place = divmod(event, 3)
-            slipped = accelerations.slip[guide]
-            sides.append(accelerations.sample(t, y))
+            slip_before = accelerations.slip[guide]
+            record.sides.append(accelerations.sample(t, y))
             accelerations.switch(t, y, guide, place)
-            sides.append(accelerations.sample(t, y))
-            switches.append((_kind(slipped, accelerations.slip[guide]), names[guide]))
-    samples.append(accelerations.sample(t, y))
-    ended, engine_s = time.process_time(), accelerations.clock.engine_s
-    events = []
-    if switches:
-        rows = rows_of(_columns(mechanism, sides))
-        events = [
-            Event(sides[2 * i][0], kind, guide, rows[2 * i], rows[2 * i + 1])
-            for i, (kind, guide) in enumerate(switches)
-        ]
-    return Trajectory(
-        scene=scene.name,
-        engine=engine.name,
-        version=engine.version,
-        fidelity=Fidelity.JOINT,
-        t=np.array([t for t, *_ in samples]),
-        columns=_columns(mechanism, samples),
-        events=tuple(events),
-        settings={"rtol": rtol, "method": METHOD, "friction_law": FRICTION_LAW},
-        cost=Cost(
-            setup_s,
-            compiled - started,
-            ended - compiled,
-            {"steps": steps, "rhs": accelerations.calls, "events": len(events)},
-            engine_s,
-        ),
-    )
+            record.sides.append(accelerations.sample(t, y))
+            kind = _kind(slip_before, accelerations.slip[guide])
+            record.switches.append((kind, guides[guide]))
+    record.samples.append(accelerations.sample(t, y))
+    return record
+
+
+def _integrate_to_event(
+    accelerations: TreeAccelerations,
+    record: _Record,
+    output: np.ndarray,
+    t: float,
+    y: np.ndarray,
+    stop: float,
+    rtol: float,
+) -> tuple[float, np.ndarray, int]:
+    """Integrate in one contact mode to the first event, or to `stop` (s), and record samples at the `output` times (s).
+
+    Returns
+    -------
+    t, y : float, ndarray
+        Time (s) and state at the end.
+    event : int
+        Index of the event function as in `TreeAccelerations.first_event`; -1 if there is no event.
+    """
+
+    def right_hand_side(t: float, y: np.ndarray) -> np.ndarray:
+        return np.concatenate([y[len(y) // 2 :], accelerations.at(t, y).second])
+
+    solver = DOP853(right_hand_side, t, y, stop, rtol=rtol, atol=rtol)
+    event = -1
+    while event < 0 and solver.status == "running":
+        message = solver.step()
+        if solver.status == "failed":
+            raise EngineFailure(f"{message} (t = {solver.t:.9g} s)")
+        record.steps += 1
+        # The step ends at its first event, which is located on the dense output. Samples up to there
+        # are evaluated in the mode of this step.
+        curve = solver.dense_output()
+        end, event = accelerations.first_event(curve, t, solver.t)
+        for instant in output[(output >= t) & (output < end)]:
+            record.samples.append(accelerations.sample(instant, curve(instant)))
+        y = curve(end) if event >= 0 else solver.y
+        t = end
+    return t, y, event
 
 
 def _columns(mechanism: Mechanism, samples: list[tuple[Any, ...]]) -> dict[str, np.ndarray]:
-    return columns_of_motion(mechanism, *(np.array(part) for part in zip(*samples)))
+    """Return all columns of samples."""
+    return columns_of_motion(mechanism, *(np.array(values) for values in zip(*samples)))
 
 
 def _kind(before: int, after: int) -> str:

@@ -1,4 +1,4 @@
-"""Geometry of contact fidelity: each slider a box in a guide on the ground."""
+"""Geometry of contact fidelity, at which each slider is a box in a guide on the ground."""
 
 from __future__ import annotations
 
@@ -29,51 +29,45 @@ def contact_refusal(scene: Scene) -> str | None:
 
 
 def crowded(scene: Scene, most: int, called: str) -> str | None:
-    """Return why an engine with one bit for each guide in its collision filters cannot keep them apart; None if it can.
+    """Return why an engine with one bit for each guide in its collision filters cannot separate the guides.
 
-    The engine has `most` bits, and is `called` so in messages.
+    None if it can. The engine has `most` bits, and is `called` so in messages.
     """
-    return (
-        f"{len(scene.guides)} guides; {called}'s collision filters, which keep them apart, have room for {most}"
-        if len(scene.guides) > most
-        else None
-    )
+    if len(scene.guides) <= most:
+        return None
+    return f"{len(scene.guides)} guides; {called}'s collision filters, which keep them apart, have room for {most}"
 
 
 def several_guides(scene: Scene) -> str | None:
     """Return the refusal of a body in two guides, for engines that give a body one box; None if there is none."""
-    return next(
-        (
-            f"joints.{name}: its slider slides in joints.{other}, too; here a body touches one guide"
-            for name, other in _of_one_slider(scene)
-        ),
-        None,
-    )
+    for name, other in _guides_of_same_slider(scene):
+        return f"joints.{name}: its slider slides in joints.{other}, too; here a body touches one guide"
+    return None
 
 
 def unlike_guides(scene: Scene) -> str | None:
-    """Return the refusal of a body in two guides of unlike friction; None if there is none.
+    """Return the refusal of a body in two guides with different friction; None if there is none.
 
     It is for engines whose contacts are identified by the two bodies alone.
     """
     friction = {name: (guide.mu, guide.static_coefficient) for name, guide in scene.guides.items()}
-    return next(
-        (
-            f"joints.{name}: its slider slides in joints.{other}, too, with other coefficients; here a body has "
-            "one friction"
-            for name, other in _of_one_slider(scene)
-            if friction[name] != friction[other]
-        ),
-        None,
-    )
+    for name, other in _guides_of_same_slider(scene):
+        if friction[name] != friction[other]:
+            return (
+                f"joints.{name}: its slider slides in joints.{other}, too, with other coefficients; here a body has "
+                "one friction"
+            )
+    return None
 
 
-def _of_one_slider(scene: Scene) -> Iterator[tuple[str, str]]:
+def _guides_of_same_slider(scene: Scene) -> Iterator[tuple[str, str]]:
     """Yield each guide whose slider already has a guide, with the first guide of that slider."""
     first_guide: dict[str, str] = {}
     for name, guide in scene.guides.items():
-        if (other := first_guide.setdefault(guide.slider, name)) != name:
-            yield name, other
+        if guide.slider in first_guide:
+            yield name, first_guide[guide.slider]
+        else:
+            first_guide[guide.slider] = name
 
 
 def direction_of(guide: Translational) -> tuple[float, float]:
@@ -83,7 +77,7 @@ def direction_of(guide: Translational) -> tuple[float, float]:
 
 
 def box_angle(guide: Translational) -> float:
-    """Angle of the box's long side in the slider's axes (rad)."""
+    """Return the angle of the box's long side in the slider's axes, rad."""
     return float(np.arctan2(guide.direction[1], guide.direction[0])) - guide.angle
 
 
@@ -93,11 +87,12 @@ def slider_box(guide: Translational, clearance: float) -> list[tuple[float, floa
     The box is narrower than the guide by the clearance (m). The order of the corners is that of the corner forces F1 ..
     F4: lower rear, lower front, upper front, upper rear.
     """
-    # Corners along and across the box, turned into the axes of the slider
-    angle = box_angle(guide)
-    c, s = cos(angle), sin(angle)
     x0, y0 = guide.slider_point
     length, width = guide.extent
-    a, b = length / 2, (width - clearance) / 2
+    a = length / 2
+    b = (width - clearance) / 2
     corners = ((-a, -b), (a, -b), (a, b), (-a, b))
+    # Turn the corners from the axes of the box into those of the slider.
+    angle = box_angle(guide)
+    c, s = cos(angle), sin(angle)
     return [(x0 + c * x - s * y, y0 + s * x + c * y) for x, y in corners]

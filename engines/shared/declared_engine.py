@@ -1,4 +1,4 @@
-"""Engines that are files of users, with capabilities that a file declares and results in the form of a table."""
+"""Base of engines that are files of users: their capabilities are declared in a file, their results are tables."""
 
 from __future__ import annotations
 
@@ -33,15 +33,34 @@ DEFAULT_RTOL = 1e-6
 """Relative tolerance where none is given."""
 DIFFERENCES = "differences of velocities (adapter)"
 """Setting ``accelerations`` of a trajectory whose engine gave none."""
-_SHOWN = 4
+_MAX_COLUMNS_SHOWN = 4
 """Number of missing columns that a message lists at most."""
 
 
 class Declared(Model):
-    """Capabilities, as docs/how-to/program.md shows them.
+    """Capabilities that a file declares; docs/how-to/program.md explains each key.
 
-    `friction_supplied_by` is the engine behind the file, unless the file says otherwise: a program that drives an
-    engine without Coulomb's law, and computes the friction for it, is its adapter.
+    Attributes
+    ----------
+    fidelity
+        The fidelity of the runs.
+    friction_law
+        The friction law in words; empty if there is none.
+    friction_supplied_by
+        What computes the friction. The default is the engine behind the file. A program that drives an engine without
+        Coulomb's law, and computes the friction for it, is its adapter.
+    static_coefficient
+        Whether static coefficients may differ from kinetic ones.
+    regularized
+        Whether friction is a regularized law, which Coulomb's cone does not bound.
+    impulses
+        Whether steps are formulated in impulses.
+    adaptive
+        Whether steps are adapted to a tolerance.
+    locates_events
+        Whether events are located.
+    order
+        Order of the method.
     """
 
     fidelity: Fidelity = Fidelity.JOINT
@@ -55,26 +74,36 @@ class Declared(Model):
     order: StrictStr = "unknown"
 
     def inconsistencies(self) -> Iterator[tuple[str, Any, str]]:
-        by = self.friction_supplied_by
-        if self.friction_law and by == Supplier.NOBODY:
+        """Yield each contradiction: the key, the value found, and what was expected."""
+        supplier = self.friction_supplied_by
+        if self.friction_law and supplier == Supplier.NOBODY:
             others = ", ".join(repr(str(each)) for each in Supplier if each != Supplier.NOBODY)
             yield (
                 FRICTION_SUPPLIED_BY,
-                str(by),
+                str(supplier),
                 f"expected one of {others}: friction_law is {self.friction_law!r}",
             )
 
 
 class DeclaredEngine(Engine):
-    """Base of engines with declared capabilities."""
+    """Base of engines with declared capabilities.
+
+    Attributes
+    ----------
+    declared : Declared
+        The declared capabilities.
+    reactions : str
+        Source of the reactions, see `Capabilities`.
+    """
 
     declared: Declared
     reactions: ClassVar[str] = "momentum balance"
 
     @cached_property
     def capabilities(self) -> Capabilities:  # type: ignore[override]
-        """Capabilities as the file declares them; it does not say where reactions come from."""
-        declared, fidelity = self.declared, self.declared.fidelity
+        """Capabilities according to the file; the file does not declare the source of reactions."""
+        declared = self.declared
+        fidelity = declared.fidelity
         return Capabilities(
             fidelities=(fidelity,),
             static_coefficient={fidelity: declared.static_coefficient},
@@ -132,42 +161,45 @@ class DeclaredEngine(Engine):
         termination: str,
         assembly: Assembly | None = None,
     ) -> Trajectory:
-        """Return the trajectory of a table; `events` are computed from all its columns.
+        """Return the trajectory of a table.
 
         Missing accelerations are differences of velocities, which the trajectory's setting ``accelerations`` states.
+
+        Parameters
+        ----------
+        scene : Scene
+            The scene.
+        table : ResultTable
+            The rows of the engine.
+        events : callable
+            Returns the events for all columns of the rows.
+        settings : Mapping
+            Settings of the run, to be stored.
+        cost : Cost
+            Cost of the run.
+        termination : str
+            "end", or why the run ended early.
+        assembly : Assembly, optional
+            Mechanisms of the scene.
 
         Raises
         ------
         BadTrajectory
             If columns are missing that cannot be computed from the others.
         """
-        from stiction.reference_impl.multibody.reactions import recover_columns  # compiles
+        # imported here because it compiles kernels
+        from stiction.reference_impl.multibody.reactions import recover_columns
 
-        if missing := [column for column in state_columns(scene) if column not in table.columns]:
-            more = ", .." if len(missing) > _SHOWN else ""
-            raise BadTrajectory(
-                f"{self.name} returned no column {', '.join(missing[:_SHOWN])}{more};"
-                " expected positions and velocities of all bodies"
-            )
-        given = dict(table.columns)
-        derived: dict[str, str] = {}
-        for body in scene.bodies:
-            for velocity, acceleration in zip(VELOCITIES, ACCELERATIONS):
-                if (column := f"{body}.{acceleration}") not in given:
-                    # Differences need one row for each time, and two times at least.
-                    if len(table.first) < max(2, len(table.t)):
-                        raise BadTrajectory(
-                            f"{self.name} returned no column {column}; expected accelerations where a "
-                            "time has two rows, or the run a single one"
-                        )
-                    given[column] = np.gradient(given[f"{body}.{velocity}"], table.t)
-                    derived = {"accelerations": DIFFERENCES}
+        self._check_states(scene, table)
+        accelerations = self._missing_accelerations(scene, table)
+        derived = {"accelerations": DIFFERENCES} if accelerations else {}
+        given = {**table.columns, **accelerations}
         q, v, a = (
             stacked(given, scene.bodies, labels)
             for labels in (POSITIONS, VELOCITIES, ACCELERATIONS)
         )
-        # Forces and modes of the table restrict those that follow from the balance of momentum, and
-        # all columns of the table are kept as they are.
+        # Forces and modes of the table are prescribed when the others are computed by the balance of
+        # momentum. All columns of the table are kept as they are.
         not_of_bodies = {
             name: values
             for name, values in given.items()
@@ -193,9 +225,36 @@ class DeclaredEngine(Engine):
             termination=termination,
         )
 
+    def _check_states(self, scene: Scene, table: ResultTable) -> None:
+        """Raise BadTrajectory if a table lacks positions or velocities."""
+        missing = [column for column in state_columns(scene) if column not in table.columns]
+        if missing:
+            more = ", .." if len(missing) > _MAX_COLUMNS_SHOWN else ""
+            raise BadTrajectory(
+                f"{self.name} returned no column {', '.join(missing[:_MAX_COLUMNS_SHOWN])}{more};"
+                " expected positions and velocities of all bodies"
+            )
+
+    def _missing_accelerations(self, scene: Scene, table: ResultTable) -> dict[str, np.ndarray]:
+        """Return the accelerations that a table lacks, as differences of velocities."""
+        differences: dict[str, np.ndarray] = {}
+        for body in scene.bodies:
+            for velocity, acceleration in zip(VELOCITIES, ACCELERATIONS):
+                column = f"{body}.{acceleration}"
+                if column in table.columns:
+                    continue
+                # Differences need one row for each time, and two times at least.
+                if len(table.first) < max(2, len(table.t)):
+                    raise BadTrajectory(
+                        f"{self.name} returned no column {column}; expected accelerations where a "
+                        "time has two rows, or the run a single one"
+                    )
+                differences[column] = np.gradient(table.columns[f"{body}.{velocity}"], table.t)
+        return differences
+
 
 def read_declaration(file: Path, model: type[Declaration]) -> Declaration:
-    """Read a TOML file of a model; raise FileError with all its problems at once."""
+    """Return the TOML file of a model, validated; raise FileError with all its problems at once."""
     try:
         return model.model_validate(read_toml(file, str(file)))
     except ValidationError as error:

@@ -1,4 +1,4 @@
-"""The refusal of a start off its constraints, which an engine would silently correct, or keep."""
+"""Refusal of an initial state off its constraints, which an engine would silently correct or keep."""
 
 from __future__ import annotations
 
@@ -17,18 +17,18 @@ precision."""
 
 
 def refuse_off(assembly: Assembly) -> None:
-    """Raise Declined for a start off the constraints of its joints and drives, with the largest residual."""
-    scene, mechanisms, size = assembly.scene, assembly.parts, assembly.size
-    rates = [
-        abs(rate)
-        for body in scene.bodies.values()
-        for rate in (*body.velocity, size * body.angular_velocity)
-    ]
-    speed = max([size, *rates])
-    # Residuals of all rows of all parts; the zeros are for scenes without any
-    position, velocity = [0.0], [0.0]
-    for mechanism in mechanisms:
-        m, w = mechanism.arrays, workspace(mechanism.arrays)
+    """Raise Declined if the initial state violates the constraints of joints and drives."""
+    size = assembly.size
+    speed = size
+    for body in assembly.scene.bodies.values():
+        vx, vy = body.velocity
+        speed = max(speed, abs(vx), abs(vy), abs(size * body.angular_velocity))
+    # Collect the residuals of all rows of all parts; the zeros are for scenes without rows.
+    position = [0.0]
+    velocity = [0.0]
+    for mechanism in assembly.parts:
+        m = mechanism.arrays
+        w = workspace(m)
         row_form(m, w, 0.0, *mechanism.initial_state())
         position += w.phi.tolist()
         velocity += w.phi_dot.tolist()

@@ -1,4 +1,4 @@
-"""Siconos behind the engine protocol: its declaration, how it is installed, and bounds of its settings."""
+"""Adapter of Siconos: its declaration, the Python that has it, and bounds of its settings."""
 
 from __future__ import annotations
 
@@ -16,10 +16,14 @@ from stiction.scenes import InputError, Scene, Trajectory
 from stiction.scenes.fidelity import Fidelity
 
 DECLARATION = Path(__file__).with_name("siconos.toml")
-SYSTEM_PYTHON, PYTHON_VARIABLE = "/usr/bin/python3", "STICTION_SICONOS_PYTHON"
-"""The Python of the declaration, and the environment variable that names another one that has Siconos."""
-BRINGS = "apt-get install python3-siconos brings it (Debian)"
+SYSTEM_PYTHON = "/usr/bin/python3"
+"""Python of the declaration."""
+PYTHON_VARIABLE = "STICTION_SICONOS_PYTHON"
+"""Environment variable with the path of another Python that has Siconos."""
+INSTALLATION = "apt-get install python3-siconos brings it (Debian)"
+"""How to install Siconos, for messages."""
 BLOCKS = ("nsgs", "cpg", "lemke", "enum")
+"""Values of the setting `block`, the default first."""
 BOUNDS = {
     "theta": (0.5, 1.0),
     "clearance": (1e-12, 1.0),
@@ -27,7 +31,7 @@ BOUNDS = {
     "tolerance": (1e-14, 1e-3),
     "iterations": (1, 10**9),
 }
-"""Smallest and largest value of each setting that is a number, of its type."""
+"""Smallest and largest value of each setting that is a number."""
 
 
 class SiconosEngine(ProgramEngine):
@@ -39,28 +43,32 @@ class SiconosEngine(ProgramEngine):
     of Gauss-Seidel; `block`, the solver of one contact within an iteration: nsgs, cpg, lemke or enum.
     """
 
-    name, reactions = "siconos", "engine"
+    name = "siconos"
+    reactions = "engine"
 
     def __init__(self) -> None:
         try:
             super().__init__(DECLARATION)
         except EngineBroken as error:
-            # A Python without Siconos, or without NumPy, ends with the traceback of the import, of
-            # which `EngineBroken` quotes the lines. The last line is the cause.
-            last = str(error).partition("; expected a line")[0].rpartition(" | ")[2].strip()
-            if last.startswith("ModuleNotFoundError"):
+            # A Python without Siconos, or without NumPy, ends with the traceback of the import, whose
+            # lines are quoted by `EngineBroken`. The last line is the cause.
+            lines = str(error).partition("; expected a line")[0]
+            cause = lines.rpartition(" | ")[2].strip()
+            if cause.startswith("ModuleNotFoundError"):
                 raise EngineMissing(
-                    f"{self.name}: {_python()} does not have it; {BRINGS}"
+                    f"{self.name}: {_python()} does not have it; {INSTALLATION}"
                 ) from error
             raise EngineBroken(
-                f"{self.name}: {_python()} cannot run it: {last}; {BRINGS}"
+                f"{self.name}: {_python()} cannot run it: {cause}; {INSTALLATION}"
             ) from error
         except EngineMissing as error:
-            raise EngineMissing(f"{self.name}: found no program {_python()}; {BRINGS}") from error
+            raise EngineMissing(
+                f"{self.name}: found no program {_python()}; {INSTALLATION}"
+            ) from error
 
-    def _found(self, word: str) -> Path:
+    def _find_program(self, word: str) -> Path:
         """Return the Python that has Siconos: the declaration's, or that of the environment variable."""
-        return super()._found(_python() if word == SYSTEM_PYTHON else word)
+        return super()._find_program(_python() if word == SYSTEM_PYTHON else word)
 
     def run(
         self,
@@ -74,18 +82,14 @@ class SiconosEngine(ProgramEngine):
         settings: Mapping[str, Any],
         assembly: Assembly | None = None,
     ) -> Trajectory:
-        # The declaration gives the types of settings; their bounds are checked here, before the
+        # The declaration defines the types of settings; their bounds are checked here, before the
         # program starts. The start is checked too, as the program would correct it silently.
-        settings_of(
-            settings,
-            {"block": BLOCKS, **{name: least for name, (least, _) in BOUNDS.items()}},
-            self.name,
-            fidelity,
-        )
-        for name, value in settings.items():
-            if name in BOUNDS and not BOUNDS[name][0] <= value <= BOUNDS[name][1]:
+        lower_bounds = {name: smallest for name, (smallest, _) in BOUNDS.items()}
+        settings_of(settings, {"block": BLOCKS, **lower_bounds}, self.name, fidelity)
+        for name, (smallest, largest) in BOUNDS.items():
+            if name in settings and not smallest <= settings[name] <= largest:
                 raise InputError(
-                    f"{name}: found {value!r}; expected {BOUNDS[name][0]:g} .. {BOUNDS[name][1]:g}"
+                    f"{name}: found {settings[name]!r}; expected {smallest:g} .. {largest:g}"
                 )
         assembly = assembly_of(scene, assembly)
         refuse_off(assembly)
@@ -102,4 +106,5 @@ class SiconosEngine(ProgramEngine):
 
 
 def _python() -> str:
+    """Return the path of the Python that runs Siconos."""
     return os.environ.get(PYTHON_VARIABLE, SYSTEM_PYTHON)

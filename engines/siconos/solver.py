@@ -1,21 +1,21 @@
-"""Moreau-Jean time stepping of a resolved scene by the kernel of Siconos: a program for a Python that has it.
+"""Moreau-Jean time stepping of a resolved scene by the kernel of Siconos, as a program for a Python that has it.
 
-All bodies are one LagrangianDS with q = (x, y, angle of each body, time). Time is a coordinate of rate 1 and endless
-inertia, so that a row of a relation may hold what the clock adds to it. Relations are LagrangianLinearTIR whose
-matrices are those of the mechanism at q_M = q + h/2 v, t_M = t + h/2, written in place before each step: one for all
-that is held (pins, drives, angles of sliders without length), with an EqualityConditionNSL, and one for each corner
-that may touch a surface, normal and tangent, with a NewtonImpactFrictionNSL. MoreauJeanOSI steps, GenericMechanical
-solves:
+All bodies are one LagrangianDS with q = (x, y, angle of each body, time). Time is a coordinate with the rate 1 and an
+infinite inertia, so that the rows of a relation can depend on time. Relations are LagrangianLinearTIR whose matrices
+are those of the mechanism at q_M = q + h/2 v, t_M = t + h/2, written in place before each step: one with an
+EqualityConditionNSL for all bilateral constraints (pins, drives, angles of sliders without length), and one with a
+NewtonImpactFrictionNSL for the normal and the tangent of each corner that may touch a surface. MoreauJeanOSI and
+GenericMechanical solve
 
     M (v+ - v) = h F(t_M, q_M, v) + J' L + sum of C' P,    q+ = q + h (theta v+ + (1 - theta) v)
     J v+ = rate - Phi/h,    0 <= P_N _|_ C_N (v+ + e v) >= 0,    |P_T| <= mu P_N, against the slip C_T v+
 
-A corner takes part where its gap at q_M is not positive: the kernel asks for y + h/2 y' <= 0. What is held adds
-r J' (rate - Phi/h - J v+), which is zero in the solution, to the balance: Gauss-Seidel sees M + r J'J instead of M.
-Then held rows and corners hardly depend on each other (the method of multipliers, Hestenes 1969).
+A corner is active if its gap at q_M is not positive: the kernel requires y + h/2 y' <= 0. The bilateral constraints
+add r J' (rate - Phi/h - J v+), which is zero in the solution, to the balance, so that Gauss-Seidel uses M + r J'J
+instead of M. Then constraints and corners hardly depend on each other (the method of multipliers, Hestenes 1969).
 
-Symbols: q, v are coordinates and velocities, h is the step, F the applied forces, J the rows of what is held, L their
-impulses, C the two rows (normal, tangent) of a corner, P its impulses, W the matrix that the kernel takes for M.
+Symbols: q, v are coordinates and velocities, h is the step, F the applied forces, J the rows of the constraints, L
+their impulses, C the two rows (normal, tangent) of a corner, P its impulses, W the matrix that the kernel takes for M.
 `frames` are positions and angles of all bodies.
 """
 
@@ -31,15 +31,15 @@ import numpy as np
 
 Scene = dict[str, Any]
 Frames = dict[int | None, tuple[float, float, float, float, float]]
-"""Position, cosine and sine of its angle, and angle of each body by its number; of the ground by None."""
+"""Position, cosine and sine of the angle, and angle, by the number of the body; None is the ground."""
 Function = Callable[[Frames, np.ndarray], float]
 """Computes a coordinate from the frames of all bodies, and writes its derivatives to the row."""
 ENDLESS = 1e30
-"""Inertia of the clock in units of the largest mass: the change of its rate by any force is below rounding."""
+"""Inertia of the time coordinate in units of the largest mass, so that forces change its rate by less than rounding."""
 STIFF = 1e4
-"""r times J M^-1 J'. Iterations per step in case 1 are 561 without, and 44, 39 and 39 with 1e2, 1e4 and 1e6."""
+"""Value of r J M^-1 J'. In case 1 a step takes 561 iterations without it, and 44, 39 and 39 with 1e2, 1e4 and 1e6."""
 AT_REST = 100
-"""Slip speed in units of the step's tolerance below which a corner rests: what the solver leaves of a slip of zero."""
+"""Slip speed in units of the step's tolerance below which a corner is at rest: error of the solver in stick."""
 UNSOLVED = 1000
 """Residual of a step in units of its tolerance above which the program ends."""
 LEAST_FACTOR = 1e-3
@@ -50,16 +50,17 @@ SMALLEST = 1e-300
 NEVER = 1e12
 """End of the kernel's model in seconds, which no run reaches."""
 GRID_ROUNDING = 1e-9
-"""Part of a step that is rounding of a quotient of an interval and the step."""
+"""Rounding of the quotient of an interval and the step."""
 BLOCK = 3
-"""Place of the solver of a contact in the plane among the solvers inside GenericMechanical."""
+"""Index of the solver of a planar contact among the solvers of GenericMechanical."""
 
 
 class Law:
-    """Value and rate of a law of time."""
+    """A law of time; a call returns value and rate at a time (s)."""
 
     def __init__(self, data: Scene) -> None:
-        self.data, self.kind = data, data["type"]
+        self.data = data
+        self.kind = data["type"]
         if self.kind == "table":
             # x, y: the points of the table
             x, y = np.array(data["times"]), np.array(data["values"])
@@ -97,14 +98,14 @@ class Law:
             + (y[i] / h - b * h / 6) * u
         )
         rate = (b * u**2 - a * s**2) / (2 * h) + (y[i] - y[i - 1]) / h - h / 6 * (b - a)
-        # Outside, a cubic table goes on along the tangent of its end, a linear one at its value.
+        # Outside, a cubic table continues along the tangent of its end, a linear one with its last value.
         if data["interpolation"] == "cubic":
             return value + rate * (t - inside), rate
         return value, rate if inside == t else 0.0
 
 
 def angle(place: dict[str, int], bodies: list[str]) -> Function:
-    """Make the function of the angle between two bodies."""
+    """Return the function of the angle between two bodies; `place` contains their numbers."""
     a, b = (place.get(name) for name in bodies)
 
     def at(frames: Frames, row: np.ndarray) -> float:
@@ -119,7 +120,7 @@ def angle(place: dict[str, int], bodies: list[str]) -> Function:
 def distance(
     place: dict[str, int], bodies: list[str], points: Any, axis: Any = None, of_ground: bool = False
 ) -> Function:
-    """Make the function of the distance of two points, or of their coordinate along an axis.
+    """Return the function of the distance of two points, or of their coordinate along an axis.
 
     The axis is the second body's, or the ground's.
     """
@@ -156,7 +157,7 @@ def distance(
 
 
 def coordinate(place: dict[str, int], element: Scene) -> Function:
-    """Make the function of a drive or a spring."""
+    """Return the function of the coordinate of a drive or a spring."""
     if element["type"] in ("angle", "torsional"):
         return angle(place, element["bodies"])
     return distance(place, element["bodies"], element["points"], element["axis"])
@@ -207,7 +208,7 @@ class Contact:
             self.frictions.append(f"{name}.friction_{'lower' if self.side > 0 else 'upper'}")
 
     def look(self) -> None:
-        """Keep references to the kernel's own arrays of it, which are written and read in place."""
+        """Store references to the kernel's arrays of the contact, which are written and read in place."""
         self.C, self.e, self.P = self.relation.C(), self.relation.e(), self.interaction.lambda_(1)
         self.y, self.rate, self.before = (
             self.interaction.y(0),
@@ -216,14 +217,14 @@ class Contact:
         )
 
     def write(self, frames: Frames, q: np.ndarray) -> None:
-        """Write the relation at the frames of q; its output there is the gap."""
+        """Write the relation at q and its frames; its output there is the gap."""
         value = self.normal(frames, self.C[0])
         self.C[0] *= self.side
         self.tangent(frames, self.C[1])
         self.e[0] = self.side * value + self.room - self.C[0] @ q
 
     def add(self, impulses: dict[str, float]) -> None:
-        """Add its impulses to those of the guide's columns."""
+        """Add the impulses of the contact to those of the guide's columns."""
         normal, friction = self.P.tolist()
         impulses[self.resultant] += self.side * normal
         impulses[self.moment] += self.along * self.side * normal - self.across * friction
@@ -298,7 +299,7 @@ class Mechanism:
         )
 
     def _build(self, q: list[float], v: list[float], chosen: Scene) -> None:
-        """Make the kernel's objects."""
+        """Make the kernel's objects for the start q, v and the chosen settings."""
         import siconos.kernel as kernel
         import siconos.numerics as numerics
 
@@ -366,7 +367,7 @@ class Mechanism:
         return total
 
     def step(self, t: float) -> list[float]:
-        """Let the kernel make the step from time t; return the mean accelerations and reactions in it."""
+        """Take the step from time t (s), and return its mean accelerations, reactions and modes."""
         # Everything that depends on positions is evaluated at the midpoint of the step.
         h, n, v = self.h, self.n, self.v.copy()
         middle = self.q + h / 2 * v
@@ -387,8 +388,8 @@ class Mechanism:
         small = self.tolerance * speed
         for contact in self.contacts:
             contact.write(frames, middle)
-            # Whether the static or the kinetic coefficient applies follows from the last step in
-            # which the guide had a contact; before it has had one, from its present speed.
+            # The last step in which the guide had a contact decides whether the static or the kinetic
+            # coefficient applies. Before the first contact, the present speed decides.
             if contact.mode not in self.slips:
                 self.slips[contact.mode] = self._direction(contact, v, small)
             contact.law.setMu(contact.mu if self.slips[contact.mode] else contact.mus)
@@ -398,8 +399,8 @@ class Mechanism:
         self.W[:n, :n] = np.diag(self.mass[:n]) + (held.T * r) @ held
         self.applied[:] = F
         self.applied[:n] -= (r * (self.J @ v)) @ held / h
-        # The kernel weights these forces by theta, and those of the step before, which are set to
-        # zero at the end of each step, by 1 - theta.
+        # The kernel weights these forces by theta, and those of the previous step, which are set to zero
+        # at the end of each step, by 1 - theta.
         self.applied /= self.theta
         # errors of the kernel are absolute in what is held, and relative to 1 + speed in contacts
         self.reals[self.precision] = small * (1 / (1 + speed) + LEAST_FACTOR)
@@ -477,7 +478,7 @@ class Mechanism:
 
     def _modes(self, closed: list[Contact], small: float) -> list[int]:
         """Return directions of slip of guides with friction, each at the corner with the largest normal force."""
-        # the last one that is written is that of the largest
+        # The contacts are sorted by their normal force, so that the largest one is written last.
         for contact in sorted(closed, key=lambda contact: contact.P[0]):
             self.slips[contact.mode] = self._direction(contact, self.v, small)
         return [self.slips[mode] for mode in self.modes]
@@ -497,7 +498,7 @@ def size_of(scene: Scene) -> float:
 def main(
     scene_file: str, result_file: str, report_file: str, dt: str, output_step: str, *settings: str
 ) -> None:
-    """Read the scene, step to its end, write the table."""
+    """Read the scene, simulate it to its end, and write the table and the report."""
     with open(scene_file, encoding="utf-8") as file:
         scene = json.load(file)["scene"]
     pairs = (setting.split("=") for setting in settings)
@@ -535,4 +536,7 @@ def main(
 if __name__ == "__main__":
     import siconos.kernel  # an installation without the kernel has no version
 
-    print(siconos.version) if sys.argv[1:] == ["--version"] else main(*sys.argv[1:])
+    if sys.argv[1:] == ["--version"]:
+        print(siconos.version)
+    else:
+        main(*sys.argv[1:])

@@ -1,6 +1,7 @@
 """What an engine returns passes one gate, whoever asked for it: a trajectory that is none of this run is a failed run with its reason."""
 
 import math
+import re
 from dataclasses import replace
 from pathlib import Path
 
@@ -14,13 +15,14 @@ from typer.testing import CliRunner
 
 from stiction.cli.app import app
 from stiction.engines import BadTrajectory, EngineFailure, load_engine
-from stiction.engines.coherence import check_balance
+from stiction.engines.coherence import check_balance, check_momentum_of_steps
 from stiction.engines.examined import Examined
 from stiction.engines.gate import first_problem, required_columns
 from stiction.engines.reference.engine import ReferenceEngine
 from stiction.reference_impl.multibody.reactions import recover_columns
 from stiction.scenes import Breakdown, Cost, Scene, load_scene, scene_from_dict, vary
 from stiction.scenes.columns import BODY_COLUMNS
+from stiction.scenes.fidelity import Fidelity
 
 SCENE, T_END = "slider-bar-case-1", 4.5  # holds the first stick and slip
 
@@ -560,6 +562,33 @@ def test_friction_of_a_fixed_step_that_does_not_move_the_mechanism_as_it_moves(
 ):
     with pytest.raises(BadTrajectory, match=words):
         Stepped().simulate(load_scene(name), rtol=1e-8, friction=friction)
+
+
+def test_friction_of_a_pin_that_does_not_fit_the_motion_is_reported_in_newton_metres():
+    """Friction of the other sign: the reported moment is -tau, and the needed one tau, the bound in slip."""
+    scene = load_scene("pendulum-dry-pin")
+    run = load_engine("reference").simulate(scene, t_end=0.3)
+    opposite = replace(
+        run,
+        columns={**run.columns, "pin.friction": -run["pin.friction"]},
+        settings={"dt": 1e-4},
+    )
+    examined = Examined(
+        trajectory=opposite,
+        scene=scene,
+        t_end=0.3,
+        dt=None,
+        output_step=float(run.t[1]),
+        fidelity=Fidelity.JOINT,
+        locates=lambda settings: False,
+        keeps=lambda settings: True,
+    )
+    problem = next(check_momentum_of_steps(examined))
+    reported, needed = re.match(
+        r"pin\.friction = (\S+) at t = \S+ s; expected (\S+),", problem
+    ).groups()
+    tau = scene.joints["pin"].friction
+    assert float(reported) == pytest.approx(-tau) and float(needed) == pytest.approx(tau)
 
 
 @pytest.mark.parametrize(

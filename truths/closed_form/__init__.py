@@ -1,1 +1,1 @@
-"""Truths in closed form."""
+"""Truths in closed form: formulas that are exact up to rounding."""

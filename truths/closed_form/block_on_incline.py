@@ -1,11 +1,12 @@
-"""Block on an incline: rest or an exact parabola.
+"""Block on an incline, whose motion is rest or an exact parabola.
 
-With d the direction of the guide, n its normal, G = m (g.d) and R = -m (g.n): x'' = (G - mu N sgn x')/m along the
-guide; at rest it stays where |G| <= mus N, else it starts along sgn G. On a guide at angle beta to gravity's
-horizontal this is: it sticks where tan(beta) <= mus, and slides with g (sin beta - mu cos beta).
+With d the direction of the guide, n its normal, G = m (g.d) and R = -m (g.n), the block obeys
+x'' = (G - mu N sgn x')/m along the guide. A block at rest stays there if |G| <= mus N, and otherwise starts along
+sgn G. On a guide at the angle beta to the horizontal, it sticks if tan(beta) <= mus, and slides with
+g (sin beta - mu cos beta).
 
-A constant bound of friction F adds to mu N, and F_s to mus N. On a vertical guide, N = 0: it holds where m g <= F_s,
-and sinks with g - F/m where not.
+A constant bound of friction F adds to mu N, and F_s to mus N. On a vertical guide N = 0: the block stays at rest if
+m g <= F_s, and otherwise sinks with the acceleration g - F/m.
 """
 
 from __future__ import annotations
@@ -43,11 +44,21 @@ INCLINE = Structure(
 _ROUNDING = 8 * EPS
 """Relative rounding of the columns: a parabola takes some eight operations."""
 _SAMPLES = 200
-"""Instants at which the size of columns is taken; it scales the rounding, and need not be exact."""
+"""Number of instants at which the magnitude of columns is taken; it scales the rounding, and need not be exact."""
 
 
 class _Phase(NamedTuple):
-    """Constant acceleration a along the guide from (start, x, v) on; `slip` is its direction, 0 at rest."""
+    """A phase of constant acceleration along the guide.
+
+    Attributes
+    ----------
+    start, x, v : float
+        Time (s), position (m) and velocity (m/s) at the start.
+    a : float
+        Acceleration, m/s^2.
+    slip : int
+        Direction of slip, 0 at rest.
+    """
 
     start: float
     x: float
@@ -57,16 +68,18 @@ class _Phase(NamedTuple):
 
 
 def incline_truth(scene: Scene, t_end: float | None = None) -> Truth:
-    """Return the motion of a block that nothing but gravity and a straight fixed guide with friction acts on."""
+    """Return the motion of a block on a straight fixed guide with friction, under gravity alone."""
     match = INCLINE.match(scene)
     name, guide = match.name("guide"), match["guide"]
     block = match.bodies["block"]
-    body, contact = scene.bodies[block], Contact.of(guide)
+    body = scene.bodies[block]
+    contact = Contact.of(guide)
     t_end = scene.t_end if t_end is None else t_end
     direction = np.array(guide.direction) / np.hypot(*guide.direction)
     across = np.array([-direction[1], direction[0]])
     gravity = np.array(scene.gravity)
-    pull, R = body.mass * gravity @ direction, -body.mass * gravity @ across
+    pull = body.mass * gravity @ direction
+    R = -body.mass * gravity @ across
 
     has_bound = guide.friction is not None
     if has_bound and guide.length is not None:
@@ -78,7 +91,8 @@ def incline_truth(scene: Scene, t_end: float | None = None) -> Truth:
     static_friction = static_bound + float(contact.capacity(R, 0.0, contact.mus))
 
     def begin_phase(start: float, x: float, v: float) -> _Phase:
-        # At rest the pull decides: it starts along the pull if static friction does not hold it.
+        """Return the phase that begins in a state."""
+        # From rest the block starts along the pull if static friction does not suffice.
         slip = int(np.sign(v))
         if slip == 0 and abs(pull) > static_friction:
             slip = int(np.sign(pull))
@@ -87,8 +101,8 @@ def incline_truth(scene: Scene, t_end: float | None = None) -> Truth:
         a = (pull - slip * kinetic_friction) / body.mass if slip else 0.0
         return _Phase(start, x, v, a, slip)
 
-    # All forces are constant, so that there are two phases at most: a block that is slowed down
-    # stops once, and then rests or slides back for good.
+    # All forces are constant, so that there are two phases at most: a block that is decelerated stops
+    # once, and then rests or slides back for good.
     position = np.array(body.position) - np.array(guide.point)
     speed_at_start = float(np.array(body.velocity) @ direction)
     first = begin_phase(0.0, float(position @ direction), speed_at_start)
@@ -103,10 +117,12 @@ def incline_truth(scene: Scene, t_end: float | None = None) -> Truth:
         )
         start, x, speed, a, slip = (np.array(column)[owner] for column in zip(*motion))
         since = t - start
-        s, v = x + speed * since + a * since**2 / 2, speed + a * since
-        # in slip by Coulomb's law, at rest by equilibrium
+        s = x + speed * since + a * since**2 / 2
+        v = speed + a * since
+        # Friction follows from Coulomb's law in slip, and from equilibrium at rest.
         friction = np.where(slip != 0, -slip * kinetic_friction, -pull)
-        # a guide with a constant bound has no length, and no friction of its surfaces that phi would split
+        # A guide with a constant bound has no length, and no friction of its surfaces that phi would
+        # divide.
         phi = 0.0 * t if has_bound else contact.mobilization(R, 0.0, friction)
         offset = np.array(guide.point) + (position @ across) * across
         d = direction[:, None]

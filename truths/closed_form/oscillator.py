@@ -2,11 +2,11 @@
 
     m x'' = -k (x - x0) + F0 + P sin(Omega t + phi) - mu N sgn(x' - u)
 
-with a surface that moves at constant speed u (0: Den Hartog's oscillator; not 0: mass on a belt). In slip this is a
-linear oscillator about a shifted centre, in stick x' = u. A constant bound of friction (`friction` of the guide) adds
-to mu N, and `static_friction` to mus N. A phase ends at the first zero of an elementary function
-whose third derivative is bounded. `first_zero` steps towards it from the left over h where the Taylor polynomial minus
-the bound is positive: it can overlook no zero, and converges like Newton's method.
+with a surface that moves at constant speed u (u = 0: Den Hartog's oscillator, otherwise a mass on a belt). In slip this
+is a linear oscillator about a shifted centre, in stick x' = u. A constant bound of friction (`friction` of the guide)
+adds to mu N, and `static_friction` to mus N. A phase ends at the first zero of an elementary function whose third
+derivative is bounded. `first_zero` approaches it from the left by steps within which the Taylor polynomial minus the
+bound is positive. It cannot overlook a zero, and converges like Newton's method.
 """
 
 from __future__ import annotations
@@ -75,7 +75,7 @@ ON_BELT = Structure(
     any_names=True,
 )
 _STARTING = 1e-6
-"""Fraction of 1/wn for which a slip phase is known not to end (it starts at relative velocity zero)."""
+"""Fraction of 1/wn within which a slip phase does not end, although it starts at relative velocity zero."""
 _REAL = 1e-12
 """Imaginary part, relative to 1 and the real part, up to which a root of the bounding cubic is real: its rounding."""
 _CONVERGED = 4 * EPS
@@ -85,24 +85,24 @@ _RESONANCE = 1e-6
 _ROUNDING = 8 * EPS
 """Relative rounding of each phase; those of all phases add up."""
 _SAMPLES = 2000
-"""Instants at which the size of columns is taken; it scales the rounding, and need not be exact."""
+"""Number of instants at which the magnitude of columns is taken; it scales the rounding, and need not be exact."""
 
 
 def first_zero(
     function: Callable[[float], tuple[float, float, float]], bound: float, start: float, end: float
 ) -> float:
-    """Find the first t >= start at which a positive function reaches zero; inf if it does not before end.
+    """Return the first t >= start at which a positive function reaches zero; inf if there is none before end.
 
-    The function gives its value, first and second derivative; `bound` is that of the third.
+    `function` returns the value and the first two derivatives; `bound` is the bound of the third derivative.
     """
     t = start
     while t < end:
         value, first, second = function(t)
         if value <= 0:
             return t
-        # value + first h + second h^2/2 - bound h^3/6 is a lower bound of the function ahead. Up to
-        # its first root there is no zero, so that the step to it passes over none; at a simple zero
-        # the steps shrink quadratically.
+        # value + first h + second h^2/2 - bound h^3/6 is a lower bound of the function at t + h. Up to
+        # its first root the function has no zero, so that the step to the root overlooks none. At a
+        # simple zero the steps converge quadratically.
         coefficients = [second / 2, first, value]
         if bound:
             coefficients.insert(0, -bound / 6)
@@ -118,10 +118,24 @@ def first_zero(
 
 @dataclass(frozen=True)
 class DryOscillator:
-    """A mass on a spring that rubs on a surface of constant speed; symbols as in the module's equation.
+    """A mass on a spring with friction on a surface of constant speed; see the module's equation.
 
-    `load` is F0 + P sin(Omega t + phi); of the `normal` force R of the guide `slider_contact.py` with M = 0 makes N
-    (|R| unless mu b > a). `bound` and `static_bound` are the constant parts of the bounds of friction, N.
+    Attributes
+    ----------
+    mass, stiffness, anchor : float
+        m (kg), k (N/m) and x0 (m).
+    load : Sine
+        F0 + P sin(Omega t + phi), N.
+    speed : float
+        Speed u of the surface, m/s.
+    normal : float
+        Normal force R of the guide, N, which yields N by `slider_contact.py` with M = 0 (|R| unless mu b > a).
+    contact : Contact
+        Dimensions and coefficients of the guide.
+    x, v : float
+        Position (m) and velocity (m/s) at t = 0.
+    bound, static_bound : float
+        Constant parts of the bounds of friction in slip and at rest, N.
     """
 
     mass: float
@@ -142,7 +156,7 @@ class DryOscillator:
         return float(np.sqrt(self.stiffness / self.mass))
 
     def capacity(self, coefficient: float) -> float:
-        """coefficient * N with friction fully mobilized at that coefficient, N."""
+        """Return the largest friction by a coefficient, N."""
         return self.contact.capacity(self.normal, 0.0, coefficient)
 
     @property
@@ -156,8 +170,8 @@ class DryOscillator:
         return self.static_bound + self.capacity(self.contact.mus)
 
     def forcing(self, t, derivative: int = 0):
-        """The load or a derivative of it."""
-        # a derivative of a sine is a sine a quarter of a turn ahead, times its frequency
+        """Return the load at times t (s), or one of its derivatives."""
+        # The derivative of a sine is its frequency times a sine that leads by a quarter of a turn.
         f = self.load
         constant = f.offset if derivative == 0 else 0.0
         angle = f.frequency * t + f.phase + derivative * np.pi / 2
@@ -166,7 +180,19 @@ class DryOscillator:
 
 @dataclass(frozen=True)
 class Phase:
-    """Slip along `slip` = sgn(x' - u), or stick (0), from (start, x, v) to end."""
+    """A phase of slip or stick.
+
+    Attributes
+    ----------
+    oscillator : DryOscillator
+        The oscillator.
+    slip : int
+        sgn(x' - u), or 0 in stick.
+    start, x, v : float
+        Time (s), position (m) and velocity (m/s) at the start.
+    end : float
+        End of the phase, s.
+    """
 
     oscillator: DryOscillator
     slip: int
@@ -176,7 +202,7 @@ class Phase:
     end: float = np.inf
 
     def _slip_solution(self) -> tuple[float, float, float, float]:
-        """Centre, amplitude of the forced part, and cosine and sine amplitude of the free part."""
+        """Return the centre, the amplitude of the forced part, and the cosine and sine amplitudes of the free part."""
         o, f = self.oscillator, self.oscillator.load
         centre = o.anchor + (f.offset - self.slip * o.kinetic_friction) / o.stiffness
         forced = f.amplitude / (o.stiffness - o.mass * f.frequency**2) if f.amplitude else 0.0
@@ -189,7 +215,7 @@ class Phase:
         )
 
     def derivative(self, t, order: int):
-        """x (order 0), its velocity, acceleration, ... at times t."""
+        """Return the derivative of x of an order (0: x itself) at times t (s)."""
         o, f = self.oscillator, self.oscillator.load
         if self.slip == 0:
             return [self.x + o.speed * (t - self.start), o.speed + 0.0 * t, 0.0 * t][order]
@@ -203,19 +229,22 @@ class Phase:
         )
 
     def friction(self, t):
-        """Force on the mass: given by Coulomb's law in slip, by equilibrium in stick."""
+        """Return the friction on the mass (N) at times t (s), by Coulomb's law in slip and by equilibrium in stick."""
         o = self.oscillator
         if self.slip:
             return -self.slip * o.kinetic_friction + 0.0 * t
         return o.stiffness * (self.derivative(t, 0) - o.anchor) - o.forcing(t)
 
     def close(self, t_end: float) -> Phase:
-        """Return the phase with its end: relative velocity zero in slip, static friction exhausted in stick."""
+        """Return the phase with its end: relative velocity zero in slip, static friction exhausted in stick.
+
+        The end is inf if it is not before `t_end` (s).
+        """
         o = self.oscillator
         if self.slip:
-            # Relative velocity: its third derivative is the fourth of x, bounded by the amplitudes
-            # of both its parts. A phase that begins at relative velocity zero would end at once: it
-            # starts to be looked at a little later.
+            # The third derivative of the relative velocity is the fourth derivative of x, which is
+            # bounded by the amplitudes of both of its parts. A phase that begins at relative velocity
+            # zero would end at once; its zeros are sought a little later.
             _, forced, cosine, sine = self._slip_solution()
             bound = abs(forced) * o.load.frequency**4 + o.w**4 * np.hypot(cosine, sine)
             start = self.start + (_STARTING / o.w if self.v == o.speed else 0.0)
@@ -230,8 +259,8 @@ class Phase:
                 t_end,
             )
         else:
-            # Reserve of static friction in both directions: friction is linear in time but for the
-            # load's sine.
+            # Find the first zero of the reserves of static friction in both directions. Friction is
+            # linear in time except for the load's sine.
             bound = abs(o.load.amplitude) * o.load.frequency**3
             limit = o.static_friction
             end = min(
@@ -251,19 +280,20 @@ class Phase:
 
     def next(self) -> Phase:
         """Return the phase that follows at the end of this one."""
-        # Friction that stick would need decides: it sticks if static friction can supply it, else
-        # it slips against it. After a stick phase static friction is exhausted, which rounding must
-        # not deny.
+        # The mass sticks if static friction suffices for equilibrium, and otherwise slips against the
+        # friction that equilibrium requires. After a stick phase static friction is exhausted, which
+        # is not decided by the rounded number.
         o = self.oscillator
         x = float(self.derivative(self.end, 0))
         needed = float(replace(self, slip=0, start=self.end, x=x).friction(self.end))
         sticks = self.slip != 0 and abs(needed) < o.static_friction
         if not sticks:
             o.contact.require_unique_slip(self.end)
-        return Phase(o, 0 if sticks else -int(np.sign(needed)), self.end, x, o.speed)
+        slip = 0 if sticks else -int(np.sign(needed))
+        return Phase(o, slip, self.end, x, o.speed)
 
     def sample(self, t: np.ndarray) -> list[np.ndarray]:
-        """x, v, a, friction and direction of slip at times t."""
+        """Return x, v, a, friction and direction of slip at times t (s)."""
         return [
             *(self.derivative(t, order) for order in range(3)),
             self.friction(t),
@@ -275,7 +305,7 @@ def phases(o: DryOscillator, t_end: float) -> list[Phase]:
     """Return the motion of an oscillator from its start to t_end."""
     first = Phase(o, int(np.sign(o.v - o.speed)), 0.0, o.x, o.v)
     if first.slip == 0:
-        # a start at rest is what follows a slip phase of no length
+        # A start at rest is the phase that follows a slip phase of zero length.
         first = replace(first, slip=1, end=0.0).next()
     motion = [first.close(t_end)]
     while motion[-1].end < t_end:
@@ -298,13 +328,14 @@ def oscillator_truth(scene: Scene, t_end: float | None = None) -> Truth:
     has_bound = match["guide"].friction is not None
 
     def columns(t: np.ndarray, side: str) -> dict[str, np.ndarray]:
-        # an event belongs to the phase before or after it
+        # At an event the side selects the phase before or after it.
         owner = np.searchsorted(ends, t, side="right" if side == "after" else "left")
         sampled = np.empty((5, len(t)))
         for i in np.unique(owner):
             sampled[:, owner == i] = motion[i].sample(t[owner == i])
         x, v, a, friction, mode = sampled
-        # a guide with a constant bound has no length, and no friction of its surfaces that phi would split
+        # A guide with a constant bound has no length, and no friction of its surfaces that phi would
+        # divide.
         phi = 0.0 * t if has_bound else o.contact.mobilization(o.normal, 0.0, friction)
         values = {f"{mass}.x": x, f"{mass}.vx": v, f"{mass}.ax": a}
         values |= o.contact.columns(
@@ -335,7 +366,7 @@ def oscillator_truth(scene: Scene, t_end: float | None = None) -> Truth:
 
 
 def _read_oscillator(scene: Scene, structure: Structure, match: Match) -> DryOscillator:
-    """Read the parameters of a scene."""
+    """Return the oscillator of a scene that matches a structure; raise NotThisMechanism at resonance."""
     body, spring = scene.bodies[match.bodies["mass"]], match["spring"]
     if spring.axis is None and spring.points[1][1] != body.position[1]:
         raise structure.misfit(
@@ -345,7 +376,7 @@ def _read_oscillator(scene: Scene, structure: Structure, match: Match) -> DryOsc
         raise structure.misfit(
             scene, f"{match.name('guide')}: expected no length beside a constant bound of friction"
         )
-    # a constant force, or none, is a sine without amplitude
+    # A constant force, or none, is a sine without amplitude.
     load = match["force"].law if match["force"] else None
     if not isinstance(load, Sine):
         load = Sine(type="sine", offset=load.value if load else 0.0, amplitude=0.0, frequency=0.0)

@@ -34,9 +34,9 @@ PENDULUM = Structure(
 
 
 SAMPLES = 500
-"""Instants at which the size of columns is taken; it scales the rounding, and need not be exact."""
+"""Number of instants at which the magnitude of columns is taken; it scales the rounding, and need not be exact."""
 _SEPARATRIX = 1e-9
-"""Distance of k from 1 within which the period, as -log|k - 1|, depends on the last digits of the start."""
+"""Distance of k from 1 within which the period, which grows as -log|k - 1|, depends on the last digits of the start."""
 _FUNCTION_ROUNDING = 10
 """Roundings of an elliptic function, which scipy computes by some ten steps of the arithmetic-geometric mean."""
 
@@ -44,10 +44,21 @@ _FUNCTION_ROUNDING = 10
 def pendulum_angle(
     t: np.ndarray, w: float, angle: float, rate: float
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Return the angle from the lowest position, its rate and acceleration at times t (s), each of shape (n,).
+    """Return the angle from the lowest position, its rate and acceleration at times t, each of shape (n,).
 
-    w is the frequency of small swings (rad/s); angle and rate are those at t = 0, |angle| <= pi. NotThisMechanism is
-    raised on the separatrix (k = 1 to 1e-9), where the closed form degenerates.
+    Parameters
+    ----------
+    t : ndarray, shape (n,)
+        Times, s.
+    w : float
+        Frequency of small swings, rad/s.
+    angle, rate : float
+        Angle (rad, |angle| <= pi) and rate (rad/s) at t = 0.
+
+    Raises
+    ------
+    NotThisMechanism
+        On the separatrix (k = 1 to 1e-9), where the closed form degenerates.
     """
     k = np.hypot(np.sin(angle / 2), rate / (2 * w))
     if abs(k - 1) < _SEPARATRIX:
@@ -57,17 +68,19 @@ def pendulum_angle(
     if k == 0:
         return (np.zeros_like(t),) * 3
     if k < 1:
-        # u0 from sn(u0) = sin(psi0/2)/k and cn(u0) = psi0'/(2 w k): its amplitude is the angle of
-        # the point (cn, sn).
+        # u0 follows from sn(u0) = sin(psi0/2)/k and cn(u0) = psi0'/(2 w k): its amplitude is the angle
+        # of the point (cn, sn).
         start = ellipkinc(np.arctan2(rate / (2 * w), np.sin(angle / 2)) * -1 + np.pi / 2, k * k)
         sn, cn, _, _ = ellipj(w * t + start, k * k)
-        psi, psi_t = 2 * np.arcsin(k * sn), 2 * w * k * cn
+        psi = 2 * np.arcsin(k * sn)
+        psi_t = 2 * w * k * cn
     else:
-        # ellipj's amplitude grows beyond pi: the angle counts all turns.
+        # The amplitude that ellipj returns grows beyond pi, so that the angle counts all turns.
         turn = np.sign(rate)
         start = ellipkinc(turn * angle / 2, 1 / k**2)
         _, _, dn, amplitude = ellipj(k * w * t + start, 1 / k**2)
-        psi, psi_t = 2 * turn * amplitude, 2 * turn * w * k * dn
+        psi = 2 * turn * amplitude
+        psi_t = 2 * turn * w * k * dn
     return psi, psi_t, -w * w * np.sin(psi)
 
 
@@ -75,11 +88,13 @@ def pendulum_truth(scene: Scene, t_end: float | None = None) -> Truth:
     """Return the motion of a point mass at constant distance from a point of the ground."""
     match = PENDULUM.match(scene)
     t_end = scene.t_end if t_end is None else t_end
-    name, rod = match.bodies["mass"], match["rod"]
+    name = match.bodies["mass"]
+    rod = match["rod"]
     body = scene.bodies[name]
-    length, pivot = rod.law.value, np.array(rod.points[1])
+    length = rod.law.value
+    pivot = np.array(rod.points[1])
     g = -(scene.gravity or (0.0, 0.0))[1]
-    # angle from the lowest position, and its rate by the moment of velocity about the pivot
+    # The rate of the angle is the moment of the velocity about the pivot, divided by length^2.
     arm = np.array(body.position) - pivot
     angle = float(np.arctan2(arm[0], -arm[1]))
     rate = (arm[0] * body.velocity[1] - arm[1] * body.velocity[0]) / length**2
@@ -94,7 +109,7 @@ def pendulum_truth(scene: Scene, t_end: float | None = None) -> Truth:
             (length * psi_t * cos, length * psi_t * sin),
             (length * (psi_tt * cos - psi_t**2 * sin), length * (psi_tt * sin + psi_t**2 * cos)),
         )
-        # the rod pulls the mass inwards: centripetal force and weight along it
+        # The tension of the rod is the centripetal force plus the weight along the rod.
         tension = body.mass * (length * psi_t**2 + g * cos)
         return values | {f"{match.name('rod')}.effort": -tension}
 
@@ -102,5 +117,5 @@ def pendulum_truth(scene: Scene, t_end: float | None = None) -> Truth:
 
 
 def elliptic_rounding(phase: float) -> float:
-    """Relative rounding at the argument w t = `phase`: that of the argument, times `_FUNCTION_ROUNDING`."""
+    """Return the relative rounding of an elliptic function at the argument w t = `phase`."""
     return _FUNCTION_ROUNDING * EPS * (1 + phase)

@@ -63,7 +63,7 @@ SLIDER_CRANK = Structure(
 _ROUNDING = 20 * EPS
 """Relative rounding of the columns: the torque sums some twenty products."""
 _SAMPLES = 1000
-"""Instants at which the size of columns is taken; it scales the rounding, and need not be exact."""
+"""Number of instants at which the magnitude of columns is taken; it scales the rounding, and need not be exact."""
 
 
 def slider_crank_truth(scene: Scene, t_end: float | None = None) -> Truth:
@@ -73,8 +73,7 @@ def slider_crank_truth(scene: Scene, t_end: float | None = None) -> Truth:
     p, r1, r, l1, l = _read_lengths(scene, match)
     h = match["guide"].point[1]
     th0, w = match["motor"].law.offset, match["motor"].law.rate
-    # The rod points forwards or backwards throughout: the crank makes a full turn, so that it never
-    # stands across.
+    # The crank makes full turns, so that the rod points forwards or backwards throughout.
     elbow = 1.0 if np.cos(scene.bodies["rod"].angle) > 0 else -1.0
     motor, guide, pin = match.name("motor"), match.name("guide"), match.name("slider pin")
     pin_sign = 1 if match["slider pin"].bodies[0] == "rod" else -1
@@ -92,7 +91,7 @@ def slider_crank_truth(scene: Scene, t_end: float | None = None) -> Truth:
         return at_first * (-1.0) ** after
 
     def columns(t: np.ndarray, side: str) -> dict[str, np.ndarray]:
-        # Kinematics of the closed loop.
+        # Solve the kinematics of the closed loop.
         th = th0 + w * t
         sin_phi = (h - p[1] - r * np.sin(th)) / l
         cos_phi = elbow * np.sqrt(1 - sin_phi**2)
@@ -106,11 +105,14 @@ def slider_crank_truth(scene: Scene, t_end: float | None = None) -> Truth:
             "rod": (phi, omega, alpha, phi_th),
             "slider": (zero, zero, zero, 0.0),
         }
-        # Motion of each body, and its part of the motor's torque by the principle of virtual power.
+        # Compute the motion of each body, and its part of the motor's torque by the principle of
+        # virtual power.
         values: dict[str, np.ndarray] = {}
-        torque, inertia_force = zero.copy(), {}
+        torque = zero.copy()
+        inertia_force = {}
         for name, (on_crank, on_rod) in arms.items():
-            body, (angle, rate, acceleration, by_th) = scene.bodies[name], angles[name]
+            body = scene.bodies[name]
+            angle, rate, acceleration, by_th = angles[name]
             position = p[:, None] + on_crank * _unit(th) + on_rod * _unit(phi)
             partial = on_crank * _normal(th) + on_rod * phi_th * _normal(phi)
             a = -on_crank * w * w * _unit(th) + on_rod * (
@@ -123,8 +125,8 @@ def slider_crank_truth(scene: Scene, t_end: float | None = None) -> Truth:
             torque += (
                 np.sum(inertia_force[name] * partial, axis=0) + body.inertia * acceleration * by_th
             )
-        # Force of the slider on the rod: along x by the slider's balance, across by the rod's
-        # moments about the crank pin.
+        # The force of the slider on the rod follows along x from the balance of the slider, and across
+        # from the rod's moments about the crank pin.
         fx = -inertia_force["slider"][0]
         # Torques of the pins on crank and rods, and the power that the motor gives for them.
         rates = {"pivot": zero + w, "crank pin": omega - w, "slider pin": omega}
@@ -177,17 +179,20 @@ def _quarter_turns(th0: float, w: float, t_end: float) -> list[float]:
 
 
 def _unit(angle: np.ndarray) -> np.ndarray:
+    """Return the unit vectors e(angle), shape (2, n)."""
     return np.array([np.cos(angle), np.sin(angle)])
 
 
 def _normal(angle: np.ndarray) -> np.ndarray:
+    """Return the derivatives of the unit vectors by the angle, shape (2, n)."""
     return np.array([-np.sin(angle), np.cos(angle)])
 
 
 def _read_lengths(scene: Scene, match: Match) -> tuple[np.ndarray, float, float, float, float]:
-    """Read p, r1, r, l1, l (m): the pivot, and the distances of each bar's centre and end from its beginning."""
+    """Return p, r1, r, l1, l (m): the pivot, and the distances of each bar's centre and end from its beginning."""
 
     def point(pin: str, body: str) -> tuple[float, float]:
+        """Return the point of a pin in the axes of one of its bodies."""
         return match[pin].points[match[pin].bodies.index(body)]
 
     ends = [
@@ -203,9 +208,10 @@ def _read_lengths(scene: Scene, match: Match) -> tuple[np.ndarray, float, float,
             "slider's centre",
         )
     crank_begin, crank_end, rod_begin, rod_end = (x for x, _ in ends)
-    r, l = crank_end - crank_begin, rod_end - rod_begin
+    r = crank_end - crank_begin
+    l = rod_end - rod_begin
     p = np.array(point("pivot", GROUND))
-    # a full turn: |h - p_y - r sin th| < l for all th
+    # The crank makes a full turn if |h - p_y - r sin th| < l for all th.
     if not l > abs(r) + abs(match["guide"].point[1] - p[1]):
         raise SLIDER_CRANK.misfit(
             scene, f"rod of {l:g} m is too short for a crank of {r:g} m; expected a full turn"

@@ -1,4 +1,4 @@
-"""Truths with a proof: intervals that contain the exact value, found in ball arithmetic (python-flint).
+"""Truths with a proof: intervals that contain the exact value, computed in ball arithmetic (python-flint).
 
 ===================  ========================================================================================
 `motion`             the motion of a scene: `prove_scene`; one `step` of it
@@ -9,6 +9,6 @@
                      polynomials `truth_certificate`, `threshold_certificate`
 ===================  ========================================================================================
 
-Beneath them: the reduced `mechanisms` and the `enclosures` that they are made of. `truth` reads what comes proven with
-the suite, motions and thresholds, and takes no python-flint. All else needs the extra ``stiction[proof]``.
+They use the reduced `mechanisms` and the `enclosures`. `truth` reads the proven motions and thresholds that come with
+the suite, without python-flint. All other modules need the extra ``stiction[proof]``.
 """

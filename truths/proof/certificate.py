@@ -1,6 +1,7 @@
-"""Certificates: JSON files of claims that `Format.check` proves again; exact numbers, and decimals that contain them.
+"""Certificates: JSON files with claims that `Format.check` proves again.
 
-Every number that a claim depends on is exact: ``"m*2^e"`` with whole numbers m and e; a ball is ``[centre, radius]``.
+All numbers that the claims depend on are exact: ``"m*2^e"`` with whole numbers m and e; a ball is ``[centre, radius]``.
+Decimals are for readers, and contain the exact numbers.
 """
 
 from __future__ import annotations
@@ -19,20 +20,28 @@ from stiction.scenes import InputError, Scene, scene_from_dict
 from stiction.scenes.atomic_files import whole_file
 
 _INWARDS = 1 - arb(2) ** -20
-"""Factor of a radius that is rounded inwards: balls keep 30 bits of theirs, so that 20 leave a reserve."""
+"""Factor of a radius that is rounded inwards: balls have radii of 30 bits, so that 20 bits leave a reserve."""
 _MORE_DIGITS = 6
-"""Digits that are written beyond those that are asked for, as the radius takes some."""
+"""Number of digits that are written in addition to the requested ones, because the radius takes some."""
 
 Claims = dict[str, Any]
 
 
 class NotACertificate(InputError):
-    """A file whose tables are not those of a certificate."""
+    """A file does not have the tables of a certificate."""
 
 
 @dataclass(frozen=True)
 class Failure:
-    """A claim that was not proven again: number of its part (-1: the whole) and why."""
+    """A claim that was not proven again.
+
+    Attributes
+    ----------
+    part : int
+        Index of the part of the certificate; -1 for the whole.
+    reason : str
+        Why the claim is not proven.
+    """
 
     part: int
     reason: str
@@ -40,7 +49,17 @@ class Failure:
 
 @dataclass(frozen=True)
 class Format:
-    """A kind of certificate: its name, how many parts of which name it has, and a proof of its claims."""
+    """A kind of certificate.
+
+    Attributes
+    ----------
+    name, part : str
+        Names of the kind and of its parts.
+    count : callable
+        Returns the number of parts of a certificate.
+    failures : callable
+        Proves the claims again, and yields the failures.
+    """
 
     name: str
     part: str
@@ -48,9 +67,12 @@ class Format:
     failures: Callable[[Claims], Iterator[Failure]]
 
     def check(self, claims: Claims) -> list[Failure]:
-        """Prove every claim anew; returns the failures, none if all hold.
+        """Prove all claims again, and return the failures.
 
-        Raises NotACertificate where the tables lack something, or have something else in its place.
+        Raises
+        ------
+        NotACertificate
+            If tables are incomplete or have entries of a wrong kind.
         """
         try:
             return list(self.failures(claims))
@@ -63,7 +85,7 @@ class Format:
 
 
 def write_certificate(claims: Claims, path: Path) -> None:
-    """Write claims, compressed where the name ends in .gz; whole or not at all."""
+    """Write claims to a file, completely or not at all; compressed if its name ends in .gz."""
     if path.suffix == ".gz":
         content = gzip.compress(json.dumps(claims, separators=(",", ":")).encode(), mtime=0)
     else:
@@ -73,7 +95,7 @@ def write_certificate(claims: Claims, path: Path) -> None:
 
 
 def read_certificate(path: Path, formats: Collection[str]) -> Claims:
-    """Read the claims of a file in one of some formats; raises NotACertificate for anything else."""
+    """Return the claims of a file in one of the formats; raise NotACertificate for any other file."""
     try:
         content = path.read_bytes()
         claims = json.loads(gzip.decompress(content) if path.suffix == ".gz" else content)
@@ -83,7 +105,7 @@ def read_certificate(path: Path, formats: Collection[str]) -> Claims:
             "expected a certificate of `stiction prove`"
         ) from None
     name = claims.get("format") if isinstance(claims, dict) else type(claims).__name__
-    # a list, as the name may be of any type, also of one without a hash
+    # The formats are converted to a list because the name may be of an unhashable type.
     if name not in [*formats]:
         raise NotACertificate(
             f"{path}: format: found {name!r}; expected {' or '.join(map(repr, formats))}"
@@ -92,27 +114,27 @@ def read_certificate(path: Path, formats: Collection[str]) -> Claims:
 
 
 def claimed_scene(claims: Claims) -> Scene:
-    """Return the scene that a certificate holds."""
+    """Return the scene of a certificate."""
     return scene_from_dict(tomllib.loads(claims["file"]), claims["scene"])
 
 
 def exact_text(number: arb) -> str:
-    """Write a ball without radius as ``"m*2^e"``."""
+    """Return a ball without radius as ``"m*2^e"``."""
     return "{}*2^{}".format(*number.man_exp())
 
 
 def ball_texts(number: arb) -> list[str]:
-    """Write a ball as ``[centre, radius]``."""
+    """Return a ball as ``[centre, radius]``."""
     return [exact_text(number.mid()), exact_text(number.rad())]
 
 
 def matrix_texts(matrix: arb_mat) -> list[list[str]]:
-    """Write the rows of an exact matrix."""
+    """Return the rows of an exact matrix as texts."""
     return [[exact_text(x) for x in row] for row in matrix.tolist()]
 
 
 def read_number(text: str) -> arb:
-    """Read the number of ``"m*2^e"``; raises NotACertificate where the working precision rounds it."""
+    """Return the number of ``"m*2^e"``; raise NotACertificate if the working precision rounds it."""
     mantissa, exponent = text.split("*2^")
     value = arb(int(mantissa)) * arb(2) ** int(exponent)
     if not value.is_exact():
@@ -124,12 +146,12 @@ def read_number(text: str) -> arb:
 
 
 def read_matrix(rows: Sequence[Sequence[str]]) -> arb_mat:
-    """Read an exact matrix."""
+    """Return an exact matrix from its texts."""
     return arb_mat([[read_number(x) for x in row] for row in rows])
 
 
 def read_ball(pair: Sequence[str]) -> arb:
-    """Read a ball that contains that of ``[centre, radius]``: radii are rounded up."""
+    """Return a ball that contains the ball ``[centre, radius]``; radii are rounded up."""
     centre, radius = map(read_number, pair)
     if radius < 0:
         raise NotACertificate(f"found the radius {pair[1]}; expected at least 0")
@@ -137,15 +159,15 @@ def read_ball(pair: Sequence[str]) -> arb:
 
 
 def read_ball_within(pair: Sequence[str]) -> arb:
-    """Read a ball within that of ``[centre, radius]``: what is proven to lie in it lies in what is claimed."""
+    """Return a ball within the ball ``[centre, radius]``: what it contains is in the claimed ball too."""
     return read_ball(pair).mid() + read_number(pair[1]) * _INWARDS * arb(0, 1)
 
 
 def decimals(ball: arb, digits: int) -> str:
-    """Write a ball in decimals, rounded outwards: ``centre +/- radius``."""
+    """Return a ball in decimals, rounded outwards, as ``centre +/- radius``."""
     return ball.str(digits + _MORE_DIGITS).strip("[]")
 
 
 def contains(text: str, ball: arb) -> bool:
-    """Return whether a ball in decimals is proven to contain another one."""
+    """Return True if a ball in decimals is proven to contain another ball."""
     return arb(f"[{text}]").contains(ball)

@@ -4,9 +4,9 @@ Each step claims: *every solution that is at t0 in the set ``start`` is, whateve
 in the set ``start`` of the next step (at last, ``end``), and changes its mode exactly at the listed times.* A set is
 {centre + frame r : r in size}. In a mode of rest the velocity is that of the surface whatever the set says.
 
-The check proves each claim with more bits and another order than those that found it. It takes from the file what is
-claimed, nothing that was computed on the way: enclosures, remainders and derivatives are its own. The decimals of
-events and end state, which are there to be read, have to contain what is proven.
+The check proves each claim with more bits and another order than the original proof. It takes only the claims from the
+file; enclosures, remainders and derivatives are computed again. The decimals of events and end state, which are for
+readers, have to contain the proven numbers.
 """
 
 from __future__ import annotations
@@ -38,24 +38,31 @@ from stiction.truths.proof.mechanisms.mechanism import Next, ProvableMechanism
 from stiction.truths.proof.motion import ProvenMotion, provable_mechanism
 from stiction.truths.proof.step import Precision, ProvenEvent, StateSet, Step, take_step
 
-_MORE_BITS, _MORE_ORDER = 64, 5
-"""Bits and orders beyond those of the proof with which its certificate is checked: other roundings and remainders."""
+_MORE_BITS = 64
+"""Number of additional bits with which a certificate is checked, for other roundings."""
+_MORE_ORDER = 5
+"""Number of additional orders with which a certificate is checked, for other remainders."""
 _SLACK = 4
-"""Part by which balls in decimals are wider than was found: sines and cosines of balls do not narrow with more bits."""
+"""Reciprocal of the part of their radii by which balls in decimals are widened.
+
+Sines and cosines of balls do not become narrower with more bits."""
 
 
 def motion_certificate(motion: ProvenMotion, scene: Scene, digits: int) -> Claims:
     """Return the claims about a motion."""
-    p, mechanism, last = motion.precision, motion.mechanism, motion.steps[-1]
+    p = motion.precision
+    mechanism = motion.mechanism
+    last = motion.steps[-1]
 
     def shown(columns: Mapping[str, arb]) -> dict[str, str]:
+        """Return columns in decimals for readers."""
         return {
             name: decimals(value + (p.margin + value.rad() / _SLACK) * arb(0, 1), digits)
             for name, value in columns.items()
         }
 
     with p.working():
-        # The claims themselves, in exact numbers.
+        # The claims themselves are exact numbers.
         steps = [
             {
                 "t0": exact_text(step.t0),
@@ -68,7 +75,7 @@ def motion_certificate(motion: ProvenMotion, scene: Scene, digits: int) -> Claim
             }
             for step in motion.steps
         ]
-        # What is there to be read, in decimals.
+        # Events and end state in decimals are for readers.
         events = [
             {
                 "kind": event.kind,
@@ -96,6 +103,7 @@ def motion_certificate(motion: ProvenMotion, scene: Scene, digits: int) -> Claim
 
 
 def _set(states: StateSet) -> dict[str, Any]:
+    """Return a set as exact texts."""
     return {
         "centre": [exact_text(x) for x in states.centre],
         "frame": matrix_texts(states.frame),
@@ -113,6 +121,7 @@ def _read_set(claimed: dict[str, Any], read: Callable[[Sequence[str]], arb]) -> 
 
 
 def _read_mode(claimed: Any) -> Hashable:
+    """Return a mode, whose tuples are lists in the file."""
     return tuple(claimed) if isinstance(claimed, list) else claimed
 
 
@@ -126,6 +135,7 @@ def _end_columns(
 
 
 def _failures(claims: Claims) -> Iterator[Failure]:
+    """Prove the claims of a certificate again, and yield the failures."""
     precision = Precision(
         int(claims["bits"]) + _MORE_BITS, int(claims["order"]) + _MORE_ORDER, float("inf")
     )
@@ -136,8 +146,8 @@ def _failures(claims: Claims) -> Iterator[Failure]:
         times = [*(read_number(step["t0"]) for step in steps), mechanism.t_end]
         modes = [_read_mode(part["mode"]) for part in (*steps, claims["end"])]
         sets = [*(step["start"] for step in steps), claims["end"]["set"]]
-        # Each set is read twice: rounded outwards where a step starts from it, inwards where one
-        # has to end in it.
+        # Each set is read twice: rounded outwards as the start of a step, and inwards as the set in which
+        # the previous step has to end.
         starts, targets = (
             [_read_set(claimed, read) for claimed in sets] for read in (read_ball, read_ball_within)
         )
@@ -149,8 +159,7 @@ def _failures(claims: Claims) -> Iterator[Failure]:
                 -1,
                 f"the motion starts at 0 in mode {mode}, the first step at {times[0]} in {modes[0]}",
             )
-        # Step by step, none with what another one found: sets, modes and times are those of the
-        # file.
+        # Each step is checked independently of the others, with sets, modes and times of the file.
         for i, step in enumerate(steps):
             if not times[i] < times[i + 1]:
                 yield Failure(i, "the step does not go forward")
@@ -163,7 +172,8 @@ def _failures(claims: Claims) -> Iterator[Failure]:
             except NotProven as error:
                 yield Failure(i, str(error))
                 continue
-            if reason := _difference(again, step["events"], modes[i + 1], targets[i + 1]):
+            reason = _difference(again, step["events"], modes[i + 1], targets[i + 1])
+            if reason:
                 yield Failure(i, reason)
             for event in again.events:
                 if not _shows(next(shown_events, None), event, mechanism):
@@ -171,7 +181,7 @@ def _failures(claims: Claims) -> Iterator[Failure]:
                         i,
                         f"the list of events has no {event.kind} at {event.time.str(10)} s as proven",
                     )
-        # What is there to be read: no event more than were proven, and the decimals of the end.
+        # The decimals have to contain the end, and there must be no further events.
         claimed = claims["state at t_end"]
         state = _end_columns(mechanism, times[-1], starts[-1], modes[-1])
         if next(shown_events, None) is not None or not all(
@@ -183,7 +193,7 @@ def _failures(claims: Claims) -> Iterator[Failure]:
 def _difference(
     again: Step, claimed: list[dict[str, Any]], mode: Hashable, target: StateSet
 ) -> str:
-    """Describe how a step that is proven again differs from its claims: events, mode and set at its end."""
+    """Return how a step that is proven again differs from its claims; empty if it does not."""
     claimed_changes = [(event["kind"], _read_mode(event["after"])) for event in claimed]
     changes = [(event.kind, event.after) for event in again.events]
     if claimed_changes != changes or again.current.mode != mode:
@@ -199,7 +209,7 @@ def _difference(
 
 
 def _shows(shown: dict[str, str] | None, event: ProvenEvent, mechanism: ProvableMechanism) -> bool:
-    """Return whether the decimals of an event contain what is proven of it."""
+    """Return True if the decimals of an event contain the proven numbers."""
     if shown is None or (shown["kind"], shown["joint"]) != (event.kind, event.joint):
         return False
     columns = mechanism.columns(event.time, event.q, event.v)

@@ -1,14 +1,13 @@
-"""The end of a band of load amplitudes with a stick phase in the periodic motion, between two bounds: a theorem.
+"""Proven bounds of the stick threshold: the end of a band of load amplitudes whose steady state has a stick phase.
 
-P takes the state (x, x') of the slider-bar at t = 0 to that n common periods T of bar and load later. For a set
-B = {c + W y : |y1|, |y2| <= e} let N enclose W^-1 DP W on B. Where
+P maps the state (x, x') of the slider-bar at t = 0 to the state n common periods T of bar and load later. For a set
+B = {c + W y : |y1|, |y2| <= e} let N enclose W^-1 DP W on B. If
 
     q = ||N||_inf < 1   and   ||W^-1 (P(c) - c)||_inf <= (1 - q) e ,
 
 P maps B into itself and contracts it (Banach). Then exactly one motion of period n T starts in B, and every motion from
-B tends to it. Its changes of mode are those proven for all of B at once, so that it has a stick phase or has none. If
-the motion from the scene's start is in B after some periods, the periodic motion is the steady state that the scene
-leads to.
+B converges to it. Its changes of mode are proven for all of B at once, and decide whether it has a stick phase. If the
+motion from the scene's start is in B after some periods, the periodic motion is the steady state of the scene.
 """
 
 from __future__ import annotations
@@ -34,19 +33,40 @@ _DIGITS = 24
 """Digits of the balls, and with them the smallest size of B that is tried."""
 _REFINEMENTS = 6
 """Newton steps on the fixed point: from the 1e-11 of floats to the working precision, quadratically, with a reserve."""
-_LARGEST, _SMALLER = 8, 2
-"""Decimal exponents (negative) of the first size of B that is tried, and how much smaller the next one is."""
+_LARGEST = 8
+"""Negative decimal exponent of the first size of B that is tried."""
+_SMALLER = 2
+"""Difference of the exponents of successive sizes."""
 _PERIODS = 200
-"""Periods that the motion from the scene's start may take to come into B."""
+"""Largest number of periods after which the motion from the scene's start may enter B."""
 
 
 @dataclass(frozen=True)
 class ProvenSteadyState:
-    """An attracting periodic motion that exists, for the amplitude F0 (N), and bounds of it.
+    """An attracting periodic motion whose existence is proven.
 
-    Its period is n T (s), n the `count`; it starts in `state`, (x, x') in m and m/s, within the set B, `states`.
-    `contraction` is an upper bound of q on B, in which the motion from the scene's start is after so many `periods`
-    n T. `events` are those of one period; it `sticks` where it has a stick phase.
+    Attributes
+    ----------
+    F0 : Fraction
+        Amplitude of the load, N.
+    period : arb
+        Period n T, s.
+    state : tuple of arb
+        (x, x') at t = 0, m and m/s.
+    contraction : float
+        Upper bound of q on B.
+    states : StateSet
+        The set B.
+    count : int
+        Number n of common periods.
+    periods : int
+        Number of periods n T after which the motion from the scene's start is in B.
+    events : list of ProvenEvent
+        Events of one period.
+    sticks : bool
+        True if the motion has a stick phase.
+    digits : int
+        Digits of the proof.
     """
 
     F0: Fraction
@@ -61,7 +81,7 @@ class ProvenSteadyState:
     digits: int
 
     def sentence(self) -> str:
-        """The proof in words."""
+        """Return the proof in words."""
         x, speed = (value.str(15) for value in self.state)
         phase = "has a stick phase" if self.sticks else "has no stick phase"
         radius = float(self.states.size[0].rad())
@@ -81,7 +101,7 @@ class ProvenThreshold:
     high: ProvenSteadyState
 
     def sentences(self) -> list[str]:
-        """The theorem, with its hypotheses."""
+        """Return the theorem, with its hypotheses."""
         low, high = decimal(self.low.F0), decimal(self.high.F0)
         return [
             "Hypotheses: the scene's numbers are exact as they are written; rigid bodies; Coulomb's law with mu "
@@ -93,18 +113,22 @@ class ProvenThreshold:
 
 
 def decimal(number: Fraction) -> str:
-    """Write a decimal fraction in full; any other one as a quotient."""
+    """Return a decimal fraction in full, and any other fraction as a quotient."""
     text = f"{Decimal(number.numerator) / number.denominator:f}"
     return text if Fraction(text) == number else str(number)
 
 
 def proven_threshold(scene: Scene, places: int = 9) -> ProvenThreshold:
-    """Bounds of the threshold near that of `stick_threshold`: two proven amplitudes at a distance of 10^-places N.
+    """Return proven bounds of the threshold near that of `stick_threshold`, 10^-places N apart.
 
-    Raises NotThisMechanism if the scene is no slider-bar, NotProven where no threshold is known to begin with, or a
-    proof does not go through.
+    Raises
+    ------
+    NotThisMechanism
+        If the scene is no slider-bar.
+    NotProven
+        If no threshold is known, or a proof fails.
     """
-    # The threshold in floats says where to look; the proofs do not trust it.
+    # The threshold in floats is only an initial guess of the proofs.
     threshold = stick_threshold(scene)
     if threshold.F0 is None:
         raise NotProven(f"{scene.name}: {threshold.note}")
@@ -120,7 +144,7 @@ def proven_threshold(scene: Scene, places: int = 9) -> ProvenThreshold:
 
 
 def proven_steady_state(scene: Scene, F0: Fraction) -> ProvenSteadyState:
-    """The steady state at an amplitude, with a B about the one in floats; raises as `proven_threshold`."""
+    """Return the proven steady state at an amplitude; raise the errors of `proven_threshold`."""
     near = steady_state(SliderBar.from_scene(_at_amplitude(scene, F0)))
     with Precision.of(_DIGITS).working():
         mechanism = _mechanism(scene, F0, near.periods)
@@ -133,9 +157,10 @@ def proven_steady_state(scene: Scene, F0: Fraction) -> ProvenSteadyState:
                 column(b - a for a, b in zip(centre, motion.end.hull()))
             )
             centre = [(c + correction[i, 0]).mid() for i, c in enumerate(centre)]
-        # The largest B on which the map is proven to contract: the motion from the start comes into
-        # it soonest.
-        frame, reason = _frame(slope), ""
+        # Find the largest B on which the map is proven to contract, because the motion from the start
+        # enters it soonest.
+        frame = _frame(slope)
+        reason = ""
         for exponent in range(_LARGEST, _DIGITS, _SMALLER):
             states = StateSet(tuple(centre), frame, (arb(10.0**-exponent) * arb(0, 1),) * 2)
             try:
@@ -146,12 +171,13 @@ def proven_steady_state(scene: Scene, F0: Fraction) -> ProvenSteadyState:
 
 
 def _at_amplitude(scene: Scene, F0: Fraction) -> Scene:
+    """Return the scene with an amplitude of its load, N."""
     [load] = scene.forces
     return vary(scene, {f"forces.{load}.law.amplitude": str(F0)})
 
 
 def _mechanism(scene: Scene, F0: Fraction, count: int) -> SlidingMass:
-    """The slider-bar over n = count common periods T of bar and load; raises NotProven where they have none."""
+    """Return the slider-bar over n = count common periods T of bar and load; raise NotProven if there are none."""
     loaded = _at_amplitude(scene, F0)
     numbers, [drive], [load] = exact_scene(loaded), scene.drives, scene.forces
     rate, frequency = numbers.drives[drive].law.rate, numbers.forces[load].law.frequency
@@ -169,7 +195,7 @@ def _mechanism(scene: Scene, F0: Fraction, count: int) -> SlidingMass:
 
 
 def _motion_from(mechanism: SlidingMass, states: StateSet, digits: int) -> ProvenMotion:
-    """The motion from all states of a set, none of them at rest."""
+    """Return the motion from all states of a set, none of which is at rest."""
     x, speed = states.hull()
     return prove(replace(mechanism, q=[x], v=[speed], at_rest=False), Precision.of(digits), states)
 
@@ -177,9 +203,14 @@ def _motion_from(mechanism: SlidingMass, states: StateSet, digits: int) -> Prove
 def proven_on(
     scene: Scene, F0: Fraction, count: int, states: StateSet, digits: int
 ) -> ProvenSteadyState:
-    """The steady state at an amplitude F0, with B given: both inequalities, and that the start leads into B.
+    """Prove both inequalities for a set B at an amplitude F0, and that the scene's start leads into B.
 
-    Call it at the working precision of the digits. Raises NotProven where that does not hold.
+    The working precision must be that of the digits.
+
+    Raises
+    ------
+    NotProven
+        If a claim is not proven.
     """
     mechanism = _mechanism(scene, F0, count)
     centre, frame = list(states.centre), states.frame
@@ -218,7 +249,7 @@ def proven_on(
 
 
 def _frame(slope: arb_mat) -> arb_mat:
-    """A basis in which a map's derivative has a small norm: real and imaginary parts of its eigenvectors."""
+    """Return a basis in which a derivative has a small norm: real and imaginary parts of its eigenvectors."""
     values, vectors = np.linalg.eig(middles(slope))
     basis = vectors
     if np.iscomplexobj(values):
@@ -227,12 +258,12 @@ def _frame(slope: arb_mat) -> arb_mat:
 
 
 def _norm(matrix: arb_mat) -> arb:
-    """Largest sum of absolute values of a row: an upper bound."""
+    """Return an upper bound of the largest sum of absolute values of a row."""
     return max((sum(map(abs, row), arb(0)).upper() for row in matrix.tolist()), key=float)
 
 
 def _reached(mechanism: SlidingMass, states: StateSet, precision: Precision) -> int:
-    """Periods after which the motion from the scene's start is proven to be in a set."""
+    """Return the number of periods after which the motion from the scene's start is proven to be in a set."""
     current, start = mechanism, None
     for count in range(1, _PERIODS + 1):
         motion = prove(current, precision, start)

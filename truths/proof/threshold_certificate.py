@@ -6,9 +6,9 @@ a factor of at most `contraction`; the periodic motion that starts in it starts 
 changes of mode than the listed ones; the motion from the scene's start is in B after `periods` times so many periods.*
 What follows from that is in `threshold`.
 
-The check proves all of it anew with more bits, another order and shorter steps. It takes B from the file, and nothing
-that was computed with it. The decimals have to contain what is proven, and the sentences of the theorem to be those of
-its tables.
+The check proves all claims again with more bits, another order and shorter steps. It takes B from the file, and nothing
+that was computed with it. The decimals have to contain the proven numbers, and the sentences of the theorem have to
+follow from the tables.
 """
 
 from __future__ import annotations
@@ -41,14 +41,15 @@ from stiction.truths.proof.step import Precision, StateSet
 from stiction.truths.proof.threshold import ProvenSteadyState, ProvenThreshold, decimal, proven_on
 
 _MORE_DIGITS = 6
-"""Digits beyond those of a certificate with which it is checked."""
+"""Number of additional digits with which a certificate is checked."""
 _MOST_DIGITS = 1000
-"""Digits up to which a certificate is checked: a file that asks for more would take forever."""
+"""Largest number of digits of a certificate that is checked; more would take too long."""
 _SLACK = 1e-6
-"""Part by which a claimed factor is above the one that was found: another proof finds another bound."""
+"""Relative difference of a claimed factor and the one that was found, as another proof finds another bound."""
 _SHOWN = 16
-"""Decimal digits of numbers that are there to be read."""
+"""Number of digits of decimals for readers."""
 ENDS = ("low", "high")
+"""Names of the two ends in a certificate."""
 
 
 def threshold_certificate(threshold: ProvenThreshold, scene: Scene) -> Claims:
@@ -64,9 +65,9 @@ def threshold_certificate(threshold: ProvenThreshold, scene: Scene) -> Claims:
 
 
 def _claimed(end: ProvenSteadyState) -> ProvenSteadyState:
-    """An end with somewhat less than was found, so that another proof of it finds as much."""
+    """Return an end with slightly weaker claims than were found, so that another proof confirms them."""
     with Precision.of(end.digits).working():
-        # Twice the radii, and a somewhat larger factor.
+        # Double the radii, and increase the factor slightly.
         state = tuple(
             read_ball([exact_text(x.mid()), exact_text((2 * x.rad()).upper())]) for x in end.state
         )
@@ -75,6 +76,7 @@ def _claimed(end: ProvenSteadyState) -> ProvenSteadyState:
 
 
 def _end(end: ProvenSteadyState) -> Claims:
+    """Return the claims about an end."""
     with Precision.of(end.digits).working():
         return {
             "F0 [N]": str(end.F0),
@@ -94,6 +96,7 @@ def _end(end: ProvenSteadyState) -> Claims:
 
 
 def _failures(claims: Claims) -> Iterator[Failure]:
+    """Prove the claims of a certificate again, and yield the failures."""
     scene = claimed_scene(claims)
     low, high = (Fraction(claims[name]["F0 [N]"]) for name in ENDS)
     below, above = (claims[name]["stick phase"] for name in ENDS)
@@ -113,14 +116,16 @@ def _failures(claims: Claims) -> Iterator[Failure]:
 
 
 def _proven_again(end: Claims, scene: Scene, F0: Fraction) -> ProvenSteadyState:
-    """The claims of an end, proven; raises NotProven, with what is not proven again."""
-    digits, count, claimed = int(end["digits"]), int(end["count"]), end["contraction"]
+    """Return the claims of an end after they are proven again; raise NotProven otherwise."""
+    digits = int(end["digits"])
+    count = int(end["count"])
+    claimed = end["contraction"]
     if not (1 <= digits <= _MOST_DIGITS and count >= 1):
         raise NotACertificate(
             f"digits, count: found {digits}, {count}; expected 1 .. {_MOST_DIGITS} and at least 1"
         )
     with Precision.of(digits + _MORE_DIGITS).working():
-        # B is taken from the file; all else is proven anew and compared with what is claimed.
+        # B is taken from the file; everything else is proven again and compared with the claims.
         centre = tuple(map(read_number, end["centre"]))
         radius = read_number(end["radius"]) * arb(0, 1)
         states = StateSet(centre, read_matrix(end["frame"]), (radius,) * 2)
@@ -144,7 +149,7 @@ def _proven_again(end: Claims, scene: Scene, F0: Fraction) -> ProvenSteadyState:
             for ball, own in zip(end["state"], again.state, strict=True)
         ):
             raise NotProven("the state at t = 0 is not within the claimed one")
-        # The decimals are for readers, but have to be true as well.
+        # The decimals for readers have to be true as well.
         shown = [
             *zip(end["state, decimal [m, m/s]"], again.state, strict=True),
             *((event["time [s]"], own.time) for event, own in zip(end["events"], again.events)),
@@ -155,7 +160,7 @@ def _proven_again(end: Claims, scene: Scene, F0: Fraction) -> ProvenSteadyState:
             raise NotProven(
                 "the decimals of F0, the state or the events do not contain what is proven"
             )
-        # With the claimed numbers, as the sentences of the theorem are made from them.
+        # The result has the claimed numbers, which the sentences of the theorem contain.
         return replace(
             again,
             state=tuple(map(read_ball, end["state"])),

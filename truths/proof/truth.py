@@ -1,9 +1,9 @@
-"""Truths and thresholds that come proven with the suite: their uncertainty is that of their certificates.
+"""Proven truths and thresholds that come with the suite, with the uncertainty of their certificates.
 
-A certificate holds polynomials in floats for positions and velocities of all bodies, a proven bound of the error of
-each, and the events. To read one takes no ball arithmetic, so that the tier of a truth does not depend on what is
-installed. It is bound to the content of the scene (`motion_digest`): any other scene has the truth of the tier below.
-`truth_certificate` makes and checks them. A theorem on a threshold is a file of
+A certificate contains polynomials in floats for positions and velocities of all bodies, a proven bound of the error of
+each, and the events. It is read without ball arithmetic, so that the tier of a truth does not depend on the installed
+packages. It belongs to the content of a scene (`motion_digest`); all other scenes have the truth of the next tier.
+`truth_certificate` makes and checks certificates. A theorem on a threshold is a file of
 `stiction prove SCENE --threshold N --out FILE`.
 """
 
@@ -33,29 +33,44 @@ from stiction.truths.reduced.slider_bar import SliderBar
 DATA = Path(str(resources.files("stiction.comparisons") / "data"))
 """Folder of the certificates."""
 SUFFIX = ".json.gz"
+"""Ending of the certificates of motions."""
 _INSTANTS = 499
-"""Instants at which a truth is compared with its proof."""
+"""Number of instants at which a truth is compared with its proof."""
 _ESTIMATED = 10.0
-"""Multiple of its estimated uncertainty by which a truth may be off the proof: a wrong equation is off by more."""
+"""Largest distance of a truth from the proof, in units of its estimated uncertainty. A wrong equation exceeds it."""
 _AT_THE_END = 1e-6
-"""s; truths leave out an event that is so close to their end."""
+"""Time before the end, s, within which truths leave out events."""
 _UNPROVEN = ("title", "source", "t_end", "stabilization", "parameters")
-"""Parts of a scene that its motion up to an earlier end does not depend on; parameters count where they are used."""
+"""Tables of a scene without effect on the motion up to an earlier end; parameters are replaced by their values."""
 _NAME = re.compile(r"[A-Za-z_]\w*")
+"""Names in an expression."""
 
 
 class Contradiction(StictionError, AssertionError):
-    """A truth in floats that differs from what is proven by more than its uncertainty."""
+    """A truth in floats differs from its proof by more than its uncertainty."""
 
 
 @dataclass(frozen=True)
 class ProvenTruth:
-    """A motion from 0 to t_end by its certificate: columns as polynomials in floats, and events.
+    """A motion from 0 to t_end by its certificate, in legs with polynomials in floats.
 
-    Each of the legs that begin at `starts` (s) ends where the next one does. By column, `coefficients` (legs, terms)
-    are those of the time since the start of the leg, from the lowest power. `derivatives` names the column whose
-    derivative another one is. `errors` bounds the error of each, that of its evaluation in floats included. `events`,
-    by kind, joint and time, are known to `event_time` seconds.
+    Attributes
+    ----------
+    t_end : float
+        End of the motion, s.
+    starts : ndarray, shape (legs,)
+        Start of each leg, s, which is the end of the previous one.
+    coefficients : dict
+        By column, the coefficients of the polynomials of the time since the start of the leg, from the lowest power,
+        shape (legs, terms).
+    derivatives : Mapping
+        By column without coefficients, the column whose derivative it is.
+    errors : Mapping
+        By column, the bound of the error, which includes the evaluation in floats.
+    events : tuple of tuple
+        Kind, joint and time (s) of each event.
+    event_time : float
+        Bound of the error of the times of events, s.
     """
 
     t_end: float
@@ -68,8 +83,8 @@ class ProvenTruth:
 
     @classmethod
     def of(cls, claims: Mapping[str, Any]) -> ProvenTruth:
-        """Read the tables of a certificate."""
-        # legs have as many terms as they need; zeros make one array of them
+        """Return the motion in the tables of a certificate."""
+        # Legs have different numbers of terms, and are filled with zeros.
         coefficients = {
             name: np.array([*zip_longest(*legs, fillvalue=0.0)]).T
             for name, legs in claims["coefficients"].items()
@@ -85,21 +100,23 @@ class ProvenTruth:
         )
 
     def columns(self, t: np.ndarray, side: str) -> dict[str, np.ndarray]:
-        """The columns at times t, by Horner's rule."""
-        # at the start of a leg both it and the one before hold, the two sides of an event
-        leg = np.maximum(
-            np.searchsorted(self.starts, t, side="right" if side == "after" else "left") - 1, 0
-        )
-        tau, columns = t - self.starts[leg], dict(self.coefficients)
+        """Return the columns at times t (s), by Horner's rule; `side` selects the leg at an event."""
+        following = np.searchsorted(self.starts, t, side="right" if side == "after" else "left")
+        leg = np.maximum(following - 1, 0)
+        tau = t - self.starts[leg]
+        columns = dict(self.coefficients)
         columns |= {name: polyder(columns[of], axis=1) for name, of in self.derivatives.items()}
         return {name: polyval(tau, terms[leg].T, tensor=False) for name, terms in columns.items()}
 
 
 def motion_digest(text: str) -> str:
-    """Digest of a scene's text as far as its motion depends on it; numbers as written, names of parameters left out."""
+    """Return the digest of the parts of a scene's text that affect its motion.
+
+    Numbers are taken as they are written; names of parameters have no effect.
+    """
     raw = tomllib.loads(text)
     content = {
-        key: _put_in(value, raw.get("parameters", {}))
+        key: _substitute(value, raw.get("parameters", {}))
         for key, value in raw.items()
         if key not in _UNPROVEN
     }
@@ -107,55 +124,43 @@ def motion_digest(text: str) -> str:
 
 
 def certificates() -> list[Path]:
-    """The files that come with the suite, named by scene and digest."""
+    """Return the certificates of motions that come with the suite, whose names contain scene and digest."""
     return sorted(DATA.glob(f"truth-*{SUFFIX}"))
 
 
 def certificate_of(scene: Scene) -> Path | None:
-    """The file that proves the motion of a scene; None without one."""
-    return next(DATA.glob(f"truth-*.{motion_digest(scene_to_toml(scene))}{SUFFIX}"), None)
+    """Return the file that proves the motion of a scene; None if there is none."""
+    digest_of_motion = motion_digest(scene_to_toml(scene))
+    for file in DATA.glob(f"truth-*.{digest_of_motion}{SUFFIX}"):
+        return file
+    return None
 
 
 def with_proof(scene: Scene, truth: Truth) -> Truth:
-    """The truth with proven positions, velocities and events where a certificate is of its scene; else as it is.
+    """Return a truth with proven positions, velocities and events if there is a certificate, otherwise unchanged.
 
-    Raises Contradiction where the truth has other events, or columns that differ by more than they may.
+    Raises
+    ------
+    Contradiction
+        If the truth has other events, or columns that differ by more than their uncertainties.
     """
     file = certificate_of(scene)
     proven = None if file is None else _read(file)
     if proven is None or truth.t_end > proven.t_end:
         return truth
 
-    # The events must be the same. The proof may go on beyond the truth's end: its later events have
-    # to lie there.
-    in_truth = [(event.kind, event.joint) for event in truth.events]
-    in_proof = [(kind, joint) for kind, joint, _ in proven.events]
-    times, later = np.split([time for *_, time in proven.events], [len(in_truth)])
-    if in_truth != in_proof[: len(in_truth)] or any(later < truth.t_end - _AT_THE_END):
-        raise Contradiction(
-            f"{truth.scene}: found events {_words(in_truth)}; proven are {_words(in_proof)}"
-        )
-
-    # Columns that are in both must agree to the sum of their uncertainties.
+    times = _proven_event_times(truth, proven)
     errors = {name: error for name, error in proven.errors.items() if name in truth.uncertainty}
-    instants = np.linspace(0.0, truth.t_end, _INSTANTS)
-    estimated, enclosed = truth.columns(instants, "after"), proven.columns(instants, "after")
-    for name, error in errors.items():
-        off = np.max(np.abs(estimated[name] - enclosed[name]))
-        allowed = _ESTIMATED * truth.uncertainty[name] + error
-        if not off <= allowed:
-            raise Contradiction(
-                f"{truth.scene}: {name}: found a truth {off:.2g} off what is proven; "
-                f"expected at most {allowed:.2g}"
-            )
+    _check_columns(truth, proven, errors)
 
     def columns(t: np.ndarray, side: str) -> dict[str, np.ndarray]:
-        # At the proven time of an event the truth is asked at its own time of it, where it has the
-        # event's two sides.
-        asked = t.copy()
+        """Return the columns of the truth, with proven ones instead of its own."""
+        # At the proven time of an event the truth is evaluated at its own time of the event, where it
+        # has the two sides.
+        own_times = t.copy()
         for time, event in zip(times, truth.events):
-            asked[t == time] = event.time
-        columns = dict(truth.columns(asked, side))
+            own_times[t == time] = event.time
+        columns = dict(truth.columns(own_times, side))
         for name, values in proven.columns(t, side).items():
             if name in columns:
                 columns[name] = values
@@ -171,15 +176,43 @@ def with_proof(scene: Scene, truth: Truth) -> Truth:
     )
 
 
+def _proven_event_times(truth: Truth, proven: ProvenTruth) -> np.ndarray:
+    """Return the proven times (s) of the events of a truth; raise Contradiction if other events are proven."""
+    # The proof may continue beyond the end of the truth; its later events have to be there.
+    in_truth = [(event.kind, event.joint) for event in truth.events]
+    in_proof = [(kind, joint) for kind, joint, _ in proven.events]
+    times, later = np.split([time for *_, time in proven.events], [len(in_truth)])
+    if in_truth != in_proof[: len(in_truth)] or any(later < truth.t_end - _AT_THE_END):
+        raise Contradiction(
+            f"{truth.scene}: found events {_describe(in_truth)}; proven are {_describe(in_proof)}"
+        )
+    return times
+
+
+def _check_columns(truth: Truth, proven: ProvenTruth, errors: Mapping[str, float]) -> None:
+    """Raise Contradiction if columns of a truth and their proofs differ by more than both uncertainties."""
+    instants = np.linspace(0.0, truth.t_end, _INSTANTS)
+    estimated = truth.columns(instants, "after")
+    enclosed = proven.columns(instants, "after")
+    for name, error in errors.items():
+        difference = np.max(np.abs(estimated[name] - enclosed[name]))
+        allowed = _ESTIMATED * truth.uncertainty[name] + error
+        if not difference <= allowed:
+            raise Contradiction(
+                f"{truth.scene}: {name}: found a truth {difference:.2g} off what is proven; "
+                f"expected at most {allowed:.2g}"
+            )
+
+
 def threshold_of_theorem(scene: Scene) -> StickThreshold | None:
-    """Return the proven threshold where the scene is that of a theorem; its uncertainty is half the interval."""
+    """Return the threshold of a scene if a theorem on it comes with the suite; its uncertainty is half the interval."""
     mechanism = SliderBar.from_scene(scene)
     for file in sorted(DATA.glob("threshold-*.json")):
         claims = json.loads(file.read_text(encoding="utf-8"))
         proven = SliderBar.from_scene(
             scene_from_dict(tomllib.loads(claims["file"]), claims["scene"])
         )
-        # all parameters but the amplitude, which is what the threshold is of
+        # The theorem is about this scene if all parameters except the amplitude are the same.
         if replace(mechanism, F0=proven.F0) == proven:
             low, high = (Fraction(claims[end]["F0 [N]"]) for end in ("low", "high"))
             return StickThreshold(
@@ -193,25 +226,30 @@ def threshold_of_theorem(scene: Scene) -> StickThreshold | None:
 
 @lru_cache(maxsize=4)
 def _read(file: Path) -> ProvenTruth:
+    """Return the motion of a certificate."""
     return ProvenTruth.of(json.loads(gzip.decompress(file.read_bytes())))
 
 
-def _put_in(value: Any, parameters: Mapping[str, Any]) -> Any:
-    """Replace the names of parameters in a value by their contents, so that names do not enter a digest."""
+def _substitute(value: Any, parameters: Mapping[str, Any]) -> Any:
+    """Return a value with the names of parameters replaced by their contents, so that names do not affect a digest."""
     if isinstance(value, dict):
-        return {key: _put_in(inner, parameters) for key, inner in value.items()}
+        return {key: _substitute(inner, parameters) for key, inner in value.items()}
     if isinstance(value, list):
-        return [_put_in(inner, parameters) for inner in value]
+        return [_substitute(inner, parameters) for inner in value]
     if not isinstance(value, str):
         return value
     if value in parameters:
-        return _put_in(parameters[value], parameters)
+        return _substitute(parameters[value], parameters)
 
-    def content(name: re.Match[str]) -> str:
-        return f"({_put_in(parameters[name[0]], parameters)})" if name[0] in parameters else name[0]
+    def content(match: re.Match[str]) -> str:
+        name = match[0]
+        if name not in parameters:
+            return name
+        return f"({_substitute(parameters[name], parameters)})"
 
     return _NAME.sub(content, value)
 
 
-def _words(events: list[tuple[str, str]]) -> str:
+def _describe(events: list[tuple[str, str]]) -> str:
+    """Return events, by kind and joint, in words."""
     return ", ".join(f"{kind} of {joint}" for kind, joint in events) or "none"

@@ -1,14 +1,14 @@
 """Certificates of truths: proven motions as polynomials in floats, with proven bounds.
 
-A file claims, of the scene that it holds: *at every time t from 0 to ``t_end``, each column, evaluated in floats by
-Horner's rule from the coefficients of the leg in which t lies, is off the exact motion by no more than its error; the
-events are the listed ones, each within ``event time`` of its time.* The check proves the motion anew with more digits,
-thus other steps, and compares the polynomials. `stiction.truths.proof.truth` reads the files without this module.
+A file claims about its scene: *at every time t from 0 to ``t_end``, each column, evaluated in floats by Horner's rule
+from the coefficients of the leg that contains t, differs from the exact motion by at most its error; the events are the
+listed ones, each within ``event time`` of its time.* The check proves the motion again with more digits and therefore
+with other steps, and compares the polynomials. `stiction.truths.proof.truth` reads the files without this module.
 
     python -m stiction.truths.proof.truth_certificate
 
-makes those of all scenes of the catalogue whose motion is proven, some minutes; with names of scenes, those of these
-scenes.
+makes the certificates of all scenes of the catalogue whose motion is proven, within some minutes, or those of scenes
+that are named as arguments.
 """
 
 from __future__ import annotations
@@ -46,7 +46,7 @@ from stiction.truths.truth import NotThisMechanism
 DIGITS = 14
 """Decimal places to which motions are proven: near the rounding of the floats in which they are stored."""
 _MORE_DIGITS = 4
-"""Digits beyond those of a certificate with which it is checked."""
+"""Number of additional digits with which a certificate is checked."""
 _ROUNDING = 2.0**-53
 """Unit roundoff u of floats."""
 _HORNER = 2.02
@@ -56,30 +56,30 @@ _SUMMED = 1 + 1e-9
 _ALL_DIGITS = 17
 """Decimal digits that determine a float."""
 _HALF = 0.5
-"""Ratio of a term to what may be left out, below which it is left out."""
+"""Ratio of a term to the negligible size below which the term is left out."""
 _RATES = {"x": "vx", "y": "vy", "angle": "omega", "displacement": "slip_velocity"}
-"""Rates of columns of an element."""
+"""Label of the rate of each label of a column."""
 _KEPT = 2.0**-55
-"""Largest part of a column's size that is left out of each of its terms; of its derivative on legs of less than 1 s."""
+"""Largest change of each term by rounding, relative to the size of the column, or of its derivative on short legs."""
 _SLACK = 1.25
-"""Ratio of the claimed errors to those found: another proof, with other steps, finds others."""
+"""Ratio of the claimed errors to those that were found, because a proof with other steps finds other errors."""
 _AT_ONCE = 1e-12
-"""s; corners of one guide that are closer are one event for all but a proof."""
+"""Time, s, within which corner events of a guide count as one event."""
 
 
 def truth_certificate(scene: Scene) -> Claims:
-    """Return the claims about a scene's motion; raises as `prove_scene`."""
-    motion, text = prove_scene(scene, DIGITS), scene_to_toml(scene)
+    """Return the claims about a scene's motion; raise the errors of `prove_scene`."""
+    motion = prove_scene(scene, DIGITS)
+    text = scene_to_toml(scene)
     with motion.precision.working():
         starts = [float(leg.t.mid()) for leg in motion.legs]
-        # legs between events that are at the same time in floats have no length there
+        # Legs between events whose times are equal in floats have no length, and are left out.
         legs = [
             leg
             for leg, start, end in zip(motion.legs, starts, [*starts[1:], scene.t_end])
             if start < end
         ]
-        # A velocity is evaluated as the derivative of its position: its own coefficients need not
-        # be stored.
+        # A velocity is evaluated as the derivative of its position, and needs no coefficients.
         columns = legs[0].bodies
         derivatives = {}
         for name in columns:
@@ -102,8 +102,7 @@ def truth_certificate(scene: Scene) -> Claims:
                 if name not in derivatives
             },
         }
-        # What is claimed is proven from the claims themselves, as they are written: rounded
-        # coefficients and all.
+        # The errors are proven for the claims as they are written, with rounded coefficients.
         claims["errors"] = {name: error * _SLACK for name, error in _errors(claims, motion).items()}
         events = _events(motion, scene)
         claims["events"] = [[event.kind, event.joint, float(event.time.mid())] for event in events]
@@ -113,6 +112,7 @@ def truth_certificate(scene: Scene) -> Claims:
 
 
 def _failures(claims: Claims) -> Iterator[Failure]:
+    """Prove the claims of a certificate again, and yield the failures."""
     scene = claimed_scene(claims)
     claimed = claims["digest"], claims["t_end"]
     actual = motion_digest(claims["file"]), scene.t_end
@@ -139,7 +139,7 @@ def _failures(claims: Claims) -> Iterator[Failure]:
 
 
 def _errors(claims: Claims, motion: ProvenMotion) -> dict[str, float]:
-    """Bounds by column of the error of its evaluation in floats.
+    """Return a bound for each column of the error of its evaluation in floats.
 
     On each stretch that a leg of the file has in common with one of the motion both polynomials are taken about the
     stretch's beginning: the size of their difference is at most that of its terms.
@@ -173,12 +173,12 @@ def _errors(claims: Claims, motion: ProvenMotion) -> dict[str, float]:
 
 
 def _terms(polynomial: arb_poly, length: arb | float) -> list[arb]:
-    """Sizes of the terms of a polynomial over some seconds."""
+    """Return the sizes of the terms of a polynomial over a time (s)."""
     return [abs(c) * length**k for k, c in enumerate(polynomial.coeffs())]
 
 
 def _rounding(polynomial: arb_poly, length: float) -> float:
-    """Bound of the rounding of Horner's rule over some seconds, that of the time since the leg's start included.
+    """Return a bound of the rounding of Horner's rule over a time (s), which includes that of the time itself.
 
     Source: N. J. Higham, Accuracy and Stability of Numerical Algorithms, 2002, sect. 5.1.
     """
@@ -190,33 +190,33 @@ def _rounding(polynomial: arb_poly, length: float) -> float:
 
 
 def _events(motion: ProvenMotion, scene: Scene) -> list[ProvenEvent]:
-    """The events that count; of corners of a guide within `_AT_ONCE` the last."""
+    """Return the events that count; of corner events of a guide within `_AT_ONCE` only the last one."""
     kept: list[ProvenEvent] = []
     counted = rubbing_joints(scene)
     for event in motion.events:
         if event.joint not in counted:
             continue
-        # both corner forces of a guide pass zero together where its normal force does
-        together = (
+        # Both corner forces of a guide pass zero together if its normal force does.
+        is_same_event = (
             kept
             and kept[-1].kind == event.kind == "corner"
             and kept[-1].joint == event.joint
             and not event.time - kept[-1].time > _AT_ONCE
         )
-        if together:
+        if is_same_event:
             kept.pop()
         kept.append(event)
     return kept
 
 
 def _floats(polynomial: arb_poly, length: float) -> list[float]:
-    """Coefficients with no more decimals than count."""
+    """Return the coefficients of a polynomial over a time (s), rounded to the decimals that matter."""
     terms = [float(c.mid()) for c in polynomial.coeffs()]
     size = sum(abs(c) * length**k for k, c in enumerate(terms))
     negligible = _KEPT * min(length, 1.0) * size or 1.0
     kept = []
     for k, c in enumerate(terms):
-        # a term that is 10^d times what may be left out needs d digits
+        # A term that is 10^d times the negligible size needs d digits.
         share = abs(c) * length**k / negligible
         if share > _HALF:
             digits = min(max(ceil(log10(share)), 1), _ALL_DIGITS)
@@ -229,7 +229,7 @@ def _floats(polynomial: arb_poly, length: float) -> list[float]:
 
 
 def _upper(ball: arb) -> float:
-    """An upper bound in floats: `float` rounds to nearest, by one unit at most."""
+    """Return an upper bound in floats; `float` rounds to nearest, by one unit at most."""
     return float(ball.upper()) * (1 + 2 * _ROUNDING)
 
 
@@ -237,7 +237,7 @@ FORMAT = Format("stiction truth proof 1", "column", lambda claims: len(claims["e
 
 
 def provable_scenes(names: Collection[str] = ()) -> Iterator[Scene]:
-    """Scenes of the catalogue whose motion can be proven, and the same with mus = mu, each once."""
+    """Yield the scenes of the catalogue whose motion can be proven, and their variants with mus = mu, each once."""
     seen = set()
     for name, static in product(names or catalogue(), (True, False)):
         scene = physics_of(load_scene(name), static)
@@ -251,7 +251,7 @@ def provable_scenes(names: Collection[str] = ()) -> Iterator[Scene]:
 
 
 def main(names: Sequence[str]) -> None:
-    """Make the certificates; without names, those that are of no scene any more are removed."""
+    """Make the certificates of scenes, or of all scenes, in which case obsolete certificates are removed."""
     written = set()
     for scene in provable_scenes(names):
         try:

@@ -6,12 +6,12 @@ Polar coordinates of the slider's centre, r along the arm and th the arm's angle
     slider about its centre (it turns with the arm):   M = Is th'' ,
     arm about its pivot:   J th'' = -M - r R - kt (th - th0) - dt th' + tau ,  tau = 0 free, th'' = 0 driven,
 
-so free:  (J + Is + m r^2) th'' = -kt (th - th0) - dt th' - m r (2 r' th' - g.n) .
+so that a free arm obeys  (J + Is + m r^2) th'' = -kt (th - th0) - dt th' - m r (2 r' th' - g.n) .
 
 Friction acts along the line through the pivot, and the moment of the surfaces about the slider's centre is part of
-M. So neither enters th'': R and M are known before friction is, and f = phi N(R, M, phi) (`slider_contact.py`) with
-phi = -mu sgn r' in slip.
-Rest on the arm: r' = r'' = 0 asks for f = k (r - r0) - m r th'^2 - m g.e, possible while |phi| <= mus.
+M. Therefore th'', R and M do not depend on friction, and f = phi N(R, M, phi) (`slider_contact.py`) with
+phi = -mu sgn r' in slip. Rest on the arm, r' = r'' = 0, requires f = k (r - r0) - m r th'^2 - m g.e, which is possible
+while |phi| <= mus.
 """
 
 from __future__ import annotations
@@ -32,9 +32,24 @@ from stiction.truths.truth import Truth, body_columns
 
 @dataclass(frozen=True)
 class MovingGuide(SingleSlider):
-    """Parameters as in the module's text; `spring` is (k, d, r0), `twist` is (kt, dt, th0).
+    """A slider on a turning arm, with the symbols of the module's text.
 
-    `names` are those of pivot, guide and drive (None: free).
+    Attributes
+    ----------
+    m, slider_inertia : float
+        Mass (kg) and moment of inertia Is (kg m^2) of the slider.
+    arm_mass, arm_inertia : float
+        Mass (kg) and moment of inertia J (kg m^2) of the arm.
+    gravity : tuple of float
+        g, m/s^2.
+    spring, twist : tuple of float
+        (k, d, r0) and (kt, dt, th0).
+    contact : Contact
+        Dimensions and coefficients of the guide.
+    pivot : tuple of float
+        Position of the pivot, m.
+    names : tuple
+        Names of pivot, guide and drive; None instead of a drive for a free arm.
     """
 
     m: float
@@ -49,18 +64,18 @@ class MovingGuide(SingleSlider):
     names: tuple[str, str, str | None]
 
     def _weight(self, th):
-        """m g along and across the arm."""
+        """Return the weight m g along and across the arm, N."""
         gx, gy = self.gravity
         cos, sin = np.cos(th), np.sin(th)
         return self.m * (gx * cos + gy * sin), self.m * (gy * cos - gx * sin)
 
     def _twist(self, q, v):
-        """Moment of the torsional spring on the arm."""
+        """Return the moment of the torsional spring on the arm, N m."""
         kt, dt, th0 = self.twist
         return -kt * (q[1] - th0) - dt * v[1]
 
     def angular_acceleration(self, q, v):
-        """th''; independent of friction."""
+        """Return th'', which does not depend on friction."""
         if self.names[2] is not None:
             return np.zeros_like(q[1])
         r = q[0]
@@ -69,7 +84,7 @@ class MovingGuide(SingleSlider):
         return moment / (self.arm_inertia + self.slider_inertia + self.m * r * r)
 
     def loads(self, t, q, v, a=None):
-        """R, M and the push, with the inertia of the turning frame; independent of q''."""
+        """Return R, M and the push, which contains the inertia of the turning frame; they do not depend on q''."""
         alpha = self.angular_acceleration(q, v)
         along, across = self._weight(q[1])
         k, d, r0 = self.spring
@@ -78,8 +93,7 @@ class MovingGuide(SingleSlider):
         return R, self.slider_inertia * alpha, force
 
     def acceleration(self, t, q, v, mode: Mode):
-        # Along the arm the slider is free or held; the arm turns alike in both cases, as friction
-        # does not enter th''.
+        # The motion of the arm is the same in slip and in stick, as th'' does not depend on friction.
         slip, signs = mode
         if slip == 0:
             radial = np.zeros_like(q[0])
@@ -95,9 +109,11 @@ class MovingGuide(SingleSlider):
         pivot, guide, drive = self.names
         acceleration = self.acceleration(t, q, v, mode)
         (r, th), (rv, w), (ra, alpha) = q, v, acceleration
-        cos, sin, zero = np.cos(th), np.sin(th), np.zeros_like(t)
-        e, n = np.array([cos, sin]), np.array([-sin, cos])
-        # acceleration in polar coordinates, with its centripetal and Coriolis terms
+        cos, sin = np.cos(th), np.sin(th)
+        zero = np.zeros_like(t)
+        e = np.array([cos, sin])
+        n = np.array([-sin, cos])
+        # The acceleration in polar coordinates has centripetal and Coriolis terms.
         velocity = rv * e + r * w * n
         a = (ra - r * w * w) * e + (r * alpha + 2 * rv * w) * n
         px, py = self.pivot
@@ -105,11 +121,11 @@ class MovingGuide(SingleSlider):
             **body_columns("arm", (zero + px, zero + py, th), (zero, zero, w), (zero, zero, alpha)),
             **body_columns("slider", (px + r * cos, py + r * sin, th), (*velocity, w), (*a, alpha)),
         }
-        # The pivot carries what accelerates the slider, less the weight of both; the arm's centre
-        # of mass rests on it.
+        # The force of the pivot accelerates the slider and carries both weights. The arm's centre of
+        # mass is at the pivot and has no acceleration.
         for i, c in enumerate("xy"):
             values[f"{pivot}.f{c}"] = self.m * a[i] - (self.m + self.arm_mass) * self.gravity[i]
-        # The drive holds the balance of moments of the arm, whose rate is constant.
+        # The arm has a constant rate, so that the drive balances all moments on it.
         if drive is not None:
             R, M, _ = self.loads(t, q, v)
             values[f"{drive}.effort"] = M + r * R - self._twist(q, v)
@@ -143,7 +159,7 @@ TURNING_ARM = Structure(
 
 
 def moving_guide_truth(scene: Scene, t_end: float | None = None) -> Truth:
-    """Return the motion of bodies `arm` and `slider`."""
+    """Return the motion of a slider (`slider`) with friction on a turning arm (`arm`)."""
     match = TURNING_ARM.match(scene)
     arm, slider = scene.bodies["arm"], scene.bodies["slider"]
     motor, spring, twist = match["motor"], match["spring"], match["twist"]
@@ -152,24 +168,31 @@ def moving_guide_truth(scene: Scene, t_end: float | None = None) -> Truth:
             scene, f"{match.name('motor')}: expected a drive that meets the start of the arm"
         )
     pivot = match["pivot"].points[1]
-    # Without spring, torsional spring or motor: zero stiffness, and an arm that turns freely.
+    # A missing spring has no stiffness, and an arm without a motor turns freely.
+    spring_terms = (0.0, 0.0, 0.0)
+    if spring:
+        rest_position = spring.points[1][0] + spring.rest_length
+        spring_terms = (spring.stiffness, spring.damping, rest_position)
+    twist_terms = (0.0, 0.0, 0.0)
+    if twist:
+        twist_terms = (twist.stiffness, twist.damping, twist.rest_angle)
+    guide = match.name("guide")
     mechanism = MovingGuide(
-        slider.mass,
-        slider.inertia,
-        arm.mass,
-        arm.inertia,
-        scene.gravity or (0.0, 0.0),
-        (spring.stiffness, spring.damping, spring.points[1][0] + spring.rest_length)
-        if spring
-        else (0.0, 0.0, 0.0),
-        (twist.stiffness, twist.damping, twist.rest_angle) if twist else (0.0, 0.0, 0.0),
-        Contact.of(match["guide"]),
-        pivot,
-        (match.name("pivot"), match.name("guide"), match.name("motor") if motor else None),
+        m=slider.mass,
+        slider_inertia=slider.inertia,
+        arm_mass=arm.mass,
+        arm_inertia=arm.inertia,
+        gravity=scene.gravity or (0.0, 0.0),
+        spring=spring_terms,
+        twist=twist_terms,
+        contact=Contact.of(match["guide"]),
+        pivot=pivot,
+        names=(match.name("pivot"), guide, match.name("motor") if motor else None),
     )
-    # Polar coordinates of the start. The velocity across the arm follows from the arm's.
+    # Compute the polar coordinates of the start. The velocity across the arm follows from its rate.
     along = np.array([np.cos(arm.angle), np.sin(arm.angle)])
     r = float((np.array(slider.position) - np.array(pivot)) @ along)
     radial = float(np.array(slider.velocity) @ along)
-    q, v = np.array([r, arm.angle]), np.array([radial, arm.angular_velocity])
-    return truth_of(scene, mechanism.names[1:2], mechanism, q, v, t_end)
+    q = np.array([r, arm.angle])
+    v = np.array([radial, arm.angular_velocity])
+    return truth_of(scene, (guide,), mechanism, q, v, t_end)

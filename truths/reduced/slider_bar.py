@@ -1,18 +1,18 @@
-"""The paper's example reduced to one degree of freedom (Zhuang & Wang 2014, Sect. 5), without any HLCP.
+"""The slider-bar of the paper reduced to one degree of freedom (Zhuang & Wang 2014, Sect. 5), without an HLCP.
 
-The motor turns the bar at a constant rate against the slider, which does not turn: th = th0 + w0 t is known, and the
-slider's position x = x2 is the only unknown. With c = m1 L/2 and m = m1 + m2:
+The motor turns the bar at a constant rate relative to the slider, which does not turn: th = th0 + w0 t is known, and
+the slider's position x = x2 is the only unknown. With c = m1 L/2 and m = m1 + m2:
 
 - bar and slider together, across the guide:  R = m g - c w0^2 sin th ;
-- the bar about its pin:  tau = c (g cos th - x'' sin th) ; the slider's guide has to supply M = tau ;
+- the bar about its pin:  tau = c (g cos th - x'' sin th) ; the slider's guide exerts M = tau ;
 - bar and slider together, along the guide:
   m x'' = F(t) - k (x - L0) - d x' + c w0^2 cos th + phi N ,  phi = -mu sgn x' in slip (`slider_contact.py` for N).
 
-In slip with known contact configuration this is linear in x''. In stick x'' = 0, and the friction phi N that the
-equation asks for gives the fraction rho = phi / mus; the slider breaks away where |rho| = 1, which is the slip
-equation with mus. At velocity zero it sticks if |rho| < 1 and reverses otherwise.
+In slip with a given contact configuration the last equation is linear in x''. In stick x'' = 0, and the friction phi N
+that solves it yields the fraction rho = phi / mus. The slider breaks away at |rho| = 1, which is the slip equation with
+mus. At velocity zero it sticks if |rho| < 1 and reverses otherwise.
 
-The jump of the motor's torque at an event follows from the second line: -c sin(th) times the jump of x''.
+The jump of the motor's torque at an event follows from the second equation: -c sin(th) times the jump of x''.
 """
 
 from __future__ import annotations
@@ -66,9 +66,9 @@ SLIDER_BAR = Structure(
 
 
 _MOST_TURNS = 64
-"""Turns of the bar within which the load must repeat itself for a common period."""
+"""Largest number of turns of the bar in a common period of bar and load."""
 _RATIONAL = 1e-12
-"""Distance from a ratio of whole numbers up to which a ratio of frequencies is that: rounding of both."""
+"""Distance from a rational number within which a ratio of frequencies equals it: rounding of both frequencies."""
 
 
 @dataclass(frozen=True)
@@ -98,7 +98,7 @@ class SliderBar(SingleSlider):
 
     @classmethod
     def from_scene(cls, scene: Scene) -> SliderBar:
-        """Parameters of a scene of the structure `SLIDER_BAR`; NotThisMechanism for any other."""
+        """Return the slider-bar of a scene; raise NotThisMechanism if the scene is not a `SLIDER_BAR`."""
         match = SLIDER_BAR.match(scene)
         bar, slider = scene.bodies["bar"], scene.bodies["slider"]
         pin, guide, spring = match["pin"], match["guide"], match["spring"]
@@ -124,6 +124,7 @@ class SliderBar(SingleSlider):
 
     @property
     def mass(self) -> float:
+        """Mass m of bar and slider, kg."""
         return self.m1 + self.m2
 
     @property
@@ -133,28 +134,26 @@ class SliderBar(SingleSlider):
 
     @property
     def magnitude(self) -> float:
-        """Largest acceleration that load, spring at rest length zero, weight and the bar's turning would each give."""
-        return (
-            1.0
-            + (
-                abs(self.force_offset)
-                + abs(self.F0)
-                + self.stiffness * abs(self.L0)
-                + self.mass * abs(self.g)
-                + self.c * self.rate**2
-            )
-            / self.mass
+        """Size of x'': the sum of the accelerations by load, spring, weight and the rotation of the bar, m/s^2."""
+        forces = (
+            abs(self.force_offset)
+            + abs(self.F0)
+            + self.stiffness * abs(self.L0)
+            + self.mass * abs(self.g)
+            + self.c * self.rate**2
         )
+        return 1.0 + forces / self.mass
 
     @property
     def fastest(self) -> float:
         return max(abs(self.rate), abs(self.frequency), (self.stiffness / self.mass) ** 0.5)
 
     def theta(self, t):
+        """Return the angle th of the bar, rad."""
         return self.angle + self.rate * t
 
     def applied(self, t, x, v):
-        """Everything in m x'' but friction, N."""
+        """Return the sum of all terms of m x'' except friction, N."""
         return (
             self.force_offset
             + self.F0 * np.sin(self.frequency * t + self.phase)
@@ -164,19 +163,19 @@ class SliderBar(SingleSlider):
         )
 
     def normal(self, t):
-        """R, N."""
+        """Return R, N."""
         return self.mass * self.g - self.c * self.rate**2 * np.sin(self.theta(t))
 
     def torque(self, t, a):
-        """tau, N m."""
+        """Return the motor's torque tau at the acceleration a (m/s^2), N m."""
         return self.c * (self.g * np.cos(self.theta(t)) - a * np.sin(self.theta(t)))
 
     def acceleration(self, t, q, v, mode: Mode):
         slip, signs = mode
         if slip == 0:
             return np.zeros_like(q)
-        # N depends on x'' by the bar's torque, linearly: N = load + slope x''. Friction adds phi
-        # slope to the inertia.
+        # N depends linearly on x'' by the bar's torque: N = load + slope x''. Friction therefore reduces
+        # the inertia by phi slope.
         phi = self.slip_fraction(slip)
         load = self.contact.load(self.normal(t), self.torque(t, 0.0), phi, signs)
         slope = self.contact.load(0.0, -self.c * np.sin(self.theta(t)), phi, signs)
@@ -188,7 +187,10 @@ class SliderBar(SingleSlider):
         return self.normal(t), self.torque(t, a[0]), self.applied(t, q[0], v[0])
 
     def limits(self, t, q, v, mode: Mode):
-        """Positive while the accelerations are unique: in slip m > mu |B| (Painleve), at rest `_rest_limits`."""
+        """Return functions that are positive while x'' is unique.
+
+        This is the case in slip if m > mu |B| (Painleve); for rest see `_rest_limits`.
+        """
         if self.contact.length is None:
             return np.empty((0, 1, len(t)))
         # D = A - B x''. In slip m x'' + s mu max(|R|, |D|) must grow with x'': its slope is at
@@ -199,22 +201,25 @@ class SliderBar(SingleSlider):
         return self._rest_limits(t, B, self.applied(t, q[0], v[0]))
 
     def _rest_limits(self, t, B, P):
-        """Positive while no slip begins besides rest: the slider accelerates only against full static friction.
+        """Return functions that are positive while rest is the only solution.
+
+        A slider at rest can only accelerate against full static friction.
 
         In direction s, with z = s x'' >= 0, A = (2/a) (tau(0) + (b/2) mus s R) and B for s B, slip asks for
-        h(z) = s P - m z - mus max(|R|, |A - B z|) = 0, concave in z and negative at 0 in rest. It has roots z > 0 only
-        where it rises at 0: mus |B| > m. Its largest value is where |A - B z| has fallen to |R|. With B > 0
-        that is at z = (A - |R|)/B, and h there times B is s P B - m (A - |R|) - mus |R| B; with B < 0 as for -A, -B.
+        h(z) = s P - m z - mus max(|R|, |A - B z|) = 0, which is concave in z and negative at 0 in rest. It has roots
+        z > 0 only if it increases at 0: mus |B| > m. Its maximum is at the z at which |A - B z| has decreased to |R|.
+        For B > 0 this is z = (A - |R|)/B, where h B = s P B - m (A - |R|) - mus |R| B; B < 0 is the same with -A, -B.
         Rest is therefore the only solution while one of  m - mus B,  |R| - A,  m A - s P B + (mus B - m) |R|  is
-        positive; for mus B > m the last is, as the middle one, the larger of the two with R and -R.
+        positive. For mus B > m the last one, as the middle one, is the larger of its values for R and -R.
         """
         m, mus, R = self.mass, self.contact.mus, self.normal(t)
         limits = []
         for s in (1, -1):
             n1, n2 = self.contact.corners(R, self.torque(t, 0.0), -mus * s)
             for sign in (1, -1):
-                # D >= 0 and D < 0 by the two signs, with B counted along the direction s
-                A, b = sign * (n2 - n1), sign * s * B
+                # The two signs are for D >= 0 and D < 0; B is counted along the direction s.
+                A = sign * (n2 - n1)
+                b = sign * s * B
                 limits.append(
                     [
                         m - mus * b,
@@ -230,11 +235,15 @@ class SliderBar(SingleSlider):
     ) -> dict[str, np.ndarray]:
         a = self.acceleration(t, q, v, mode)
         (x,), (vx,), (ax,) = q, v, a
-        zero, th = np.zeros_like(t), self.theta(t)
-        sin, cos, half, w = np.sin(th), np.cos(th), self.L / 2, self.rate
-        # The bar's centre of mass goes round the pin at a constant rate: centripetal acceleration
-        # alone.
-        bar_ax, bar_ay = ax - half * w * w * cos, -half * w * w * sin
+        zero = np.zeros_like(t)
+        th = self.theta(t)
+        sin, cos = np.sin(th), np.cos(th)
+        half = self.L / 2
+        w = self.rate
+        # The bar's centre of mass rotates about the pin at a constant rate, so that its relative
+        # acceleration is centripetal.
+        bar_ax = ax - half * w * w * cos
+        bar_ay = -half * w * w * sin
         return {
             **body_columns(
                 "bar",
@@ -252,18 +261,22 @@ class SliderBar(SingleSlider):
         }
 
     def break_away_margin(self, t: float, x: float) -> float:
-        """Excess of the load over what static friction can hold at rest, N: positive if the slider breaks away.
+        """Return the excess of the load over static friction at rest, N, which is positive if the slider breaks away.
 
-        max over s = -1, 1 of  s P - mus max(|R|, |D_s|), D_s the D of `slider_contact.py`, phi = -mus s and x'' = 0.
+        It is the larger value of  s P - mus max(|R|, |D_s|)  for s = -1, 1, where D_s is the D of `slider_contact.py`
+        with phi = -mus s and x'' = 0.
         """
-        R, M, P = self.normal(t), self.torque(t, 0.0), self.applied(t, x, 0.0)
+        R = self.normal(t)
+        M = self.torque(t, 0.0)
+        P = self.applied(t, x, 0.0)
         return max(s * P - self.contact.capacity(R, M, -self.contact.mus * s) for s in (-1, 1))
 
     def period(self) -> float:
-        """Return the common period of bar and load, s; raises InputError without one."""
+        """Return the common period of bar and load, s; raise InputError if there is none."""
         if self.rate == 0:
             return 2 * np.pi / self.frequency
-        # load over bar as p/q: q turns of the bar are p periods of the load
+        # If the frequencies of load and bar have the ratio p/q, q turns of the bar are p periods of the
+        # load.
         ratio = Fraction(self.frequency / abs(self.rate)).limit_denominator(_MOST_TURNS)
         if abs(self.frequency / abs(self.rate) - ratio) > _RATIONAL or ratio == 0:
             raise InputError(
@@ -273,7 +286,7 @@ class SliderBar(SingleSlider):
 
 
 def slider_bar_truth(scene: Scene, t_end: float | None = None) -> Truth:
-    """Return the slider-bar's motion from its start; NoMotion also where mu |B| >= m (Painleve)."""
+    """Return the slider-bar's motion; raise NoMotion also where mu |B| >= m (Painleve)."""
     mechanism = SliderBar.from_scene(scene)
     truth = truth_of(
         scene, ("guide",), mechanism, np.array([mechanism.x]), np.array([mechanism.v]), t_end

@@ -1,9 +1,9 @@
-"""The contact of one slider with its guide, for the reduced solutions.
+"""Contact of one slider with its guide, for the reduced solutions.
 
-A slider of length a and width b carries the normal force R = n1 + n2 and needs the moment M about its centre from its
-guide (whatever else turns it, drive or inertia, has the moment -M). n1 and n2 are the normal forces at the rear and
-front corners. The lower surface takes each where it is positive, the upper where it is negative. The friction of the
-surfaces is phi N+ and phi N- along the guide, with phi = -mu s in slip and phi = rho mus in stick, the same fraction
+A slider of length a and width b carries the normal force R = n1 + n2, and its guide exerts the moment M about its
+centre (all other moments on it, by drives and inertia, sum to -M). n1 and n2 are the normal forces at the rear and
+front corners: a positive one acts at the lower surface, a negative one at the upper surface. The frictions of the
+surfaces are phi N+ and phi N- along the guide, with phi = -mu s in slip and phi = rho mus in stick, the same fraction
 rho on both surfaces (equal mobilization). With b/2 the lever of the surfaces,
 
     M = (a/2) (n2 - n1) + (b/2) phi (N+ - N-) ,    N+ - N- = n1 + n2 = R
@@ -16,12 +16,12 @@ Break-away. At rest the law lets the two surfaces differ: |f+| <= mus N+, |f-| <
 gives D = (2/a) (M - (b/2) w) and N+ + N- = S(w) = max(|R|, |D|), N+ - N- = R. From f+ = (f + w)/2 <= mus (S + R)/2 and
 f- = (f - w)/2 <= mus (S - R)/2 the largest friction f = f+ + f- is  max over w of  mus S(w) - |w - mus R|, with
 |w| <= mus S(w). S changes by at most b/a per unit of w. For mus b <= a the maximum is therefore at w = mus R, full
-mobilization of both surfaces: that is the rule of break-away, mus S(mus R) (with -mus R backwards). For mus b > a it
-is infinite: the surfaces can press against each other by their own friction as hard as it takes, and the guide can jam
-under any load (drawer effect; Painleve's paradox of rest). A guide at rest beyond full mobilization then has two
-motions, jam and slip, and `require_unique_slip` refuses; within it rests in either case. Only there can static
-friction, fully mobilized, be less than kinetic: mu S(mu R) grows with mu as long as mu b < a, since S >= |R| and
-|dS/dmu| <= (b/a) |R|.
+mobilization of both surfaces. The guide breaks away at the friction mus S(mus R) (backwards with -mus R). For mus b > a
+the maximum is infinite: the surfaces can press against each other by their own friction, and the guide can jam under
+any load (drawer effect; Painleve's paradox of rest). A guide at rest beyond full mobilization then has two motions, jam
+and slip, which `require_unique_slip` refuses; below full mobilization it rests in either case. Only for mus b > a can
+fully mobilized static friction be less than kinetic friction: mu S(mu R) grows with mu as long as mu b < a, since
+S >= |R| and |dS/dmu| <= (b/a) |R|.
 """
 
 from __future__ import annotations
@@ -35,16 +35,27 @@ from stiction.scenes.model import Translational
 from stiction.truths.reduced.piecewise_smooth import TRIAL_STEPS, NoMotion, PiecewiseMechanism
 
 Signs = tuple[int, int]
+"""Signs of n1 and n2."""
 Mode = tuple[int, Signs]
-"""Direction of slip (-1, 1; 0: stick) and signs of n1, n2, which nothing depends on in stick (0, 0)."""
+"""Direction of slip (-1, 1; 0 in stick) and signs of n1, n2, which have no effect in stick (0, 0)."""
 STICK: Mode = (0, (0, 0))
+"""The mode of stick."""
 
 
 @dataclass(frozen=True)
 class Contact:
     """Dimensions and friction of a slider.
 
-    Without a length there are no corner forces, without declared friction no columns of it.
+    Attributes
+    ----------
+    length : float or None
+        Length a, m; None for a guide without corner forces.
+    width : float
+        Width b, m.
+    mu, mus : float
+        Kinetic and static coefficients.
+    frictional : bool
+        False if the guide has no columns of friction.
     """
 
     length: float | None
@@ -55,7 +66,7 @@ class Contact:
 
     @classmethod
     def of(cls, guide: Translational) -> Contact:
-        """The contact of a scene's translational joint; without friction mu = mus = 0."""
+        """Return the contact of a scene's translational joint; without friction mu = mus = 0."""
         return cls(
             guide.length,
             guide.width or 0.0,
@@ -66,22 +77,23 @@ class Contact:
 
     @property
     def frictionless(self) -> bool:
+        """True if the guide has no friction."""
         return self.mus == 0.0
 
     def corners(self, R, M, phi):
-        """n1 and n2 (for a guide without length R/2 each)."""
+        """Return n1 and n2 (N), which are R/2 for a guide without length."""
         if self.length is None:
             return R / 2, R / 2
         D = 2 / self.length * (M - self.width / 2 * phi * R)
         return (R - D) / 2, (R + D) / 2
 
     def load(self, R, M, phi, signs: Signs):
-        """N = |n1| + |n2| by the signs of a configuration; linear in R and M."""
+        """Return N = |n1| + |n2| (N) by the signs of n1 and n2, which make it linear in R and M."""
         n1, n2 = self.corners(R, M, phi)
         return signs[0] * n1 + signs[1] * n2
 
     def capacity(self, R, M, phi):
-        """The friction |phi| N of a given mobilization, N."""
+        """Return the friction |phi| N of a mobilization, N."""
         n1, n2 = self.corners(R, M, phi)
         return abs(phi) * (abs(n1) + abs(n2))
 
@@ -92,8 +104,8 @@ class Contact:
         the largest of the functions  +-mus R - s push  and  +-mus D_s - s push, as smooth as R, M and push. By s and
         function: shape (2, 4, k), or (2, 2, k) for a guide without length.
         """
-        # A maximum of functions has kinks, on which polynomials converge slowly: each function is
-        # returned by itself.
+        # The maximum of functions has kinks, where polynomials converge slowly. Therefore each function
+        # is returned by itself.
         margins = []
         for s in (1, -1):
             n1, n2 = self.corners(R, M, -self.mus * s)
@@ -104,7 +116,7 @@ class Contact:
         return np.array(margins)
 
     def require_unique_slip(self, t: float) -> None:
-        """Raise NoMotion where a guide at rest, loaded beyond full static friction at time t, can jam: mus b > a."""
+        """Raise NoMotion if a guide at rest, loaded beyond full static friction at time t (s), can jam: mus b > a."""
         if self.length is not None and self.mus * self.width > self.length:
             raise NoMotion(
                 "several motions: a guide at rest under more than full static friction holds can slip or "
@@ -113,7 +125,7 @@ class Contact:
             )
 
     def mobilization(self, R, M, friction):
-        """Return phi in stick: of the roots of  phi N(phi) = friction  the smallest.
+        """Return phi in stick, the root of  phi N(phi) = friction  with the smallest magnitude.
 
         |phi| N is the larger of |phi R| and |phi (p - r phi)|, p = (2/a) M, r = (b/a) R, and zero at phi = 0. It first
         reaches |friction| where the first of the two does. With u = |phi| the second is u (|p| + |r| u) if p and r phi
@@ -124,29 +136,31 @@ class Contact:
             # |phi R| = |friction|
             smallest = force / np.abs(R)
             if self.length is not None:
-                # Quadratics in u. Roots are written with a sum in the denominator: nothing cancels.
-                p, r = np.abs(2 / self.length * M), np.abs(self.width / self.length * R)
-                opposed, alike = p * p + 4 * r * force, p * p - 4 * r * force
+                # Solve quadratics in u. The roots have a sum in the denominator to avoid cancellation.
+                p = np.abs(2 / self.length * M)
+                r = np.abs(self.width / self.length * R)
+                opposed = p * p + 4 * r * force
+                alike = p * p - 4 * r * force
                 # u (p + r u) = force
                 opposed_root = 2 * force / (p + np.sqrt(opposed))
-                # u (p - r u) = force before the maximum, else u (r u - p) = force on the second
-                # rise
+                # u (p - r u) = force before the maximum, or u (r u - p) = force on the second rise
                 alike_root = np.where(
                     alike >= 0, 2 * force / (p + np.sqrt(alike)), (p + np.sqrt(opposed)) / (2 * r)
                 )
                 same_sign = np.sign(friction) * M * R > 0
-                # `fmin` ignores the NaN of a load that is zero
+                # `fmin` ignores the NaN of a zero load.
                 smallest = np.fmin(smallest, np.where(same_sign, alike_root, opposed_root))
         return np.where(force > 0, np.sign(friction) * smallest, 0.0)
 
     def columns(self, guide: str, R, M, phi, mode, **others) -> dict[str, np.ndarray]:
-        """Return the columns of a guide: normal force, moment, corner and friction forces, mode, and others."""
+        """Return the columns of a guide: normal force, moment, corner and friction forces, mode, and `others`."""
         values = {"normal_force": R, "moment": M}
         n1, n2 = self.corners(R, M, phi)
-        # corners 1 and 2 are those of the lower surface, 4 and 3 the same of the upper one: only
-        # one of each pair presses
+        # Corners 1 and 2 are at the lower surface, and 4 and 3 opposite to them at the upper surface.
+        # Only one corner of each pair presses.
         F1, F2, F3, F4 = (np.maximum(n, 0) for n in (n1, n2, -n2, -n1))
-        lower, upper = F1 + F2, F4 + F3
+        lower = F1 + F2
+        upper = F4 + F3
         if self.length is not None:
             values |= {"F1": F1, "F2": F2, "F3": F3, "F4": F4}
         if self.frictional:
@@ -164,10 +178,10 @@ class SingleSlider(PiecewiseMechanism):
 
     @abstractmethod
     def loads(self, t, q, v, a):
-        """R, M and the push, the sum of all forces along the guide but friction; each (k,)."""
+        """Return R, M and the push, which is the sum of all forces along the guide except friction; each (k,)."""
 
     def guards(self, t, q, v, a, mode: Mode) -> np.ndarray:
-        """Slip keeps its direction and the corners their surfaces; stick holds the push."""
+        """Return guards: slip keeps its direction and corners keep their surfaces, stick can hold the push."""
         R, M, push = self.loads(t, q, v, a)
         slip, signs = mode
         if slip == 0:
@@ -177,7 +191,7 @@ class SingleSlider(PiecewiseMechanism):
         return np.array(corners if self.contact.frictionless else [slip * v[0], *corners])[:, None]
 
     def slip_fraction(self, slip: int) -> float:
-        """phi in slip."""
+        """Return phi in slip."""
         return -self.contact.mu * slip
 
     def guide_columns(self, guide: str, t, q, v, a, mode: Mode, **others) -> dict[str, np.ndarray]:
@@ -186,35 +200,36 @@ class SingleSlider(PiecewiseMechanism):
         zero = np.zeros_like(t)
         if self.contact.frictionless:
             return self.contact.columns(guide, R, M, zero, np.sign(v[0]), **others)
-        phi = (
-            zero + self.slip_fraction(mode[0])
-            if mode[0]
-            else self.contact.mobilization(R, M, -push)
-        )
+        if mode[0]:
+            phi = zero + self.slip_fraction(mode[0])
+        else:
+            phi = self.contact.mobilization(R, M, -push)
         return self.contact.columns(guide, R, M, phi, zero + mode[0], **others)
 
     def candidates(
         self, t: float, q: np.ndarray, v: np.ndarray, mode: Mode | None, guard: int | None
     ):
-        # which surface each corner rests on
-        patterns = [(1, 1), (-1, -1), *([] if self.contact.length is None else [(1, -1), (-1, 1)])]
+        # Signs of the corner forces, by which each corner is at one of the surfaces.
+        patterns = [(1, 1), (-1, -1)]
+        if self.contact.length is not None:
+            patterns += [(1, -1), (-1, 1)]
         if self.contact.frictionless:
             yield [((1, signs), v) for signs in patterns]
             return
         if mode is None:
             slip = int(np.sign(v[0]))
         elif guard == 0:
-            # the speed has reached zero in slip, or static friction its bound at rest
+            # In slip the speed has reached zero, or at rest static friction has reached its bound.
             slip = 0
         else:
             slip = mode[0]
         if slip:
             yield [((slip, signs), v) for signs in patterns]
-        # a start so slow that it is at rest within a trial step has no mode of its own
+        # A start that is so slow that it comes to rest within a trial step has no mode of slip.
         slowest = self.pace * TRIAL_STEPS[0] * self.magnitude
-        if slip == 0 or mode is None and abs(v[0]) <= slowest:
-            # Rest first: it has precedence where it holds. A slider that it does not hold slips to
-            # the one side where the slip is consistent.
+        if slip == 0 or (mode is None and abs(v[0]) <= slowest):
+            # Rest has precedence. If it is not possible, the slider slips in the only direction in
+            # which slip is consistent.
             rest = np.concatenate([[0.0], v[1:]])
             yield [(STICK, rest)]
             self.contact.require_unique_slip(t)

@@ -9,7 +9,7 @@ from the upper left pin (0, Y) down to (X, 0). Let (H, V) be the pin forces on t
 them (weight and springs included), Rx the normal force of guide x (along +y), Ry that of guide y (its normal is -x),
 fx, fy the frictions. The sliders do not turn and their pins are smooth at their centres, so M = 0 in
 `slider_contact.py`: friction tilts a slider, n1, n2 = R (1 +- phi b/a)/2, but as long as mus b < a both corners stay on
-the surface that R chooses, N = |R| and
+the surface that the sign of R determines, N = |R| and
 
     fx = cx Rx ,  fy = cy Ry ,   c = phi sgn R ,  phi = -mu sgn(slip) .
 
@@ -24,13 +24,13 @@ Eliminating the pin forces from the bar's two balances:
     Rx + cy Ry = m yc'' + my Y'' - Ey_y - Ex_y - Gy =: A ,   Ry - cx Rx = -m xc'' - mx X'' + Ex_x + Ey_x + Gx =: B ,
     Rx = (A - cy B) / (1 + cx cy) ,  Ry = (B + cx A) / (1 + cx cy) .
 
-A, B and hence the moment equation are linear in p'': solved for each choice of the signs of R, of which the consistent
-one is taken. A guide's slip changes its direction with p'. It also does where its slider is at its dead point,
-sin p = 0 or cos p = 0, although the mechanism moves on.
+A, B and hence the moment equation are linear in p''. It is solved for each choice of the signs of R, of which the
+consistent one is taken. The slip of a guide changes its direction with p', and also at the dead point of its slider,
+sin p = 0 or cos p = 0, although the mechanism continues to move.
 
-At rest p' = 0 sticks both guides at once. Friction is hyperstatic then; the split shown is equal mobilization of both
-guides, phi = -rho mus e with e the direction of slip for p' > 0. With p'' = 0 the moment equation times (1 + cx cy) is
-quadratic in rho; rest ends where the root reaches |rho| = 1, where full static friction on all surfaces cannot hold.
+At rest, p' = 0, both guides stick. Friction is statically indeterminate; the columns contain the frictions of equal
+mobilization of both guides, phi = -rho mus e with e the direction of slip for p' > 0. With p'' = 0 the moment equation
+times (1 + cx cy) is quadratic in rho. Rest ends at |rho| = 1, where static friction is fully mobilized on all surfaces.
 """
 
 from __future__ import annotations
@@ -62,7 +62,15 @@ from stiction.truths.truth import Truth, body_columns
 
 
 class Mode(NamedTuple):
-    """Direction of p' (0: rest), of slip on the guides, and signs of Rx, Ry."""
+    """Contact mode of the trammel.
+
+    Attributes
+    ----------
+    turn : int
+        Direction of p', 0 at rest.
+    slip, signs : tuple of int
+        Directions of slip of guide x and guide y, and signs of Rx, Ry.
+    """
 
     turn: int
     slip: tuple[int, int]
@@ -71,7 +79,25 @@ class Mode(NamedTuple):
 
 @dataclass(frozen=True)
 class Trammel(PiecewiseMechanism):
-    """Parameters as in the module's text; by slider the springs along its guide and the other forces on it."""
+    """An elliptic trammel, with the symbols of the module's text.
+
+    Attributes
+    ----------
+    m, inertia : float
+        Mass (kg) and moment of inertia I (kg m^2) of the bar.
+    lx, ly : float
+        Distances of the pins from the bar's centre, m.
+    mx, my : float
+        Masses of the sliders, kg.
+    gravity : tuple of float
+        Gravity, m/s^2.
+    contacts : tuple of Contact
+        Contacts of slider x and slider y.
+    springs, forces : tuple of tuple
+        For each slider, the springs along its guide, and the other forces on it.
+    torques : tuple of Torque
+        Torques on the bar.
+    """
 
     m: float
     inertia: float
@@ -87,18 +113,20 @@ class Trammel(PiecewiseMechanism):
 
     @property
     def L(self) -> float:
-        """Distance of the pins."""
+        """Distance of the pins, m."""
         return self.lx + self.ly
 
     def _second(self, p, v, a):
-        """Second derivatives of cos p and sin p."""
+        """Return the second derivatives of cos p and sin p for p' = v and p'' = a."""
         return -np.sin(p) * a - np.cos(p) * v * v, np.cos(p) * a - np.sin(p) * v * v
 
     def _applied(self, i, t, position, velocity):
-        """Weight, springs and forces on a slider's centre, shape (2, k), by its place and speed along its guide."""
-        total = np.repeat(
-            (self.my if i else self.mx) * np.array(self.gravity)[:, None], len(t), axis=1
-        )
+        """Return weight, springs and forces on a slider's centre (N), shape (2, k).
+
+        `i` is 0 for slider x and 1 for slider y; position and velocity are those along its guide.
+        """
+        mass = (self.mx, self.my)[i]
+        total = np.repeat(mass * np.array(self.gravity)[:, None], len(t), axis=1)
         for spring in self.springs[i]:
             stretch = position - (spring.points[1][i] + spring.rest_length)
             total[i] -= spring.stiffness * stretch + spring.damping * velocity
@@ -108,7 +136,10 @@ class Trammel(PiecewiseMechanism):
         return total
 
     def _balance(self, t, p, v, a, cx, cy):
-        """Rx, Ry and the residual of the moment equation times (1 + cx cy), for given p'' and c."""
+        """Return Rx, Ry, the residual of the moment equation times (1 + cx cy), and the pin forces.
+
+        `a` is p''; `cx` and `cy` are the frictions in units of Rx and Ry.
+        """
         c2, s2 = self._second(p, v, a)
         sin, cos = np.sin(p), np.cos(p)
         Ex = self._applied(0, t, self.L * cos, -self.L * sin * v)
@@ -116,21 +147,22 @@ class Trammel(PiecewiseMechanism):
         Gx, Gy = self.m * self.gravity[0], self.m * self.gravity[1]
         torque = sum((evaluate_law(load.law, t)[0] for load in self.torques), np.zeros_like(t))
 
-        # Reactions: momentum of the whole along y and x, friction as a multiple of the reaction.
+        # The reactions follow from the momentum of the whole along y and x, with frictions that are
+        # multiples of the reactions.
         A = self.m * self.lx * s2 + self.my * self.L * s2 - Ey[1] - Ex[1] - Gy
         B = -self.m * self.ly * c2 - self.mx * self.L * c2 + Ex[0] + Ey[0] + Gx
         common = 1 + cx * cy
         Rx, Ry = (A - cy * B) / common, (B + cx * A) / common
 
-        # Pin forces: balances of each slider. The residual is that of the bar's moments; times (1 +
-        # cx cy) it is linear in p'' for given c, and quadratic in rho at rest.
+        # The pin forces follow from the balances of the sliders. The residual of the bar's moments, times
+        # (1 + cx cy), is linear in p'' for given c, and quadratic in rho at rest.
         Hx, Vx = self.mx * self.L * c2 - cx * Rx - Ex[0], -Rx - Ex[1]
         Hy, Vy = Ry - Ey[0], self.my * self.L * s2 - cy * Ry - Ey[1]
         moment = self.lx * (cos * Vx + sin * Hx) - self.ly * (cos * Vy + sin * Hy) - torque
         return Rx, Ry, (self.inertia * a - moment) * common, (Hx, Vx, Hy, Vy)
 
     def _friction(self, p, mode: Mode, rho):
-        """cx and cy in slip, or at rest with the mobilized fraction rho."""
+        """Return cx and cy in slip, or at rest with the mobilized fraction rho."""
         if mode.turn:
             return tuple(
                 -contact.mu * s * sign
@@ -143,16 +175,17 @@ class Trammel(PiecewiseMechanism):
         )
 
     def mobilization(self, t, p, mode: Mode):
-        """rho at rest: the root of the quadratic that is continuous with rho = 0."""
-        # Three values give the quadratic exactly; its coefficients need no formula of their own.
+        """Return rho at rest, the root of the quadratic that is continuous with rho = 0."""
+        # The coefficients of the quadratic follow from three of its values.
         zero = np.zeros_like(t)
         minus, constant, plus = (
             self._balance(t, p, zero, zero, *self._friction(p, mode, rho))[2]
             for rho in (-1.0, 0.0, 1.0)
         )
-        square, linear = (plus + minus) / 2 - constant, (plus - minus) / 2
-        # The smaller root, in the form in which nothing cancels. Beyond break-away there may be
-        # none: not finite.
+        square = (plus + minus) / 2 - constant
+        linear = (plus - minus) / 2
+        # The smaller root is computed without cancellation. Beyond break-away there may be no root; the
+        # result is then not finite.
         with np.errstate(invalid="ignore", divide="ignore"):
             root = np.sqrt(linear**2 - 4 * square * constant)
             return -2 * constant / (linear + np.copysign(root, linear))
@@ -160,7 +193,7 @@ class Trammel(PiecewiseMechanism):
     def acceleration(self, t, q, v, mode: Mode):
         if mode.turn == 0:
             return np.zeros_like(q)
-        # The residual is linear in p'': two values give its zero.
+        # The residual is linear in p'', so that its zero follows from two values.
         c = self._friction(q[0], mode, None)
         at_zero, at_one = (
             self._balance(t, q[0], v[0], a, *c)[2] for a in (np.zeros_like(t), np.ones_like(t))
@@ -174,8 +207,8 @@ class Trammel(PiecewiseMechanism):
         normals = [mode.signs[0] * Rx, mode.signs[1] * Ry]
         if mode.turn == 0:
             return np.array([1 + rho, 1 - rho, *normals])[:, None]
-        # dead points: X' = -L sin p p', Y' = L cos p p' keep the directions of slip while these are
-        # positive
+        # X' = -L sin p p' and Y' = L cos p p' keep their directions up to the dead points, while these
+        # functions are positive.
         geometry = [-mode.turn * mode.slip[0] * np.sin(p), mode.turn * mode.slip[1] * np.cos(p)]
         return np.array([mode.turn * rate, *geometry, *normals])[:, None]
 
@@ -184,8 +217,8 @@ class Trammel(PiecewiseMechanism):
         rest = np.zeros(1)
         stopped = v[0] == 0 if mode is None else mode.turn == 0 or guard == 0
         if stopped:
-            # Rest has precedence where static friction holds it. All directions of slip are tried
-            # with both turns: the guards reject those that the geometry does not have.
+            # Rest has precedence if static friction suffices. All directions of slip are tried with both
+            # turns; the guards reject those that are geometrically impossible.
             moving = [
                 (Mode(turn, slip, sign), rest)
                 for turn in (1, -1)
@@ -214,7 +247,7 @@ class Trammel(PiecewiseMechanism):
         sin, cos, zero = np.sin(p), np.cos(p), np.zeros_like(t)
         c2, s2 = self._second(p, rate, turn)
         c1, s1 = -sin * rate, cos * rate
-        # Bar's centre and both sliders lie at multiples of cos p and sin p.
+        # The coordinates of the bar's centre and of both sliders are multiples of cos p and sin p.
         values = {"bar.angle": -p, "bar.omega": -rate, "bar.alpha": -turn}
         for name, x, y in (
             ("bar", self.ly, self.lx),
@@ -225,7 +258,7 @@ class Trammel(PiecewiseMechanism):
         rho = self.mobilization(t, p, mode) if mode.turn == 0 else 0.0
         c = self._friction(p, mode, rho)
         Rx, Ry, _, (Hx, Vx, Hy, Vy) = self._balance(t, p, rate, turn, *c)
-        # (H, V) act on the sliders; the columns of a pin are the force on its first body, the bar.
+        # (H, V) act on the sliders; the columns of a pin contain the force on its first body, the bar.
         values |= {"pin-x.fx": -Hx, "pin-x.fy": -Vx, "pin-y.fx": -Hy, "pin-y.fy": -Vy}
         along = ((self.L * cos, self.L * c1), (self.L * sin, self.L * s1))
         for i, (name, R) in enumerate((("guide-x", Rx), ("guide-y", Ry))):
@@ -251,7 +284,7 @@ _FORMULA = Constant | Linear | Sine
 
 
 def _parts(axis: str, direction: tuple[int, int], forward: tuple[Any, Any]) -> dict[str, Part]:
-    """The parts about one of the sliders, by label."""
+    """Return the parts at the slider of an axis, by label; `forward` is the requirement on the axis of springs."""
     pin, guide, slider = f"pin-{axis}", f"guide-{axis}", f"slider-{axis}"
     side = POSITIVE if axis == "x" else NEGATIVE
     return {
@@ -285,13 +318,14 @@ TRAMMEL = Structure(
 
 
 def trammel_truth(scene: Scene, t_end: float | None = None) -> Truth:
-    """Return the motion of `bar`, `slider-x`, `slider-y` on `guide-x`, `guide-y`, `pin-x`, `pin-y`; mus b < a."""
+    """Return the motion of an elliptic trammel, whose parts have the names of `TRAMMEL`, for mus b < a."""
     match = TRAMMEL.match(scene)
 
     def elements(*labels: str) -> tuple[tuple[Any, ...], ...]:
+        """Return the elements of each of some parts."""
         return tuple(tuple(match.elements[label].values()) for label in labels)
 
-    bar, ((guide_x,), (guide_y,)) = scene.bodies["bar"], elements("guide-x", "guide-y")
+    bar = scene.bodies["bar"]
     mechanism = Trammel(
         m=bar.mass,
         inertia=bar.inertia,
@@ -300,10 +334,10 @@ def trammel_truth(scene: Scene, t_end: float | None = None) -> Truth:
         mx=scene.bodies["slider-x"].mass,
         my=scene.bodies["slider-y"].mass,
         gravity=scene.gravity or (0.0, 0.0),
-        contacts=(Contact.of(guide_x), Contact.of(guide_y)),
+        contacts=(Contact.of(match["guide-x"]), Contact.of(match["guide-y"])),
         springs=elements("springs-x", "springs-y"),
         forces=elements("forces-x", "forces-y"),
-        torques=elements("torques")[0],
+        torques=tuple(match.elements["torques"].values()),
     )
     return truth_of(
         scene,

@@ -1,4 +1,4 @@
-"""Truth of the motion of a reduced mechanism: columns, two-sided events, uncertainty."""
+"""Truths from the integrated motion of a reduced mechanism: columns, two-sided events, uncertainty."""
 
 from __future__ import annotations
 
@@ -17,25 +17,27 @@ from stiction.truths.reduced.piecewise_smooth import (
 )
 from stiction.truths.truth import Tier, Truth, kind_of_change, two_sided
 
-FINE, COARSE = Collocation(order=24, longest_step=0.5), Collocation(order=16, longest_step=0.2)
-"""Two discretizations whose difference is the uncertainty: they share neither nodes nor steps."""
+FINE = Collocation(order=24, longest_step=0.5)
+"""Discretization of the truth."""
+COARSE = Collocation(order=16, longest_step=0.2)
+"""Discretization whose difference from `FINE` is the uncertainty: they share neither nodes nor steps."""
 _SAMPLES = 2000
-"""Instants at which the two are compared: every 12 ms of the longest run."""
+"""Number of instants at which the two are compared: every 12 ms of the longest run."""
 _NEAR_EVENT = 1e-7
-"""s; closer to an event than this the two integrations may be on different sides of it."""
+"""Distance from an event, s, within which the two integrations may be on different sides of it."""
 _ROUNDING = 8 * np.finfo(float).eps
 """Relative rounding of a column that both integrations may share, so that their difference does not show it."""
-_CACHED = 8
-"""Sets of output instants whose columns are kept: the runs of a campaign share theirs."""
+_CACHE_SIZE = 8
+"""Number of sets of output instants whose columns are kept: the runs of a campaign share their instants."""
 
 
 def motion_columns(
     mechanism: PiecewiseMechanism, motion: Motion, t: np.ndarray, side: str
 ) -> dict[str, np.ndarray]:
-    """Return the columns at times t, at an event from the given side; all instants of a mode at once."""
+    """Return the columns at times t (s); `side` selects the value at an event itself."""
     owner = motion.owner(t, side)
     q, v = motion.state(t, owner)
-    # Instants grouped by mode: a motion has many segments, but few modes.
+    # Instants are grouped by mode, because a motion has many segments but few modes.
     modes = [segment.mode for segment in motion.segments]
     numbers = {mode: i for i, mode in enumerate(dict.fromkeys(modes))}
     number = np.array([numbers[mode] for mode in modes])[owner]
@@ -50,9 +52,9 @@ def motion_columns(
 def motion_events(
     mechanism: PiecewiseMechanism, motion: Motion, guides: tuple[str, ...]
 ) -> tuple[Event, ...]:
-    """Return an event per switch and guide whose direction of slip changes; a corner event if none does.
+    """Return an event for each switch and each guide whose direction of slip changes, or a corner event if none does.
 
-    A guide at rest that goes on resting (its margin touches zero) has none.
+    A guide that remains at rest when its margin touches zero has no event.
     """
     switches = []
     for switch in motion.switches:
@@ -78,15 +80,32 @@ def truth_of(
     v0: np.ndarray,
     t_end: float | None,
 ) -> Truth:
-    """Integrate a reduced mechanism from t = 0, twice, and return the finer with the difference as uncertainty.
+    """Return the motion of a reduced mechanism; its uncertainty is the difference of two integrations.
 
-    The end is the scene's own where `t_end` is None. Raises NoMotion where the equations have no motion or several,
-    Undecided if the two integrations disagree on the sequence of events.
+    Parameters
+    ----------
+    scene : Scene
+        The scene.
+    guides : tuple of str
+        Names of the guides, in the order of the mechanism.
+    mechanism : PiecewiseMechanism
+        The reduced mechanism.
+    q0, v0 : ndarray, shape (n,)
+        Coordinates and velocities at t = 0.
+    t_end : float or None
+        End of the motion, s; the scene's own end if None.
+
+    Raises
+    ------
+    NoMotion
+        If the equations have no motion or several.
+    Undecided
+        If the two integrations disagree on the sequence of events.
     """
     t_end = scene.t_end if t_end is None else t_end
     fine = integrate(mechanism, 0.0, t_end, q0, v0, FINE)
     coarse = integrate(mechanism, 0.0, t_end, q0, v0, COARSE)
-    # An event at the end itself is in one of the two motions by chance: neither counts it.
+    # An event at the end itself may be in only one of the two motions by chance, and is left out.
     events, coarse_events = (
         tuple(
             event
@@ -97,8 +116,8 @@ def truth_of(
     )
     _require_same(scene, events, coarse_events)
 
-    # Columns are compared between the events. The start is left out: it is given, and a velocity of
-    # zero may have either sign there.
+    # Columns are compared between the events. The start is left out because it is exact, and because
+    # the sign of a velocity of zero is arbitrary.
     times = np.array([event.time for event in events])
     t = np.linspace(0.0, t_end, _SAMPLES)[1:]
     if len(times):
@@ -112,13 +131,13 @@ def truth_of(
     shift = max((abs(a.time - b.time) for a, b in zip(events, coarse_events)), default=0.0)
     uncertainty["event time"] = shift + _ROUNDING * t_end
 
-    @lru_cache(maxsize=_CACHED)
+    @lru_cache(maxsize=_CACHE_SIZE)
     def columns(instants: bytes, side: str) -> dict[str, np.ndarray]:
-        kept = motion_columns(mechanism, fine, np.frombuffer(instants), side)
-        # callers share the arrays
-        for values in kept.values():
+        shared = motion_columns(mechanism, fine, np.frombuffer(instants), side)
+        # Callers share the arrays, which must not be changed.
+        for values in shared.values():
             values.flags.writeable = False
-        return kept
+        return shared
 
     return Truth(
         scene.name,
@@ -131,15 +150,18 @@ def truth_of(
 
 
 def _require_same(scene: Scene, fine: tuple[Event, ...], coarse: tuple[Event, ...]) -> None:
-    """Raise Undecided where the events of two integrations differ in kind or guide."""
+    """Raise Undecided if the events of two integrations differ in kind or guide."""
     for event, other in zip_longest(fine, coarse):
-        same = event and other and (event.kind, event.joint) == (other.kind, other.joint)
-        if not same:
+        is_same = event and other and (event.kind, event.joint) == (other.kind, other.joint)
+        if not is_same:
             raise Undecided(
                 f"{scene.name}: two integrations find different events, the first "
-                f"{_shown(event)} and {_shown(other)}"
+                f"{_describe(event)} and {_describe(other)}"
             )
 
 
-def _shown(event: Event | None) -> str:
-    return "none" if event is None else f"{event.kind} of {event.joint} at {event.time:.9f} s"
+def _describe(event: Event | None) -> str:
+    """Return an event in words."""
+    if event is None:
+        return "none"
+    return f"{event.kind} of {event.joint} at {event.time:.9f} s"

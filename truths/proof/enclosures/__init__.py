@@ -1,7 +1,7 @@
-"""Ball arithmetic for motions: `exact` numbers, `series`, Taylor polynomials over an `arc`, `zeros`; no mechanisms."""
+"""Ball arithmetic for motions: exact numbers, power series, enclosures of solutions, and their zeros."""
 
 from stiction.scenes import StictionError
 
 
 class NotProven(StictionError, ArithmeticError):
-    """A claim that a proof does not go through for; it may be true."""
+    """A claim could not be proven; it may nevertheless be true."""

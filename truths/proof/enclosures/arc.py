@@ -1,4 +1,4 @@
-"""A smooth stretch of a motion, enclosed: Taylor polynomials of balls, the last coefficient Lagrange's remainder.
+"""Enclosure of a smooth stretch of a motion by Taylor polynomials of balls with Lagrange's remainder.
 
 On [t0, t0 + h] the solution of q'' = f(t, q, q') from every start of a set exists, is unique and stays in an a-priori
 enclosure Y as soon as X + [0, h] f([t0, t0 + h], Y) lies within Y (Picard and Lindeloef with the Banach fixed point
@@ -29,7 +29,7 @@ from stiction.truths.proof.enclosures.series import (
 )
 
 _PICARD = 30
-"""Picard iterations after which a stretch counts as too long."""
+"""Largest number of Picard iterations; a stretch that needs more is too long."""
 _WIDEN = arb(1) / 8
 """Part of its growth by which an enclosure is widened between iterations, so that the next image fits into it."""
 
@@ -43,23 +43,23 @@ Along = Callable[
 def partials_at(
     function: Callable[..., Sequence[Value]], state: Sequence[arb]
 ) -> tuple[list[arb], list[list[arb]]]:
-    """Values of functions of (q, v) in a state and their derivatives by its 2n components."""
+    """Return the values of functions of (q, v) in a state, and their derivatives by its 2n components."""
     values, gradients = partials(function, constants(state))
     return [f[0] for f in values], [[g[0] for g in gradient] for gradient in gradients]
 
 
 @dataclass(frozen=True)
 class APriori:
-    """Balls with the state (q, v) and its derivatives by the start throughout a stretch."""
+    """Balls that contain the state (q, v), and its derivatives by the start, throughout a stretch."""
 
     state: list[arb]
     variation: arb_mat
 
 
 def a_priori(timed: Timed, t: arb, h: arb, start: Sequence[arb]) -> APriori:
-    """Enclosure over [t, t + h] by Picard's iteration; raises TooLong if none was found."""
-    # Y is found by iteration from the start itself: Y -> X + [0, h] f(Y), widened until the image
-    # lies within Y. The same inclusion, once it holds, is the proof.
+    """Return an enclosure over [t, t + h] by Picard's iteration; raise TooLong if none is found."""
+    # Y is found by iteration from the start: Y -> X + [0, h] f(Y), widened until the image is within
+    # Y. This inclusion is also the proof.
     step = arb(0).union(h)
     equation = timed(time_series(t + step, 1))
     old = list(start)
@@ -76,12 +76,12 @@ def a_priori(timed: Timed, t: arb, h: arb, start: Sequence[arb]) -> APriori:
 
 
 def _widened(ball: arb, base: arb) -> arb:
-    """The ball, wider by a part of what it is wider than the start."""
+    """Return a ball that is wider by a part of its excess over the width of the start."""
     return ball + (ball.rad() - base.rad()) * _WIDEN * arb(0, 1)
 
 
 def _variation(slopes: list[list[arb]], step: arb) -> arb_mat:
-    """Enclosure of E with E' = [[0, 1], slopes] E, E(0) = 1; by the same iteration as the state's."""
+    """Return an enclosure of E with E' = [[0, 1], slopes] E, E(0) = 1, by the same iteration as for the state."""
     n, indices = len(slopes), range(2 * len(slopes))
     E = identity(2 * n).tolist()
     for _ in range(_PICARD):
@@ -99,7 +99,7 @@ def _variation(slopes: list[list[arb]], step: arb) -> arb_mat:
 
 
 def _closed(fine: Sequence[Any], wide: Sequence[Any]) -> list[Any]:
-    """Coefficients of a Taylor polynomial, the last one of those of the whole stretch: Lagrange's remainder."""
+    """Return the coefficients of a Taylor polynomial, the last one from the whole stretch as Lagrange's remainder."""
     return [*fine[:-1], wide[-1]]
 
 
@@ -118,40 +118,42 @@ class Arc:
         self.fine = Expansion(timed, t, start, order, identity(len(start)))
 
     def one(self, t: arb, start: Sequence[arb]) -> Expansion:
-        """Expansion of the solution from a start within the set (t and the start are thinner balls)."""
+        """Return the expansion of the solution from a start within the set; t and the start are narrower balls."""
         return Expansion(self.timed, t, start, self.order)
 
     def remainder(self, groups: Mapping[Hashable, Sequence[arb_poly]]) -> arb:
-        """The largest remainder of q, v and functions at the end of the stretch (upper bound)."""
-        # Lagrange's remainder: the last coefficient anywhere on the stretch, times its length to
-        # the order
-        scale, functions = self.h**self.order, chain.from_iterable(groups.values())
+        """Return an upper bound of the remainders of q, v and functions at the end of the stretch."""
+        # Lagrange's remainder is the last coefficient anywhere on the stretch, times the length of the
+        # stretch to the power of the order.
+        scale = self.h**self.order
+        functions = chain.from_iterable(groups.values())
         last = [f[self.order] for f in chain(self.wide.state, functions)]
         return max((abs(term) * scale for term in last), key=lambda ball: float(ball.upper()))
 
     def polynomials(self, about: Expansion) -> list[arb_poly]:
-        """The state of all of the set about its start, `fine`, or of `one` solution from within it."""
+        """Return the polynomials of the state about an expansion, which is `fine` or that of `one` solution."""
         return [arb_poly(_closed(*pair)) for pair in zip(about.state, self.wide.state)]
 
     def jacobian(self, tau: arb) -> arb_mat:
-        """Derivatives of (q, v) at t + tau by the start."""
+        """Return the derivatives of (q, v) at t + tau by the start."""
         powers = _closed(self.fine.variation, self.wide.variation)
         indices = range(len(self.fine.state))
-        # `powers` holds a matrix for each power of time; a polynomial is made of each entry
+        # `powers` contains a matrix for each power of time; each entry of the matrices is a polynomial.
         return arb_mat(
             [[arb_poly([E[i, j] for E in powers])(tau) for j in indices] for i in indices]
         )
 
     def functions(self, along: Along, about: Expansion) -> dict[Hashable, list[arb_poly]]:
-        """Groups of functions over the stretch as `polynomials`."""
-        fine, wide = self._coefficients(along, about), self._coefficients(along, self.wide)
+        """Return the polynomials of groups of functions over the stretch, see `polynomials`."""
+        fine = self._coefficients(along, about)
+        wide = self._coefficients(along, self.wide)
         return {
             name: [arb_poly(_closed(*pair)) for pair in zip(fine[name], wide[name])]
             for name in fine
         }
 
     def _coefficients(self, along: Along, expansion: Expansion) -> dict[Hashable, list[list[arb]]]:
-        """Taylor coefficients of groups of functions along an expansion."""
+        """Return the Taylor coefficients of groups of functions along an expansion."""
         powers = range(self.order + 1)
         q, v = halves(expansion.series(len(powers)))
         groups = along(expansion.t, q, v, expansion.equation(q, v))

@@ -1,8 +1,9 @@
-"""The numbers of a scene as they are written: 0.1 is one tenth and "pi/4" a quarter of pi, each in a ball.
+"""Exact numbers of a scene, as they are written: 0.1 is one tenth and "pi/4" a quarter of pi.
 
-Almost every number of a scene has the form q pi^k with rational q and whole k. It is kept as such, so that two numbers
-can be compared: mus = mu, a start at rest, a common period of two frequencies. So are products of such a number with
-sines and cosines of such numbers: a force along a guide of direction (cos(slope), sin(slope)).
+Almost every number of a scene has the form q pi^k with rational q and whole k. This form is stored besides a ball, so
+that two numbers can be compared: mus = mu, a start at rest, a common period of two frequencies. Products of such a
+number with sines and cosines of such numbers are stored too, for a force along a guide of direction
+(cos(slope), sin(slope)).
 """
 
 from __future__ import annotations
@@ -22,19 +23,24 @@ from stiction.scenes.fields import Model
 from stiction.truths.proof.enclosures import NotProven
 
 _MOST_FACTORS = 64
-"""Largest whole exponent of a power that is kept exactly: numerators grow by so many times their length."""
+"""Largest whole exponent of an exact power, which multiplies the length of numerators."""
 
 
 class NotComparable(NotProven):
-    """Two numbers of a scene that may be equal: their balls overlap."""
+    """Two numbers of a scene may be equal, because their balls overlap."""
 
 
 @dataclass(frozen=True)
 class Exact:
-    """A real number: a ball that contains it, at the precision of its making, and, where it has one, its product.
+    """A real number.
 
-    The product is q, k and, sorted, the sines and cosines by name. Equal products are equal numbers; of others with
-    sines nothing follows.
+    Attributes
+    ----------
+    ball : arb
+        A ball that contains the number, at the precision with which it was made.
+    product : tuple or None
+        q, k and the sorted names of sines and cosines, if the number is such a product. Equal products are equal
+        numbers; numbers with different sines may be equal too.
     """
 
     ball: arb
@@ -48,7 +54,7 @@ class Exact:
         waves: tuple[str, ...] = (),
         ball: arb | None = None,
     ) -> Exact:
-        """q pi^k; times sines and cosines in a `ball`, if there are some."""
+        """Return q pi^k, multiplied by sines and cosines if there are any; `ball` then contains the product."""
         q = fmpq(q.numerator, q.denominator)
         if waves and q != 0:
             return cls(ball, (q, k, waves))
@@ -56,7 +62,7 @@ class Exact:
 
     @property
     def factors(self) -> tuple[fmpq, int] | None:
-        """q and k of a number q pi^k."""
+        """q and k of a number q pi^k; None for any other number."""
         return self.product[:2] if self.product and not self.product[2] else None
 
     @property
@@ -67,7 +73,7 @@ class Exact:
         if self._zero or other._zero:
             return other if self._zero else self
         ball = self.ball + other.ball
-        # a sum stays a product only if both have the same powers of pi and the same sines
+        # A sum is a product only if both terms have the same powers of pi and the same sines.
         if self.product and other.product and self.product[1:] == other.product[1:]:
             return Exact.of(self.product[0] + other.product[0], *self.product[1:], ball)
         return Exact(ball)
@@ -93,7 +99,7 @@ class Exact:
         return Exact(self.ball / other.ball)
 
     def power(self, other: Exact) -> Exact:
-        """The power; exact for whole exponents up to 64."""
+        """Return the power, which is exact for whole exponents up to 64."""
         if self.factors and other.factors and other.factors[1] == 0 and other.factors[0].q == 1:
             n = int(other.factors[0].p)
             if abs(n) <= _MOST_FACTORS:
@@ -101,7 +107,7 @@ class Exact:
         return Exact(self.ball**other.ball)
 
     def sqrt(self) -> Exact:
-        """The square root; exact where q and pi^k are squares."""
+        """Return the square root, which is exact if q and pi^k are squares."""
         if self.factors and self.factors[1] % 2 == 0 and self.factors[0] >= 0:
             p, q = int(self.factors[0].p), int(self.factors[0].q)
             if isqrt(p) ** 2 == p and isqrt(q) ** 2 == q:
@@ -109,7 +115,7 @@ class Exact:
         return Exact(self.ball.sqrt())
 
     def equals(self, other: Exact) -> bool:
-        """Return whether the two are the same number; raises NotComparable where that is not known."""
+        """Return True if the two numbers are equal; raise NotComparable if this is unknown."""
         if self is other:
             return True
         if self.factors and other.factors:  # pi is transcendental: q pi^k determines q and k
@@ -125,12 +131,12 @@ class Exact:
 
     @property
     def is_zero(self) -> bool:
-        """Truth of "the number is 0"; raises as `equals`."""
+        """True if the number is 0; raises NotComparable if this is unknown."""
         return self.equals(ZERO)
 
 
 def _wave(name: str, ball: arb, x: Exact) -> Exact:
-    """The sine or cosine of x, a ball, by its name where x has one."""
+    """Return a sine or cosine of x, with its name if x is a product."""
     return Exact(ball, x.product and (fmpq(1), 0, (f"{name} {x.product}",)))
 
 
@@ -154,7 +160,7 @@ ONE: Exact = Exact.of(1)
 
 
 def exact(value: float | int | str, names: Mapping[str, Exact]) -> Exact:
-    """The number that `stiction.scenes.expressions.evaluate` rounds; raises ValueError as there."""
+    """Return the exact number that `stiction.scenes.expressions.evaluate` rounds; raise ValueError as there."""
     if not isinstance(value, str):
         return Exact.of(Fraction(repr(value)))
     text = value.strip().replace("^", "**")
@@ -209,7 +215,7 @@ class ExactPart:
 
 
 def exact_parameters(scene: Scene) -> dict[str, Exact]:
-    """The parameters of a scene, at the working precision."""
+    """Return the parameters of a scene, at the working precision."""
     parameters: dict[str, Exact] = {}
     # in their order: a parameter may use those before it
     for name, value in scene._raw.get("parameters", {}).items():
@@ -218,5 +224,5 @@ def exact_parameters(scene: Scene) -> dict[str, Exact]:
 
 
 def exact_scene(scene: Scene) -> ExactPart:
-    """A whole scene with exact numbers, at the working precision."""
+    """Return a scene with exact numbers, at the working precision."""
     return ExactPart(scene._raw, scene, exact_parameters(scene))

@@ -20,7 +20,7 @@ Timed = Callable[[arb_series], Equation]
 
 @contextmanager
 def working(bits: int, order: int) -> Iterator[None]:
-    """Precision of balls in bits and number of coefficients of power series; as before on leaving."""
+    """Set the bits of balls and the number of coefficients of power series within a context."""
     before = ctx.prec, ctx.cap
     ctx.prec, ctx.cap = bits, order
     try:
@@ -34,7 +34,7 @@ class TooLong(NotProven):
 
 
 def quotient(numerator: Value, denominator: Value) -> Value:
-    """Divide two values; raises TooLong if the denominator is not proven to differ from zero."""
+    """Return the quotient of two values; raise TooLong if the denominator is not proven to differ from zero."""
     leading = denominator.value if isinstance(denominator, Jet) else denominator
     if leading[0].contains(0):
         raise TooLong("a denominator is not proven to differ from zero")
@@ -96,29 +96,29 @@ class Jet:
 
 
 def halves(state: list[Any]) -> tuple[list[Any], list[Any]]:
-    """Split a state into its q and v."""
+    """Return q and v of a state."""
     return state[: len(state) // 2], state[len(state) // 2 :]
 
 
 def identity(size: int) -> arb_mat:
-    """The unit matrix."""
+    """Return the unit matrix."""
     return arb_mat(size, size, 1)
 
 
 def constants(values: Sequence[arb]) -> list[arb_series]:
-    """Power series of one coefficient."""
+    """Return power series of one coefficient."""
     return [arb_series([value], 1) for value in values]
 
 
 def time_series(t: arb, order: int) -> arb_series:
-    """Time as a power series about an instant."""
+    """Return the time as a power series about an instant."""
     return arb_series([t, 1], order)
 
 
 def partials(
     function: Callable[..., Sequence[Value]], state: Sequence[arb_series]
 ) -> tuple[list[arb_series], list[tuple[arb_series, ...]]]:
-    """Values of functions of (q, v) along power series, and their derivatives by the 2n components of the state."""
+    """Return functions of (q, v) along power series, and their derivatives by the 2n components of the state."""
     # seeds: the derivative of each component by itself is 1
     order, indices = state[0].prec, range(len(state))
     jets = [
@@ -188,5 +188,5 @@ class Expansion:
             E.append(sum(products, arb_mat(size, size)) * (arb(1) / (k + 1)))
 
     def series(self, order: int) -> list[arb_series]:
-        """The state as power series of `order` coefficients."""
+        """Return the state as power series of `order` coefficients."""
         return [arb_series(coefficients, order) for coefficients in self.state]

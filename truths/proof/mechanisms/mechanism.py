@@ -19,10 +19,18 @@ Load = Callable[[arb_series], arb_series]
 
 @dataclass(frozen=True)
 class Next:
-    """The mode from an instant on, after an event of a kind: "slip", "stick", "reversal" or "corner".
+    """The mode after an instant.
 
-    By guard, `zeros` is how many of its derivatives, the value included, are zero at that instant (0 if not named).
-    Where it is `smooth` the accelerations do not jump.
+    Attributes
+    ----------
+    mode
+        The mode.
+    zeros : Mapping
+        For each guard, the number of its derivatives, including the value, that are zero at that instant; 0 if missing.
+    kind : str
+        Kind of the event at the instant: "slip", "stick", "reversal" or "corner".
+    smooth : bool
+        True if the accelerations do not jump.
     """
 
     mode: Any
@@ -33,10 +41,16 @@ class Next:
 
 @dataclass(frozen=True, kw_only=True)
 class ProvableMechanism(ABC):
-    """q'' = f(t, q, q') within each mode, and guards that are positive while the mode lasts; balls and power series.
+    """A mechanism q'' = f(t, q, q') in balls and power series, with modes, and guards that are positive in a mode.
 
-    q and v are those at t = 0; `joint` is the guide whose events are shown, where there is one. Modes and the names of
-    guards are those of the mechanism.
+    Attributes
+    ----------
+    q, v : list of arb
+        Coordinates and velocities at t = 0.
+    t_end : arb
+        End of the motion, s.
+    joint : str
+        The guide to which events belong, if there is one.
     """
 
     q: list[arb]
@@ -47,22 +61,22 @@ class ProvableMechanism(ABC):
     @classmethod
     @abstractmethod
     def from_scene(cls, scene: Scene) -> ProvableMechanism:
-        """Parameters of a scene, at the working precision; raises NotThisMechanism with what does not fit."""
+        """Return the mechanism of a scene, at the working precision; raise NotThisMechanism with what does not fit."""
 
     @abstractmethod
     def equation(self, mode: Any, t: arb_series) -> Equation:
-        """The equation of a mode, with time as a power series."""
+        """Return the equation of a mode, with time as a power series."""
 
     @abstractmethod
     def guards(
         self, mode: Any, t: arb_series, q: Sequence[Value], v: Sequence[Value], a: Sequence[Value]
     ) -> dict[Any, list[Value]]:
-        """Groups of functions by name: the mode lasts while the largest of each group is positive."""
+        """Return groups of functions by name; the mode lasts while the largest function of each group is positive."""
 
     def guards_at(
         self, mode: Any, t: arb, q: Sequence[arb], v: Sequence[arb]
     ) -> dict[Any, list[arb]]:
-        """Values of the guards in a state."""
+        """Return the values of the guards in a state."""
         # series of one coefficient: the same code gives values and Taylor polynomials
         q, v, now = constants(q), constants(v), time_series(t, 1)
         guards = self.guards(mode, now, q, v, self.equation(mode, now)(q, v))
@@ -70,28 +84,28 @@ class ProvableMechanism(ABC):
 
     @abstractmethod
     def start(self) -> Next:
-        """The mode at t = 0; raises Undecided if it is not proven."""
+        """Return the mode at t = 0; raise Undecided if it is not proven."""
 
     @abstractmethod
     def after(self, mode: Any, guard: Any, t: arb, q: list[arb], v: list[arb]) -> Next:
-        """The mode after a guard has reached zero; raises as `start`."""
+        """Return the mode after a guard has reached zero; raise Undecided if it is not proven."""
 
     @abstractmethod
     def require_unique(self, mode: Any, t: arb, bound: APriori) -> None:
         """Prove that over a stretch of time the motion of the mode is the only one; raises Undecided if that fails."""
 
     def held(self, mode: Any) -> Mapping[int, arb]:
-        """Velocities that a mode prescribes, by coordinate."""
+        """Return the velocities that a mode prescribes, by coordinate."""
         return {}
 
     def event_joint(self, before: Any, after: Any) -> str:
-        """The guide at which an event happens."""
+        """Return the guide to which an event belongs."""
         return self.joint
 
     @abstractmethod
     def columns(self, t: Value, q: Sequence[Value], v: Sequence[Value]) -> dict[str, Value]:
-        """The state by the names of a Trajectory; balls, or power series in time."""
+        """Return the state by the columns of a Trajectory, as balls or power series in time."""
 
     def bodies(self, t: Value, q: Sequence[Value], v: Sequence[Value]) -> dict[str, Value]:
-        """`columns` with the positions and velocities of all bodies that move."""
+        """Return `columns` with the positions and velocities of all bodies that move."""
         return self.columns(t, q, v)

@@ -44,11 +44,11 @@ class MovingGuide(OneSlider):
     pivot: tuple[arb, ...]
 
     def _across(self, th: Value) -> Value:
-        """m g.n."""
+        """Return m g.n, N."""
         return th.cos() * (self.m * self.gravity[1]) - th.sin() * (self.m * self.gravity[0])
 
     def _loads(self, q: list[Value], v: list[Value], turn: Value) -> tuple[Value, Value, Value]:
-        """R, M and P with th'' = turn."""
+        """Return R, M and P with th'' = turn."""
         k, d, r0 = self.spring
         R = (q[0] * turn + v[0] * v[1] * 2) * self.m - self._across(q[1])
         along = q[1].cos() * (self.m * self.gravity[0]) + q[1].sin() * (self.m * self.gravity[1])
@@ -79,7 +79,7 @@ class MovingGuide(OneSlider):
         return acceleration
 
     def require_unique(self, mode, t, bound=None) -> None:
-        """Accelerations do not enter what friction depends on: one solution, by the a-priori enclosure."""
+        """Do nothing: friction does not depend on accelerations, so that the a-priori enclosure suffices."""
 
     def columns(self, t, q, v):
         return {

@@ -1,4 +1,4 @@
-"""The contact of one slider with its guide, for mechanisms whose coordinate 0 is the slider's displacement along it.
+"""Contact of one slider with its guide, for mechanisms whose coordinate 0 is the slider's displacement along it.
 
 n1, n2 are the normal forces at the rear and front corners, at distance a/2 from the slider's centre; R = n1 + n2 and M
 are the force and the moment about the centre that the guide has to supply. Friction acts on surfaces at distance b/2,
@@ -31,8 +31,14 @@ from stiction.truths.proof.mechanisms.mechanism import Next, ProvableMechanism
 Mode = tuple[int, int, int]
 """Direction of slip (0: rest) and the signs of n1 and n2 (0, 0 at rest)."""
 REST: Mode = (0, 0, 0)
-SLIP, NORMAL, REAR, FRONT = "slip", "normal", "rear", "front"
-"""Names of guards in slip: speed, normal force without corner forces, corner forces. At rest the direction of slip."""
+SLIP = "slip"
+"""Guard in slip: the speed. Guards at rest have the directions of slip as names."""
+NORMAL = "normal"
+"""Guard in slip: the normal force of a guide without corner forces."""
+REAR = "rear"
+"""Guard in slip: the corner force at the rear."""
+FRONT = "front"
+"""Guard in slip: the corner force at the front."""
 
 
 @dataclass(frozen=True)
@@ -48,7 +54,7 @@ class Contact:
 
     @classmethod
     def of(cls, guide: ExactPart) -> Contact:
-        """The contact of a scene's guide."""
+        """Return the contact of a scene's guide."""
         mu = guide.mu or ZERO
         mus = guide.mus or mu
         return cls(
@@ -61,15 +67,15 @@ class Contact:
         )
 
     def friction(self, slip: int) -> arb:
-        """s mu."""
+        """Return s mu."""
         return slip * self.mu
 
     def difference(self, R: Value, M: Value, friction: arb) -> Value:
-        """D with s mu, or s mus, = friction."""
+        """Return D with s mu, or s mus, = friction."""
         return (M + R * (friction * self.width / 2)) * (2 / self.length)
 
     def load(self, R: Value, M: Value, mode: Mode) -> Value:
-        """N in slip: E R + T D, with E = (e1 + e2)/2 and T = (e2 - e1)/2, of which one is zero."""
+        """Return N in slip: E R + T D, with E = (e1 + e2)/2 and T = (e2 - e1)/2, of which one is zero."""
         slip, e1, e2 = mode
         if e1 == e2:
             return R * e1
@@ -88,7 +94,7 @@ class OneSlider(ProvableMechanism):
     def contact_loads(
         self, t: arb_series, q: Sequence[Value], v: Sequence[Value], a: Sequence[Value]
     ) -> tuple[Value, Value, Value]:
-        """R, M and P."""
+        """Return R, M and P."""
 
     def guards(self, mode: Mode, t: arb_series, q, v, a):
         slip, contact = mode[0], self.contact
@@ -102,14 +108,14 @@ class OneSlider(ProvableMechanism):
         return guards | {REAR: [(R - D) * mode[1]], FRONT: [(R + D) * mode[2]]}
 
     def _margins(self, R: Value, M: Value, P: Value, s: int) -> list[Value]:
-        """The functions whose largest is mus max(|R|, |D_s|) - s P."""
+        """Return the functions whose largest one is mus max(|R|, |D_s|) - s P."""
         contact = self.contact
         loads = [R] if contact.length is None else [R, contact.difference(R, M, s * contact.mus)]
         return [load * (sign * contact.mus) - P * s for load in loads for sign in (1, -1)]
 
     @abstractmethod
     def require_unique(self, mode: Mode, t: arb, bound: APriori | None = None) -> None:
-        """Prove it as the base does, or at an instant where there is no bound."""
+        """Prove uniqueness throughout a bound, or at an instant if there is no bound."""
 
     def held(self, mode: Mode) -> Mapping[int, arb]:
         return {0: self.surface} if mode[0] == 0 else {}
@@ -139,7 +145,7 @@ class OneSlider(ProvableMechanism):
         )
 
     def _from_rest(self, t: arb, q: Sequence[arb], v: Sequence[arb], moved: bool) -> Next:
-        """The mode at velocity zero relative to the surface."""
+        """Return the mode at velocity zero relative to the surface; raise Undecided if it is not proven."""
         v = [self.surface, *v[1:]]
         # Balls that contain zero prove neither: where it is open in one direction the mode is
         # undecided.
@@ -155,7 +161,10 @@ class OneSlider(ProvableMechanism):
     def _slipping(
         self, slip: int, t: arb, q: Sequence[arb], v: Sequence[arb], kind: str, smooth: bool
     ) -> Next:
-        """Slip that begins from rest; `smooth` where its acceleration is zero too (one coefficient, margin zero)."""
+        """Return the mode of slip that begins from rest.
+
+        It is `smooth` if its acceleration is zero: with one coefficient, where a margin is zero.
+        """
         if (
             self.contact.length is not None
             and not self.contact.mus * self.contact.width <= self.contact.length
@@ -169,7 +178,7 @@ class OneSlider(ProvableMechanism):
         )
 
     def _configured(self, slip: int, t: arb, q: Sequence[arb], v: Sequence[arb]) -> Mode:
-        """The contact configuration whose corner forces have its signs."""
+        """Return the mode of slip whose corner forces have the signs of the mode."""
         # The motion is unique, so that the first consistent configuration is the only one.
         self.require_unique((slip, 1, 1), t)
         one_surface, both_surfaces = [(1, 1), (-1, -1)], [(1, -1), (-1, 1)]

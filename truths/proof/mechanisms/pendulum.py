@@ -19,7 +19,7 @@ from stiction.truths.proof.mechanisms.scene_reader import SceneReader, balls
 
 @dataclass(frozen=True, kw_only=True)
 class Pendulum(ProvableMechanism):
-    """Length and gravity, pivot, angle from the lowest position and its rate at t = 0 (q, v)."""
+    """A pendulum; q and v are the angle from the lowest position and its rate at t = 0."""
 
     length: arb
     g: arb
@@ -40,7 +40,7 @@ class Pendulum(ProvableMechanism):
         raise AssertionError("a pendulum has no guards")
 
     def require_unique(self, mode, t, bound) -> None:
-        """The equation is Lipschitz: the a-priori enclosure proves it."""
+        """Do nothing: the equation is Lipschitz, so that the a-priori enclosure suffices."""
 
     def columns(self, t, q, v):
         sine, cosine, l, name = q[0].sin(), q[0].cos(), self.length, self.body
@@ -53,7 +53,7 @@ class Pendulum(ProvableMechanism):
 
     @classmethod
     def from_scene(cls, scene: Scene) -> Pendulum:
-        """Parameters of a scene; its start is taken to meet the constraint."""
+        """Return the pendulum of a scene, whose start is assumed to satisfy the constraint."""
         reader = SceneReader(scene, PENDULUM)
         rod = reader.element("rod")
         mass = reader.body("mass")

@@ -106,16 +106,16 @@ class SlidingMass(OneSlider):
         return self.rate * t + self.angle
 
     def _normal(self, t: arb_series) -> arb_series:
-        """R."""
+        """Return R."""
         return self.weight - self.c * self.rate**2 * self._theta(t).sin()
 
     def _load(self, t: arb_series) -> arb_series:
-        """P without spring and damper."""
+        """Return P without spring and damper."""
         force = self.force + self.c * self.rate**2 * self._theta(t).cos()
         return sum((load(t) for load in self.loads), force)
 
     def _moment(self, t: arb_series, a: Value) -> Value:
-        """M."""
+        """Return M."""
         theta = self._theta(t)
         return self.c * self.g * theta.cos() - a * (self.c * theta.sin())
 
@@ -207,7 +207,7 @@ class SlidingMass(OneSlider):
             bar = reader.match.bodies["bar"], l.ball
             residuals["rate of the bar"] = turning.angular_velocity - rate
 
-        # All that acts along the guide: constants are summed, the laws of the others are kept.
+        # Of all loads along the guide, the constant parts are summed.
         surface = reader.element("drive").law.rate if belt else ZERO
         for key, load in reader.elements("loads").items():
             reader.require(
@@ -254,7 +254,7 @@ class SlidingMass(OneSlider):
 
 
 def _structure_of(scene: Scene) -> Structure:
-    """The structure that a scene is most like: what does not fit is named by it."""
+    """Return the structure that a scene is most similar to, for messages about what does not fit."""
     if any(isinstance(joint, Revolute) for joint in scene.joints.values()):
         return WITH_BAR
     return ON_BELT if len(scene.bodies) == 2 else ALONE
@@ -296,10 +296,11 @@ def _off_the_guide(reader: SceneReader, along: Vector) -> dict[str, Exact]:
 
 
 def _parallel(vector: Vector, direction: Vector) -> bool:
-    """Return whether two vectors have one direction; false where their numbers cannot be compared."""
+    """Return True if two vectors have the same direction; False if their numbers cannot be compared."""
     cross = vector[0] * direction[1] - vector[1] * direction[0]
     return cross.product is not None and cross.is_zero and bool(_dot(vector, direction).ball > 0)
 
 
 def _dot(a: Vector, b: Vector) -> Exact:
+    """Return the scalar product of two vectors."""
     return a[0] * b[0] + a[1] * b[1]

@@ -45,9 +45,14 @@ from stiction.truths.structure import SEVERAL, Part
 
 Mode = tuple[int, int, int, int, int]
 """Direction of p', sx, sy, ex, ey."""
-_TURN, _NORMALS = 0, 3
+_TURN = 0
+"""Index of the direction of p' in a mode."""
+_NORMALS = 3
+"""Index of the first sign of a normal force in a mode."""
 _SIGNS = tuple(product((1, -1), (1, -1)))
-GUIDES, SLIDERS = ("guide-x", "guide-y"), ("slider-x", "slider-y")
+"""Possible signs of two normal forces."""
+GUIDES = ("guide-x", "guide-y")
+SLIDERS = ("slider-x", "slider-y")
 PROVABLE = replace(
     TRAMMEL,
     parts={label: TRAMMEL.parts[label] for label in ("pin-x", "pin-y", *GUIDES)}
@@ -73,18 +78,18 @@ class Trammel(ProvableMechanism):
 
     @property
     def length(self) -> arb:
-        """L."""
+        """Distance of the pins L, m."""
         return self.arms[0] + self.arms[1]
 
     def _coefficients(self, mode: Mode) -> tuple[arb, arb]:
-        """cx and cy."""
+        """Return cx and cy."""
         _, sx, sy, ex, ey = mode
         return self.friction[0] * (-sx * ex), self.friction[1] * (-sy * ey)
 
     def _reactions(
         self, sine: Value, cosine: Value, rate: Value, mode: Mode
     ) -> tuple[tuple[Value, Value], tuple[Value, Value]]:
-        """Rx and Ry from p's sine and cosine, each as the part without p'' and the factor of p''."""
+        """Return Rx and Ry, each as the part without p'' and the factor of p''."""
         cx, cy = self._coefficients(mode)
         (Hx, Hy), (gx, gy) = self.moments, self.gravity
         square, common = rate * rate, 1 / (1 + cx * cy)
@@ -98,7 +103,7 @@ class Trammel(ProvableMechanism):
         )
 
     def _balance(self, p: Value, rate: Value, mode: Mode) -> tuple[Value, Value]:
-        """Lagrange's equation without T, as push and inertia: inertia p'' = push."""
+        """Return push and inertia of Lagrange's equation without T: inertia p'' = push."""
         (J, K), (Hx, Hy), (gx, gy) = self.inertia, self.moments, self.gravity
         cx, cy = self._coefficients(mode)
         sine, cosine = p.sin(), p.cos()
@@ -155,7 +160,7 @@ class Trammel(ProvableMechanism):
         return Next(self._pressed(turn, sx, sy, t, q, v), {guard: 1}, "reversal", False)
 
     def _pressed(self, turn: int, sx: int, sy: int, t: arb, q: list[arb], v: list[arb]) -> Mode:
-        """The mode with the signs of Rx and Ry that are consistent: the only ones, as p'' is unique."""
+        """Return the mode with consistent signs of Rx and Ry, which are unique because p'' is."""
         for ex, ey in _SIGNS:
             mode = turn, sx, sy, ex, ey
             guards = self.guards_at(mode, t, q, v)
@@ -239,7 +244,7 @@ class Trammel(ProvableMechanism):
 
 
 def _friction(reader: SceneReader, name: str) -> arb:
-    """mu of a guide; requires it to be as in the module's text."""
+    """Return mu of a guide; raise NotThisMechanism if the guide is not as in the module's text."""
     guide = reader.element(name)
     declared = reader.match[name]
     one_surface = (

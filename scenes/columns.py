@@ -82,6 +82,34 @@ COLUMNS = (
 )
 
 
+WORDS = {
+    "x": "position $x$",
+    "y": "position $y$",
+    "angle": r"angle $\varphi$",
+    "vx": r"velocity $\dot x$",
+    "vy": r"velocity $\dot y$",
+    "omega": r"angular velocity $\omega$",
+    "ax": r"acceleration $\ddot x$",
+    "ay": r"acceleration $\ddot y$",
+    "alpha": r"angular acceleration $\alpha$",
+    "fx": "force $F_x$",
+    "fy": "force $F_y$",
+    "normal_force": "normal force $R$",
+    "moment": "moment $T$",
+    "displacement": "displacement $s$",
+    "slip_velocity": r"slip velocity $\dot s$",
+    "friction": "friction force $f$",
+    "mode": "contact mode",
+    "F1": "corner force $F_1$",
+    "F2": "corner force $F_2$",
+    "F3": "corner force $F_3$",
+    "F4": "corner force $F_4$",
+    "friction_lower": "friction force $f_-$ (lower)",
+    "friction_upper": "friction force $f_+$ (upper)",
+}
+"""Words and symbol of each column in labels of figures; an effort is a torque or a force."""
+
+
 def columns_of(scene: Scene) -> list[str]:
     """Names of all columns that a trajectory of the scene can have, the time left out."""
     guides = scene.guides
@@ -119,6 +147,23 @@ def unit_of(column: str, scene: Scene | None = None) -> str:
     return (
         "s" if column == "t" else next((entry.unit for entry in COLUMNS if name in entry.names), "")
     )
+
+
+def label_of(column: str, scene: Scene) -> str:
+    """Return the label of an axis that shows a column of a scene: words, symbol, owner and unit.
+
+    For example ``normal force $R$ of guide [N]``; the symbol is in the mathematics of matplotlib. A
+    column that is not of the `COLUMNS` is its own label.
+    """
+    owner, _, name = column.rpartition(".")
+    if name == "effort" and owner in scene.drives:
+        words = "torque $M$" if scene.drives[owner].type == "angle" else "force $F$"
+    elif name in WORDS:
+        words = WORDS[name]
+    else:
+        return column
+    unit = unit_of(column, scene)
+    return f"{words} of {owner} [{unit}]" if unit else f"{words} of {owner}"
 
 
 def meaning_of(column: str) -> str:

@@ -16,6 +16,7 @@ if TYPE_CHECKING:
     from stiction.comparisons.bench.study import Study
 
 ORDER = (
+    "motion",
     "accuracy",
     "cost",
     "torque",

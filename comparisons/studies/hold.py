@@ -19,7 +19,7 @@ from stiction.comparisons.bench.methods import rank
 from stiction.comparisons.bench.participants import variants
 from stiction.comparisons.bench.presentation.cells import AGAIN
 from stiction.comparisons.bench.runner import Comparison
-from stiction.comparisons.bench.study import Scope, Study, Tables
+from stiction.comparisons.bench.study import Scope, Study, Tables, unless_refused
 from stiction.comparisons.bench.timing.visits import visit
 from stiction.comparisons.bench.variants import (
     COEFFICIENTS,
@@ -138,6 +138,23 @@ class Trial:
         }
 
 
+def _check_scenes(scope: Scope) -> None:
+    """Raise InputError if a scene of a campaign has no such tests; the paper's cases are replaced by others."""
+    if not scope.is_of_paper:
+        for scene in scope.scenes:
+            _check_parameters(scene)
+
+
+def _check_parameters(scene: Scene) -> None:
+    """Raise InputError if a scene lacks one of `PARAMETERS`."""
+    missing = [name for name in PARAMETERS if name not in scene.parameters]
+    if missing:
+        raise InputError(
+            f"{scene.name}: parameters: found no {', '.join(missing)}; expected {', '.join(PARAMETERS)}, "
+            "as the scenes hold-.. of the catalogue have them"
+        )
+
+
 def changes(scene: Scene, test: str, load: float, static_coefficient: bool) -> dict[str, float]:
     """Return the parameters of a scene that a test changes.
 
@@ -148,12 +165,7 @@ def changes(scene: Scene, test: str, load: float, static_coefficient: bool) -> d
     InputError
         If the scene lacks one of `PARAMETERS`.
     """
-    missing = [name for name in PARAMETERS if name not in scene.parameters]
-    if missing:
-        raise InputError(
-            f"{scene.name}: parameters: found no {', '.join(missing)}; expected {', '.join(PARAMETERS)}, "
-            "as the scenes hold-.. of the catalogue have them"
-        )
+    _check_parameters(scene)
     data = load_data()
     changed: dict[str, float] = {}
     if test == HELD:
@@ -533,6 +545,7 @@ STUDY = Study(
     plan,
     seconds=0.1,
     needs_scene=False,
+    applies=unless_refused(_check_scenes),
     takes=frozenset({"engines"}),
     tables={
         "hold": "Runs of sliders that should be held",

@@ -31,7 +31,7 @@ from stiction.comparisons.bench.presentation import (
 from stiction.comparisons.bench.presentation.cells import intervals_text, setting_of
 from stiction.comparisons.bench.results import Results
 from stiction.comparisons.bench.runner import Comparison
-from stiction.comparisons.bench.study import Scope, Study, Tables
+from stiction.comparisons.bench.study import Scope, Study, Tables, unless_refused
 from stiction.comparisons.bench.variants import Variant, has_static_coefficient, run_key, truth_key
 from stiction.comparisons.measures.settling import (
     MOST_PERIODS,
@@ -666,6 +666,7 @@ STUDY = Study(
     {TRUTH: lambda scope: true_thresholds(scope.scenes[0])},
     seconds=10.0,
     takes=frozenset({"engines"}),
+    applies=unless_refused(lambda scope: with_threshold(scope.scenes[0])),
     tables={
         "threshold": "Stick thresholds",
     },

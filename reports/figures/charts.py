@@ -52,7 +52,6 @@ from stiction.reports.figures.style import (
     set_log_ticks,
     variants_of,
 )
-from stiction.scenes import load_scene
 from stiction.scenes.fidelity import Fidelity
 from stiction.scenes.pictures.mechanism import drawing as mechanism_drawing
 
@@ -283,7 +282,9 @@ def _draw_panel(
             handles.setdefault(series.label, Line2D([], [], **style))
     _set_axis("x", ax.xaxis, panel.x)
     _set_axis("y", ax.yaxis, panel.y)
-    ax.set(title=panel.title, xlabel=panel.x.label, ylabel=panel.y.label)
+    ax.set(xlabel=panel.x.label, ylabel=panel.y.label)
+    # Titles contain titles of scenes, in which a dollar sign is no mathematics.
+    ax.set_title(panel.title, parse_math=False)
 
 
 def _series_style(series: Series, looks: Mapping[str, Look]) -> dict[str, Any]:
@@ -439,7 +440,7 @@ def _text_color(background: str) -> str:
 @draw.register
 def _draw_mechanism(picture: MechanismPicture, looks: Mapping[str, Look]) -> Drawing:
     """Draw a mechanism, scaled to the width of figures; the size of its text does not change."""
-    figure = mechanism_drawing(load_scene(picture.scene), heading=False)
+    figure = mechanism_drawing(picture.scene, heading=False)
     width, height = figure.get_size_inches()
     scale = figure_width() / width
     scaled_height = PICTURE_TEXT_HEIGHT + (height - PICTURE_TEXT_HEIGHT) * scale

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections import Counter
 from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
@@ -24,7 +23,7 @@ from stiction.cli.options import (
     Workers,
     check_distinct,
     count,
-    scene_of,
+    scenes_of,
     written,
 )
 from stiction.cli.render import progress, show, show_truths, shown_if_not_written, write_table
@@ -165,9 +164,6 @@ def _load_scenes(
     study: Study, scenes: Sequence[str], overrides: Sequence[str], assemble: bool
 ) -> tuple[Scene, ...]:
     """Load the scenes of a study with overrides, and check that the study takes them."""
-    from stiction.reference_impl.multibody.initial_state import with_consistent_start
-    from stiction.scenes.wording import names
-
     if study.takes_scene and study.needs_scene and not scenes:
         raise typer.BadParameter(
             "found nothing; expected a scene of the catalogue (see `stiction scenes`) or a TOML "
@@ -185,15 +181,7 @@ def _load_scenes(
             f"found {' '.join(scenes)}; `compare {study.name}` accepts one scene",
             param_hint="SCENE",
         )
-    loaded = tuple(with_consistent_start(scene_of(name, overrides), assemble) for name in scenes)
-    counts = Counter(scene.name for scene in loaded)
-    repeated = [name for name, number in counts.items() if number > 1]
-    if repeated:
-        raise typer.BadParameter(
-            f"found {names(repeated)} more than once; expected scenes with different names",
-            param_hint="SCENE",
-        )
-    return loaded
+    return scenes_of(scenes, overrides, assemble)
 
 
 def _run_study(
@@ -213,11 +201,11 @@ def _run_study(
         progress(f"compare {study.name} on {subject}") as bar,
     ):
         options: dict[str, Any] = {"workers": workers, "timeout_s": timeout, "isolated": isolated}
-        comparison = planned(scope, [study], **options)[study]
+        comparison = planned({study: scope}, **options)[study]
         results = make(
             [comparison], timed_by=isolate, on_start=bar.start, on_result=bar.result, **options
         )
-        return union(results)
+        return union(results, scenes=scope.scenes)
 
 
 def _show(

@@ -9,6 +9,7 @@ from __future__ import annotations
 import math
 import os
 import tomllib
+from collections import Counter
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager, suppress
 from pathlib import Path
@@ -180,6 +181,29 @@ def scene_of(name: str, overrides: Sequence[str]) -> Scene:
     return load_scene(name, dict(parse_override(text) for text in overrides))
 
 
+def scenes_of(
+    names_or_paths: Sequence[str], overrides: Sequence[str], assemble: bool
+) -> tuple[Scene, ...]:
+    """Load scenes with overrides, and check that their starts are consistent and their names different.
+
+    If `assemble`, starts that violate the constraints are projected onto them.
+    """
+    from stiction.reference_impl.multibody.initial_state import with_consistent_start
+    from stiction.scenes.wording import names
+
+    loaded = tuple(
+        with_consistent_start(scene_of(name, overrides), assemble) for name in names_or_paths
+    )
+    counts = Counter(scene.name for scene in loaded)
+    repeated = [name for name, number in counts.items() if number > 1]
+    if repeated:
+        raise typer.BadParameter(
+            f"found {names(repeated)} more than once; expected scenes with different names",
+            param_hint="SCENE",
+        )
+    return loaded
+
+
 def _scene_names(prefix: str) -> list[str]:
     """Return the scenes of the catalogue that begin with a prefix, for the completion by a shell."""
     from stiction.scenes import catalogue
@@ -333,6 +357,15 @@ OneEngine = Annotated[
         callback=_engine,
         help="Run only this engine: a name, module:Class, FILE.toml or FILE.fmu. A class "
         "derived from that of an engine in the campaign replaces this engine.",
+    ),
+]
+ValidatedScenes = Annotated[
+    list[str],
+    typer.Option(
+        "--scenes",
+        metavar="A,B,..",
+        help="Scenes of your own (TOML files), or of the catalogue, to compare on instead of the "
+        "paper's three cases. Studies that do not apply to them are named with the reason.",
     ),
 ]
 OtherScenes = Annotated[

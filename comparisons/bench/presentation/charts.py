@@ -11,6 +11,8 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
+from stiction.scenes import Scene
+
 TRUTH = "truth"
 """Look of a series that shows the truth: black."""
 LIMIT = "limit"
@@ -163,7 +165,7 @@ class MechanismPicture:
     """A picture of the mechanism of a scene at its start, with dimensions and the numbers of corners."""
 
     name: str
-    scene: str
+    scene: Scene
     caption: str = ""
 
 

@@ -86,9 +86,10 @@ class PageOne:
 
     Attributes
     ----------
-    mechanism, how_to_read, runs, not_installed, not_applicable : str
-        A paragraph each; empty where it does not apply. The last one names the studies that do not
-        apply to the scenes, with the reasons.
+    mechanism, how_to_read, runs, not_installed : str
+        A paragraph each; empty where it does not apply.
+    not_applicable : sequence of str
+        A line for each study that does not apply to all scenes, with the reason.
     recommendation : sequence of str
         Items of a list.
     numbers : sequence of Number
@@ -100,7 +101,7 @@ class PageOne:
     how_to_read: str
     runs: str
     not_installed: str
-    not_applicable: str
+    not_applicable: Sequence[str]
     numbers: Sequence[Number]
 
 
@@ -145,7 +146,7 @@ def page_one(report: Report) -> PageOne:
         how_to_read=one_line(blocks["how_to_read"]),
         runs=one_line(blocks["runs"]),
         not_installed=one_line(blocks["not_installed"]),
-        not_applicable=one_line(blocks["not_applicable"]),
+        not_applicable=items(blocks["not_applicable"]),
         numbers=numbers,
     )
 
@@ -175,8 +176,7 @@ def answer_lines(report: Report) -> Iterator[str]:
         if study.title and section.answer:
             yield f"{study.title}: {section.answer}"
     yield f"{page.runs} {page.not_installed}".strip()
-    if page.not_applicable:
-        yield page.not_applicable
+    yield from page.not_applicable
 
 
 def _variables(

@@ -84,7 +84,7 @@ def unless_refused(check: Callable[[Scope], object]) -> Callable[[Scope], str]:
             check(scope)
         except InputError as error:
             # Further lines list everything that the scene lacks.
-            return str(error).splitlines()[0]
+            return str(error).splitlines()[0].rstrip(":")
         return ""
 
     return reason
@@ -231,7 +231,10 @@ def selection(scope: Scope, chosen: Sequence[Study]) -> Selection:
 
 def _reasons_line(reason_of: Mapping[str, str]) -> str:
     """Return the reasons by scene in one line; a reason that all scenes share is given once."""
-    reasons = {name: reason for name, reason in reason_of.items() if reason}
+    # Messages about a scene often begin with its name.
+    reasons = {
+        name: reason.removeprefix(f"{name}: ") for name, reason in reason_of.items() if reason
+    }
     if len(reasons) == len(reason_of) and len(set(reasons.values())) == 1:
         return next(iter(reasons.values()))
     return "; ".join(f"{name}: {reason}" for name, reason in reasons.items())

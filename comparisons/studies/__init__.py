@@ -18,6 +18,7 @@ if TYPE_CHECKING:
 ORDER = (
     "motion",
     "accuracy",
+    "second-method",
     "cost",
     "torque",
     "threshold",

@@ -331,6 +331,7 @@ STUDY = Study(
     present,
     plan,
     seconds=0.26,
+    takes=frozenset({"engines", "t_end", "scenes"}),
     tables={
         "drift": "Drift from the constraints of every run",
     },

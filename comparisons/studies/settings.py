@@ -391,6 +391,13 @@ def _comparison(choices: pd.DataFrame, defaults: pd.DataFrame) -> dict[str, Any]
     }
 
 
+def _reason_against(scope: Scope) -> str:
+    """Return why a campaign on other scenes than the paper's does not try settings."""
+    if scope.is_of_paper or not scope.is_campaign or extent(scope.depth).settings:
+        return ""
+    return "settings are tried with --full only; `stiction compare settings` tries them, too"
+
+
 def plan(scope: Scope) -> Comparison[Tables] | None:
     """Plan all settings on all scenes of the trials, or on the scenes of the scope if these are not the paper's cases.
 
@@ -555,6 +562,7 @@ STUDY = Study(
     present,
     plan,
     seconds=0.5,
+    applies=_reason_against,
     on_page_one=False,
     takes=frozenset({"engines", "t_end", "repeats"}),
     tables={

@@ -69,7 +69,7 @@ def _page_one(report: Report) -> Iterator[str]:
         yield table(page.how_to_read, headlines.heads, rows, headlines.right)
     yield markdown("\n".join(f"- **{title}.** {answer}" for title, answer in answers(report)))
     yield markdown(page.not_installed)
-    yield markdown(page.not_applicable)
+    yield markdown("\n".join(f"- {line}" for line in page.not_applicable))
 
 
 def _section_blocks(run: StoredRun, section: Section) -> Iterator[str]:

@@ -18,6 +18,8 @@ PAPERS_CASES = ("slider-bar-case-1", "slider-bar-case-2", "slider-bar-case-3")
 """Names of the paper's three cases, in the order of its figures."""
 SCENES_OF_PAPER = "scenes of the paper"
 """Setting of a campaign: names of its scenes that are cases of the paper."""
+COMMAND = "command"
+"""Setting of a single study: the command that made it; that of a campaign follows from other settings."""
 NOT_APPLICABLE = "not applicable"
 """Setting of a campaign: by title of a study, the reason why it was not made."""
 

@@ -8,7 +8,12 @@ from pathlib import Path
 from typing import Any
 
 from stiction.comparisons.bench.environment import requirements
-from stiction.comparisons.bench.results import PAPERS_CASES, Results, scene_of_suite
+from stiction.comparisons.bench.results import (
+    COMMAND,
+    PAPERS_CASES,
+    Results,
+    scene_of_suite,
+)
 from stiction.comparisons.bench.variants import (
     Record,
     has_static_coefficient,
@@ -134,7 +139,9 @@ def read_scenes(folder: Path, files: Iterable[str]) -> dict[str, Scene]:
 
 
 def campaign_command(results: Results) -> str:
-    """Return the command that repeats the campaign, quoted for a shell."""
+    """Return the command that repeats the campaign, or the single study, quoted for a shell."""
+    if COMMAND in results.settings:
+        return results.settings[COMMAND]
     words = ["stiction", "validate"]
     scenes = results.settings.get("scenes", PAPERS_CASES)
     if tuple(scenes) != PAPERS_CASES or not results.is_about_paper:

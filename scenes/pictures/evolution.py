@@ -9,7 +9,7 @@ from itertools import product
 import numpy as np
 import pandas as pd
 
-from stiction.scenes.columns import unit_of
+from stiction.scenes.columns import label_of, unit_of
 from stiction.scenes.pictures.picture import COLORS, CYCLE, Picture, fit_labels, rc
 from stiction.scenes.trajectory import Trajectory
 
@@ -34,15 +34,18 @@ _WITHOUT_GUIDES = {
 def evolution(runs: Sequence[Trajectory], columns: Sequence[str] = ()) -> Picture:
     """Draw a panel for each of `columns`, with a line for each run; of one run without columns, the usual quantities.
 
+    A figure of chosen columns is one for print: it has no title, and its labels consist of words,
+    symbol and unit. The reference is black, and drawn on top of other runs.
+
     KeyError for a column that a run does not have.
     """
     # a column that is missing raises its KeyError here, before anything is drawn
     first, several = runs[0], len(runs) > 1
     for run, name in product(runs, columns):
         run[name]
-    panels = [([name], f"{name} [{unit_of(name, first.mechanism)}]") for name in columns] or _usual(
-        first
-    )
+    panels = [([name], _label(name, first)) for name in columns] or _usual(first)
+    # The last line is on top of the others: that of the reference.
+    runs = sorted(runs, key=lambda run: run.engine == "reference")
     frames = [run.to_frame(events=True, interpolated=True) for run in runs]
     stick = [] if several else _stick(frames[0])
     with rc():
@@ -57,10 +60,17 @@ def evolution(runs: Sequence[Trajectory], columns: Sequence[str] = ()) -> Pictur
             for number, (frame, name, text) in enumerate(lines):
                 # a run that is drawn over an equal one is dashed, so that both are seen
                 dashes = _DASHES[number % len(_DASHES)]
+                color = CYCLE[number % len(CYCLE)]
+                if several:
+                    # Black, the first colour, is that of the last line.
+                    color = CYCLE[(number + 1) % len(lines) % len(CYCLE)]
+                    dashes = (
+                        "-" if number == len(lines) - 1 else _DASHES[(number + 1) % len(_DASHES)]
+                    )
                 ax.plot(
                     frame["t"].to_numpy(),
                     frame[name].to_numpy(),
-                    color=CYCLE[number % len(CYCLE)],
+                    color=color,
                     linewidth=1.0,
                     label=text,
                     linestyle=dashes,
@@ -75,7 +85,7 @@ def evolution(runs: Sequence[Trajectory], columns: Sequence[str] = ()) -> Pictur
         axes[-1].set_xlabel("$t$ [s]" + (", shaded: stick" if stick else ""))
         if several:
             axes[0].legend(loc="lower center", bbox_to_anchor=(0.5, 1.0), ncols=2)
-        else:
+        elif not columns:
             axes[0].set_title(
                 f"{first.scene}: {first.engine} {first.version}, {first.fidelity}",
                 fontsize=8,
@@ -83,6 +93,13 @@ def evolution(runs: Sequence[Trajectory], columns: Sequence[str] = ()) -> Pictur
             )
         fit_labels(picture)
     return picture
+
+
+def _label(column: str, run: Trajectory) -> str:
+    """Label of an axis: words, symbol and unit if the scene is known, else the name of the column and its unit."""
+    if run.mechanism is None:
+        return f"{column} [{unit_of(column)}]"
+    return label_of(column, run.mechanism)
 
 
 def _method(run: Trajectory) -> str:

@@ -2,7 +2,10 @@
 
 from __future__ import annotations
 
+import shlex
+import sys
 from collections.abc import Callable, Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -12,6 +15,7 @@ from stiction.cli.exit_codes import FAILED, Commands, exit_with
 from stiction.cli.options import (
     PICTURES,
     Assemble,
+    Columns,
     EndTime,
     Engines,
     ExecutorName,
@@ -23,7 +27,9 @@ from stiction.cli.options import (
     Workers,
     check_distinct,
     count,
+    errors_of_option,
     scenes_of,
+    split_names,
     written,
 )
 from stiction.cli.render import progress, show, show_truths, shown_if_not_written, write_table
@@ -58,6 +64,15 @@ Drive = Annotated[
     typer.Option(
         metavar="NAME",
         help="Drive whose effort is compared. Default: the first drive of the scene.",
+    ),
+]
+Report = Annotated[
+    Path | None,
+    typer.Option(
+        "--report",
+        metavar="DIR",
+        help="Write a report with all tables, figures and data of the study to this folder, from "
+        "which `stiction page` and `stiction paper` make a page and a paper.",
     ),
 ]
 Problems = Annotated[
@@ -127,6 +142,8 @@ def _command(study: Study) -> Callable[..., None]:
         executor: ExecutorName = "processes",
         out: TableFile = None,
         plot: Plot = None,
+        columns: Columns = [],
+        report: Report = None,
         problems: Problems = None,
     ) -> None:
         from stiction.comparisons.bench.depth import Depth
@@ -140,6 +157,8 @@ def _command(study: Study) -> Callable[..., None]:
         options: dict[str, Any] = {}
         if drive is not None:
             options["drive"] = drive
+        if columns:
+            options["columns"] = tuple(split_names(columns))
         if problems is not None:
             options["problems"] = problems
         # All studies have the same options; those that a study does not use are refused.
@@ -154,8 +173,12 @@ def _command(study: Study) -> Callable[..., None]:
         loaded = _load_scenes(study, scenes, overrides, assemble)
         depth = Depth.QUICK if quick else Depth.FULL
         scope = Scope(loaded, depth, **arguments, options=options)
+        if report is not None:
+            _check_report(study, report)
         results = _run_study(study, scope, workers, timeout, executor)
         _show(study, results, out, plot, problems)
+        if report is not None:
+            _write_report(results, loaded, report)
 
     return compare
 
@@ -237,6 +260,36 @@ def _show(
         message += f"; {plot} is not written"
     print(message)
     _check_success(_run_rows(results, table))
+
+
+def _check_report(study: Study, folder: Path) -> None:
+    """Check that a study can have a report and its folder can be written, before the runs are made."""
+    from stiction.reports import REPORT, check_folder
+    from stiction.reports.run_folder.stored_run import TABLES_OF_RUNS
+
+    if study.name in TABLES_OF_RUNS:
+        raise typer.BadParameter(
+            f"found {str(folder)!r}; `compare {study.name}` has no report: --out writes its table, "
+            "and --plot its figure",
+            param_hint="--report",
+        )
+    with errors_of_option("--report"):
+        check_folder(folder, REPORT)
+
+
+def _write_report(results: Results, scenes: Sequence[Scene], folder: Path) -> None:
+    """Write the report of a study, and print the name of its file."""
+    from stiction.comparisons.bench.participants import validation_campaign
+    from stiction.comparisons.bench.results import COMMAND, SCENES_OF_PAPER
+    from stiction.reports import report_of, write_report
+
+    papers_cases = validation_campaign().scenes
+    settings = {
+        "scenes": [scene.name for scene in scenes],
+        SCENES_OF_PAPER: [scene.name for scene in scenes if scene in papers_cases],
+        COMMAND: shlex.join(["stiction", *sys.argv[1:]]),
+    }
+    print(write_report(report_of(replace(results, settings=settings)), folder))
 
 
 def _write_first_figure(study: Study, section: Section, results: Results, file: Path) -> None:

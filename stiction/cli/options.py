@@ -174,11 +174,15 @@ def check_distinct(option: str, path: Path | None, other: Path | None) -> None:
         )
 
 
-def scene_of(name: str, overrides: Sequence[str]) -> Scene:
-    """Load a scene, and apply overrides ``KEY=VALUE`` of the command line."""
-    from stiction.scenes import load_scene, parse_override
+def scene_of(name: str, overrides: Sequence[str], assemble: bool = False) -> Scene:
+    """Load a scene, and apply overrides ``KEY=VALUE`` of the command line.
 
-    return load_scene(name, dict(parse_override(text) for text in overrides))
+    If `assemble`, a start that violates the constraints is projected onto them.
+    """
+    from stiction.reference_impl.scene_loading import load_scene
+    from stiction.scenes import parse_override
+
+    return load_scene(name, dict(parse_override(text) for text in overrides), assemble)
 
 
 def scenes_of(
@@ -300,6 +304,14 @@ Assemble = Annotated[
     bool,
     typer.Option(
         "--assemble", help="If the initial state violates the constraints, project it onto them."
+    ),
+]
+Columns = Annotated[
+    list[str],
+    typer.Option(
+        "--columns",
+        metavar="A,B,..",
+        help="Columns to plot, such as motor.effort,guide.normal_force.",
     ),
 ]
 EndTime = Annotated[

@@ -162,7 +162,8 @@ def label_of(column: str, scene: Scene) -> str:
         words = WORDS[name]
     else:
         return column
-    unit = unit_of(column, scene)
+    # Lines of a label that is too long are broken at spaces, but not within a unit.
+    unit = unit_of(column, scene).replace(" ", "\N{NO-BREAK SPACE}")
     return f"{words} of {owner} [{unit}]" if unit else f"{words} of {owner}"
 
 

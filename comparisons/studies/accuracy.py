@@ -419,6 +419,9 @@ def chart_by_case(
         values = np.concatenate(
             [np.empty(0), *(line.y for lines_of_panel in lines.values() for line in lines_of_panel)]
         )
+        if not any(lines.values()):
+            # All runs of these methods failed or were refused; empty axes would say nothing.
+            continue
         limits = (values.min() / MARGIN, values.max() * MARGIN) if len(values) else None
         for scene in scenes:
             y = Axis(label if scene == scenes[0] else "", log=True, limits=limits)

@@ -444,5 +444,13 @@ def _draw_mechanism(picture: MechanismPicture, looks: Mapping[str, Look]) -> Dra
     width, height = figure.get_size_inches()
     scale = figure_width() / width
     scaled_height = PICTURE_TEXT_HEIGHT + (height - PICTURE_TEXT_HEIGHT) * scale
+    if is_one_column():
+        # Entries that stand beside each other on a page are below each other in a column.
+        for legend in list(figure.legends):
+            handles = legend.legend_handles
+            labels = [text.get_text() for text in legend.get_texts()]
+            legend.remove()
+            figure.legend(handles, labels, loc="outside lower center", ncols=1)
+            scaled_height += LEGEND_ROW * (len(labels) - 1)
     figure.set_size_inches(figure_width(), scaled_height)
     return Drawing(picture.name, picture.caption, figure)

@@ -10,7 +10,7 @@ import numpy as np
 import pandas as pd
 
 from stiction.scenes.columns import label_of, unit_of
-from stiction.scenes.pictures.picture import COLORS, CYCLE, Picture, fit_labels, rc
+from stiction.scenes.pictures.picture import COLORS, CYCLE, WIDTH, Picture, fit_labels, rc
 from stiction.scenes.trajectory import Trajectory
 
 MOST_LINES = 8
@@ -31,13 +31,15 @@ _WITHOUT_GUIDES = {
 }
 
 
-def evolution(runs: Sequence[Trajectory], columns: Sequence[str] = ()) -> Picture:
+def evolution(
+    runs: Sequence[Trajectory], columns: Sequence[str] = (), width: float = WIDTH
+) -> Picture:
     """Draw a panel for each of `columns`, with a line for each run; of one run without columns, the usual quantities.
 
     A figure of chosen columns is one for print: it has no title, and its labels consist of words,
     symbol and unit. The reference is black, and drawn on top of other runs.
 
-    KeyError for a column that a run does not have.
+    `width` is that of the figure, inches. KeyError for a column that a run does not have.
     """
     # a column that is missing raises its KeyError here, before anything is drawn
     first, several = runs[0], len(runs) > 1
@@ -49,7 +51,7 @@ def evolution(runs: Sequence[Trajectory], columns: Sequence[str] = ()) -> Pictur
     frames = [run.to_frame(events=True, interpolated=True) for run in runs]
     stick = [] if several else _stick(frames[0])
     with rc():
-        picture = Picture((0.6 if several else 0.4) + 1.25 * len(panels))
+        picture = Picture((0.6 if several else 0.4) + 1.25 * len(panels), width)
         axes = picture.subplots(len(panels), 1, sharex=True, squeeze=False)[:, 0]
         for ax, (names, label) in zip(axes, panels):
             lines = (
@@ -84,7 +86,9 @@ def evolution(runs: Sequence[Trajectory], columns: Sequence[str] = ()) -> Pictur
                 ax.legend(loc="center left", bbox_to_anchor=(1.0, 0.5), title=more)
         axes[-1].set_xlabel("$t$ [s]" + (", shaded: stick" if stick else ""))
         if several:
-            axes[0].legend(loc="lower center", bbox_to_anchor=(0.5, 1.0), ncols=2)
+            axes[0].legend(
+                loc="lower center", bbox_to_anchor=(0.5, 1.0), ncols=2 if width >= WIDTH else 1
+            )
         elif not columns:
             axes[0].set_title(
                 f"{first.scene}: {first.engine} {first.version}, {first.fidelity}",

@@ -13,7 +13,9 @@ from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 from matplotlib.text import Text
 
-WIDTH = 174 / 25.4
+MM_PER_INCH = 25.4
+"""Millimetres in an inch."""
+WIDTH = 174 / MM_PER_INCH
 """Inches: both columns of a journal page."""
 DPI = 150
 MOST_TRIES = 6

@@ -24,12 +24,14 @@ from stiction.cli.options import (
     SceneNames,
     TableFile,
     Timeout,
+    Width,
     Workers,
     check_distinct,
     count,
     errors_of_option,
     scenes_of,
     split_names,
+    width_in_mm,
     written,
 )
 from stiction.cli.render import progress, show, show_truths, shown_if_not_written, write_table
@@ -143,6 +145,7 @@ def _command(study: Study) -> Callable[..., None]:
         out: TableFile = None,
         plot: Plot = None,
         columns: Columns = [],
+        width: Width = "double",
         report: Report = None,
         problems: Problems = None,
     ) -> None:
@@ -168,6 +171,7 @@ def _command(study: Study) -> Callable[..., None]:
                     f"found {value!r}; `compare {study.name}` does not have this option",
                     param_hint=f"--{name.replace('_', '-')}",
                 )
+        width_in_mm(width)
         check_distinct("--plot", plot, out)
         check_distinct("--problems", problems, out)
         loaded = _load_scenes(study, scenes, overrides, assemble)
@@ -176,7 +180,7 @@ def _command(study: Study) -> Callable[..., None]:
         if report is not None:
             _check_report(study, report)
         results = _run_study(study, scope, workers, timeout, executor)
-        _show(study, results, out, plot, problems)
+        _show(study, results, out, plot, problems, width)
         if report is not None:
             _write_report(results, loaded, report)
 
@@ -232,7 +236,12 @@ def _run_study(
 
 
 def _show(
-    study: Study, results: Results, out: Path | None, plot: Path | None, problems: Path | None
+    study: Study,
+    results: Results,
+    out: Path | None,
+    plot: Path | None,
+    problems: Path | None,
+    width: str,
 ) -> None:
     """Print the results of a study, write the files that were asked for, and fail if no run succeeded."""
     from stiction.comparisons.bench.complementarity.problems import write_problems
@@ -249,7 +258,7 @@ def _show(
     if out is None and len(table):
         print("\nEvery row with its numbers and reasons: --out FILE.csv")
     if plot is not None and (section.figures or len(table)):
-        _write_first_figure(study, section, results, plot)
+        _write_first_figure(study, section, results, plot, width)
     if problems is not None:
         write_problems(results.problems, problems)
     if not table.empty:
@@ -292,9 +301,11 @@ def _write_report(results: Results, scenes: Sequence[Scene], folder: Path) -> No
     print(write_report(report_of(replace(results, settings=settings)), folder))
 
 
-def _write_first_figure(study: Study, section: Section, results: Results, file: Path) -> None:
-    """Write the first figure of a section."""
-    from stiction.reports.figures.charts import draw_figures
+def _write_first_figure(
+    study: Study, section: Section, results: Results, file: Path, width: str
+) -> None:
+    """Write the first figure of a section; one column wide, it must fit on a page."""
+    from stiction.reports.figures.charts import draw_figures, in_one_column
     from stiction.reports.figures.style import rc
     from stiction.scenes.atomic_files import whole_file
     from stiction.scenes.pictures.picture import write_figure
@@ -304,8 +315,17 @@ def _write_first_figure(study: Study, section: Section, results: Results, file: 
             FAILED,
             f"{file}: not written, because `compare {study.name}` has no figure for these runs",
         )
-    with rc(), whole_file(file) as partial:
-        [drawing] = draw_figures(section.figures[:1], results)
+    figures = section.figures[:1]
+    if width == "single":
+        figures = in_one_column(figures[0])
+    if len(figures) > 1:
+        raise exit_with(
+            FAILED,
+            f"{file}: not written: one column wide, the figure needs {len(figures)} pages; expected "
+            "--width double, or fewer columns, scenes or engines",
+        )
+    with rc(width), whole_file(file) as partial:
+        [drawing] = draw_figures(figures, results)
         write_figure(drawing.figure, partial)
 
 

@@ -185,6 +185,16 @@ def scene_of(name: str, overrides: Sequence[str], assemble: bool = False) -> Sce
     return load_scene(name, dict(parse_override(text) for text in overrides), assemble)
 
 
+def width_in_mm(width: str) -> float:
+    """Return the width of a figure in mm by its name, the value of the option ``--width``."""
+    widths = {"double": 174.0, "single": 84.0}
+    if width not in widths:
+        raise typer.BadParameter(
+            f"found {width!r}; expected one of {', '.join(widths)}", param_hint="--width"
+        )
+    return widths[width]
+
+
 def scenes_of(
     names_or_paths: Sequence[str], overrides: Sequence[str], assemble: bool
 ) -> tuple[Scene, ...]:
@@ -312,6 +322,14 @@ Columns = Annotated[
         "--columns",
         metavar="A,B,..",
         help="Columns to plot, such as motor.effort,guide.normal_force.",
+    ),
+]
+Width = Annotated[
+    str,
+    typer.Option(
+        "--width",
+        metavar="double|single",
+        help="Width of the figure: two columns of a journal page (174 mm) or one (84 mm).",
     ),
 ]
 EndTime = Annotated[

@@ -189,6 +189,7 @@ def write_pictures(
     plot: Path | None,
     animation: Path | None,
     columns: Sequence[str] = (),
+    width_mm: float = 174.0,
 ) -> None:
     """Write the plot and the film of a run, and print the names of the files.
 
@@ -202,7 +203,7 @@ def write_pictures(
         return
     if plot is not None:
         with errors_of_option("--plot"), whole_file(plot) as partial:
-            trajectory.plot(*columns).write(partial)
+            trajectory.plot(*columns, width_mm=width_mm).write(partial)
         print(plot)
     if animation is not None:
         with errors_of_option("--animate"), whole_file(animation) as partial:

@@ -23,6 +23,7 @@ from stiction.cli.options import (
     Settings,
     TableFile,
     Timeout,
+    Width,
     Workers,
     check_distinct,
     errors_of_option,
@@ -30,6 +31,7 @@ from stiction.cli.options import (
     scene_of,
     settings_of,
     split_names,
+    width_in_mm,
 )
 from stiction.cli.pictures import Animation, Plot, write_pictures
 from stiction.cli.prove import verified_set
@@ -89,6 +91,7 @@ def run(
     ] = False,
     plot: Plot = None,
     columns: Columns = [],
+    width: Width = "double",
     animation: Animation = None,
     timeout: Timeout = 600,
     traceback: Annotated[
@@ -108,6 +111,7 @@ def run(
     check_distinct("--plot", plot, out)
     check_distinct("--animate", animation, plot)
     shown = _checked_columns(loaded, columns, plot)
+    width_mm = width_in_mm(width)
     if dt is not None and rtol is not None:
         raise typer.BadParameter(
             f"found both, {dt:g} and {rtol:g}; expected one: a fixed step or a tolerance",
@@ -140,7 +144,7 @@ def run(
         with shown_if_not_written(lambda: show_trajectory(trajectory)):
             write_table(trajectory.to_frame(events), out)
         print(out)
-    write_pictures(trajectory, plot, animation, shown)
+    write_pictures(trajectory, plot, animation, shown, width_mm)
     if trajectory.termination != "end":
         time = ""
         # The message of a breakdown contains the time.

@@ -138,7 +138,7 @@ def test_a_truth_by_our_own_run_is_called_that(run):
     # The engine with contacts refuses a slider without a length, and has nothing to compare.
     assert set(accuracy["truth_tier"]) == {Tier.OWN_RUN, Tier.NONE}
     report = " ".join((folder / "report.md").read_text().split())
-    assert "It is not independent of the reference" in report
+    assert "It is **not independent** of the reference" in report
     assert "relative to our own run" in report
     assert "recommended" not in report
 

@@ -130,6 +130,8 @@ class Study:
     compared : bool
         True if it is a command of `stiction compare`; False for studies that only apply to the
         cases of the paper.
+    in_campaign : bool
+        True if it takes part in `stiction validate`; False if it is only a command.
     takes_scene, needs_scene : bool
         True if this command accepts scenes, and if it requires one.
     takes : frozenset of str
@@ -158,6 +160,7 @@ class Study:
     seconds: float = 1.0
     on_page_one: bool = True
     compared: bool = True
+    in_campaign: bool = True
     takes_scene: bool = True
     needs_scene: bool = True
     takes: frozenset[str] = frozenset({"engines", "t_end"})
@@ -208,7 +211,7 @@ def selection(scope: Scope, chosen: Sequence[Study]) -> Selection:
     scopes: dict[Study, Scope] = {}
     reasons: dict[str, str] = {}
     for study in chosen:
-        if study.plan is None:
+        if study.plan is None or not study.in_campaign:
             continue
         if scope.is_of_paper and not study.applies(scope):
             scopes[study] = scope

@@ -13,7 +13,15 @@ import pandas as pd
 
 from stiction.comparisons.bench.methods import rank, run_label
 from stiction.comparisons.bench.participants import REFERENCE, variants
-from stiction.comparisons.bench.presentation import Axis, Chart, Column, Panel, Presentation, Series
+from stiction.comparisons.bench.presentation import (
+    Axis,
+    Chart,
+    Column,
+    Panel,
+    Presentation,
+    Series,
+    TableView,
+)
 from stiction.comparisons.bench.presentation import view as table_view
 from stiction.comparisons.bench.presentation.charts import TRUTH
 from stiction.comparisons.bench.results import Results
@@ -68,10 +76,8 @@ def one_run_each(participants: Sequence[Variant]) -> list[Variant]:
     return sorted(chosen, key=lambda variant: variant.engine == REFERENCE)
 
 
-def plan(scope: Scope) -> Comparison[Tables] | None:
-    """Plan one run for each engine and fidelity; None in a campaign."""
-    if scope.is_campaign:
-        return None
+def plan(scope: Scope) -> Comparison[Tables]:
+    """Plan one run for each engine and fidelity."""
     scene = scope.scenes[0]
     columns = shown_columns(scene, scope.options.get("columns", ()))
     chosen = one_run_each(variants(scope.engines, scope.depth))
@@ -136,7 +142,7 @@ def _panel(scene: Scene, rows: pd.DataFrame, name: str, labels: dict[str, str]) 
     return Panel("", Axis(TIME, limits=(0.0, end)), y, series)
 
 
-def _ranges(table: pd.DataFrame) -> object:
+def _ranges(table: pd.DataFrame) -> TableView:
     """Return the table with the smallest, the largest and the last value of each column in each run."""
     columns = (
         Column("variant", "method"),
@@ -170,5 +176,6 @@ STUDY = Study(
     plan,
     seconds=0.3,
     on_page_one=False,
+    in_campaign=False,
     takes=frozenset({"engines", "t_end", "columns"}),
 )

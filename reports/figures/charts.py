@@ -447,7 +447,7 @@ def _draw_mechanism(picture: MechanismPicture, looks: Mapping[str, Look]) -> Dra
     if is_one_column():
         # Entries that stand beside each other on a page are below each other in a column.
         for legend in list(figure.legends):
-            handles = legend.legend_handles
+            handles = [handle for handle in legend.legend_handles if handle is not None]
             labels = [text.get_text() for text in legend.get_texts()]
             legend.remove()
             figure.legend(handles, labels, loc="outside lower center", ncols=1)

@@ -192,7 +192,9 @@ def test_every_study_applies_to_the_papers_cases():
     scope = Scope(tuple(validation_campaign().scenes), Depth.DEFAULT, (), is_campaign=True)
     selected = selection(scope, studies())
     assert not selected.reasons
-    assert set(selected.scopes) == {study for study in studies() if study.plan is not None}
+    assert set(selected.scopes) == {
+        study for study in studies() if study.plan is not None and study.in_campaign
+    }
 
 
 def test_each_of_several_scenes_has_its_reason():

@@ -178,7 +178,7 @@ def summary(report: Report) -> list[str]:
     if not report.results.is_about_paper:
         # A paper about other mechanisms begins with a description of them.
         items.insert(0, page.mechanism)
-    return [*items, *page.not_applicable]
+    return items
 
 
 def lay_out_table(view: TableView) -> dict[str, Any]:

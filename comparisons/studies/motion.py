@@ -23,7 +23,7 @@ from stiction.comparisons.bench.presentation import (
     Presentation,
     Series,
 )
-from stiction.comparisons.bench.presentation.charts import TRUTH
+from stiction.comparisons.bench.presentation.charts import ON_TOP
 from stiction.comparisons.bench.results import Results
 from stiction.comparisons.bench.study import Study
 from stiction.comparisons.bench.variants import Record
@@ -224,7 +224,7 @@ def drawn_scene(results: Results, scene: Scene) -> _DrawnScene:
     records: list[Record] = [record for record in results.records if record.scene == scene.name]
     label, frame = drawn_motion(records, truth)
     if not frame.empty:
-        curves.append(_Curve(label, TRUTH, frame))
+        curves.append(_Curve(label, ON_TOP, frame))
     stick = {guide: stick_phases(truth, guide) for guide in scene.frictional_guides}
     return _DrawnScene(scene.name, scene, curves, stick)
 

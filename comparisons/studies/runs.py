@@ -23,7 +23,7 @@ from stiction.comparisons.bench.presentation import (
     TableView,
 )
 from stiction.comparisons.bench.presentation import view as table_view
-from stiction.comparisons.bench.presentation.charts import TRUTH
+from stiction.comparisons.bench.presentation.charts import ON_TOP
 from stiction.comparisons.bench.results import Results
 from stiction.comparisons.bench.runner import Comparison, records_comparison
 from stiction.comparisons.bench.study import Scope, Study, Tables
@@ -128,7 +128,7 @@ def _panel(scene: Scene, rows: pd.DataFrame, name: str, labels: dict[str, str]) 
     series = []
     for key, run in rows.groupby("key", sort=False):
         variant = run["variant"].iloc[0]
-        look = TRUTH if variant == REFERENCE else variant
+        look = ON_TOP if variant == REFERENCE else variant
         series.append(
             Series(
                 labels[str(key)],

@@ -34,6 +34,7 @@ from stiction.comparisons.bench.presentation import (
     Panel,
     Series,
 )
+from stiction.comparisons.bench.presentation.charts import ON_TOP
 from stiction.comparisons.bench.results import Results
 from stiction.reports.figures.style import (
     COLORS,
@@ -60,6 +61,7 @@ WHITE = "#FFFFFF"
 PLAIN = Look(BLACK, "-", "o")
 OWN_LOOKS = {
     TRUTH: Look(BLACK, "-", ""),
+    ON_TOP: Look(BLACK, (0, (4, 2)), ""),
     LIMIT: Look(TRUTH_COLOR, ":", ""),
     "": PLAIN,
     OTHER: Look(TRUTH_COLOR, "-", "."),

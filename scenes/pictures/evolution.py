@@ -66,9 +66,6 @@ def evolution(
                 if several:
                     # Black, the first colour, is that of the last line.
                     color = CYCLE[(number + 1) % len(lines) % len(CYCLE)]
-                    dashes = (
-                        "-" if number == len(lines) - 1 else _DASHES[(number + 1) % len(_DASHES)]
-                    )
                 ax.plot(
                     frame["t"].to_numpy(),
                     frame[name].to_numpy(),

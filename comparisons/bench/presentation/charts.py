@@ -15,6 +15,8 @@ from stiction.scenes import Scene
 
 TRUTH = "truth"
 """Look of a series that shows the truth: black."""
+ON_TOP = "on top"
+"""Look of the reference on top of other runs: black and dashed, so that equal runs below it are seen."""
 LIMIT = "limit"
 """Look of a line that is not a result: thin, grey, dotted."""
 OTHER = "other"

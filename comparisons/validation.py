@@ -1,4 +1,4 @@
-"""The main computation: all studies on the paper's three cases, whose runs are executed together."""
+"""The main computation: all studies on some scenes, whose runs are executed together."""
 
 from __future__ import annotations
 
@@ -11,20 +11,22 @@ from typing import Any
 from stiction.comparisons.bench.depth import Depth
 from stiction.comparisons.bench.environment import load
 from stiction.comparisons.bench.participants import extent, validation_campaign, variants
-from stiction.comparisons.bench.results import Results
+from stiction.comparisons.bench.results import NOT_APPLICABLE, SCENES_OF_PAPER, Results
 from stiction.comparisons.bench.runner import Comparison, make
-from stiction.comparisons.bench.study import Scope, Study, Tables, planned, union
+from stiction.comparisons.bench.study import Scope, Study, Tables, planned, selection, union
 from stiction.comparisons.bench.timing.timed_runs import machine_while_timing
 from stiction.comparisons.studies import studies
 from stiction.engines.isolation import Isolate, Outcome
 from stiction.engines.status import Status
+from stiction.scenes import Scene
 
 TIMED_SECONDS = 0.25
 """Approximate CPU time of a timed run, s. It is used only to estimate how much of the work is done."""
 
 
-def validate(
+def validate(  # noqa: PLR0913 - all are named
     *,
+    scenes: Sequence[Scene] = (),
     depth: Depth = Depth.DEFAULT,
     engines: Sequence[str] | None = None,
     workers: int | None = None,
@@ -38,6 +40,9 @@ def validate(
 
     Parameters
     ----------
+    scenes : sequence of Scene
+        Scenes with consistent initial states and different names; the paper's three cases if empty.
+        The settings of the results contain, under `NOT_APPLICABLE`, why studies were left out.
     depth : Depth
         Which runs are executed.
     engines : sequence of str or None
@@ -49,7 +54,6 @@ def validate(
     on_study : callable or None
         Called with each study as soon as its runs are complete, and with the results so far.
     """
-    elapsed = _ElapsedTime()
     load_before = load()
     limits = extent(depth)
     options: dict[str, Any] = {
@@ -59,18 +63,29 @@ def validate(
         "timed_by": timed_by,
     }
 
+    papers_cases = tuple(validation_campaign().scenes)
+    chosen = tuple(scenes) or papers_cases
+    names = None if engines is None else tuple(engines)
+    scope = Scope(chosen, depth, names, is_campaign=True)
+    selected = selection(scope, studies())
+    so_far = _ResultsSoFar(
+        chosen,
+        {
+            SCENES_OF_PAPER: [scene.name for scene in chosen if scene in papers_cases],
+            NOT_APPLICABLE: dict(selected.reasons),
+        },
+    )
+
     def report(outcome: Outcome) -> None:
-        elapsed.add(outcome)
+        so_far.add(outcome)
         if on_result is not None:
             on_result(outcome)
 
-    scenes = tuple(validation_campaign().scenes)
-    scope = Scope(scenes, depth, None if engines is None else tuple(engines))
-    plan = planned(scope, studies(), on_result=report, **options)
+    plan = planned(selected.scopes, on_result=report, **options)
 
     def present_study(study: Study, tables: Sequence[Tables]) -> None:
         if on_study is not None:
-            on_study(study, elapsed.results_of(tables))
+            on_study(study, so_far.results_of(tables))
 
     progress = _Progress(plan, on_share or (lambda share: None), present_study)
 
@@ -86,6 +101,7 @@ def validate(
         if comparison.rounds and not progress.interrupted:
             present_study(study, tables)
     settings = {
+        "scenes": [scene.name for scene in chosen],
         "depth": str(depth),
         "engines": list(dict.fromkeys(variant.engine for variant in variants(engines, depth))),
         "time_limit": limits.limit,
@@ -96,13 +112,23 @@ def validate(
         "machine while timing": machine_while_timing(union(tables).table("times")),
         "machine after": load(),
     }
-    return elapsed.results_of(tables, settings)
+    return so_far.results_of(tables, settings)
 
 
-class _ElapsedTime:
-    """Wall time and CPU time since the beginning of a validation, those of its runs included."""
+class _ResultsSoFar:
+    """The scenes and settings of a validation, and its wall time and CPU time, those of its runs included.
 
-    def __init__(self) -> None:
+    Parameters
+    ----------
+    scenes : sequence of Scene
+        The scenes of the validation.
+    settings : Mapping
+        Settings that are known before the runs.
+    """
+
+    def __init__(self, scenes: Sequence[Scene], settings: Mapping[str, object]) -> None:
+        self._scenes = tuple(scenes)
+        self._settings = dict(settings)
         self._wall_start_s = time.perf_counter()
         self._cpu_start_s = time.process_time()
         self._cpu_of_runs_s = 0.0
@@ -114,10 +140,10 @@ class _ElapsedTime:
     def results_of(
         self, tables: Sequence[Tables], settings: Mapping[str, object] = MappingProxyType({})
     ) -> Results:
-        """Return the results of studies with the times that have elapsed until now."""
+        """Return the results of studies with scenes, settings and the times that have elapsed until now."""
         wall_s = time.perf_counter() - self._wall_start_s
         cpu_s = time.process_time() - self._cpu_start_s + self._cpu_of_runs_s
-        return union(tables, settings, wall_s, cpu_s)
+        return union(tables, {**self._settings, **settings}, wall_s, cpu_s, self._scenes)
 
 
 class _Progress:

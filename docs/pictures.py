@@ -75,7 +75,8 @@ def figure_of_study(name: str, scene: str, *engines: str) -> Figure:
     """Return the figure of ``stiction compare NAME SCENE --quick --engines ENGINES --plot FILE``."""
     [study] = [study for study in studies() if study.name == name]
     scope = Scope((load_scene(scene),), Depth.QUICK, engines)
-    results = union(make([planned(scope, [study])[study]], timed_by=isolate))
+    comparison = planned({study: scope})[study]
+    results = union(make([comparison], timed_by=isolate), scenes=scope.scenes)
     with rc():
         [drawing] = draw_figures(section_of(study, results).figures[:1], results)
     return drawing.figure

@@ -19,11 +19,26 @@ from stiction.comparisons.bench.results import Results
 from stiction.engines.status import Status
 from stiction.reports.markdown.failures import failed_runs
 from stiction.reports.markdown.tables import align_columns
-from stiction.reports.recommendation import mechanism, recommendation
+from stiction.reports.recommendation import (
+    is_relative_to_own_run,
+    mechanism,
+    own_mechanisms,
+    recommendation,
+)
 from stiction.reports.report import Report
-from stiction.reports.text import NUMBERS, Number, items, one_line, render_blocks, template
+from stiction.reports.text import (
+    NUMBERS,
+    TITLE_OF,
+    Number,
+    items,
+    listed,
+    one_line,
+    render_blocks,
+    template,
+)
 
 TITLE = "Which solver gets a sticking slider right? (Zhuang & Wang 2014)"
+"""Title of a report about the paper's three cases."""
 MAX_METHODS_NAMED = 3
 """Largest number of methods with failed runs that are named; others are summed up as "others"."""
 TEMPLATE = "page_one.md"
@@ -73,6 +88,8 @@ class PageOne:
     ----------
     mechanism, how_to_read, runs, not_installed : str
         A paragraph each; empty where it does not apply.
+    not_applicable : sequence of str
+        A line for each study that does not apply to all scenes, with the reason.
     recommendation : sequence of str
         Items of a list.
     numbers : sequence of Number
@@ -84,7 +101,16 @@ class PageOne:
     how_to_read: str
     runs: str
     not_installed: str
+    not_applicable: Sequence[str]
     numbers: Sequence[Number]
+
+
+def title_of(results: Results) -> str:
+    """Return the title of a report: `TITLE`, or the titles of the scenes if they are not the paper's cases."""
+    if results.is_about_paper:
+        return TITLE
+    names = dict.fromkeys(record.scene for record in results.records)
+    return f"Solvers compared: {listed([results.title_of(name) for name in names], '; ', '; ')}"
 
 
 def headline_table(report: Report) -> HeadlineTable:
@@ -120,6 +146,7 @@ def page_one(report: Report) -> PageOne:
         how_to_read=one_line(blocks["how_to_read"]),
         runs=one_line(blocks["runs"]),
         not_installed=one_line(blocks["not_installed"]),
+        not_applicable=items(blocks["not_applicable"]),
         numbers=numbers,
     )
 
@@ -149,6 +176,7 @@ def answer_lines(report: Report) -> Iterator[str]:
         if study.title and section.answer:
             yield f"{study.title}: {section.answer}"
     yield f"{page.runs} {page.not_installed}".strip()
+    yield from page.not_applicable
 
 
 def _variables(
@@ -166,9 +194,13 @@ def _variables(
         if record.outcome.status == Status.MISSING
     ]
     return {
-        "title": TITLE,
+        "title": title_of(results),
         "interrupted": INTERRUPTED if results.settings.get("interrupted") else "",
+        "noun": "cases" if results.is_about_paper else "scenes",
+        "own_run_words": _own_run_words(results),
         "mechanism": mechanism(results),
+        "own_mechanisms": own_mechanisms(results),
+        "not_applicable": report.not_examined,
         "picture": picture,
         **recommendation(results),
         "table": table,
@@ -177,7 +209,15 @@ def _variables(
         "origin": origin,
         "missing_engines": list(dict.fromkeys(missing_engines)),
         NUMBERS: numbers,
+        TITLE_OF: results.title_of,
     }
+
+
+def _own_run_words(results: Results) -> str:
+    """Return a remark about the errors of the reference if they are only relative to its own run."""
+    if is_relative_to_own_run(results):
+        return ", relative to our own run at a tighter tolerance,"
+    return ""
 
 
 def _runs(results: Results) -> dict[str, object]:

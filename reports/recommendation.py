@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections import defaultdict
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 
 import numpy as np
 import pandas as pd
@@ -12,9 +12,12 @@ from stiction.comparisons.bench.methods import grouped_methods, made_methods, me
 from stiction.comparisons.bench.participants import PAPERS_SCHEME, REFERENCE
 from stiction.comparisons.bench.presentation import row_of
 from stiction.comparisons.bench.results import Results
+from stiction.comparisons.bench.variants import truth_key
+from stiction.comparisons.studies.paper_figures import stick_phases
 from stiction.engines.registry import own_methods
-from stiction.scenes import catalogue, load_scene
+from stiction.scenes import Scene
 from stiction.scenes.fidelity import Fidelity
+from stiction.truths import Tier, Truth
 from stiction.uncertain import rounded_up
 
 POSITION = "position_error"
@@ -26,7 +29,7 @@ SAMPLES = 2401
 
 
 def mechanism(results: Results) -> dict[str, object] | None:
-    """Return what page one says about the mechanism, or None if no scene of the catalogue has a truth.
+    """Return what page one says about the paper's mechanism, or None if none of its cases has a truth.
 
     Returns
     -------
@@ -38,12 +41,13 @@ def mechanism(results: Results) -> dict[str, object] | None:
     scenes = [
         name
         for name in dict.fromkeys(record.scene for record in results.records)
-        if name in catalogue() and name in results.truths
+        if results.is_of_paper(name) and name in results.truths
     ]
-    if not scenes:
+    first = results.scene(scenes[0]) if scenes else None
+    if first is None or not results.is_about_paper:
         return None
     coefficients = None
-    guides = list(load_scene(scenes[0]).frictional_guides.values())
+    guides = list(first.frictional_guides.values())
     if guides:
         coefficients = {"mu": guides[0].mu, "mus": guides[0].static_coefficient}
     truths = [results.truths[name] for name in scenes]
@@ -61,6 +65,76 @@ def mechanism(results: Results) -> dict[str, object] | None:
         "tiers": list(dict.fromkeys(truth.tier.label for truth in truths)),
         "uncertainty": rounded_up(uncertainty),
     }
+
+
+def own_mechanisms(results: Results) -> list[dict[str, object]]:
+    """Return what page one says about each scene, unless all of them are cases of the paper.
+
+    Returns
+    -------
+    list of dict
+        ``scene``: name; ``t_end``: simulated time, s; ``counts``: numbers of bodies, pins, guides, drives,
+        springs and loads; ``friction``: name, ``mu`` and ``mus`` of each guide with friction;
+        ``stick``: name, number of stick phases and fraction of the time (0 to 1) in them, of each guide with
+        friction; ``tier`` and ``note`` of its truth; ``uncertainty``: uncertainty of its positions, m, or None;
+        ``is_own``: whether the truth is a run of the reference.
+    """
+    if results.is_about_paper:
+        return []
+    rows: list[dict[str, object]] = []
+    for name in dict.fromkeys(record.scene for record in results.records):
+        scene = results.scene(name)
+        if scene is not None:
+            rows.append({**_described_scene(scene), **_described_truth(scene, results.truths)})
+    return rows
+
+
+def _described_scene(scene: Scene) -> dict[str, object]:
+    """Return the entries of `own_mechanisms` that depend on the scene alone."""
+    counts = {
+        "bodies": len(scene.bodies),
+        "pins": len(scene.pins),
+        "guides": len(scene.guides),
+        "drives": len(scene.drives),
+        "springs": len(scene.springs),
+        "loads": len(scene.forces),
+    }
+    friction = [
+        {"guide": name, "mu": guide.kinetic_coefficient, "mus": guide.static_coefficient}
+        for name, guide in scene.frictional_guides.items()
+    ]
+    return {"scene": scene.name, "t_end": scene.t_end, "counts": counts, "friction": friction}
+
+
+def _described_truth(scene: Scene, truths: Mapping[str, Truth]) -> dict[str, object]:
+    """Return the entries of `own_mechanisms` that depend on the truth of a scene."""
+    # Without the truth for the scene's own coefficients there may be one for mus = mu.
+    truth = truths.get(scene.name) or truths.get(truth_key(scene.name, static_coefficient=False))
+    if truth is None:
+        return {"tier": None, "is_own": False, "note": "", "uncertainty": None, "stick": []}
+    stick = []
+    for guide in scene.frictional_guides:
+        phases = stick_phases(truth, guide)
+        share = sum(end - begin for begin, end in phases) / truth.t_end
+        stick.append({"guide": guide, "phases": len(phases), "share": share})
+    uncertainties = [
+        uncertainty
+        for column, uncertainty in truth.uncertainty.items()
+        if column.endswith((".x", ".y"))
+    ]
+    return {
+        "tier": truth.tier.label,
+        "is_own": truth.tier == Tier.OWN_RUN,
+        "note": truth.note,
+        "uncertainty": rounded_up(max(uncertainties)) if uncertainties else None,
+        "stick": stick,
+    }
+
+
+def is_relative_to_own_run(results: Results) -> bool:
+    """Return whether errors of at least one run are only known relative to a run of the reference."""
+    table = results.table("accuracy")
+    return "truth_tier" in table and bool((table["truth_tier"] == Tier.OWN_RUN).any())
 
 
 def recommendation(results: Results) -> dict[str, object]:
@@ -88,8 +162,11 @@ def recommendation(results: Results) -> dict[str, object]:
     is_better = False
     if PAPERS_SCHEME in worst:
         scheme = own_method(PAPERS_SCHEME)
+        # Relative to a run of the reference itself, its error says nothing about its accuracy.
+        is_independent = not is_relative_to_own_run(results)
         is_better = bool(
-            table.at[worst[REFERENCE], POSITION] < table.at[worst[PAPERS_SCHEME], POSITION]
+            is_independent
+            and table.at[worst[REFERENCE], POSITION] < table.at[worst[PAPERS_SCHEME], POSITION]
         )
     return {
         "cases": table["scene"].nunique(),

@@ -6,7 +6,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 
 from stiction.comparisons.bench.presentation import Figure, TableView
-from stiction.comparisons.bench.results import Results
+from stiction.comparisons.bench.results import NOT_APPLICABLE, Results
 from stiction.comparisons.bench.study import Study
 from stiction.comparisons.studies import studies
 from stiction.reports.text import Section, section_of
@@ -26,6 +26,18 @@ class Report:
 
     results: Results
     sections: Mapping[Study, Section]
+
+    @property
+    def not_examined(self) -> Mapping[str, str]:
+        """By title of a study, why it has no section or not all scenes, in one line; empty for the paper's cases."""
+        reasons = dict(self.results.settings.get(NOT_APPLICABLE, {}))
+        if self.results.is_about_paper:
+            return reasons
+        for study in studies():
+            is_made = study.name in self.results.tables
+            if is_made and study not in self.sections:
+                reasons.setdefault(study.title, study.nothing)
+        return reasons
 
     @property
     def figures(self) -> list[Figure]:

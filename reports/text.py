@@ -36,7 +36,6 @@ from jinja2 import (
 )
 from jinja2.runtime import Context
 
-from stiction.comparisons.bench.methods import scene_title
 from stiction.comparisons.bench.presentation import Figure, Headline, Presentation, TableView
 from stiction.comparisons.bench.presentation.cells import cell, intervals_in_words, setting_of
 from stiction.comparisons.bench.presentation.rows import Cell, Row
@@ -60,6 +59,8 @@ MAX_PLAIN_NUMBER = 1e6
 """Numbers below this one are written without an exponent: 980 and not 9.8e+02."""
 NUMBERS = "shown_numbers"
 """Template variable that contains the list of numbers written by the filters."""
+TITLE_OF = "title_of_scene"
+"""Template variable that contains the function that returns the title of a scene from its name."""
 
 
 @dataclass(frozen=True)
@@ -114,16 +115,21 @@ class Section:
 
 def section_of(study: Study, results: Results) -> Section:
     """Return the section of a study about the results of a run, which may be a stored run."""
-    return fill_template(_template_of(study), study.presented(results))
+    return fill_template(_template_of(study), study.presented(results), results.title_of)
 
 
-def fill_template(template: Template, presentation: Presentation) -> Section:
-    """Return the section that a template makes of the rows, tables and figures of a presentation."""
+def fill_template(
+    template: Template, presentation: Presentation, title_of: Callable[[str], str] = str
+) -> Section:
+    """Return the section that a template makes of the rows, tables and figures of a presentation.
+
+    `title_of` returns the title of a scene from its name.
+    """
     if presentation.is_empty:
         return Section()
     # The filters append each number that they write to this list.
     numbers: list[Number] = []
-    variables = {**presentation.rows, NUMBERS: numbers}
+    variables = {**presentation.rows, NUMBERS: numbers, TITLE_OF: title_of}
     texts = render_blocks(template, variables, "answer", "beside", "findings", "notes")
     figure_names = [figure.name for figure in presentation.figures]
     figure_captions = _captions(template, variables, "figures", figure_names)
@@ -352,6 +358,12 @@ def listed(parts: Iterable[object], separator: str = ", ", last: str = " and ") 
     """Join parts as in ``a, b and c``."""
     *first, end = map(str, parts)
     return f"{separator.join(first)}{last}{end}" if first else end
+
+
+@pass_context
+def scene_title(context: Context, scene: str) -> str:
+    """Write the title of a scene, or its name if it has no title."""
+    return context[TITLE_OF](scene)
 
 
 def setting(row: Row) -> str:

@@ -129,6 +129,34 @@ COLUMNS = (
 )
 
 
+WORDS = {
+    "x": "position $x$",
+    "y": "position $y$",
+    "angle": r"angle $\varphi$",
+    "vx": r"velocity $\dot x$",
+    "vy": r"velocity $\dot y$",
+    "omega": r"angular velocity $\omega$",
+    "ax": r"acceleration $\ddot x$",
+    "ay": r"acceleration $\ddot y$",
+    "alpha": r"angular acceleration $\alpha$",
+    "fx": "force $F_x$",
+    "fy": "force $F_y$",
+    "normal_force": "normal force $R$",
+    "moment": "moment $T$",
+    "displacement": "displacement $s$",
+    "slip_velocity": r"slip velocity $\dot s$",
+    "friction": "friction force $f$",
+    "mode": "contact mode",
+    "F1": "corner force $F_1$",
+    "F2": "corner force $F_2$",
+    "F3": "corner force $F_3$",
+    "F4": "corner force $F_4$",
+    "friction_lower": "friction force $f_-$ (lower)",
+    "friction_upper": "friction force $f_+$ (upper)",
+}
+"""Words and symbol of each column in labels of figures; an effort is a torque or a force."""
+
+
 def columns_of(scene: Scene) -> list[str]:
     """Return the names of all columns that a trajectory of the scene can have, without the time."""
     guides = scene.guides
@@ -180,6 +208,24 @@ def unit_of(column: str, scene: Scene | None = None) -> str:
         return "N m" if scene.drives[owner].type == "angle" else "N"
     entry = _entry_of(column, scene)
     return "" if entry is None else entry.unit
+
+
+def label_of(column: str, scene: Scene) -> str:
+    """Return the label of an axis that shows a column of a scene: words, symbol, owner and unit.
+
+    For example ``normal force $R$ of guide [N]``; the symbol is in the mathematics of matplotlib. A
+    column that is not of the `COLUMNS` is its own label.
+    """
+    owner, _, name = column.rpartition(".")
+    if name == "effort" and owner in scene.drives:
+        words = "torque $M$" if scene.drives[owner].type == "angle" else "force $F$"
+    elif name in WORDS:
+        words = WORDS[name]
+    else:
+        return column
+    # Lines of a label that is too long are broken at spaces, but not within a unit.
+    unit = unit_of(column, scene).replace(" ", "\N{NO-BREAK SPACE}")
+    return f"{words} of {owner} [{unit}]" if unit else f"{words} of {owner}"
 
 
 def meaning_of(column: str, scene: Scene | None = None) -> str:

@@ -238,7 +238,9 @@ class Trajectory:
     def __contains__(self, column: str) -> bool:
         return column == "t" or column in self.columns
 
-    def plot(self, *columns: str, against: Iterable[Trajectory] = ()) -> Picture:
+    def plot(
+        self, *columns: str, against: Iterable[Trajectory] = (), width_mm: float = 174.0
+    ) -> Picture:
         """Plot columns over time, one panel per column.
 
         Parameters
@@ -246,7 +248,9 @@ class Trajectory:
         *columns
             Names of columns. If none are given, the columns by which such a mechanism is judged.
         against
-            Other runs to draw in the same panels.
+            Other runs to draw in the same panels; one of the reference is drawn last, on top.
+        width_mm
+            Width of the figure, mm: 174 is the width of a page with two columns, 84 that of one column.
 
         Returns
         -------
@@ -261,11 +265,12 @@ class Trajectory:
             If other runs are given without columns.
         """
         from stiction.scenes.pictures.evolution import evolution
+        from stiction.scenes.pictures.picture import MM_PER_INCH
 
         runs = (self, *against)
         if len(runs) > 1 and not columns:
             raise InputError("columns: found none; expected those in which the runs are compared")
-        return evolution(runs, columns)
+        return evolution(runs, columns, width_mm / MM_PER_INCH)
 
     def save(self, file: str | Path) -> None:
         """Write the whole trajectory to a Parquet file, without rounding.

@@ -31,6 +31,7 @@ if TYPE_CHECKING:
     from stiction.reference_impl.equations_of_motion import EquationsOfMotion, Terms
     from stiction.reference_impl.multibody.reactions import recover_columns
     from stiction.reference_impl.multibody.trajectory_columns import corner_forces
+    from stiction.reference_impl.scene_loading import load_scene
     from stiction.scenes import (
         Breakdown,
         Cost,
@@ -40,7 +41,6 @@ if TYPE_CHECKING:
         SceneError,
         StictionError,
         Trajectory,
-        load_scene,
         scene_from_dict,
         scene_to_toml,
     )
@@ -93,6 +93,7 @@ _MODULES = {
     "reference_impl.equations_of_motion": {"EquationsOfMotion", "Terms"},
     "reference_impl.multibody.reactions": {"recover_columns"},
     "reference_impl.multibody.trajectory_columns": {"corner_forces"},
+    "reference_impl.scene_loading": {"load_scene"},
     "scenes": {
         "Breakdown",
         "Cost",
@@ -102,7 +103,6 @@ _MODULES = {
         "SceneError",
         "StictionError",
         "Trajectory",
-        "load_scene",
         "scene_from_dict",
         "scene_to_toml",
     },

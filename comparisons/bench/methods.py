@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import dataclass, replace
-from functools import cache, cached_property
+from functools import cached_property
 
 import pandas as pd
 
@@ -21,7 +21,6 @@ from stiction.comparisons.bench.variants import (
 )
 from stiction.engines.protocol import Supplier
 from stiction.engines.status import UNMADE, Status
-from stiction.scenes import catalogue, load_scene
 from stiction.scenes.fidelity import Fidelity
 
 
@@ -83,12 +82,6 @@ def stored_keys(results: Results) -> frozenset[str]:
 def run_label(record: Record) -> str:
     """Return the label of a run with its step or tolerance: ``pymunk (dt = 0.001 s)``."""
     return f"{record.variant.label} ({setting_of(record.variant.parameter, record.step)})"
-
-
-@cache
-def scene_title(scene: str) -> str:
-    """Return the title of a scene of the catalogue, ``Slider-bar, case 1``; the name of any other scene."""
-    return load_scene(scene).title if scene in catalogue() else scene
 
 
 @dataclass(frozen=True)

@@ -275,6 +275,9 @@ COST = (
 
 ACCURACY = (
     _value("time_covered", "time covered", "s"),
+    _value("checked_until", "compared until", "s"),
+    _count("checked_events", "events"),
+    _flag("agrees", "same motion"),
     *_measured(
         Kind.ERROR,
         "position_error",

@@ -4,13 +4,24 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
+from functools import cache
 from typing import Any
 
 import pandas as pd
 
 from stiction.comparisons.bench.complementarity.problems import Problem
 from stiction.comparisons.bench.variants import Record
+from stiction.scenes import Scene, catalogue, load_scene
 from stiction.truths import Truth
+
+PAPERS_CASES = ("slider-bar-case-1", "slider-bar-case-2", "slider-bar-case-3")
+"""Names of the paper's three cases, in the order of its figures."""
+SCENES_OF_PAPER = "scenes of the paper"
+"""Setting of a campaign: names of its scenes that are cases of the paper."""
+COMMAND = "command"
+"""Setting of a single study: the command that made it; that of a campaign follows from other settings."""
+NOT_APPLICABLE = "not applicable"
+"""Setting of a campaign: by title of a study, the reason why it was not made."""
 
 
 @dataclass(frozen=True)
@@ -35,6 +46,9 @@ class Results:
         Runs whose times are measured, for the studies of cost.
     problems : tuple of Problem
         Complementarity problems that the reference solved in the hard cases.
+    scenes : Mapping[str, Scene]
+        The simulated scenes by name, as they were simulated. Scenes that are part of the suite and
+        have not been changed may be left out.
     """
 
     records: tuple[Record, ...]
@@ -45,6 +59,25 @@ class Results:
     cpu_s: float = 0.0
     timed: tuple[Record, ...] = ()
     problems: tuple[Problem, ...] = ()
+    scenes: Mapping[str, Scene] = field(default_factory=dict)
+
+    def scene(self, name: str) -> Scene | None:
+        """Return a simulated scene, or else the scene of the suite with this name; None if there is none."""
+        return self.scenes.get(name) or scene_of_suite(name)
+
+    def title_of(self, scene: str) -> str:
+        """Return the title of a scene, or its name if it has no title."""
+        declared = self.scene(scene)
+        return declared.title if declared is not None and declared.title else scene
+
+    def is_of_paper(self, scene: str) -> bool:
+        """Return whether a scene is a case of the paper, and not another scene of the same name."""
+        return scene in self.settings.get(SCENES_OF_PAPER, PAPERS_CASES)
+
+    @property
+    def is_about_paper(self) -> bool:
+        """True if all compared runs simulate cases of the paper."""
+        return all(self.is_of_paper(record.scene) for record in self.records)
 
     def truth_of_runs(self) -> dict[str, str]:
         """Return, by key of a run, the name of the truth that it was compared with."""
@@ -60,3 +93,11 @@ class Results:
     def table(self, name: str) -> pd.DataFrame:
         """Return a table with rows numbered from 0; it is empty if there is none with this name."""
         return self.tables.get(name, pd.DataFrame()).reset_index(drop=True)
+
+
+@cache
+def scene_of_suite(name: str) -> Scene | None:
+    """Return a scene of the catalogue, with its hard cases, or None. It is read once: reading takes 5 ms."""
+    if name in catalogue() or name in catalogue("hard"):
+        return load_scene(name)
+    return None

@@ -8,7 +8,7 @@ validate` (terminal, report, page and paper) without further changes.
 from __future__ import annotations
 
 from collections import defaultdict
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from types import MappingProxyType
 from typing import Any
@@ -17,11 +17,12 @@ import pandas as pd
 
 from stiction.comparisons.bench.complementarity.problems import Problem
 from stiction.comparisons.bench.depth import Depth
+from stiction.comparisons.bench.participants import validation_campaign
 from stiction.comparisons.bench.presentation import Chart, Presentation
 from stiction.comparisons.bench.results import Results
 from stiction.comparisons.bench.runner import Comparison, make
 from stiction.comparisons.bench.variants import Record
-from stiction.scenes import Scene
+from stiction.scenes import InputError, Scene
 from stiction.truths import Truth
 
 
@@ -45,6 +46,9 @@ class Scope:
         Options that only this study has, by name.
     known : Mapping
         Results of the comparisons in `Study.requires`, by name.
+    is_campaign : bool
+        True for `stiction validate`, whose depth decides which studies take part; False for a
+        command of `stiction compare`, which makes its study at every depth.
     """
 
     scenes: tuple[Scene, ...]
@@ -54,6 +58,36 @@ class Scope:
     repeats: int | None = None
     options: Mapping[str, Any] = field(default_factory=dict)
     known: Mapping[str, Any] = field(default_factory=dict)
+    is_campaign: bool = False
+
+    @property
+    def is_of_paper(self) -> bool:
+        """True if the scenes are the paper's three cases, those of the campaign of `stiction validate`."""
+        return self.scenes == tuple(validation_campaign().scenes)
+
+
+def always(scope: Scope) -> str:
+    """Return no reason against a study, which applies to every scene."""
+    return ""
+
+
+def only_cases_of_paper(scope: Scope) -> str:
+    """Return a reason against a study that is about the paper's three cases, if the scenes are others."""
+    return "" if scope.is_of_paper else "it is about the example of the paper, its three cases"
+
+
+def unless_refused(check: Callable[[Scope], object]) -> Callable[[Scope], str]:
+    """Return a function for `Study.applies`, whose reason is the InputError that `check` raises."""
+
+    def reason(scope: Scope) -> str:
+        try:
+            check(scope)
+        except InputError as error:
+            # Further lines list everything that the scene lacks.
+            return str(error).splitlines()[0].rstrip(":")
+        return ""
+
+    return reason
 
 
 @dataclass(frozen=True)
@@ -96,11 +130,18 @@ class Study:
     compared : bool
         True if it is a command of `stiction compare`; False for studies that only apply to the
         cases of the paper.
+    in_campaign : bool
+        True if it takes part in `stiction validate`; False if it is only a command.
     takes_scene, needs_scene : bool
         True if this command accepts scenes, and if it requires one.
     takes : frozenset of str
         Fields and options of `Scope` that `plan` uses. The command rejects other options, and
         several scenes unless ``scenes`` is included.
+    applies : callable
+        Returns why the study does not apply to the scenes of a `Scope`, in one line; empty if it
+        applies. `stiction validate` asks it before `requires` and `plan`.
+    nothing : str
+        What it means if its section is empty although its runs were made.
     tables : Mapping[str, str]
         Titles of its tables, by name.
     failures_of_reference : callable or None
@@ -119,9 +160,12 @@ class Study:
     seconds: float = 1.0
     on_page_one: bool = True
     compared: bool = True
+    in_campaign: bool = True
     takes_scene: bool = True
     needs_scene: bool = True
     takes: frozenset[str] = frozenset({"engines", "t_end"})
+    applies: Callable[[Scope], str] = always
+    nothing: str = "its tables are empty"
     tables: Mapping[str, str] = field(default_factory=dict)
     failures_of_reference: Callable[[Results], Iterator[str]] | None = None
     text: str = ""
@@ -142,15 +186,69 @@ def _has_points(chart: Chart) -> bool:
     return any(len(series.x) for panel in chart.panels for series in panel.series)
 
 
-def planned(
-    scope: Scope, chosen: Sequence[Study], **options: Any
-) -> dict[Study, Comparison[Tables]]:
-    """Plan the comparison of each study for a scope, after executing the comparisons that studies require.
+@dataclass(frozen=True)
+class Selection:
+    """The studies that apply to the scenes of a campaign.
+
+    Attributes
+    ----------
+    scopes : Mapping[Study, Scope]
+        Of each study that applies, the scope with the scenes to which it applies.
+    reasons : Mapping[str, str]
+        By title of a study, why it does not apply to all scenes, in one line.
+    """
+
+    scopes: Mapping[Study, Scope]
+    reasons: Mapping[str, str]
+
+
+def selection(scope: Scope, chosen: Sequence[Study]) -> Selection:
+    """Select the studies that apply to the scenes of a scope, or to some of them.
+
+    The studies of the paper's three cases are made for them together. Of other scenes, a study that
+    does not take several examines the first one to which it applies.
+    """
+    scopes: dict[Study, Scope] = {}
+    reasons: dict[str, str] = {}
+    for study in chosen:
+        if study.plan is None or not study.in_campaign:
+            continue
+        if scope.is_of_paper and not study.applies(scope):
+            scopes[study] = scope
+            continue
+        reason_of = {
+            scene.name: study.applies(replace(scope, scenes=(scene,))) for scene in scope.scenes
+        }
+        suitable = [scene for scene in scope.scenes if not reason_of[scene.name]]
+        if "scenes" not in study.takes:
+            for scene in suitable[1:]:
+                reason_of[scene.name] = f"this study examines one scene, {suitable[0].name}"
+            suitable = suitable[:1]
+        if suitable:
+            scopes[study] = replace(scope, scenes=tuple(suitable))
+        line = _reasons_line(reason_of)
+        if line:
+            reasons[study.title] = line
+    return Selection(scopes, reasons)
+
+
+def _reasons_line(reason_of: Mapping[str, str]) -> str:
+    """Return the reasons by scene in one line; a reason that all scenes share is given once."""
+    # Messages about a scene often begin with its name.
+    reasons = {
+        name: reason.removeprefix(f"{name}: ") for name, reason in reason_of.items() if reason
+    }
+    if len(reasons) == len(reason_of) and len(set(reasons.values())) == 1:
+        return next(iter(reasons.values()))
+    return "; ".join(f"{name}: {reason}" for name, reason in reasons.items())
+
+
+def planned(scopes: Mapping[Study, Scope], **options: Any) -> dict[Study, Comparison[Tables]]:
+    """Plan the comparison of each study for its scope, after executing the comparisons that studies require.
 
     Parameters
     ----------
-    scope : Scope
-    chosen : sequence of Study
+    scopes : Mapping[Study, Scope]
     **options
         Options of `make`, for the comparisons of `Study.requires`.
 
@@ -162,15 +260,18 @@ def planned(
         not included.
     """
     # Comparisons that several studies require have the same name, and are executed once.
-    required = {name: plan for study in chosen for name, plan in study.requires.items()}
+    required: dict[str, Comparison[Any]] = {}
+    for study, scope in scopes.items():
+        for name, plan in study.requires.items():
+            required.setdefault(name, plan(scope))
     known = {}
     if required:
-        results = make([plan(scope) for plan in required.values()], **options)
+        results = make(list(required.values()), **options)
         known = dict(zip(required, results, strict=True))
-    scope = replace(scope, known=known)
 
     plans = {}
-    for study in sorted(chosen, key=lambda study: -study.seconds):
+    for study in sorted(scopes, key=lambda study: -study.seconds):
+        scope = replace(scopes[study], known=known)
         comparison = None if study.plan is None else study.plan(scope)
         if comparison is not None:
             plans[study] = comparison
@@ -182,8 +283,9 @@ def union(
     settings: Mapping[str, object] = MappingProxyType({}),
     wall_s: float = 0.0,
     cpu_s: float = 0.0,
+    scenes: Iterable[Scene] = (),
 ) -> Results:
-    """Return the results of several studies as one; `settings` and times are described at `Results`.
+    """Return the results of several studies as one; `settings`, times and scenes are described at `Results`.
 
     Tables with the same name are concatenated. Of runs with the same key the first one is included.
     """
@@ -209,4 +311,5 @@ def union(
         cpu_s=cpu_s,
         timed=tuple(timed),
         problems=tuple(problems),
+        scenes={scene.name: scene for scene in scenes},
     )

@@ -310,9 +310,9 @@ def job(scene: Scene, variant: Variant, step: float, **arguments: Any) -> Job:
 def run_command(scene: str, engine: str, options: Iterable[tuple[str, str]]) -> str | None:
     """Return the shell command of a run, with options given by name and value.
 
-    Returns None if the scene is not in the catalogue: the command would need its file.
+    Returns None if the scene is neither in the catalogue nor a TOML file.
     """
-    if scene not in catalogue():
+    if scene not in catalogue() and not scene.endswith(".toml"):
         return None
     words = ["stiction", "run", scene, "--engine", engine]
     for name, value in options:

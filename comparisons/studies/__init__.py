@@ -16,7 +16,9 @@ if TYPE_CHECKING:
     from stiction.comparisons.bench.study import Study
 
 ORDER = (
+    "motion",
     "accuracy",
+    "second-method",
     "cost",
     "torque",
     "threshold",

@@ -17,7 +17,6 @@ from stiction.comparisons.bench.methods import (
     made_methods,
     methods,
     same_work,
-    scene_title,
     with_columns,
 )
 from stiction.comparisons.bench.participants import REFERENCE, variants
@@ -171,7 +170,14 @@ def present(results: Results) -> Presentation:
             *_by_scene(table, scenes),
         ],
         figures=[
-            step_chart("accuracy", table, list(by_variant), POSITION, quantity_of(POSITION).head),
+            step_chart(
+                "accuracy",
+                table,
+                list(by_variant),
+                POSITION,
+                quantity_of(POSITION).head,
+                results.title_of,
+            ),
             _difference_chart(results, table, "position", "m", (".x", ".y")),
             _difference_chart(results, table, "torque", "N m", (".effort",)),
         ],
@@ -235,7 +241,7 @@ def _most_accurate_engines(
             FRICTION_BY: friction[best.variant],
             EVENTS_BY: events[best.variant],
             **table.loc[label, [POSITION, UNCERTAINTY]],
-            "in": scene_title(table.at[label, "scene"]),
+            "in": results.title_of(table.at[label, "scene"]),
         }
         rows.append((row, table.loc[[label]]))
     if not rows:
@@ -295,14 +301,14 @@ def _by_method(
                 row[EVENTS] = _event_counts(runs, results.truths)
                 row[BY_KIND] = missed_by_kind(runs)
             row["failed"] = "; ".join(
-                f"{scene_title(run['scene'])}: {run['reason'] or run['status']}"
+                f"{results.title_of(run['scene'])}: {run['reason'] or run['status']}"
                 for run in method.failed.to_dict("records")
             )
             rows.append((row, runs))
     cases = [
         Column(
             in_scene(POSITION, scene),
-            scene_title(scene),
+            results.title_of(scene),
             uncertainty=in_scene(UNCERTAINTY, scene),
             of=POSITION,
         )
@@ -385,6 +391,7 @@ def chart_by_case(
     x: Axis,
     label: str,
     series: Callable[[pd.DataFrame], list[Series]],
+    title_of: Callable[[str], str],
 ) -> Chart:
     """Return a chart with a row of panels per group of methods that may be compared, and a column per case.
 
@@ -400,6 +407,8 @@ def chart_by_case(
         Label of the y axes.
     series : callable
         Returns the series of a panel, from the rows of its group and case.
+    title_of : callable
+        Returns the title of a scene from its name.
     """
     scenes = list(dict.fromkeys(table["scene"]))
     panels = list[Panel]()
@@ -410,15 +419,23 @@ def chart_by_case(
         values = np.concatenate(
             [np.empty(0), *(line.y for lines_of_panel in lines.values() for line in lines_of_panel)]
         )
+        if not any(lines.values()):
+            # All runs of these methods failed or were refused; empty axes would say nothing.
+            continue
         limits = (values.min() / MARGIN, values.max() * MARGIN) if len(values) else None
         for scene in scenes:
             y = Axis(label if scene == scenes[0] else "", log=True, limits=limits)
-            panels.append(Panel(f"{scene_title(scene)}; {unbroken}", x, y, lines[scene]))
+            panels.append(Panel(f"{title_of(scene)}; {unbroken}", x, y, lines[scene]))
     return Chart(name, panels, max(1, len(scenes)), ROW_HEIGHT, share_x=True)
 
 
 def step_chart(
-    name: str, table: pd.DataFrame, chosen: Sequence[str], column: str, label: str
+    name: str,
+    table: pd.DataFrame,
+    chosen: Sequence[str],
+    column: str,
+    label: str,
+    title_of: Callable[[str], str],
 ) -> Chart:
     """Return a chart of a column of a table over the step, for the variants `chosen`.
 
@@ -446,7 +463,7 @@ def step_chart(
         return [*lines, Series("first order", steps, slope * steps, look=LIMIT)]
 
     x = Axis("step [s]", log=True, ticks=sorted(set(rows["step"])))
-    return chart_by_case(name, rows, x, label, series)
+    return chart_by_case(name, rows, x, label, series, title_of)
 
 
 def _difference_chart(
@@ -461,7 +478,8 @@ def _difference_chart(
         return _difference_series([run for run in drawn if run.key in keys], truths, endings)
 
     label = f"{quantity} difference [{unit}]"
-    return chart_by_case(f"difference-{quantity}", table, Axis("time [s]"), label, series)
+    name = f"difference-{quantity}"
+    return chart_by_case(name, table, Axis("time [s]"), label, series, results.title_of)
 
 
 def _difference_series(

@@ -31,7 +31,7 @@ from stiction.comparisons.bench.presentation import (
 from stiction.comparisons.bench.quantities import quantity_of
 from stiction.comparisons.bench.results import Results
 from stiction.comparisons.bench.runner import Comparison, side_by_side
-from stiction.comparisons.bench.study import Scope, Study, Tables
+from stiction.comparisons.bench.study import Scope, Study, Tables, only_cases_of_paper
 from stiction.comparisons.measures.claim_measures import (
     CORNERS,
     EFFORT,
@@ -748,6 +748,7 @@ STUDY = Study(
     THRESHOLD_STUDY.requires,
     seconds=1.9,
     compared=False,
+    applies=only_cases_of_paper,
     tables={
         "claims": "Statements of the paper, and whether they hold",
         "sensitivity": "Choices that the paper leaves open",

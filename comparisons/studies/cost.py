@@ -17,7 +17,6 @@ from stiction.comparisons.bench.methods import (
     groups,
     known_of,
     methods,
-    scene_title,
     succeeded,
     with_columns,
 )
@@ -141,8 +140,7 @@ def plan(scope: Scope) -> Comparison[Tables]:
     first_scene, *other_scenes = scope.scenes
     comparisons = [timed(first_scene, all_variants)]
     comparisons += [timed(scene, variants_of_other_scenes) for scene in other_scenes]
-    is_of_papers_cases = {scene.name for scene in scope.scenes} == set(PAPERS_CASES)
-    if limits.equal_error and is_of_papers_cases:
+    if limits.equal_error and scope.is_of_paper:
         comparisons += [timed(load_scene(name), all_variants) for name in OTHER_MECHANISMS]
     number_of_cases = len(scope.scenes)
     return side_by_side(comparisons, lambda yields: _tables(yields, number_of_cases))
@@ -214,7 +212,7 @@ def present(results: Results) -> Presentation:
         rows=rows,
         headlines=_headlines(results, cost, reached, first),
         tables=[*by_scene, _limits(cost, equal), _every_run(cost)],
-        figures=[_figure(cost)],
+        figures=[_figure(results, cost)],
     )
 
 
@@ -408,7 +406,7 @@ def _headlines(
             cells[variant] = bounded(MILLI * finest[TOTAL], _sign(finest, "> "))
     if not cells:
         return []
-    label = f"CPU time for an error of {MILLI * TARGET:g} mm (engine's part) in {scene_title(first)} [ms]"
+    label = f"CPU time for an error of {MILLI * TARGET:g} mm (engine's part) in {results.title_of(first)} [ms]"
     return [Headline(label, cells)]
 
 
@@ -538,7 +536,7 @@ def _every_run(cost: pd.DataFrame) -> TableView:
     return view("cost-all", cost, columns, source="cost", in_report=False)
 
 
-def _figure(cost: pd.DataFrame) -> Chart:
+def _figure(results: Results, cost: pd.DataFrame) -> Chart:
     """Return the work-precision diagram: error over total time.
 
     It shows the first variant of each engine, fidelity and method; other variants differ in one setting. An asterisk
@@ -573,7 +571,8 @@ def _figure(cost: pd.DataFrame) -> Chart:
         return [*lines, target]
 
     x = Axis("total CPU time [s]", log=True)
-    return chart_by_case("work-precision", drawn, x, quantity_of("position_error").head, series)
+    label = quantity_of("position_error").head
+    return chart_by_case("work-precision", drawn, x, label, series, results.title_of)
 
 
 STUDY = Study(

@@ -15,7 +15,6 @@ from stiction.comparisons.bench.methods import (
     at_equal_step,
     methods,
     one_per_variant,
-    scene_title,
 )
 from stiction.comparisons.bench.participants import PAPERS_SCHEME
 from stiction.comparisons.bench.presentation import (
@@ -122,7 +121,7 @@ def present(results: Results) -> Presentation:
             _headline("drift [m, rad]", table, worst[POSITION]),
             _headline("velocity drift [m/s]", table, worst[VELOCITY]),
         ],
-        tables=[_by_method(table, runs, worst), _all_runs(results)],
+        tables=[_by_method(results, table, runs, worst), _all_runs(results)],
         figures=_figures(results, variants),
     )
 
@@ -230,7 +229,9 @@ def _growth(table: pd.DataFrame, measured: pd.DataFrame) -> dict[str, object]:
     }
 
 
-def _by_method(table: pd.DataFrame, runs: pd.DataFrame, worst: pd.DataFrame) -> TableView:
+def _by_method(
+    results: Results, table: pd.DataFrame, runs: pd.DataFrame, worst: pd.DataFrame
+) -> TableView:
     """Return the table of the largest drift of each method over all cases."""
     rows = []
     measured_variants = runs[runs["variant"].isin(worst.index)]
@@ -242,9 +243,9 @@ def _by_method(table: pd.DataFrame, runs: pd.DataFrame, worst: pd.DataFrame) -> 
             "fidelity": position["fidelity"],
             "cases": f"{runs_of_variant[POSITION].notna().sum()} of {len(runs_of_variant)}",
             POSITION: position[POSITION],
-            "position in": scene_title(position["scene"]) if position[POSITION] else "",
+            "position in": results.title_of(position["scene"]) if position[POSITION] else "",
             VELOCITY: velocity[VELOCITY],
-            "velocity in": scene_title(velocity["scene"]) if velocity[VELOCITY] else "",
+            "velocity in": results.title_of(velocity["scene"]) if velocity[VELOCITY] else "",
             "growth": _law(position),
         }
         rows.append((row, runs_of_variant))
@@ -290,7 +291,7 @@ def _figures(results: Results, variants: Sequence[str]) -> list[Chart]:
                 continue
             for scene in scenes:
                 records = one_per_variant(record for record in of_fidelity if record.scene == scene)
-                title = scene_title(scene)
+                title = results.title_of(scene)
                 panels.append(_panel(records, column, title, f"{fidelity.label}s: {label}"))
     return [Chart("drift-engines", panels, columns=len(scenes), share_x=True, share_y=True)]
 
@@ -330,6 +331,7 @@ STUDY = Study(
     present,
     plan,
     seconds=0.26,
+    takes=frozenset({"engines", "t_end", "scenes"}),
     tables={
         "drift": "Drift from the constraints of every run",
     },

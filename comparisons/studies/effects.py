@@ -346,9 +346,12 @@ def _largest_change(
 
 
 def plan(scope: Scope) -> Comparison[Tables]:
-    """Plan the effects of the first scene with the reference; of a single scene also with the engines of the scope."""
+    """Plan the effects of the first scene with the reference.
+
+    `stiction compare` with a single scene also makes them with the engines of the scope.
+    """
     engines: tuple[str, ...] = ()
-    if len(scope.scenes) == 1 and scope.engines is not None:
+    if len(scope.scenes) == 1 and scope.engines is not None and not scope.is_campaign:
         engines = scope.engines
     comparison = effects_comparison(
         scope.scenes[0],

@@ -65,6 +65,13 @@ def plan(scope: Scope) -> Comparison[Tables]:
     return hard_comparison(scope.depth, scope.engines)
 
 
+def _reason_against(scope: Scope) -> str:
+    """Return why hard cases are not part of a campaign on other scenes than the paper's."""
+    if scope.is_of_paper:
+        return ""
+    return "the hard cases are scenes of the suite; `stiction compare hard` runs them"
+
+
 def present(results: Results) -> Presentation:
     """Present the counts of verdicts on every installed method in the same mechanical cases."""
     table = results.table("hard")
@@ -235,6 +242,7 @@ STUDY = Study(
     plan,
     seconds=0.15,
     takes_scene=False,
+    applies=_reason_against,
     takes=frozenset({"engines", "problems"}),
     tables={
         "hard": "Hard cases: verdict on every method",

@@ -19,7 +19,7 @@ from stiction.comparisons.bench.methods import rank
 from stiction.comparisons.bench.participants import variants
 from stiction.comparisons.bench.presentation.cells import AGAIN
 from stiction.comparisons.bench.runner import Comparison
-from stiction.comparisons.bench.study import Scope, Study, Tables
+from stiction.comparisons.bench.study import Scope, Study, Tables, unless_refused
 from stiction.comparisons.bench.timing.visits import visit
 from stiction.comparisons.bench.variants import (
     COEFFICIENTS,
@@ -148,6 +148,25 @@ class Trial:
         }
 
 
+def _check_scenes(scope: Scope) -> None:
+    """Raise InputError if a scene of a campaign has no such tests; the paper's cases are replaced by others."""
+    if not scope.is_of_paper:
+        for scene in scope.scenes:
+            _check_parameters(scene)
+
+
+def _check_parameters(scene: Scene) -> None:
+    """Raise InputError if a scene lacks one of `PARAMETERS`, or `LOAD_PARAMETERS` if its bounds are constant."""
+    is_constant = has_constant_bounds(scene)
+    expected = LOAD_PARAMETERS if is_constant else PARAMETERS
+    missing = [name for name in expected if name not in scene.parameters]
+    if missing:
+        raise InputError(
+            f"{scene.name}: parameters: found no {', '.join(missing)}; expected {', '.join(expected)}, "
+            f"as the scenes {'held' if is_constant else 'hold'}-.. of the catalogue have them"
+        )
+
+
 def changes(scene: Scene, test: str, load: float, static_coefficient: bool) -> dict[str, float]:
     """Return the parameters of a scene that a test changes.
 
@@ -159,14 +178,8 @@ def changes(scene: Scene, test: str, load: float, static_coefficient: bool) -> d
     InputError
         If the scene lacks one of `PARAMETERS`, or of `LOAD_PARAMETERS` if its friction has a constant bound.
     """
+    _check_parameters(scene)
     is_constant = has_constant_bounds(scene)
-    expected = LOAD_PARAMETERS if is_constant else PARAMETERS
-    missing = [name for name in expected if name not in scene.parameters]
-    if missing:
-        raise InputError(
-            f"{scene.name}: parameters: found no {', '.join(missing)}; expected {', '.join(expected)}, "
-            f"as the scenes {'held' if is_constant else 'hold'}-.. of the catalogue have them"
-        )
     data = load_data()
     changed: dict[str, float] = {}
     if test == HELD:
@@ -618,6 +631,7 @@ STUDY = Study(
     plan,
     seconds=0.1,
     needs_scene=False,
+    applies=unless_refused(_check_scenes),
     takes=frozenset({"engines"}),
     tables={
         "hold": "Runs of sliders that should be held",

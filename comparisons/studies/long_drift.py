@@ -29,7 +29,6 @@ import pandas as pd
 from scipy.optimize import brentq
 
 from stiction.comparisons.bench.depth import Depth
-from stiction.comparisons.bench.participants import validation_campaign
 from stiction.comparisons.bench.presentation import (
     Axis,
     Chart,
@@ -45,7 +44,7 @@ from stiction.comparisons.bench.presentation import (
 from stiction.comparisons.bench.presentation.cells import AGAIN
 from stiction.comparisons.bench.results import Results
 from stiction.comparisons.bench.runner import Comparison
-from stiction.comparisons.bench.study import Scope, Study, Tables
+from stiction.comparisons.bench.study import Scope, Study, Tables, only_cases_of_paper
 from stiction.comparisons.bench.variants import run_command
 from stiction.comparisons.measures.accuracy import errors, size_of
 from stiction.comparisons.measures.drift import rounding_of
@@ -234,7 +233,7 @@ def drift_study_comparison(
 
 def plan(scope: Scope) -> Comparison[Tables] | None:
     """Plan the long runs; None for other scenes than the paper's cases."""
-    if scope.scenes != tuple(validation_campaign().scenes):
+    if not scope.is_of_paper:
         return None
     return drift_study_comparison(dict(enumerate(scope.scenes, 1)), scope.depth)
 
@@ -700,6 +699,7 @@ STUDY = Study(
     seconds=0.8,
     on_page_one=False,
     compared=False,
+    applies=only_cases_of_paper,
     tables={
         "study": "Drift over long runs",
         "octaves": "Drift by octave of time",

@@ -28,7 +28,7 @@ from stiction.comparisons.bench.presentation import (
 from stiction.comparisons.bench.quantities import quantity_of
 from stiction.comparisons.bench.results import Results
 from stiction.comparisons.bench.runner import Comparison
-from stiction.comparisons.bench.study import Scope, Study, Tables
+from stiction.comparisons.bench.study import Scope, Study, Tables, only_cases_of_paper
 from stiction.comparisons.measures.accuracy import errors
 from stiction.comparisons.measures.power_law import fitted_exponent
 from stiction.comparisons.measures.scene_truth import ground_truth
@@ -344,6 +344,7 @@ STUDY = Study(
     seconds=0.7,
     on_page_one=False,
     compared=False,
+    applies=only_cases_of_paper,
     tables={
         "orders": "Observed orders of convergence",
     },

@@ -21,19 +21,16 @@ from stiction.comparisons.bench.presentation import (
     Presentation,
     Series,
 )
-from stiction.comparisons.bench.results import Results
+from stiction.comparisons.bench.results import PAPERS_CASES, Results
 from stiction.comparisons.bench.study import Study
 from stiction.comparisons.bench.variants import Record
 from stiction.comparisons.measures.steady_stretch import stick_intervals
-from stiction.scenes import catalogue, load_scene
 from stiction.truths import Truth
 
 TIME = "time [s]"
 """Label of the time axes."""
 SAMPLES = 2401
 """Number of samples of a truth over the whole of its time: every 10 ms of the 24 s of the paper's cases."""
-CASES = ("slider-bar-case-1", "slider-bar-case-2", "slider-bar-case-3")
-"""The paper's cases, in the order of its figures."""
 ROW_HEIGHT = 1.35
 """Height of a row of panels, inches: those of two columns of panels fit on a page."""
 FIRST_FIGURE = 5
@@ -54,41 +51,42 @@ SETS = {
 
 def present(results: Results) -> Presentation:
     """Present a picture of each distinct mechanism, and the time series of each scene."""
-    scenes = list(dict.fromkeys(record.scene for record in results.records))
-    mechanisms = _distinct_mechanisms(scenes)
-    figures = [figure for scene in scenes for figure in _time_series(results, scene)]
+    names = dict.fromkeys(record.scene for record in results.records)
+    papers_cases = [name for name in names if results.is_of_paper(name)]
+    mechanisms = _distinct_mechanisms(results, papers_cases)
+    figures = [figure for name in papers_cases for figure in _time_series(results, name)]
     if not mechanisms and not figures:
         return Presentation()
     rows = {
-        "mechanisms": [_described(picture) for picture in mechanisms],
+        "mechanisms": [described(picture) for picture in mechanisms],
         "series": [figure.described() for figure in figures],
     }
     return Presentation(rows=rows, figures=[*mechanisms, *(figure.chart for figure in figures)])
 
 
-def _distinct_mechanisms(names: Sequence[str]) -> list[MechanismPicture]:
-    """Return a picture of each scene of the catalogue whose bodies and joints differ from those before.
+def _distinct_mechanisms(results: Results, names: Sequence[str]) -> list[MechanismPicture]:
+    """Return a picture of each scene whose bodies and joints differ from those before.
 
     Scenes that differ only in their loads look the same.
     """
     shapes, pictures = [], []
     for name in names:
-        if name not in catalogue():
+        scene = results.scene(name)
+        if scene is None:
             continue
-        scene = load_scene(name)
         shape = scene.bodies, scene.joints
         if shape not in shapes:
             shapes.append(shape)
-            pictures.append(MechanismPicture(f"mechanism-{name}", name))
+            pictures.append(MechanismPicture(f"mechanism-{name}", scene))
     return pictures
 
 
-def _described(picture: MechanismPicture) -> dict[str, object]:
-    """Return what the caption of a mechanism mentions."""
-    scene = load_scene(picture.scene)
+def described(picture: MechanismPicture) -> dict[str, object]:
+    """Return what the caption of a picture of a mechanism mentions."""
+    scene = picture.scene
     return {
         "figure": picture.name,
-        "scene": picture.scene,
+        "scene": scene.name,
         "parameters": scene.parameters,
         # The corners of a slider are drawn if it has a length.
         "has_corners": any(guide.length is not None for guide in scene.guides.values()),
@@ -134,7 +132,7 @@ def _time_series(results: Results, scene: str) -> Iterator[TimeSeries]:
     """Yield the figures of a scene for those `SETS` of whose columns there are values."""
     truth = results.truths.get(scene)
     records = [record for record in results.records if record.scene == scene]
-    label, frame = _drawn_motion(records, truth)
+    label, frame = drawn_motion(records, truth)
     shades = stick_phases(truth)
     for place, (subject, labels) in enumerate(SETS.items()):
         shown = {column: words for column, words in labels.items() if column in frame}
@@ -142,8 +140,8 @@ def _time_series(results: Results, scene: str) -> Iterator[TimeSeries]:
             continue
         name = f"{scene}-{subject}"
         number = None
-        if scene in CASES:
-            number = FIRST_FIGURE + len(SETS) * CASES.index(scene) + place
+        if scene in PAPERS_CASES:
+            number = FIRST_FIGURE + len(SETS) * PAPERS_CASES.index(scene) + place
             name = f"fig{number:02d}-{name}"
         t = frame["t"].to_numpy()
         time = Axis(TIME, limits=(0.0, float(t[-1])))
@@ -157,7 +155,7 @@ def _time_series(results: Results, scene: str) -> Iterator[TimeSeries]:
         yield TimeSeries(scene, subject, number, bool(shades), chart)
 
 
-def _drawn_motion(records: list[Record], truth: Truth | None) -> tuple[str, pd.DataFrame]:
+def drawn_motion(records: list[Record], truth: Truth | None) -> tuple[str, pd.DataFrame]:
     """Return label and samples of the event-driven run with the tightest tolerance, or else of the truth."""
     completed = [
         (record, record.trajectory)
@@ -175,13 +173,18 @@ def _drawn_motion(records: list[Record], truth: Truth | None) -> tuple[str, pd.D
     return "truth", pd.DataFrame({"t": t, **truth(t)})
 
 
-def stick_phases(truth: Truth | None) -> list[tuple[float, float]]:
-    """Return begin and end (s) of each stick phase; the last one may end with the truth. Empty without a truth."""
+def stick_phases(truth: Truth | None, guide: str = "guide") -> list[tuple[float, float]]:
+    """Return begin and end (s) of each stick phase of a guide; the last one may end with the truth.
+
+    The list is empty without a truth.
+    """
     if truth is None:
         return []
     columns = truth(0.0)
-    starts_at_rest = "guide.mode" in columns and bool(columns["guide.mode"][0] == 0)
-    return stick_intervals(truth.events, 0.0, truth.t_end, starts_at_rest)
+    mode = f"{guide}.mode"
+    starts_at_rest = mode in columns and bool(columns[mode][0] == 0)
+    events = [event for event in truth.events if event.joint == guide]
+    return stick_intervals(events, 0.0, truth.t_end, starts_at_rest)
 
 
 STUDY = Study("paper", "", "The paper's figures, redrawn", present, compared=False)

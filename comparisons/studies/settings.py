@@ -19,7 +19,7 @@ from typing import Any
 import numpy as np
 import pandas as pd
 
-from stiction.comparisons.bench.methods import scene_title, succeeded, with_columns
+from stiction.comparisons.bench.methods import succeeded, with_columns
 from stiction.comparisons.bench.participants import extent
 from stiction.comparisons.bench.presentation import (
     BETTER,
@@ -391,10 +391,17 @@ def _comparison(choices: pd.DataFrame, defaults: pd.DataFrame) -> dict[str, Any]
     }
 
 
-def plan(scope: Scope) -> Comparison[Tables] | None:
-    """Plan all settings on all scenes of the trials, or on the single scene of the scope.
+def _reason_against(scope: Scope) -> str:
+    """Return why a campaign on other scenes than the paper's does not try settings."""
+    if scope.is_of_paper or not scope.is_campaign or extent(scope.depth).settings:
+        return ""
+    return "settings are tried with --full only; `stiction compare settings` tries them, too"
 
-    None at a depth without these trials, unless the scope has a single scene, and if no engine takes part. The rows
+
+def plan(scope: Scope) -> Comparison[Tables] | None:
+    """Plan all settings on all scenes of the trials, or on the scenes of the scope if these are not the paper's cases.
+
+    In a campaign the depth decides whether there are any. None without scenes, and if no engine takes part. The rows
     of a subject follow each other in the table.
 
     Raises
@@ -404,7 +411,7 @@ def plan(scope: Scope) -> Comparison[Tables] | None:
     """
     trials, limits = load_study(), extent(scope.depth)
     engines = scope.engines
-    if len(scope.scenes) == 1:
+    if len(scope.scenes) == 1 and not scope.is_campaign:
         # `stiction compare` on one scene: an empty list of engines stands for all.
         engines = engines or None
         _check_engines(engines, trials)
@@ -412,8 +419,10 @@ def plan(scope: Scope) -> Comparison[Tables] | None:
         repeats = scope.repeats or REPEATS_ON_ONE_SCENE
     else:
         scenes = []
-        if limits.settings:
+        if limits.settings and scope.is_of_paper:
             scenes = [(load_scene(name), t_end) for name, t_end in trials.scenes.items()]
+        elif limits.settings:
+            scenes = [(scene, scope.t_end) for scene in scope.scenes]
         repeats = scope.repeats or limits.repeats
     variants = [
         variant
@@ -473,14 +482,14 @@ def present(results: Results) -> Presentation:
     }
     return Presentation(
         rows=rows,
-        tables=[_ranks_view(ranks, table), _choices_view(choices, table)],
+        tables=[_ranks_view(results, ranks, table), _choices_view(choices, table)],
         figures=[_figure(choices)],
     )
 
 
-def _ranks_view(ranks: pd.DataFrame, table: pd.DataFrame) -> TableView:
+def _ranks_view(results: Results, ranks: pd.DataFrame, table: pd.DataFrame) -> TableView:
     """Return the table that compares the default of each subject with its other choices."""
-    ranks = ranks.assign(where=ranks["scene"].map(scene_title, na_action="ignore"))
+    ranks = ranks.assign(where=ranks["scene"].map(results.title_of, na_action="ignore"))
     columns = (
         Column(SUBJECT, "engine"),
         Column(ON_FRONT, "default Pareto-optimal"),
@@ -553,6 +562,7 @@ STUDY = Study(
     present,
     plan,
     seconds=0.5,
+    applies=_reason_against,
     on_page_one=False,
     takes=frozenset({"engines", "t_end", "repeats"}),
     tables={

@@ -35,7 +35,7 @@ from stiction.comparisons.bench.presentation.cells import intervals_text, settin
 from stiction.comparisons.bench.presentation.charts import TRUTH as TRUTH_LOOK
 from stiction.comparisons.bench.results import Results
 from stiction.comparisons.bench.runner import Comparison
-from stiction.comparisons.bench.study import Scope, Study, Tables
+from stiction.comparisons.bench.study import Scope, Study, Tables, unless_refused
 from stiction.comparisons.bench.variants import Variant, has_static_coefficient, run_key, truth_key
 from stiction.comparisons.measures.engine_threshold import (
     FIRST_STEP,
@@ -948,6 +948,7 @@ STUDY = Study(
     {TRUTH: true_thresholds},
     seconds=10.0,
     takes=frozenset({"engines", "parameter", "range", "joint", "resolution"}),
+    applies=unless_refused(variation_in),
     tables={
         "threshold": "Stick thresholds",
         BANDS: "Bands with and without stick phases",

@@ -5,7 +5,7 @@ Friction jumps where a slider reverses, sticks or slips, and the torque of a dri
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from typing import Any
 
 import numpy as np
@@ -17,7 +17,6 @@ from stiction.comparisons.bench.methods import (
     methods,
     one_per_variant,
     representatives,
-    scene_title,
 )
 from stiction.comparisons.bench.participants import REFERENCE
 from stiction.comparisons.bench.presentation import (
@@ -38,7 +37,7 @@ from stiction.comparisons.bench.presentation import (
 from stiction.comparisons.bench.presentation.cells import setting_of
 from stiction.comparisons.bench.results import Results
 from stiction.comparisons.bench.runner import Comparison
-from stiction.comparisons.bench.study import Scope, Study, Tables
+from stiction.comparisons.bench.study import Scope, Study, Tables, unless_refused
 from stiction.comparisons.bench.variants import (
     COEFFICIENTS,
     Record,
@@ -321,10 +320,10 @@ def present(results: Results) -> Presentation:
     return Presentation(
         rows=rows,
         headlines=[headline],
-        tables=[_by_method(table, at_equal_steps, summaries), *by_scene.values()],
+        tables=[_by_method(results, table, at_equal_steps, summaries), *by_scene.values()],
         figures=[
-            _events_figure(results.table(WINDOWS), table, variants),
-            step_chart("torque", by_run, variants, BOUND, "error bound [N m]"),
+            _events_figure(results, table, variants),
+            step_chart("torque", by_run, variants, BOUND, "error bound [N m]", results.title_of),
         ],
     )
 
@@ -367,7 +366,7 @@ def _engines(table: pd.DataFrame, engines: pd.DataFrame) -> Iterator[dict[str, o
 
 
 def _by_method(
-    table: pd.DataFrame, at_equal_steps: pd.DataFrame, summaries: pd.DataFrame
+    results: Results, table: pd.DataFrame, at_equal_steps: pd.DataFrame, summaries: pd.DataFrame
 ) -> TableView:
     """Return the table of jumps resolved and of their largest bound, a row per method, a column per case."""
     by_case = summarize(at_equal_steps, "variant", "scene")
@@ -397,7 +396,7 @@ def _by_method(
         Column("jumps", "all jumps", form=".0f"),
         Column("bound", "error bound", of="jump_bound"),
         *(
-            Column(in_scene("read", scene), scene_title(scene), of="jump_bound")
+            Column(in_scene("read", scene), results.title_of(scene), of="jump_bound")
             for scene in table["scene"].unique()
         ),
     )
@@ -429,8 +428,9 @@ def _by_scene(table: pd.DataFrame) -> dict[str, TableView]:
     return views
 
 
-def _events_figure(windows: pd.DataFrame, table: pd.DataFrame, variants: Sequence[str]) -> Chart:
+def _events_figure(results: Results, table: pd.DataFrame, variants: Sequence[str]) -> Chart:
     """Return the figure of the torque around events: a row of panels per group of methods, a column per event."""
+    windows = results.table(WINDOWS)
     events = shown_events(windows)
     windows_of_events = [
         windows[(windows["scene"] == scene) & (windows["event"] == event)]
@@ -443,7 +443,7 @@ def _events_figure(windows: pd.DataFrame, table: pd.DataFrame, variants: Sequenc
         ]
         label = f"{group.label}\ndriving torque [N m]"
         row = [
-            event_panel(window, variants_of_group, "" if number else label)
+            event_panel(window, variants_of_group, "" if number else label, results.title_of)
             for number, window in enumerate(windows_of_events)
         ]
         # A panel with one series contains the truth alone.
@@ -473,7 +473,9 @@ def shown_events(windows: pd.DataFrame) -> list[tuple[str, int]]:
     return [*events_of_first_scene, *largest_of_others][:MOST_EVENTS]
 
 
-def event_panel(window: pd.DataFrame, variants: Sequence[str], label: str) -> Panel:
+def event_panel(
+    window: pd.DataFrame, variants: Sequence[str], label: str, title_of: Callable[[str], str]
+) -> Panel:
     """Return a panel of the torque around an event: a line per variant, and the truth for their friction law.
 
     The time is measured from the true event, in ms. The panel is empty if no variant has a run in the window.
@@ -484,6 +486,8 @@ def event_panel(window: pd.DataFrame, variants: Sequence[str], label: str) -> Pa
         Rows of `windows_table` for one event.
     label : str
         Label of the y axis.
+    title_of : callable
+        Returns the title of a scene from its name.
     """
 
     def series(rows: pd.DataFrame, label: str, points: bool) -> Series:
@@ -504,7 +508,7 @@ def event_panel(window: pd.DataFrame, variants: Sequence[str], label: str) -> Pa
     lines.append(series(truth, TRUTH, False))
     low, high = truth["effort_value"].min(), truth["effort_value"].max()
     limits = (low - BEYOND * (high - low), high + BEYOND * (high - low))
-    title = f"{scene_title(window['scene'].iloc[0])}, {window['kind'].iloc[0]}"
+    title = f"{title_of(window['scene'].iloc[0])}, {window['kind'].iloc[0]}"
     return Panel(title, Axis("time from the event [ms]"), Axis(label, limits=limits), lines)
 
 
@@ -516,6 +520,8 @@ STUDY = Study(
     plan,
     seconds=0.26,
     takes=frozenset({"engines", "t_end", "drive", "scenes"}),
+    nothing="the effort of the drive does not jump at any event",
+    applies=unless_refused(lambda scope: [drive_of(scene, None) for scene in scope.scenes]),
     tables={
         "torque": "Jumps of the driving torque",
         "event-windows": "Driving efforts around chosen events",

@@ -34,6 +34,7 @@ from stiction.comparisons.bench.presentation import (
     Panel,
     Series,
 )
+from stiction.comparisons.bench.presentation.charts import ON_TOP
 from stiction.comparisons.bench.results import Results
 from stiction.reports.figures.style import (
     COLORS,
@@ -52,7 +53,6 @@ from stiction.reports.figures.style import (
     set_log_ticks,
     variants_of,
 )
-from stiction.scenes import load_scene
 from stiction.scenes.fidelity import Fidelity
 from stiction.scenes.pictures.mechanism import drawing as mechanism_drawing
 
@@ -61,6 +61,7 @@ WHITE = "#FFFFFF"
 PLAIN = Look(BLACK, "-", "o")
 OWN_LOOKS = {
     TRUTH: Look(BLACK, "-", ""),
+    ON_TOP: Look(BLACK, (0, (4, 2)), ""),
     LIMIT: Look(TRUTH_COLOR, ":", ""),
     "": PLAIN,
     OTHER: Look(TRUTH_COLOR, "-", "."),
@@ -283,7 +284,9 @@ def _draw_panel(
             handles.setdefault(series.label, Line2D([], [], **style))
     _set_axis("x", ax.xaxis, panel.x)
     _set_axis("y", ax.yaxis, panel.y)
-    ax.set(title=panel.title, xlabel=panel.x.label, ylabel=panel.y.label)
+    ax.set(xlabel=panel.x.label, ylabel=panel.y.label)
+    # Titles contain titles of scenes, in which a dollar sign is no mathematics.
+    ax.set_title(panel.title, parse_math=False)
 
 
 def _series_style(series: Series, looks: Mapping[str, Look]) -> dict[str, Any]:
@@ -439,9 +442,17 @@ def _text_color(background: str) -> str:
 @draw.register
 def _draw_mechanism(picture: MechanismPicture, looks: Mapping[str, Look]) -> Drawing:
     """Draw a mechanism, scaled to the width of figures; the size of its text does not change."""
-    figure = mechanism_drawing(load_scene(picture.scene), heading=False)
+    figure = mechanism_drawing(picture.scene, heading=False)
     width, height = figure.get_size_inches()
     scale = figure_width() / width
     scaled_height = PICTURE_TEXT_HEIGHT + (height - PICTURE_TEXT_HEIGHT) * scale
+    if is_one_column():
+        # Entries that stand beside each other on a page are below each other in a column.
+        for legend in list(figure.legends):
+            handles = [handle for handle in legend.legend_handles if handle is not None]
+            labels = [text.get_text() for text in legend.get_texts()]
+            legend.remove()
+            figure.legend(handles, labels, loc="outside lower center", ncols=1)
+            scaled_height += LEGEND_ROW * (len(labels) - 1)
     figure.set_size_inches(figure_width(), scaled_height)
     return Drawing(picture.name, picture.caption, figure)

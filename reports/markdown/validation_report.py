@@ -17,7 +17,7 @@ from stiction.reports.figures.style import Drawing, rc, save_all
 from stiction.reports.markdown.failures import failed_runs, group_failures
 from stiction.reports.markdown.study_section import figure_markdown, study_section
 from stiction.reports.markdown.tables import fit_table, markdown
-from stiction.reports.page_one import TITLE, page_one_markdown
+from stiction.reports.page_one import page_one_markdown, title_of
 from stiction.reports.report import Report
 from stiction.reports.run_folder.data import in_words, tables_of, write_data
 from stiction.reports.run_folder.data_package import write_data_package
@@ -69,7 +69,7 @@ def write_report(report: Report, folder: str | Path) -> Path:
         if not failed.empty:
             text = f"# Failed runs\n\n{markdown(failed)}\n"
             (partial / FAILURES).write_text(text, encoding="utf-8")
-        write_data_package(partial, TITLE, origin["date"])
+        write_data_package(partial, title_of(results), origin["date"])
         write_reproduce(results, origin, partial)
         # The provenance lists all files of the folder, and is therefore written last.
         write_provenance(partial, origin)
@@ -97,6 +97,7 @@ def report_markdown(
     return template(TEMPLATE).render(
         page_one=page_one_markdown(report, picture, _origin_line(origin)),
         tiers=[tier.label for tier in BEST_FIRST],
+        is_about_paper=results.is_about_paper,
         missing=MISSING,
         sections=sections,
         failed=_failures_summary(failed),

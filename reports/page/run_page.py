@@ -10,7 +10,7 @@ from pathlib import Path
 from stiction.comparisons.bench.presentation import TableView
 from stiction.reports.page.document import chart, details, document, markdown, table
 from stiction.reports.page.time_series import time_series
-from stiction.reports.page_one import TITLE, answers, headline_table, page_one
+from stiction.reports.page_one import answers, headline_table, page_one, title_of
 from stiction.reports.report import Report, report_of
 from stiction.reports.run_folder.provenance import commit_in_words
 from stiction.reports.run_folder.stored_run import StoredRun
@@ -53,7 +53,7 @@ def write_run_page(run: StoredRun, file: Path) -> None:
         table("Provenance of the run.", ("what", "value"), rows, (False, False))
     ]
     subtitle = f"stiction {run.origin['versions']['stiction']}, run of {run.origin['date']}"
-    write_text(file, document(TITLE, subtitle, sections))
+    write_text(file, document(title_of(report.results), subtitle, sections))
 
 
 def _page_one(report: Report) -> Iterator[str]:
@@ -69,6 +69,7 @@ def _page_one(report: Report) -> Iterator[str]:
         yield table(page.how_to_read, headlines.heads, rows, headlines.right)
     yield markdown("\n".join(f"- **{title}.** {answer}" for title, answer in answers(report)))
     yield markdown(page.not_installed)
+    yield markdown("\n".join(f"- {line}" for line in page.not_applicable))
 
 
 def _section_blocks(run: StoredRun, section: Section) -> Iterator[str]:

@@ -19,7 +19,7 @@ from stiction.comparisons.studies.paper_figures import stick_phases
 from stiction.reports.figures.style import Look, looks_of, variants_of
 from stiction.reports.page.document import View
 from stiction.reports.run_folder.data import truth_frame
-from stiction.scenes import Scene, load_scene
+from stiction.scenes import Scene
 from stiction.scenes.columns import unit_of
 from stiction.scenes.pictures.geometry import poses_at, view_of
 from stiction.scenes.pictures.web import (
@@ -106,9 +106,9 @@ def time_series(results: Results) -> Iterator[View]:
         curves = list(_curves(results, name))
         if not curves:
             continue
-        scene = load_scene(name)
-        panels = _panels(scene, curves)
-        if panels:
+        scene = results.scene(name)
+        panels = _panels(scene, curves) if scene is not None else {}
+        if scene is not None and panels:
             yield _view(scene, results.truths.get(name), curves, panels)
 
 

@@ -17,7 +17,7 @@ from stiction.comparisons.bench.presentation import TableView
 from stiction.comparisons.bench.study import Study
 from stiction.reports.figures.charts import draw_figures, in_one_column
 from stiction.reports.figures.style import rc, save_all
-from stiction.reports.page_one import TITLE, answers, page_one
+from stiction.reports.page_one import answers, page_one, title_of
 from stiction.reports.paper import latex
 from stiction.reports.paper.methods import methods, tracing
 from stiction.reports.report import Report, report_of
@@ -136,7 +136,7 @@ def paper_content(
     origin = run.origin
     date = datetime.fromisoformat(origin["date"])
     content = {
-        "title": TITLE,
+        "title": title_of(report.results),
         "authors": list(authors),
         "origin": f"stiction {origin['versions']['stiction']}, run of {date:%Y-%m-%d %H:%M} UTC",
         "software": f"Made by stiction from the run of {origin['date']}",
@@ -171,9 +171,13 @@ def _section_content(study: Study, section: Section) -> dict[str, Any]:
 
 def summary(report: Report) -> list[str]:
     """Return the recommendation and the answers of page one, as items of a list."""
-    items = list(page_one(report).recommendation)
+    page = page_one(report)
+    items = list(page.recommendation)
     for title, answer in answers(report):
         items.append(f"**{title}.** {answer}")
+    if not report.results.is_about_paper:
+        # A paper about other mechanisms begins with a description of them.
+        items.insert(0, page.mechanism)
     return items
 
 

@@ -76,13 +76,15 @@ def _variables(run: StoredRun, results: Results) -> dict[str, object]:
             if name not in own_engines
         ],
         "tiers": [tier.label for tier in tiers],
+        "independent": [tier.label for tier in tiers if tier not in (Tier.OWN_RUN, Tier.NONE)],
+        "own_run": Tier.OWN_RUN in tiers,
         "proven": Tier.PROVEN in tiers,
         "samples": _samples(run.tables.get("cost", pd.DataFrame())),
         "depth": campaign.get("depth", ""),
         "interrupted": bool(campaign.get("interrupted")),
         "date": origin["date"][:10],
         "runs": len(results.records),
-        "scenes": list(dict.fromkeys(record.scene for record in results.records)),
+        "scenes": _scenes(results),
         "timed": sum(
             len(results.tables.get(name, ())) for name in ("cost", "effects", "suppression")
         ),
@@ -96,6 +98,12 @@ def _variables(run: StoredRun, results: Results) -> dict[str, object]:
         },
         "choices": origin["choices"],
     }
+
+
+def _scenes(results: Results) -> list[str]:
+    """Return the names of the compared scenes; of scenes that are not the paper's cases the titles."""
+    names = dict.fromkeys(record.scene for record in results.records)
+    return [name if results.is_of_paper(name) else results.title_of(name) for name in names]
 
 
 def _software(versions: Mapping[str, str]) -> dict[str, object]:

@@ -28,7 +28,7 @@ from stiction.comparisons.bench.variants import Record
 from stiction.engines.registry import label_of
 from stiction.reports.run_folder.data_package import columns_of_motion, columns_of_table, metadata
 from stiction.reports.run_folder.reproduce import rerun_command
-from stiction.scenes import Trajectory, catalogue, load_scene
+from stiction.scenes import Trajectory
 from stiction.scenes.motion_table import with_sides
 from stiction.scenes.trajectory import events_frame
 from stiction.truths import Truth
@@ -49,14 +49,15 @@ NAMED_SETTINGS = ("friction_law", "stabilization", "iterations", "solver")
 def tables_of(results: Results) -> dict[str, pd.DataFrame]:
     """Return the tables of the studies, and the tables ``runs``, ``variants``, ``parameters`` and ``truths``.
 
-    ``runs`` has one row for each run, ``variants`` one for each method, ``parameters`` one for each scene of
-    the catalogue, and ``truths`` one for each truth and column whose uncertainty is known.
+    ``runs`` has one row for each run, ``variants`` one for each method, ``parameters`` one for each scene,
+    and ``truths`` one for each truth and column whose uncertainty is known.
     """
     runs = [{**record.describe(), "wall_time": record.outcome.wall_s} for record in results.records]
-    scenes = dict.fromkeys(record.scene for record in results.records)
-    parameters = [
-        {"scene": name, **load_scene(name).parameters} for name in scenes if name in catalogue()
-    ]
+    parameters = []
+    for name in dict.fromkeys(record.scene for record in results.records):
+        scene = results.scene(name)
+        if scene is not None:
+            parameters.append({"scene": name, **scene.parameters})
     truths = [
         (name, truth.tier, column, uncertainty)
         for name, truth in results.truths.items()
@@ -129,7 +130,7 @@ def data_tables(results: Results, stored: Container[str]) -> dict[str, pd.DataFr
     records = (*results.records, *results.timed)
     files = trajectory_files(records, stored)
     commands = {
-        record.key: rerun_command(record)
+        record.key: rerun_command(record, results)
         for record in records
         if record.trajectory is not None and record.key not in files
     }

@@ -39,7 +39,8 @@ def provenance(results: Results) -> dict[str, Any]:
         "source": source_digest(),
         "command": campaign_command(results),
         "campaign": {**results.settings, **campaign},
-        "choices": CHOICES,
+        # Other scenes than the paper's have nothing that the paper could leave open.
+        "choices": CHOICES if results.is_about_paper else {},
     }
 
 

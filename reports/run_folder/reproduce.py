@@ -3,13 +3,17 @@
 from __future__ import annotations
 
 import shlex
-from collections.abc import Mapping
-from functools import cache
+from collections.abc import Iterable, Mapping
 from pathlib import Path
 from typing import Any
 
 from stiction.comparisons.bench.environment import requirements
-from stiction.comparisons.bench.results import Results
+from stiction.comparisons.bench.results import (
+    COMMAND,
+    PAPERS_CASES,
+    Results,
+    scene_of_suite,
+)
 from stiction.comparisons.bench.variants import (
     Record,
     has_static_coefficient,
@@ -17,12 +21,14 @@ from stiction.comparisons.bench.variants import (
     run_command,
     run_key,
 )
-from stiction.scenes import Scene, catalogue, load_scene, scene_to_toml
+from stiction.scenes import Scene, load_scene, scene_to_toml
 from stiction.scenes.wording import as_given
 from stiction.truths.physics import physics_of
 
 FOLDER = "reproduce"
 """Subfolder of a run folder."""
+SCENES = f"{FOLDER}/scenes/"
+"""Subfolder of a run folder with one file for each scene, with a slash at its end."""
 OPTIONS = ("t_end", "dt", "rtol", "output_step", "fidelity")
 """Arguments of a run that are options of `stiction run`; all others are settings of the engine."""
 _README = """\
@@ -40,7 +46,7 @@ With Python {python}, in the sources of stiction {stiction} {commit}, where RUN 
 - `source` in `provenance.json` is the SHA-256 of the code that the numbers come from{dirty}. If the new folder has the
   same, it was the same code. Here it is `{digest}`.
 - The command runs on the processes of one machine: give it the `--executor` that the run had, if it was another.
-- `scenes/` has the scenes of the catalogue that were simulated, each complete in its file; with later versions, too,
+- `scenes/` has the scenes that were simulated, each complete in its file; with later versions, too,
   `stiction run RUN/reproduce/scenes/NAME.toml` runs one. An engine without a static coefficient had mus = mu. Hard
   cases have changes to the catalogue's scenes, and scenes of their own: `comparisons/hard/` in the sources has them.
 - In the folder of `validate`, a row of a table in `data/` whose trajectory is not stored has the command for its run
@@ -65,10 +71,10 @@ def write_reproduce(results: Results, origin: Mapping[str, Any], folder: Path) -
     """
     subfolder = folder / FOLDER
     subfolder.mkdir()
-    for name in scene_names(results):
-        file = subfolder / "scenes" / f"{name}.toml"
+    for name, scene in scenes_of(results).items():
+        file = folder / scene_file(name)
         file.parent.mkdir(parents=True, exist_ok=True)
-        file.write_text(scene_to_toml(load_scene(name)), encoding="utf-8")
+        file.write_text(scene_to_toml(scene), encoding="utf-8")
     packages = "".join(f"{line}\n" for line in requirements())
     (subfolder / "requirements.txt").write_text(packages, encoding="utf-8")
     (subfolder / "README.md").write_text(_readme(origin), encoding="utf-8")
@@ -94,18 +100,52 @@ def _readme(origin: Mapping[str, Any]) -> str:
     )
 
 
-def scene_names(results: Results) -> list[str]:
-    """Return the scenes of the catalogue that occur in a run or in a row of a table, sorted."""
-    names = {record.scene for record in results.records}
+def scene_file(name: str) -> str:
+    """Return the file of a scene, relative to the run folder."""
+    return f"{SCENES}{name}.toml"
+
+
+def scenes_of(results: Results) -> dict[str, Scene]:
+    """Return the scenes of a run, and the scenes of the suite in rows of its tables, by name and sorted by it."""
+    names = {*results.scenes, *(record.scene for record in results.records)}
     for table in results.tables.values():
         if "scene" in table:
-            names.update(table["scene"])
-    return sorted({*catalogue(), *catalogue("hard")} & names)
+            names.update(table["scene"].dropna())
+    scenes = {}
+    for name in sorted(names):
+        scene = results.scene(name)
+        # Some hard cases have scenes that are no files.
+        if scene is not None:
+            scenes[name] = scene
+    return scenes
+
+
+def read_scenes(folder: Path, files: Iterable[str]) -> dict[str, Scene]:
+    """Return the scenes of a run folder by name.
+
+    Parameters
+    ----------
+    folder : Path
+        The run folder.
+    files : iterable of str
+        All of its files, relative to it.
+    """
+    scenes = {}
+    for file in files:
+        if file.startswith(SCENES):
+            name = file.removeprefix(SCENES).removesuffix(".toml")
+            scenes[name] = load_scene(folder / file)
+    return scenes
 
 
 def campaign_command(results: Results) -> str:
-    """Return the command that repeats the campaign, quoted for a shell."""
+    """Return the command that repeats the campaign, or the single study, quoted for a shell."""
+    if COMMAND in results.settings:
+        return results.settings[COMMAND]
     words = ["stiction", "validate"]
+    scenes = results.settings.get("scenes", PAPERS_CASES)
+    if tuple(scenes) != PAPERS_CASES or not results.is_about_paper:
+        words += ["--scenes", ",".join(f"RUN/{scene_file(name)}" for name in scenes)]
     depth = results.settings.get("depth")
     if depth in ("quick", "full"):
         words.append(f"--{depth}")
@@ -120,18 +160,24 @@ def campaign_command(results: Results) -> str:
     return shlex.join(words)
 
 
-def rerun_command(record: Record) -> str | None:
-    """Return the command that repeats a run, or None if its scene is not in the catalogue.
+def rerun_command(record: Record, results: Results) -> str | None:
+    """Return the command that repeats a run, or None if its scene is not known.
+
+    A scene that is not in the catalogue is given by its file in the run folder, in which the command
+    is to be executed.
 
     A run with a scene that the study of effects has changed is repeated by the command of this study,
     with all its other runs.
     """
-    if record.scene not in catalogue():
+    declared = results.scene(record.scene)
+    if declared is None:
         return None
-    declared = _declared(record.scene)
+    place = record.scene
+    if declared != scene_of_suite(record.scene):
+        place = scene_file(record.scene)
     if record.key != run_key(declared, record.variant, record.step):
         return shlex.join(
-            ["stiction", "compare", "effects", record.scene, "--engines", record.variant.engine]
+            ["stiction", "compare", "effects", place, "--engines", record.variant.engine]
         )
     # An engine without static friction was given a scene whose static values are the kinetic ones.
     scene = physics_of(declared, has_static_coefficient(record.variant))
@@ -146,10 +192,4 @@ def rerun_command(record: Record) -> str | None:
             value = getattr(scene.joints[name], key, None)
             if getattr(joint, key, None) != value:
                 options.append(("set", f"{name}.{key}={value!r}"))
-    return run_command(record.scene, record.variant.engine, options)
-
-
-@cache
-def _declared(name: str) -> Scene:
-    """Return a scene of the catalogue, which is read once: it has dozens of runs, and reading takes 5 ms."""
-    return load_scene(name)
+    return run_command(place, record.variant.engine, options)

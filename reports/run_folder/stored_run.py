@@ -17,6 +17,7 @@ from stiction.comparisons.bench.variants import OWN_CPU, Record, Variant
 from stiction.engines.isolation import Outcome
 from stiction.reports.run_folder.data import TRUTH, truth_file
 from stiction.reports.run_folder.overwriting import PROVENANCE
+from stiction.reports.run_folder.reproduce import read_scenes
 from stiction.scenes import Cost, Event, Fidelity, InputError, Trajectory
 from stiction.scenes.trajectory import events_of
 from stiction.truths import Tier, Truth
@@ -45,7 +46,7 @@ class StoredRun:
     tables: Mapping[str, pd.DataFrame]
 
     def validation(self) -> Results:
-        """Return the results of the run with the stored trajectories and truths.
+        """Return the results of the run with the stored trajectories, truths and scenes.
 
         A truth is interpolated linearly between its stored samples.
         """
@@ -66,6 +67,7 @@ class StoredRun:
             campaign,
             campaign["wall_time"],
             campaign["cpu_time"],
+            scenes=read_scenes(self.folder, self.origin["files"]),
         )
 
     def _records(self, events: Mapping[str, tuple[Event, ...]]) -> Iterator[Record]:

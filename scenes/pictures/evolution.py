@@ -11,8 +11,8 @@ import numpy as np
 import pandas as pd
 from matplotlib.axes import Axes
 
-from stiction.scenes.columns import unit_of
-from stiction.scenes.pictures.picture import COLORS, CYCLE, Picture, fit_labels, rc
+from stiction.scenes.columns import label_of, unit_of
+from stiction.scenes.pictures.picture import COLORS, CYCLE, WIDTH, Picture, fit_labels, rc
 from stiction.scenes.trajectory import Trajectory
 
 MAX_LINES = 8
@@ -57,8 +57,13 @@ class _Panel:
     label: str
 
 
-def evolution(runs: Sequence[Trajectory], columns: Sequence[str] = ()) -> Picture:
+def evolution(
+    runs: Sequence[Trajectory], columns: Sequence[str] = (), width: float = WIDTH
+) -> Picture:
     """Plot columns of runs over time, one panel for each column, with a line for each run.
+
+    A figure of chosen columns is meant for print: it has no title, and its labels consist of words,
+    symbol and unit. The reference is black, and drawn on top of other runs.
 
     Parameters
     ----------
@@ -67,6 +72,9 @@ def evolution(runs: Sequence[Trajectory], columns: Sequence[str] = ()) -> Pictur
     columns
         Names of columns. If none are given, there must be one run; panels then show its usual quantities, with a line
         for each column.
+
+    width
+        Width of the figure, inches.
 
     Raises
     ------
@@ -80,13 +88,15 @@ def evolution(runs: Sequence[Trajectory], columns: Sequence[str] = ()) -> Pictur
     has_several_runs = len(runs) > 1
     panels = _usual_panels(first)
     if columns:
-        panels = [_Panel([name], f"{name} [{unit_of(name, first.mechanism)}]") for name in columns]
+        panels = [_Panel([name], _axis_label(name, first)) for name in columns]
+    # The last line, that of the reference, is on top of the others.
+    runs = sorted(runs, key=lambda run: run.engine == "reference")
     frames = [run.to_frame(events=True, interpolated=True) for run in runs]
     stick_phases = [] if has_several_runs else _stick_phases(frames[0])
     # The legend of several runs, above the panels, is higher than the title of one.
     margin = 0.6 if has_several_runs else 0.4
     with rc():
-        picture = Picture(margin + PANEL_HEIGHT * len(panels))
+        picture = Picture(margin + PANEL_HEIGHT * len(panels), width)
         axes = picture.subplots(len(panels), 1, sharex=True, squeeze=False)[:, 0]
         for ax, panel in zip(axes, panels):
             if has_several_runs:
@@ -101,8 +111,10 @@ def evolution(runs: Sequence[Trajectory], columns: Sequence[str] = ()) -> Pictur
                 ax.legend(loc="center left", bbox_to_anchor=(1.0, 0.5), title=title)
         axes[-1].set_xlabel("$t$ [s], shaded: stick" if stick_phases else "$t$ [s]")
         if has_several_runs:
-            axes[0].legend(loc="lower center", bbox_to_anchor=(0.5, 1.0), ncols=2)
-        else:
+            axes[0].legend(
+                loc="lower center", bbox_to_anchor=(0.5, 1.0), ncols=2 if width >= WIDTH else 1
+            )
+        elif not columns:
             title = f"{first.scene}: {first.engine} {first.version}, {first.fidelity}"
             axes[0].set_title(title, fontsize=8, parse_math=False)
         fit_labels(picture)
@@ -114,10 +126,14 @@ def _draw_panel(
 ) -> None:
     """Draw the lines of a panel, and shade stick phases, given by their begin and end, s."""
     for number, line in enumerate(lines):
+        color = CYCLE[number % len(CYCLE)]
+        if len(panel.columns) == 1 and len(lines) > 1:
+            # Black, the first colour, is that of the last line.
+            color = CYCLE[(number + 1) % len(lines) % len(CYCLE)]
         ax.plot(
             line.frame["t"].to_numpy(),
             line.frame[line.column].to_numpy(),
-            color=CYCLE[number % len(CYCLE)],
+            color=color,
             linewidth=1.0,
             label=line.label,
             linestyle=_DASHES[number % len(_DASHES)],
@@ -126,6 +142,13 @@ def _draw_panel(
         ax.axvspan(begin, end, color=COLORS["shade"], linewidth=0, zorder=0)
     ax.set_ylabel(panel.label)
     ax.margins(x=0)
+
+
+def _axis_label(column: str, run: Trajectory) -> str:
+    """Return words, symbol and unit of a column if the scene is known, else its name and unit."""
+    if run.mechanism is None:
+        return f"{column} [{unit_of(column)}]"
+    return label_of(column, run.mechanism)
 
 
 def _label_of(run: Trajectory) -> str:

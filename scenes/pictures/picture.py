@@ -14,7 +14,9 @@ from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 from matplotlib.text import Text
 
-WIDTH = 174 / 25.4
+MM_PER_INCH = 25.4
+"""Millimetres in an inch."""
+WIDTH = 174 / MM_PER_INCH
 """Width of a picture, inches: both columns of a journal page."""
 DPI = 150
 """Resolution of bitmaps, pixels per inch."""

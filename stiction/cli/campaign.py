@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import ExitStack, suppress
 from dataclasses import replace
@@ -26,6 +27,7 @@ from stiction.cli.exit_codes import (
     say,
 )
 from stiction.cli.options import (
+    Assemble,
     BaselineFile,
     CampaignFile,
     Engines,
@@ -33,11 +35,14 @@ from stiction.cli.options import (
     Full,
     OneEngine,
     OtherScenes,
+    Overrides,
     Quick,
+    ValidatedScenes,
     Workers,
     check_distinct,
     check_written,
     errors_of_option,
+    scenes_of,
     split_names,
 )
 from stiction.cli.render import progress, show_summary, shown_if_not_written
@@ -49,6 +54,7 @@ if TYPE_CHECKING:
     from stiction.comparisons.bench.store import KeptRuns
     from stiction.comparisons.regression.baseline import Baseline
     from stiction.comparisons.regression.nightly import Result
+    from stiction.scenes import Scene
 
 MIN_FREE_BYTES = 200e6
 """Free space of the disk below which `validate` prints a warning, bytes.
@@ -67,6 +73,9 @@ baselines = typer.Typer(
 def validate(
     quick: Quick = False,
     full: Full = False,
+    scenes: ValidatedScenes = [],
+    overrides: Overrides = [],
+    assemble: Assemble = False,
     engines: Engines = [],
     workers: Workers = None,
     executor: ExecutorName = "processes",
@@ -75,7 +84,10 @@ def validate(
         typer.Option(metavar="DIR", help="Folder of the report. Default: runs/<date-time>."),
     ] = None,
 ) -> None:
-    """Compare the reference and the engines with the truth in the three cases of the paper, and write a report."""
+    """Compare the reference and the engines with the truth, and write a report.
+
+    The scenes are the three cases of the paper, or those of --scenes.
+    """
     from stiction.comparisons.bench.depth import Depth
     from stiction.comparisons.bench.executors import open_isolate
     from stiction.comparisons.bench.store import kept_runs
@@ -87,6 +99,14 @@ def validate(
         raise typer.BadParameter(
             "found both; expected at most one of them", param_hint="--quick, --full"
         )
+    if (overrides or assemble) and not scenes:
+        raise typer.BadParameter(
+            "found this option without --scenes; expected --scenes with the scenes that it changes",
+            param_hint="--set" if overrides else "--assemble",
+        )
+    chosen = scenes_of(split_names(scenes), overrides, assemble) if scenes else ()
+    if chosen:
+        _check_names(chosen)
     folder = out or Path("runs") / datetime.now().strftime("%Y-%m-%d-%H%M%S")
     with errors_of_option("--out"):
         check_folder(folder, REPORT)
@@ -112,6 +132,7 @@ def validate(
         stack.enter_context(first_signal(partial(_end_runs, kept)))
         with progress("validate") as bar:
             results = run_campaign(
+                scenes=chosen,
                 depth=depth,
                 engines=engines or None,
                 workers=workers,
@@ -133,6 +154,17 @@ def validate(
     failed = list(_failures_of_reference(results))
     if failed:
         raise exit_with(FAILED, f"{len(failed)} runs of the reference failed: {failed[0]}")
+
+
+def _check_names(scenes: Sequence[Scene]) -> None:
+    """Check that the names of scenes can be parts of the names of files, of figures and of keys."""
+    for scene in scenes:
+        if not re.fullmatch(r"[A-Za-z0-9_-]+", scene.name):
+            raise typer.BadParameter(
+                f"found a scene with the name {scene.name!r}; expected a file whose name consists of the letters a "
+                "to z, digits, hyphens and underscores, as figures and tables are named after it",
+                param_hint="--scenes",
+            )
 
 
 def _warn_if_disk_is_small(folder: Path) -> None:

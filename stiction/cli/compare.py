@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
-from collections import Counter
+import shlex
+import sys
 from collections.abc import Callable, Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -13,6 +15,7 @@ from stiction.cli.exit_codes import FAILED, Commands, exit_with
 from stiction.cli.options import (
     PICTURES,
     Assemble,
+    Columns,
     EndTime,
     Engines,
     ExecutorName,
@@ -21,11 +24,15 @@ from stiction.cli.options import (
     SceneNames,
     TableFile,
     Timeout,
+    Width,
     Workers,
     check_distinct,
     count,
+    errors_of_option,
     positive,
-    scene_of,
+    scenes_of,
+    split_names,
+    width_in_mm,
     written,
 )
 from stiction.cli.render import progress, show, show_truths, shown_if_not_written, write_table
@@ -60,6 +67,15 @@ Drive = Annotated[
     typer.Option(
         metavar="NAME",
         help="Drive whose effort is compared. Default: the first drive of the scene.",
+    ),
+]
+Report = Annotated[
+    Path | None,
+    typer.Option(
+        "--report",
+        metavar="DIR",
+        help="Write a report with all tables, figures and data of the study to this folder, from "
+        "which `stiction page` and `stiction paper` make a page and a paper.",
     ),
 ]
 Problems = Annotated[
@@ -162,6 +178,9 @@ def _command(study: Study) -> Callable[..., None]:
         executor: ExecutorName = "processes",
         out: TableFile = None,
         plot: Plot = None,
+        columns: Columns = [],
+        width: Width = "double",
+        report: Report = None,
         problems: Problems = None,
         parameter: Parameter = None,
         searched: SearchedRange = None,
@@ -179,6 +198,7 @@ def _command(study: Study) -> Callable[..., None]:
         options: dict[str, Any] = {}
         optional_values = {
             "drive": drive,
+            "columns": tuple(split_names(columns)) if columns else None,
             "problems": problems,
             "parameter": parameter,
             "range": None if searched is None else _range(searched),
@@ -195,13 +215,18 @@ def _command(study: Study) -> Callable[..., None]:
                     f"found {value!r}; `compare {study.name}` does not have this option",
                     param_hint=f"--{name.replace('_', '-')}",
                 )
+        width_in_mm(width)
         check_distinct("--plot", plot, out)
         check_distinct("--problems", problems, out)
         loaded = _load_scenes(study, scenes, overrides, assemble)
         depth = Depth.QUICK if quick else Depth.FULL
         scope = Scope(loaded, depth, **arguments, options=options)
+        if report is not None:
+            _check_report(study, report)
         results = _run_study(study, scope, workers, timeout, executor)
-        _show(study, results, out, plot, problems)
+        _show(study, results, out, plot, problems, width)
+        if report is not None:
+            _write_report(results, loaded, report)
 
     return compare
 
@@ -227,9 +252,6 @@ def _load_scenes(
     study: Study, scenes: Sequence[str], overrides: Sequence[str], assemble: bool
 ) -> tuple[Scene, ...]:
     """Load the scenes of a study with overrides, and check that the study takes them."""
-    from stiction.reference_impl.multibody.initial_state import with_consistent_start
-    from stiction.scenes.wording import names
-
     if study.takes_scene and study.needs_scene and not scenes:
         raise typer.BadParameter(
             "found nothing; expected a scene of the catalogue (see `stiction scenes`) or a TOML "
@@ -247,15 +269,7 @@ def _load_scenes(
             f"found {' '.join(scenes)}; `compare {study.name}` accepts one scene",
             param_hint="SCENE",
         )
-    loaded = tuple(with_consistent_start(scene_of(name, overrides), assemble) for name in scenes)
-    counts = Counter(scene.name for scene in loaded)
-    repeated = [name for name, number in counts.items() if number > 1]
-    if repeated:
-        raise typer.BadParameter(
-            f"found {names(repeated)} more than once; expected scenes with different names",
-            param_hint="SCENE",
-        )
-    return loaded
+    return scenes_of(scenes, overrides, assemble)
 
 
 def _run_study(
@@ -275,15 +289,20 @@ def _run_study(
         progress(f"compare {study.name} on {subject}") as bar,
     ):
         options: dict[str, Any] = {"workers": workers, "timeout_s": timeout, "isolated": isolated}
-        comparison = planned(scope, [study], **options)[study]
+        comparison = planned({study: scope}, **options)[study]
         results = make(
             [comparison], timed_by=isolate, on_start=bar.start, on_result=bar.result, **options
         )
-        return union(results)
+        return union(results, scenes=scope.scenes)
 
 
 def _show(
-    study: Study, results: Results, out: Path | None, plot: Path | None, problems: Path | None
+    study: Study,
+    results: Results,
+    out: Path | None,
+    plot: Path | None,
+    problems: Path | None,
+    width: str,
 ) -> None:
     """Print the results of a study, write the files that were asked for, and fail if no run succeeded."""
     from stiction.comparisons.bench.complementarity.problems import write_problems
@@ -304,7 +323,7 @@ def _show(
     if out is None and len(table):
         print("\nEvery row with its numbers and reasons: --out FILE.csv")
     if plot is not None and (section.figures or len(table)):
-        _write_first_figure(study, section, results, plot)
+        _write_first_figure(study, section, results, plot, width)
     if problems is not None:
         write_problems(results.problems, problems)
     if not table.empty:
@@ -317,9 +336,41 @@ def _show(
     _check_success(_run_rows(results, table))
 
 
-def _write_first_figure(study: Study, section: Section, results: Results, file: Path) -> None:
-    """Write the first figure of a section."""
-    from stiction.reports.figures.charts import draw_figures
+def _check_report(study: Study, folder: Path) -> None:
+    """Check that a study can have a report and its folder can be written, before the runs are made."""
+    from stiction.reports import REPORT, check_folder
+    from stiction.reports.run_folder.stored_run import TABLES_OF_RUNS
+
+    if study.name in TABLES_OF_RUNS:
+        raise typer.BadParameter(
+            f"found {str(folder)!r}; `compare {study.name}` has no report: --out writes its table, "
+            "and --plot its figure",
+            param_hint="--report",
+        )
+    with errors_of_option("--report"):
+        check_folder(folder, REPORT)
+
+
+def _write_report(results: Results, scenes: Sequence[Scene], folder: Path) -> None:
+    """Write the report of a study, and print the name of its file."""
+    from stiction.comparisons.bench.participants import validation_campaign
+    from stiction.comparisons.bench.results import COMMAND, SCENES_OF_PAPER
+    from stiction.reports import report_of, write_report
+
+    papers_cases = validation_campaign().scenes
+    settings = {
+        "scenes": [scene.name for scene in scenes],
+        SCENES_OF_PAPER: [scene.name for scene in scenes if scene in papers_cases],
+        COMMAND: shlex.join(["stiction", *sys.argv[1:]]),
+    }
+    print(write_report(report_of(replace(results, settings=settings)), folder))
+
+
+def _write_first_figure(
+    study: Study, section: Section, results: Results, file: Path, width: str
+) -> None:
+    """Write the first figure of a section; one column wide, it must fit on a page."""
+    from stiction.reports.figures.charts import draw_figures, in_one_column
     from stiction.reports.figures.style import rc
     from stiction.scenes.atomic_files import whole_file
     from stiction.scenes.pictures.picture import write_figure
@@ -329,8 +380,17 @@ def _write_first_figure(study: Study, section: Section, results: Results, file: 
             FAILED,
             f"{file}: not written, because `compare {study.name}` has no figure for these runs",
         )
-    with rc(), whole_file(file) as partial:
-        [drawing] = draw_figures(section.figures[:1], results)
+    figures = section.figures[:1]
+    if width == "single":
+        figures = in_one_column(figures[0])
+    if len(figures) > 1:
+        raise exit_with(
+            FAILED,
+            f"{file}: not written: one column wide, the figure needs {len(figures)} pages; expected "
+            "--width double, or fewer columns, scenes or engines",
+        )
+    with rc(width), whole_file(file) as partial:
+        [drawing] = draw_figures(figures, results)
         write_figure(drawing.figure, partial)
 
 

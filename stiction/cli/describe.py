@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from stiction.cli.exit_codes import FAILED, exit_with
-from stiction.cli.options import Overrides, SceneName, Timeout, scene_of, written
+from stiction.cli.options import Assemble, Overrides, SceneName, Timeout, scene_of, written
 from stiction.cli.render import EVENTS_SHOWN, announce, print_or_write, show
 
 if TYPE_CHECKING:
@@ -86,9 +86,9 @@ def list_engines(
 
 
 @commands.command()
-def explain(scene: SceneName, overrides: Overrides = []) -> None:
+def explain(scene: SceneName, overrides: Overrides = [], assemble: Assemble = False) -> None:
     """Show the equations of a scene, the sizes of its complementarity problems, and which engines can represent it."""
-    loaded = scene_of(scene, overrides)
+    loaded = scene_of(scene, overrides, assemble)
     print(f"{loaded.name}: {loaded.title}\n")
     _show_blocks(loaded)
     _show_freedoms(loaded)

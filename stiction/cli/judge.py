@@ -9,6 +9,7 @@ import typer
 
 from stiction.cli.exit_codes import BAD_INPUT, FAILED, REGRESSED, exit_with
 from stiction.cli.options import (
+    Assemble,
     EndTime,
     Overrides,
     errors_of_option,
@@ -74,6 +75,7 @@ def judge(
     ] = None,
     t_end: EndTime = None,
     overrides: Overrides = [],
+    assemble: Assemble = False,
     out: Annotated[
         Path | None,
         typer.Option(
@@ -99,12 +101,13 @@ def judge(
             check_folder(out, MAIN)
     # The folder of a truth contains its scene, too.
     is_folder = is_truth_folder(scene)
-    if is_folder and overrides:
+    if is_folder and (overrides or assemble):
         raise typer.BadParameter(
-            "found this option with a folder of a data set; expected a scene", param_hint="--set"
+            "found this option with a folder of a data set; expected a scene",
+            param_hint="--set" if overrides else "--assemble",
         )
     announce(f"computing the true solution of {scene}, and comparing")
-    chosen = scene if is_folder else scene_of(scene, overrides)
+    chosen = scene if is_folder else scene_of(scene, overrides, assemble)
     with progress("judge") as bar:
         judged = judged_by(chosen, result, mapping, sizes, t_end, tell=bar.share)
     section = judgement_section(judged)

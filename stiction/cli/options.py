@@ -9,6 +9,7 @@ from __future__ import annotations
 import math
 import os
 import tomllib
+from collections import Counter
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager, suppress
 from pathlib import Path
@@ -173,11 +174,48 @@ def check_distinct(option: str, path: Path | None, other: Path | None) -> None:
         )
 
 
-def scene_of(name: str, overrides: Sequence[str]) -> Scene:
-    """Load a scene, and apply overrides ``KEY=VALUE`` of the command line."""
-    from stiction.scenes import load_scene, parse_override
+def scene_of(name: str, overrides: Sequence[str], assemble: bool = False) -> Scene:
+    """Load a scene, and apply overrides ``KEY=VALUE`` of the command line.
 
-    return load_scene(name, dict(parse_override(text) for text in overrides))
+    If `assemble`, a start that violates the constraints is projected onto them.
+    """
+    from stiction.reference_impl.scene_loading import load_scene
+    from stiction.scenes import parse_override
+
+    return load_scene(name, dict(parse_override(text) for text in overrides), assemble)
+
+
+def width_in_mm(width: str) -> float:
+    """Return the width of a figure in mm by its name, the value of the option ``--width``."""
+    widths = {"double": 174.0, "single": 84.0}
+    if width not in widths:
+        raise typer.BadParameter(
+            f"found {width!r}; expected one of {', '.join(widths)}", param_hint="--width"
+        )
+    return widths[width]
+
+
+def scenes_of(
+    names_or_paths: Sequence[str], overrides: Sequence[str], assemble: bool
+) -> tuple[Scene, ...]:
+    """Load scenes with overrides, and check that their starts are consistent and their names different.
+
+    If `assemble`, starts that violate the constraints are projected onto them.
+    """
+    from stiction.reference_impl.multibody.initial_state import with_consistent_start
+    from stiction.scenes.wording import names
+
+    loaded = tuple(
+        with_consistent_start(scene_of(name, overrides), assemble) for name in names_or_paths
+    )
+    counts = Counter(scene.name for scene in loaded)
+    repeated = [name for name, number in counts.items() if number > 1]
+    if repeated:
+        raise typer.BadParameter(
+            f"found {names(repeated)} more than once; expected scenes with different names",
+            param_hint="SCENE",
+        )
+    return loaded
 
 
 def _scene_names(prefix: str) -> list[str]:
@@ -278,6 +316,22 @@ Assemble = Annotated[
         "--assemble", help="If the initial state violates the constraints, project it onto them."
     ),
 ]
+Columns = Annotated[
+    list[str],
+    typer.Option(
+        "--columns",
+        metavar="A,B,..",
+        help="Columns to plot, such as motor.effort,guide.normal_force.",
+    ),
+]
+Width = Annotated[
+    str,
+    typer.Option(
+        "--width",
+        metavar="double|single",
+        help="Width of the figure: two columns of a journal page (174 mm) or one (84 mm).",
+    ),
+]
 EndTime = Annotated[
     float | None,
     typer.Option(
@@ -333,6 +387,15 @@ OneEngine = Annotated[
         callback=_engine,
         help="Run only this engine: a name, module:Class, FILE.toml or FILE.fmu. A class "
         "derived from that of an engine in the campaign replaces this engine.",
+    ),
+]
+ValidatedScenes = Annotated[
+    list[str],
+    typer.Option(
+        "--scenes",
+        metavar="A,B,..",
+        help="Scenes of your own (TOML files), or of the catalogue, to compare on instead of the "
+        "paper's three cases. Studies that do not apply to them are named with the reason.",
     ),
 ]
 OtherScenes = Annotated[

@@ -3,13 +3,16 @@
 from __future__ import annotations
 
 import json
+from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from stiction.cli.exit_codes import say
 from stiction.cli.options import (
     PICTURES,
+    Assemble,
     Overrides,
     SceneName,
     check_written,
@@ -20,7 +23,7 @@ from stiction.cli.options import (
 from stiction.cli.render import print_or_write
 
 if TYPE_CHECKING:
-    from stiction.scenes import Trajectory
+    from stiction.scenes import Scene, Trajectory
 
 commands = typer.Typer()
 
@@ -76,13 +79,32 @@ def new(
             "and explanatory comments.",
         ),
     ] = None,
+    assemble: Annotated[
+        str | None,
+        typer.Option(
+            "--assemble",
+            metavar="SCENE",
+            help="Write this scene (a name or a TOML file) with a start that satisfies its "
+            "constraints: loops are closed, and velocities fit joints and drives. Expressions "
+            "are replaced by their values.",
+        ),
+    ] = None,
 ) -> None:
     """Create a scene file, and a JSON schema with which text editors complete and check it."""
-    from stiction.scenes import new_scene_text, scene_text
+    from stiction.scenes import new_scene_text, scene_text, scene_to_toml
     from stiction.scenes.atomic_files import write_text
     from stiction.scenes.schema import SCHEMA_FILE, scene_schema_text
 
-    text = new_scene_text() if like is None else scene_text(like)
+    if like is not None and assemble is not None:
+        raise typer.BadParameter(
+            "found both; expected at most one of them", param_hint="--like, --assemble"
+        )
+    if assemble is not None:
+        text = scene_to_toml(scene_of(assemble, [], assemble=True))
+    elif like is not None:
+        text = scene_text(like)
+    else:
+        text = new_scene_text()
     if file.exists():
         raise typer.BadParameter(
             f"found {str(file)!r}, which already exists; expected a new name", param_hint="FILE"
@@ -109,14 +131,27 @@ def draw(
         ),
     ],
     overrides: Overrides = [],
+    assemble: Assemble = False,
 ) -> None:
     """Draw a scene at t = 0: bodies, pins, guides, sliders with numbered corners, drives, springs and loads."""
     from stiction.scenes.atomic_files import whole_file
 
-    loaded = scene_of(scene, overrides)
+    loaded = scene_of(scene, overrides, assemble)
+    _say_what_is_open(loaded)
     with whole_file(out) as partial:
         loaded.draw().write(partial)
     print(out)
+
+
+def _say_what_is_open(scene: Scene) -> None:
+    """Print on standard error which constraints the start of a scene violates: a drawing shows them as gaps."""
+    from stiction.reference_impl.multibody.initial_state import with_consistent_start
+    from stiction.scenes import SceneError
+
+    try:
+        with_consistent_start(scene)
+    except SceneError as error:
+        say(f"the mechanism is drawn as it is, although its start is not consistent:\n{error}")
 
 
 @commands.command()
@@ -149,8 +184,16 @@ def schema(
     print_or_write(text, out)
 
 
-def write_pictures(trajectory: Trajectory, plot: Path | None, animation: Path | None) -> None:
+def write_pictures(
+    trajectory: Trajectory,
+    plot: Path | None,
+    animation: Path | None,
+    columns: Sequence[str] = (),
+    width_mm: float = 174.0,
+) -> None:
     """Write the plot and the film of a run, and print the names of the files.
+
+    The plot shows the `columns`, or the usual ones if there are none.
 
     A run with a single sample has neither.
     """
@@ -160,7 +203,7 @@ def write_pictures(trajectory: Trajectory, plot: Path | None, animation: Path | 
         return
     if plot is not None:
         with errors_of_option("--plot"), whole_file(plot) as partial:
-            trajectory.plot().write(partial)
+            trajectory.plot(*columns, width_mm=width_mm).write(partial)
         print(plot)
     if animation is not None:
         with errors_of_option("--animate"), whole_file(animation) as partial:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import sys
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import TYPE_CHECKING, Annotated, Any
@@ -13,6 +13,7 @@ import typer
 from stiction.cli.exit_codes import FAILED, exit_interrupted, exit_with, say
 from stiction.cli.options import (
     Assemble,
+    Columns,
     EndTime,
     EngineName,
     ExecutorName,
@@ -22,6 +23,7 @@ from stiction.cli.options import (
     Settings,
     TableFile,
     Timeout,
+    Width,
     Workers,
     check_distinct,
     errors_of_option,
@@ -29,6 +31,7 @@ from stiction.cli.options import (
     scene_of,
     settings_of,
     split_names,
+    width_in_mm,
 )
 from stiction.cli.pictures import Animation, Plot, write_pictures
 from stiction.cli.prove import verified_set
@@ -87,6 +90,8 @@ def run(
         ),
     ] = False,
     plot: Plot = None,
+    columns: Columns = [],
+    width: Width = "double",
     animation: Animation = None,
     timeout: Timeout = 600,
     traceback: Annotated[
@@ -105,6 +110,8 @@ def run(
     engine_settings = settings_of(settings)
     check_distinct("--plot", plot, out)
     check_distinct("--animate", animation, plot)
+    shown = _checked_columns(loaded, columns, plot)
+    width_mm = width_in_mm(width)
     if dt is not None and rtol is not None:
         raise typer.BadParameter(
             f"found both, {dt:g} and {rtol:g}; expected one: a fixed step or a tolerance",
@@ -137,13 +144,35 @@ def run(
         with shown_if_not_written(lambda: show_trajectory(trajectory)):
             write_table(trajectory.to_frame(events), out)
         print(out)
-    write_pictures(trajectory, plot, animation)
+    write_pictures(trajectory, plot, animation, shown, width_mm)
     if trajectory.termination != "end":
         time = ""
         # The message of a breakdown contains the time.
         if not trajectory.breakdown and len(trajectory.t):
             time = f" at t = {trajectory.t[-1]:g} s"
         raise exit_with(FAILED, f"{title}: stopped{time}: {trajectory.termination}")
+
+
+def _checked_columns(scene: Scene, texts: Sequence[str], plot: Path | None) -> list[str]:
+    """Return the columns of the option ``--columns``, and check that the scene has them."""
+    from stiction.scenes.columns import columns_of
+    from stiction.scenes.wording import did_you_mean
+
+    names = split_names(texts)
+    if names and plot is None:
+        raise typer.BadParameter(
+            "found this option without --plot; expected --plot with the file of the figure",
+            param_hint="--columns",
+        )
+    known = columns_of(scene)
+    for name in names:
+        if name not in known:
+            raise typer.BadParameter(
+                f"found {name!r}; expected columns of the scene such as "
+                f"{', '.join(known[-3:])}{did_you_mean(name, known)}",
+                param_hint="--columns",
+            )
+    return names
 
 
 def _run_in_child(

@@ -379,7 +379,9 @@ class TestCompare:
             "compare cost --quick --engines reference --repeats 1 --t-end 0.5",
             tmp_path / "sled.toml",
         ).stdout
-        assert "our own run" in own and "not independent" in own and "1 mm in sled" in own
+        assert (
+            "our own run" in own and "not independent" in own and "1 mm in Sled on a slope" in own
+        )
 
     def test_a_truth_without_jumps_is_no_failure(self, in_this_process):
         """A pendulum has no events; that an engine has refused it does not mean that all runs failed."""

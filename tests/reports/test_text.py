@@ -20,6 +20,7 @@ from stiction.comparisons.bench.presentation import (
     view,
 )
 from stiction.comparisons.bench.quantities import QUANTITIES
+from stiction.comparisons.bench.results import Results
 from stiction.comparisons.bench.study import Study
 from stiction.comparisons.bench.timing.intervals import ratio_interval
 from stiction.comparisons.studies import studies
@@ -44,7 +45,7 @@ def section(text: str, **rows):
         figures=[Chart("made", [Panel("", Axis(), Axis(), [Series("", LINE, LINE)])])],
     )
     study = Study("made", "Made", "What is made up?", lambda results: shown, text=text)
-    return section_of(study, None)
+    return section_of(study, Results((), {}, {}))
 
 
 def test_blocks_become_parts_of_the_section():

@@ -18,6 +18,7 @@ from stiction.cli.app import app
 from stiction.cli.pictures import write_pictures
 from stiction.engines import load_engine
 from stiction.scenes import catalogue, load_scene, scene_from_dict
+from stiction.scenes.columns import label_of
 from stiction.scenes.model import Revolute
 from stiction.scenes.pictures import animation
 from stiction.scenes.pictures.geometry import (
@@ -280,7 +281,8 @@ class TestDrawing:
 class TestEvolution:
     def test_a_panel_a_column(self, run):
         picture = run.plot("slider.x", "motor.effort")
-        assert [ax.get_ylabel() for ax in picture.axes] == ["slider.x [m]", "motor.effort [N m]"]
+        labels = [" ".join(ax.get_ylabel().split()) for ax in picture.axes]
+        assert labels == ["position $x$ of slider [m]", "torque $M$ of motor [N m]"]
         assert run.plot().axes[-1].get_ylabel() == "driving effort [N m]"
         assert picture._repr_png_().startswith(b"\x89PNG")
         with pytest.raises(KeyError, match="slider.z"):
@@ -305,9 +307,9 @@ class TestChosenColumns:
         assert not any(
             one.overlaps(other) for number, one in enumerate(boxes) for other in boxes[:number]
         )
-        assert [
-            ax.get_ylabel().replace("\n", " ").partition(" [")[0] for ax in picture.axes
-        ] == names
+        assert [ax.get_ylabel().replace("\n", " ").partition(" [")[0] for ax in picture.axes] == [
+            label_of(name, run.mechanism).partition(" [")[0] for name in names
+        ]
         for ax in picture.axes:
             # equal runs lie on each other: the upper one lets the lower one through
             below, above = ax.lines

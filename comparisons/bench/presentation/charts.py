@@ -11,8 +11,12 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
+from stiction.scenes import Scene
+
 TRUTH = "truth"
 """Look of a series that shows the truth: black."""
+ON_TOP = "on top"
+"""Look of the reference on top of other runs: black and dashed, so that equal runs below it are seen."""
 LIMIT = "limit"
 """Look of a line that is not a result: thin, grey, dotted."""
 OTHER = "other"
@@ -163,7 +167,7 @@ class MechanismPicture:
     """A picture of the mechanism of a scene at its start, with dimensions and the numbers of corners."""
 
     name: str
-    scene: str
+    scene: Scene
     caption: str = ""
 
 

@@ -7,12 +7,11 @@ import pandas as pd
 import pytest
 from made_up_runs import CASES, VARIANTS, about, record, words, wrongly_written
 
-from stiction.comparisons.bench.methods import scene_title
 from stiction.comparisons.bench.presentation import ANSWER_LENGTH
 from stiction.comparisons.bench.results import Results
 from stiction.comparisons.studies.accuracy import STUDY, in_scene, largest_differences, present
 from stiction.reports.text import section_of
-from stiction.scenes import Event, Trajectory
+from stiction.scenes import Event, Trajectory, load_scene
 from stiction.truths import Tier, Truth
 
 ERRORS = {
@@ -24,7 +23,7 @@ ERRORS = {
 }
 
 
-THIRD = scene_title(CASES[2])
+THIRD = load_scene(CASES[2]).title
 
 
 def true_columns(t, side):

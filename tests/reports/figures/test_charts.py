@@ -36,7 +36,7 @@ from stiction.reports.figures.style import (
     save,
 )
 from stiction.reports.report import report_of
-from stiction.scenes import InputError
+from stiction.scenes import InputError, load_scene
 from stiction.scenes.pictures.picture import fit_labels
 
 X = np.array([1e-3, 1e-2, 1e-1])
@@ -113,7 +113,7 @@ FIGURES = (
     hard(),
     MechanismPicture(
         "mechanism",
-        "slider-bar-case-1",
+        load_scene("slider-bar-case-1"),
         caption="The mechanism.",
     ),
 )

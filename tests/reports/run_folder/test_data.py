@@ -14,6 +14,7 @@ from report_material import CASE, record
 from stiction.comparisons.bench.methods import stored_keys
 from stiction.comparisons.bench.participants import participants, variant
 from stiction.comparisons.bench.presentation.cells import AGAIN, TRAJECTORY
+from stiction.comparisons.bench.results import Results
 from stiction.comparisons.bench.variants import Record, has_static_coefficient, job
 from stiction.engines import Outcome, load_engine
 from stiction.reports.run_folder.data import SAMPLE_STEP, data_tables, thin, write_data
@@ -126,7 +127,10 @@ def test_the_command_makes_the_same_run(label, rung, tmp_path, monkeypatch, in_t
     made = job(scene, chosen, rung)
     run = load_engine(chosen.engine).simulate(scene, **made.arguments)
     command = shlex.split(
-        rerun_command(Record(made.label, CASE, chosen, rung, Outcome(made.label, "ok", run)))
+        rerun_command(
+            Record(made.label, CASE, chosen, rung, Outcome(made.label, "ok", run)),
+            Results((), {}, {}),
+        )
     )
     assert command[:2] == ["stiction", "run"]
     monkeypatch.chdir(tmp_path)
@@ -141,4 +145,4 @@ def test_the_command_makes_the_same_run(label, rung, tmp_path, monkeypatch, in_t
 def test_an_effect_is_made_again_with_all_effects(small):
     run = small.records[0]
     effect = replace(run, key=f"{run.key}/no friction")
-    assert rerun_command(effect) == f"stiction compare effects {CASE} --engines reference"
+    assert rerun_command(effect, small) == f"stiction compare effects {CASE} --engines reference"

@@ -180,8 +180,11 @@ def follows_truth(case: HardCase, scenes: Scenes, runs: Runs) -> dict[str, float
         expected = [event for event in truth.events if event.kind in kinds]
         errors |= _event_errors(expected, run.events, truth.t_end)
     if case.truth.get("time_at_rest", False):
-        difference = abs(time_at_rest(run.events) - time_at_rest(truth.events))
-        errors["time at rest"] = difference / t_end
+        # Both motions are compared over the time for which both exist.
+        common_end = min(t_end, truth.t_end)
+        rest_of_run = time_at_rest(run.events, common_end)
+        rest_of_truth = time_at_rest(truth.events, common_end)
+        errors["time at rest"] = abs(rest_of_run - rest_of_truth) / t_end
     return errors
 
 
@@ -202,17 +205,33 @@ def _cached_solution(solve: Callable[[Scene, float], Any], scene: bytes, t_end: 
     return solve(pickle.loads(scene), t_end)
 
 
-def time_at_rest(events: Iterable[Event]) -> float:
-    """Return the sum of the times between each stick and the next slip, s."""
+def time_at_rest(events: Iterable[Event], t_end: float) -> float:
+    """Return how long joints are at rest from t = 0 to `t_end`, s, summed over all joints.
+
+    A joint whose first event is a slip rests from t = 0, and a rest that no slip ends lasts to `t_end`. A joint without
+    events does not contribute, because events alone do not tell whether it slips or rests.
+
+    Parameters
+    ----------
+    events
+        Events of all joints, in ascending order of time.
+    t_end
+        End of the motion, s; later events do not count.
+    """
     total = 0.0
-    rest_begin = None
+    joints: set[str] = set()
+    rest_begins: dict[str, float] = {}
     for event in events:
-        if event.kind == "slip" and rest_begin is not None:
-            total += event.time - rest_begin
-            rest_begin = None
-        elif event.kind == "stick":
-            rest_begin = event.time
-    return total
+        if event.time > t_end:
+            break
+        if event.joint not in joints and event.kind == "slip":
+            rest_begins[event.joint] = 0.0
+        joints.add(event.joint)
+        if event.kind == "stick":
+            rest_begins.setdefault(event.joint, event.time)
+        elif event.kind == "slip" and event.joint in rest_begins:
+            total += event.time - rest_begins.pop(event.joint)
+    return total + sum(t_end - begin for begin in rest_begins.values())
 
 
 def same_motion(case: HardCase, _: Scenes, runs: Runs) -> dict[str, float]:

@@ -6,8 +6,13 @@ import pytest
 from stiction.comparisons.bench.depth import Depth
 from stiction.comparisons.hard import checks, hard_cases
 from stiction.comparisons.hard.case import MOTION
-from stiction.comparisons.hard.checks import measures, range_scale, relative_error
-from stiction.scenes import Scene, Trajectory, load_scene
+from stiction.comparisons.hard.checks import (
+    measures,
+    range_scale,
+    relative_error,
+    time_at_rest,
+)
+from stiction.scenes import Event, Scene, Trajectory, load_scene
 from stiction.scenes.columns import columns_of
 from stiction.truths.reduced.slider_bar import SliderBar
 from stiction.truths.reduced.steady_state import steady_state
@@ -109,3 +114,40 @@ def test_a_motion_that_swings_too_far_has_the_error_of_its_excess(amplification)
     assert errors["position after the last period"] == pytest.approx(expected, rel=1e-4)
     expected = (amplification - 1) * abs(v[0][0]) / np.ptp(x[0]) * period / (2 * np.pi)
     assert errors["velocity after the last period"] == pytest.approx(expected, rel=1e-4)
+
+
+@pytest.mark.parametrize(
+    ("events", "rest"),
+    [
+        ([], 0.0),
+        ([(1.0, "stick", "a"), (3.0, "slip", "a")], 2.0),
+        ([(1.0, "stick", "a")], 9.0),
+        ([(4.0, "slip", "a")], 4.0),
+        ([(4.0, "slip", "a"), (6.0, "reversal", "a"), (7.0, "stick", "a")], 7.0),
+        ([(2.0, "reversal", "a"), (3.0, "stick", "a"), (3.5, "corner", "a")], 7.0),
+        ([(1.0, "stick", "a"), (2.0, "stick", "b"), (4.0, "slip", "a"), (7.0, "slip", "b")], 8.0),
+        ([(1.0, "stick", "a"), (11.0, "slip", "a"), (12.0, "stick", "b")], 9.0),
+    ],
+)
+def test_time_at_rest(events, rest):
+    located = [Event(time, kind, joint, {}, {}) for time, kind, joint in events]
+    assert time_at_rest(located, 10.0) == pytest.approx(rest, rel=1e-14)
+
+
+def test_time_at_rest_of_random_motions():
+    """Each joint alternates between rest and slip at random times: the sum of its intervals at rest."""
+    random = np.random.default_rng(0)
+    for _ in range(300):
+        t_end, events, expected = random.uniform(1.0, 5.0), [], 0.0
+        for joint in "abc":
+            times = np.sort(random.uniform(0.0, t_end, random.integers(1, 8)))
+            rests = bool(random.integers(2))
+            previous = 0.0
+            for time in times:
+                expected += rests * (time - previous)
+                rests = not rests
+                events.append(Event(time, "stick" if rests else "slip", joint, {}, {}))
+                previous = time
+            expected += rests * (t_end - previous)
+        events.sort(key=lambda event: event.time)
+        assert time_at_rest(events, t_end) == pytest.approx(expected, rel=1e-12, abs=1e-12)

@@ -441,8 +441,8 @@ def normal_force_of_two_guides(_: HardCase, scenes: Scenes, runs: Runs) -> dict[
 
     Only the reference defines how parallel guides share a load: with the least norm, that is, equally.
     """
-    run = runs[0]
-    total = 9.81 * np.cos(scenes[0].parameters["incline"])
+    p, run = scenes[0].parameters, runs[0]
+    total = p["m"] * p["g"] * np.cos(p["incline"])
     first, second = (settled(run, f"guide-{number}.normal_force") for number in (1, 2))
     errors = {"sum of normal_force": relative_error(first + second, total)}
     if run.engine == "reference":

@@ -1,5 +1,7 @@
 """Measures of hard cases: relative errors in all edge cases, and runs that do not move or move too far."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -12,7 +14,7 @@ from stiction.comparisons.hard.checks import (
     relative_error,
     time_at_rest,
 )
-from stiction.scenes import Event, Scene, Trajectory, load_scene
+from stiction.scenes import Event, Scene, Trajectory, load_scene, vary
 from stiction.scenes.columns import columns_of
 from stiction.truths.reduced.slider_bar import SliderBar
 from stiction.truths.reduced.steady_state import steady_state
@@ -151,3 +153,15 @@ def test_time_at_rest_of_random_motions():
             expected += rests * (t_end - previous)
         events.sort(key=lambda event: event.time)
         assert time_at_rest(events, t_end) == pytest.approx(expected, rel=1e-12, abs=1e-12)
+
+
+@pytest.mark.parametrize(("m", "g"), [(1.0, 9.81), (2.5, 9.81), (1.0, 1.62), (0.3, 20.0)])
+def test_parallel_guides_carry_the_weight_of_the_scene(m, g):
+    scene = vary(load_scene("hard/two-guides-sliding"), {"m": m, "g": g})
+    run = at_start(scene, scene.t_end)
+    half = m * g * np.cos(np.deg2rad(25)) / 2
+    forces = {f"guide-{i}.normal_force": np.full(SAMPLES, half) for i in (1, 2)}
+    loaded = replace(run, engine="reference", columns={**run.columns, **forces})
+    errors = checks.normal_force_of_two_guides(CASES["two guides on one line"], [scene], [loaded])
+    assert set(errors) == {"sum of normal_force", "minimum-norm normal forces"}
+    assert max(errors.values()) < 1e-15

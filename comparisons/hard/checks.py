@@ -235,13 +235,19 @@ def time_at_rest(events: Iterable[Event], t_end: float) -> float:
 
 
 def same_motion(case: HardCase, _: Scenes, runs: Runs) -> dict[str, float]:
-    """Return the differences of the second run, whose scene has other units, from the first run."""
+    """Return the differences of the second run, whose scene has other units, from the first run.
+
+    Both runs have their output at the same instants, except for the unit of time. If the numbers of instants differ, a
+    part of one motion has no counterpart, and the difference of the motions is infinite.
+    """
     first, second = runs
     units = case.units
-    rows = min(len(first.t), len(second.t))
-    converted = second["slider.x"][:rows] / units.length
-    scale = range_scale(first["slider.x"])
-    errors = {"motion in other units": relative_error(converted, first["slider.x"][:rows], scale)}
+    motion_error = np.inf
+    if len(first.t) == len(second.t):
+        converted = second["slider.x"] / units.length
+        scale = range_scale(first["slider.x"])
+        motion_error = relative_error(converted, first["slider.x"], scale)
+    errors = {"motion in other units": motion_error}
     if not first.events and not second.events:
         return errors
     event_error = np.inf

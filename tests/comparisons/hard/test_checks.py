@@ -165,3 +165,14 @@ def test_parallel_guides_carry_the_weight_of_the_scene(m, g):
     errors = checks.normal_force_of_two_guides(CASES["two guides on one line"], [scene], [loaded])
     assert set(errors) == {"sum of normal_force", "minimum-norm normal forces"}
     assert max(errors.values()) < 1e-15
+
+
+def test_a_shorter_run_in_other_units_is_not_the_same_motion():
+    case = CASES["bar of 1 km"]
+    scenes = case.scenes()
+    first, second = (at_start(scene, scene.t_end) for scene in scenes)
+    assert checks.same_motion(case, scenes, [first, second])["motion in other units"] < 1e-15
+    columns = {name: values[:-1] for name, values in second.columns.items()}
+    shorter = replace(second, t=second.t[:-1], columns=columns)
+    errors = checks.same_motion(case, scenes, [first, shorter])
+    assert errors["motion in other units"] == np.inf

@@ -130,21 +130,24 @@ def at_rest(case: HardCase, _: Scenes, runs: Runs) -> dict[str, float]:
 
 
 def follows(case: HardCase, scenes: Scenes, runs: Runs) -> dict[str, float]:
-    """Return the errors of columns of the first run against formulas, where the columns are `carried`."""
+    """Return the errors of columns of the first run against formulas, at their `loaded_instants`."""
     scene, run = scenes[0], runs[0]
     errors = {}
     for name, formula in case.follows.items():
         expected = value(formula, scene, run.t, case.let)
-        counts = carried(scene, run, name)
-        errors[name] = relative_error(run[name][counts], expected[counts], largest_size(expected))
+        is_loaded = loaded_instants(scene, run, name)
+        errors[name] = relative_error(
+            run[name][is_loaded], expected[is_loaded], largest_size(expected)
+        )
     return errors
 
 
-def carried(scene: Scene, run: Trajectory, column: str) -> np.ndarray:
-    """Return the instants at which a column is measured, bool (n,).
+def loaded_instants(scene: Scene, run: Trajectory, column: str) -> np.ndarray:
+    """Return at which instants a column is measured, bool, shape (n,).
 
     With contacts, a box between two surfaces begins without overlap, and therefore without load. Normal force and
-    friction are measured only after some steps (`FIRST_STEPS`), which the contacts take to carry the load.
+    friction are measured only after the `FIRST_STEPS` in which the contacts build up their forces. All other columns
+    are measured at all instants.
     """
     forces = [
         f"{guide}.{label}" for guide in scene.guides for label in ("normal_force", "friction")
@@ -168,9 +171,9 @@ def follows_truth(case: HardCase, scenes: Scenes, runs: Runs) -> dict[str, float
     true = truth(np.minimum(run.t, truth.t_end))
     errors = {}
     for name in case.truth.get("columns", ["slider.x"]):
-        counts = carried(scene, run, name)
+        is_loaded = loaded_instants(scene, run, name)
         errors[name] = relative_error(
-            run[name][counts], true[name][counts], range_scale(true[name])
+            run[name][is_loaded], true[name][is_loaded], range_scale(true[name])
         )
     if not run.events:
         return errors
@@ -198,9 +201,10 @@ def _event_errors(
 
 @lru_cache(maxsize=4)
 def _cached_solution(solve: Callable[[Scene, float], Any], scene: bytes, t_end: float) -> Any:
-    """Return the solution of a pickled scene, which is computed once.
+    """Return ``solve(scene, t_end)`` for a pickled scene.
 
-    All variants of a case follow each other, and the solution often takes longer than a run.
+    The last solutions are cached, because all variants of a case follow each other and a solution often takes longer
+    than a run. Scenes are passed as their pickles, because the arguments of a cached function must be hashable.
     """
     return solve(pickle.loads(scene), t_end)
 
@@ -294,13 +298,16 @@ def friction_excess(scene: Scene, columns: Mapping[str, np.ndarray]) -> float:
     return largest_excess / largest_load
 
 
-def settled(run: Trajectory, column: str) -> np.ndarray:
-    """Return a force in the second half of a run: before, methods with clearance or compliance may build it up."""
+def second_half(run: Trajectory, column: str) -> np.ndarray:
+    """Return a column in the second half of a run; in the first half, contacts may still build up the force."""
     return run[column][run.t >= run.t[-1] / 2]
 
 
-def determined(force: np.ndarray) -> np.ndarray:
-    """Return the values of a force that are not NaN, as it is where guides at rest share a load in an open way."""
+def without_nan(force: np.ndarray) -> np.ndarray:
+    """Return the values of a force that are not NaN.
+
+    A force is NaN where guides at rest share a load in a way that the motion does not determine.
+    """
     return force[~np.isnan(force)]
 
 
@@ -345,7 +352,7 @@ def comes_to_rest(_: HardCase, scenes: Scenes, runs: Runs) -> dict[str, float]:
     right_vectors = np.linalg.svd(terms.J / root_mass)[2]
     direction = right_vectors[-1] / root_mass
     frictions = np.array([run[f"{name}.friction"][-1] for name in guides])
-    power = determined(np.array([direction @ terms.W.T @ frictions]))
+    power = without_nan(np.array([direction @ terms.W.T @ frictions]))
     power_of_loads = direction @ terms.Q
     # If the loads balance each other, their sizes are the scale.
     power_scale = power_of_loads if power_of_loads != 0.0 else np.abs(direction) @ np.abs(terms.Q)
@@ -427,15 +434,15 @@ def periodic(_: HardCase, scenes: Scenes, runs: Runs) -> dict[str, float]:
 
 def sums_of_three_guides(_: HardCase, scenes: Scenes, runs: Runs) -> dict[str, float]:
     """Return the errors of the sums of the forces of `three-guides-at-rest`, the largest of all orders and units."""
-    incline = np.deg2rad(15)
+    incline = scenes[0].parameters["incline"]
     errors: dict[str, float] = {}
     for scene, run in zip(scenes, runs):
         weight = -(scene.gravity or (0.0, 0.0))[1] * scene.bodies["slider"].mass
         expected = {"friction": -weight * np.sin(incline), "normal_force": weight * np.cos(incline)}
         for label, total in expected.items():
-            forces = [settled(run, f"guide-{number}.{label}") for number in (1, 2, 3)]
-            sums = determined(forces[0] + forces[1] + forces[2])
-            # A sum that no run states has no error.
+            forces = [second_half(run, f"guide-{number}.{label}") for number in (1, 2, 3)]
+            sums = without_nan(forces[0] + forces[1] + forces[2])
+            # If the sum is NaN throughout, the run makes no statement that could be wrong.
             if len(sums):
                 name = f"sum of {label}"
                 errors[name] = max(relative_error(sums, total), errors.get(name, 0.0))
@@ -449,7 +456,7 @@ def normal_force_of_two_guides(_: HardCase, scenes: Scenes, runs: Runs) -> dict[
     """
     p, run = scenes[0].parameters, runs[0]
     total = p["m"] * p["g"] * np.cos(p["incline"])
-    first, second = (settled(run, f"guide-{number}.normal_force") for number in (1, 2))
+    first, second = (second_half(run, f"guide-{number}.normal_force") for number in (1, 2))
     errors = {"sum of normal_force": relative_error(first + second, total)}
     if run.engine == "reference":
         errors["minimum-norm normal forces"] = max(
@@ -467,9 +474,9 @@ def virtual_power_of_friction(_: HardCase, scenes: Scenes, runs: Runs) -> dict[s
     p, run = scenes[0].parameters, runs[0]
     sine, cosine = np.sin(p["phi"]), np.cos(p["phi"])
     weight = (p["m"] / 2 + p["m1"]) * p["g"] * p["L"] * cosine
-    friction_x = settled(run, "guide-x.friction")
-    friction_y = settled(run, "guide-y.friction")
-    power = determined(p["L"] * (cosine * friction_y - sine * friction_x))
+    friction_x = second_half(run, "guide-x.friction")
+    friction_y = second_half(run, "guide-y.friction")
+    power = without_nan(p["L"] * (cosine * friction_y - sine * friction_x))
     if not len(power):
         return {}
     return {"virtual power of friction": relative_error(power, p["T"] + weight, weight)}
@@ -480,8 +487,10 @@ def friction_balances_the_pull(_: HardCase, scenes: Scenes, runs: Runs) -> dict[
     scene, run = scenes[0], runs[0]
     p = scene.parameters
     break_away = p["mus"] * 2 * p["T"] / p["a"] / p["rate"]
-    held = (run.t < BEFORE_BREAK_AWAY * break_away) & carried(scene, run, "guide.friction")
-    error = relative_error(run["guide.friction"][held], -p["rate"] * run.t[held])
+    is_held = (run.t < BEFORE_BREAK_AWAY * break_away) & loaded_instants(
+        scene, run, "guide.friction"
+    )
+    error = relative_error(run["guide.friction"][is_held], -p["rate"] * run.t[is_held])
     return {"friction before it breaks away": error}
 
 

@@ -53,9 +53,18 @@ class HeadlineTable:
 
     @property
     def rows(self) -> Iterator[list[str]]:
-        """The cells of each row. A row with the name of the group precedes the methods of a group."""
+        """The cells of each row in Markdown, with the names of groups emphasized."""
+        return self._rows(group_format="*{}*")
+
+    @property
+    def plain_rows(self) -> Iterator[list[str]]:
+        """The cells of each row as plain text."""
+        return self._rows(group_format="{}")
+
+    def _rows(self, group_format: str) -> Iterator[list[str]]:
+        """Yield the cells of each row; a row with the name of the group precedes its methods."""
         for name, methods in self.groups.items():
-            yield [f"*{name}*", *[""] * (len(self.heads) - 1)]
+            yield [group_format.format(name), *[""] * (len(self.heads) - 1)]
             for method, cells in methods.items():
                 yield [method, *(text or MISSING for text in cells)]
 

@@ -20,6 +20,8 @@ from stiction.reference_impl.multibody.dynamics import row_form
 from stiction.reference_impl.multibody.mechanism import Arrays, Mechanism, workspace
 from stiction.reference_impl.multibody.trajectory_columns import build_columns, corner_columns
 from stiction.scenes import InputError, Scene
+from stiction.scenes.columns import BODY_COLUMNS, columns_of
+from stiction.scenes.wording import did_you_mean, names, shown
 
 _ROOM = 1_000_000
 """Numbers in the matrices that are solved at a time, 8 MB, at most; one matrix at least."""
@@ -71,8 +73,10 @@ def recover_columns(
     Raises
     ------
     InputError
-        If an argument has the wrong shape, or contains values that are not finite numbers.
+        If an argument has the wrong shape, or contains values that are not finite numbers, or if a name in `reactions`
+        is not a column of the scene, or is one of the motion of a body.
     """
+    _check_names(reactions or {}, scene)
     if mechanism is None:
         mechanism = Mechanism(scene, stabilization="none")
     m = mechanism.arrays
@@ -108,6 +112,19 @@ def recover_columns(
             if guide.length is not None:
                 columns.update(corner_columns(name, guide, columns))
     return columns
+
+
+def _check_names(reactions: Mapping[str, ArrayLike], scene: Scene) -> None:
+    """Raise InputError for a name in `reactions` that is not a column of the scene, or one of the motion of a body."""
+    labels = [label for group in BODY_COLUMNS for label in group]
+    motion = {f"{body}.{label}" for body in scene.bodies for label in labels}
+    allowed = [name for name in columns_of(scene) if name not in motion]
+    for name in reactions:
+        if name not in allowed:
+            raise InputError(
+                f"reactions: found {shown(name)}; expected names among {names(allowed)}"
+                f"{did_you_mean(name, allowed)}"
+            )
 
 
 def _numbers(

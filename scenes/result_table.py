@@ -519,7 +519,7 @@ def _to_numbers(column: pd.Series, may_be_open: bool) -> tuple[np.ndarray, _Inva
     if not is_invalid.any():
         return values, None
     row = int(np.argmax(is_invalid))
-    found = "nothing (NaN)" if np.isnan(values[row]) else "inf"
+    found = "nothing (NaN)" if np.isnan(values[row]) else str(values[row])
     expected = "expected a finite number"
     if is_word[row]:
         found = shown(str(column.iloc[row]))

@@ -7,7 +7,7 @@ import math
 import sys
 import time
 from abc import ABC, abstractmethod
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Mapping, Set
 from dataclasses import dataclass, field, replace
 from enum import StrEnum
 from functools import cache, partial
@@ -44,6 +44,8 @@ FRICTION_SUPPLIED_BY = "friction_supplied_by"
 """Setting of every trajectory: the `Supplier` of its friction law; nobody if the scene has no friction."""
 EVENTS_LOCATED_BY = "events_located_by"
 """Setting of every trajectory: the `Supplier` of its located events."""
+REACTION_SOURCES = ("engine", "momentum balance")
+"""Sources of the constraint reactions in a trajectory: the engine itself, or the balance of momentum."""
 UNSETTLED = "friction does not settle"
 """Kind of the `stiction.scenes.Breakdown` of an engine that stops because it finds no solution for friction and
 reactions."""
@@ -159,8 +161,11 @@ class Capabilities:
 
     Raises
     ------
-    TypeError, ValueError
-        If a value has the wrong type, or a fidelity does not exist.
+    TypeError
+        If a value has the wrong type.
+    ValueError
+        If a fidelity does not exist, if a mapping has a fidelity that is not among `fidelities`, if
+        `static_coefficient` or `friction_law` lacks one of them, or if a value is not among those that exist.
     """
 
     fidelities: tuple[Fidelity, ...]
@@ -174,29 +179,64 @@ class Capabilities:
     joint_effects: Mapping[str, frozenset[JointEffect]] = field(default_factory=dict, repr=False)
 
     def __post_init__(self) -> None:
+        self._check_fidelities()
+        # An adapter may use plain texts in place of members.
+        object.__setattr__(self, "fidelities", tuple(map(Fidelity, self.fidelities)))
+        self._check_mapping("static_coefficient", bool, is_complete=True)
+        self._check_mapping("friction_law", str, is_complete=True)
+        self._check_mapping("friction_by", str)
+        self._check_mapping("joint_effects", Set)
+        for supplier in self.friction_by.values():
+            _check_member("friction_by", supplier, Supplier)
+        for effects in self.joint_effects.values():
+            for effect in effects:
+                _check_member("joint_effects", effect, JointEffect)
+        _check_member("event_location", self.event_location, (Supplier.ENGINE, Supplier.ADAPTER))
+        _check_member("reactions", self.reactions, REACTION_SOURCES)
+        if not isinstance(self.order, str):
+            raise TypeError(f"order: found {self.order!r}; expected a text")
+        if not isinstance(self.adaptive, bool):
+            raise TypeError(f"adaptive: found {self.adaptive!r}; expected True or False")
+
+    def _check_fidelities(self) -> None:
+        """Raise ValueError unless `fidelities` is a tuple of one or more fidelities."""
         is_tuple = isinstance(self.fidelities, tuple) and bool(self.fidelities)
         if not is_tuple or not all(fidelity in tuple(Fidelity) for fidelity in self.fidelities):
             raise ValueError(
                 f"fidelities: found {self.fidelities!r}; expected a tuple of "
                 f"{' or '.join(map(_quoted, Fidelity))}"
             )
-        # An adapter may use plain texts in place of members.
-        object.__setattr__(self, "fidelities", tuple(map(Fidelity, self.fidelities)))
-        for name in ("static_coefficient", "friction_law", "friction_by", "joint_effects"):
-            value = getattr(self, name)
-            if not isinstance(value, Mapping):
-                raise TypeError(f"{name}: found {value!r}; expected a mapping by fidelity")
-        if self.event_location not in (Supplier.ENGINE, Supplier.ADAPTER):
-            raise ValueError(
-                f"event_location: found {self.event_location!r}; expected 'engine' or 'adapter'"
-            )
-        for fidelity, supplier in self.friction_by.items():
-            if fidelity not in self.fidelities or supplier not in tuple(Supplier):
+
+    def _check_mapping(self, name: str, value_type: type, is_complete: bool = False) -> None:
+        """Check a mapping by fidelity, whose values must have a type.
+
+        If `is_complete`, it must contain all supported fidelities; there is no default for them.
+        """
+        mapping = getattr(self, name)
+        if not isinstance(mapping, Mapping):
+            raise TypeError(f"{name}: found {mapping!r}; expected a mapping by fidelity")
+        supported = ", ".join(map(_quoted, self.fidelities))
+        for fidelity, value in mapping.items():
+            if fidelity not in self.fidelities:
                 raise ValueError(
-                    f"friction_by: found {_quoted(fidelity)}: {supplier!r}; expected one of "
-                    f"{', '.join(map(_quoted, self.fidelities))} and one of "
-                    f"{', '.join(map(_quoted, Supplier))}"
+                    f"{name}: found {fidelity!r}: {value!r}; expected supported fidelities: {supported}"
                 )
+            if not isinstance(value, value_type):
+                raise TypeError(
+                    f"{name}: found {_quoted(fidelity)}: {value!r}; expected a value of the type "
+                    f"{value_type.__name__}"
+                )
+        if is_complete and len(mapping) < len(self.fidelities):
+            raise ValueError(
+                f"{name}: found {dict(mapping)!r}; expected a value for each of {supported}"
+            )
+
+
+def _check_member(name: str, value: object, members: Iterable[str]) -> None:
+    """Raise ValueError if a value of the attribute `name` is not among `members`."""
+    allowed = tuple(members)
+    if value not in allowed:
+        raise ValueError(f"{name}: found {value!r}; expected {' or '.join(map(_quoted, allowed))}")
 
 
 def _quoted(member: str) -> str:

@@ -14,6 +14,7 @@ from scipy.stats import t as student
 
 from stiction.comparisons.bench.variants import Record
 from stiction.comparisons.measures.accuracy import has_two_sided_events
+from stiction.comparisons.measures.distances import match_events
 from stiction.engines.status import UNMADE
 from stiction.scenes import Event, Trajectory
 from stiction.truths import Tier, Truth
@@ -112,80 +113,93 @@ def torque_table(
 
 def jump_rows(trajectory: Trajectory | None, truth: Truth, effort: str) -> list[dict[str, Any]]:
     """Return the rows of `torque_table` for one run; None is a run that failed."""
-    return [
-        _row(trajectory, truth, i, effort)
-        for i, event in enumerate(truth.events)
-        if effort in event.before and abs(event.jump(effort)) >= SMALLEST
-    ]
+    located_jumps: dict[int, JumpEstimate] | None = None
+    if trajectory is not None and has_two_sided_events(trajectory):
+        located_jumps = _located_jumps(trajectory, truth, effort)
+    rows = []
+    for i, event in enumerate(truth.events):
+        if effort not in event.before or abs(event.jump(effort)) < SMALLEST:
+            continue
+        # Jumps after the end of a run do not exist in it.
+        estimate = None
+        if trajectory is not None and event.time <= trajectory.t[-1]:
+            if located_jumps is not None:
+                estimate = located_jumps.get(i)
+            else:
+                estimate = _sampled_jump(trajectory, truth, i, effort)
+        rows.append(_row(truth, i, estimate, effort))
+    return rows
 
 
-def _row(trajectory: Trajectory | None, truth: Truth, i: int, effort: str) -> dict[str, Any]:
-    """Return the row of the jump at the i-th event of the truth."""
+def _located_jumps(trajectory: Trajectory, truth: Truth, effort: str) -> dict[int, JumpEstimate]:
+    """Return the jumps at the located events of a run, by the indices of the true events.
+
+    Each located event belongs to at most one true event of the same kind and joint, within `LATEST` of it.
+    """
+    located = [event for event in trajectory.events if effort in event.before]
+    index_of = {id(event): i for i, event in enumerate(truth.events)}
+    jumps = {}
+    for true_event, event in match_events(truth.events, located, LATEST).matched:
+        size = event.jump(effort)
+        if not math.isnan(size):
+            jumps[index_of[id(true_event)]] = JumpEstimate(event.time, size, 0.0, 0.0)
+    return jumps
+
+
+def _sampled_jump(trajectory: Trajectory, truth: Truth, i: int, effort: str) -> JumpEstimate | None:
+    """Return the jump at the i-th event of the truth by `estimate_jump`; None if none is within `LATEST` of it."""
     event = truth.events[i]
-    true = event.jump(effort)
-    unsure = truth.uncertainty.get(effort, 0.0)
+    # The jump is searched for up to half the distance to the nearest other event.
+    times = np.array([event.time for event in truth.events])
+    distances = np.abs(np.delete(times, i) - times[i])
+    nearest = float(np.min(distances[distances > AT_ONCE], initial=truth.t_end))
+    estimate = estimate_jump(trajectory, event, 0.5 * nearest, effort)
+    if estimate is None or abs(estimate.time - event.time) > LATEST + estimate.time_uncertainty:
+        return None
+    return estimate
+
+
+def _row(truth: Truth, i: int, estimate: JumpEstimate | None, effort: str) -> dict[str, Any]:
+    """Return the row of the jump at the i-th event of the truth; the estimate of a run without it is None."""
+    event = truth.events[i]
+    true_jump = event.jump(effort)
+    true_uncertainty = truth.uncertainty.get(effort, 0.0)
     closed_form = None
     if truth.jump_closed_form is not None:
         closed_form = truth.jump_closed_form[i]
-        unsure = max(unsure, abs(true - closed_form))
+        true_uncertainty = max(true_uncertainty, abs(true_jump - closed_form))
     row: dict[str, Any] = {
         "effort": effort,
         "event": i,
         "event_time": event.time,
         "kind": event.kind,
         "joint": event.joint,
-        "true_jump": true,
+        "true_jump": true_jump,
         "closed_form_jump": closed_form,
         "truth_tier": truth.effort_tier,
         "truth_note": truth.note,
-        "true_jump_uncertainty": unsure,
+        "true_jump_uncertainty": true_uncertainty,
     }
-    estimate = _estimate_at_event(trajectory, truth, i, effort)
-    bound_of_unresolved = abs(true) + unsure
     if estimate is None:
-        return {**row, "resolved": False, BOUND: bound_of_unresolved}
-    error = estimate.size - true
-    is_resolved = abs(error) < FARTHEST * abs(true)
-    bound = abs(error) + estimate.size_uncertainty + unsure
+        return {**row, "resolved": False, BOUND: abs(true_jump) + true_uncertainty}
+    error = estimate.size - true_jump
+    uncertainty = estimate.size_uncertainty + true_uncertainty
+    bound = abs(error) + uncertainty
+    is_resolved = abs(error) < FARTHEST * abs(true_jump)
     if not is_resolved:
-        bound = max(bound, bound_of_unresolved)
+        # It could as well be no jump, whose error is the whole true jump.
+        bound = max(bound, abs(true_jump) + true_uncertainty)
     return {
         **row,
         "resolved": is_resolved,
         "jump": estimate.size,
         "jump_error": error,
-        "jump_uncertainty": estimate.size_uncertainty + unsure,
+        "jump_uncertainty": uncertainty,
         "time": estimate.time,
         "time_error": estimate.time - event.time,
         "time_uncertainty": estimate.time_uncertainty + truth.uncertainty.get("event time", 0.0),
         BOUND: bound,
     }
-
-
-def _estimate_at_event(
-    trajectory: Trajectory | None, truth: Truth, i: int, effort: str
-) -> JumpEstimate | None:
-    """Return the jump of a run at the i-th event of the truth.
-
-    Returns None if the run failed, did not reach the event, or has no jump within `LATEST` of it.
-    """
-    event = truth.events[i]
-    if trajectory is None or event.time > trajectory.t[-1]:
-        return None
-    estimate = None
-    if has_two_sided_events(trajectory):
-        located = counterpart(trajectory.events, event, effort, SEARCH)
-        if located is not None and not math.isnan(located.jump(effort)):
-            estimate = JumpEstimate(located.time, located.jump(effort), 0.0, 0.0)
-    else:
-        # The jump is searched for up to half the distance to the nearest other event.
-        times = np.array([event.time for event in truth.events])
-        distances = np.abs(np.delete(times, i) - times[i])
-        nearest = float(np.min(distances[distances > AT_ONCE], initial=truth.t_end))
-        estimate = estimate_jump(trajectory, event, 0.5 * nearest, effort)
-    if estimate is None or abs(estimate.time - event.time) > LATEST + estimate.time_uncertainty:
-        return None
-    return estimate
 
 
 def counterpart(events: Iterable[Event], event: Event, effort: str, reach: float) -> Event | None:

@@ -28,7 +28,7 @@ from stiction.comparisons.measures.other_parameters import explanations
 from stiction.comparisons.measures.result_errors import column_errors
 from stiction.comparisons.measures.scene_truth import ground_truth
 from stiction.comparisons.measures.steady_stretch import stick_intervals
-from stiction.comparisons.measures.torque_jumps import SAMPLES, jump_rows
+from stiction.comparisons.measures.torque_jumps import SAMPLES_PER_SIDE, jump_rows
 from stiction.engines.examined import POSITIONS, RESIDUALS
 from stiction.reference_impl.energies import needed_columns, unaccounted_energy
 from stiction.scenes import InputError, Scene, Trajectory, load_scene, vary
@@ -504,7 +504,7 @@ def _jumps(scene: Scene, run: Trajectory, truth: Truth) -> Iterator[dict[str, An
     """Yield the jumps; ``readable`` ones are those that the samples, or the two rows of an instant, can show."""
     event_times = np.array([event.time for event in truth.events])
     # A jump is extrapolated from the samples on either side, among which there must be no other event.
-    needed_distance = (min(SAMPLES) + 1) * sample_distance(run.t)
+    needed_distance = (min(SAMPLES_PER_SIDE) + 1) * sample_distance(run.t)
     for drive in scene.drives:
         effort = f"{drive}.effort"
         if effort not in run:

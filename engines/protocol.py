@@ -62,15 +62,23 @@ installed_version = cache(version)
 
 @cache
 def required(package: str) -> SpecifierSet:
-    """Return the versions of an engine's package that the metadata of the suite require; any if they do not name it."""
+    """Return the versions of an engine's package that the metadata of the suite require; any if they do not name it.
+
+    Names of packages are compared in their normalized form: ``Dart_Py`` and ``dart-py`` are one package. If the metadata
+    name a package several times, for example in several extras, all of its bounds apply.
+    """
     # Imported here because most commands need no bound, and the import takes a twentieth of the time
     # of that of `stiction.engines`.
     from packaging.requirements import Requirement
     from packaging.specifiers import SpecifierSet
+    from packaging.utils import canonicalize_name
 
-    requirements = map(Requirement, requires("stiction") or ())
-    bounds = {requirement.name: requirement.specifier for requirement in requirements}
-    return bounds.get(package, SpecifierSet())
+    bounds = SpecifierSet()
+    for text in requires("stiction") or ():
+        requirement = Requirement(text)
+        if canonicalize_name(requirement.name) == canonicalize_name(package):
+            bounds &= requirement.specifier
+    return bounds
 
 
 def accepted(package: str, installed: str) -> str:

@@ -5,7 +5,7 @@ from dataclasses import replace
 import pytest
 
 from stiction.comparisons.bench.timing.visits import bare_run
-from stiction.engines import Engine, load_engine
+from stiction.engines import Engine, load_engine, protocol
 from stiction.engines.joint_effects import JointEffect
 from stiction.engines.protocol import Capabilities
 from stiction.engines.registry import ENGINES, EngineMissing
@@ -125,3 +125,16 @@ def test_capabilities_are_checked_when_they_are_made(changes, error):
     with pytest.raises(error, match=": found .*; expected ") as raised:
         replace(Asked.capabilities, **changes)
     assert str(raised.value).startswith(name) or name == "fidelities"
+
+
+def test_bounds_are_found_by_the_normalized_name_of_a_package(monkeypatch):
+    metadata = [
+        "Mujoco_Core>=3,<4; extra == 'engines'",
+        "mujoco.core>=3.2; extra == 'all'",
+        "numpy",
+    ]
+    monkeypatch.setattr(protocol, "requires", lambda _: metadata)
+    required = protocol.required.__wrapped__  # without its cache
+    for name in ("mujoco-core", "Mujoco.Core", "mujoco_core"):
+        assert set(map(str, required(name))) == {">=3", "<4", ">=3.2"}
+    assert not list(required("numpy")) and not list(required("mujoco"))

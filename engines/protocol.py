@@ -64,8 +64,8 @@ installed_version = cache(version)
 def required(package: str) -> SpecifierSet:
     """Return the versions of an engine's package that the metadata of the suite require; any if they do not name it.
 
-    Names of packages are compared in their normalized form: ``Dart_Py`` and ``dart-py`` are one package. If the metadata
-    name a package several times, for example in several extras, all of its bounds apply.
+    Names of packages are compared in their normalized form: ``Dart_Py`` and ``dart-py`` are one package. If the
+    metadata name a package several times, for example in several extras, all of its bounds apply.
     """
     # Imported here because most commands need no bound, and the import takes a twentieth of the time
     # of that of `stiction.engines`.
@@ -81,8 +81,15 @@ def required(package: str) -> SpecifierSet:
     return bounds
 
 
-def accepted(package: str, installed: str) -> str:
-    """Return `installed`, the version of an engine's package.
+def check_version(package: str, installed: str) -> str:
+    """Check the installed version of an engine's package, and return it.
+
+    Parameters
+    ----------
+    package
+        Name of the package in the metadata of the suite.
+    installed
+        The installed version.
 
     Raises
     ------
@@ -545,17 +552,12 @@ class Engine(ABC):
         t_end = scene.t_end if t_end is None else t_end
         _check_times(t_end, dt, rtol, output_step)
         fidelity = fidelity_of(fidelity)
-        if fidelity not in self.capabilities.fidelities:
-            available = self.capabilities.fidelities
-            first = available[0]
-            raise Refused(
-                f"{self.name} has no {fidelity} fidelity; expected {' or '.join(available)}: add --fidelity "
-                f'{first} to the command, fidelity="{first}" in Python'
-            )
+        self._refuse_fidelity(fidelity)
         self.check_arguments(dt=dt, rtol=rtol, fidelity=fidelity, settings=settings)
         reason = self.reason_to_refuse(scene, fidelity)
         if reason is not None:
             raise Refused(reason)
+
         # The end is always an output instant.
         output_step = min(output_step, t_end)
         assembly = Assembly(scene)
@@ -572,33 +574,25 @@ class Engine(ABC):
             **further_arguments,
         )
         run_s = time.process_time() - begin
+
         # The result of an engine is validated before it is used.
-        examined = Examined(
-            trajectory=trajectory,
-            scene=scene,
-            t_end=t_end,
-            dt=dt,
-            output_step=output_step,
-            fidelity=fidelity,
-            locates=partial(self.locates_events, fidelity),
-            keeps=partial(self.keeps_cone, fidelity),
-            assembly=assembly,
+        self._examine(
+            Examined(
+                trajectory=trajectory,
+                scene=scene,
+                t_end=t_end,
+                dt=dt,
+                output_step=output_step,
+                fidelity=fidelity,
+                locates=partial(self.locates_events, fidelity),
+                keeps=partial(self.keeps_cone, fidelity),
+                assembly=assembly,
+            )
         )
-        problem = first_problem(examined)
-        if problem is not None:
-            raise BadTrajectory(f"{self.name} returned {problem}")
         gate_s = time.process_time() - begin - run_s
+
         # Complete the fields that do not depend on the engine's report.
-        friction_supplier = Supplier.NOBODY
-        if scene.frictional_joints:
-            friction_supplier = self.friction_supplier(fidelity, trajectory.settings)
-        event_supplier = Supplier.NOBODY
-        if self.locates_events(fidelity, trajectory.settings):
-            event_supplier = self.capabilities.event_location
-        suppliers = {
-            FRICTION_SUPPLIED_BY: str(friction_supplier),
-            EVENTS_LOCATED_BY: str(event_supplier),
-        }
+        suppliers = self._suppliers(scene, fidelity, trajectory.settings)
         return replace(
             trajectory,
             fidelity=fidelity,
@@ -606,3 +600,37 @@ class Engine(ABC):
             settings={**trajectory.settings, **suppliers},
             cost=_complete_cost(trajectory.cost, run_s, gate_s),
         )
+
+    def _refuse_fidelity(self, fidelity: Fidelity) -> None:
+        """Raise Refused if the engine does not support a fidelity."""
+        available = self.capabilities.fidelities
+        if fidelity not in available:
+            first = available[0]
+            raise Refused(
+                f"{self.name} has no {fidelity} fidelity; expected {' or '.join(available)}: add --fidelity "
+                f'{first} to the command, fidelity="{first}" in Python'
+            )
+
+    def _examine(self, examined: Examined) -> None:
+        """Raise BadTrajectory if the result of a run is not a trajectory of this run, or not a motion of the scene."""
+        problem = first_problem(examined)
+        if problem is not None:
+            raise BadTrajectory(f"{self.name} returned {problem}")
+
+    def _suppliers(
+        self, scene: Scene, fidelity: Fidelity, settings: Mapping[str, Any]
+    ) -> dict[str, str]:
+        """Return the settings that tell who supplies the friction law of a run, and who locates its events.
+
+        `settings` are those of the trajectory.
+        """
+        friction_supplier = Supplier.NOBODY
+        if scene.frictional_joints:
+            friction_supplier = self.friction_supplier(fidelity, settings)
+        event_supplier = Supplier.NOBODY
+        if self.locates_events(fidelity, settings):
+            event_supplier = self.capabilities.event_location
+        return {
+            FRICTION_SUPPLIED_BY: str(friction_supplier),
+            EVENTS_LOCATED_BY: str(event_supplier),
+        }

@@ -417,7 +417,7 @@ def _unused_mappings(names_in_table: list[str], mapping: Mapping[str, str]) -> l
 
 
 def _wrong_target(text: str, target: _Target, scene_names: list[str]) -> Problem:
-    """Return the problem of a heading that is mapped to `text`, which is no column of the scene, or the reversed time."""
+    """Return the problem of a heading that is mapped to `text`, no column of the scene or the reversed time."""
     hint = did_you_mean(target.column, scene_names)
     if target.column == TIME:
         hint += "; times have no other sign"

@@ -18,7 +18,7 @@ import numpy as np
 from stiction.engines.assembly import Assembly
 from stiction.engines.examined import changed_modes
 from stiction.engines.fmu.variables import CO_SIMULATION, MODEL_EXCHANGE, Map, Variables
-from stiction.engines.protocol import EngineFailure, accepted
+from stiction.engines.protocol import EngineFailure, check_version
 from stiction.engines.registry import EngineMissing
 from stiction.engines.shared.declared_engine import DEFAULT_RTOL, DeclaredEngine, read_declaration
 from stiction.engines.shared.fixed_step import Grid, step_of
@@ -60,7 +60,7 @@ class FmuEngine(DeclaredEngine):
         import fmpy
 
         self.file, self.name, self.map_file = file, file.stem, file.with_name(file.stem + MAP)
-        used = accepted("fmpy", fmpy.__version__)
+        used = check_version("fmpy", fmpy.__version__)
         chosen = read_declaration(self.map_file, Map) if self.map_file.is_file() else Map()
         self.variables, self.interface = _read(file, chosen, self.map_file)
         about = self.variables.description

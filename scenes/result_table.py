@@ -84,7 +84,7 @@ class ResultTable:
     left_out: tuple[str, ...] = ()
 
     @property
-    def first(self) -> np.ndarray:
+    def rows_before(self) -> np.ndarray:
         """Row with the values before each distinct instant, int, shape (instants,).
 
         It is the first row of this time. If their number is odd and at least 3, it is the second one: the first row is
@@ -96,17 +96,21 @@ class ResultTable:
         return rows + begins_with_sample
 
     @property
-    def last(self) -> np.ndarray:
-        """Row with the values after each distinct instant, int, shape (instants,); equal to `first` without a jump."""
+    def rows_after(self) -> np.ndarray:
+        """Row with the values after each distinct instant, int, shape (instants,).
+
+        It is the last row of this time, and equal to that of `rows_before` if quantities do not jump.
+        """
         return np.flatnonzero(np.diff(self.t, append=np.inf))
 
     def jumps(self, columns: Mapping[str, np.ndarray]) -> Iterator[tuple[float, Row, Row]]:
         """Return the time (s) of each jump, and the values of `columns`, shape (n,), before and after it."""
-        first, last = self.first, self.last
-        is_jump = first < last
-        before = rows_of({name: values[first[is_jump]] for name, values in columns.items()})
-        after = rows_of({name: values[last[is_jump]] for name, values in columns.items()})
-        return zip(self.t[first[is_jump]].tolist(), before, after)
+        is_jump = self.rows_before < self.rows_after
+        before = self.rows_before[is_jump]
+        after = self.rows_after[is_jump]
+        values_before = rows_of({name: values[before] for name, values in columns.items()})
+        values_after = rows_of({name: values[after] for name, values in columns.items()})
+        return zip(self.t[before].tolist(), values_before, values_after)
 
 
 def parse_map(texts: Iterable[str]) -> dict[str, str]:

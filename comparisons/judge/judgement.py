@@ -372,7 +372,7 @@ def _energy(scene: Scene, table: ResultTable, truth: Truth) -> dict[str, float]:
             "energy_exchanged": exchanged,
         }
     # A completed motion has one row per instant: the one after an event.
-    rows = table.last
+    rows = table.rows_after
     columns = table.columns
     if len(rows) < len(table.t):
         columns = TransformedColumns(table.columns, lambda name, values: values[rows])

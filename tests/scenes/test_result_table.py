@@ -113,8 +113,8 @@ def test_two_columns_that_are_mapped_to_the_time_are_refused():
 def test_equal_times_are_two_sides():
     frame = pd.DataFrame({"t": [0, 0.5, 0.5, 1], "motor.effort": [1.0, 2.0, 3.0, 4.0]})
     found = result_table(frame, SCENE)
-    assert found.columns["motor.effort"][found.first].tolist() == [1, 2, 4]
-    assert found.columns["motor.effort"][found.last].tolist() == [1, 3, 4]
+    assert found.columns["motor.effort"][found.rows_before].tolist() == [1, 2, 4]
+    assert found.columns["motor.effort"][found.rows_after].tolist() == [1, 3, 4]
 
 
 def test_forces_may_be_open_only_where_several_guides_can_leave_them_open():

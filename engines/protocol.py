@@ -7,7 +7,7 @@ import math
 import sys
 import time
 from abc import ABC, abstractmethod
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Mapping, Set
 from dataclasses import dataclass, field, replace
 from enum import StrEnum
 from functools import cache, partial
@@ -49,6 +49,8 @@ FRICTION_SUPPLIED_BY = "friction_supplied_by"
 """Setting of every trajectory: the `Supplier` of its friction law; nobody if the scene has no friction."""
 EVENTS_LOCATED_BY = "events_located_by"
 """Setting of every trajectory: the `Supplier` of its located events."""
+REACTION_SOURCES = ("engine", "momentum balance")
+"""Sources of the constraint reactions in a trajectory: the engine itself, or the balance of momentum."""
 UNSETTLED = "friction does not settle"
 """Kind of the `stiction.scenes.Breakdown` of an engine that stops because it finds no solution for friction and
 reactions."""
@@ -65,19 +67,34 @@ installed_version = cache(version)
 
 @cache
 def required(package: str) -> SpecifierSet:
-    """Return the versions of an engine's package that the metadata of the suite require; any if they do not name it."""
+    """Return the versions of an engine's package that the metadata of the suite require; any if they do not name it.
+
+    Names of packages are compared in their normalized form: ``Dart_Py`` and ``dart-py`` are one package. If the
+    metadata name a package several times, for example in several extras, all of its bounds apply.
+    """
     # Imported here because most commands need no bound, and the import takes a twentieth of the time
     # of that of `stiction.engines`.
     from packaging.requirements import Requirement
     from packaging.specifiers import SpecifierSet
+    from packaging.utils import canonicalize_name
 
-    requirements = map(Requirement, requires("stiction") or ())
-    bounds = {requirement.name: requirement.specifier for requirement in requirements}
-    return bounds.get(package, SpecifierSet())
+    bounds = SpecifierSet()
+    for text in requires("stiction") or ():
+        requirement = Requirement(text)
+        if canonicalize_name(requirement.name) == canonicalize_name(package):
+            bounds &= requirement.specifier
+    return bounds
 
 
-def accepted(package: str, installed: str) -> str:
-    """Return `installed`, the version of an engine's package.
+def check_version(package: str, installed: str) -> str:
+    """Check the installed version of an engine's package, and return it.
+
+    Parameters
+    ----------
+    package
+        Name of the package in the metadata of the suite.
+    installed
+        The installed version.
 
     Raises
     ------
@@ -168,8 +185,11 @@ class Capabilities:
 
     Raises
     ------
-    TypeError, ValueError
-        If a value has the wrong type, or a fidelity does not exist.
+    TypeError
+        If a value has the wrong type.
+    ValueError
+        If a fidelity does not exist, if a mapping has a fidelity that is not among `fidelities`, if
+        `static_coefficient` or `friction_law` lacks one of them, or if a value is not among those that exist.
     """
 
     fidelities: tuple[Fidelity, ...]
@@ -184,36 +204,66 @@ class Capabilities:
     joint_effects: Mapping[str, frozenset[JointEffect]] = field(default_factory=dict, repr=False)
 
     def __post_init__(self) -> None:
+        self._check_fidelities()
+        # An adapter may use plain texts in place of members.
+        object.__setattr__(self, "fidelities", tuple(map(Fidelity, self.fidelities)))
+        self._check_mapping("static_coefficient", bool, is_complete=True)
+        self._check_mapping("friction_law", str, is_complete=True)
+        self._check_mapping("friction_by", str)
+        self._check_mapping("constant_bound_by", str)
+        self._check_mapping("joint_effects", Set)
+        for name in ("friction_by", "constant_bound_by"):
+            for supplier in getattr(self, name).values():
+                _check_member(name, supplier, Supplier)
+        for effects in self.joint_effects.values():
+            for effect in effects:
+                _check_member("joint_effects", effect, JointEffect)
+        _check_member("event_location", self.event_location, (Supplier.ENGINE, Supplier.ADAPTER))
+        _check_member("reactions", self.reactions, REACTION_SOURCES)
+        if not isinstance(self.order, str):
+            raise TypeError(f"order: found {self.order!r}; expected a text")
+        if not isinstance(self.adaptive, bool):
+            raise TypeError(f"adaptive: found {self.adaptive!r}; expected True or False")
+
+    def _check_fidelities(self) -> None:
+        """Raise ValueError unless `fidelities` is a tuple of one or more fidelities."""
         is_tuple = isinstance(self.fidelities, tuple) and bool(self.fidelities)
         if not is_tuple or not all(fidelity in tuple(Fidelity) for fidelity in self.fidelities):
             raise ValueError(
                 f"fidelities: found {self.fidelities!r}; expected a tuple of "
                 f"{' or '.join(map(_quoted, Fidelity))}"
             )
-        # An adapter may use plain texts in place of members.
-        object.__setattr__(self, "fidelities", tuple(map(Fidelity, self.fidelities)))
-        for name in (
-            "static_coefficient",
-            "friction_law",
-            "friction_by",
-            "constant_bound_by",
-            "joint_effects",
-        ):
-            value = getattr(self, name)
-            if not isinstance(value, Mapping):
-                raise TypeError(f"{name}: found {value!r}; expected a mapping by fidelity")
-        if self.event_location not in (Supplier.ENGINE, Supplier.ADAPTER):
+
+    def _check_mapping(self, name: str, value_type: type, is_complete: bool = False) -> None:
+        """Check a mapping by fidelity, whose values must have a type.
+
+        If `is_complete`, it must contain all supported fidelities; there is no default for them.
+        """
+        mapping = getattr(self, name)
+        if not isinstance(mapping, Mapping):
+            raise TypeError(f"{name}: found {mapping!r}; expected a mapping by fidelity")
+        supported = ", ".join(map(_quoted, self.fidelities))
+        for fidelity, value in mapping.items():
+            if fidelity not in self.fidelities:
+                raise ValueError(
+                    f"{name}: found {fidelity!r}: {value!r}; expected supported fidelities: {supported}"
+                )
+            if not isinstance(value, value_type):
+                raise TypeError(
+                    f"{name}: found {_quoted(fidelity)}: {value!r}; expected a value of the type "
+                    f"{value_type.__name__}"
+                )
+        if is_complete and len(mapping) < len(self.fidelities):
             raise ValueError(
-                f"event_location: found {self.event_location!r}; expected 'engine' or 'adapter'"
+                f"{name}: found {dict(mapping)!r}; expected a value for each of {supported}"
             )
-        for name in ("friction_by", "constant_bound_by"):
-            for fidelity, supplier in getattr(self, name).items():
-                if fidelity not in self.fidelities or supplier not in tuple(Supplier):
-                    raise ValueError(
-                        f"{name}: found {_quoted(fidelity)}: {supplier!r}; expected one of "
-                        f"{', '.join(map(_quoted, self.fidelities))} and one of "
-                        f"{', '.join(map(_quoted, Supplier))}"
-                    )
+
+
+def _check_member(name: str, value: object, members: Iterable[str]) -> None:
+    """Raise ValueError if a value of the attribute `name` is not among `members`."""
+    allowed = tuple(members)
+    if value not in allowed:
+        raise ValueError(f"{name}: found {value!r}; expected {' or '.join(map(_quoted, allowed))}")
 
 
 def _quoted(member: str) -> str:
@@ -530,17 +580,12 @@ class Engine(ABC):
         t_end = scene.t_end if t_end is None else t_end
         _check_times(t_end, dt, rtol, output_step)
         fidelity = fidelity_of(fidelity)
-        if fidelity not in self.capabilities.fidelities:
-            available = self.capabilities.fidelities
-            first = available[0]
-            raise Refused(
-                f"{self.name} has no {fidelity} fidelity; expected {' or '.join(available)}: add --fidelity "
-                f'{first} to the command, fidelity="{first}" in Python'
-            )
+        self._refuse_fidelity(fidelity)
         self.check_arguments(dt=dt, rtol=rtol, fidelity=fidelity, settings=settings)
         reason = self.reason_to_refuse(scene, fidelity)
         if reason is not None:
             raise Refused(reason)
+
         # The end is always an output instant.
         output_step = min(output_step, t_end)
         assembly = Assembly(scene)
@@ -557,35 +602,25 @@ class Engine(ABC):
             **further_arguments,
         )
         run_s = time.process_time() - begin
+
         # The result of an engine is validated before it is used.
-        examined = Examined(
-            trajectory=trajectory,
-            scene=scene,
-            t_end=t_end,
-            dt=dt,
-            output_step=output_step,
-            fidelity=fidelity,
-            locates=partial(self.locates_events, fidelity),
-            keeps=partial(self.keeps_cone, fidelity),
-            assembly=assembly,
+        self._examine(
+            Examined(
+                trajectory=trajectory,
+                scene=scene,
+                t_end=t_end,
+                dt=dt,
+                output_step=output_step,
+                fidelity=fidelity,
+                locates=partial(self.locates_events, fidelity),
+                keeps=partial(self.keeps_cone, fidelity),
+                assembly=assembly,
+            )
         )
-        problem = first_problem(examined)
-        if problem is not None:
-            raise BadTrajectory(f"{self.name} returned {problem}")
         gate_s = time.process_time() - begin - run_s
+
         # Complete the fields that do not depend on the engine's report.
-        friction_supplier = Supplier.NOBODY
-        if scene.frictional_joints:
-            friction_supplier = self.constant_bound_supplier(
-                scene, fidelity, trajectory.settings
-            ) or self.friction_supplier(fidelity, trajectory.settings)
-        event_supplier = Supplier.NOBODY
-        if self.locates_events(fidelity, trajectory.settings):
-            event_supplier = self.capabilities.event_location
-        suppliers = {
-            FRICTION_SUPPLIED_BY: str(friction_supplier),
-            EVENTS_LOCATED_BY: str(event_supplier),
-        }
+        suppliers = self._suppliers(scene, fidelity, trajectory.settings)
         return replace(
             trajectory,
             fidelity=fidelity,
@@ -593,3 +628,39 @@ class Engine(ABC):
             settings={**trajectory.settings, **suppliers},
             cost=_complete_cost(trajectory.cost, run_s, gate_s),
         )
+
+    def _refuse_fidelity(self, fidelity: Fidelity) -> None:
+        """Raise Refused if the engine does not support a fidelity."""
+        available = self.capabilities.fidelities
+        if fidelity not in available:
+            first = available[0]
+            raise Refused(
+                f"{self.name} has no {fidelity} fidelity; expected {' or '.join(available)}: add --fidelity "
+                f'{first} to the command, fidelity="{first}" in Python'
+            )
+
+    def _examine(self, examined: Examined) -> None:
+        """Raise BadTrajectory if the result of a run is not a trajectory of this run, or not a motion of the scene."""
+        problem = first_problem(examined)
+        if problem is not None:
+            raise BadTrajectory(f"{self.name} returned {problem}")
+
+    def _suppliers(
+        self, scene: Scene, fidelity: Fidelity, settings: Mapping[str, Any]
+    ) -> dict[str, str]:
+        """Return the settings that tell who supplies the friction law of a run, and who locates its events.
+
+        `settings` are those of the trajectory.
+        """
+        friction_supplier = Supplier.NOBODY
+        if scene.frictional_joints:
+            friction_supplier = self.constant_bound_supplier(
+                scene, fidelity, settings
+            ) or self.friction_supplier(fidelity, settings)
+        event_supplier = Supplier.NOBODY
+        if self.locates_events(fidelity, settings):
+            event_supplier = self.capabilities.event_location
+        return {
+            FRICTION_SUPPLIED_BY: str(friction_supplier),
+            EVENTS_LOCATED_BY: str(event_supplier),
+        }

@@ -68,9 +68,18 @@ class HeadlineTable:
 
     @property
     def rows(self) -> Iterator[list[str]]:
-        """The cells of each row. A row with the name of the group precedes the methods of a group."""
+        """The cells of each row in Markdown, with the names of groups emphasized."""
+        return self._rows(group_format="*{}*")
+
+    @property
+    def plain_rows(self) -> Iterator[list[str]]:
+        """The cells of each row as plain text."""
+        return self._rows(group_format="{}")
+
+    def _rows(self, group_format: str) -> Iterator[list[str]]:
+        """Yield the cells of each row; a row with the name of the group precedes its methods."""
         for name, methods in self.groups.items():
-            yield [f"*{name}*", *[""] * (len(self.heads) - 1)]
+            yield [group_format.format(name), *[""] * (len(self.heads) - 1)]
             for method, cells in methods.items():
                 yield [method, *(text or MISSING for text in cells)]
 
@@ -139,7 +148,9 @@ def answers(report: Report) -> list[tuple[str, str]]:
 def page_one(report: Report) -> PageOne:
     """Return the text of page one, without the table and the answers of the studies."""
     numbers: list[Number] = []
-    blocks = render_blocks(template(TEMPLATE), _variables(report, numbers))
+    # The filters of the template append the numbers that they write to this list.
+    variables = {**_variables(report), NUMBERS: numbers}
+    blocks = render_blocks(template(TEMPLATE), variables)
     return PageOne(
         mechanism=one_line(blocks["mechanism"]),
         recommendation=items(blocks["recommendation"]),
@@ -161,7 +172,8 @@ def page_one_markdown(report: Report, picture: str, origin: str) -> str:
     origin : str
         One line that states the date of the run and the versions of stiction and of the engines.
     """
-    text = template(TEMPLATE).render(_variables(report, [], picture=picture, origin=origin))
+    variables = {**_variables(report), NUMBERS: [], "picture": picture, "origin": origin}
+    text = template(TEMPLATE).render(variables)
     blocks = [_wrap_block(block) for block in re.split(r"\n\s*\n", text)]
     return "\n\n".join(block for block in blocks if block)
 
@@ -179,10 +191,8 @@ def answer_lines(report: Report) -> Iterator[str]:
     yield from page.not_applicable
 
 
-def _variables(
-    report: Report, numbers: list[Number], picture: str = "", origin: str = ""
-) -> dict[str, object]:
-    """Return the variables of the template; its filters append the numbers that they write to `numbers`."""
+def _variables(report: Report) -> dict[str, object]:
+    """Return the variables of the template that depend on the report."""
     results = report.results
     headlines = headline_table(report)
     table = ""
@@ -201,14 +211,13 @@ def _variables(
         "mechanism": mechanism(results),
         "own_mechanisms": own_mechanisms(results),
         "not_applicable": report.not_examined,
-        "picture": picture,
+        "picture": "",
         **recommendation(results),
         "table": table,
         "answers": answers(report),
-        "runs": _runs(results),
-        "origin": origin,
+        "runs": _count_runs(results),
+        "origin": "",
         "missing_engines": list(dict.fromkeys(missing_engines)),
-        NUMBERS: numbers,
         TITLE_OF: results.title_of,
     }
 
@@ -220,16 +229,33 @@ def _own_run_words(results: Results) -> str:
     return ""
 
 
-def _runs(results: Results) -> dict[str, object]:
-    """Count the runs by their status.
+@dataclass(frozen=True)
+class RunCounts:
+    """Numbers of runs by their status.
 
-    Returns
-    -------
-    dict
-        ``made``: number of runs without those of engines that are not installed; ``ok``: runs that
-        reached their end; ``early``: runs that ended early; ``others``: numbers of the other runs by
-        status; ``elsewhere``: methods with failures in tables of studies that have runs of their own.
+    Attributes
+    ----------
+    made : int
+        Runs of engines that are installed.
+    ok : int
+        Runs that reached their end.
+    early : int
+        Runs that ended early.
+    others : mapping
+        Numbers of the other runs by status.
+    elsewhere : list of str
+        Methods with failures in studies that have runs of their own.
     """
+
+    made: int
+    ok: int
+    early: int
+    others: Mapping[str, int]
+    elsewhere: Sequence[str]
+
+
+def _count_runs(results: Results) -> RunCounts:
+    """Count the runs by their status."""
     table = pd.DataFrame(
         [record.describe() for record in results.records], columns=["status", "reason"]
     )
@@ -240,13 +266,13 @@ def _runs(results: Results) -> dict[str, object]:
     elsewhere = list(failed.loc[failed["table"] != "runs", "variant"].dropna().unique())
     if len(elsewhere) > MAX_METHODS_NAMED:
         elsewhere = [*elsewhere[:MAX_METHODS_NAMED], "others"]
-    return {
-        "made": len(made),
-        "ok": int(is_ok.sum()),
-        "early": int(is_early.sum()),
-        "others": made.loc[~is_ok & ~is_early, "status"].value_counts(sort=False).to_dict(),
-        "elsewhere": elsewhere,
-    }
+    return RunCounts(
+        made=len(made),
+        ok=int(is_ok.sum()),
+        early=int(is_early.sum()),
+        others=made.loc[~is_ok & ~is_early, "status"].value_counts(sort=False).to_dict(),
+        elsewhere=elsewhere,
+    )
 
 
 def _wrap_block(block: str) -> str:

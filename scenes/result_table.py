@@ -84,7 +84,7 @@ class ResultTable:
     left_out: tuple[str, ...] = ()
 
     @property
-    def first(self) -> np.ndarray:
+    def rows_before(self) -> np.ndarray:
         """Row with the values before each distinct instant, int, shape (instants,).
 
         It is the first row of this time. If their number is odd and at least 3, it is the second one: the first row is
@@ -96,17 +96,21 @@ class ResultTable:
         return rows + begins_with_sample
 
     @property
-    def last(self) -> np.ndarray:
-        """Row with the values after each distinct instant, int, shape (instants,); equal to `first` without a jump."""
+    def rows_after(self) -> np.ndarray:
+        """Row with the values after each distinct instant, int, shape (instants,).
+
+        It is the last row of this time, and equal to that of `rows_before` if quantities do not jump.
+        """
         return np.flatnonzero(np.diff(self.t, append=np.inf))
 
     def jumps(self, columns: Mapping[str, np.ndarray]) -> Iterator[tuple[float, Row, Row]]:
         """Return the time (s) of each jump, and the values of `columns`, shape (n,), before and after it."""
-        first, last = self.first, self.last
-        is_jump = first < last
-        before = rows_of({name: values[first[is_jump]] for name, values in columns.items()})
-        after = rows_of({name: values[last[is_jump]] for name, values in columns.items()})
-        return zip(self.t[first[is_jump]].tolist(), before, after)
+        is_jump = self.rows_before < self.rows_after
+        before = self.rows_before[is_jump]
+        after = self.rows_after[is_jump]
+        values_before = rows_of({name: values[before] for name, values in columns.items()})
+        values_after = rows_of({name: values[after] for name, values in columns.items()})
+        return zip(self.t[before].tolist(), values_before, values_after)
 
 
 def parse_map(texts: Iterable[str]) -> dict[str, str]:
@@ -300,76 +304,137 @@ class _ColumnLists(dict[str, np.ndarray]):
 
 @dataclass(frozen=True)
 class _Source:
-    """The column of the table that supplies a column of the scene."""
+    """The column of the table that supplies a column of the scene.
+
+    Attributes
+    ----------
+    name : str
+        Name in the table.
+    place : int
+        Index among the columns of the table.
+    sign : int
+        -1 if the sign of the values is to be reversed, otherwise 1.
+    """
 
     name: str
-    """Name in the table"""
     place: int
-    """Index among the columns of the table"""
     sign: int
-    """-1 if the sign of the values is to be reversed, otherwise 1"""
 
 
 @dataclass(frozen=True)
 class _Selection:
-    """The columns of a table that are columns of the scene."""
+    """The columns of a table that are columns of the scene.
+
+    Attributes
+    ----------
+    sources : Mapping[str, _Source]
+        Sources of columns of the scene, by the scene's name.
+    left_out : list of str
+        Other columns of the table.
+    problems : list of Problem
+        Wrong names.
+    """
 
     sources: Mapping[str, _Source]
-    """Sources of columns of the scene, by the scene's name"""
     left_out: list[str]
-    """Other columns of the table"""
     problems: list[Problem]
-    """Wrong names"""
+
+
+@dataclass(frozen=True)
+class _Target:
+    """What a heading of a table refers to.
+
+    Attributes
+    ----------
+    column : str
+        Name of a column, which the scene need not have; empty for a heading that is to be left out.
+    sign : int
+        -1 if the sign of the values is to be reversed, otherwise 1.
+    is_mapped : bool
+        Whether the user has mapped the heading; otherwise it refers to the column of the same name.
+    """
+
+    column: str
+    sign: int
+    is_mapped: bool
+
+
+def _resolve(heading: str, mapping: Mapping[str, str], time_is_mapped: bool) -> _Target:
+    """Return what a heading of a table refers to.
+
+    If another column is mapped to the time, a column with one of its usual names is left out.
+    """
+    if heading in mapping:
+        # Only a mapped name can reverse a sign: a heading that begins with a minus sign is an unknown name.
+        column = mapping[heading]
+        sign = -1 if column.startswith("-") else 1
+        return _Target(column.removeprefix("-"), sign, is_mapped=True)
+    if heading in TIME_NAMES:
+        return _Target("" if time_is_mapped else TIME, 1, is_mapped=False)
+    return _Target(heading, 1, is_mapped=False)
 
 
 def _select_columns(
     names_in_table: list[str], scene: Scene, mapping: Mapping[str, str], has_map_option: bool
 ) -> _Selection:
     """Find the columns of the scene among those of a table; the options are those of `result_table`."""
-    remedy = "; --map MINE=COLUMN renames, --map MINE= leaves out" if has_map_option else ""
     scene_names = [TIME, *columns_of(scene)]
     sources: dict[str, _Source] = {}
     left_out: list[str] = []
     misspelt: list[Problem] = []
-    problems = []
-    for mine in mapping:
-        if mine not in names_in_table:
-            hint = did_you_mean(mine, names_in_table)
-            expected = f"expected a column of the table: {names(names_in_table)}{hint}"
-            problems.append(Problem("--map", shown(mine), expected))
-    # If another column is mapped to the time, a column with one of its usual names is not the time.
+    problems = _unused_mappings(names_in_table, mapping)
     time_is_mapped = not {TIME, f"-{TIME}"}.isdisjoint(mapping.values())
-    for place, mine in enumerate(names_in_table):
-        is_time = mine in TIME_NAMES and not time_is_mapped
-        column = mapping.get(mine, TIME if is_time else mine)
-        name = column.removeprefix("-")
-        sign = -1 if column.startswith("-") else 1
-        if name in sources:
-            found = f"a second column {name}"
-            problems.append(Problem(shortened(mine), found, "expected each once"))
-        elif name in scene_names and column != f"-{TIME}":
-            sources[name] = _Source(mine, place, sign)
-        elif mine in mapping and name:
-            hint = did_you_mean(name, scene_names)
-            if name == TIME:
-                hint += "; times have no other sign"
-            expected = f"expected a column of the scene: {names(scene_names)}{hint}"
-            problems.append(Problem("--map", shown(column), expected))
-        elif mine not in mapping and did_you_mean(mine, scene_names):
-            hint = did_you_mean(mine, scene_names)
-            expected = f"expected a column of the scene{hint}{remedy}"
-            found = "a name that the scene does not have"
-            misspelt.append(Problem(shortened(mine), found, expected))
+    for place, heading in enumerate(names_in_table):
+        target = _resolve(heading, mapping, time_is_mapped)
+        is_reversed_time = target.column == TIME and target.sign < 0
+        if target.column in scene_names and not is_reversed_time:
+            if target.column in sources:
+                found = f"a second column {target.column}"
+                problems.append(Problem(shortened(heading), found, "expected each once"))
+            else:
+                sources[target.column] = _Source(heading, place, target.sign)
+        elif target.column and target.is_mapped:
+            problems.append(_wrong_target(mapping[heading], target, scene_names))
+        elif target.column and did_you_mean(heading, scene_names):
+            misspelt.append(_misspelt_heading(heading, scene_names, has_map_option))
         else:
-            left_out.append(mine)
+            left_out.append(heading)
     if len(misspelt) > _MAX_MISSPELT:
-        # One problem in place of all others.
+        # The table is probably that of another scene: one problem replaces all others.
         found = names([problem.key for problem in misspelt])
         expected = (
             f"expected those of the scene: {names(scene_names)}; is the table of another scene?"
         )
         return _Selection(sources, left_out, [Problem("columns", found, expected)])
     return _Selection(sources, left_out, problems + misspelt)
+
+
+def _unused_mappings(names_in_table: list[str], mapping: Mapping[str, str]) -> list[Problem]:
+    """Return a problem for each mapped name that is not a column of the table."""
+    problems = []
+    for heading in mapping:
+        if heading not in names_in_table:
+            hint = did_you_mean(heading, names_in_table)
+            expected = f"expected a column of the table: {names(names_in_table)}{hint}"
+            problems.append(Problem("--map", shown(heading), expected))
+    return problems
+
+
+def _wrong_target(text: str, target: _Target, scene_names: list[str]) -> Problem:
+    """Return the problem of a heading that is mapped to `text`, no column of the scene or the reversed time."""
+    hint = did_you_mean(target.column, scene_names)
+    if target.column == TIME:
+        hint += "; times have no other sign"
+    expected = f"expected a column of the scene: {names(scene_names)}{hint}"
+    return Problem("--map", shown(text), expected)
+
+
+def _misspelt_heading(heading: str, scene_names: list[str], has_map_option: bool) -> Problem:
+    """Return the problem of a heading that is similar to a column of the scene."""
+    remedy = "; --map MINE=COLUMN renames, --map MINE= leaves out" if has_map_option else ""
+    hint = did_you_mean(heading, scene_names)
+    expected = f"expected a column of the scene{hint}{remedy}"
+    return Problem(shortened(heading), "a name that the scene does not have", expected)
 
 
 def _convert_blocks(
@@ -458,7 +523,7 @@ def _to_numbers(column: pd.Series, may_be_open: bool) -> tuple[np.ndarray, _Inva
     if not is_invalid.any():
         return values, None
     row = int(np.argmax(is_invalid))
-    found = "nothing (NaN)" if np.isnan(values[row]) else "inf"
+    found = "nothing (NaN)" if np.isnan(values[row]) else str(values[row])
     expected = "expected a finite number"
     if is_word[row]:
         found = shown(str(column.iloc[row]))

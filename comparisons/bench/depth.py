@@ -25,20 +25,21 @@ class Depth(StrEnum):
         return order.index(self) >= order.index(other)
 
 
-Finest = dict[Parameter, Positive]
-"""Finest value of a series, by parameter. A parameter that is not a key has no limit."""
+FinestValues = dict[Parameter, Positive]
+"""Finest value of each parameter that is refined: the smallest step or tolerance, or the largest number of iterations.
+A parameter without an entry has no limit."""
 
 
 class Extent(Model):
-    """Limits of the runs of one depth."""
+    """Limits of the runs of one depth, a table of ``campaigns/validation.toml``."""
 
     limit: Positive
     """Time limit of one run or measurement, s."""
-    runs: Finest = {}
+    runs: FinestValues = {}
     """Finest values of the runs that are compared."""
-    cost: Finest = {}
+    cost: FinestValues = {}
     """Finest values of work-precision diagrams."""
-    threshold: Finest = {}
+    threshold: FinestValues = {}
     """Finest values for the stick threshold."""
     bracket: Positive
     """Width of the interval to which a stick threshold is narrowed down, N."""
@@ -57,16 +58,23 @@ class Extent(Model):
     """Trajectories that are stored: those shown in figures, or those of all runs compared."""
 
 
-def down_to(
-    ladder: tuple[float, ...], parameter: str, finest: Mapping[str, float]
+def limit_refinement(
+    values: tuple[float, ...], parameter: str, finest: Mapping[str, float]
 ) -> tuple[float, ...]:
-    """Return the values of a series up to the limit in `finest`, itself included.
+    """Return the values of a parameter that are not finer than its finest value.
 
-    The limit is the largest number of iterations, or the smallest step or tolerance.
+    Parameters
+    ----------
+    values
+        Steps (s), tolerances or numbers of iterations, from the coarsest to the finest.
+    parameter
+        Name of the parameter.
+    finest
+        Finest value by parameter, which is included; all values are returned for a parameter without an entry.
     """
-    limit = finest.get(parameter)
-    if limit is None:
-        return ladder
+    finest_value = finest.get(parameter)
+    if finest_value is None:
+        return values
     if parameter == "iterations":
-        return tuple(count for count in ladder if count <= limit)
-    return tuple(step for step in ladder if step >= limit)
+        return tuple(count for count in values if count <= finest_value)
+    return tuple(step for step in values if step >= finest_value)

@@ -12,7 +12,7 @@ from dataclasses import replace
 from functools import cache
 
 from stiction.comparisons.bench.campaign import CAMPAIGNS, Campaign, load_campaign
-from stiction.comparisons.bench.depth import Depth, Extent, down_to
+from stiction.comparisons.bench.depth import Depth, Extent, limit_refinement
 from stiction.comparisons.bench.variants import Variant
 from stiction.engines.registry import absolute_name, engine_names, entry_of
 
@@ -102,7 +102,7 @@ def _refined(
     finest = getattr(extent(depth), limit_name)
     refined = []
     for participant in participants(engines):
-        ladder = down_to(getattr(participant, series_name), participant.parameter, finest)
+        ladder = limit_refinement(getattr(participant, series_name), participant.parameter, finest)
         if ladder:
             refined.append(replace(participant, ladder=ladder))
     return tuple(refined)

@@ -48,6 +48,9 @@ TRANSIENT_PERIODS = 20
 """Periods after which a slider-bar moves periodically."""
 BEFORE_BREAK_AWAY = 0.95
 """Fraction of the time until the break-away in which friction is measured: methods with steps may break away early."""
+STEADY_SAMPLES = 1001
+"""Samples of a steady motion, of which the range is taken. Between samples, a turning point exceeds them by about 1e-5
+of the range, which does not matter for a scale."""
 POSITIONS = ("x", "y", "angle")
 VELOCITIES = ("vx", "vy", "omega")
 
@@ -70,19 +73,48 @@ def measures(case: HardCase, scenes: Scenes, runs: Runs) -> dict[str, float]:
     return errors
 
 
-def gap(
-    values: np.ndarray | float, expected: np.ndarray | float, size: float | None = None
+def relative_error(
+    values: np.ndarray | float, expected: np.ndarray | float, scale: float | None = None
 ) -> float:
-    """Return the largest difference of values from the expected ones, relative to a size.
+    """Return the largest difference of values from the expected ones, divided by a scale.
 
-    The size is the largest expected value if it is None. The result is infinite if a value is not finite.
+    Parameters
+    ----------
+    values, expected
+        Numbers of the same unit; arrays have the same shape, or one of the two is a single number.
+    scale
+        Number in the same unit, whose sign does not matter; the largest absolute expected value if None.
+
+    Returns
+    -------
+    float
+        Zero if all values are equal to the expected ones, whatever the scale. Infinite if there is no value, since
+        nothing has been compared then, if a number is not finite, and if values differ although the scale is zero:
+        such a difference cannot be expressed as a fraction.
     """
-    if size is None:
-        size = float(np.max(np.abs(expected)))
-    largest = np.inf
-    if np.size(values):
-        largest = float(np.max(np.abs(np.asarray(values) - expected)))
-    return largest / size if np.isfinite(largest) else np.inf
+    if np.size(values) == 0:
+        return np.inf
+    largest = float(np.max(np.abs(np.asarray(values) - expected)))
+    if largest == 0.0:
+        return 0.0
+    if scale is None:
+        scale = largest_size(expected)
+    if scale == 0.0 or not np.isfinite([largest, scale]).all():
+        return np.inf
+    return largest / abs(scale)
+
+
+def largest_size(values: np.ndarray | float) -> float:
+    """Return the largest absolute value; 0 if there are no values."""
+    return float(np.max(np.abs(values), initial=0.0))
+
+
+def range_scale(column: np.ndarray) -> float:
+    """Return the scale of a column, shape (n,): its range, or the largest absolute value of a constant column."""
+    if len(column) == 0:
+        return 0.0
+    value_range = float(np.ptp(column))
+    return value_range if value_range > 0.0 else largest_size(column)
 
 
 def at_rest(case: HardCase, _: Scenes, runs: Runs) -> dict[str, float]:
@@ -91,27 +123,31 @@ def at_rest(case: HardCase, _: Scenes, runs: Runs) -> dict[str, float]:
     errors = {}
     for body in case.rests:
         columns = [run[f"{body}.{label}"] for label in POSITIONS]
-        errors[f"creep of {body}"] = max(gap(column, column[0], 1.0) for column in columns)
+        errors[f"creep of {body}"] = max(
+            relative_error(column, column[0], 1.0) for column in columns
+        )
     return errors
 
 
 def follows(case: HardCase, scenes: Scenes, runs: Runs) -> dict[str, float]:
-    """Return the errors of columns of the first run against formulas, where the columns are `carried`."""
+    """Return the errors of columns of the first run against formulas, at their `loaded_instants`."""
     scene, run = scenes[0], runs[0]
     errors = {}
     for name, formula in case.follows.items():
         expected = value(formula, scene, run.t, case.let)
-        counts = carried(scene, run, name)
-        size = float(np.max(np.abs(expected)))
-        errors[name] = gap(run[name][counts], expected[counts], size)
+        is_loaded = loaded_instants(scene, run, name)
+        errors[name] = relative_error(
+            run[name][is_loaded], expected[is_loaded], largest_size(expected)
+        )
     return errors
 
 
-def carried(scene: Scene, run: Trajectory, column: str) -> np.ndarray:
-    """Return the instants at which a column is measured, bool (n,).
+def loaded_instants(scene: Scene, run: Trajectory, column: str) -> np.ndarray:
+    """Return at which instants a column is measured, bool, shape (n,).
 
     With contacts, a box between two surfaces begins without overlap, and therefore without load. Normal force and
-    friction are measured only after some steps (`FIRST_STEPS`), which the contacts take to carry the load.
+    friction are measured only after the `FIRST_STEPS` in which the contacts build up their forces. All other columns
+    are measured at all instants.
     """
     forces = [
         f"{guide}.{label}" for guide in scene.guides for label in ("normal_force", "friction")
@@ -135,11 +171,10 @@ def follows_truth(case: HardCase, scenes: Scenes, runs: Runs) -> dict[str, float
     true = truth(np.minimum(run.t, truth.t_end))
     errors = {}
     for name in case.truth.get("columns", ["slider.x"]):
-        counts = carried(scene, run, name)
-        # Of a constant column, the largest value is the size.
-        value_range = float(np.ptp(true[name]))
-        size = value_range if value_range > 0.0 else None
-        errors[name] = gap(run[name][counts], true[name][counts], size)
+        is_loaded = loaded_instants(scene, run, name)
+        errors[name] = relative_error(
+            run[name][is_loaded], true[name][is_loaded], range_scale(true[name])
+        )
     if not run.events:
         return errors
     if case.truth.get("events", True):
@@ -148,8 +183,11 @@ def follows_truth(case: HardCase, scenes: Scenes, runs: Runs) -> dict[str, float
         expected = [event for event in truth.events if event.kind in kinds]
         errors |= _event_errors(expected, run.events, truth.t_end)
     if case.truth.get("time_at_rest", False):
-        difference = abs(time_at_rest(run.events) - time_at_rest(truth.events))
-        errors["time at rest"] = difference / t_end
+        # Both motions are compared over the time for which both exist.
+        common_end = min(t_end, truth.t_end)
+        rest_of_run = time_at_rest(run.events, common_end)
+        rest_of_truth = time_at_rest(truth.events, common_end)
+        errors["time at rest"] = abs(rest_of_run - rest_of_truth) / t_end
     return errors
 
 
@@ -163,41 +201,64 @@ def _event_errors(
 
 @lru_cache(maxsize=4)
 def _cached_solution(solve: Callable[[Scene, float], Any], scene: bytes, t_end: float) -> Any:
-    """Return the solution of a pickled scene, which is computed once.
+    """Return ``solve(scene, t_end)`` for a pickled scene.
 
-    All variants of a case follow each other, and the solution often takes longer than a run.
+    The last solutions are cached, because all variants of a case follow each other and a solution often takes longer
+    than a run. Scenes are passed as their pickles, because the arguments of a cached function must be hashable.
     """
     return solve(pickle.loads(scene), t_end)
 
 
-def time_at_rest(events: Iterable[Event]) -> float:
-    """Return the sum of the times between each stick and the next slip, s."""
+def time_at_rest(events: Iterable[Event], t_end: float) -> float:
+    """Return how long joints are at rest from t = 0 to `t_end`, s, summed over all joints.
+
+    A joint whose first event is a slip rests from t = 0, and a rest that no slip ends lasts to `t_end`. A joint without
+    events does not contribute, because events alone do not tell whether it slips or rests.
+
+    Parameters
+    ----------
+    events
+        Events of all joints, in ascending order of time.
+    t_end
+        End of the motion, s; later events do not count.
+    """
     total = 0.0
-    rest_begin = None
+    joints: set[str] = set()
+    rest_begins: dict[str, float] = {}
     for event in events:
-        if event.kind == "slip" and rest_begin is not None:
-            total += event.time - rest_begin
-            rest_begin = None
-        elif event.kind == "stick":
-            rest_begin = event.time
-    return total
+        if event.time > t_end:
+            break
+        if event.joint not in joints and event.kind == "slip":
+            rest_begins[event.joint] = 0.0
+        joints.add(event.joint)
+        if event.kind == "stick":
+            rest_begins.setdefault(event.joint, event.time)
+        elif event.kind == "slip" and event.joint in rest_begins:
+            total += event.time - rest_begins.pop(event.joint)
+    return total + sum(t_end - begin for begin in rest_begins.values())
 
 
 def same_motion(case: HardCase, _: Scenes, runs: Runs) -> dict[str, float]:
-    """Return the differences of the second run, whose scene has other units, from the first run."""
+    """Return the differences of the second run, whose scene has other units, from the first run.
+
+    Both runs have their output at the same instants, except for the unit of time. If the numbers of instants differ, a
+    part of one motion has no counterpart, and the difference of the motions is infinite.
+    """
     first, second = runs
     units = case.units
-    rows = min(len(first.t), len(second.t))
-    converted = second["slider.x"][:rows] / units.length
-    size = float(np.ptp(first["slider.x"]))
-    errors = {"motion in other units": gap(converted, first["slider.x"][:rows], size)}
+    motion_error = np.inf
+    if len(first.t) == len(second.t):
+        converted = second["slider.x"] / units.length
+        scale = range_scale(first["slider.x"])
+        motion_error = relative_error(converted, first["slider.x"], scale)
+    errors = {"motion in other units": motion_error}
     if not first.events and not second.events:
         return errors
     event_error = np.inf
     if [event.kind for event in first.events] == [event.kind for event in second.events]:
         times = np.array([event.time for event in first.events])
         converted_times = np.array([event.time for event in second.events]) / units.time
-        event_error = gap(converted_times, times, first.t[-1])
+        event_error = relative_error(converted_times, times, first.t[-1])
     errors["events in other units"] = event_error
     return errors
 
@@ -237,13 +298,16 @@ def friction_excess(scene: Scene, columns: Mapping[str, np.ndarray]) -> float:
     return largest_excess / largest_load
 
 
-def settled(run: Trajectory, column: str) -> np.ndarray:
-    """Return a force in the second half of a run: before, methods with clearance or compliance may build it up."""
+def second_half(run: Trajectory, column: str) -> np.ndarray:
+    """Return a column in the second half of a run; in the first half, contacts may still build up the force."""
     return run[column][run.t >= run.t[-1] / 2]
 
 
-def determined(force: np.ndarray) -> np.ndarray:
-    """Return the values of a force that are not NaN, as it is where guides at rest share a load in an open way."""
+def without_nan(force: np.ndarray) -> np.ndarray:
+    """Return the values of a force that are not NaN.
+
+    A force is NaN where guides at rest share a load in a way that the motion does not determine.
+    """
     return force[~np.isnan(force)]
 
 
@@ -288,14 +352,24 @@ def comes_to_rest(_: HardCase, scenes: Scenes, runs: Runs) -> dict[str, float]:
     right_vectors = np.linalg.svd(terms.J / root_mass)[2]
     direction = right_vectors[-1] / root_mass
     frictions = np.array([run[f"{name}.friction"][-1] for name in guides])
-    power = determined(np.array([direction @ terms.W.T @ frictions]))
+    power = without_nan(np.array([direction @ terms.W.T @ frictions]))
+    power_of_loads = direction @ terms.Q
+    # If the loads balance each other, their sizes are the scale.
+    power_scale = power_of_loads if power_of_loads != 0.0 else np.abs(direction) @ np.abs(terms.Q)
 
     place = [run[f"{body}.{label}"][-1] for body in scene.bodies for label in POSITIONS]
-    slips = [run[f"{name}.slip_velocity"] for name in guides]
-    slip_errors = [gap(slip[-1], 0.0, float(np.max(np.abs(slip)))) for slip in slips]
+    # A mechanism that comes to rest at the origin has no coordinate that is a scale there.
+    place_scale = largest_size(q) if q.any() else largest_size(motion.q)
+    slip_errors = [
+        relative_error(run[f"{name}.slip_velocity"][-1], 0.0, scale)
+        for name, scale in zip(guides, _largest_slip_velocities(motion), strict=True)
+    ]
+    power_error = 0.0
+    if power.size:
+        power_error = relative_error(power, -power_of_loads, power_scale)
     errors = {
-        "place of rest": gap(np.array(place), q),
-        "virtual power of friction": gap(power, -direction @ terms.Q) if power.size else 0.0,
+        "place of rest": relative_error(np.array(place), q, place_scale),
+        "virtual power of friction": power_error,
         "slip at rest": max(slip_errors),
     }
     if run.events:
@@ -305,13 +379,19 @@ def comes_to_rest(_: HardCase, scenes: Scenes, runs: Runs) -> dict[str, float]:
     return errors
 
 
+def _largest_slip_velocities(motion: Motion) -> np.ndarray:
+    """Return the largest slip velocity of each guide of a motion, m/s, shape (guides,)."""
+    terms = motion.contact.equations.at(motion.t, motion.q, motion.v)
+    return np.max(np.abs(terms.slip_speed), axis=0)
+
+
 def rod_force_at_start(_: HardCase, scenes: Scenes, runs: Runs) -> dict[str, float]:
     """Return the error of the normal force of `sliding-rod` at t = 0; if no force is consistent, the force itself."""
     force = float(runs[0]["guide.normal_force"][0])
     consistent = rod_normal_force(scenes[0])
     error = abs(force)
     if consistent:
-        error = min(gap(force, expected) for expected in consistent)
+        error = min(relative_error(force, expected) for expected in consistent)
     return {"normal force at t = 0": error}
 
 
@@ -324,16 +404,24 @@ def periodic(_: HardCase, scenes: Scenes, runs: Runs) -> dict[str, float]:
     run = runs[0]
     bar = SliderBar.from_scene(scenes[0])
     period = bar.period()
-    x, v = steady_state(bar).state
-    size = float(np.ptp(run["slider.x"]))
+    steady = steady_state(bar)
+    x, v = steady.state
+    # The scale is the range of the true motion: that of the run would hide the error of one that swings too far.
+    sample_times = np.linspace(0.0, steady.periods * period, STEADY_SAMPLES)
+    positions, _ = steady.motion.state(sample_times, steady.motion.owner(sample_times, "after"))
+    scale = range_scale(positions[0])
     # The end of the last period, up to rounding.
     end = int(np.floor(run.t[-1] / period * (1 + 1e-12))) * period
     last = int(np.argmin(np.abs(run.t - end)))
     before = int(np.argmin(np.abs(run.t - (end - period))))
     errors = {
-        "position after the last period": gap(run["slider.x"][last], x, size),
-        "velocity after the last period": gap(run["slider.vx"][last], v, size * 2 * np.pi / period),
-        "change over the last period": gap(run["slider.x"][last], run["slider.x"][before], size),
+        "position after the last period": relative_error(run["slider.x"][last], x, scale),
+        "velocity after the last period": relative_error(
+            run["slider.vx"][last], v, scale * 2 * np.pi / period
+        ),
+        "change over the last period": relative_error(
+            run["slider.x"][last], run["slider.x"][before], scale
+        ),
         "drift": float(run["drift.position"][-1]) / bar.L,
     }
     if run.events:
@@ -346,18 +434,18 @@ def periodic(_: HardCase, scenes: Scenes, runs: Runs) -> dict[str, float]:
 
 def sums_of_three_guides(_: HardCase, scenes: Scenes, runs: Runs) -> dict[str, float]:
     """Return the errors of the sums of the forces of `three-guides-at-rest`, the largest of all orders and units."""
-    incline = np.deg2rad(15)
+    incline = scenes[0].parameters["incline"]
     errors: dict[str, float] = {}
     for scene, run in zip(scenes, runs):
         weight = -(scene.gravity or (0.0, 0.0))[1] * scene.bodies["slider"].mass
         expected = {"friction": -weight * np.sin(incline), "normal_force": weight * np.cos(incline)}
         for label, total in expected.items():
-            forces = [settled(run, f"guide-{number}.{label}") for number in (1, 2, 3)]
-            sums = determined(forces[0] + forces[1] + forces[2])
-            # A sum that no run states has no error.
+            forces = [second_half(run, f"guide-{number}.{label}") for number in (1, 2, 3)]
+            sums = without_nan(forces[0] + forces[1] + forces[2])
+            # If the sum is NaN throughout, the run makes no statement that could be wrong.
             if len(sums):
                 name = f"sum of {label}"
-                errors[name] = max(gap(sums, total), errors.get(name, 0.0))
+                errors[name] = max(relative_error(sums, total), errors.get(name, 0.0))
     return errors
 
 
@@ -366,12 +454,14 @@ def normal_force_of_two_guides(_: HardCase, scenes: Scenes, runs: Runs) -> dict[
 
     Only the reference defines how parallel guides share a load: with the least norm, that is, equally.
     """
-    run = runs[0]
-    total = 9.81 * np.cos(scenes[0].parameters["incline"])
-    first, second = (settled(run, f"guide-{number}.normal_force") for number in (1, 2))
-    errors = {"sum of normal_force": gap(first + second, total)}
+    p, run = scenes[0].parameters, runs[0]
+    total = p["m"] * p["g"] * np.cos(p["incline"])
+    first, second = (second_half(run, f"guide-{number}.normal_force") for number in (1, 2))
+    errors = {"sum of normal_force": relative_error(first + second, total)}
     if run.engine == "reference":
-        errors["minimum-norm normal forces"] = max(gap(first, total / 2), gap(second, total / 2))
+        errors["minimum-norm normal forces"] = max(
+            relative_error(first, total / 2), relative_error(second, total / 2)
+        )
     return errors
 
 
@@ -384,12 +474,12 @@ def virtual_power_of_friction(_: HardCase, scenes: Scenes, runs: Runs) -> dict[s
     p, run = scenes[0].parameters, runs[0]
     sine, cosine = np.sin(p["phi"]), np.cos(p["phi"])
     weight = (p["m"] / 2 + p["m1"]) * p["g"] * p["L"] * cosine
-    friction_x = settled(run, "guide-x.friction")
-    friction_y = settled(run, "guide-y.friction")
-    power = determined(p["L"] * (cosine * friction_y - sine * friction_x))
+    friction_x = second_half(run, "guide-x.friction")
+    friction_y = second_half(run, "guide-y.friction")
+    power = without_nan(p["L"] * (cosine * friction_y - sine * friction_x))
     if not len(power):
         return {}
-    return {"virtual power of friction": gap(power, p["T"] + weight, weight)}
+    return {"virtual power of friction": relative_error(power, p["T"] + weight, weight)}
 
 
 def friction_balances_the_pull(_: HardCase, scenes: Scenes, runs: Runs) -> dict[str, float]:
@@ -397,8 +487,10 @@ def friction_balances_the_pull(_: HardCase, scenes: Scenes, runs: Runs) -> dict[
     scene, run = scenes[0], runs[0]
     p = scene.parameters
     break_away = p["mus"] * 2 * p["T"] / p["a"] / p["rate"]
-    held = (run.t < BEFORE_BREAK_AWAY * break_away) & carried(scene, run, "guide.friction")
-    error = gap(run["guide.friction"][held], -p["rate"] * run.t[held])
+    is_held = (run.t < BEFORE_BREAK_AWAY * break_away) & loaded_instants(
+        scene, run, "guide.friction"
+    )
+    error = relative_error(run["guide.friction"][is_held], -p["rate"] * run.t[is_held])
     return {"friction before it breaks away": error}
 
 

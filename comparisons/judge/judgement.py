@@ -28,7 +28,7 @@ from stiction.comparisons.measures.other_parameters import explanations
 from stiction.comparisons.measures.result_errors import column_errors
 from stiction.comparisons.measures.scene_truth import ground_truth
 from stiction.comparisons.measures.steady_stretch import stick_intervals
-from stiction.comparisons.measures.torque_jumps import SAMPLES, jump_rows
+from stiction.comparisons.measures.torque_jumps import SAMPLES_PER_SIDE, jump_rows
 from stiction.engines.examined import POSITIONS, RESIDUALS
 from stiction.reference_impl.energies import needed_columns, unaccounted_energy
 from stiction.scenes import InputError, Scene, Trajectory, load_scene, vary
@@ -373,7 +373,7 @@ def _energy(scene: Scene, table: ResultTable, truth: Truth) -> dict[str, float]:
             "energy_exchanged": exchanged,
         }
     # A completed motion has one row per instant: the one after an event.
-    rows = table.last
+    rows = table.rows_after
     columns = table.columns
     if len(rows) < len(table.t):
         columns = TransformedColumns(table.columns, lambda name, values: values[rows])
@@ -505,7 +505,7 @@ def _jumps(scene: Scene, run: Trajectory, truth: Truth) -> Iterator[dict[str, An
     """Yield the jumps; ``readable`` ones are those that the samples, or the two rows of an instant, can show."""
     event_times = np.array([event.time for event in truth.events])
     # A jump is extrapolated from the samples on either side, among which there must be no other event.
-    needed_distance = (min(SAMPLES) + 1) * sample_distance(run.t)
+    needed_distance = (min(SAMPLES_PER_SIDE) + 1) * sample_distance(run.t)
     for drive in scene.drives:
         effort = f"{drive}.effort"
         if effort not in run:

@@ -105,7 +105,7 @@ def trajectory_of(scene: Scene, table: ResultTable, truth: Truth) -> Trajectory:
         events += [Event(time, kind, guide, before, after) for kind, guide in kinds]
 
     # The values at an event are in the event itself; they are no row of the trajectory.
-    first, last = table.first, table.last
+    first, last = table.rows_before, table.rows_after
     is_at_an_end = (t[last] == t[0]) | (t[last] == t[-1])
     rows = last[(first == last) | is_at_an_end]
     columns = table.columns

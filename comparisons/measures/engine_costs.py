@@ -6,10 +6,12 @@ their ratios are meaningful elsewhere.
 
 from __future__ import annotations
 
+import math
 import os
 import platform
-from collections.abc import Iterator
-from dataclasses import replace
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, replace
+from typing import Any
 
 from stiction.comparisons.bench.participants import REFERENCE, cost_variants
 from stiction.comparisons.bench.variants import COMMON_STEP, OWN_CPU
@@ -24,6 +26,38 @@ PERIOD = 8.0
 REPEATS = 8
 """Number of timing rounds; the smallest and the largest of eight samples are outside of the
 interval."""
+HEADER = (
+    "| method | version | total | the engine | the rest / its own | error [m] |\n"
+    "|---|---|---|---|---|---|"
+)
+"""Head of the table in Markdown."""
+
+
+@dataclass(frozen=True)
+class StepCost:
+    """CPU time of one step of a method.
+
+    Attributes
+    ----------
+    total_us, own_us : float
+        CPU time of a step in total and inside the engine, microseconds.
+    position_error : float
+        Position error of the run, m.
+    timing_note : str
+        Restriction of the accuracy of the times; empty if there is none.
+    """
+
+    total_us: float
+    own_us: float
+    position_error: float
+    timing_note: str
+
+    @property
+    def overhead_ratio(self) -> float:
+        """Time outside of the engine divided by the time inside; NaN if the engine reports no time of its own."""
+        if self.own_us > 0.0:
+            return self.total_us / self.own_us - 1.0
+        return math.nan
 
 
 def main() -> None:
@@ -50,29 +84,52 @@ def engine_costs(scene: Scene) -> Iterator[str]:
         f"{scene.name}, {PERIOD:g} s, {1e3 * COMMON_STEP:g} ms: us of CPU a step, "
         f"medians of {table['repeats'].max():.0f} repeats each"
     )
-    yield "\n| method | version | total | the engine | the rest / its own | error [m] |\n|---|---|---|---|---|---|"
-    steps = PERIOD / COMMON_STEP
+    yield f"\n{HEADER}"
+    yield from table_lines(table.to_dict("records"))
+
+
+def table_lines(runs: Sequence[Mapping[Any, Any]]) -> Iterator[str]:
+    """Yield the rows of the table, and the notes to which they refer; `runs` are rows of `work_precision`."""
     number_of_note: dict[str, int] = {}
-    for row in table.to_dict("records"):
-        version = row["version"] if row["status"] == Status.OK else ""
-        cells = [f"{row['status']}: {row['reason']}", "", "", ""]
-        if row["status"] == Status.OK and not row["reason"]:
-            total_us = 1e6 * row["cpu_time"] / steps
-            own_us = 1e6 * row[OWN_CPU] / steps
+    for run in runs:
+        version = run["version"] if run["status"] == Status.OK else ""
+        cost = step_cost(run)
+        if cost is None:
+            cells = [f"{run['status']}: {run['reason']}", "", "", ""]
+        else:
             mark = ""
-            if row["timing"]:
-                number = number_of_note.setdefault(row["timing"], len(number_of_note) + 1)
+            if cost.timing_note:
+                number = number_of_note.setdefault(cost.timing_note, len(number_of_note) + 1)
                 mark = f" ({number})"
-            cells = [
-                f"{total_us:.3g}{mark}",
-                f"{own_us:.3g}",
-                f"{total_us / own_us - 1:.1f}",
-                f"{row['position_error']:.1e}",
-            ]
-        yield f"| {' | '.join([row['variant'], version, *cells])} |"
+            cells = _cells(cost, mark)
+        yield f"| {' | '.join([run['variant'], version, *cells])} |"
     yield ""
     for note, number in number_of_note.items():
         yield f"({number}) {note}"
+
+
+def step_cost(run: Mapping[Any, Any]) -> StepCost | None:
+    """Return the cost of a step of a run, a row of `work_precision`; None if the run did not reach its end."""
+    if run["status"] != Status.OK or run["reason"]:
+        return None
+    microseconds_per_step = 1e6 / (PERIOD / COMMON_STEP)
+    return StepCost(
+        total_us=microseconds_per_step * run["cpu_time"],
+        own_us=microseconds_per_step * run[OWN_CPU],
+        position_error=run["position_error"],
+        timing_note=run["timing"],
+    )
+
+
+def _cells(cost: StepCost, mark: str) -> list[str]:
+    """Return the cells of a cost; `mark` refers to the note about its accuracy."""
+    ratio = cost.overhead_ratio
+    return [
+        f"{cost.total_us:.3g}{mark}",
+        f"{cost.own_us:.3g}",
+        "" if math.isnan(ratio) else f"{ratio:.1f}",
+        f"{cost.position_error:.1e}",
+    ]
 
 
 if __name__ == "__main__":

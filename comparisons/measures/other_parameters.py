@@ -423,7 +423,7 @@ def _noise(table: ResultTable, truth: Truth, scales: Mapping[str, float]) -> flo
     With independent scatter of standard deviation d, they have the standard deviation sqrt(1.5) d.
     The median is insensitive to the few at kinks.
     """
-    single = table.last[1:-1]
+    single = table.rows_after[1:-1]
     if len(single) < 3:
         return 0.0
     middle = np.unique(np.linspace(1, len(single) - 2, INSTANTS).round().astype(int))

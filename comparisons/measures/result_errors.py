@@ -99,7 +99,7 @@ def column_errors(
         after = truth(table.t, "after")
     # Causes are searched for in the rows whose instant occurs once: one side of a jump has no
     # neighbouring row on the other side.
-    is_single = np.isin(table.t, table.t[table.last[table.first == table.last]])
+    is_single = np.isin(table.t, table.t[table.rows_after[table.rows_before == table.rows_after]])
     # Most tables only have such rows; a slice avoids copies of them.
     single = slice(None) if is_single.all() else is_single
     rows = []

@@ -14,39 +14,40 @@ from scipy.stats import t as student
 
 from stiction.comparisons.bench.variants import Record
 from stiction.comparisons.measures.accuracy import has_two_sided_events
+from stiction.comparisons.measures.distances import match_events
 from stiction.engines.status import UNMADE
 from stiction.scenes import Event, Trajectory
 from stiction.truths import Tier, Truth
 
-SAMPLES = (6, 10)
+SAMPLES_PER_SIDE = (6, 10)
 """Numbers of samples on either side of a jump to which a parabola is fitted. Both are tried: fewer
 samples do not leave the smooth part of the effort; more samples average oscillations after an
 impulse."""
-GAP = 5
+MAX_GAP_INTERVALS = 5
 """Largest number of output intervals between the samples of both sides, which the jump may extend
 over."""
 CONFIDENCE = 0.95
 """Level of the confidence interval of the size of a jump."""
-CERTAIN = 2.5
+MIN_SIGNAL_TO_NOISE = 2.5
 """Smallest ratio of the size of a jump to half its interval. As several gaps are tried, noise alone
 reaches this ratio in one of 30 searches."""
-SEARCH = 0.05
+SEARCH_RADIUS_S = 0.05
 """Distance from a true event up to which the jump of a run is searched for, s; less if other events
 are near, and more if there are too few samples."""
-SMALLEST = 1e-9
-"""Smallest size of a true jump that has a row, N m. The effort is continuous at other events, for
-example if a corner force passes through zero."""
-AT_ONCE = 1e-9
+MIN_TRUE_JUMP = 1e-9
+"""Smallest size of a true jump that has a row, N m or N. The effort is continuous at other events,
+for example if a corner force passes through zero."""
+SIMULTANEOUS_S = 1e-9
 """Difference of times below which several true events are one jump, s."""
-COEFFICIENTS = 3
+PARABOLA_COEFFICIENTS = 3
 """Number of coefficients of a parabola."""
-ROUNDINGS = 4
+ROUNDING_ERRORS = 4
 """Rounding error of the size of a jump, in units of that of the largest sample: two extrapolations
 and a difference."""
-LATEST = 0.01
+MAX_TIME_ERROR_S = 0.01
 """Largest difference of the times of a jump in a run and of the true event, beyond its uncertainty,
 s. It is one step of the coarsest runs."""
-FARTHEST = 0.5
+MAX_RELATIVE_ERROR = 0.5
 """Largest error of a resolved jump, relative to the true jump. With a larger error, it could as
 well be no jump."""
 BOUND = "jump_bound"
@@ -85,7 +86,7 @@ def torque_table(
     The jumps of a run that locates events are those of its events. The jumps of other runs are
     determined by `estimate_jump`.
 
-    A jump is ``resolved`` if the errors of time and size are below `LATEST` and `FARTHEST`. Jumps
+    A jump is ``resolved`` if the errors of time and size are below `MAX_TIME_ERROR_S` and `MAX_RELATIVE_ERROR`. Jumps
     that a run does not reach are not resolved. `BOUND` is the sum of the error of the size and its
     uncertainty.
     """
@@ -112,49 +113,94 @@ def torque_table(
 
 def jump_rows(trajectory: Trajectory | None, truth: Truth, effort: str) -> list[dict[str, Any]]:
     """Return the rows of `torque_table` for one run; None is a run that failed."""
-    return [
-        _row(trajectory, truth, i, effort)
-        for i, event in enumerate(truth.events)
-        if effort in event.before and abs(event.jump(effort)) >= SMALLEST
-    ]
+    located_jumps: dict[int, JumpEstimate] | None = None
+    if trajectory is not None and has_two_sided_events(trajectory):
+        located_jumps = _located_jumps(trajectory, truth, effort)
+    rows = []
+    for i, event in enumerate(truth.events):
+        if effort not in event.before or abs(event.jump(effort)) < MIN_TRUE_JUMP:
+            continue
+        # Jumps after the end of a run do not exist in it.
+        estimate = None
+        if trajectory is not None and event.time <= trajectory.t[-1]:
+            if located_jumps is not None:
+                estimate = located_jumps.get(i)
+            else:
+                estimate = _sampled_jump(trajectory, truth, i, effort)
+        rows.append(_row(truth, i, estimate, effort))
+    return rows
 
 
-def _row(trajectory: Trajectory | None, truth: Truth, i: int, effort: str) -> dict[str, Any]:
-    """Return the row of the jump at the i-th event of the truth."""
+def _located_jumps(trajectory: Trajectory, truth: Truth, effort: str) -> dict[int, JumpEstimate]:
+    """Return the jumps at the located events of a run, by the indices of the true events.
+
+    Each located event belongs to at most one true event of the same kind and joint, within `MAX_TIME_ERROR_S` of it.
+    """
+    located = [event for event in trajectory.events if effort in event.before]
+    index_of = {id(event): i for i, event in enumerate(truth.events)}
+    jumps = {}
+    for true_event, event in match_events(truth.events, located, MAX_TIME_ERROR_S).matched:
+        size = event.jump(effort)
+        if not math.isnan(size):
+            jumps[index_of[id(true_event)]] = JumpEstimate(event.time, size, 0.0, 0.0)
+    return jumps
+
+
+def _sampled_jump(trajectory: Trajectory, truth: Truth, i: int, effort: str) -> JumpEstimate | None:
+    """Return the jump at the i-th event of the truth by `estimate_jump`.
+
+    Returns None if there is none within `MAX_TIME_ERROR_S` of the event.
+    """
     event = truth.events[i]
-    true = event.jump(effort)
-    unsure = truth.uncertainty.get(effort, 0.0)
+    # The jump is searched for up to half the distance to the nearest other event.
+    times = np.array([event.time for event in truth.events])
+    distances = np.abs(np.delete(times, i) - times[i])
+    nearest = float(np.min(distances[distances > SIMULTANEOUS_S], initial=truth.t_end))
+    estimate = estimate_jump(trajectory, event, 0.5 * nearest, effort)
+    if (
+        estimate is None
+        or abs(estimate.time - event.time) > MAX_TIME_ERROR_S + estimate.time_uncertainty
+    ):
+        return None
+    return estimate
+
+
+def _row(truth: Truth, i: int, estimate: JumpEstimate | None, effort: str) -> dict[str, Any]:
+    """Return the row of the jump at the i-th event of the truth; the estimate of a run without it is None."""
+    event = truth.events[i]
+    true_jump = event.jump(effort)
+    true_uncertainty = truth.uncertainty.get(effort, 0.0)
     closed_form = None
     if truth.jump_closed_form is not None:
         closed_form = truth.jump_closed_form[i]
-        unsure = max(unsure, abs(true - closed_form))
+        true_uncertainty = max(true_uncertainty, abs(true_jump - closed_form))
     row: dict[str, Any] = {
         "effort": effort,
         "event": i,
         "event_time": event.time,
         "kind": event.kind,
         "joint": event.joint,
-        "true_jump": true,
+        "true_jump": true_jump,
         "closed_form_jump": closed_form,
         "truth_tier": truth.effort_tier,
         "truth_note": truth.note,
-        "true_jump_uncertainty": unsure,
+        "true_jump_uncertainty": true_uncertainty,
     }
-    estimate = _estimate_at_event(trajectory, truth, i, effort)
-    bound_of_unresolved = abs(true) + unsure
     if estimate is None:
-        return {**row, "resolved": False, BOUND: bound_of_unresolved}
-    error = estimate.size - true
-    is_resolved = abs(error) < FARTHEST * abs(true)
-    bound = abs(error) + estimate.size_uncertainty + unsure
+        return {**row, "resolved": False, BOUND: abs(true_jump) + true_uncertainty}
+    error = estimate.size - true_jump
+    uncertainty = estimate.size_uncertainty + true_uncertainty
+    bound = abs(error) + uncertainty
+    is_resolved = abs(error) < MAX_RELATIVE_ERROR * abs(true_jump)
     if not is_resolved:
-        bound = max(bound, bound_of_unresolved)
+        # It could as well be no jump, whose error is the whole true jump.
+        bound = max(bound, abs(true_jump) + true_uncertainty)
     return {
         **row,
         "resolved": is_resolved,
         "jump": estimate.size,
         "jump_error": error,
-        "jump_uncertainty": estimate.size_uncertainty + unsure,
+        "jump_uncertainty": uncertainty,
         "time": estimate.time,
         "time_error": estimate.time - event.time,
         "time_uncertainty": estimate.time_uncertainty + truth.uncertainty.get("event time", 0.0),
@@ -162,38 +208,12 @@ def _row(trajectory: Trajectory | None, truth: Truth, i: int, effort: str) -> di
     }
 
 
-def _estimate_at_event(
-    trajectory: Trajectory | None, truth: Truth, i: int, effort: str
-) -> JumpEstimate | None:
-    """Return the jump of a run at the i-th event of the truth.
-
-    Returns None if the run failed, did not reach the event, or has no jump within `LATEST` of it.
-    """
-    event = truth.events[i]
-    if trajectory is None or event.time > trajectory.t[-1]:
-        return None
-    estimate = None
-    if has_two_sided_events(trajectory):
-        located = counterpart(trajectory.events, event, effort, SEARCH)
-        if located is not None and not math.isnan(located.jump(effort)):
-            estimate = JumpEstimate(located.time, located.jump(effort), 0.0, 0.0)
-    else:
-        # The jump is searched for up to half the distance to the nearest other event.
-        times = np.array([event.time for event in truth.events])
-        distances = np.abs(np.delete(times, i) - times[i])
-        nearest = float(np.min(distances[distances > AT_ONCE], initial=truth.t_end))
-        estimate = estimate_jump(trajectory, event, 0.5 * nearest, effort)
-    if estimate is None or abs(estimate.time - event.time) > LATEST + estimate.time_uncertainty:
-        return None
-    return estimate
-
-
-def counterpart(events: Iterable[Event], event: Event, effort: str, reach: float) -> Event | None:
+def nearest_event(events: Iterable[Event], event: Event, effort: str, reach: float) -> Event | None:
     """Return the nearest event of the same kind and joint that has the effort; None if none is within reach (s)."""
     candidates = [
         other
         for other in events
-        if (other.kind, other.joint) == (event.kind, event.joint) and effort in other.before
+        if other.kind == event.kind and other.joint == event.joint and effort in other.before
     ]
     nearest = min(candidates, key=lambda other: abs(other.time - event.time), default=None)
     if nearest is None or abs(nearest.time - event.time) > reach:
@@ -208,8 +228,8 @@ def estimate_jump(
 
     An engine with fixed steps has one value in the step of a jump, which may be anywhere between or
     beyond the values of both sides. Therefore parabolas are fitted to samples on either side of a
-    gap of one to `GAP` intervals, and extrapolated to the middle of the gap; samples within the gap
-    belong to neither side. This is done for each number of `SAMPLES` and all gaps. The jump is the
+    gap of one to `MAX_GAP_INTERVALS` intervals, and extrapolated to the middle of the gap; samples within the gap
+    belong to neither side. This is done for each number of `SAMPLES_PER_SIDE` and all gaps. The jump is the
     one whose size is the largest relative to its uncertainty.
 
     The uncertainty of the time is half the gap. The uncertainty of the size is that of both
@@ -232,82 +252,108 @@ def estimate_jump(
     -------
     JumpEstimate or None
         None if there are too few samples, or one of them is nan (undetermined by guides at rest),
-        or no size exceeds `CERTAIN` times its uncertainty.
+        or no size exceeds `MIN_SIGNAL_TO_NOISE` times its uncertainty.
     """
     inside = np.abs(trajectory.t - event.time) < 2 * room
     t, values = trajectory.t[inside], trajectory[effort][inside]
-    if len(t) < 2 * min(SAMPLES) or np.isnan(values).any():
+    if len(t) < 2 * min(SAMPLES_PER_SIDE) or np.isnan(values).any():
         return None
     # Samples at which a gap may begin; in a coarse run at least those within two intervals.
-    reach = min(max(SEARCH, 2 * float(np.median(np.diff(t)))), room)
+    reach = min(max(SEARCH_RADIUS_S, 2 * float(np.median(np.diff(t)))), room)
     near = np.flatnonzero(np.abs(t - event.time) <= reach)
     estimates: list[JumpEstimate] = []
-    for count, gap in product(SAMPLES, range(1, GAP + 1)):
+    for count, gap in product(SAMPLES_PER_SIDE, range(1, MAX_GAP_INTERVALS + 1)):
         estimates += _over_gaps(t, values, near, count, gap)
     if not estimates:
         return None
     best = max(estimates, key=lambda estimate: abs(estimate.size) / estimate.size_uncertainty)
-    return best if abs(best.size) > CERTAIN * best.size_uncertainty else None
+    return best if abs(best.size) > MIN_SIGNAL_TO_NOISE * best.size_uncertainty else None
 
 
 def _over_gaps(
     t: np.ndarray, values: np.ndarray, last: np.ndarray, count: int, gap: int
 ) -> Iterator[JumpEstimate]:
-    """Return the jumps over gaps of `gap` intervals that begin at the samples `last`.
+    """Return the jumps over gaps of `gap` intervals that begin at the samples with the indices `last`.
 
     Samples with fewer than `count` samples on either side of the gap are skipped.
     """
     last = last[(last >= count - 1) & (last + gap + count <= len(t))]
     middle = (t[last + gap] + t[last]) / 2
-    half = (t[last + gap] - t[last]) / 2
-    before, slope_before, squares_before, leverage_before = _continued(
-        t, values, last - count + 1, count, middle
-    )
-    after, slope_after, squares_after, leverage_after = _continued(
-        t, values, last + gap, count, middle
-    )
+    half_gap = (t[last + gap] - t[last]) / 2
+    before = _extrapolate(t, values, last - count + 1, count, middle)
+    after = _extrapolate(t, values, last + gap, count, middle)
     # Error of the difference of both extrapolations. The standard deviation of a sample is
     # estimated from the residuals of both fits together.
-    degrees_of_freedom = 2 * (count - COEFFICIENTS)
-    deviation = np.sqrt((squares_before + squares_after) / degrees_of_freedom)
+    degrees_of_freedom = 2 * (count - PARABOLA_COEFFICIENTS)
+    deviation = np.sqrt((before.residual_square + after.residual_square) / degrees_of_freedom)
     quantile = student.ppf((1 + CONFIDENCE) / 2, degrees_of_freedom)
-    error = quantile * deviation * np.sqrt(leverage_before + leverage_after)
-    # If the slopes differ, the size depends on the time of the jump within the gap.
-    bend = np.abs(slope_after - slope_before) * (half + 2 * half / gap)
+    fit_error = quantile * deviation * np.sqrt(before.variance_ratio + after.variance_ratio)
+    # If the slopes differ, the size depends on the time of the jump within the gap, or one interval
+    # beyond it.
+    interval = 2 * half_gap / gap
+    slope_error = np.abs(after.slope - before.slope) * (half_gap + interval)
     # The residuals of constant samples are zero: only rounding errors remain.
-    unsure = error + bend + ROUNDINGS * np.spacing(np.max(np.abs(values)))
+    rounding_error = ROUNDING_ERRORS * np.spacing(np.max(np.abs(values)))
+    size = after.value - before.value
+    size_uncertainty = fit_error + slope_error + rounding_error
     return map(
-        JumpEstimate, middle.tolist(), (after - before).tolist(), half.tolist(), unsure.tolist()
+        JumpEstimate,
+        middle.tolist(),
+        size.tolist(),
+        half_gap.tolist(),
+        size_uncertainty.tolist(),
     )
 
 
-def _continued(
-    t: np.ndarray, values: np.ndarray, first: np.ndarray, count: int, to: np.ndarray
-) -> tuple[np.ndarray, ...]:
-    """Fit parabolas to samples, and extrapolate them to the times `to`.
+@dataclass(frozen=True)
+class _Extrapolation:
+    """Parabolas through windows of samples, extrapolated to a time for each; all arrays have the shape (n,).
 
-    Each parabola is fitted to `count` samples, which begin with one of the samples `first`.
-
-    Returns
-    -------
-    value, slope : ndarray, shape (n,)
-        At the times `to`.
-    squares : ndarray, shape (n,)
-        Sum of the squared residuals.
-    leverage : ndarray, shape (n,)
+    Attributes
+    ----------
+    value, slope : ndarray
+        Value and derivative (1/s) of each parabola at its time.
+    residual_square : ndarray
+        Sum of the squared residuals of the samples.
+    variance_ratio : ndarray
         Variance of the value divided by the variance of a sample.
     """
-    # Least squares for all windows together. The time is measured from `to` in units of the
+
+    value: np.ndarray
+    slope: np.ndarray
+    residual_square: np.ndarray
+    variance_ratio: np.ndarray
+
+
+def _extrapolate(
+    t: np.ndarray, values: np.ndarray, first: np.ndarray, count: int, target: np.ndarray
+) -> _Extrapolation:
+    """Fit parabolas to samples by least squares, and extrapolate them.
+
+    Parameters
+    ----------
+    t, values : ndarray
+        Times (s) and values of all samples.
+    first : ndarray, shape (n,)
+        Index of the first sample of each window.
+    count : int
+        Number of samples in a window.
+    target : ndarray, shape (n,)
+        Time to which each parabola is extrapolated, s.
+    """
+    # Least squares for all windows together. The time is measured from the target in units of the
     # window's length, so that the constant coefficient is the extrapolated value.
     window = first[:, None] + np.arange(count)
-    scale = t[window[:, -1]] - t[window[:, 0]]
-    powers = ((t[window] - to[:, None]) / scale[:, None])[..., None] ** np.arange(COEFFICIENTS)
-    inverse = np.linalg.inv(np.swapaxes(powers, 1, 2) @ powers) @ np.swapaxes(powers, 1, 2)
-    coefficients = (inverse @ values[window][..., None])[..., 0]
-    off = values[window] - (powers @ coefficients[..., None])[..., 0]
-    return (
-        coefficients[:, 0],
-        coefficients[:, 1] / scale,
-        np.sum(off**2, axis=1),
-        np.sum(inverse[:, 0] ** 2, axis=1),
+    length = t[window[:, -1]] - t[window[:, 0]]
+    scaled_time = (t[window] - target[:, None]) / length[:, None]
+    powers = scaled_time[..., None] ** np.arange(PARABOLA_COEFFICIENTS)
+    transposed = np.swapaxes(powers, 1, 2)
+    pseudoinverse = np.linalg.inv(transposed @ powers) @ transposed
+    coefficients = (pseudoinverse @ values[window][..., None])[..., 0]
+    residuals = values[window] - (powers @ coefficients[..., None])[..., 0]
+    return _Extrapolation(
+        value=coefficients[:, 0],
+        slope=coefficients[:, 1] / length,
+        residual_square=np.sum(residuals**2, axis=1),
+        variance_ratio=np.sum(pseudoinverse[:, 0] ** 2, axis=1),
     )

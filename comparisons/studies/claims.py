@@ -40,7 +40,7 @@ from stiction.comparisons.measures.claim_measures import (
     ClaimMargin,
     Example,
 )
-from stiction.comparisons.measures.drift_growth import INCONCLUSIVE, ROUNDED
+from stiction.comparisons.measures.drift_growth import DECAYS, INCONCLUSIVE, ROUNDED
 from stiction.comparisons.measures.steady_stretch import (
     Stretch,
     run_stretch,
@@ -369,6 +369,9 @@ def _drift_row(
     }
     # Neither drift by rounding nor a run that is too short yields an exponent or a spread.
     fitted = [law for law in laws if law.verdict not in (ROUNDED, INCONCLUSIVE)]
+    if stabilized:
+        # The spread of a residual that decays is large, although it is within any bound.
+        fitted = [law for law in fitted if law.verdict != DECAYS]
     if fitted and stabilized:
         row[Part.RUN_FROM_START.margin] = min(1 - law.spread for law in fitted)
     elif fitted:

@@ -37,7 +37,13 @@ from stiction.comparisons.bench.runner import Comparison
 from stiction.comparisons.bench.study import Scope, Study, Tables
 from stiction.comparisons.bench.variants import Record
 from stiction.comparisons.measures.drift import ROUNDING, drift
-from stiction.comparisons.measures.drift_growth import BOUNDED, GROWS, INCONCLUSIVE, ROUNDED
+from stiction.comparisons.measures.drift_growth import (
+    BOUNDED,
+    DECAYS,
+    GROWS,
+    INCONCLUSIVE,
+    ROUNDED,
+)
 from stiction.comparisons.studies.accuracy import compared_runs
 from stiction.engines.registry import EngineMissing, UnknownEngine, load_engine
 from stiction.engines.shared.tree_engine import TreeEngine
@@ -222,6 +228,7 @@ def _growth(table: pd.DataFrame, measured: pd.DataFrame) -> dict[str, object]:
         "runs": len(measured),
         "grows": len(growing),
         "bounded": int(counts.get(BOUNDED, 0)),
+        "decays": int(counts.get(DECAYS, 0)),
         "rounded": int(counts.get(ROUNDED, 0)),
         "inconclusive": int(counts.get(INCONCLUSIVE, 0)),
         "growing": list(growing["variant"].unique()),

@@ -50,6 +50,7 @@ from stiction.comparisons.measures.accuracy import errors, size_of
 from stiction.comparisons.measures.drift import rounding_of
 from stiction.comparisons.measures.drift_growth import (
     BOUNDED,
+    DECAYS,
     GROWS,
     INCONCLUSIVE,
     ROUNDED,
@@ -488,6 +489,7 @@ def _growth_of(study: pd.DataFrame, choice: Choice) -> dict[str, object]:
         "runs": len(runs),
         "grows": int((laws == GROWS).sum()),
         "bounded": int((laws == BOUNDED).sum()),
+        "decays": int((laws == DECAYS).sum()),
         "rounded": int((laws == ROUNDED).sum()),
         "inconclusive": int((laws == INCONCLUSIVE).sum()),
         "unknown": int(laws.isna().sum()),  # the run failed or stopped early

@@ -47,9 +47,9 @@ from stiction.comparisons.bench.variants import (
 from stiction.comparisons.measures.scene_truth import truths_for
 from stiction.comparisons.measures.torque_jumps import (
     BOUND,
-    FARTHEST,
-    LATEST,
-    counterpart,
+    MAX_RELATIVE_ERROR,
+    MAX_TIME_ERROR_S,
+    nearest_event,
     torque_table,
 )
 from stiction.comparisons.studies.accuracy import ROW_HEIGHT, compared_runs, in_scene, step_chart
@@ -91,7 +91,7 @@ MOST_EVENTS = 3
 """Largest number of events in the figure: columns that fit into the width of a page."""
 BEYOND = 0.5
 """Fraction of the truth's range by which an axis extends beyond it, above and below."""
-CONSTANTS = {"latest": LATEST, "farthest": FARTHEST}
+CONSTANTS = {"latest": MAX_TIME_ERROR_S, "farthest": MAX_RELATIVE_ERROR}
 """Constants in the text of the study: a time in s, and a fraction of a jump."""
 
 
@@ -178,7 +178,7 @@ def windows_table(
     windows = []
     for number, event_of_first in enumerate(largest_events(first_truth, effort)):
         for name, truth in truths_by_name.items():
-            event = counterpart(truth.events, event_of_first, effort, half_width)
+            event = nearest_event(truth.events, event_of_first, effort, half_width)
             if event is None:
                 continue
             columns = {

@@ -22,7 +22,7 @@ from typing import Any
 import numpy as np
 
 from stiction.engines.assembly import Assembly
-from stiction.engines.protocol import BadTrajectory, accepted, installed_version
+from stiction.engines.protocol import BadTrajectory, check_version, installed_version
 from stiction.engines.shared.acceleration_integrator import Dynamics
 from stiction.engines.shared.contact_geometry import (
     REACH,
@@ -94,7 +94,7 @@ class DartEngine(TreeEngine):
     @property
     def version(self) -> str:
         import_module("dartpy")  # ImportError where it cannot be imported
-        return accepted("dartpy", installed_version("dartpy"))
+        return check_version("dartpy", installed_version("dartpy"))
 
     def refusal(self, scene: Scene, fidelity: Fidelity) -> str | None:
         if (reason := super().refusal(scene, fidelity)) or fidelity == Fidelity.JOINT:

@@ -28,7 +28,7 @@ from stiction.engines.assembly import Assembly, assembly_of
 from stiction.engines.drake.contact import Boxes, Material, corner_inertias
 from stiction.engines.drake.continuous import METHOD, run_continuous
 from stiction.engines.drake.plant import Plant, start_mass
-from stiction.engines.protocol import Supplier, accepted, installed_version
+from stiction.engines.protocol import Supplier, check_version, installed_version
 from stiction.engines.shared.acceleration_integrator import Dynamics
 from stiction.engines.shared.engine_clock import EngineClock
 from stiction.engines.shared.fixed_step import Defaults
@@ -88,7 +88,7 @@ class DrakeEngine(TreeEngine):
     @property
     def version(self) -> str:
         import_module("pydrake.multibody.plant")  # ImportError where it cannot be imported
-        return accepted("drake", installed_version("drake"))
+        return check_version("drake", installed_version("drake"))
 
     def friction_supplier(self, fidelity: Fidelity, settings: Mapping[str, Any]) -> Supplier:
         if fidelity == Fidelity.CONTACT and settings.get("method") == METHOD:

@@ -42,7 +42,7 @@ from stiction.engines.protocol import (
     Refused,
     Supplier,
     Unsettled,
-    accepted,
+    check_version,
 )
 from stiction.engines.shared.contact_geometry import contact_refusal
 from stiction.engines.shared.fixed_step import DEFAULT_SHARE, Defaults, settings_of, step_of
@@ -134,7 +134,7 @@ class ExudynEngine(Engine):
     def version(self) -> str:
         import exudyn
 
-        return accepted("exudyn", exudyn.config.Version())
+        return check_version("exudyn", exudyn.config.Version())
 
     def default_settings(self, fidelity: Fidelity) -> Mapping[str, Any]:
         return settings_of({}, _defaults(fidelity), self.name, fidelity)

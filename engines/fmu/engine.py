@@ -18,7 +18,7 @@ import numpy as np
 from stiction.engines.assembly import Assembly
 from stiction.engines.examined import changed_modes
 from stiction.engines.fmu.variables import CO_SIMULATION, MODEL_EXCHANGE, Map, Variables
-from stiction.engines.protocol import EngineFailure, accepted
+from stiction.engines.protocol import EngineFailure, check_version
 from stiction.engines.registry import EngineMissing
 from stiction.engines.shared.declared_engine import DEFAULT_RTOL, DeclaredEngine, read_declaration
 from stiction.engines.shared.fixed_step import Grid, step_of
@@ -65,7 +65,7 @@ class FmuEngine(DeclaredEngine):
         self.file = file
         self.name = file.stem
         self.map_file = file.with_name(file.stem + MAP)
-        fmpy_version = accepted("fmpy", fmpy.__version__)
+        fmpy_version = check_version("fmpy", fmpy.__version__)
         names = read_declaration(self.map_file, Map) if self.map_file.is_file() else Map()
         self.variables, self.interface = _read(file, names, self.map_file)
         description = self.variables.description

@@ -26,7 +26,7 @@ from stiction.engines.assembly import Assembly
 from stiction.engines.mujoco.contact import SIDES, slip_damping, slip_reference, surface
 from stiction.engines.mujoco.loads import ROTOR
 from stiction.engines.mujoco.mjcf import HARDEST, START, joint_name, mjcf
-from stiction.engines.protocol import EngineFailure, Refused, accepted
+from stiction.engines.protocol import EngineFailure, Refused, check_version
 from stiction.engines.shared.acceleration_integrator import Dynamics
 from stiction.engines.shared.contact_geometry import direction_of
 from stiction.engines.shared.engine_clock import EngineClock
@@ -111,7 +111,7 @@ class MujocoEngine(TreeEngine):
     def version(self) -> str:
         import mujoco
 
-        return accepted("mujoco-core", mujoco.__version__)
+        return check_version("mujoco-core", mujoco.__version__)
 
     def refusal(self, scene: Scene, fidelity: Fidelity) -> str | None:
         if reason := super().refusal(scene, fidelity):

@@ -26,7 +26,7 @@ from typing import Any
 import numpy as np
 
 from stiction.engines.assembly import Assembly
-from stiction.engines.protocol import accepted, installed_version
+from stiction.engines.protocol import check_version, installed_version
 from stiction.engines.shared.acceleration_integrator import Dynamics
 from stiction.engines.shared.contact_geometry import (
     REACH,
@@ -105,7 +105,7 @@ class PybulletEngine(TreeEngine):
     @property
     def version(self) -> str:
         _ = _pybullet().connect  # an AttributeError if another package has this name
-        return accepted("pybullet", installed_version("pybullet"))
+        return check_version("pybullet", installed_version("pybullet"))
 
     def refusal(self, scene: Scene, fidelity: Fidelity) -> str | None:
         return super().refusal(scene, fidelity) or (

@@ -38,7 +38,7 @@ from typing import TYPE_CHECKING, Any, ClassVar, NamedTuple
 import numpy as np
 
 from stiction.engines.assembly import Assembly
-from stiction.engines.protocol import accepted, installed_version
+from stiction.engines.protocol import check_version, installed_version
 from stiction.engines.pymunk.correction import (
     Iteration,
     bias_of_share,
@@ -122,7 +122,7 @@ class PymunkEngine(SteppedEngine):
         import pymunk  # noqa: F401 - an installation that cannot be imported has no version
 
         # the distribution's version: the module of the wheel 7.0.0 reports 2.0.0
-        return accepted("pymunk", installed_version("pymunk"))
+        return check_version("pymunk", installed_version("pymunk"))
 
     def refusal(self, scene: Scene, fidelity: Fidelity) -> str | None:
         if fidelity == Fidelity.CONTACT and (

@@ -213,8 +213,8 @@ class DeclaredEngine(Engine):
             engine=self.name,
             version=self.version,
             fidelity=fidelity,
-            t=table.t[table.last],
-            columns={name: values[table.last] for name, values in columns.items()},
+            t=table.t[table.rows_after],
+            columns={name: values[table.rows_after] for name, values in columns.items()},
             events=tuple(events(columns)),
             settings={
                 **settings,
@@ -244,7 +244,7 @@ class DeclaredEngine(Engine):
                 if column in table.columns:
                     continue
                 # Differences need one row for each time, and two times at least.
-                if len(table.first) < max(2, len(table.t)):
+                if len(table.rows_before) < max(2, len(table.t)):
                     raise BadTrajectory(
                         f"{self.name} returned no column {column}; expected accelerations where a "
                         "time has two rows, or the run a single one"

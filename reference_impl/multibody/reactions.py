@@ -1,12 +1,12 @@
-"""Reactions from a motion: what an engine does not report, from the balance of momentum.
+"""Constraint reactions and friction that follow from a motion by the balance of momentum.
 
-M a - Q = J^T force has the multipliers and the frictions on the sliders as unknowns; their rows are those of the
-scene's constraints, whoever integrated the motion. Redundant constraints share their force in the minimum-norm sense.
+In M a - Q = J^T force, the multipliers of the constraints and the frictions are the unknowns. The equation does not
+depend on the program that has integrated the motion. Redundant constraints share their force in the minimum-norm sense.
 
-Frictions of guides at rest are unknowns as well. Where more of them hold than the mechanism has freedoms (hyperstatic
-rest), a null vector of the unknowns' columns contains frictions: the forces in it can have any size, and the shortest
-ones may lie outside Coulomb's cone. Those are nan. The null vectors of the constraints alone, of redundant joints, move
-no friction and are not counted.
+Frictions of guides at rest are unknowns as well. If more guides are at rest than the mechanism has degrees of freedom
+(hyperstatic rest), a null vector of the columns of the unknowns contains frictions. The forces in this null vector are
+arbitrary, and the minimum-norm ones may violate Coulomb's law; these forces are NaN. Null vectors of the constraints
+alone, which belong to redundant joints, contain no friction and are not considered.
 """
 
 from __future__ import annotations
@@ -20,12 +20,14 @@ from stiction.reference_impl.multibody.dynamics import row_form
 from stiction.reference_impl.multibody.mechanism import Arrays, Mechanism, workspace
 from stiction.reference_impl.multibody.trajectory_columns import build_columns, corner_columns
 from stiction.scenes import InputError, Scene
+from stiction.scenes.columns import BODY_COLUMNS, columns_of
+from stiction.scenes.wording import did_you_mean, names, shown
 
-_ROOM = 1_000_000
-"""Numbers in the matrices that are solved at a time, 8 MB, at most; one matrix at least."""
-_MOVED = 1e-12
-"""Square of a force's part in a unit null vector above which it belongs to it; rounding leaves 1e-16, levers of a
-millimetre 1e-6."""
+_MAX_NUMBERS = 1_000_000
+"""Largest number of elements of the matrices that are solved at a time, 8 MB. At least one matrix is solved."""
+_MIN_NULL_PART = 1e-12
+"""Square of the part of a force in a unit null vector above which the null vector contains the force. Rounding errors
+cause 1e-16, and a lever of a millimetre 1e-6."""
 
 
 def recover_columns(
@@ -71,36 +73,41 @@ def recover_columns(
     Raises
     ------
     InputError
-        If an argument has the wrong shape, or contains values that are not finite numbers.
+        If an argument has the wrong shape, or contains values that are not finite numbers, or if a name in `reactions`
+        is not a column of the scene, or is one of the motion of a body.
     """
+    _check_names(reactions or {}, scene)
     if mechanism is None:
         mechanism = Mechanism(scene, stabilization="none")
     m = mechanism.arrays
     t = _numbers("t", t, ("n",))
-    q, v, a = (
-        _numbers(name, values, (len(t), len(m.inverse_mass)), unknown=name == "a")
-        for name, values in (("q", q), ("v", v), ("a", a))
-    )
-    frictions = [f"{name}.friction" for name in mechanism.guide_names]
+    shape = (len(t), len(m.inverse_mass))
+    q = _numbers("q", q, shape)
+    v = _numbers("v", v, shape)
+    a = _numbers("a", a, shape, allows_nan=True)
     reported = {
-        name: _numbers(f"reactions[{name!r}]", values, (len(t),), unknown=True)
+        name: _numbers(f"reactions[{name!r}]", values, (len(t),), allows_nan=True)
         for name, values in (reactions or {}).items()
     }
-    friction = np.full((len(t), len(frictions)), np.nan)
-    for i, name in enumerate(frictions):
-        friction[:, i] = reported.pop(name, np.nan)
-    friction /= mechanism.slip_radius
-    told = ~np.isnan(friction)
-    force, known = (
-        np.hstack([np.zeros((len(t), m.rows), dtype=values.dtype), values])
-        for values in (np.where(told, friction, 0.0), told)
-    )
-    at_once = max(1, _ROOM // max(1, len(m.inverse_mass) * force.shape[1]))
-    for part in (slice(first, first + at_once) for first in range(0, len(t), at_once)):
-        jacobians, free = columns_of_rows(m, t[part], q[part], v[part])
-        force[part] = _balanced(
-            jacobians, (a[part] - free) / m.inverse_mass, force[part], known[part], m.rows
-        )
+
+    # The unknowns are the multipliers, and the frictions that are not reported.
+    force = np.zeros((len(t), m.rows + len(mechanism.guide_names)))
+    is_known = np.zeros(force.shape, dtype=bool)
+    for i, name in enumerate(mechanism.guide_names):
+        friction = reported.pop(f"{name}.friction", None)
+        if friction is not None:
+            is_reported = ~np.isnan(friction)
+            is_known[:, m.rows + i] = is_reported
+            force[is_reported, m.rows + i] = friction[is_reported] / mechanism.slip_radius[i]
+
+    # Solve the balances of some instants at a time, to limit the memory.
+    batch = max(1, _MAX_NUMBERS // max(1, len(m.inverse_mass) * force.shape[1]))
+    for begin in range(0, len(t), batch):
+        rows = slice(begin, begin + batch)
+        jacobians, free = columns_of_rows(m, t[rows], q[rows], v[rows])
+        inertial = (a[rows] - free) / m.inverse_mass
+        force[rows] = _balance(jacobians, inertial, force[rows], is_known[rows], m.rows)
+
     columns = build_columns(mechanism, t, q, v, a, force)
     if reported:
         columns.update(reported)
@@ -110,42 +117,76 @@ def recover_columns(
     return columns
 
 
-def _numbers(
-    name: str, values: ArrayLike, shape: tuple[int | str, ...], unknown: bool = False
-) -> np.ndarray:
-    """Return an argument as the kernels take it: float64, C-contiguous, writable.
+def _check_names(reactions: Mapping[str, ArrayLike], scene: Scene) -> None:
+    """Raise InputError for a name in `reactions` that is not a column of the scene, or one of the motion of a body."""
+    labels = [label for group in BODY_COLUMNS for label in group]
+    motion = {f"{body}.{label}" for body in scene.bodies for label in labels}
+    allowed = [name for name in columns_of(scene) if name not in motion]
+    for name in reactions:
+        if name not in allowed:
+            raise InputError(
+                f"reactions: found {shown(name)}; expected names among {names(allowed)}"
+                f"{did_you_mean(name, allowed)}"
+            )
 
-    `shape` may have a letter; `unknown`: NaN is allowed.
+
+def _numbers(
+    name: str, values: ArrayLike, shape: tuple[int | str, ...], allows_nan: bool = False
+) -> np.ndarray:
+    """Return an argument as an array for the kernels: float64, C-contiguous, writable.
+
+    Parameters
+    ----------
+    name
+        Name of the argument, for messages.
+    values
+        Its value.
+    shape
+        Expected shape; a letter stands for any length.
+    allows_nan
+        Whether values may be NaN.
+
+    Raises
+    ------
+    InputError
+        If the values are not numbers of this shape, or not finite.
     """
-    wanted = (
-        f"expected {'number' if unknown else 'finite number'}s of shape "
-        f"({', '.join(map(str, shape))}{',' * (len(shape) == 1)})"
-    )
+    kind = "numbers" if allows_nan else "finite numbers"
+    comma = "," if len(shape) == 1 else ""
+    expected = f"expected {kind} of shape ({', '.join(map(str, shape))}{comma})"
     try:
-        found = np.asarray(values)
-    except ValueError as error:  # rows of unlike length
-        raise InputError(f"{name}: found {error}; {wanted}") from None
-    if found.dtype.kind not in "fiub":
-        raise InputError(f"{name}: found an array of {found.dtype}; {wanted}")
-    if found.ndim != len(shape) or any(
-        isinstance(size, int) and size != other for size, other in zip(shape, found.shape)
-    ):
-        turned = ", its transpose" if found.ndim == 2 and found.shape[::-1] == shape else ""
-        raise InputError(f"{name}: found shape {found.shape}; {wanted}{turned}")
-    found = np.require(found, float, ("C", "W"))
-    if (bad := np.argwhere(np.isinf(found) if unknown else ~np.isfinite(found))).size:
-        place = ", ".join(map(str, bad[0]))
-        raise InputError(f"{name}: found {found[tuple(bad[0])]} at [{place}]; {wanted}")
-    return found
+        array = np.asarray(values)
+    except ValueError as error:  # rows of different lengths
+        raise InputError(f"{name}: found {error}; {expected}") from None
+    if array.dtype.kind not in "fiub":
+        raise InputError(f"{name}: found an array of {array.dtype}; {expected}")
+    if not _has_shape(array, shape):
+        is_transpose = array.ndim == 2 and array.shape[::-1] == shape
+        hint = ", its transpose" if is_transpose else ""
+        raise InputError(f"{name}: found shape {array.shape}; {expected}{hint}")
+    array = np.require(array, float, ("C", "W"))
+    is_bad = np.isinf(array) if allows_nan else ~np.isfinite(array)
+    if is_bad.any():
+        index = tuple(np.argwhere(is_bad)[0])
+        place = ", ".join(map(str, index))
+        raise InputError(f"{name}: found {array[index]} at [{place}]; {expected}")
+    return array
+
+
+def _has_shape(array: np.ndarray, shape: tuple[int | str, ...]) -> bool:
+    """Return whether an array has a shape, in which a letter stands for any length."""
+    if array.ndim != len(shape):
+        return False
+    return all(
+        isinstance(size, str) or size == length
+        for size, length in zip(shape, array.shape, strict=True)
+    )
 
 
 def columns_of_rows(
     m: Arrays, t: np.ndarray, q: np.ndarray, v: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Return J^T at each instant, and M^-1 Q without joints.
-
-    Their shapes are (n, 3 * bodies, rows + frictional) and (n, 3 * bodies).
-    """
+    """Return J^T at each instant, shape (n, 3 * bodies, rows + frictional), and M^-1 Q, shape (n, 3 * bodies)."""
     w = workspace(m)
     J, free = np.empty((len(t), len(w.J))), np.empty(q.shape)
     for i in range(len(t)):
@@ -157,38 +198,56 @@ def columns_of_rows(
     return columns, free
 
 
-def _balanced(
-    columns: np.ndarray, needed: np.ndarray, force: np.ndarray, known: np.ndarray, rows: int
+def _balance(
+    columns: np.ndarray, needed: np.ndarray, force: np.ndarray, is_known: np.ndarray, rows: int
 ) -> np.ndarray:
-    """Row forces (n, rows + frictional).
+    """Return the row forces that balance a motion, in the least-squares sense and with the least norm.
 
-    Those that are known, and with them the smallest others whose sum in the least-squares sense is `needed`, (n, 3 *
-    bodies).
+    Singular values below the largest one times machine precision times the size of the matrix count as zero, as in
+    `numpy.linalg.lstsq`.
 
-    nan where a null vector that contains frictions moves them. Singular values below the largest times machine
-    precision times the size count as zero, as in `numpy.linalg.lstsq`.
+    Parameters
+    ----------
+    columns : ndarray, shape (n, 3 * bodies, rows + frictional)
+        Generalized forces of unit row forces.
+    needed : ndarray, shape (n, 3 * bodies)
+        Generalized forces that all row forces must have together.
+    force : ndarray, shape (n, rows + frictional)
+        Known row forces; the values of unknown ones do not matter.
+    is_known : ndarray of bool, shape (n, rows + frictional)
+        Which row forces are known.
+    rows : int
+        Number of constraint rows; the other row forces are frictions.
+
+    Returns
+    -------
+    ndarray, shape (n, rows + frictional)
+        NaN where a null vector that contains frictions contains the force.
     """
-    found = force.copy()
-    rest = needed - np.einsum("nij,nj->ni", columns, np.where(known, force, 0.0))
-    for pattern in np.unique(known, axis=0):
-        those, others = np.flatnonzero((known == pattern).all(axis=1)), np.flatnonzero(~pattern)
-        matrices = columns[np.ix_(those, np.arange(columns.shape[1]), others)]
+    balanced = force.copy()
+    remainder = needed - np.einsum("nij,nj->ni", columns, np.where(is_known, force, 0.0))
+    # All instants with the same unknowns are solved together.
+    for pattern in np.unique(is_known, axis=0):
+        instants = np.flatnonzero((is_known == pattern).all(axis=1))
+        unknowns = np.flatnonzero(~pattern)
+        matrices = columns[np.ix_(instants, np.arange(columns.shape[1]), unknowns)]
         left, size, right = np.linalg.svd(matrices, full_matrices=False)
-        solved = np.einsum(
-            "nki,nk->ni",
-            right,
-            _inverse(matrices, size) * np.einsum("nik,ni->nk", left, rest[those]),
-        )
-        moved = _moved_with_frictions(matrices, rows, size, right)
-        found[np.ix_(those, others)] = np.where(moved, np.nan, solved)
-    return found
+        coefficients = _inverse(matrices, size) * np.einsum("nik,ni->nk", left, remainder[instants])
+        solution = np.einsum("nki,nk->ni", right, coefficients)
+        is_open = _moved_with_frictions(matrices, rows, size, right)
+        balanced[np.ix_(instants, unknowns)] = np.where(is_open, np.nan, solution)
+    return balanced
 
 
 def parts_of_null_vectors(matrices: np.ndarray, rows: int) -> np.ndarray:
-    """Return which unknowns a null vector that contains frictions moves, shape (n, j).
+    """Return which unknowns are contained in a null vector that contains frictions, bool, shape (n, j).
 
+    Parameters
+    ----------
     matrices : ndarray, shape (n, 3 * bodies, j)
-        Columns of the unknowns at each instant: those of `rows` constraints, then those of frictions.
+        Columns of the unknowns at each instant: first those of the constraint rows, then those of frictions.
+    rows : int
+        Number of constraint rows.
     """
     _, size, right = np.linalg.svd(matrices, full_matrices=False)
     return _moved_with_frictions(matrices, rows, size, right)
@@ -197,29 +256,29 @@ def parts_of_null_vectors(matrices: np.ndarray, rows: int) -> np.ndarray:
 def _moved_with_frictions(
     matrices: np.ndarray, rows: int, size: np.ndarray, right: np.ndarray
 ) -> np.ndarray:
-    """Do the work of `parts_of_null_vectors`, from singular values and right vectors."""
-    moved = _null_parts(matrices, size, right)
-    hyperstatic = (moved[:, rows:] > _MOVED).any(axis=1)
-    moved[~hyperstatic] = 0.0
-    if hyperstatic.any():
-        # null vectors of the constraints alone move no friction, and are taken out
-        alone = matrices[hyperstatic][:, :, :rows]
-        _, size, right = np.linalg.svd(alone, full_matrices=False)
-        moved[hyperstatic, :rows] -= _null_parts(alone, size, right)
-    return moved > _MOVED
+    """Return the result of `parts_of_null_vectors` from the singular values and the right singular vectors."""
+    parts = _null_parts(matrices, size, right)
+    is_hyperstatic = (parts[:, rows:] > _MIN_NULL_PART).any(axis=1)
+    parts[~is_hyperstatic] = 0.0
+    if is_hyperstatic.any():
+        # Null vectors of the constraints alone contain no friction, and are subtracted.
+        constraints = matrices[is_hyperstatic][:, :, :rows]
+        _, size, right = np.linalg.svd(constraints, full_matrices=False)
+        parts[is_hyperstatic, :rows] -= _null_parts(constraints, size, right)
+    return parts > _MIN_NULL_PART
 
 
 def _inverse(matrices: np.ndarray, size: np.ndarray) -> np.ndarray:
-    """Return 1 / singular values; 0 for those that count as zero."""
-    kept = size > np.finfo(float).eps * max(matrices.shape[1:]) * np.max(
-        size, axis=1, keepdims=True, initial=0.0
-    )
-    return np.divide(1.0, size, out=np.zeros_like(size), where=kept)
+    """Return the reciprocals of singular values, shape (n, k); 0 for those that count as zero."""
+    largest = np.max(size, axis=1, keepdims=True, initial=0.0)
+    is_positive = size > np.finfo(float).eps * max(matrices.shape[1:]) * largest
+    return np.divide(1.0, size, out=np.zeros_like(size), where=is_positive)
 
 
 def _null_parts(matrices: np.ndarray, size: np.ndarray, right: np.ndarray) -> np.ndarray:
-    """Return the diagonal of the projector onto the null vectors of matrices (n, i, j), (n, j).
+    """Return the diagonal of the projector onto the null space of each matrix, shape (n, j).
 
-    The square of each unknown's largest part in one of unit length.
+    An element is the square of the largest component that the unknown has in a unit null vector.
     """
-    return 1.0 - np.einsum("nk,nkj->nj", (_inverse(matrices, size) > 0).astype(float), right**2)
+    is_in_row_space = (_inverse(matrices, size) > 0).astype(float)
+    return 1.0 - np.einsum("nk,nkj->nj", is_in_row_space, right**2)

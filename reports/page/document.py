@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import json
 import re
+from collections import Counter
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cache
@@ -48,12 +49,25 @@ class View:
     columns: web.Columns
 
 
-def document(title: str, subtitle: str, sections: Mapping[str, Sequence[str]]) -> str:
-    """Return the HTML of a page; `sections` contains the blocks of HTML of each section, by its heading."""
+def document(title: str, subtitle: str, sections: Iterable[tuple[str, Sequence[str]]]) -> str:
+    """Return the HTML of a page.
+
+    Parameters
+    ----------
+    title, subtitle : str
+        Heading of the page, and the line below it.
+    sections : iterable of (str, sequence of str)
+        The heading of each section, and its blocks of HTML. Sections may have equal headings.
+    """
     links = []
     parts = []
-    for heading, blocks in sections.items():
+    times_used = Counter[str]()
+    for heading, blocks in sections:
         anchor = re.sub(r"\W+", "-", heading.lower()).strip("-")
+        # Identifiers are unique in a page: the second section with the same one gets the suffix -2.
+        times_used[anchor] += 1
+        if times_used[anchor] > 1:
+            anchor = f"{anchor}-{times_used[anchor]}"
         label = escape(heading)
         content = "\n".join(blocks)
         links.append(f'<a href="#{anchor}">{label}</a>')

@@ -30,7 +30,7 @@ COLORS = ("ink", *CYCLE[1:])
 """Colours of variants, which are used again if there are more; the page defines ``ink`` for light and dark mode."""
 DASHES = ((), (6, 3), (2, 3), (8, 3, 2, 3), (14, 4), (14, 4, 2, 4))
 """Dashes of the step sizes or tolerances of a variant, px; used again if there are more."""
-HINT = "Drag to zoom, double-click to reset; with the keyboard +, - and 0."
+CHART_HELP = "Drag to zoom, double-click to reset; with the keyboard +, - and 0."
 """How to use the chart."""
 MAX_FAILURES = 200
 """Largest number of rows in the table of failures, which begins with the latest."""
@@ -110,7 +110,7 @@ def write_history_page(history: Path, file: Path) -> None:
     if failures:
         sections["What failed"] = failures
     counts = f"{_count(len(nights), 'night')}, {_count(rows['key'].nunique(), 'run')} each at most"
-    write_text(file, document("History of the nights", counts, sections))
+    write_text(file, document("History of the nights", counts, sections.items()))
 
 
 def _count(number: int, word: str) -> str:
@@ -213,7 +213,7 @@ def _course(rows: pd.DataFrame, nights: pd.DataFrame, folders: Mapping[str, _Nig
             "times are drawn in logarithms where all are > 0; a gap is a night in which the run failed. "
             "Times of different machines are different lines."
         ),
-        chart("course", ("Metric", "Scene"), views, HINT),
+        chart("course", ("Metric", "Scene"), views, CHART_HELP),
     ]
 
 

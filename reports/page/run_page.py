@@ -10,7 +10,7 @@ from pathlib import Path
 from stiction.comparisons.bench.presentation import TableView
 from stiction.reports.page.document import chart, details, document, markdown, table
 from stiction.reports.page.time_series import time_series
-from stiction.reports.page_one import answers, headline_table, page_one, title_of
+from stiction.reports.page_one import INTERRUPTED, answers, headline_table, page_one, title_of
 from stiction.reports.report import Report, report_of
 from stiction.reports.run_folder.provenance import commit_in_words
 from stiction.reports.run_folder.stored_run import StoredRun
@@ -20,10 +20,10 @@ from stiction.scenes import InputError
 from stiction.scenes.atomic_files import write_text
 from stiction.scenes.pictures.web import compressed
 
-HINT = (
-    "The pointer moves the time, and the mechanism follows. Drag to zoom, double-click to reset; with the keyboard "
-    "+, - and 0. Grey: stick phases of the truth. A difference is that of two samples of one time, from the truth "
-    "of the physics that the run has; none is drawn where it is zero."
+TIME_SERIES_HELP = (
+    "Move the pointer over the chart to choose a time, at which the mechanism is shown. Drag to zoom and double-click "
+    "to reset; with the keyboard, use +, - and 0. Grey: stick phases of the truth. Differences are those from the "
+    "truth with the same coefficients of friction at the same time; differences of zero are not drawn."
 )
 """How to use the chart of the time series."""
 
@@ -37,38 +37,39 @@ def write_run_page(run: StoredRun, file: Path) -> None:
         If the run folder lacks the picture of a figure.
     """
     report = report_of(run.validation())
-    sections = {"Answer": list(_page_one(report))}
+    subtitle = f"stiction {run.origin['versions']['stiction']}, run of {run.origin['date']}"
+    write_text(file, document(title_of(report.results), subtitle, _sections(run, report)))
+
+
+def _sections(run: StoredRun, report: Report) -> Iterator[tuple[str, list[str]]]:
+    """Yield the heading of each section of the page, and its blocks of HTML."""
+    yield "Answer", list(answer_blocks(report))
     views = list(time_series(report.results))
     if views:
-        sections["Time series"] = [chart("time-series", ("Scene",), views, HINT)]
+        yield "Time series", [chart("time-series", ("Scene",), views, TIME_SERIES_HELP)]
     # The sections of the studies are closed at first.
     for study, section in report.sections.items():
         content = "\n".join(_section_blocks(run, section))
-        sections[study.question] = [details(section.answer or study.question, content)]
-    sections["Where numbers come from"] = [
-        details("Every key of the tables", "".join(_origin_paragraphs(run, report)))
-    ]
+        yield study.question, [details(section.answer or study.question, content)]
+    origins = details("Every key of the tables", "".join(_origin_paragraphs(run, report)))
+    yield "Where numbers come from", [origins]
     rows = list(_provenance_rows(run))
-    sections["Provenance"] = [
-        table("Provenance of the run.", ("what", "value"), rows, (False, False))
-    ]
-    subtitle = f"stiction {run.origin['versions']['stiction']}, run of {run.origin['date']}"
-    write_text(file, document(title_of(report.results), subtitle, sections))
+    yield "Provenance", [table("Provenance of the run.", ("what", "value"), rows, (False, False))]
 
 
-def _page_one(report: Report) -> Iterator[str]:
-    """Yield the HTML of page one."""
+def answer_blocks(report: Report) -> Iterator[str]:
+    """Yield the HTML of page one: recommendation, table of all methods, answers, and the runs they are based on."""
     page = page_one(report)
+    if report.results.settings.get("interrupted"):
+        yield markdown(f"**{INTERRUPTED}**")
     yield markdown(page.mechanism)
     for item in page.recommendation:
         yield markdown(item)
     headlines = headline_table(report)
     if headlines.groups:
-        # The names of groups are emphasized in Markdown.
-        rows = [[text.strip("*") for text in row] for row in headlines.rows]
-        yield table(page.how_to_read, headlines.heads, rows, headlines.right)
+        yield table(page.how_to_read, headlines.heads, headlines.plain_rows, headlines.right)
     yield markdown("\n".join(f"- **{title}.** {answer}" for title, answer in answers(report)))
-    yield markdown(page.not_installed)
+    yield markdown(f"{page.runs} {page.not_installed}".strip())
     yield markdown("\n".join(f"- {line}" for line in page.not_applicable))
 
 

@@ -82,11 +82,39 @@ def test_names_are_mapped_with_either_sign_or_left_out():
     assert set(found.columns) == {"slider.x", "slider.vx"} and found.left_out == ("slider.y", "CPU")
 
 
+@pytest.mark.parametrize("name", ["-slider.x", "-t", "-guide.friction"])
+def test_only_a_mapped_name_has_a_sign(name):
+    """A heading with a minus sign is no column of the scene: its values are not read, and no sign is reversed."""
+    frame = table(slider__y=[0.0] * 3).assign(**{name: [1.0, 2.0, 3.0]})
+    with pytest.raises(ResultError, match="a name that the scene does not have"):
+        result_table(frame, SCENE)
+    with pytest.raises(ResultError, match="a name that the scene does not have"):
+        result_table(frame.assign(**{"slider.x": 0.0, "guide.friction": 0.0}), SCENE)
+    read = result_table(frame, SCENE, parse_map([f"{name}=slider.x"]))
+    assert read.columns["slider.x"].tolist() == [1, 2, 3]
+
+
+@pytest.mark.parametrize("place", [0, 2])
+@pytest.mark.parametrize("usual", ["t", "time"])
+def test_a_time_that_is_not_mapped_is_left_out(usual, place):
+    """The mapped column is the time, wherever the other one stands."""
+    frame = pd.DataFrame({"stamp": [0.0, 0.1, 0.2], "slider.x": [1.0, 2.0, 3.0]})
+    frame.insert(place, usual, [7.0, 8.0, 9.0])
+    found = result_table(frame, SCENE, parse_map(["stamp=t"]))
+    assert found.t.tolist() == [0, 0.1, 0.2] and found.left_out == (usual,)
+
+
+def test_two_columns_that_are_mapped_to_the_time_are_refused():
+    frame = pd.DataFrame({"stamp": [0.0, 0.1], "t": [0.0, 0.1], "slider.x": [1.0, 2.0]})
+    with pytest.raises(ResultError, match="a second column t"):
+        result_table(frame, SCENE, parse_map(["stamp=t", "t=t"]))
+
+
 def test_equal_times_are_two_sides():
     frame = pd.DataFrame({"t": [0, 0.5, 0.5, 1], "motor.effort": [1.0, 2.0, 3.0, 4.0]})
     found = result_table(frame, SCENE)
-    assert found.columns["motor.effort"][found.first].tolist() == [1, 2, 4]
-    assert found.columns["motor.effort"][found.last].tolist() == [1, 3, 4]
+    assert found.columns["motor.effort"][found.rows_before].tolist() == [1, 2, 4]
+    assert found.columns["motor.effort"][found.rows_after].tolist() == [1, 3, 4]
 
 
 def test_forces_may_be_open_only_where_several_guides_can_leave_them_open():
@@ -108,6 +136,8 @@ def test_forces_may_be_open_only_where_several_guides_can_leave_them_open():
         (table(cart=[0.0] * 3), "cart"),
         (table(slider__x=[0.0, np.nan, 0.0]), "row 2"),
         (table(slider__x=[0.0, np.inf, 0.0]), "inf"),
+        (table(slider__x=[0.0, np.inf, 0.0]), "found inf;"),
+        (table(slider__x=[0.0, -np.inf, 0.0]), "found -inf;"),
         (table(slider__x=["0", "zero", "0"]), "zero"),
         (table(slider__x=["0", "0,5", "0"]), "point"),
         (table(slider__x=[True, False, True]), "True"),

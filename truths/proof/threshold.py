@@ -1,13 +1,14 @@
-"""Proven bounds of the stick threshold: the end of a band of load amplitudes whose steady state has a stick phase.
+"""The end of a band of load amplitudes with a stick phase in the periodic motion, between two bounds: a theorem.
 
-P maps the state (x, x') of the slider-bar at t = 0 to the state n common periods T of bar and load later. For a set
-B = {c + W y : |y1|, |y2| <= e} let N enclose W^-1 DP W on B. If
+P takes the state (x, x') of the slider-bar at t = 0 to that n common periods T of bar and load later. For a set
+B = {c + W y : |y1|, |y2| <= e} let N enclose W^-1 DP W on B. Where
 
     q = ||N||_inf < 1   and   ||W^-1 (P(c) - c)||_inf <= (1 - q) e ,
 
 P maps B into itself and contracts it (Banach). Then exactly one motion of period n T starts in B, and every motion from
-B converges to it. Its changes of mode are proven for all of B at once, and decide whether it has a stick phase. If the
-motion from the scene's start is in B after some periods, the periodic motion is the steady state of the scene.
+B tends to it. Its changes of mode are those proven for all of B at once, so that it has a stick phase or has none. If
+the motion from the scene's start is in B after some periods, the periodic motion is the steady state that the scene
+leads to.
 """
 
 from __future__ import annotations
@@ -30,43 +31,44 @@ from stiction.truths.reduced.slider_bar import SliderBar
 from stiction.truths.reduced.steady_state import steady_state, stick_threshold
 
 _DIGITS = 24
-"""Digits of the balls, and with them the smallest size of B that is tried."""
+"""Decimal digits of the working precision; no smaller size of B is tried than one unit of the last digit."""
 _REFINEMENTS = 6
-"""Newton steps on the fixed point: from the 1e-11 of floats to the working precision, quadratically, with a reserve."""
-_LARGEST = 8
-"""Negative decimal exponent of the first size of B that is tried."""
-_SMALLER = 2
-"""Difference of the exponents of successive sizes."""
-_PERIODS = 200
-"""Largest number of periods after which the motion from the scene's start may enter B."""
+"""Number of Newton steps for the fixed point. From the error of floats, 1e-11, Newton's method reaches the working
+precision after one or two steps, as the error is squared in each; the others are a reserve."""
+_FIRST_SIZE_EXPONENT = 8
+"""The first size of B that is tried is 10 to the power of minus this number."""
+_SIZE_EXPONENT_STEP = 2
+"""Difference of the exponents of successive sizes of B."""
+_MAX_PERIODS = 200
+"""Largest number of periods after which the motion from the scene's start must be in B."""
 
 
 @dataclass(frozen=True)
 class ProvenSteadyState:
-    """An attracting periodic motion whose existence is proven.
+    """An attracting periodic motion whose existence is proven, and bounds of it.
 
     Attributes
     ----------
     F0 : Fraction
         Amplitude of the load, N.
     period : arb
-        Period n T, s.
+        Period of the motion, s: `count` common periods of bar and load.
     state : tuple of arb
-        (x, x') at t = 0, m and m/s.
+        State (x, x') at t = 0, m and m/s.
     contraction : float
-        Upper bound of q on B.
+        Upper bound of q, by which the map P contracts B.
     states : StateSet
         The set B.
     count : int
-        Number n of common periods.
+        Number n of common periods of bar and load.
     periods : int
-        Number of periods n T after which the motion from the scene's start is in B.
+        Number of periods after which the motion from the scene's start is in B.
     events : list of ProvenEvent
         Events of one period.
     sticks : bool
-        True if the motion has a stick phase.
+        Whether the motion has a stick phase.
     digits : int
-        Digits of the proof.
+        Decimal digits of the working precision.
     """
 
     F0: Fraction
@@ -81,7 +83,7 @@ class ProvenSteadyState:
     digits: int
 
     def sentence(self) -> str:
-        """Return the proof in words."""
+        """Return the theorem in words."""
         x, speed = (value.str(15) for value in self.state)
         phase = "has a stick phase" if self.sticks else "has no stick phase"
         radius = float(self.states.size[0].rad())
@@ -95,13 +97,19 @@ class ProvenSteadyState:
 
 @dataclass(frozen=True)
 class ProvenThreshold:
-    """At `low` the steady state from the scene's start has a stick phase, at `high` it has none."""
+    """Two amplitudes between which the threshold of stick phases is proven to lie.
+
+    Attributes
+    ----------
+    low, high : ProvenSteadyState
+        The steady states from the scene's start, with a stick phase at `low` and without one at `high`.
+    """
 
     low: ProvenSteadyState
     high: ProvenSteadyState
 
     def sentences(self) -> list[str]:
-        """Return the theorem, with its hypotheses."""
+        """Return the hypotheses and the statements of the theorem."""
         low, high = decimal(self.low.F0), decimal(self.high.F0)
         return [
             "Hypotheses: the scene's numbers are exact as they are written; rigid bodies; Coulomb's law with mu "
@@ -113,22 +121,22 @@ class ProvenThreshold:
 
 
 def decimal(number: Fraction) -> str:
-    """Return a decimal fraction in full, and any other fraction as a quotient."""
+    """Write a decimal fraction in full; any other one as a quotient."""
     text = f"{Decimal(number.numerator) / number.denominator:f}"
     return text if Fraction(text) == number else str(number)
 
 
 def proven_threshold(scene: Scene, places: int = 9) -> ProvenThreshold:
-    """Return proven bounds of the threshold near that of `stick_threshold`, 10^-places N apart.
+    """Prove bounds of the threshold near that of `stick_threshold`, at a distance of 10^-places N from each other.
 
     Raises
     ------
     NotThisMechanism
-        If the scene is no slider-bar.
+        If the scene is not a slider-bar.
     NotProven
-        If no threshold is known, or a proof fails.
+        If `stick_threshold` finds no threshold, or a proof fails.
     """
-    # The threshold in floats is only an initial guess of the proofs.
+    # The threshold in floats says where to look; the proofs do not trust it.
     threshold = stick_threshold(scene)
     if threshold.F0 is None:
         raise NotProven(f"{scene.name}: {threshold.note}")
@@ -144,25 +152,21 @@ def proven_threshold(scene: Scene, places: int = 9) -> ProvenThreshold:
 
 
 def proven_steady_state(scene: Scene, F0: Fraction) -> ProvenSteadyState:
-    """Return the proven steady state at an amplitude; raise the errors of `proven_threshold`."""
+    """Prove the steady state at an amplitude F0 (N), with a set B around the steady state in floats.
+
+    Raises the same errors as `proven_threshold`.
+    """
     near = steady_state(SliderBar.from_scene(_at_amplitude(scene, F0)))
     with Precision.of(_DIGITS).working():
         mechanism = _mechanism(scene, F0, near.periods)
         centre = [arb(float(value)) for value in near.state]
-        # Newton's method for P(c) = c, in balls of no width.
-        for _ in range(_REFINEMENTS):
-            motion = _motion_from(mechanism, StateSet.box(centre), _DIGITS)
-            slope = motion.derivative()
-            correction = (identity(2) - slope).solve(
-                column(b - a for a, b in zip(centre, motion.end.hull()))
-            )
-            centre = [(c + correction[i, 0]).mid() for i, c in enumerate(centre)]
-        # Find the largest B on which the map is proven to contract, because the motion from the start
-        # enters it soonest.
+        centre, slope = _fixed_point(mechanism, centre)
         frame = _frame(slope)
+        # Try the largest sets first: the motion from the scene's start enters them after the fewest periods.
         reason = ""
-        for exponent in range(_LARGEST, _DIGITS, _SMALLER):
-            states = StateSet(tuple(centre), frame, (arb(10.0**-exponent) * arb(0, 1),) * 2)
+        for exponent in range(_FIRST_SIZE_EXPONENT, _DIGITS, _SIZE_EXPONENT_STEP):
+            size = arb(10.0**-exponent) * arb(0, 1)
+            states = StateSet(tuple(centre), frame, (size, size))
             try:
                 return proven_on(scene, F0, near.periods, states, _DIGITS)
             except ArithmeticError as error:
@@ -170,14 +174,33 @@ def proven_steady_state(scene: Scene, F0: Fraction) -> ProvenSteadyState:
         raise NotProven(reason)
 
 
+def _fixed_point(mechanism: SlidingMass, guess: list[arb]) -> tuple[list[arb], arb_mat]:
+    """Approximate the solution c of P(c) = c by Newton's method, in balls without width.
+
+    Returns
+    -------
+    centre : list of arb
+        (x, x') of c, m and m/s; an approximation, about which the proof makes no assumption.
+    slope : arb_mat
+        DP at the last iterate but one.
+    """
+    centre = guess
+    for _ in range(_REFINEMENTS):
+        motion = _motion_from(mechanism, StateSet.box(centre), _DIGITS)
+        slope = motion.derivative()
+        residual = column(after - before for before, after in zip(centre, motion.end.hull()))
+        correction = (identity(2) - slope).solve(residual)
+        centre = [(c + correction[i, 0]).mid() for i, c in enumerate(centre)]
+    return centre, slope
+
+
 def _at_amplitude(scene: Scene, F0: Fraction) -> Scene:
-    """Return the scene with an amplitude of its load, N."""
     [load] = scene.forces
     return vary(scene, {f"forces.{load}.law.amplitude": str(F0)})
 
 
 def _mechanism(scene: Scene, F0: Fraction, count: int) -> SlidingMass:
-    """Return the slider-bar over n = count common periods T of bar and load; raise NotProven if there are none."""
+    """Return the slider-bar over `count` common periods of bar and load; raise NotProven if they have none."""
     loaded = _at_amplitude(scene, F0)
     numbers, [drive], [load] = exact_scene(loaded), scene.drives, scene.forces
     rate, frequency = numbers.drives[drive].law.rate, numbers.forces[load].law.frequency
@@ -195,7 +218,7 @@ def _mechanism(scene: Scene, F0: Fraction, count: int) -> SlidingMass:
 
 
 def _motion_from(mechanism: SlidingMass, states: StateSet, digits: int) -> ProvenMotion:
-    """Return the motion from all states of a set, none of which is at rest."""
+    """Return the motion over one period from all states of a set, none of which is at rest."""
     x, speed = states.hull()
     return prove(replace(mechanism, q=[x], v=[speed], at_rest=False), Precision.of(digits), states)
 
@@ -203,53 +226,75 @@ def _motion_from(mechanism: SlidingMass, states: StateSet, digits: int) -> Prove
 def proven_on(
     scene: Scene, F0: Fraction, count: int, states: StateSet, digits: int
 ) -> ProvenSteadyState:
-    """Prove both inequalities for a set B at an amplitude F0, and that the scene's start leads into B.
+    """Prove the steady state at an amplitude, on a given set B.
 
-    The working precision must be that of the digits.
+    Parameters
+    ----------
+    scene : Scene
+        A slider-bar.
+    F0 : Fraction
+        Amplitude of the load, N.
+    count : int
+        Number of common periods of bar and load in a period of the motion.
+    states : StateSet
+        The set B.
+    digits : int
+        Decimal digits of the working precision, which is set here.
 
     Raises
     ------
     NotProven
-        If a claim is not proven.
+        If one of Banach's two conditions is not satisfied, or the motion from the scene's start is not proven to come
+        into B.
     """
+    with Precision.of(digits).working():
+        return _proven_on(scene, F0, count, states, digits)
+
+
+def _proven_on(
+    scene: Scene, F0: Fraction, count: int, states: StateSet, digits: int
+) -> ProvenSteadyState:
+    """Do the work of `proven_on` at the working precision."""
     mechanism = _mechanism(scene, F0, count)
     centre, frame = list(states.centre), states.frame
-    inverse, radius = frame.inv(), min((size.rad() for size in states.size), key=float)
+    inverse = frame.inv()
+    radius = min((size.rad() for size in states.size), key=float)
 
-    # q = ||W^-1 DP W|| on all of B, and the residual ||W^-1 (P(c) - c)|| at its centre: Banach's
-    # two inequalities.
+    # Banach's two conditions: the contraction q = ||W^-1 DP W|| on all of B, and the residual
+    # ||W^-1 (P(c) - c)|| at its centre.
     motion = _motion_from(mechanism, states, digits)
-    rate = _norm(inverse * motion.derivative() * frame)
+    contraction = _norm(inverse * motion.derivative() * frame)
     image = _motion_from(mechanism, StateSet.box(centre), digits).end.hull()
-    residual = _norm(inverse * column(b - a for a, b in zip(centre, image)))
-    if not (rate < 1 and residual <= (1 - rate) * radius):
+    residual = _norm(inverse * column(after - before for before, after in zip(centre, image)))
+    if not (contraction < 1 and residual <= (1 - contraction) * radius):
         raise NotProven(
-            f"F0 = {float(F0):.12g} N: no contraction: factor {rate.str(5)}, residual {residual.str(3)}"
+            f"F0 = {float(F0):.12g} N: no contraction: factor {contraction.str(5)}, "
+            f"residual {residual.str(3)}"
         )
     # The fixed point lies within residual / (1 - q) of the centre, in the coordinates of the frame.
-    tight = residual / (1 - rate)
-    state = [
-        c + sum((abs(frame[i, j]) for j in range(2)), arb(0)) * tight * arb(0, 1)
-        for i, c in enumerate(centre)
-    ]
-    sticks = any(event.kind == "stick" for event in motion.events) or motion.legs[0].mode[0] == 0
-    periods = _reached(mechanism, states, Precision.of(digits))
+    distance = residual / (1 - contraction)
+    state = []
+    for i, value in enumerate(centre):
+        row_sum = sum((abs(frame[i, j]) for j in range(2)), arb(0))
+        state.append(value + row_sum * distance * arb(0, 1))
+    has_stick_event = any(event.kind == "stick" for event in motion.events)
+    begins_at_rest = motion.legs[0].mode[0] == 0
     return ProvenSteadyState(
-        F0,
-        mechanism.t_end,
-        tuple(state),
-        float(rate.upper()),
-        states,
-        count,
-        periods,
-        motion.events,
-        sticks,
-        digits,
+        F0=F0,
+        period=mechanism.t_end,
+        state=tuple(state),
+        contraction=float(contraction.upper()),
+        states=states,
+        count=count,
+        periods=_periods_until_inside(mechanism, states, Precision.of(digits)),
+        events=motion.events,
+        sticks=has_stick_event or begins_at_rest,
+        digits=digits,
     )
 
 
 def _frame(slope: arb_mat) -> arb_mat:
-    """Return a basis in which a derivative has a small norm: real and imaginary parts of its eigenvectors."""
+    """Return the real and imaginary parts of the eigenvectors of a derivative: a basis in which its norm is small."""
     values, vectors = np.linalg.eig(middles(slope))
     basis = vectors
     if np.iscomplexobj(values):
@@ -258,14 +303,14 @@ def _frame(slope: arb_mat) -> arb_mat:
 
 
 def _norm(matrix: arb_mat) -> arb:
-    """Return an upper bound of the largest sum of absolute values of a row."""
+    """Return an upper bound of the maximum norm of a matrix: the largest sum of absolute values in a row."""
     return max((sum(map(abs, row), arb(0)).upper() for row in matrix.tolist()), key=float)
 
 
-def _reached(mechanism: SlidingMass, states: StateSet, precision: Precision) -> int:
+def _periods_until_inside(mechanism: SlidingMass, states: StateSet, precision: Precision) -> int:
     """Return the number of periods after which the motion from the scene's start is proven to be in a set."""
     current, start = mechanism, None
-    for count in range(1, _PERIODS + 1):
+    for count in range(1, _MAX_PERIODS + 1):
         motion = prove(current, precision, start)
         held = mechanism.held(motion.legs[-1].mode)
         x, speed = motion.end.hull()
@@ -277,5 +322,5 @@ def _reached(mechanism: SlidingMass, states: StateSet, precision: Precision) -> 
         x, speed = start.hull()
         current = replace(mechanism, q=[x], v=[speed], at_rest=bool(held))
     raise NotProven(
-        f"the motion from the scene's start is not near the periodic one after {_PERIODS} periods"
+        f"the motion from the scene's start is not near the periodic one after {_MAX_PERIODS} periods"
     )

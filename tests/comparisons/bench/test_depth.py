@@ -7,7 +7,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from stiction.cli.exit_codes import BAD_INPUT
-from stiction.comparisons.bench.depth import Depth, down_to
+from stiction.comparisons.bench.depth import Depth, limit_refinement
 from stiction.comparisons.bench.participants import cost_variants, threshold_variants, variants
 from stiction.comparisons.bench.presentation import Presentation
 from stiction.comparisons.bench.runner import Comparison, records_comparison
@@ -90,9 +90,9 @@ def test_the_default_leaves_out_rungs_and_no_variant():
 )
 def test_rungs_down_to_the_finest(rungs, finest, parameter):
     ladder = tuple(sorted(rungs, reverse=parameter != "iterations"))
-    found = down_to(ladder, parameter, {parameter: finest})
+    found = limit_refinement(ladder, parameter, {parameter: finest})
     assert (
-        found == ladder[: len(found)] and down_to(ladder, parameter, {}) == ladder
+        found == ladder[: len(found)] and limit_refinement(ladder, parameter, {}) == ladder
     )  # the coarse part of it
     finer = [rung > finest if parameter == "iterations" else rung < finest for rung in ladder]
     assert finer == [False] * len(found) + [True] * (len(ladder) - len(found))

@@ -5,7 +5,14 @@ import pytest
 
 from stiction.comparisons.bench.campaign import CAMPAIGNS
 from stiction.comparisons.measures.drift import decay_error
-from stiction.comparisons.measures.drift_growth import BOUNDED, GROWS, INCONCLUSIVE, ROUNDED, growth
+from stiction.comparisons.measures.drift_growth import (
+    BOUNDED,
+    DECAYS,
+    GROWS,
+    INCONCLUSIVE,
+    ROUNDED,
+    growth,
+)
 from stiction.engines.reference.engine import ReferenceEngine
 from stiction.scenes import load_scene, vary
 
@@ -48,6 +55,31 @@ def test_the_interval_of_an_exponent_holds_for_independent_octaves(octaves):
     walks = [np.abs(np.cumsum(np.cumsum(random.normal(size=4800)))) for _ in range(200)]
     laws = [growth(np.linspace(0.05, 240.0, 4800), walk, 4.0) for walk in walks]
     assert 0.6 < np.mean([abs(law.exponent - 1.5) <= law.uncertainty for law in laws]) < 0.9
+
+
+@pytest.mark.parametrize("power", [-0.5, -1.0, -2.0])
+@pytest.mark.parametrize("end", [24.0, 240.0, 2400.0])
+def test_a_power_that_decreases_decays(power, end):
+    t = np.linspace(0.0, end, 48_001)[1:]
+    law = growth(t, 1e-3 * t**power, end / 16)
+    assert law.verdict == DECAYS and law.exponent == pytest.approx(power, abs=1e-3)
+
+
+@pytest.mark.parametrize("rate", [0.1, 1.0, 3.0])
+@pytest.mark.parametrize("octaves", [4, 5, 6, 8])
+def test_exponentials_decay(rate, octaves):
+    """The residual is exactly exp(-rate t): a power of time is only an approximation, but its interval is below zero."""
+    t = np.linspace(0.0, 24.0, 48_001)[1:]
+    assert growth(t, np.exp(-rate * t), 24.0 / 2**octaves).verdict == DECAYS
+
+
+def test_independent_octaves_rarely_seem_to_decay():
+    """Without a trend, an interval at 95 % is below zero in one of forty draws; 2000 draws of 5 octaves."""
+    random = np.random.default_rng(2)
+    t = np.repeat(2.0 ** np.arange(5), 2) * np.tile([0.75, 1.0], 5)
+    scatter = np.repeat(random.normal(size=(2000, 5)), 2, axis=1)
+    share = np.mean([growth(t, np.exp(one), 0.5).verdict == DECAYS for one in scatter])
+    assert share == pytest.approx(0.025, abs=4 * np.sqrt(0.025 * 0.975 / 2000))
 
 
 def test_what_is_inconclusive_or_rounding():

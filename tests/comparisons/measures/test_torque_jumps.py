@@ -220,3 +220,16 @@ def test_located_events_that_are_far_from_the_true_one_are_no_reading():
     for shift, is_read in ((0.009, True), (0.011, False)):
         located = replace(run(), events=(replace(event, time=AT + shift),))
         assert table_of(located, truth)["resolved"].item() == is_read
+
+
+@pytest.mark.parametrize("second", [0.0015, 0.003, 0.009])
+@pytest.mark.parametrize("shift", [-0.002, 0.0, 0.001])
+def test_a_located_event_is_the_jump_of_one_true_event_only(second, shift):
+    """Two true jumps within 10 ms, of which a run has one: it is the nearer one, and the other one is not resolved."""
+    truth = true_motion((AT, 1.0), (AT + second, 1.0))
+    located = replace(truth.events[0], time=AT + shift)
+    table = table_of(replace(run(), events=(located,)), truth)
+    expected = [abs(shift) <= abs(shift - second), abs(shift) > abs(shift - second)]
+    assert list(table["resolved"]) == expected
+    both = replace(run(), events=truth.events)
+    assert table_of(both, truth)["resolved"].all()

@@ -11,7 +11,7 @@ from stiction.comparisons.bench.results import Results
 from stiction.comparisons.bench.study import Scope
 from stiction.comparisons.bench.variants import Record, Variant
 from stiction.comparisons.measures.drift import ROUNDING
-from stiction.comparisons.measures.drift_growth import BOUNDED, GROWS, INCONCLUSIVE
+from stiction.comparisons.measures.drift_growth import BOUNDED, DECAYS, GROWS, INCONCLUSIVE
 from stiction.comparisons.studies.drift import JOINT_COORDINATES, POSITION, STUDY, VELOCITY
 from stiction.engines.isolation import Outcome
 from stiction.reports.text import section_of
@@ -114,6 +114,16 @@ def test_methods_that_are_as_far_off_are_all_named_and_an_offset_is_no_growth():
     assert all(name in named for name in SHORT_NAMES)
     cells = {row[0]: row for row in said.tables[0].cells(brief=True)}
     assert cells["still"][2:6] == ["0", "–", "4e-05", "Slider-bar, case 3"]
+
+
+def test_drift_that_decays_is_not_called_inconclusive():
+    results = made_up()
+    table = results.tables["drift"]
+    table["growth"] = DECAYS
+    rows = STUDY.presented(results).rows
+    assert (rows["decays"], rows["inconclusive"], rows["runs"]) == (6, 0, 6)
+    [_, _, growth] = section_of(STUDY, results).findings
+    assert "decays in 6" in growth and "inconclusive" not in growth and "short" not in growth
 
 
 def test_a_failed_run_is_counted_and_an_engine_that_is_not_installed_is_absent():

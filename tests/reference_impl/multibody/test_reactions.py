@@ -255,6 +255,25 @@ def test_what_is_no_motion_of_the_scene_is_refused_by_name(change, words):
         recover_columns(load_scene("slider-bar-case-1"), *given_arguments.values())
 
 
+@pytest.mark.parametrize(
+    ("name", "expected"),
+    [
+        ("moter.effort", "did you mean 'motor.effort'"),
+        ("guide.normalforce", "did you mean 'guide.normal_force'"),
+        ("guide.F5", "did you mean 'guide.F"),
+        ("slider.x", "pin.fx"),
+        ("slider.ax", "pin.fx"),
+        ("", "pin.fx"),
+    ],
+)
+def test_names_that_are_not_those_of_reactions_are_refused(name, expected):
+    """A misspelt column would otherwise be lost, and a state contradict the motion."""
+    scene, *motion = at_rest("slider-bar-case-1")
+    with pytest.raises(InputError, match="reactions: found .*; expected names among") as error:
+        recover_columns(scene, *motion, {name: np.zeros(3)})
+    assert expected in str(error.value)
+
+
 def test_accelerations_that_are_not_known_leave_the_motion_known():
     scene, t, q, v, a = at_rest("slider-bar-case-1")
     a[1] = np.nan

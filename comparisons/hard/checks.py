@@ -408,8 +408,9 @@ def periodic(_: HardCase, scenes: Scenes, runs: Runs) -> dict[str, float]:
     x, v = steady.state
     # The scale is the range of the true motion: that of the run would hide the error of one that swings too far.
     sample_times = np.linspace(0.0, steady.periods * period, STEADY_SAMPLES)
-    positions, _ = steady.motion.state(sample_times, steady.motion.owner(sample_times, "after"))
-    scale = range_scale(positions[0])
+    segments = steady.motion.owner(sample_times, "after")
+    [positions], _velocities = steady.motion.state(sample_times, segments)
+    scale = range_scale(positions)
     # The end of the last period, up to rounding.
     end = int(np.floor(run.t[-1] / period * (1 + 1e-12))) * period
     last = int(np.argmin(np.abs(run.t - end)))

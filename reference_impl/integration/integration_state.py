@@ -33,12 +33,12 @@ from stiction.reference_impl.multibody.dynamics import (
 from stiction.reference_impl.multibody.mechanism import Arrays, Workspace
 from stiction.reference_impl.multibody.singular_positions import (
     ALWAYS_DEPENDENT,
-    AROUND,
-    NEAR,
+    BRANCH_RATIO,
+    REGULAR_RATIO,
     lengths,
     pivots_are_above,
     singular_rows,
-    smallest,
+    smallest_ratio,
 )
 
 NODES = 8
@@ -249,7 +249,7 @@ def _stages(  # noqa: PLR0913 - a kernel's arrays
 def error_along_motion(m: Arrays, w: Workspace, s: State, error: float, bodies: int) -> float:
     """Return the local error of the step (`dop853.error_norm`) along the present branch of motion.
 
-    The part along another branch is left out where a stage has a singular value of J below NEAR.
+    The part along another branch is left out where a stage has a singular value of J below BRANCH_RATIO.
     The directions are those of the stage that has the smallest. The rows of the workspace are those
     of y_new, before and after.
     """
@@ -257,25 +257,25 @@ def error_along_motion(m: Arrays, w: Workspace, s: State, error: float, bodies: 
     t, h = s.progress.time, s.attempt.h
 
     # no singular position anywhere around: by pivots first, which are far cheaper than singular values
-    if len(m.cell) == 0 and pivots_are_above(m, w, AROUND**2):
+    if len(m.cell) == 0 and pivots_are_above(m, w, REGULAR_RATIO**2):
         return error
     _, _, values, across = singular_rows(m, w, unit)
-    if not smallest(values) < AROUND:
+    if not smallest_ratio(values) < REGULAR_RATIO:
         return error
 
     # The stage with the smallest singular value of all. Its right vectors from `first` to `last` are the directions of
     # the other branch: their singular values are small, but not zero as those of redundant constraints.
-    nearest = NEAR
+    nearest = BRANCH_RATIO
     first, last = 0, 0
     for stage in range(1, STAGES + 1):
         combine(s.K, A[stage], stage, h, s.y, s.probe)
         row_form(m, w, t + C[stage] * h, s.probe[:n], s.probe[n:])
         _, _, values, right_of = singular_rows(m, w, unit)
-        if smallest(values) < nearest:
-            nearest, across = smallest(values), right_of
+        if smallest_ratio(values) < nearest:
+            nearest, across = smallest_ratio(values), right_of
             first, last = 0, 0
             for value in values:
-                first += 1 if value >= NEAR * values[0] else 0
+                first += 1 if value >= BRANCH_RATIO * values[0] else 0
                 last += 1 if value > ALWAYS_DEPENDENT * values[0] else 0
     row_form(m, w, t + h, s.y_new[:n], s.y_new[n:])
     if first == last:

@@ -21,7 +21,7 @@ from stiction.reference_impl.friction.coulomb import sticks
 from stiction.reference_impl.multibody.banded_systems import solve_cell
 from stiction.reference_impl.multibody.dynamics import add_rows, row_form
 from stiction.reference_impl.multibody.mechanism import Arrays, Workspace
-from stiction.reference_impl.multibody.singular_positions import leave_nearly_dependent
+from stiction.reference_impl.multibody.singular_positions import remove_nearly_dependent
 
 MET = 1e-15
 """Residual of a constraint that is met, m or rad, in parts of the mechanism's size."""
@@ -59,7 +59,7 @@ def _correct(
     # A singular position, or redundant rows: what cannot be corrected without magnifying rounding is taken out of the
     # residual, and exactly dependent rows share the rest in the sense of least norm.
     if not regular:
-        leave_nearly_dependent(m, w, residual)
+        remove_nearly_dependent(m, w, residual)
         if not _solve(m, w, residual, rate, slip, False, RANK_TOLERANCE):
             for r in range(m.rows):
                 w.force[r] = residual[r]

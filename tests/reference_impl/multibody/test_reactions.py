@@ -67,7 +67,7 @@ def test_what_is_told_of_some_instants_is_kept_there_and_each_instant_stands_alo
     for column, values in told.items():
         known = ~np.isnan(values)
         assert 0 < known.sum() < len(known) and np.array_equal(found[column][known], values[known])
-    monkeypatch.setattr(reactions, "_ROOM", 1)  # one instant at a time
+    monkeypatch.setattr(reactions, "_MAX_NUMBERS", 1)  # one instant at a time
     alone = recover_columns(scene, run.t, *state, told)
     for column, values in found.items():
         np.testing.assert_allclose(alone[column], values, atol=1e-12)

@@ -11,8 +11,8 @@ from stiction.reference_impl.multibody import subsystems
 from stiction.reference_impl.multibody.kinematics import constraints_at
 from stiction.reference_impl.multibody.mechanism import Mechanism, workspace
 from stiction.reference_impl.multibody.singular_positions import (
-    leave_nearly_dependent,
     lengths,
+    remove_nearly_dependent,
     singular_rows,
 )
 from stiction.reference_impl.multibody.subsystems import simulate_parts
@@ -130,7 +130,7 @@ def test_only_what_can_be_corrected_is_left_of_a_residual():
         size, left_of, s, _ = singular_rows(m, w, lengths(m))
         residual = np.linspace(1.0, 2.0, m.rows)
         kept = residual.copy()
-        leave_nearly_dependent(m, w, kept)
+        remove_nearly_dependent(m, w, kept)
         part, asked = left_of @ (kept / size), left_of @ (residual / size)
         np.testing.assert_allclose(part[: m.rows - lost], asked[: m.rows - lost], atol=1e-12)
         np.testing.assert_allclose(part[m.rows - lost :], 0.0, atol=1e-12)

@@ -123,11 +123,11 @@ def _toml(value: Any) -> str:
 def equations() -> str:
     """Return the table of equations in the docstring of `stiction.reference_impl.paper`, as Markdown.
 
-    The docstring contains a table in reStructuredText: lines of equal signs are above and below the
-    heading and at the end, and show where the columns begin.
+    The first table of the docstring, in reStructuredText, contains the equations of the paper: lines of
+    equal signs are above and below the heading and at the end, and show where the columns begin.
     """
     lines = inspect.getdoc(paper).splitlines()
-    top, _, bottom = [number for number, line in enumerate(lines) if line.startswith("=====")]
+    top, _, bottom, *_ = [number for number, line in enumerate(lines) if line.startswith("=====")]
     starts = [match.start() for match in re.finditer("=+", lines[top])]
     ends = [*starts[1:], None]
     heading, *rows = [

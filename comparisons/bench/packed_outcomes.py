@@ -10,11 +10,14 @@ steps. A general compressor does not recognize that neighbouring floats are simi
    shuffle", as in HDF5 and in Parquet's BYTE_STREAM_SPLIT). Equal leading bytes then form long
    runs.
 3. Zstandard compresses the result.
+
+A checksum precedes the compressed bytes. Damage is therefore found before anything is unpickled.
 """
 
 from __future__ import annotations
 
 import pickle
+import zlib
 
 import numpy as np
 import pyarrow as pa
@@ -22,14 +25,16 @@ import pyarrow as pa
 from stiction.engines.isolation import Outcome
 from stiction.scenes import StictionError
 
-MARK = b"outcome 2\n"
-"""First bytes of this format; version 1 was a plain pickle, without a mark."""
-CODEC = "zstd"
+_MARK = b"outcome 3\n"
+"""First bytes of this format. Version 1 was a plain pickle without a mark, version 2 had no checksum."""
+_CODEC = "zstd"
 """Compression, by its name in pyarrow."""
-_WORD = 8
-"""Bytes of a word, which is the size of a float."""
-_SIZE = 8
-"""Bytes of the integer that holds the uncompressed size, which pyarrow needs for decompression."""
+_WORD_BYTES = 8
+"""Size of a word, which is that of a float."""
+_CHECKSUM_BYTES = 4
+"""Size of the integer that contains the CRC-32 of all bytes after it."""
+_SIZE_FIELD_BYTES = 8
+"""Size of the integer that contains the uncompressed size, which pyarrow needs for decompression."""
 
 
 class NotAnOutcome(StictionError):
@@ -42,38 +47,50 @@ def pack(outcome: Outcome) -> bytes:
     arrays: list[pickle.PickleBuffer] = []
     frame = pickle.dumps(outcome, protocol=5, buffer_callback=arrays.append)
     content = pickle.dumps((frame, [_shuffle(array.raw()) for array in arrays]))
-    size = len(content).to_bytes(_SIZE, "little")
-    return MARK + size + pa.compress(content, codec=CODEC, asbytes=True)
+    size = len(content).to_bytes(_SIZE_FIELD_BYTES, "little")
+    body = size + pa.compress(content, codec=_CODEC, asbytes=True)
+    return _MARK + _checksum(body) + body
 
 
 def unpack(packed: bytes) -> Outcome:
-    """Return the outcome from which `pack` made these bytes; raises NotAnOutcome for other bytes."""
-    if not packed.startswith(MARK):
-        raise NotAnOutcome("found a run of another version of stiction, or something else")
-    body = packed[len(MARK) :]
-    size = int.from_bytes(body[:_SIZE], "little")
-    try:
-        content = pa.decompress(body[_SIZE:], size, codec=CODEC, asbytes=True)
-        frame, arrays = pickle.loads(content)
-        return pickle.loads(frame, buffers=[_unshuffle(array) for array in arrays])
-    except (pa.ArrowException, OSError, MemoryError, pickle.UnpicklingError, EOFError) as error:
-        raise NotAnOutcome(f"{type(error).__name__}: {error}") from error
+    """Return the outcome from which `pack` made these bytes.
+
+    Raises
+    ------
+    NotAnOutcome
+        If the bytes are of another version of this format, or damaged.
+    """
+    if not packed.startswith(_MARK):
+        raise NotAnOutcome("found no mark of a run of this version of stiction")
+    checksum_end = len(_MARK) + _CHECKSUM_BYTES
+    body = packed[checksum_end:]
+    if packed[len(_MARK) : checksum_end] != _checksum(body):
+        raise NotAnOutcome("found a wrong checksum")
+    size = int.from_bytes(body[:_SIZE_FIELD_BYTES], "little")
+    content = pa.decompress(body[_SIZE_FIELD_BYTES:], size, codec=_CODEC, asbytes=True)
+    frame, arrays = pickle.loads(content)
+    return pickle.loads(frame, buffers=[_unshuffle(array) for array in arrays])
+
+
+def _checksum(body: bytes) -> bytes:
+    """Return the CRC-32 of bytes as bytes."""
+    return zlib.crc32(body).to_bytes(_CHECKSUM_BYTES, "little")
 
 
 def _shuffle(content: memoryview) -> bytes:
     """Return the second differences of the words, byte-shuffled; bytes after the last word follow unchanged."""
-    end = len(content) // _WORD * _WORD
+    end = len(content) // _WORD_BYTES * _WORD_BYTES
     words = np.frombuffer(content[:end], dtype="<u8").copy()
     for _ in range(2):
         words[1:] -= words[:-1].copy()
-    return words.view(np.uint8).reshape(-1, _WORD).T.tobytes() + bytes(content[end:])
+    return words.view(np.uint8).reshape(-1, _WORD_BYTES).T.tobytes() + bytes(content[end:])
 
 
 def _unshuffle(content: bytes) -> bytearray:
     """Return the bytes from which `_shuffle` made `content`, as a bytearray so that arrays in it are writable."""
-    end = len(content) // _WORD * _WORD
+    end = len(content) // _WORD_BYTES * _WORD_BYTES
     shuffled = np.frombuffer(content, dtype=np.uint8, count=end)
-    words = np.ascontiguousarray(shuffled.reshape(_WORD, -1).T).view("<u8").ravel()
+    words = np.ascontiguousarray(shuffled.reshape(_WORD_BYTES, -1).T).view("<u8").ravel()
     for _ in range(2):
         words = np.cumsum(words, dtype="<u8")
     return bytearray(words.tobytes() + content[end:])

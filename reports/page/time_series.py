@@ -453,7 +453,9 @@ def _ranges_of_differences(
     They contain the differences without the smallest 1 % and the largest 0.1 %, which may be zero
     crossings and spikes.
     """
-    rows = pd.concat(list(differences))
+    frames = list(differences)
+    # Without curves there are no differences; each axis then has one decade.
+    rows = pd.concat(frames) if frames else pd.DataFrame()
     ranges = {}
     for column in columns:
         low, high = 0.0, 0.0

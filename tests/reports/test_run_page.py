@@ -5,6 +5,7 @@ from dataclasses import replace
 from stiction.reports import report_of
 from stiction.reports.page.document import document
 from stiction.reports.page.run_page import answer_blocks
+from stiction.reports.page.time_series import time_series
 from stiction.reports.page_one import INTERRUPTED, headline_table, page_one
 
 
@@ -38,3 +39,17 @@ def test_sections_with_equal_headings_are_all_shown():
     assert "<p>first</p>" in page and "<p>second</p>" in page
     for anchor in ("what", "what-2", "why"):
         assert page.count(f'id="{anchor}"') == page.count(f'href="#{anchor}"') == 1
+
+
+def test_time_series_of_a_run_without_a_truth_and_without_the_default_method(validation):
+    """No curve is shown at first then, so that there are no differences from the truth either."""
+    records = tuple(
+        record
+        for record in validation.records
+        if record.variant.engine == "reference"
+        and record.outcome.value is not None
+        and record.outcome.value.settings.get("method") != "event"
+    )
+    assert records
+    views = list(time_series(replace(validation, records=records, truths={})))
+    assert views

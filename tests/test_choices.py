@@ -217,7 +217,12 @@ def test_python_takes_the_values_as_text():
     engine = stiction.load_engine("reference")
     run = engine.simulate(scene, t_end=0.01, fidelity="joint")
     assert run.fidelity is Fidelity.JOINT and engine.capabilities.fidelities == (Fidelity.JOINT,)
-    given = replace(engine.capabilities, fidelities=("joint", "contact"))
+    given = replace(
+        engine.capabilities,
+        fidelities=("joint", "contact"),
+        static_coefficient={"joint": True, "contact": True},
+        friction_law={"joint": "Coulomb", "contact": "Coulomb"},
+    )
     assert [type(one) for one in given.fidelities] == [Fidelity, Fidelity]
     assert stiction.Outcome("a", "timed out").status is Status.TIMED_OUT
     with pytest.raises(ValueError, match="late"):

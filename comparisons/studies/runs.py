@@ -146,9 +146,9 @@ def _ranges(table: pd.DataFrame) -> TableView:
     """Return the table with the smallest, the largest and the last value of each column in each run."""
     columns = (
         Column("variant", "method"),
-        Column(COLUMN, "column"),
-        Column("smallest", "smallest", form=".6g"),
-        Column("largest", "largest", form=".6g"),
+        Column(COLUMN),
+        Column("smallest", form=".6g"),
+        Column("largest", form=".6g"),
         Column("last", "at the end", form=".6g"),
     )
     return table_view("runs", list(_range_rows(table)), columns)

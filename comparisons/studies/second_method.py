@@ -217,7 +217,7 @@ def present(results: Results) -> Presentation:
             Column("scene"),
             Column("truth_tier", "compared with"),
             Column(AGREES),
-            Column(POSITION, "difference of positions", uncertainty=UNCERTAINTY),
+            Column(POSITION, "difference of positions"),
             Column(EVENTS),
             Column(EVENT_TIME, "difference of their times"),
             Column(END),

@@ -103,7 +103,7 @@ def test_a_single_study_becomes_a_report(tmp_path, monkeypatch):
     assert list(stored.validation().scenes) == ["sled"]
     assert pd.read_csv("drift/data/drift.csv")["scene"].unique().tolist() == ["sled"]
     origin = json.loads((tmp_path / "drift" / "provenance.json").read_text())
-    assert origin["command"].startswith("stiction ")
+    assert origin["command"].startswith("stiction")
     assert not origin["choices"]
     refused = invoke("compare", "runs", "sled.toml", "--report", "runs", exit_code=2)
     assert "has no report" in refused.output

@@ -118,7 +118,7 @@ BAD_COMMANDS = [  # arguments, what the message must name
     ("compare threshold slider-bar-case-1 --resolution 99", ["resolution", "at most"]),
     ("compare threshold slider-bar-case-1 --joint pin", ["joint", "pin", "guide"]),
     ("compare threshold slider-bar-case-1 --parameter nonsense --range 0:1", ["nonsense"]),
-    ("compare accuracy slider-bar-case-1 --range 0:1", ["--range", "makes no use"]),
+    ("compare accuracy slider-bar-case-1 --range 0:1", ["--range", "does not have this option"]),
     ("compare torque four-bar", ["four-bar", "no drive"]),
     ("compare torque slider-bar-case-1 --drive engine", ["drive", "engine", "motor"]),
     ("validate --engines havok", ["havok", "pybullet"]),

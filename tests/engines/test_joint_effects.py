@@ -65,4 +65,11 @@ def test_static_bounds_are_refused_by_moreau():
 
 def test_capabilities_are_a_mapping():
     with pytest.raises(TypeError, match="joint_effects"):
-        Capabilities(("joint",), {}, {}, "engine", "1", joint_effects=[JointEffect.DAMPING])
+        Capabilities(
+            ("joint",),
+            {"joint": True},
+            {"joint": "Coulomb"},
+            "engine",
+            "1",
+            joint_effects=[JointEffect.DAMPING],
+        )

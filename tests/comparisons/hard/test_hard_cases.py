@@ -78,7 +78,9 @@ def test_reference_is_right_or_says_why_not(case):
         )  # what no reader accepts is no method's merit
 
 
-@pytest.mark.parametrize("case", ["slider-bar started beyond it", "rod 1e-8 above"])
+@pytest.mark.parametrize(
+    "case", ["slider-bar started beyond critical angle", "rod with mu 1e-8 above critical"]
+)
 def test_a_run_that_stops_at_the_start_has_a_time_without_rows(case):
     """The paper's scheme returns no row there."""
     [paper_scheme] = [one for one in REFERENCE if one.settings.get("method") == "paper"]

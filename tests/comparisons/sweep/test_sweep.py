@@ -381,7 +381,7 @@ INCLINE = load_scene("block-on-incline")
         ),
         (dict(measures=["event-count:guide"]), "found 'event-count:guide'"),
         (dict(measures=["peak-speed:"]), "found 'peak-speed:'"),
-        (dict(scene=load_scene("four-bar")), "stick-fraction: found no frictional guides"),
+        (dict(scene=load_scene("four-bar")), "stick-fraction: found no frictional joints"),
         (dict(scene=INCLINE, measures=["peak-torque"]), "peak-torque: found no drives"),
         (dict(scene=INCLINE, measures=["threshold"]), "and a parameter F0"),
         (dict(scene=INCLINE, measures=["event-count"]), "F0: found no such key"),

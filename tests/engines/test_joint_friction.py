@@ -128,7 +128,9 @@ def test_pendulum_turns_where_the_energy_says(method):
     """The last turning angle, at which it stays, has the error of the step, which falls with it."""
     scene = load_scene("pendulum-dry-pin")
     p = scene.parameters
-    angles = pendulum_turning_angles(p["m"] * p["g"] * p["l"], p["tau"], p["tau_s"], p["start"])
+    angles = pendulum_turning_angles(
+        p["m"] * p["g"] * p["l"], p["friction"], p["static_friction"], p["start"]
+    )
     errors = []
     for dt in (4e-3, 1e-3):
         run = method.run(scene, scene.t_end, dt)
@@ -142,7 +144,7 @@ def test_pendulum_turns_where_the_energy_says(method):
 
 def test_vertical_slider_comes_to_rest_and_sinks(method):
     """Upwards it is braked by g + F/m; it then sinks with g - F/m, as its weight exceeds F."""
-    scene = vary(load_scene("vertical-slider"), {"F_s": 15})
+    scene = vary(load_scene("vertical-slider"), {"static_friction": 15})
     run = method.run(scene, 1.0)
     turn = 3 / (9.81 + 7.5)
     height = 3 * turn / 2 - (9.81 - 7.5) * (1 - turn) ** 2 / 2
@@ -326,7 +328,7 @@ def test_creep_of_mujocos_default_reference(part):
 def test_mjcf_contains_bound_and_damping():
     """Plain MuJoCo makes the adapter's motion from the file alone, as nothing has to be set in a step."""
     mujoco = pytest.importorskip("mujoco")
-    dry = vary(load_scene("pendulum-dry-pin"), {"tau_s": 0.3, "pin.damping": 0.05})
+    dry = vary(load_scene("pendulum-dry-pin"), {"static_friction": 0.3, "pin.damping": 0.05})
     text = scene_as_mjcf(dry, STEP)
     assert "To be set before each step" in text and "N, N m): nothing" in " ".join(text.split())
     model = mujoco.MjModel.from_xml_string(text)

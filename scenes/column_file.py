@@ -47,9 +47,16 @@ class ColumnFile(Mapping[str, np.ndarray]):
 
         Raises
         ------
+        ValueError
+            If the values reach beyond the last row, where the next column begins.
         NoRoom
             If the file cannot be written.
         """
+        if begin < 0 or begin + len(values) > self._capacity:
+            raise ValueError(
+                f"{name}: found values for the rows {begin} to {begin + len(values) - 1}; expected "
+                f"rows from 0 to {self._capacity - 1}"
+            )
         if name not in self._slots:
             self._slots[name] = self._next_slot
             self._next_slot += 1

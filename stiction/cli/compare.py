@@ -212,7 +212,7 @@ def _command(study: Study) -> Callable[..., None]:
         for name, value in {**arguments, **options}.items():
             if value is not None and name not in study.takes:
                 raise typer.BadParameter(
-                    f"found {value!r}; `compare {study.name}` does not have this option",
+                    f"`compare {study.name}` does not have this option",
                     param_hint=f"--{name.replace('_', '-')}",
                 )
         width_in_mm(width)

@@ -116,3 +116,14 @@ def test_faults_far_in_a_file_have_their_row(tmp_path, small_blocks, damage, wor
     with pytest.raises(ResultError) as caught:
         read(tmp_path / "r.csv", SCENE, spills=True)
     assert words in " ".join(str(caught.value).split())
+
+
+@pytest.mark.parametrize(("begin", "count"), [(0, 4), (2, 2), (-1, 1)])
+def test_values_beyond_the_rows_of_a_column_are_refused(begin, count):
+    """They would be written over the next column."""
+    columns = ColumnFile(3)
+    columns.write("a", 0, np.zeros(3))
+    columns.write("b", 0, np.ones(3))
+    with pytest.raises(ValueError, match="a: found values"):
+        columns.write("a", begin, np.full(count, 7.0))
+    assert columns["b"].tolist() == [1.0, 1.0, 1.0]

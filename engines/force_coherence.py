@@ -361,11 +361,17 @@ def _step_residuals(run: Examined, part: Mechanism, chosen: np.ndarray) -> _Step
     residual, columns, applied = equations.residual((motion.t, motion.q, motion.v))
 
     # Allowed at all samples: a part of the largest force and moment on each body, the rounding of
-    # the largest force of all, and the effect on accelerations of the rounding of velocities.
+    # the largest force of all, and the effect on accelerations of the rounding of velocities. A
+    # moment counts as the force that has it at the lever of the mechanism's size: in a mechanism
+    # that is loaded by moments alone, all forces may be rounding.
     size = _force_sizes(equations, columns, applied)
-    largest = np.max(size[0::3], initial=0.0)
+    lever = part.arrays.length_scale
+    largest = max(
+        np.max(size[0::3], initial=0.0),
+        np.max(size[2::3], initial=0.0) / lever,
+    )
     is_angle = np.arange(len(size)) % 3 == 2
-    floor = SAME * largest * np.where(is_angle, part.arrays.length_scale, 1.0)
+    floor = SAME * largest * np.where(is_angle, lever, 1.0)
     mass = 1.0 / part.arrays.inverse_mass
     rounding = SINGLE * mass * np.max(np.abs(motion.v), axis=0) / step
     allowed = np.tile(CONTRADICTED * size + floor + rounding, (len(chosen), 1))

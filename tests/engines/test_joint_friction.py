@@ -183,14 +183,6 @@ def two_links(lower: float, upper: float) -> Scene:
                     "body": "second",
                     "law": {"type": "constant", "value": 0.7},
                 },
-                # Without moment while the links are in line; it gives the forces, which would be
-                # rounding, a size.
-                "along": {
-                    "type": "force",
-                    "body": "second",
-                    "direction": [1, 0],
-                    "law": {"type": "constant", "value": 1e-3},
-                },
             },
         }
     )

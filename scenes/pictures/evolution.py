@@ -167,9 +167,16 @@ def _usual_panels(trajectory: Trajectory) -> list[_Panel]:
     efforts = [name for name in trajectory.columns if name.endswith(".effort")]
     effort_units = dict.fromkeys(unit_of(name, trajectory.mechanism) for name in efforts)
     labels = _PANELS if has_guides else _WITHOUT_GUIDES
+    # Pins with friction have columns of the same names as guides, but in N m and rad/s.
+    pins = () if trajectory.mechanism is None else trajectory.mechanism.pins
+    columns_of_pins = {f"{pin}.{name}" for pin in pins for name in ("friction", "slip_velocity")}
     panels = []
     for pattern, label in labels.items():
-        names = [name for name in trajectory.columns if re.search(rf"{pattern}$", name)]
+        names = [
+            name
+            for name in trajectory.columns
+            if re.search(rf"{pattern}$", name) and name not in columns_of_pins
+        ]
         if label == EFFORT:
             label = f"{label} [{', '.join(effort_units)}]"
         if names:

@@ -18,7 +18,7 @@ from stiction.cli.app import app
 from stiction.cli.pictures import write_pictures
 from stiction.engines import load_engine
 from stiction.scenes import catalogue, load_scene, scene_from_dict
-from stiction.scenes.columns import label_of
+from stiction.scenes.columns import label_of, unit_of
 from stiction.scenes.model import Revolute
 from stiction.scenes.pictures import animation
 from stiction.scenes.pictures.geometry import (
@@ -383,3 +383,15 @@ class TestCommands:
     def test_a_run_that_stops_is_drawn_up_to_there(self, folder, in_this_process):
         ended = CliRunner().invoke(app, ["run", "uniqueness-lost", "--plot", "run.png"])
         assert ended.exit_code == 1 and (Path("run.png").exists() or "no motion" in ended.output)
+
+
+def test_columns_of_a_panel_have_the_unit_of_its_axis():
+    """Guides and pins have columns of the same names, in different units."""
+    scene = load_scene("slider-crank-dry-pins")
+    run = load_engine("reference").simulate(scene, t_end=0.05)
+    shown = 0
+    for axes in run.plot().axes:
+        for text in axes.get_legend().get_texts():
+            assert f"[{unit_of(text.get_text(), scene)}]" in axes.get_ylabel()
+            shown += 1
+    assert shown >= 3

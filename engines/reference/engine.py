@@ -227,6 +227,7 @@ class ReferenceEngine(Engine):
             t=run.t[:rows],
             columns={name: values[:rows] for name, values in run.columns.items()},
             events=run.events,
+            switches=run.switches,
             cost=cost,
             termination=run.termination,
             breakdown=run.breakdown,

@@ -300,7 +300,7 @@ def simulate_as_paper(
     task, prepared = Steps(dt, steps, every, int(mechanism.projection)), clock()
     code, written, events, reached = march(m, w, workspace(m, solver), state, task, samples, log)
     stepped = clock()
-    columns, found, alternatives = columns_and_events(
+    columns, found, _, alternatives = columns_and_events(
         mechanism,
         [part[:written] for part in (samples.t, samples.motion, samples.force, samples.slip)],
         [part[:events] for part in log],

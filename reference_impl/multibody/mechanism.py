@@ -292,7 +292,9 @@ class Mechanism:
             ]
         )
         self.force_units = np.concatenate([np.ones(len(self.row_names)), self.slip_radius])
-        self._laws = [element.law for element in [*scene.drives.values(), *scene.forces.values()]]
+        laws = {name: element.law for name, element in (scene.drives | scene.forces).items()}
+        self._laws = list(laws.values())
+        self.law_names = list(laws)
         alpha, beta = self._stabilize(stabilization)
         if len(self.row_names) > MOST_ROWS:
             raise SceneError(
@@ -345,14 +347,16 @@ class Mechanism:
             sorted({time for law in self._laws for time in law_kinks(law, t_end)}), dtype=float
         )
 
-    def switches(self, t_end: float) -> np.ndarray:
-        """Return those of the kinks at which laws may change the contact mode, in order.
+    def switches(self, t_end: float) -> tuple[np.ndarray, np.ndarray]:
+        """Return those of the kinks at which laws may change the contact mode, in order, and the law of each.
 
-        See `stiction.scenes.laws.law_switches`.
+        A time at which several laws switch is repeated. See `stiction.scenes.laws.law_switches`.
         """
-        return np.array(
-            sorted({time for law in self._laws for time in law_switches(law, t_end)}), dtype=float
+        switches = sorted(
+            (time, i) for i, law in enumerate(self._laws) for time in law_switches(law, t_end)
         )
+        times = np.array([time for time, _ in switches], dtype=float)
+        return times, np.array([i for _, i in switches], dtype=np.int64)
 
     def fastest_law(self) -> float:
         """Return the largest angular frequency of a law, rad/s; 0 without sine laws and moves."""

@@ -188,6 +188,9 @@ def cross_switch(m: Arrays, w: Workspace, s: State, log: EventLog, task: Task) -
         outcome = _choose_at_switch(m, w, s, task)
         if outcome != SOLVED:
             return outcome
+        # behind a rest of all bodies the largest speed so far is rounding, and no scale
+        copy(s.y, s.probe)
+        _foresee_speeds(m, w, s)
     begin_mode(m, w, s)
     if len(m.friction) > 0:
         p.gain, _ = gain_of_mode(m, w, s.slip)

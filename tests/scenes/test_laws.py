@@ -1,5 +1,7 @@
 """Laws of time against closed forms, scipy's spline, and their own derivatives."""
 
+import math
+
 import numpy as np
 import pytest
 from hypothesis import assume, given, settings
@@ -8,6 +10,7 @@ from numpy.polynomial import Polynomial as Poly
 from pydantic import ValidationError
 from scipy.interpolate import CubicSpline
 
+from stiction.engines.shared.law_expression import law_expression
 from stiction.reference_impl.multibody.kinematics import law_at
 from stiction.reference_impl.multibody.mechanism import Mechanism
 from stiction.scenes import scene_from_dict
@@ -334,3 +337,16 @@ def test_the_compiled_laws_are_the_same(laws, t):
         expected = np.array(evaluate_law(law, t))
         scale = 1e5 * (1 + np.abs(expected).max())
         np.testing.assert_allclose(law_at(arrays, i, t), expected, atol=1e-14 * scale)
+
+
+@given(
+    moves() | st.builds(Sum, type=st.just("sum"), terms=st.lists(moves(), max_size=3, min_size=1))
+)
+def test_laws_in_scripts_are_the_same(law):
+    """The expressions of exported models, between and at the instants at which pieces begin."""
+    begins = [p.begin for term in law_terms(law) for p in pieces(term) if np.isfinite(p.begin)]
+    for t in [-20.0, *begins, *np.linspace(-11.0, 16.0, 28)]:
+        expected = evaluate_law(law, t)
+        for derivative in (0, 1):
+            found = eval(law_expression(law, derivative), {"math": math, "t": t})
+            assert found == pytest.approx(expected[derivative], rel=1e-12, abs=1e-10)

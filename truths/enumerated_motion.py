@@ -34,6 +34,13 @@ belongs to each surface of a guide. A pin is treated as a guide without length a
 mu = mus = 0. Its direction of friction is the relative rotation of its bodies, and its friction is a torque. What is
 said of guides holds for pins as well.
 
+With Stribeck's curve the coefficient and the constant bound of a joint in slip are those of its speed v,
+
+    mu(v) = mu + (mus - mu) exp(-(|v| / v_s)^p),    c(v) = c + (c0 - c) exp(-(|v| / v_s)^p)
+
+They are evaluated at each instant, so that they are numbers in the linear solve. The direction of slip is that of the
+mode: beyond a stop, where the speed has the other sign, the coefficients are those at rest (`Contact.kinetic`).
+
 A self-locking guide can jam under its own stress and has several motions; it is refused. All tolerances are absolute,
 in m, s, kg, rad, for mechanisms of about a metre, a second and a kilogram.
 """
@@ -240,7 +247,7 @@ class Motion:
         step = next(step for step in self.steps if t <= step.end)
         q, v = np.split(step.state(t), 2)
         terms = self.contact.equations.at(t, q, v)
-        return q, self.contact.forces(terms, step.mode, self.contact.mu)
+        return q, self.contact.forces(terms, step.mode)
 
 
 def _row_space(rows: np.ndarray) -> np.ndarray:
@@ -285,6 +292,9 @@ class Contact:
         self.width = [(guide.width or 0.0) if guide else 0.0 for guide in guides]
         self.mu = np.array([guide.kinetic_coefficient if guide else 0.0 for guide in guides])
         self.mus = np.array([guide.static_coefficient if guide else 0.0 for guide in guides])
+        # Speeds of Stribeck's curves; infinitely small without one, so that nothing of the excess remains.
+        self.stribeck = np.array([joint.stribeck_velocity or 0.0 for joint in joints])
+        self.shape = np.array([joint.stribeck_shape for joint in joints])
         for name, a, b, mus in zip(self.names, self.length, self.width, self.mus):
             if a and mus * b >= a:
                 raise ValueError(
@@ -292,23 +302,36 @@ class Contact:
                     "starts to lock itself"
                 )
 
+    def kinetic(self, terms: Terms, slip: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Return the coefficients and the constant bounds (N, N m) in slip, each of shape (..., guides)."""
+        if not np.any(self.stribeck):
+            return self.mu, self.bound
+        speed = np.maximum(slip * terms.slip_speed, 0.0)
+        scale = np.where(self.stribeck > 0.0, self.stribeck, 1.0)
+        remains = np.exp(-((speed / scale) ** self.shape)) * (self.stribeck > 0.0)
+        mu = self.mu + (self.mus - self.mu) * remains
+        return mu, self.bound + (self.static_bound - self.bound) * remains
+
     def forces(
-        self, terms: Terms, mode: Mode, mu: np.ndarray, bound: np.ndarray | None = None
+        self,
+        terms: Terms,
+        mode: Mode,
+        coefficients: tuple[np.ndarray, np.ndarray] | None = None,
     ) -> Forces:
         """Return forces and accelerations of modes that share `slip`.
 
-        `mu` and `bound` are the coefficient and the constant bound (N, N m) of each joint; the bounds are those of slip
-        if they are not given.
+        `coefficients` are the coefficient and the constant bound (N, N m) of each joint; those of slip if they are not
+        given.
 
         Raises
         ------
         numpy.linalg.LinAlgError
             If the constraints of the mode are redundant.
         """
+        mu, bound = self.kinetic(terms, mode.slip) if coefficients is None else coefficients
         # Friction of constant size is an applied force.
-        bound = self.bound if bound is None else bound
         constant = -mode.slip * bound
-        Q = terms.Q + np.sum(constant[:, None] * terms.W, -2)
+        Q = terms.Q + np.sum(constant[..., None] * terms.W, -2)
 
         # The constraints and the slip of every guide at rest have no acceleration. The force of each
         # such row acts along the row itself (virtual work), so that `directions` begins as a copy of
@@ -325,7 +348,7 @@ class Contact:
             if not self.has_load[g]:
                 continue
             row = self.row[g]
-            friction = -mu[g] * mode.slip[g]
+            friction = -mu[..., g, None] * mode.slip[g]
             signs = mode.corner[..., g, :, None]
             normal = terms.J[..., row, :]
             angle = terms.J[..., row + 1, :]
@@ -351,7 +374,7 @@ class Contact:
         R, T, f = np.zeros((3, *shape, len(self.row)))
         n = np.zeros((*shape, len(self.row), 2))
         for g, row in enumerate(self.row):
-            friction = -mu[g] * mode.slip[g]
+            friction = -mu[..., g] * mode.slip[g]
             signs = mode.corner[..., g, :]
             first, second = unknown[..., row], unknown[..., row + 1]
             if mode.slip[g] == 0:
@@ -510,7 +533,9 @@ class Contact:
                     limits.append(constant)
         return np.array(conditions), np.array(limits), bounds
 
-    def load(self, g: int, R: np.ndarray, T: np.ndarray, mu: float, d: int) -> np.ndarray:
+    def load(
+        self, g: int, R: np.ndarray, T: np.ndarray, mu: float | np.ndarray, d: int
+    ) -> np.ndarray:
         """Return |n1| + |n2| (N) if both surfaces are fully mobilized against slip in the direction d."""
         if not self.length[g]:
             return np.abs(R)
@@ -534,7 +559,7 @@ class Contact:
     def margins(self, t: np.ndarray, y: np.ndarray, mode: Mode) -> tuple[list[Margin], np.ndarray]:
         """Return all margins of a mode and their values at instants t (s) with the states y, shape (n, margins)."""
         terms = self.equations.at(t, *np.split(y, 2, -1))
-        conditions = list(self.conditions(self.forces(terms, mode, self.mu), mode))
+        conditions = list(self.conditions(self.forces(terms, mode), mode))
         for g, d in enumerate(mode.slip):
             if d:
                 conditions.append((Margin(g, "speed"), d * terms.slip_speed[..., g]))
@@ -544,9 +569,7 @@ class Contact:
     def derivative(self, mode: Mode, t: float, y: np.ndarray) -> np.ndarray:
         """Return y' of a state y = (q, v) in a mode."""
         q, v = np.split(y, 2)
-        return np.concatenate(
-            [v, self.forces(self.equations.at(t, q, v), mode, self.mu).acceleration]
-        )
+        return np.concatenate([v, self.forces(self.equations.at(t, q, v), mode).acceleration])
 
     def possible(
         self, terms: Terms, slip: np.ndarray, rest: set[int], left: set[int]
@@ -566,8 +589,9 @@ class Contact:
         """
         # A guide breaks away against its static friction.
         is_resting = [g in rest for g in range(len(slip))]
-        mu = np.where(is_resting, self.mus, self.mu)
-        bound = np.where(is_resting, self.static_bound, self.bound)
+        mu, bound = self.kinetic(terms, slip)
+        mu = np.where(is_resting, self.mus, mu)
+        bound = np.where(is_resting, self.static_bound, bound)
         motions: list[tuple[Mode, np.ndarray]] = []
         for slips in product(*((0, 1, -1) if g in rest else (d,) for g, d in enumerate(slip))):
             stuck = [g for g, d in enumerate(slips) if d == 0]
@@ -586,7 +610,7 @@ class Contact:
                 np.array(slips, dtype=int),
                 np.array(list(product(*signs))).reshape(-1, len(slip), 2),
             )
-            forces = self.forces(terms, modes, mu, bound)
+            forces = self.forces(terms, modes, (mu, bound))
             is_possible = np.all(np.isfinite(forces.acceleration), -1)
             for _, value in self.conditions(forces, modes):
                 is_possible &= value >= -ADMISSIBLE
@@ -974,7 +998,8 @@ def _audit(contact: Contact, mode: Mode, piece: DenseOutput, end: float) -> tupl
     """
     t = piece.t_old + _AUDITED * (end - piece.t_old)
     terms = contact.equations.at(t, *np.split(piece(t).T, 2, -1))
-    forces = contact.forces(terms, mode, contact.mu)
+    forces = contact.forces(terms, mode)
+    mu, bound = np.broadcast_arrays(*contact.kinetic(terms, mode.slip), forces.f)[:2]
     violations = [
         np.max(np.abs(terms.phi), initial=0.0),
         np.max(np.abs(terms.phi_dot), initial=0.0),
@@ -993,8 +1018,8 @@ def _audit(contact: Contact, mode: Mode, piece: DenseOutput, end: float) -> tupl
             # In slip friction follows the law if the speed is large enough to have a sign.
             sign = np.sign(speed)
             direction = np.where(sign == 0, d, sign)
-            load = contact.load(g, R, T, contact.mu[g], d)
-            friction = -direction * (contact.bound[g] + contact.mu[g] * load)
+            load = contact.load(g, R, T, mu[:, g], d)
+            friction = -direction * (bound[:, g] + mu[:, g] * load)
             errors = np.where(np.abs(speed) > NOISE, np.abs(f - friction), 0.0)
             violations.append(np.max(errors))
 

@@ -88,7 +88,12 @@ from stiction.reference_impl.integration.result import (
 from stiction.reference_impl.integration.right_hand_side import right_hand_side
 from stiction.reference_impl.integration.several_motions import NEARLY_SEVERAL, end_at_several
 from stiction.reference_impl.integration.step_audit import audit
-from stiction.reference_impl.integration.step_limits import TOLERATED, limit_ratio, longest_step
+from stiction.reference_impl.integration.step_limits import (
+    TOLERATED,
+    curve_ratio,
+    limit_ratio,
+    longest_step,
+)
 from stiction.reference_impl.multibody.dynamics import largest_speed, row_form
 from stiction.reference_impl.multibody.guide_freedom import DRIVEN
 from stiction.reference_impl.multibody.mechanism import Arrays, Mechanism, Workspace, workspace
@@ -272,6 +277,8 @@ def _attempt(m: Arrays, w: Workspace, s: State, task: Task) -> int:
     # The limits of `longest_step` were computed at the start. Where bodies became faster within the step, forces may
     # have changed unseen between its stages.
     ratio = limit_ratio(m, s, task.frequency) if len(m.friction) > 0 else 0.0
+    curve = curve_ratio(m, s) if m.varying > 0 else 0.0
+    ratio = max(ratio, curve)
     if ratio > TOLERATED:
         w.counters.rejected += 1
         p.step = h * max(MIN_FACTOR, SAFETY / ratio)
@@ -295,6 +302,9 @@ def _attempt(m: Arrays, w: Workspace, s: State, task: Task) -> int:
     growth = MAX_FACTOR
     if error > 0.0:
         growth = min(MAX_FACTOR, SAFETY * error**ERROR_EXPONENT)
+    if curve > 0.0:
+        # along a curve of friction the next step goes about as far as this one
+        growth = min(growth, max(1.0, SAFETY / curve))
     step.proposal = h * growth
     if step.target != FREE_LENGTH:
         # the step was cut short by its target, not by its error: the length proposed before the cut still holds
@@ -624,6 +634,7 @@ class Integration:
         options: Options = Options(),
     ):
         started = clock()
+        mechanism = mechanism.of_one_run()
         m, frictional = mechanism.arrays, len(mechanism.guide_names)
         self._mechanism = mechanism
         self._output = np.array(output, dtype=float)

@@ -280,6 +280,7 @@ def simulate_as_paper(
     says where and why the scheme stopped early; the columns then end there.
     """
     started = clock()
+    mechanism = mechanism.of_one_run()
     m, w = mechanism.arrays, workspace(mechanism.arrays, solver)
     n, nf = len(q), len(m.friction)
     samples, log = (

@@ -88,7 +88,8 @@ def _record(integers: str, numbers: str) -> np.dtype:
 CONSTRAINT = _record("kind row a b law friction", "ax ay bx by ux uy offset")
 """Bodies a and b, their points, direction (ux, uy) in the axes of b, offset of the angle, frictional guide or -1."""
 FRICTION = _record(
-    "row corners pair freedom surfaces unit", "length width mu mus bound static_bound"
+    "row corners pair freedom surfaces unit",
+    "length width mu mus bound static_bound kinetic_mu kinetic_bound stribeck shape",
 )
 """A frictional joint: a guide or a pin.
 
@@ -98,7 +99,9 @@ coefficient of friction. `pair`, the first of their pairs in the HLCP. `freedom`
 `surfaces`, the directions of friction in the HLCP: the two surfaces of a guide with a coefficient, else 1. `unit`, the
 row whose mobility measures its forces: that of the normal force, or without corners its tangential row. `length` and
 `width` are 0 where it has none, or no corners. Its friction is at most bound + mu times the load in slip, static_bound
-+ mus times the load at rest (newton)."""
++ mus times the load at rest (newton). Where `stribeck`, the speed of Stribeck's curve of exponent `shape`, is not 0
+(m/s), mu and bound are those of the last state (`speed_dependence`), between the static values and `kinetic_mu` and
+`kinetic_bound`."""
 SPRING = _record("kind a b", "ax ay bx by ux uy stiffness damping rest")
 LOAD = _record("body law", "px py ux uy")
 LINE = _record("a b flips", "ax ay bx by")
@@ -161,6 +164,7 @@ class Arrays(Bundle):
     length_scale: float
     unfree: int  # frictional joints that no freedom moves (`guide_freedom`)
     loaded: int  # frictional joints whose friction depends on a load: those that have corners
+    varying: int  # frictional joints whose bounds depend on the state (`speed_dependence`)
     unlike: int  # 1 if masses or inertias are unlike by more than `UNLIKE` (`unlike_masses`)
 
 
@@ -317,6 +321,21 @@ class Mechanism:
         """Room for evaluations of single states. An integration has its own, which lasts from step to step."""
         return workspace(self.arrays)
 
+    def of_one_run(self) -> Mechanism:
+        """Return the same mechanism for one run, with records of friction of its own if these vary with the state.
+
+        So two runs of a mechanism, one in the middle of the other, do not change the coefficients of each other.
+        """
+        if not self.arrays.varying:
+            return self
+        other = copy(self)
+        separate = tuple(
+            part.replaced(friction=part.friction.copy()) for part in self.arrays.separate
+        )
+        other.arrays = self.arrays.replaced(friction=self.arrays.friction.copy(), separate=separate)
+        other.__dict__.pop("workspace", None)  # it has the cells of the other arrays
+        return other
+
     def stabilized(self, stabilization: str) -> Mechanism:
         """Return the same mechanism with another stabilization; the two share their arrays."""
         other = copy(self)
@@ -452,6 +471,7 @@ class Mechanism:
             "length_scale": self._length_scale(),
             "unfree": int(np.count_nonzero(friction["freedom"])),
             "loaded": int(np.count_nonzero(friction["corners"])),
+            "varying": int(np.count_nonzero(friction["stribeck"])),
             "unlike": int(self.largest_ratio_of_masses() > UNLIKE),
         }
 
@@ -468,7 +488,11 @@ class Mechanism:
         radius = self._length_scale() if isinstance(joint, Revolute) else 1.0
         bound, static_bound = (value / radius for value in joint.bounds)
         surfaces = 2 if corners else 1
-        return (row, corners, 0, freedom, surfaces, 0, length, width, mu, mus, bound, static_bound)
+        stribeck, shape = 0.0, joint.stribeck_shape
+        if joint.depends_on_speed and joint.stribeck_velocity is not None:
+            stribeck = joint.stribeck_velocity * radius
+        law = (mu, mus, bound, static_bound, mu, bound, stribeck, shape)
+        return (row, corners, 0, freedom, surfaces, 0, length, width, *law)
 
     def _springs(self) -> dict[str, np.ndarray]:
         springs = []
@@ -767,6 +791,7 @@ def _separate(m: Arrays) -> tuple[Arrays, ...]:
                 knots=m.knots[:0],
                 piece=m.piece[:0],
                 unfree=int(np.count_nonzero(friction["freedom"])),
+                varying=int(np.count_nonzero(friction["stribeck"])),
                 loaded=int(np.count_nonzero(friction["corners"])),
                 block=block,
                 pair=m.pair[:0],

@@ -1,10 +1,10 @@
-"""Effects of joints that an engine may or may not take: bounds of dry friction of several kinds, and damping."""
+"""Effects of joints that an engine may or may not take: dry friction of several kinds, damping, and clearance."""
 
 from __future__ import annotations
 
 from enum import StrEnum
 
-from stiction.scenes import Scene
+from stiction.scenes import Scene, vary
 from stiction.scenes.model import Joint, Revolute, Translational
 
 
@@ -16,10 +16,15 @@ class JointEffect(StrEnum):
     STATIC_FRICTION = "a constant bound of friction that is larger at rest"
     SPEED_DEPENDENCE = "friction that depends on the speed of slip"
     DAMPING = "damping in a joint"
+    CLEARANCE = "clearance in a guide"
+    RESTITUTION = "restitution in a guide"
 
 
-ALL_EFFECTS = frozenset(JointEffect)
-"""Every effect there is, for engines that take them all."""
+EFFECTS_OF_GAPS = frozenset({JointEffect.CLEARANCE, JointEffect.RESTITUTION})
+"""Effects of the gap between a slider and its guide, which exist at contact fidelity only. Joint fidelity neglects
+them, because its guides are bilateral."""
+ALL_EFFECTS = frozenset(JointEffect) - EFFECTS_OF_GAPS
+"""Every effect that a bilateral joint can have, for engines that take them all."""
 LAWS_OF_THE_REFERENCE = frozenset({JointEffect.SPEED_DEPENDENCE})
 """Laws of friction that the adapters do not represent."""
 COMMON_EFFECTS = ALL_EFFECTS - LAWS_OF_THE_REFERENCE
@@ -39,7 +44,28 @@ def effects_of(joint: Joint) -> list[JointEffect]:
         effects.append(JointEffect.SPEED_DEPENDENCE)
     if joint.damping > 0.0:
         effects.append(JointEffect.DAMPING)
+    if isinstance(joint, Translational) and joint.clearance is not None:
+        effects.append(JointEffect.CLEARANCE)
+        if joint.restitution > 0.0:
+            effects.append(JointEffect.RESTITUTION)
     return effects
+
+
+def neglected_keys(scene: Scene) -> list[str]:
+    """Return the keys of a scene that joint fidelity neglects, such as ``joints.guide.clearance``."""
+    keys = []
+    for name, guide in scene.guides.items():
+        if guide.clearance is not None:
+            keys.append(f"joints.{name}.clearance")
+        if guide.restitution > 0.0:
+            keys.append(f"joints.{name}.restitution")
+    return keys
+
+
+def with_ideal_guides(scene: Scene) -> Scene:
+    """Return the scene that joint fidelity represents: without clearance and restitution."""
+    keys = neglected_keys(scene)
+    return vary(scene, dict.fromkeys(keys)) if keys else scene
 
 
 def first_unsupported(

@@ -92,15 +92,15 @@ OPTIONAL = "at most one"
 SEVERAL = "any number"
 """Count of a part that may occur any number of times."""
 
-JOINT_EFFECTS = ("friction", "static_friction", "stribeck_velocity", "damping")
+JOINT_EFFECTS = ("friction", "static_friction", "stribeck_velocity", "damping", "clearance")
 """Fields of joints that must be absent or zero unless a part has requirements on them."""
 
 
 class Part:
     """An element of a mechanism.
 
-    A joint must have neither a constant bound of friction nor damping, unless its fields say otherwise: a truth holds
-    for the effects that it contains.
+    A joint must have neither a constant bound of friction nor damping nor clearance, unless its fields say otherwise: a
+    truth holds for the effects that it contains.
 
     Parameters
     ----------
@@ -136,7 +136,11 @@ class Part:
         self.count = count
         self.any_order = any_order
         self.where = where
-        absent = dict.fromkeys(JOINT_EFFECTS, ABSENT) if kind in (Revolute, Translational) else {}
+        absent: dict[str, Any] = {}
+        if kind in (Revolute, Translational):
+            # pins have no clearance
+            effects = [field for field in JOINT_EFFECTS if field in kind.model_fields]
+            absent = dict.fromkeys(effects, ABSENT)
         self.fields = {
             field: Condition.of(wanted) for field, wanted in {**absent, **fields}.items()
         }

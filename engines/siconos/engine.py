@@ -4,11 +4,15 @@ from __future__ import annotations
 
 import os
 from collections.abc import Mapping
+from dataclasses import replace
+from functools import cached_property
 from pathlib import Path
 from typing import Any
 
 from stiction.engines.assembly import Assembly, assembly_of
+from stiction.engines.joint_effects import EFFECTS_OF_GAPS
 from stiction.engines.program.engine import ProgramEngine
+from stiction.engines.protocol import Capabilities
 from stiction.engines.registry import EngineBroken, EngineMissing
 from stiction.engines.shared.fixed_step import settings_of
 from stiction.engines.shared.inconsistent_start import refuse_off
@@ -27,7 +31,6 @@ BLOCKS = ("nsgs", "cpg", "lemke", "enum")
 BOUNDS = {
     "theta": (0.5, 1.0),
     "clearance": (1e-12, 1.0),
-    "restitution": (0.0, 1.0),
     "tolerance": (1e-14, 1e-3),
     "iterations": (1, 10**9),
 }
@@ -38,7 +41,7 @@ class SiconosEngine(ProgramEngine):
     """The kernel of Siconos (Moreau-Jean scheme, unilateral contacts with friction), run by the system's Python.
 
     The program is `solver.py` next to this module; its declaration ``siconos.toml`` contains the settings: `theta` of
-    MoreauJeanOSI; `clearance`, relative to the size of the mechanism, and `restitution`, as for
+    MoreauJeanOSI; `clearance` of guides that declare none, relative to the size of the mechanism, as for
     `stiction.engines.reference.moreau.MoreauEngine`; `tolerance` of a step, relative to its largest speed; `iterations`
     of Gauss-Seidel; `block`, the solver of one contact within an iteration: nsgs, cpg, lemke or enum.
     """
@@ -65,6 +68,12 @@ class SiconosEngine(ProgramEngine):
             raise EngineMissing(
                 f"{self.name}: found no program {_python()}; {INSTALLATION}"
             ) from error
+
+    @cached_property
+    def capabilities(self) -> Capabilities:  # type: ignore[override]
+        """Capabilities according to the declaration, and the clearance and restitution of guides."""
+        declared = super().capabilities
+        return replace(declared, joint_effects={Fidelity.CONTACT: EFFECTS_OF_GAPS})
 
     def _find_program(self, word: str) -> Path:
         """Return the Python that has Siconos: the declaration's, or that of the environment variable."""

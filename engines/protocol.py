@@ -52,8 +52,8 @@ FRICTION_SUPPLIED_BY = "friction_supplied_by"
 EVENTS_LOCATED_BY = "events_located_by"
 """Setting of every trajectory: the `Supplier` of its located events."""
 NEGLECTED = "neglected"
-"""Setting of a trajectory: the keys of the scene that its fidelity neglects, such as ``joints.guide.clearance``; absent if
-there are none."""
+"""Setting of a trajectory: the keys of the scene that its fidelity neglects, such as ``joints.guide.clearance``;
+absent if there are none."""
 REACTION_SOURCES = ("engine", "momentum balance")
 """Sources of the constraint reactions in a trajectory: the engine itself, or the balance of momentum."""
 UNSETTLED = "friction does not settle"
@@ -490,8 +490,9 @@ class Engine(ABC):
     def reason_to_refuse(self, scene: Scene, fidelity: Fidelity) -> str | None:
         """Return the reason why a scene is not run at this fidelity, or None if it is.
 
-        It is an effect of a joint that `Capabilities.joint_effects` lacks, or else the engine's own `refusal`. Clearance
-        and restitution are no reason at joint fidelity, which neglects them (the setting `NEGLECTED` of the run).
+        It is an effect of a joint that `Capabilities.joint_effects` lacks, or else the engine's own `refusal`.
+        Clearance and restitution are no reason at joint fidelity, which neglects them (the setting `NEGLECTED` of the
+        run).
         """
         supported = self.capabilities.joint_effects.get(fidelity, frozenset())
         if fidelity == Fidelity.JOINT:

@@ -4,8 +4,8 @@ Joint fidelity. The bodies are those of `stiction.engines.shared.link_tree.LinkT
 joints that close loops are ball joint constraints, corrected by `erp` of their error each step. Drives: actuators of
 prescribed velocity. Friction: the Coulomb friction of DART's joints, sliding and turning, at the bound.
 
-Contact fidelity. The slider has four small spheres between two half-spaces, at the declared clearance. Their outer points are
-the corners of a box of the guide's length and width; or the slider is that box, between two fixed boxes. DART's
+Contact fidelity. The slider has four small spheres between two half-spaces, at the declared clearance. Their outer
+points are the corners of a box of the guide's length and width; or the slider is that box, between two fixed boxes. DART's
 projected Gauss-Seidel solves for the contacts to convergence. For contacts in the plane the matrix of Dantzig's method
 is singular; where it is not, that method bounds friction by the normal forces without friction.
 """

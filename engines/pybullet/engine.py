@@ -10,7 +10,8 @@ corrected by `erp` of their error each step. A translational joint that closes a
 with `force` at the bound of `stiction.engines.shared.friction_bound`, in guides and in pins. All damping that PyBullet
 adds by default is switched off.
 
-Contact fidelity. The slider is a box of the guide's length and width between two fixed boxes, at the declared clearance.
+Contact fidelity. The slider is a box of the guide's length and width between two fixed boxes, at the declared
+clearance.
 """
 
 from __future__ import annotations

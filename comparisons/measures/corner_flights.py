@@ -14,8 +14,8 @@ t = (12 m c / N')^(1/3). Where the corner force jumps to the other sign, as at a
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass, replace
 from enum import StrEnum
 from itertools import pairwise
 
@@ -75,12 +75,16 @@ class CornerFlight:
     clearance : float
         Gap to each surface, m.
     flight_time : float
-        Time from the release to the first impact, s; NaN if the acceleration does not lead away from the surface.
+        Time from the release to the first impact, s; NaN if the end turns back before it.
     impact_speed : float
         Speed across the guide at the first impact, m/s; NaN if the flight time is.
-    time_to_next_event : float
-        Time from the release to the next event of the ideal motion, or the next release, s; infinite if there is none.
-        The law assumes that it is much longer than the flight.
+    crowding : float
+        Flight time over the time from the release to the nearest other event of the ideal motion, before or after it.
+        The law assumes that it is small: an impact or another release in the meantime changes the flight.
+    mobilization : float
+        Of a slider at rest, the friction at the corner about which it turns over its bound: the larger one of the
+        values at the release and at the first impact. The law assumes that it is below 1: otherwise this corner slips,
+        too. It is 0 for a slider that slips.
     """
 
     time: float
@@ -94,7 +98,8 @@ class CornerFlight:
     clearance: float
     flight_time: float
     impact_speed: float
-    time_to_next_event: float
+    crowding: float
+    mobilization: float
 
 
 @dataclass(frozen=True)
@@ -152,61 +157,103 @@ def _flights_of_slider(slider: ReleasedEnds, gap: float, ideal: Trajectory) -> l
         [*(event.time for event in events), *(released.instant.time for released in releases)]
     )
     difference = DIFFERENCE * float(ideal.t[-1])
-    flights = []
+    flights = list[CornerFlight]()
     for released in releases:
-        later = instants[instants > released.instant.time]
-        time_to_next = float(later.min() - released.instant.time) if len(later) else math.inf
-        for end in released.ends:
-            flights.append(_flight(slider, released, end, gap, difference, time_to_next))
+        others = instants[instants != released.instant.time]
+        distance = float(np.abs(others - released.instant.time).min(initial=math.inf))
+        flights += _flights(slider, released, gap, difference, distance)
     return flights
 
 
-def _flight(
+def _flights(
     slider: ReleasedEnds,
     released: _Released,
-    end: str,
     gap: float,
     difference: float,
-    time_to_next_event: float,
-) -> CornerFlight:
-    """Return the flight of one released end; `difference` (s) is half the interval over which rates are taken."""
+    event_distance: float,
+) -> Iterator[CornerFlight]:
+    """Yield the flights of ends that are released together.
+
+    `difference` (s) is half the interval of rates, `event_distance` (s) the time to the nearest other event.
+    """
     instant = released.instant
+    accelerations = {}
+    jerks = {}
+    sides = {}
+    for end in released.ends:
 
-    def acceleration(step: float) -> float:
-        return slider.acceleration(instant, end, released.ends, step)
+        def acceleration(step: float, end: str = end) -> float:
+            return slider.acceleration(instant, end, released.ends, step)
 
-    rate = _rate(lambda step: slider.end_force(instant, end, step), difference)
-    jerk = _rate(acceleration, difference)
+        jerks[end] = _rate(acceleration, difference)
+        accelerations[end] = acceleration(0.0) if released.release == Release.JUMP else 0.0
+        # An end that moves along the normal has left the lower surface, and will press on the upper one.
+        sides[end] = -math.copysign(1.0, accelerations[end] or jerks[end])
+    for end in released.ends:
+
+        def force(step: float, end: str = end) -> float:
+            return sides[end] * slider.end_force(instant, end, step, sides)
+
+        is_jump = released.release == Release.JUMP
+        drive = _Drive(
+            side=sides[end],
+            force=force(0.0) if is_jump else 0.0,
+            rate=_rate(force, difference),
+            acceleration=-sides[end] * accelerations[end],
+            jerk=-sides[end] * jerks[end],
+        )
+        flight = _flight(slider.guide, released, end, drive, gap, event_distance)
+        at_release = slider.mobilization(instant, released.ends)
+        at_impact = slider.mobilization(instant, released.ends, flight.flight_time)
+        yield replace(flight, mobilization=max(at_release, at_impact))
+
+
+@dataclass(frozen=True)
+class _Drive:
+    """What drives an end through the gap, just after its release.
+
+    Attributes
+    ----------
+    side : float
+        The surface to which it flies: 1 for the lower, -1 for the upper one.
+    force, rate : float
+        Force of its corner there in the ideal joint, N, and the rate at which it grows, N/s.
+    acceleration, jerk : float
+        Acceleration of the end towards that surface, m/s², and the rate at which it grows, m/s³.
+    """
+
+    side: float
+    force: float
+    rate: float
+    acceleration: float
+    jerk: float
+
+
+def _flight(
+    guide: str, released: _Released, end: str, drive: _Drive, gap: float, event_distance: float
+) -> CornerFlight:
+    """Return the flight of a released end; `event_distance` (s) is the time to the nearest other event."""
+    time = crossing_time(drive.acceleration, drive.jerk, 2.0 * gap)
+    mass = drive.rate / drive.jerk
     if released.release == Release.JUMP:
-        force = instant.end_force(slider.guide, end)
-        start_acceleration = acceleration(0.0)
-        # The ideal joint's force opposes the acceleration that the end has without it.
-        mass = -force / start_acceleration
-        side_after = math.copysign(1.0, force)
-    else:
-        force, start_acceleration = 0.0, 0.0
-        mass = -rate / jerk
-        side_after = math.copysign(1.0, rate)
-    # An end whose force grows on the lower surface has left the upper one, and moves against the normal.
-    away = -side_after
-    flight_time = crossing_time(away * start_acceleration, away * jerk, 2.0 * gap)
-    impact_speed = away * (start_acceleration * flight_time + 0.5 * jerk * flight_time**2)
+        mass = drive.force / drive.acceleration
     corner, opposite = LOWER_CORNER[end], UPPER_CORNER[end]
-    if side_after > 0.0:
+    if drive.side > 0.0:
         corner, opposite = opposite, corner
     return CornerFlight(
-        time=instant.time,
-        guide=slider.guide,
+        time=released.instant.time,
+        guide=guide,
         corner=corner,
         opposite_corner=opposite,
         release=released.release,
-        force=abs(force),
-        rate=side_after * rate,
+        force=drive.force,
+        rate=drive.rate,
         mass=mass,
         clearance=gap,
-        flight_time=flight_time,
-        impact_speed=impact_speed,
-        time_to_next_event=time_to_next_event,
+        flight_time=time,
+        impact_speed=drive.acceleration * time + 0.5 * drive.jerk * time**2,
+        crowding=time / event_distance,
+        mobilization=0.0,
     )
 
 
@@ -220,8 +267,8 @@ def crossing_time(acceleration: float, jerk: float, distance: float) -> float:
     return float(times.min()) if len(times) else math.nan
 
 
-def _rate(function, difference: float) -> float:
-    """Return the derivative at 0 by central differences."""
+def _rate(function: Callable[[float], float], difference: float) -> float:
+    """Return the derivative of a function at 0 by central differences."""
     return (function(difference) - function(-difference)) / (2.0 * difference)
 
 
@@ -277,7 +324,7 @@ def _smooth_releases(
 ) -> Iterator[_Released]:
     """Yield the ends whose force passes through zero between two events, without an event of its own."""
     inside = np.flatnonzero((ideal.t > start.time) & (ideal.t < end.time))
-    outputs = [Instant.of_output(ideal, number, slider.part) for number in inside]
+    outputs = [Instant.of_output(ideal, int(number), slider.part) for number in inside]
     for first, second in pairwise([start, *outputs, end]):
         ends_by_time: dict[float, list[str]] = {}
         for side in ENDS:

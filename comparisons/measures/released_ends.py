@@ -15,6 +15,7 @@ and W of slip, the width b, the direction d of slip and the sign of n:
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping
 from dataclasses import dataclass
 
@@ -36,6 +37,8 @@ PLACE = {"rear": -0.5, "front": 0.5}
 """Place of each end along the guide from the slider's point, in lengths of the slider."""
 _POINT = "point"
 """The only end of a slider without length."""
+_FRICTION = "friction"
+"""Label of the friction of the examined slider at rest."""
 _MOTION = (("x", "y", "angle"), ("vx", "vy", "omega"), ("ax", "ay", "alpha"))
 """Labels of the columns of coordinates, velocities and accelerations of a body."""
 
@@ -79,15 +82,23 @@ class Instant:
         return self.time + step, q + step * v, v + step * a
 
     def between(self, time: float, later: Instant) -> Instant:
-        """Return the instant of a time before a later one, by the quintic polynomial through both motions.
+        """Return the instant of a time before a later one of the same contact mode.
 
-        The contact mode is that of this instant.
+        The motion is the quintic polynomial through both, and columns are interpolated linearly.
         """
         polynomial = BPoly.from_derivatives(
             [self.time, later.time], [list(self.motion), list(later.motion)]
         )
         motion = [polynomial.derivative(k)(time) if k else polynomial(time) for k in range(3)]
-        return Instant(time, np.array(motion), self.columns)
+        fraction = (time - self.time) / (later.time - self.time)
+        columns = {
+            name: (1.0 - fraction) * value + fraction * later.columns[name]
+            for name, value in self.columns.items()
+            if name in later.columns
+        }
+        # At the end of a slip phase the mode of the later instant may be another one.
+        modes = {name: value for name, value in self.columns.items() if name.endswith(".mode")}
+        return Instant(time, np.array(motion), columns | modes)
 
     def end_force(self, guide: str, end: str) -> float:
         """Return the force of an end of a slider on the lower surface minus that on the upper one, N."""
@@ -108,14 +119,15 @@ class _Unknown:
         The remainder: row a + gamma = 0.
     direction : ndarray, shape (k,)
         Generalized force of a unit of the unknown.
-    end : str
-        The end of the examined slider whose force it is; empty for all others.
+    label : str
+        The end of the examined slider whose normal force it is, or `_FRICTION` for its friction at rest; empty for all
+        others.
     """
 
     row: np.ndarray
     gamma: float
     direction: np.ndarray
-    end: str = ""
+    label: str = ""
 
 
 class ReleasedEnds:
@@ -136,20 +148,48 @@ class ReleasedEnds:
         self._row_number = {row: i for i, row in enumerate(self._equations.rows)}
         self._tangent_number = {joint: i for i, joint in enumerate(self._equations.frictional)}
 
-    def end_force(self, instant: Instant, end: str, step: float = 0.0) -> float:
-        """Return the force of an end in the ideal joint, N, a short time `step` (s) after an instant."""
-        _, forces = self._solve(instant, (), step)
+    def end_force(
+        self,
+        instant: Instant,
+        end: str,
+        step: float = 0.0,
+        sides: Mapping[str, float] | None = None,
+    ) -> float:
+        """Return the force of an end in the ideal joint, N, a short time `step` (s) after an instant.
+
+        `sides` are the surfaces on which ends press, 1 for the lower and -1 for the upper one, of ends whose force at
+        this instant is zero, so that its sign does not tell.
+        """
+        _, forces = self._solve(instant, (), step, sides or {})
         return forces[end]
+
+    def mobilization(self, instant: Instant, released: tuple[str, ...], step: float = 0.0) -> float:
+        """Return the friction of a slider at rest over its bound at the ends that are not released.
+
+        Above 1 the slider does not stay at rest. It is 0 for a slider that slips, or has no friction.
+        """
+        _, forces = self._solve(instant, released, step, {})
+        friction = abs(forces.pop(_FRICTION, 0.0))
+        if friction == 0.0:
+            return 0.0
+        guide = self.part.guides[self.guide]
+        normal_force = sum(abs(force) for force in forces.values())
+        bound = guide.static_coefficient * normal_force + guide.bounds[1]
+        return friction / bound if bound > 0.0 else math.inf
 
     def acceleration(
         self, instant: Instant, end: str, released: tuple[str, ...], step: float = 0.0
     ) -> float:
         """Return the acceleration of an end along the normal of the guide with some ends released, m/s²."""
-        accelerations, _ = self._solve(instant, released, step)
+        accelerations, _ = self._solve(instant, released, step, {})
         return accelerations[end]
 
     def _solve(
-        self, instant: Instant, released: tuple[str, ...], step: float
+        self,
+        instant: Instant,
+        released: tuple[str, ...],
+        step: float,
+        sides: Mapping[str, float],
     ) -> tuple[dict[str, float], dict[str, float]]:
         """Solve the equations of motion with some ends released.
 
@@ -158,21 +198,24 @@ class ReleasedEnds:
         accelerations : dict
             Acceleration of each end along the normal, m/s²; zero for those that are not released.
         forces : dict
-            Force of each end that is not released, N.
+            Force of each end that is not released, and friction of the slider if it is at rest, N.
         """
         terms = self._equations.at(*instant.moved(step))
         unknowns = self._constraints(terms)
         constant = np.zeros_like(terms.QE)
         for name in self.part.guides:
-            unknowns += self._normal_forces(instant, terms, name, released)
+            own_sides = sides if name == self.guide else {}
+            unknowns += self._normal_forces(instant, terms, name, released, own_sides)
         for name in self._tangent_number:
             unknowns += self._frictions_at_rest(instant, terms, name, released)
             constant += self._constant_friction(instant, terms, name)
 
         # Eliminate the accelerations. Redundant rows share their force in the minimum-norm sense.
         mass = self._equations.mass
-        rows = np.array([unknown.row for unknown in unknowns])
-        directions = np.array([unknown.direction for unknown in unknowns])
+        # A body that is free altogether has no unknown.
+        shape = (len(unknowns), len(mass))
+        rows = np.array([unknown.row for unknown in unknowns]).reshape(shape)
+        directions = np.array([unknown.direction for unknown in unknowns]).reshape(shape)
         gammas = np.array([unknown.gamma for unknown in unknowns])
         free = (terms.QE + constant) / mass
         matrix = rows @ (directions / mass).T
@@ -184,7 +227,9 @@ class ReleasedEnds:
             row, gamma = self._end_row(terms, self.guide, end)
             accelerations[end] = float(row @ acceleration + gamma)
         forces = {
-            unknown.end: float(force) for unknown, force in zip(unknowns, solution) if unknown.end
+            unknown.label: float(force)
+            for unknown, force in zip(unknowns, solution)
+            if unknown.label
         }
         return accelerations, forces
 
@@ -203,7 +248,12 @@ class ReleasedEnds:
         return unknowns
 
     def _normal_forces(
-        self, instant: Instant, terms: Terms, name: str, released: tuple[str, ...]
+        self,
+        instant: Instant,
+        terms: Terms,
+        name: str,
+        released: tuple[str, ...],
+        sides: Mapping[str, float],
     ) -> list[_Unknown]:
         """Return the normal forces of a guide, with the friction in slip that is proportional to them."""
         guide = self.part.guides[name]
@@ -215,12 +265,14 @@ class ReleasedEnds:
             if slip:
                 number = self._tangent_number[name]
                 coefficient = float(coefficient_in_slip(guide, terms.slip_speed[number]))
-                side = self._side(instant, name, end)
+                side = sides.get(end) or self._side(instant, name, end)
                 surface = terms.W[number] + side * 0.5 * guide.extent[1] * self._angle_row(
                     terms, name
                 )
                 direction = row - coefficient * slip * side * surface
-            unknowns.append(_Unknown(row, gamma, direction, end=end if name == self.guide else ""))
+            unknowns.append(
+                _Unknown(row, gamma, direction, label=end if name == self.guide else "")
+            )
         return unknowns
 
     def _frictions_at_rest(
@@ -240,7 +292,7 @@ class ReleasedEnds:
             lever = self._lever_of_rest(instant, name, held)
             row = row + lever * self._angle_row(terms, name)
             gamma += lever * float(terms.gamma[self._row_number[f"{name}.moment"]])
-        return [_Unknown(row, gamma, row)]
+        return [_Unknown(row, gamma, row, label=_FRICTION if name == self.guide else "")]
 
     def _constant_friction(self, instant: Instant, terms: Terms, name: str) -> np.ndarray:
         """Return the generalized force of the constant bound of a joint in slip, shape (k,)."""

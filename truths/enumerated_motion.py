@@ -34,6 +34,8 @@ belongs to each surface of a guide. A pin is treated as a guide without length a
 mu = mus = 0. Its direction of friction is the relative rotation of its bodies, and its friction is a torque. What is
 said of guides holds for pins as well.
 
+The clearance and the restitution of guides are neglected: joints are ideal.
+
 With Stribeck's curve the coefficient and the constant bound of a joint in slip are those of its speed v,
 
     mu(v) = mu + (mus - mu) exp(-(|v| / v_s)^p),    c(v) = c + (c0 - c) exp(-(|v| / v_s)^p)

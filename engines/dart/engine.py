@@ -5,9 +5,9 @@ joints that close loops are ball joint constraints, corrected by `erp` of their 
 prescribed velocity. Friction: the Coulomb friction of DART's joints, sliding and turning, at the bound.
 
 Contact fidelity. The slider has four small spheres between two half-spaces, at the declared clearance. Their outer
-points are the corners of a box of the guide's length and width; or the slider is that box, between two fixed boxes. DART's
-projected Gauss-Seidel solves for the contacts to convergence. For contacts in the plane the matrix of Dantzig's method
-is singular; where it is not, that method bounds friction by the normal forces without friction.
+points are the corners of a box of the guide's length and width; or the slider is that box, between two fixed boxes.
+DART's projected Gauss-Seidel solves for the contacts to convergence. For contacts in the plane the matrix of Dantzig's
+method is singular; where it is not, that method bounds friction by the normal forces without friction.
 """
 
 from __future__ import annotations

@@ -1,8 +1,8 @@
 """A slider as a box between two surfaces, for Drake's contacts of points with half-spaces.
 
 The corners are spheres of radius zero, and each guide's surfaces are the half-spaces beyond them, at the declared
-clearance. So a contact is where a corner is. Two contacts carry a box whether it lies flat or is wedged, and no contact moves along
-an edge, as the deepest point of a box would.
+clearance. So a contact is where a corner is. Two contacts carry a box whether it lies flat or is wedged, and no contact
+moves along an edge, as the deepest point of a box would.
 """
 
 from __future__ import annotations

@@ -395,3 +395,22 @@ def test_columns_of_a_panel_have_the_unit_of_its_axis():
             assert f"[{unit_of(text.get_text(), scene)}]" in axes.get_ylabel()
             shown += 1
     assert shown >= 3
+
+
+def test_a_clearance_is_drawn_as_a_gap():
+    """The surfaces are half the width and the clearance away from the line, the slider keeps its size."""
+    scene = load_scene("slider-bar-case-1", {"guide.clearance": 0.05})
+    drawn = list(parts(scene, view_of(scene, [poses_at_start(scene)])))
+    heights = {
+        look: sorted(
+            {float(y) for part in drawn if part_look(part) == look for y in part.points[:, 1]}
+        )
+        for look in ("surface", "slider")
+    }
+    assert heights["surface"] == pytest.approx([-0.3, 0.3])
+    assert heights["slider"] == pytest.approx([-0.25, 0.25])
+
+
+def part_look(part):
+    """Return the look of a stroke; empty for other parts of a drawing."""
+    return part.look if isinstance(part, Stroke) else ""

@@ -122,6 +122,9 @@ class Translational(Model):
     numbers (Coulomb's law with one bound). The constant part acts along the line through `slider_point`: it does not
     turn the slider.
 
+    A `normal_load`, such as a weight across the plane of the mechanism, adds `mu` (at rest `mus`) times itself to this
+    constant part. The reported normal force and corner forces are those in the plane, without it.
+
     With a `stribeck_velocity` both fall smoothly with the speed v of slip (Stribeck's curve), from their values at rest
     to those of fast slip: the coefficient is `mu + (mus - mu) exp(-(|v| / stribeck_velocity)^stribeck_shape)`, and the
     constant part likewise. Friction is then continuous as the guide breaks away.
@@ -149,6 +152,8 @@ class Translational(Model):
     """Kinetic coefficient of friction; without it friction does not depend on the normal force"""
     mus: NonNegative | None = None
     """Static coefficient of friction, at least `mu`; default: `mu`"""
+    normal_load: NonNegative = 0.0
+    """Normal force that presses the slider on its guide beside those in the plane; requires `mu`; N"""
     friction: NonNegative | None = None
     """Part of the bound of friction in slip that does not depend on the normal force; N"""
     static_friction: NonNegative | None = None
@@ -172,8 +177,14 @@ class Translational(Model):
 
     @property
     def bounds(self) -> tuple[float, float]:
-        """The constant parts of the bounds of friction, in slip and at rest, N."""
-        return _bounds(self)
+        """The constant parts of the bounds of friction, in slip and at rest, with that by the `normal_load`; N."""
+        kinetic, static = _bounds(self)
+        if not self.normal_load:
+            return kinetic, static
+        return (
+            kinetic + self.kinetic_coefficient * self.normal_load,
+            static + self.static_coefficient * self.normal_load,
+        )
 
     @property
     def rubs(self) -> bool:
@@ -230,6 +241,8 @@ class Translational(Model):
             yield "mus", self.mus, "expected the kinetic coefficient mu too"
         if self.mus is not None and self.mu is not None and self.mus < self.mu:
             yield "mus", self.mus, f"expected at least mu = {self.mu:g}"
+        if self.normal_load and self.mu is None:
+            yield "normal_load", self.normal_load, "expected the coefficient of friction mu too"
         yield from _inconsistent_bounds(self)
         yield from _inconsistent_curve(self)
 

@@ -48,7 +48,10 @@ def resolved_scene(scene: Scene) -> dict[str, Any]:
             joint["width"] = guide.width or 0.0
     for name, frictional_joint in scene.joints.items():
         if frictional_joint.friction is not None:
-            tables["joints"][name]["static_friction"] = frictional_joint.bounds[1]
+            static = frictional_joint.static_friction
+            tables["joints"][name]["static_friction"] = (
+                frictional_joint.friction if static is None else static
+            )
     return {"format": FORMAT, "version": VERSION, "name": scene.name, "scene": tables}
 
 

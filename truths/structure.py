@@ -137,6 +137,8 @@ class Part:
         self.any_order = any_order
         self.where = where
         absent = dict.fromkeys(JOINT_EFFECTS, ABSENT) if kind in (Revolute, Translational) else {}
+        if kind is Translational:
+            absent["normal_load"] = ABSENT
         self.fields = {
             field: Condition.of(wanted) for field, wanted in {**absent, **fields}.items()
         }

@@ -175,7 +175,9 @@ def _removals(scene: Scene) -> list[tuple[str, str, list[str]]]:
         if guide.static_coefficient > guide.kinetic_coefficient
     ]
     with_static_bound = [
-        name for name, joint in scene.frictional_joints.items() if joint.bounds[1] > joint.bounds[0]
+        name
+        for name, joint in scene.frictional_joints.items()
+        if joint.static_friction is not None and joint.static_friction > joint.friction
     ]
     static_keys = [
         *(f"{name}.mus" for name in with_static_friction),
@@ -190,6 +192,8 @@ def _removals(scene: Scene) -> list[tuple[str, str, list[str]]]:
     friction_keys = _declared_keys(
         scene.frictional_joints, "mu", "mus", "friction", "static_friction"
     )
+    load_keys = [f"{name}.normal_load" for name, guide in frictional.items() if guide.normal_load]
+    friction_keys += load_keys
     friction_keys += speed_keys  # a curve of friction without friction is refused
     springs = scene.springs.items()
     damping_keys = [
@@ -200,6 +204,7 @@ def _removals(scene: Scene) -> list[tuple[str, str, list[str]]]:
         ("gravity", "", ["gravity"] if scene.gravity and any(scene.gravity) else []),
         ("friction", "", friction_keys),
         ("static coefficient", "mus = mu", static_keys),
+        ("load across the plane", "normal_load", load_keys),
         ("dependence of friction on speed", "stribeck_velocity", speed_keys),
         (
             "surface levers",

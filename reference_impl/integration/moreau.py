@@ -502,7 +502,7 @@ def simulate_moreau(
             columns |= {f"{name}.F{k + 1}": corners[:, i, k, 0] for k in range(4)}
         if guide.length is not None and guide.frictional:
             lower, upper = corners[:, i, :2, 1].sum(axis=1), corners[:, i, 2:, 1].sum(axis=1)
-            if guide.friction is not None:
+            if guide.bounds[1] > 0.0:
                 # what is not friction of contacts has the constant bound, of which each surface has half
                 constant = 0.5 * (columns[f"{name}.friction"] - lower - upper)
                 lower, upper = lower + constant, upper + constant

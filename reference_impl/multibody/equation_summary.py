@@ -39,7 +39,11 @@ def blocks(scene: Scene) -> list[Block]:
     revolute = tuple(name for name, joint in scene.joints.items() if isinstance(joint, Revolute))
     guides = scene.guides
     frictional = {name: guide for name, guide in guides.items() if guide.mu is not None}
-    bounded = tuple(name for name, joint in scene.joints.items() if joint.friction is not None)
+    bounded = tuple(
+        name
+        for name, joint in scene.joints.items()
+        if joint.friction is not None or joint.bounds[1] > 0.0
+    )
     firmer = tuple(
         name for name in bounded if scene.joints[name].bounds[1] > scene.joints[name].bounds[0]
     )

@@ -187,7 +187,7 @@ def corner_columns(
     if guide.frictional:
         lower = kappa * (corners[f"{name}.F1"] + corners[f"{name}.F2"])
         upper = kappa * (corners[f"{name}.F3"] + corners[f"{name}.F4"])
-        if guide.friction is not None:
+        if guide.bounds[1] > 0.0:
             # what the loads do not carry is the constant part, of which each surface has half
             constant = 0.5 * (friction - lower - upper)
             lower, upper = lower + constant, upper + constant

@@ -38,7 +38,8 @@ from stiction.comparisons.measures.steady_state_measures import SteadyRun
 from stiction.comparisons.regression.baseline import Baseline
 from stiction.comparisons.regression.nightly import run_night
 from stiction.comparisons.studies import studies
-from stiction.comparisons.sweep.sweep import Specification, parse_axis, sweep, usual_end
+from stiction.comparisons.sweep.axes import parse_axis
+from stiction.comparisons.sweep.sweep import Specification, sweep, usual_end
 from stiction.engines import isolate, load_engine
 from stiction.reports.figures.charts import draw_figures
 from stiction.reports.figures.style import rc

@@ -144,6 +144,9 @@ class Study:
         What it means if its section is empty although its runs were made.
     tables : Mapping[str, str]
         Titles of its tables, by name.
+    stored : tuple of str
+        Names of the tables that `stiction compare --out` writes into one file, with a column
+        ``table``; only its main table if empty.
     failures_of_reference : callable or None
         Yields one line for each run of the reference that is wrong according to the tables.
         `stiction validate` fails if there is one.
@@ -167,6 +170,7 @@ class Study:
     applies: Callable[[Scope], str] = always
     nothing: str = "its tables are empty"
     tables: Mapping[str, str] = field(default_factory=dict)
+    stored: tuple[str, ...] = ()
     failures_of_reference: Callable[[Results], Iterator[str]] | None = None
     text: str = ""
 

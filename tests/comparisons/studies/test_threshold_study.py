@@ -14,6 +14,13 @@ from stiction.comparisons.bench.presentation.presentation import ANSWER_LENGTH
 from stiction.comparisons.bench.results import Results
 from stiction.comparisons.bench.study import Scope
 from stiction.comparisons.bench.variants import Variant
+from stiction.comparisons.measures.engine_bands import (
+    EngineBands,
+    Verdict,
+    main_search,
+    other_ends,
+    scanned_values,
+)
 from stiction.comparisons.measures.engine_threshold import (
     FIRST_STEP,
     Search,
@@ -23,22 +30,16 @@ from stiction.comparisons.measures.engine_threshold import (
     measure_threshold,
 )
 from stiction.comparisons.measures.reference_bands import Variation
-from stiction.comparisons.studies.threshold import (
+from stiction.comparisons.measures.true_bands import TrueBands
+from stiction.comparisons.studies.threshold import STUDY, variation_in
+from stiction.comparisons.studies.threshold_presentation import present
+from stiction.comparisons.studies.threshold_tables import (
     AGAIN,
     CHANGE,
     ERROR,
     SCANNED,
-    STUDY,
     UNCERTAINTY,
-    EngineBands,
-    TrueBands,
-    Verdict,
-    _main_search,
-    _other_ends,
-    _scanned_values,
     band_table,
-    present,
-    variation_in,
 )
 from stiction.engines.isolation import Outcome
 from stiction.engines.status import Status
@@ -271,14 +272,14 @@ VARIATION = Variation("F0", "guide", Range(0.0, 12.0, 0.1), 3.0)
 
 
 def test_engines_search_for_every_end_within_its_own_bands():
-    main = _main_search(MU_0015, VARIATION, 3.2372, 0.01)
+    main = main_search(MU_0015, VARIATION, 3.2372, 0.01)
     assert (main.low, main.near) == (1.5, 3.0) and 3.2372 < main.high < 3.7688
-    lower, upper = _other_ends(MU_0015, 3.2372, 0.01)
+    lower, upper = other_ends(MU_0015, 3.2372, 0.01)
     assert lower.value == 3.7688 and lower.search.is_lower_end
     assert upper.value == 4.5484 and not upper.search.is_lower_end
     for end in (lower, upper):
         assert end.search.low < end.value < end.search.high
-    scanned = _scanned_values(MU_0015, VARIATION, 0)
+    scanned = scanned_values(MU_0015, VARIATION, 0)
     for low, high in ((0.0, 3.2372), (3.2372, 3.7688), (3.7688, 4.5484), (4.5484, 12.0)):
         assert any(low < value < high for value in scanned)
 
@@ -306,7 +307,7 @@ def test_bands_are_found_shifted_missed_or_invented(sticks, ends, verdicts):
         sides = (end + 5e-4, end - 5e-4) if is_lower else (end - 5e-4, end + 5e-4)
         return Threshold(*sides, 1)
 
-    values = _scanned_values(MU_0015, VARIATION, 8)
+    values = scanned_values(MU_0015, VARIATION, 8)
     engine = EngineBands(
         (bracket(ends[0], False),),
         tuple((value, sticks(value)) for value in values),
@@ -437,9 +438,9 @@ def test_a_finer_step_begins_at_the_bracket_of_the_coarser_one():
 def test_the_default_depth_has_half_the_values_unless_a_resolution_is_given():
     scenes = (load_scene("slider-bar-case-1"),)
     counts = {
-        depth: len(variation_in(Scope(scenes, depth)).searched.values())
+        depth: len(variation_in(Scope(scenes, depth), scenes[0]).searched.values())
         for depth in (Depth.QUICK, Depth.DEFAULT, Depth.FULL)
     }
     assert counts == {Depth.QUICK: 121, Depth.DEFAULT: 61, Depth.FULL: 121}
     asked = Scope(scenes, Depth.DEFAULT, options={"range": (1.0, 2.0), "resolution": 0.1})
-    assert len(variation_in(asked).searched.values()) == 11
+    assert len(variation_in(asked, scenes[0]).searched.values()) == 11

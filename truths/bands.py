@@ -25,6 +25,11 @@ bands.
 """
 
 
+NEARLY_HALF = 0.49
+"""Distance of two values from the expected end between them, in units of the width that they enclose at most: less than
+half, so that rounding does not make their distance larger."""
+
+
 class BandKind(StrEnum):
     """Kinds of steady states, with regard to one guide."""
 
@@ -259,7 +264,7 @@ class _Narrowing:
         next to an end motions may take too long to settle, and no band must be inferred from these alone.
         """
         if self.expected is not None:
-            distance = 0.5 * self.width if high - low <= self.split else 0.25 * self.split
+            distance = NEARLY_HALF * (self.width if high - low <= self.split else self.split)
             for value in (self.expected - distance, self.expected + distance):
                 if low < value < high:
                     return value

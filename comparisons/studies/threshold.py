@@ -11,12 +11,11 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-import pandas as pd
 
 from stiction.comparisons.bench.depth import Depth
 from stiction.comparisons.bench.participants import extent, threshold_variants
 from stiction.comparisons.bench.runner import Comparison, side_by_side
-from stiction.comparisons.bench.study import Scope, Study, Tables, unless_refused
+from stiction.comparisons.bench.study import Scope, Study, Tables, joined, unless_refused
 from stiction.comparisons.bench.variants import Variant, has_static_coefficient, truth_key
 from stiction.comparisons.measures.engine_bands import (
     main_search,
@@ -78,15 +77,6 @@ TruthByScene = Mapping[str, Mapping[bool, TrueBands]]
 """True bands by the name of the scene, and by whether the static coefficient is one of its own."""
 
 
-def examined_scenes(scope: Scope) -> tuple[Scene, ...]:
-    """Return the scenes of a scope that the study examines: all of them, but only the first of the paper's cases.
-
-    The paper makes its statement about the limit for this case.
-    """
-    is_papers_validation = scope.is_campaign and scope.is_of_paper
-    return scope.scenes[:1] if is_papers_validation else scope.scenes
-
-
 def variation_in(scope: Scope, scene: Scene) -> Variation:
     """Return what the study varies in a scene, by the options of the command.
 
@@ -115,7 +105,7 @@ def variation_in(scope: Scope, scene: Scene) -> Variation:
 
 def check(scope: Scope) -> None:
     """Raise InputError if one of the examined scenes has no bands to search for."""
-    for scene in examined_scenes(scope):
+    for scene in scope.leading_scenes:
         variation_in(scope, scene)
 
 
@@ -127,7 +117,7 @@ def true_thresholds(scope: Scope) -> Comparison[TruthByScene]:
     InputError
         As `variation_in`.
     """
-    scenes = examined_scenes(scope)
+    scenes = scope.leading_scenes
     parts = [_truth_of_scene(scene, variation_in(scope, scene)) for scene in scenes]
 
     def by_scene(truths: list[dict[bool, TrueBands]]) -> TruthByScene:
@@ -169,20 +159,9 @@ def plan(scope: Scope) -> Comparison[Tables]:
     variants = threshold_variants(scope.engines, scope.depth)
     parts = [
         _SceneSearch(scene, variation_in(scope, scene), variants, truths[scene.name], scope.depth)
-        for scene in examined_scenes(scope)
+        for scene in scope.leading_scenes
     ]
-    return side_by_side([part.comparison() for part in parts], _joined)
-
-
-def _joined(parts: Sequence[Tables]) -> Tables:
-    """Return the tables of all scenes as one."""
-    names = parts[0].tables
-    return Tables(
-        {
-            name: pd.concat([part.tables[name] for part in parts], ignore_index=True)
-            for name in names
-        }
-    )
+    return side_by_side([part.comparison() for part in parts], joined)
 
 
 @dataclass(frozen=True)

@@ -365,6 +365,25 @@ def sweep_map() -> Figure:
 
 
 @picture
+def sweep_bands() -> Figure:
+    """Draw the map of bands on the page about sweeps: rest, stick and slip over load and friction."""
+    scene = load_scene("slider-bar-case-1")
+    end = usual_end(scene)
+    specification = Specification(
+        scene,
+        (parse_axis("mu=0.005:0.035:13"), parse_axis("F0=0:12:2")),
+        ("threshold",),
+        SteadyRun(end / 3, end),
+        POINT_TIMEOUT_S,
+    )
+    with tempfile.TemporaryDirectory() as folder:
+        result = sweep(specification, Path(folder) / "sweep")
+    with rc():
+        [drawing] = [one for one in sweep_drawings(result) if one.name == "map-bands"]
+    return drawing.figure
+
+
+@picture
 def lemke_outcomes() -> Figure:
     """Draw the results of ``stiction replay`` for Lemke's method as bars, one for each class of problems."""
     table = replay().set_index("class")

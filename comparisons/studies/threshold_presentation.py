@@ -151,7 +151,9 @@ class _Subject:
     def complete(self) -> pd.DataFrame:
         """The thresholds with all columns that the presentation uses, and the setting of each run."""
         table = with_columns(
-            self.thresholds, ERROR, CHANGE, TRUE_THRESHOLD, TIER, AGAIN, SCANNED, "status"
+            self.thresholds,
+            *("variant", "parameter", "step", "status", "mus"),
+            *(ERROR, CHANGE, TRUE_THRESHOLD, TIER, AGAIN, SCANNED),
         )
         settings = []
         if len(table):

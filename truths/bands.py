@@ -177,8 +177,8 @@ def find_bands(
     neighbours differ, the interval between them is halved down to `width`. An end that is not sharp (see
     `is_sharp_end`) is halved to `SPLIT_PART` of the resolution only.
 
-    An expected end saves halving, as values on both of its sides are examined first. If the expectation is wrong, the
-    kinds at these values show it, and the halving goes on from there.
+    An expected end saves halving, as values on both of its sides are examined as soon as the interval is narrow. If the
+    expectation is wrong, the kinds at these values show it, and the halving goes on from there.
     """
     values = searched.values()
     kinds = [kind_at(value) for value in values]
@@ -258,14 +258,16 @@ class _Narrowing:
         return [_Edge(low, high, below, above)]
 
     def _next_value(self, low: float, high: float) -> float:
-        """Return the value of an interval that is examined next: next to the expected end, else the middle.
+        """Return the value of an interval that is examined next: its middle, or next to the expected end.
 
-        An interval narrower than `split` is enclosed around the expected end first, and then one of the final width:
-        next to an end motions may take too long to settle, and no band must be inferred from these alone.
+        A wider interval than `split` is halved in any case: next to an end motions may take too long to settle, and
+        no band must be inferred from these alone.
         """
-        if self.expected is not None:
-            distance = NEARLY_HALF * (self.width if high - low <= self.split else self.split)
-            for value in (self.expected - distance, self.expected + distance):
+        if self.expected is not None and high - low <= self.split:
+            for value in (
+                self.expected - NEARLY_HALF * self.width,
+                self.expected + NEARLY_HALF * self.width,
+            ):
                 if low < value < high:
                     return value
         return 0.5 * (low + high)

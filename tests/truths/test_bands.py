@@ -89,9 +89,8 @@ def test_an_expected_end_saves_probes_and_changes_nothing(end, expected):
     assert len(asked) <= 4 + 2 + np.log2(1.0 / WIDTH) + 2
     asked.clear()
     exact = find_bands(kind_at, searched, WIDTH, expected_end=lambda low, high: end)
-    assert abs(exact[0].high - end) <= WIDTH / 2 and len(asked) <= 4 + 2 + np.log2(1.0 / WIDTH)
-    if min(end % 1.0, 1.0 - end % 1.0) > SPLIT_PART:
-        assert len(asked) == 4 + 4
+    assert abs(exact[0].high - end) <= WIDTH / 2
+    assert len(asked) <= 4 + np.log2(1 / SPLIT_PART) + 4
 
 
 def test_kinds_that_change_everywhere_end_the_search():

@@ -76,11 +76,12 @@ def examined_bands(
 
     `proven` is an end that a theorem encloses, if there is one: it is not refined.
 
-    A band is confirmed if the return map has the same kind of steady state in its middle and next to its ends. An end
-    that is not sharp (`bands.is_sharp_end`) is left as it is.
+    A band with a steady state is confirmed if the return map has the same kind of steady state in its middle and next
+    to its ends. An end that is not sharp (`bands.is_sharp_end`) is left as it is.
     """
     bands = list(bands)
-    is_confirmed = [kind_at(at, band.middle) == band.kind for band in bands]
+    # That a motion never settles is not examined: it would take the return map all of its periods.
+    is_confirmed = [band.kind.is_steady and kind_at(at, band.middle) == band.kind for band in bands]
     for i in range(len(bands) - 1):
         below, above = bands[i], bands[i + 1]
         if not is_sharp_end(below.kind, above.kind):

@@ -52,6 +52,7 @@ from stiction.reports.text import section_of
 from stiction.scenes import InputError, load_scene, scene_from_dict, vary
 from stiction.truths import StickThreshold, Tier, stick_threshold
 from stiction.truths.bands import Band, BandKind, Range
+from stiction.truths.physics import physics_over_values
 from stiction.truths.reduced import steady_state as steady_states
 from stiction.truths.reduced.slider_bar import SliderBar
 from stiction.truths.reduced.steady_state import NoSteadyState, steady_state
@@ -559,3 +560,12 @@ def test_tables_about_another_parameter_name_it_and_its_unit():
     heads = [column.head for view in section.tables for column in view.columns]
     assert "from [N/m]" in heads and not [head for head in heads if "[N]" in head]
     assert "k = 3.2" in section.answer and "N/m" in section.answer
+
+
+@pytest.mark.parametrize("mu", [0.01, 0.03, 0.06])
+def test_without_a_static_coefficient_static_friction_follows_the_varied_one(mu):
+    """Also where the scene's own static coefficient is smaller than the new kinetic one."""
+    scene = load_scene("slider-bar-case-1")
+    varied = vary(physics_over_values(scene, False), {"mu": mu})
+    assert varied.guides["guide"].static_coefficient == mu
+    assert physics_over_values(scene, True) is scene

@@ -378,14 +378,27 @@ DRIFT = (
 """Drift from the constraints."""
 
 THRESHOLD = (
-    Quantity("F0_with_stick", "largest F0 with stick", "N", Kind.EXACT),
-    Quantity("F0_without_stick", "smallest F0 without stick", "N", Kind.EXACT),
-    Quantity("F0_threshold", "threshold on F0", "N", Kind.EXACT, symbol="F_0"),
+    _text("varied", "varied parameter"),
+    _text("varied_unit", "unit of the varied parameter", "empty if it is a ratio, or not known"),
+    Quantity(
+        "with_stick",
+        "threshold, side with stick",
+        "",
+        Kind.EXACT,
+        description="value of the varied parameter next to the threshold, with a stick phase",
+    ),
+    Quantity(
+        "without_stick",
+        "threshold, side without stick",
+        "",
+        Kind.EXACT,
+        description="value of the varied parameter next to the threshold, without a stick phase",
+    ),
     *_measured(
         Kind.EXACT,
         "true_threshold",
         "true threshold",
-        "N",
+        "",
         "true_threshold_uncertainty",
         "the true threshold",
     ),
@@ -393,7 +406,7 @@ THRESHOLD = (
         Kind.ERROR,
         "threshold_error",
         "threshold error",
-        "N",
+        "",
         "threshold_uncertainty",
         "the threshold error",
     ),
@@ -404,24 +417,30 @@ THRESHOLD = (
         Kind.EXACT,
         description="empty: the figure is lost in the text that we have",
     ),
-    _error("threshold_change", "change from the coarser step", "N"),
+    _error("threshold_change", "change from the coarser step", ""),
     Quantity(
         "sticks_again",
         "sticks again, about",
-        "N",
+        "",
         Kind.INTERVALS,
-        description="bands of amplitudes above the threshold at which the slider sticks again: pairs of the smallest "
-        "and the largest amplitude seen to, as a JSON list",
+        description="bands above the threshold in which the slider sticks again: pairs of the smallest and "
+        "the largest value with stick, as a JSON list",
     ),
     Quantity(
         "stick_bands",
         "sticks",
-        "N",
+        "",
         Kind.INTERVALS,
-        description="bands of amplitudes at which the slider sticks: pairs of amplitudes, as a JSON list",
+        description="bands in which the slider sticks: pairs of values of the varied parameter, as a JSON list",
     ),
-    _value("scanned_to", "scanned up to F0", "N"),
-    _text("varied", "varied parameter"),
+    Quantity(
+        "all_bands",
+        "bands",
+        "",
+        Kind.JSON,
+        description="all bands within the searched range: a JSON list of lower end, upper end and kind",
+    ),
+    _value("scanned_to", "searched up to"),
     Quantity("band_low", "from", "", Kind.EXACT),
     Quantity("band_high", "to", "", Kind.EXACT),
     _error("band_low_uncertainty", "uncertainty of the lower end", ""),
@@ -439,10 +458,10 @@ THRESHOLD = (
     _value("resolution", "resolution", description="narrower bands may be missed"),
     _value("mu", "mu", description="kinetic coefficient of friction", symbol=r"\mu"),
     _value("mus", "mus", description="static coefficient of friction", symbol=r"\mu_s"),
-    Quantity("threshold", "threshold", "N", Kind.EXACT),
+    Quantity("threshold", "threshold", "", Kind.EXACT),
     _value("window_begin", "begin of the window", "s"),
 )
-"""The stick threshold on the amplitude of the load."""
+"""Stick bands and thresholds; their numbers have the unit of the varied parameter, `varied_unit`."""
 
 TORQUE = (
     _category("effort", description="the drive whose effort jumps"),

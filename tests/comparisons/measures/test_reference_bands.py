@@ -5,6 +5,7 @@ import pytest
 
 from stiction.comparisons.measures.reference_bands import (
     USUAL_VALUES,
+    ReferenceProbe,
     bands_from_own_start,
     bands_of_reference,
     variation_of,
@@ -121,6 +122,29 @@ def test_a_band_says_that_another_start_leads_elsewhere():
     rest, slip = found
     assert abs(rest.high - 1.9945997) < 1e-5
     assert SLIP in rest.coexisting and rest.depends_on_start
+
+
+def test_no_kind_depends_on_the_start_above_a_range_of_subharmonics():
+    """Of the other scene of the catalogue about a threshold: 9.039113413 N, from the return map; one band, one kind."""
+    scene = load_scene("hard/threshold-after-subharmonics")
+    found = bands_of_reference(scene, variation_of(scene, ends=(8.6, 9.4), resolution=0.1)).bands
+    assert [band.kind for band in found] == [STICK, SLIP]
+    assert not any(band.depends_on_start for band in found)
+    assert abs(found[0].high - 9.039113413) <= found[0].high_uncertainty < 2e-5
+
+
+@pytest.mark.parametrize("F0", [0.5, 3.0, 3.5, 4.1, 6.0, 9.0])
+def test_a_motion_that_goes_on_from_its_last_state_is_the_same_as_one_run(F0, monkeypatch):
+    """The kind, and the state after whole periods, of a first run that is too short and of one that is long enough."""
+    scene = vary(CASE_1, {"mu": 0.015, "t_end": 4.0})
+    probe = ReferenceProbe(scene, variation_of(scene), 1e-9)
+    whole = probe.motion(F0)
+    monkeypatch.setattr("stiction.comparisons.measures.reference_bands.FIRST_PERIODS", 3)
+    monkeypatch.setattr("stiction.comparisons.measures.reference_bands.LONGEST", 160)
+    in_parts = probe.motion(F0)
+    assert in_parts.kind == whole.kind
+    for key, value in whole.end.items():
+        np.testing.assert_allclose(in_parts.end[key], value, atol=2e-5)
 
 
 @pytest.mark.parametrize(

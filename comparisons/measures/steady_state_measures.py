@@ -14,6 +14,7 @@ from scipy.optimize import minimize_scalar
 
 from stiction.comparisons.bench.quantities import Quantity
 from stiction.comparisons.bench.variants import COMMON_STEP, time_factor
+from stiction.comparisons.measures.break_away import break_away
 from stiction.comparisons.measures.invariant_shifts import TURN, invariant_shifts
 from stiction.comparisons.measures.settling import (
     CREEP_TOLERANCE,
@@ -357,7 +358,8 @@ class Measure:
     unit : str
         Unit of the number; ``-`` if it has none.
     function : callable
-        Returns the number of a window from the column of its run with a given name.
+        Returns the number of a window from the column of its run with a given name; if `from_start`, the number of a
+        trajectory from t = 0.
     needs : str or None
         The part of the scene whose elements are measured, and which must not be empty: ``"guides"``,
         ``"frictional_joints"`` or ``"drives"``.
@@ -365,6 +367,8 @@ class Measure:
         The column of such an element, such as ``"effort"``.
     sampled : bool
         True if it requires samples all over the window; False if events and ends are enough.
+    from_start : bool
+        True for a number of the motion from its start, which needs no steady state.
     also : str or None
         Another part of the scene, such as ``"bodies"``, whose elements can be measured if they are named.
     element : str
@@ -373,10 +377,11 @@ class Measure:
 
     name: str
     unit: str
-    function: Callable[[SteadyWindow, str], float]
+    function: Callable[..., float]
     needs: str | None = None
     of: str = ""
     sampled: bool = False
+    from_start: bool = False
     also: str | None = None
     element: str = ""
 
@@ -424,8 +429,8 @@ def measure_of(text: str) -> Measure:
     name, colon, element = text.partition(":")
     if name not in MEASURES or (colon and not (element and MEASURES[name].needs)):
         raise InputError(
-            f"measures: found {text!r}; expected some of {', '.join(MEASURES)}, threshold; the first "
-            "three also with the name of an element, as peak-speed:NAME"
+            f"measures: found {text!r}; expected some of {', '.join(MEASURES)}, threshold; those of an "
+            "element also with its name, as peak-speed:NAME"
         )
     return replace(MEASURES[name], element=element)
 
@@ -501,6 +506,9 @@ MEASURES = {
             also="bodies",
         ),
         Measure("event-count", "-", event_count),
+        Measure(
+            "break-away", "s", break_away, needs="frictional_joints", of="mode", from_start=True
+        ),
     )
 }
 """The measures by name. Without the name of an element, ``peak-torque`` is that of the first drive (a force in N if it
@@ -605,6 +613,27 @@ def _window_of_reference(
         period,
         run.rtol,
         sampled if close < t_end else None,
+    )
+
+
+def run_from_start(scene: Scene, run: SteadyRun) -> Trajectory:
+    """Simulate a scene from a start that is moved onto the constraints, with samples for measures of its start.
+
+    Raises
+    ------
+    SceneError, Refused, EngineFailure
+        As `steady_window`.
+    """
+    step = run.step(scene)
+    accuracy = {"rtol": run.rtol} if step is None else {"dt": step}
+    return _ended(
+        load_engine(run.engine).simulate(
+            with_consistent_start(scene, assemble=True),
+            t_end=run.t_end,
+            output_step=step or SAMPLE_STEP,
+            fidelity=run.fidelity,
+            **accuracy,
+        )
     )
 
 

@@ -8,6 +8,7 @@ from dataclasses import dataclass
 from typing import Any
 
 from stiction.comparisons.bench.presentation.cells import intervals_text
+from stiction.comparisons.measures.break_away import NeverSlips
 from stiction.comparisons.measures.engine_threshold import StickProbe
 from stiction.comparisons.measures.reference_bands import (
     AMPLITUDE,
@@ -20,6 +21,7 @@ from stiction.comparisons.measures.settling import NoCommonPeriod, NotSettled
 from stiction.comparisons.measures.steady_state_measures import (
     SteadyRun,
     measure_of,
+    run_from_start,
     steady_window,
 )
 from stiction.comparisons.studies.threshold_tables import (
@@ -60,6 +62,7 @@ reference."""
 STATUS_OF_ERROR: Mapping[type[Exception], Status] = {
     NotSettled: Status.NO_STEADY_STATE,
     NoCommonPeriod: Status.NO_STEADY_STATE,
+    NeverSlips: Status.NOT_FOUND,
     SceneError: Status.REFUSED,
     Refused: Status.REFUSED,
     EngineMissing: Status.MISSING,
@@ -152,13 +155,25 @@ def _status_of(error: Exception) -> Status:
 
 
 def map_numbers(scene: Scene, run: SteadyRun, measures: Sequence[str]) -> dict[str, Any]:
-    """Return the measures of a run by column, and the start of the window in which they were taken, s."""
+    """Return the measures of a run by column, and the start of the window in which they were taken, s.
+
+    Measures of the start of a motion come from a run of their own, which needs no steady state.
+    """
     chosen = [measure_of(text) for text in measures]
-    window = steady_window(scene, run, chosen)
-    return {
-        WINDOW_START: window.start,
-        **{measure.column: measure.value(window) for measure in chosen},
-    }
+    of_start = [measure for measure in chosen if measure.from_start]
+    steady = [measure for measure in chosen if not measure.from_start]
+    numbers: dict[str, Any] = {}
+    if steady:
+        window = steady_window(scene, run, steady)
+        numbers[WINDOW_START] = window.start
+        numbers |= {measure.column: measure.value(window) for measure in steady}
+    if of_start:
+        whole = run_from_start(scene, run)
+        numbers |= {
+            measure.column: float(measure.function(whole, measure.source(scene)))
+            for measure in of_start
+        }
+    return numbers
 
 
 def threshold_numbers(scene: Scene, run: SteadyRun, search: BandSearch) -> dict[str, Any]:

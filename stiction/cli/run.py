@@ -254,7 +254,8 @@ def sweep(
         typer.Option(
             "--measure",
             metavar="A,B,..",
-            help="stick-fraction, peak-torque, peak-speed, event-count or threshold; peak-speed:NAME refers "
+            help="stick-fraction, peak-torque, peak-speed, event-count, break-away or threshold; "
+            "peak-speed:NAME refers "
             "to the guide, drive or body NAME. threshold is the upper end of the band of F0 with "
             "stick phases that is nearest to the scene's F0; the table contains all bands. "
             "threshold:KEY does the same for another number of the scene.",

@@ -14,6 +14,7 @@ from typing import Any
 import numpy as np
 
 from stiction.comparisons.bench.variants import Variant
+from stiction.comparisons.measures.creep import joint_displacement
 from stiction.comparisons.measures.reference_bands import AMPLITUDE
 from stiction.comparisons.measures.settling import (
     CREEP_TOLERANCE,
@@ -107,7 +108,7 @@ class StickProbe:
     parameter : str
         Key of the varied value, as in `vary`.
     joint : str
-        Name of the guide; the first one with friction where empty.
+        Name of the guide or pin; the first guide with friction, or the first such pin, where empty.
     seen : dict
         By value, whether the steady state has a stick phase, and the median speed (m/s) of the slowest stretch of a
         sampled motion.
@@ -131,7 +132,9 @@ class StickProbe:
 
     def __post_init__(self) -> None:
         self.period = common_period(self.scene)
-        self.guide = self.joint or list(self.scene.frictional_guides)[0]
+        self.guide = self.joint or next(
+            iter(self.scene.frictional_guides | self.scene.frictional_joints)
+        )
 
     def sticks(self, value: float) -> bool:
         """Return True if the steady state at a value has a stick phase; raises NotSettled where there is none."""
@@ -164,11 +167,19 @@ class StickProbe:
         run = self._simulate(value, (SETTLE_PERIODS + WINDOW_PERIODS) * self.period, step)
         return sticks(run, self.guide, SETTLE_PERIODS * self.period, step)
 
+    def _displacement(self, run: Trajectory) -> np.ndarray:
+        """Return the displacement of the joint; that of a pin without the full turns since the end of the run."""
+        displacement = joint_displacement(self.scene, run, self.guide)
+        if self.guide in self.scene.guides:
+            return displacement
+        turns = np.round((displacement - displacement[-1]) / (2 * np.pi))
+        return displacement - 2 * np.pi * turns
+
     def _located(self, value: float) -> tuple[bool, None]:
         periods = self.settle_periods
         while periods <= MOST_SETTLING:
             run = self._simulate(value, periods * self.period, self.period)
-            state = settled(run[f"{self.guide}.displacement"][: periods + 1])
+            state = settled(self._displacement(run)[: periods + 1])
             if state is not None:
                 self.settle_periods = periods
                 self.residual = max(self.residual, state.distance * abs(value))

@@ -492,7 +492,6 @@ def _about_truth(
     again = []
     if threshold.F0 is not None:
         again = [band for band in stick_bands(true.bands) if band[0] > threshold.F0]
-    guide = physics_of(scene, has_mus).frictional_guides[variation.joint]
     return {
         TRUE_THRESHOLD: threshold.F0,
         TIER: tier,
@@ -502,9 +501,17 @@ def _about_truth(
         "paper_threshold": PAPER_VALUE,
         AGAIN: intervals_text(again),
         SCANNED: variation.searched.high if true.bands else np.nan,
-        "mus": guide.static_coefficient,
+        "mus": _static_coefficient(scene, variation, has_mus),
         "varied": variation.parameter,
     }
+
+
+def _static_coefficient(scene: Scene, variation: Variation, has_mus: bool) -> float:
+    """Return mus of the joint that is looked at; nan for one whose friction does not depend on a normal force."""
+    guide = physics_of(scene, has_mus).frictional_guides.get(variation.joint)
+    if guide is None or guide.mu is None:
+        return np.nan
+    return guide.static_coefficient
 
 
 def _with_errors(table: pd.DataFrame) -> pd.DataFrame:
@@ -537,12 +544,11 @@ def band_table(
     rows: list[dict[str, Any]] = []
     searched = variation.searched
     for has_mus, bands in true.items():
-        guide = physics_of(scene, has_mus).frictional_guides[variation.joint]
         about = {
             "scene": scene.name,
             "varied": variation.parameter,
             "joint": variation.joint,
-            "mus": guide.static_coefficient,
+            "mus": _static_coefficient(scene, variation, has_mus),
             "range_low": searched.low,
             "range_high": searched.high,
             "resolution": searched.resolution,

@@ -584,6 +584,19 @@ HOLD = (
     *_measured(
         Kind.ERROR, "creep_um", "creep here", "um/s", "creep_um_uncertainty", "the creep here"
     ),
+    _value("published_joint_creep", "published creep of a joint", "rad/s"),
+    *_measured(
+        Kind.ERROR,
+        "joint_creep_here",
+        "speed here",
+        "rad/s",
+        "joint_creep_here_uncertainty",
+        "the speed here",
+        "change in the last fifth of the run",
+    ),
+    _text("published_statement", "the source in words"),
+    _flag("moves", "moves, as published or predicted"),
+    _text("difference", "difference from the source"),
     _flag("matched"),
     _value("published_load", "published load", "N"),
     _value("load_N", "load", "N"),

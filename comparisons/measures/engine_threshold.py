@@ -93,6 +93,10 @@ class Search:
     is_lower_end: bool = False
 
 
+TURN_ROUNDING = 1e-12
+"""Part of the whole angle by which a pin may be off after full turns: the error of a run in each of them adds up."""
+
+
 @dataclass
 class StickProbe:
     """Runs of an engine, each at one value of a parameter, and whether their steady states have a stick phase.
@@ -168,12 +172,19 @@ class StickProbe:
         return sticks(run, self.guide, SETTLE_PERIODS * self.period, step)
 
     def _displacement(self, run: Trajectory) -> np.ndarray:
-        """Return the displacement of the joint; that of a pin without the full turns since the end of the run."""
+        """Return the displacement of the joint; that of a pin without the full turns since the end of the run.
+
+        That of a pin which turns evenly has rounding only, and is constant then.
+        """
         displacement = joint_displacement(self.scene, run, self.guide)
         if self.guide in self.scene.guides:
             return displacement
         turns = np.round((displacement - displacement[-1]) / (2 * np.pi))
-        return displacement - 2 * np.pi * turns
+        within_turn = displacement - 2 * np.pi * turns
+        rounding = TURN_ROUNDING * np.max(np.abs(displacement))
+        if np.ptp(within_turn) <= rounding:
+            return np.full_like(displacement, displacement[-1])
+        return within_turn
 
     def _located(self, value: float) -> tuple[bool, None]:
         periods = self.settle_periods

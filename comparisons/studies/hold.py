@@ -37,7 +37,11 @@ from stiction.comparisons.measures.creep import (
     joint_displacement,
     slip_of,
 )
-from stiction.comparisons.measures.published_creep import ENGINE, published_creep
+from stiction.comparisons.measures.published_creep import (
+    ENGINE,
+    published_creep,
+    published_joint_creep,
+)
 from stiction.comparisons.measures.scene_truth import ground_truth
 from stiction.comparisons.studies.hold_data import Runs, load_data
 from stiction.comparisons.studies.hold_joints import (
@@ -92,6 +96,8 @@ PARAMETERS = (*LOAD_PARAMETERS, "mu", "mus")
 """Parameters of a scene of the study whose friction depends on normal forces."""
 PERIOD = "period"
 """Parameter of a scene whose load also oscillates: its period, s."""
+PUBLISHED_TABLES = ("hold-published", "hold-published-joints")
+"""Tables of published creep, of sliders and of joints."""
 OUTPUT = {HELD: 4e-3, RAMP: 1e-3, STOP: 4e-3}
 """Distance of the samples of a run by test, s. Of a ramp it is one step of 1 ms, which determines the break-away."""
 TRUE_STEP = 1e-4
@@ -318,9 +324,12 @@ def plan(scope: Scope) -> Comparison[Tables]:
         if trial.test != HELD
     }
     run_tasks = [_task(trial) for trial in (*trials, *joint_trials)]
-    published_tasks = []
+    published_tasks: list[Task] = []
     if _computes_published_creep(scope, series):
-        published_tasks.append(Task("hold/published creep", published_creep))
+        published_tasks = [
+            Task("hold/published creep", published_creep),
+            Task("hold/published creep of a joint", published_joint_creep),
+        ]
 
     def tabulate(outcomes: Sequence[Outcome]) -> Tables:
         remaining = iter(outcomes)
@@ -344,9 +353,9 @@ def plan(scope: Scope) -> Comparison[Tables]:
                 "hold-joints": joint_table,
                 "hold-joint-methods": joint_methods_table(joint_table),
             }
-        for outcome in remaining:
+        for name, outcome in zip(PUBLISHED_TABLES, remaining):
             if outcome.status not in UNMADE:
-                tables["hold-published"] = _published_table(outcome)
+                tables[name] = _published_table(outcome)
         return Tables(tables)
 
     chosen = {one.variant.label: one.variant for one in (*series, *joint_series)}
@@ -667,6 +676,7 @@ STUDY = Study(
         "hold-laws": "Laws of creep",
         "hold-methods": "Creep by method",
         "hold-published": "Published creep, and ours",
+        "hold-published-joints": "Published creep of a joint, and ours",
         "hold-settings": "Creep by setting",
     },
 )

@@ -20,6 +20,8 @@ from stiction.comparisons.bench.presentation import (
     view,
 )
 from stiction.comparisons.bench.variants import FRICTION_BY
+from stiction.comparisons.measures.published_creep import JOINT_CREEP as PUBLISHED_HERE
+from stiction.comparisons.measures.published_creep import JOINT_PUBLISHED, MATCHED
 from stiction.comparisons.studies.hold_tables import (
     BOUND,
     BREAK_AWAY,
@@ -166,6 +168,35 @@ def joint_headline(methods: pd.DataFrame) -> Headline:
         )
     unit = first[JOINT_UNIT].iloc[0]
     return Headline(f"creep at {100 * LIGHT:.0f} % of a joint's constant bound [{unit}]", cells)
+
+
+def published_rows(published: pd.DataFrame) -> dict[str, object]:
+    """Return the computed creep of the first published case of a joint, and cases that do not move as they should."""
+    if JOINT_PUBLISHED not in published:
+        return {"published_joint": None, "unlike_published": []}
+    speed = published[PUBLISHED_HERE].abs()
+    unlike = published[speed.gt(STILL) != published["moves"].astype(bool)]
+    name = "hold-published-joints"
+    return {
+        "published_joint": row_of(name, published, published.index[0]),
+        "unlike_published": list(unlike["case"]),
+    }
+
+
+def published_tables(published: pd.DataFrame) -> Iterator[TableView]:
+    """Yield the table of published and computed creep of a joint, if it was computed."""
+    if JOINT_PUBLISHED not in published:
+        return
+    columns = (
+        Column("case"),
+        Column(JOINT_PUBLISHED, "creep, published", form="g"),
+        Column(PUBLISHED_HERE, "speed, computed here", interval=True),
+        Column(MATCHED),
+        Column("published_statement", brief=False),
+        Column("difference", brief=False),
+        Column("source", brief=False),
+    )
+    yield view("hold-published-joints", published, columns)
 
 
 def joint_tables(runs: pd.DataFrame, methods: pd.DataFrame) -> Sequence[TableView]:

@@ -20,7 +20,7 @@ import numpy as np
 import pandas as pd
 
 from stiction.comparisons.bench.depth import Depth
-from stiction.comparisons.bench.participants import variants
+from stiction.comparisons.bench.participants import REFERENCE, variants
 from stiction.comparisons.bench.presentation import (
     Column,
     Presentation,
@@ -44,8 +44,9 @@ from stiction.comparisons.measures.accuracy import TORQUE_ERROR, errors
 from stiction.comparisons.measures.scene_truth import ground_truth
 from stiction.comparisons.studies.settings import Subject
 from stiction.engines.isolation import Outcome, Task
+from stiction.engines.joint_effects import JointEffect
 from stiction.engines.protocol import EngineFailure, Supplier
-from stiction.engines.registry import label_of, load_engine
+from stiction.engines.registry import EngineMissing, label_of, load_engine, own_methods
 from stiction.engines.status import UNMADE, Status
 from stiction.scenes import Scene, Trajectory, load_scene, vary
 from stiction.scenes.fidelity import Fidelity
@@ -202,17 +203,29 @@ def plan(scope: Scope) -> Comparison[Tables] | None:
 
 
 def _methods(scope: Scope) -> Iterator[Variant]:
-    """Yield the methods with a fixed step at joint fidelity, except for those of the reference, and the subjects."""
+    """Yield the methods with a fixed step that take constant bounds, except for the reference's, and the subjects."""
     data = load_data()
     for variant in variants(scope.engines):
-        has_step = variant.parameter == "dt" and variant.fidelity == Fidelity.JOINT
-        if has_step and variant.engine != "reference":
+        has_step = variant.parameter == "dt" and variant.engine != REFERENCE
+        if has_step and _takes_pins(variant):
             yield replace(variant, ladder=data.steps)
     for subject in data.subjects:
         if scope.engines is None or subject.engine in scope.engines:
             for variant in subject.variants(data.steps):
                 label = f"{label_of(subject.engine)}, {subject.name}"
                 yield replace(variant, label=label, subject="", setting="")
+
+
+def _takes_pins(variant: Variant) -> bool:
+    """Test whether an engine takes friction in pins at a fidelity; one that is not installed is a row with the reason.
+
+    Most engines do at joint fidelity only, where a joint is the engine's own.
+    """
+    try:
+        effects = load_engine(variant.engine).capabilities.joint_effects
+    except EngineMissing:
+        return variant.fidelity == Fidelity.JOINT
+    return JointEffect.PIN_FRICTION in effects.get(variant.fidelity, frozenset())
 
 
 def _trials(scope: Scope) -> Iterator[Trial]:
@@ -288,12 +301,13 @@ def present(results: Results) -> Presentation:
     if made.empty:
         return Presentation()
     succeeded = made[made[ERROR].notna()]
-    own = succeeded[succeeded[FRICTION_BY] == Supplier.ENGINE]
+    is_engine = ~succeeded["engine"].isin(own_methods())
+    own = succeeded[is_engine & succeeded[FRICTION_BY].eq(Supplier.ENGINE)]
     converge = own[own[ORDER].notna() | own[ERROR].le(EXACT)]
     not_converging = own[~own["variant"].isin(converge["variant"])]
     rows = {
         "cases": int(made[CASE].nunique()),
-        "engines": int(succeeded["engine"].nunique()),
+        "engines": int(succeeded.loc[is_engine, "engine"].nunique()),
         "own": list(dict.fromkeys(own["engine"])),
         "not_converging": list(dict.fromkeys(not_converging["variant"])),
         "largest": list(_largest_errors(table, own)),

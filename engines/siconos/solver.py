@@ -375,7 +375,8 @@ class Mechanism:
             )
             bilateral = kernel.Interaction(kernel.EqualityConditionNSL(len(self.held)), relation)
             model.link(bilateral, system)
-        for law in (*self.contacts, *self.relays):
+        laws: list[Contact | Relay] = [*self.contacts, *self.relays]
+        for law in laws:
             model.link(law.interaction, system)
         # Gauss-Seidel over the block of bilateral rows and the blocks of contacts, each with a
         # solver of its own.
@@ -404,7 +405,7 @@ class Mechanism:
         if self.held:
             self.J, self.L = relation.C(), bilateral.lambda_(1)
         self.slips: dict[str, int] = {}  # direction of each guide with friction, by its column
-        for law in (*self.contacts, *self.relays):
+        for law in laws:
             law.look()
 
     def forces(self, t: float, frames: Frames, v: np.ndarray) -> np.ndarray:

@@ -1,4 +1,4 @@
-"""Effects of joints that an engine may or may not take: dry friction with a bound of its own, and damping."""
+"""Effects of joints that an engine may or may not take: bounds of dry friction of several kinds, and damping."""
 
 from __future__ import annotations
 
@@ -14,11 +14,16 @@ class JointEffect(StrEnum):
     PIN_FRICTION = "dry friction in a pin"
     GUIDE_FRICTION = "dry friction with a constant bound in a guide"
     STATIC_FRICTION = "a constant bound of friction that is larger at rest"
+    SPEED_DEPENDENCE = "friction that depends on the speed of slip"
     DAMPING = "damping in a joint"
 
 
 ALL_EFFECTS = frozenset(JointEffect)
 """Every effect there is, for engines that take them all."""
+LAWS_OF_THE_REFERENCE = frozenset({JointEffect.SPEED_DEPENDENCE})
+"""Laws of friction that the adapters do not represent."""
+COMMON_EFFECTS = ALL_EFFECTS - LAWS_OF_THE_REFERENCE
+"""Constant bounds in slip and at rest, and damping: for adapters that set such a bound in each step."""
 
 
 def effects_of(joint: Joint) -> list[JointEffect]:
@@ -30,6 +35,8 @@ def effects_of(joint: Joint) -> list[JointEffect]:
         effects.append(JointEffect.PIN_FRICTION if is_pin else JointEffect.GUIDE_FRICTION)
     if static > kinetic:
         effects.append(JointEffect.STATIC_FRICTION)
+    if joint.depends_on_speed:
+        effects.append(JointEffect.SPEED_DEPENDENCE)
     if joint.damping > 0.0:
         effects.append(JointEffect.DAMPING)
     return effects

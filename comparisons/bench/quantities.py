@@ -567,6 +567,15 @@ HOLD = (
         "the creep of a joint",
         "in the unit of the column creep_unit",
     ),
+    *_measured(
+        Kind.ERROR,
+        "joint_stop_error",
+        "stop error of a joint",
+        "",
+        "joint_stop_uncertainty",
+        "the stop error of a joint",
+        "in m for creep in m/s, in rad for creep in rad/s",
+    ),
     _category("creep_unit", "unit of the creep"),
     _category("refuses", description="whether the engine does not take the friction of the scene"),
     _error("creep_per_g_dt", "creep, of g dt", ""),
@@ -594,12 +603,40 @@ HOLD = (
     *_measured(
         Kind.ERROR, "creep_um", "creep here", "um/s", "creep_um_uncertainty", "the creep here"
     ),
+    _value("published_joint_creep", "published creep of a joint", "rad/s"),
+    *_measured(
+        Kind.ERROR,
+        "joint_creep_here",
+        "speed here",
+        "rad/s",
+        "joint_creep_here_uncertainty",
+        "the speed here",
+        "change in the last fifth of the run",
+    ),
+    _text("published_statement", "the source in words"),
+    _flag("moves", "moves, as published or predicted"),
+    _text("difference", "difference from the source"),
     _flag("matched"),
     _value("published_load", "published load", "N"),
     _value("load_N", "load", "N"),
     _value("margin"),
 )
 """Creep, landing and break-away of a slider that is held by static friction."""
+
+JOINT_FRICTION = (
+    *_measured(
+        Kind.ERROR,
+        "joint_friction_error",
+        "error",
+        "",
+        "joint_friction_error_uncertainty",
+        "the error of joint friction",
+        "in the unit of the column joint_friction_unit",
+    ),
+    _category("joint_friction_unit", "unit of the error"),
+    Quantity("joint_friction_order", "order", "", Kind.EXPONENT),
+)
+"""Errors of joints whose friction has a constant bound."""
 
 HARD = (
     _category("topic"),
@@ -704,6 +741,7 @@ QUANTITIES: Mapping[str, Quantity] = {
         *ORDERS,
         *SETTINGS,
         *HOLD,
+        *JOINT_FRICTION,
         *HARD,
         *CLAIMS,
         *JUDGE,

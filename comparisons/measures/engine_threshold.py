@@ -110,7 +110,7 @@ class StickProbe:
     parameter : str
         Key of the varied value, as in `vary`.
     joint : str
-        Name of the guide; the first one with friction where empty.
+        Name of the guide or pin; the first guide with friction, or the first such pin, where empty.
     seen : dict
         By value, whether the steady state has a stick phase, and the median speed (m/s) of the slowest stretch of a
         sampled motion.
@@ -134,7 +134,9 @@ class StickProbe:
 
     def __post_init__(self) -> None:
         self.period = common_period(self.scene)
-        self.guide = self.joint or list(self.scene.frictional_guides)[0]
+        self.guide = self.joint or next(
+            iter(self.scene.frictional_guides | self.scene.frictional_joints)
+        )
 
     def sticks(self, value: float) -> bool:
         """Return True if the steady state at a value has a stick phase; raises NotSettled where there is none."""

@@ -64,14 +64,14 @@ OWN_START: Start = {}
 
 @dataclass(frozen=True)
 class Variation:
-    """A parameter of a scene, its searched range, and the guide that is looked at.
+    """A parameter of a scene, its searched range, and the joint that is looked at.
 
     Attributes
     ----------
     parameter : str
         Key as in `vary`: a parameter, or a value such as ``guide.mu``.
     joint : str
-        Name of the frictional guide.
+        Name of the frictional guide or pin.
     searched : Range
         Values that are examined.
     own : float
@@ -96,14 +96,15 @@ def variation_of(
     Raises
     ------
     InputError
-        If the scene does not have the parameter, or no frictional guide of this name; if a range is missing that
+        If the scene does not have the parameter, or no frictional joint of this name; if a range is missing that
         cannot be derived from the scene's own value; or as `Range`.
     """
-    guides = list(scene.frictional_guides)
-    if not guides:
-        raise InputError(f"joint: found no guide with friction in {scene.name}; expected one")
-    if joint is not None and joint not in guides:
-        raise InputError(f"joint: found {joint!r}; expected one of {', '.join(guides)}")
+    # a guide is looked at before a pin
+    joints = list(scene.frictional_guides | scene.frictional_joints)
+    if not joints:
+        raise InputError(f"joint: found no joint with friction in {scene.name}; expected one")
+    if joint is not None and joint not in joints:
+        raise InputError(f"joint: found {joint!r}; expected one of {', '.join(joints)}")
     key = parameter or AMPLITUDE
     own = scene.parameters.get(key)
     if parameter is None and own is None:
@@ -128,7 +129,7 @@ def variation_of(
         if own is None and not _is_possible(scene, key, searched):
             raise InputError(f"parameter: found {key!r}; {error}") from None
     return Variation(
-        key, joint or guides[0], searched, 0.5 * (low + high) if own is None else float(own)
+        key, joint or joints[0], searched, 0.5 * (low + high) if own is None else float(own)
     )
 
 

@@ -119,7 +119,6 @@ def _about_truth(
     again = []
     if threshold.F0 is not None:
         again = [band for band in stick_bands(true.bands) if band[0] > threshold.F0]
-    guide = physics_over_values(scene, has_mus).frictional_guides[variation.joint]
     return {
         TRUE_THRESHOLD: threshold.F0,
         TIER: tier,
@@ -129,8 +128,16 @@ def _about_truth(
         "paper_threshold": PAPER_VALUE,
         AGAIN: intervals_text(again),
         SCANNED: variation.searched.high if true.bands else np.nan,
-        "mus": guide.static_coefficient,
+        "mus": _static_coefficient(scene, variation, has_mus),
     }
+
+
+def _static_coefficient(scene: Scene, variation: Variation, has_mus: bool) -> float:
+    """Return mus of the joint that is looked at; nan for one whose friction does not depend on a normal force."""
+    guide = physics_over_values(scene, has_mus).frictional_guides.get(variation.joint)
+    if guide is None or guide.mu is None:
+        return np.nan
+    return guide.static_coefficient
 
 
 def _with_errors(table: pd.DataFrame) -> pd.DataFrame:
@@ -163,11 +170,10 @@ def band_table(
     rows: list[dict[str, Any]] = []
     searched = variation.searched
     for has_mus, bands in true.items():
-        guide = physics_over_values(scene, has_mus).frictional_guides[variation.joint]
         about = {
             **subject_of(scene, variation),
             "joint": variation.joint,
-            "mus": guide.static_coefficient,
+            "mus": _static_coefficient(scene, variation, has_mus),
             "range_low": searched.low,
             "range_high": searched.high,
             "resolution": searched.resolution,

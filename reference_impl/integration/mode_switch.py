@@ -37,6 +37,7 @@ from stiction.reference_impl.friction.outcomes import (
 )
 from stiction.reference_impl.friction.shared_rest import margins_of_safest
 from stiction.reference_impl.friction.uniqueness import gain_of_mode
+from stiction.reference_impl.integration.event_location import CREEP
 from stiction.reference_impl.integration.integration_state import (
     AT_ONCE,
     NO_EVENT,
@@ -149,6 +150,7 @@ def switch_mode(m: Arrays, w: Workspace, s: State, log: EventLog, first_step: fl
             # a first break-away: the largest speed so far is rounding, and no scale
             copy(s.y, s.probe)
             _foresee_speeds(m, w, s)
+        _remove_creep_against_slip(m, w, s)
 
     # start of the new mode
     begin_mode(m, w, s)
@@ -383,6 +385,28 @@ def _break_away(m: Arrays, w: Workspace, s: State, guide: int, direction: int) -
     for f in range(nf):
         if s.old_slip[f] == 0 and s.slip[f] != 0:
             s.rest_speed[f] = LEAVES
+
+
+@kernel(allocates=True)
+def _remove_creep_against_slip(m: Arrays, w: Workspace, s: State) -> None:
+    """Take their slip speed from guides that begin to slip, where it is against their direction.
+
+    A guide at rest creeps by rounding, and rows of guides that share a load are not projected. Where static bounds
+    equal kinetic ones and a load grows slowly, a slip begins without an acceleration, and grows with the square of
+    time: a creep against it, above what `event_location` expects by the scale of speeds, would end it at once.
+    """
+    p, n = s.progress, len(m.inverse_mass)
+    q, v = s.y[:n], s.y[n:]
+    row_form(m, w, p.time, q, v)
+    held = np.zeros(len(m.friction), dtype=np.bool_)
+    is_against = False
+    for f in range(len(m.friction)):
+        held[f] = sticks(m, s.old_slip, f)
+        begins = held[f] and s.slip[f] != 0
+        is_against = is_against or begins and s.slip[f] * w.slip_speed[f] < -CREEP * p.speed
+    # whatever speed guides at rest have is an error: none is too large to be removed
+    if is_against and not rest_together(m, w, held, np.inf, v):
+        project(m, w, p.time, q, v, s.old_slip, True, 2)
 
 
 @kernel(allocates=True)

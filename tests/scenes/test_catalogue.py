@@ -34,7 +34,7 @@ NAMES = {
     "slider-on-moving-guide",
     "block-pulled-by-strut",
     *(f"hold-{name}" for name in ("level", "incline", "bar", "moment", "turning-bar", "vibration")),
-    *(f"held-{name}" for name in ("arm", "weight", "pendulum")),
+    *(f"held-{name}" for name in ("arm", "weight", "pendulum", "arm-drops")),
 }
 
 

@@ -163,7 +163,7 @@ def test_bad_input(options, words):
 
 
 def test_scenes_without_friction_or_without_the_parameter():
-    with pytest.raises(InputError, match="no guide with friction in pendulum"):
+    with pytest.raises(InputError, match="no joint with friction in pendulum"):
         variation_of(load_scene("pendulum"))
     with pytest.raises(InputError, match="expected --parameter"):
         variation_of(shaken_block())
@@ -180,3 +180,32 @@ def test_defaults_are_derived_from_the_scene():
     assert (found.parameter, found.joint, found.own) == ("F0", "guide", 3.0)
     assert (found.searched.low, found.searched.high) == (0.0, 12.0)
     assert len(found.searched.values()) == USUAL_VALUES + 1
+
+
+def test_pin_under_a_periodic_torque():
+    """An arm under F0 sin(w t) moves without a rest from F0 = tau sqrt(1 + pi^2/4) on, Den Hartog's case without a spring.
+
+    Its speed is zero at instants half a period apart, so that the impulse of torque and friction between them is zero:
+    F0 cos(phase) = pi tau/2. It does not rest there if F0 sin(phase) >= tau.
+    """
+    tau = 2.0
+    scene = scene_from_dict(
+        {
+            "t_end": 10.0,
+            "parameters": {"F0": 3.0},
+            "bodies": {"arm": {"mass": 1.0, "inertia": 0.1}},
+            "joints": {"pin": {"type": "revolute", "bodies": ["arm", "ground"], "friction": tau}},
+            "forces": {
+                "motor": {
+                    "type": "torque",
+                    "body": "arm",
+                    "law": {"type": "sine", "amplitude": "F0", "frequency": 6.0},
+                }
+            },
+        }
+    )
+    variation = variation_of(scene, ends=(3.2, 4.2), resolution=0.1)
+    assert variation.joint == "pin"
+    stick, slip = bands_of_reference(scene, variation).bands
+    assert (stick.kind, slip.kind) == (STICK, SLIP)
+    assert stick.high == pytest.approx(tau * np.sqrt(1 + np.pi**2 / 4), abs=1e-5)

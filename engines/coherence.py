@@ -310,8 +310,11 @@ def check_modes(run: Examined) -> Iterator[str]:
             event for event in trajectory.events if event.joint == name and column in event.before
         ]
         if events:
-            # a table of a few columns may have the mode of a guide and not all of its corner forces
-            has_corners = all(force in trajectory.columns for force in _corner_forces(name))
+            # A table of a few columns may have the mode of a guide and not all of its corner forces. Corners of a guide
+            # without a coefficient of friction have no events.
+            has_corners = getattr(run.scene.joints[name], "mu", None) is not None and all(
+                force in trajectory.columns for force in _corner_forces(name)
+            )
             yield from _check_sequence(run, events, name, has_corners and locates_corners)
             yield from _check_modes_between(run, events, column)
 

@@ -1,28 +1,33 @@
-"""Effects of joints that an engine may or may not take: dry friction with a bound of its own, and damping."""
+"""Effects that an engine may or may not take: dry friction with a bound of its own, damping, limits of drives."""
 
 from __future__ import annotations
 
 from enum import StrEnum
 
 from stiction.scenes import Scene
-from stiction.scenes.model import Joint, Revolute, Translational
+from stiction.scenes.model import Drive, Joint, Revolute, Translational
 
 
 class JointEffect(StrEnum):
-    """An effect that a scene can declare for a joint. The values are the words of a refusal."""
+    """An effect that a scene can declare for a joint or a drive. The values are the words of a refusal."""
 
     PIN_FRICTION = "dry friction in a pin"
     GUIDE_FRICTION = "dry friction with a constant bound in a guide"
     STATIC_FRICTION = "a constant bound of friction that is larger at rest"
     DAMPING = "damping in a joint"
+    EFFORT_LIMIT = "a limit of the effort of a drive"
 
 
 ALL_EFFECTS = frozenset(JointEffect)
 """Every effect there is, for engines that take them all."""
+EFFECTS_OF_JOINTS = ALL_EFFECTS - {JointEffect.EFFORT_LIMIT}
+"""The effects of joints, for engines whose drives have no limit."""
 
 
-def effects_of(joint: Joint) -> list[JointEffect]:
-    """Return the effects that a joint declares; a bound of zero is no effect."""
+def effects_of(joint: Joint | Drive) -> list[JointEffect]:
+    """Return the effects that a joint or a drive declares; a bound of zero is no effect."""
+    if isinstance(joint, Drive):
+        return [JointEffect.EFFORT_LIMIT] if joint.is_limited else []
     effects = []
     kinetic, static = joint.bounds
     if static > 0.0:
@@ -38,9 +43,9 @@ def effects_of(joint: Joint) -> list[JointEffect]:
 def first_unsupported(
     scene: Scene, supported: frozenset[JointEffect]
 ) -> tuple[str, JointEffect] | None:
-    """Return the first joint with an effect that is not supported, and that effect; None if there is none."""
-    for name, joint in scene.joints.items():
-        for effect in effects_of(joint):
+    """Return the first joint or drive with an effect that is not supported, and that effect; None if there is none."""
+    for name, element in [*scene.joints.items(), *scene.drives.items()]:
+        for effect in effects_of(element):
             if effect not in supported:
                 return name, effect
     return None

@@ -119,7 +119,9 @@ def _rates(scene: Scene, t: np.ndarray, columns: Mapping[str, np.ndarray]) -> _R
             way = motion.angle(load.body)
         powers[f"{name}.work"] = motion.law(load.law).value * way.rate
     for name, drive in scene.drives.items():
-        powers[f"{name}.work"] = columns[f"{name}.effort"] * motion.law(drive.law).rate
+        # the coordinate of a drive that gives way does not follow its law
+        followed = motion.coordinate(drive) if drive.is_limited else motion.law(drive.law)
+        powers[f"{name}.work"] = columns[f"{name}.effort"] * followed.rate
     for name, joint in scene.frictional_joints.items():
         if isinstance(joint, Revolute):
             slip = (motion.angle(joint.bodies[0]) - motion.angle(joint.bodies[1])).rate

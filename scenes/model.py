@@ -225,7 +225,12 @@ Joint = Annotated[Revolute | Translational, Field(discriminator="type")]
 
 
 class Drive(Model):
-    """A motor: a coordinate between two bodies follows a law of time, whatever torque or force this requires.
+    """A motor: a coordinate between two bodies follows a law of time.
+
+    Without an `effort_limit` the coordinate is that of the law, whatever torque or force this requires. With one, the
+    effort is within `-effort_limit` and `effort_limit`: while that suffices, the coordinate changes at the rate of the
+    law; otherwise the drive gives way and resists, at its limit, any motion relative to the rate of its law. It holds
+    again where the rates are equal, at whatever distance from the law the coordinate then has.
 
     `angle`: the angle of `bodies[0]` minus that of `bodies[1]`. The reported effort is the torque on `bodies[0]`.
 
@@ -243,6 +248,24 @@ class Drive(Model):
     """Direction in the axes of `bodies[1]`: the signed coordinate along it is driven; distance only"""
     law: Law
     """The coordinate as a function of time; rad or m; a table must be cubic"""
+    effort_limit: Positive | None = None
+    """Largest torque or force of the drive, in either direction; without it there is no limit; N m or N, > 0"""
+
+    @property
+    def is_limited(self) -> bool:
+        """Whether the drive gives way beyond a limit."""
+        return self.effort_limit is not None
+
+    @property
+    def rubs(self) -> bool:
+        """Whether the drive can give way, as a joint with friction can slip."""
+        return self.is_limited
+
+    @property
+    def bounds(self) -> tuple[float, float]:
+        """The bounds of the effort of a drive that gives way and of one that holds, equal; N m or N, 0 without limit."""
+        limit = self.effort_limit or 0.0
+        return limit, limit
 
     def inconsistencies(self) -> Iterator[tuple[str, Any, str]]:
         """Yield laws that no motion can follow, and keys of the other type; see `Model.inconsistencies`."""
@@ -260,7 +283,8 @@ class Drive(Model):
                         getattr(self, key),
                         "expected in a distance drive only; this one drives an angle",
                     )
-        elif self.axis is None:
+        elif self.axis is None and not self.is_limited:
+            # a limited drive follows the rate of its law alone, so that the law need not be a distance
             distance_at_start, *_ = evaluate_law(self.law, 0.0)
             if distance_at_start <= 0:
                 yield (
@@ -457,6 +481,24 @@ class Scene(Model):
     def frictional_joints(self) -> dict[str, Joint]:
         """The joints that declare dry friction, pins and guides, by name in the order of the scene."""
         return {name: joint for name, joint in self.joints.items() if joint.frictional}
+
+    @property
+    def prescribed_drives(self) -> dict[str, Drive]:
+        """The drives without a limit, which are constraints, by name in the order of the scene."""
+        return {name: drive for name, drive in self.drives.items() if not drive.is_limited}
+
+    @property
+    def limited_drives(self) -> dict[str, Drive]:
+        """The drives with an `effort_limit`, by name in the order of the scene."""
+        return {name: drive for name, drive in self.drives.items() if drive.is_limited}
+
+    @property
+    def bounded_elements(self) -> dict[str, Joint | Drive]:
+        """The joints with dry friction and, behind them, the drives with a limit, by name.
+
+        A limited drive is dry friction between its bodies whose slip is measured relative to the rate of its law.
+        """
+        return {**self.frictional_joints, **self.limited_drives}
 
     @property
     def springs_and_dampers(self) -> dict[str, Spring]:

@@ -32,7 +32,8 @@ A constant bound of friction, c in slip and c0 at rest (`friction` and `static_f
 -d c to the friction in slip, as an applied force, and c0 to the capacity at rest. In the linear programme half of c0
 belongs to each surface of a guide. A pin is treated as a guide without length and without normal force, with
 mu = mus = 0. Its direction of friction is the relative rotation of its bodies, and its friction is a torque. What is
-said of guides holds for pins as well.
+said of guides holds for pins as well, and for a drive with a limit: its direction is its coordinate, its slip is
+measured relative to the rate of its law, and the limit is its bound in slip and at rest.
 
 A self-locking guide can jam under its own stress and has several motions; it is refused. All tolerances are absolute,
 in m, s, kg, rad, for mechanisms of about a metre, a second and a kilogram.
@@ -354,7 +355,9 @@ class Contact:
         for g, row in enumerate(self.row):
             friction = -mu[g] * mode.slip[g]
             signs = mode.corner[..., g, :]
-            first, second = unknown[..., row], unknown[..., row + 1]
+            first = second = np.zeros(shape)
+            if row is not None:
+                first, second = unknown[..., row], unknown[..., row + 1]
             if mode.slip[g] == 0:
                 R[..., g], T[..., g] = first, second
                 f[..., g] = unknown[..., terms.J.shape[-2] + np.searchsorted(stuck, g)]
@@ -432,10 +435,11 @@ class Contact:
         directions = np.zeros((rows + 2 * guides, len(self.equations.mass)))
         directions[:rows] = terms.J
         for g, (row, a, b) in enumerate(zip(self.row, self.length, self.width)):
-            normal, angle, along = terms.J[row], terms.J[row + 1], terms.W[g]
+            along = terms.W[g]
             if not self.has_load[g]:
                 directions[rows + 2 * g] = directions[rows + 2 * g + 1] = along
                 continue
+            normal, angle = terms.J[row], terms.J[row + 1]
             if a:
                 directions[row] = normal - a / 2 * angle
                 directions[row + 1] = normal + a / 2 * angle
@@ -493,7 +497,8 @@ class Contact:
             # A joint without a load has no corner forces; each "surface" has half of the constant bound.
             signs: tuple[int, ...] = signs_of_guide if self.has_load[g] else ()
             constant = self.static_bound[g] / 2
-            corners = range(self.row[g], self.row[g] + (1 if not self.length[g] else 2))
+            first = self.row[g] or 0
+            corners = range(first, first + (1 if not self.length[g] else 2))
             for corner, sign in zip(corners, signs):
                 bounds[corner] = (0, None) if sign > 0 else (None, 0)
             # +-l - mus (sum of the corner forces that press on this surface) + m <= c0/2

@@ -30,7 +30,7 @@ from stiction.reference_impl.multibody.dynamics import (
     largest_term,
     row_form,
 )
-from stiction.reference_impl.multibody.mechanism import Arrays, Workspace
+from stiction.reference_impl.multibody.mechanism import NO_LAW, Arrays, Workspace
 from stiction.reference_impl.multibody.singular_positions import (
     ALWAYS_DEPENDENT,
     BRANCH_RATIO,
@@ -202,6 +202,10 @@ def remember(m, w, s):
     """
     n, y, p = len(m.inverse_mass), s.y, s.progress
     p.speed = max(p.speed, largest_speed(m, y[n:]))
+    for f in range(len(m.friction)):
+        if m.friction[f].law != NO_LAW:
+            # the rate of a law has its rounding, too, as where a drive begins with a mechanism at rest
+            p.speed = max(p.speed, abs(w.slip_speed[f]))
     largest = max(largest_force(m, w, w.force), largest_term(m, w)) if len(m.friction) else 0.0
     for f in range(len(m.friction)):
         unit = m.friction[f].unit

@@ -13,7 +13,7 @@ v) to (q+, v+), with q_M = q + dt/2 v:
 
 Beyond that paper: joints whose friction has a constant bound F of its own (`Arrays.friction`), of pins and guides, have
 a direction W_C each, which is always closed, with impulses P_C in F dt [-1, 1]; there is one bound, the static one is
-not used.
+not used. A drive with a limit is such a direction, whose velocity is W_C^T v+ minus the rate of its law at t_M.
 
 Bilateral impulses are eliminated. What is left is a linear complementarity problem with P_T = b1 - b2 and the largest
 slip l of a contact (Stewart & Trinkle, Int. J. Numer. Methods Eng. 39 (1996) 2673-2691, one direction in the plane),
@@ -44,7 +44,13 @@ from stiction.reference_impl.integration.result import Run, Samples
 from stiction.reference_impl.integration.step_audit import GOLDEN
 from stiction.reference_impl.multibody.dynamics import row_form
 from stiction.reference_impl.multibody.kinematics import direction_at, point_at, row_along
-from stiction.reference_impl.multibody.mechanism import Arrays, Mechanism, Workspace, workspace
+from stiction.reference_impl.multibody.mechanism import (
+    NO_LAW,
+    Arrays,
+    Mechanism,
+    Workspace,
+    workspace,
+)
 from stiction.reference_impl.multibody.trajectory_columns import build_columns
 from stiction.scenes import Breakdown, Cost
 
@@ -338,6 +344,12 @@ def _step(
     row_form(m, w, t + 0.5 * dt, q, v)
     closed, W = _active_rows(m, w, contacts, q, v)
     n, impulses = len(closed), len(W)
+    # the rates of the laws of drives with a limit, from which their slip is measured: W v - slip speed
+    law_rate = np.zeros(impulses)
+    for i in range(len(contacts.dry)):
+        f = contacts.dry[i]
+        if m.friction[f].law != NO_LAW:
+            law_rate[2 * n + i] = product(W[2 * n + i], v) - w.slip_speed[f]
     J, X = _bilateral(m, w, contacts, W, dt)
     if len(X) < len(J):
         return SINGULAR
@@ -352,6 +364,7 @@ def _step(
         for i in range(impulses):
             for k in range(len(v)):
                 c[i] += W[i, k] * (v_new[k] + (task.restitution * v[k] if i < n else 0.0))
+            c[i] -= law_rate[i]
         for i in range(n):
             mu[i] = contacts.contact[closed[i]].mu
         for i in range(len(limit)):
@@ -374,17 +387,17 @@ def _step(
         force[contacts.bilateral[i]] = (X[i, 0] - product(X[i, 1:], P)) / dt
     for i in range(impulses):
         P[i] /= dt
-    _reactions(m, w, contacts, s, closed, W, P, row)
+    _reactions(m, w, contacts, s, closed, W, P, law_rate, row)
     for k in range(len(q)):
         q[k] += 0.5 * dt * v_new[k]
     return SOLVED
 
 
 @kernel(allocates=True)
-def _reactions(m, w, contacts, s, closed, W, P, row):
+def _reactions(m, w, contacts, s, closed, W, P, law_rate, row):
     """Return forces of the guides' rows and corners, and directions of slip.
 
-    They follow from the forces P of the closed contacts.
+    They follow from the forces P of the closed contacts. `law_rate` is that of the law of each, m/s.
     """
     v_new, force, slip, corner = s.v_new, s.samples.force[row], s.samples.slip[row], s.corners[row]
     n, speed, heaviest = len(closed), 0.0, np.zeros(len(corner))
@@ -397,7 +410,8 @@ def _reactions(m, w, contacts, s, closed, W, P, row):
         slip[f] = 1 if w.slip_speed[f] > 0.0 else -1
     for i in range(len(contacts.dry)):
         force[m.rows + contacts.dry[i]] += P[2 * n + i]
-        slip[contacts.dry[i]] = _direction(product(W[2 * n + i], v_new), speed)
+        slip_speed = product(W[2 * n + i], v_new) - law_rate[2 * n + i]
+        slip[contacts.dry[i]] = _direction(slip_speed, max(speed, abs(law_rate[2 * n + i])))
     for i in range(n):
         contact, normal, friction = contacts.contact[closed[i]], P[i], P[n + i]
         corner[contact.guide, contact.corner, 0], corner[contact.guide, contact.corner, 1] = (

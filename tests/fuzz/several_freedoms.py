@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
+from typing import Any
 
 import numpy as np
 from random_mechanisms import SeededDice, add_constant_friction, moderate_scene
 
+from stiction.reference_impl.equations_of_motion import EquationsOfMotion
 from stiction.scenes import Scene, Trajectory, scene_from_dict
 from stiction.truths.enumerated_motion import TOLERANCE, Motion
 
@@ -31,6 +33,62 @@ def scene_with_constant_bounds(seed: int, i: int) -> Scene:
     share = 1.0 if keeps_mu == 0.0 else 0.7
     add_constant_friction(raw, np.random.default_rng((seed, i)), share, keeps_mu)
     return scene_from_dict(raw, f"random scene {i} of seed {seed} with constant bounds")
+
+
+def scene_with_limited_drives(seed: int, i: int) -> Scene:
+    """Scene i of a seed with one or two drives of limited effort, and friction in some pins.
+
+    The drives of the moderate scene get a limit. Others are added: to a pin by an angle, to a guide by the coordinate
+    along its axis or by the distance of a point of its guide. Half of these begin at the rate of their law.
+    """
+    dice = SeededDice((seed, i))
+    raw = moderate_scene(dice, (1, 2))
+    random = np.random.default_rng((seed, i))
+    if random.random() < 0.5:
+        add_constant_friction(raw, random, 0.5, 0.5)
+    for drive in raw["drives"].values():
+        drive["effort_limit"] = dice.number(0.2, 5.0)
+    joints = list(raw["joints"])
+    for k in range(dice.integer(1, 2)):
+        name = dice.one_of(joints)
+        raw["drives"][f"limited-{k}"] = _limited_drive(raw, dice, raw["joints"][name])
+    return scene_from_dict(raw, f"random scene {i} of seed {seed} with limited drives")
+
+
+def _limited_drive(raw: dict[str, Any], dice: SeededDice, joint: dict[str, Any]) -> dict[str, Any]:
+    """Draw a drive with a limit of the coordinate that a joint leaves free."""
+    drive: dict[str, Any]
+    if joint["type"] == "revolute":
+        drive = {"type": "angle", "bodies": joint["bodies"]}
+        limit = dice.number(0.1, 4.0)
+    else:
+        # a point of the guide that the slider does not come near, or the axis of the guide
+        across = np.array([-joint["direction"][1], joint["direction"][0]])
+        drive = {"type": "distance", "bodies": [joint["slider"], joint["guide"]]}
+        drive["points"] = [[0.0, 0.0], list(np.array(joint["point"]) + 0.6 * across)]
+        if dice.chance():
+            drive["axis"] = joint["direction"]
+        limit = dice.number(1.0, 20.0)
+    drive["effort_limit"] = limit
+
+    # The rate that the coordinate has at the start, which half of the laws begin with unless it is zero: a drive that
+    # rests beside a guide at rest shares its load, which the second method refuses.
+    drive["law"] = {"type": "constant", "value": 0.0}
+    equations = EquationsOfMotion(scene_from_dict({**raw, "drives": {"probe": drive}}))
+    rate = float(equations.at(0.0, *equations.start()).slip_speed[-1])
+    if dice.chance() or abs(rate) < 1e-9:
+        rate = dice.number(-1.5, 1.5)
+    if dice.chance():
+        drive["law"] = {"type": "linear", "offset": dice.number(-1, 1), "rate": rate}
+    else:
+        frequency, phase = dice.number(2, 9), dice.number(-1, 1)
+        drive["law"] = {
+            "type": "sine",
+            "amplitude": rate / (frequency * np.cos(phase)),
+            "frequency": frequency,
+            "phase": phase,
+        }
+    return drive
 
 
 def differences(scene: Scene, motion: Motion, run: Trajectory, rtol: float) -> list[str]:
@@ -60,7 +118,7 @@ def _event_differences(
     scene: Scene, motion: Motion, run: Trajectory, tolerance: float, until: float
 ) -> Iterator[str]:
     """What differs in the events of each guide before `until`, in order."""
-    for name in scene.frictional_joints:
+    for name in scene.bounded_elements:
         expected = [event for event in motion.events if event.joint == name and event.time < until]
         found = [event for event in run.events if event.joint == name and event.time < until]
         for mine, its in zip(expected, found):

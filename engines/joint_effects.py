@@ -1,33 +1,46 @@
-"""Effects that an engine may or may not take: dry friction with a bound of its own, damping, limits of drives."""
+"""Effects that an engine may or may not take: constant bounds of friction, damping, limits, springs of one side."""
 
 from __future__ import annotations
 
 from enum import StrEnum
 
 from stiction.scenes import Scene
-from stiction.scenes.model import Drive, Joint, Revolute, Translational
+from stiction.scenes.model import (
+    Drive,
+    Joint,
+    LinearSpring,
+    Revolute,
+    Spring,
+    TorsionalSpring,
+    Translational,
+)
 
 
 class JointEffect(StrEnum):
-    """An effect that a scene can declare for a joint or a drive. The values are the words of a refusal."""
+    """An effect that a scene can declare for a joint, a drive or a spring. The values are the words of a refusal."""
 
     PIN_FRICTION = "dry friction in a pin"
     GUIDE_FRICTION = "dry friction with a constant bound in a guide"
     STATIC_FRICTION = "a constant bound of friction that is larger at rest"
     DAMPING = "damping in a joint"
     EFFORT_LIMIT = "a limit of the effort of a drive"
+    ONE_SIDED = "a spring that acts on one side only"
 
 
 ALL_EFFECTS = frozenset(JointEffect)
 """Every effect there is, for engines that take them all."""
-EFFECTS_OF_JOINTS = ALL_EFFECTS - {JointEffect.EFFORT_LIMIT}
-"""The effects of joints, for engines whose drives have no limit."""
+EFFECTS_OF_JOINTS = ALL_EFFECTS - {JointEffect.EFFORT_LIMIT, JointEffect.ONE_SIDED}
+"""The effects of joints, for engines whose drives have no limit and whose springs act on both sides."""
+EFFECTS_OF_LOADS = EFFECTS_OF_JOINTS | {JointEffect.ONE_SIDED}
+"""The effects of joints and of springs, for engines to which the adapter applies springs as loads."""
 
 
-def effects_of(joint: Joint | Drive) -> list[JointEffect]:
-    """Return the effects that a joint or a drive declares; a bound of zero is no effect."""
+def effects_of(joint: Joint | Drive | Spring) -> list[JointEffect]:
+    """Return the effects that a joint, a drive or a spring declares; a bound of zero is no effect."""
     if isinstance(joint, Drive):
         return [JointEffect.EFFORT_LIMIT] if joint.is_limited else []
+    if isinstance(joint, LinearSpring | TorsionalSpring):
+        return [] if joint.acts is None else [JointEffect.ONE_SIDED]
     effects = []
     kinetic, static = joint.bounds
     if static > 0.0:
@@ -43,8 +56,9 @@ def effects_of(joint: Joint | Drive) -> list[JointEffect]:
 def first_unsupported(
     scene: Scene, supported: frozenset[JointEffect]
 ) -> tuple[str, JointEffect] | None:
-    """Return the first joint or drive with an effect that is not supported, and that effect; None if there is none."""
-    for name, element in [*scene.joints.items(), *scene.drives.items()]:
+    """Return the first element with an effect that is not supported, and that effect; None if there is none."""
+    elements = [*scene.joints.items(), *scene.drives.items(), *scene.springs.items()]
+    for name, element in elements:
         for effect in effects_of(element):
             if effect not in supported:
                 return name, effect

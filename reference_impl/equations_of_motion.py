@@ -222,7 +222,13 @@ class EquationsOfMotion:
         gravity = self.scene.gravity or (0.0, 0.0)
         QE = np.zeros_like(motion.q) + self.mass * np.resize([*gravity, 0.0], len(self.mass))
         for spring in self.scene.springs_and_dampers.values():
-            if isinstance(spring, LinearSpring) and spring.axis is None:
+            if spring.acts is not None:
+                s = motion.coordinate(spring)
+                tension = one_sided_tension(spring, s.value - spring.rest, s.rate)
+                # where its ends meet a spring has no direction, and no force
+                acts = tension[..., None] != 0.0
+                QE -= np.where(acts, tension[..., None] * s.jacobian, 0.0)
+            elif isinstance(spring, LinearSpring) and spring.axis is None:
                 d = motion.between(spring.bodies, spring.points)
                 QE -= spring.stiffness * np.sum(d.value[..., None] * d.jacobian, -2)
                 if spring.rest_length or spring.damping:
@@ -232,8 +238,7 @@ class EquationsOfMotion:
                     QE -= np.where(s.value[..., None] > 0.0, pull[..., None] * s.jacobian, 0.0)
             else:
                 s = motion.coordinate(spring)
-                rest = spring.rest_length if isinstance(spring, LinearSpring) else spring.rest_angle
-                QE -= (spring.stiffness * (s.value - rest) + spring.damping * s.rate)[
+                QE -= (spring.stiffness * (s.value - spring.rest) + spring.damping * s.rate)[
                     ..., None
                 ] * s.jacobian
         for load in self.scene.forces.values():
@@ -340,6 +345,20 @@ class Motion:
             if element.axis is None
             else self.direction(element.bodies[1], element.axis).dot(d)
         )
+
+
+def one_sided_tension(
+    spring: LinearSpring | TorsionalSpring, stretch: np.ndarray, rate: np.ndarray
+) -> np.ndarray:
+    """Return the tension (N or N m) of a spring that acts on one side only, by its stretch and the rate of that.
+
+    It is that of spring and damper where the stretch and this tension are both on the spring's side, and else zero: a
+    stop does not pull, and a cable does not push.
+    """
+    tension = spring.stiffness * stretch + spring.damping * rate
+    return np.where(
+        (spring.side * stretch > 0.0) & (spring.side * tension > 0.0), tension, 0.0
+    )
 
 
 def _stacked(rows: list[Moving], motion: Motion, parts: tuple[str, ...]) -> list[np.ndarray]:

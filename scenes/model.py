@@ -299,6 +299,10 @@ class LinearSpring(Model):
 
     `d` is the distance of the points or, with an `axis`, the signed coordinate of `points[0]` relative to `points[1]`
     along it. With `rest_length = 0` and without axis, the force is `-stiffness` times the vector between the points.
+
+    A spring that `acts` on one side only is an end stop or a bumper ("push"), or a cable ("pull"). The first has no
+    force while `d > rest_length`, and no tension above zero; the second has none while `d < rest_length`, and no tension
+    below zero. Damping included: a stop never pulls, a cable never pushes.
     """
 
     type: Literal["linear"]
@@ -315,9 +319,27 @@ class LinearSpring(Model):
     """Damping coefficient; N s/m"""
     rest_length: Number = 0.0
     """Value of `d` without tension; m"""
+    acts: Literal["push", "pull"] | None = None
+    """`"push"`: below `rest_length` only, and never pulling; `"pull"`: above it only, never pushing; default: both"""
+
+    @property
+    def rest(self) -> float:
+        """The coordinate without tension: `rest_length`, m."""
+        return self.rest_length
+
+    @property
+    def side(self) -> int:
+        """The sign of the only stretch and tension that a one-sided spring has; 0 of one that acts on both sides."""
+        return _side(self.acts)
 
     def inconsistencies(self) -> Iterator[tuple[str, Any, str]]:
-        """Yield a rest length that is no distance, see `Model.inconsistencies`."""
+        """Yield a rest length that is no distance, or that is never passed; see `Model.inconsistencies`."""
+        if self.acts == "push" and self.axis is None and self.rest_length == 0:
+            yield (
+                "rest_length",
+                self.rest_length,
+                "expected a distance > 0 with acts = 'push' (or an axis): no distance is below 0",
+            )
         if self.axis is None and self.rest_length < 0:
             yield (
                 "rest_length",
@@ -330,7 +352,9 @@ class TorsionalSpring(Model):
     """A torsional spring and damper between two bodies.
 
     The torque on `bodies[0]` is `-(stiffness (angle - rest_angle) + damping angle')`, with the opposite torque on
-    `bodies[1]`. `angle` is the angle of `bodies[0]` minus that of `bodies[1]`.
+    `bodies[1]`. `angle` is the angle of `bodies[0]` minus that of `bodies[1]`. With `acts = "push"` there is a torque
+    only while `angle < rest_angle`, and only in the direction of larger angles; with `"pull"` only while `angle >
+    rest_angle`, and only in the direction of smaller ones.
     """
 
     type: Literal["torsional"]
@@ -343,6 +367,23 @@ class TorsionalSpring(Model):
     """Damping coefficient; N m s/rad"""
     rest_angle: Number = 0.0
     """Value of `angle` without torque; rad"""
+    acts: Literal["push", "pull"] | None = None
+    """`"push"`: below `rest_angle` only, `"pull"`: above it only; default: on both sides"""
+
+    @property
+    def rest(self) -> float:
+        """The coordinate without torque: `rest_angle`, rad."""
+        return self.rest_angle
+
+    @property
+    def side(self) -> int:
+        """The sign of the only stretch and tension that a one-sided spring has; 0 of one that acts on both sides."""
+        return _side(self.acts)
+
+
+def _side(acts: str | None) -> int:
+    """Return -1 for a spring that pushes, 1 for one that pulls, 0 for one that does both."""
+    return {"push": -1, "pull": 1}.get(acts or "", 0)
 
 
 Spring = Annotated[LinearSpring | TorsionalSpring, Field(discriminator="type")]
@@ -505,6 +546,11 @@ class Scene(Model):
         """The springs and dampers by name, and behind them the damping of joints as dampers, by the joints' names."""
         dampers = {name: joint.damper for name, joint in self.joints.items()}
         return self.springs | {name: damper for name, damper in dampers.items() if damper}
+
+    @property
+    def one_sided_springs(self) -> dict[str, Spring]:
+        """The springs that act on one side only, by name in the order of the scene."""
+        return {name: spring for name, spring in self.springs.items() if spring.acts is not None}
 
     def draw(self) -> Picture:
         """Draw the mechanism at t = 0.

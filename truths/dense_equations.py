@@ -345,6 +345,8 @@ class DenseEquations:
         self._rest = np.array(
             [s.rest_length if s.type == "linear" else s.rest_angle for s in springs]
         )
+        # -1 of springs that push only, 1 of those that pull only, 0 of those that do both
+        self.spring_side = np.array([spring.side for spring in springs])
 
     def _read_loads(self, number: dict[str, int]) -> None:
         """Set the arrays of the loads. A torque has no point and no direction, which are zero instead."""
@@ -365,7 +367,19 @@ class DenseEquations:
         v = [x for body in bodies for x in (*body.velocity, body.angular_velocity)]
         return np.array(q, dtype=float), np.array(v, dtype=float)
 
-    def at(self, t: float | np.ndarray, q: np.ndarray, v: np.ndarray) -> Terms:
+    def stretches(self, q: np.ndarray, v: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Return stretch (m, rad) and tension (N, N m) of all springs as if they acted on both sides, (..., springs)."""
+        springs = self._springs.at(Posture(q, v))
+        stretch = springs.value - self._rest
+        return stretch, self._stiffness * stretch + self._damping * springs.rate
+
+    def at(
+        self,
+        t: float | np.ndarray,
+        q: np.ndarray,
+        v: np.ndarray,
+        acting: np.ndarray | None = None,
+    ) -> Terms:
         """Return the terms at an instant or, with leading axes, at many instants.
 
         Parameters
@@ -374,6 +388,9 @@ class DenseEquations:
             Times, s.
         q, v : ndarray, shape (..., k)
             Coordinates and velocities.
+        acting : ndarray of bool, shape (springs,), optional
+            Which springs have a tension. By default those on one side have it where their stretch and tension are on
+            that side, and all others everywhere.
         """
         t = np.asarray(t, dtype=float)
         posture = Posture(q, v)
@@ -424,16 +441,22 @@ class DenseEquations:
         J, W = arrange(
             distances.jacobian, angles.jacobian, driven.jacobian, turns.jacobian, limited.jacobian
         )
-        return Terms(self._applied(t, posture), phi, phi_dot, gamma, J, W, w, slip_speed)
+        return Terms(self._applied(t, posture, acting), phi, phi_dot, gamma, J, W, w, slip_speed)
 
-    def _applied(self, t: np.ndarray, posture: Posture) -> np.ndarray:
-        """Return the generalized forces of weight, springs with dampers, and loads."""
+    def _applied(
+        self, t: np.ndarray, posture: Posture, acting: np.ndarray | None = None
+    ) -> np.ndarray:
+        """Return the generalized forces of weight, springs with dampers, and loads; `acting` as in `at`."""
         Q = np.zeros((*t.shape, len(self.mass))) + self.mass * self.gravity
         if len(self._stiffness):
             # By virtual work a tension F in the coordinate s contributes -F ds/dq.
             springs = self._springs.at(posture)
             stretch = springs.value - self._rest
             tension = self._stiffness * stretch + self._damping * springs.rate
+            if acting is None:
+                side = self.spring_side
+                acting = (side == 0) | ((side * stretch > 0.0) & (side * tension > 0.0))
+            tension = np.where(acting, tension, 0.0)
             Q -= np.sum(tension[..., None] * springs.jacobian, -2)
         size = law_values(self._load_laws, t)[0]
         for i, body in enumerate(self._loaded):

@@ -13,7 +13,7 @@ from typing import Any, get_args
 
 from stiction.scenes import Scene
 from stiction.scenes.fields import GROUND
-from stiction.scenes.model import Drive, Force, Revolute, Torque, Translational
+from stiction.scenes.model import Drive, Force, LinearSpring, Revolute, TorsionalSpring, Torque, Translational
 from stiction.scenes.wording import shown
 from stiction.truths.truth import NotThisMechanism
 
@@ -94,15 +94,21 @@ SEVERAL = "any number"
 
 JOINT_EFFECTS = ("friction", "static_friction", "damping")
 """Fields of joints that must be absent or zero unless a part has requirements on them."""
-OTHER_EFFECTS = {Revolute: JOINT_EFFECTS, Translational: JOINT_EFFECTS, Drive: ("effort_limit",)}
+OTHER_EFFECTS = {
+    Revolute: JOINT_EFFECTS,
+    Translational: JOINT_EFFECTS,
+    Drive: ("effort_limit",),
+    LinearSpring: ("acts",),
+    TorsionalSpring: ("acts",),
+}
 """Fields, by kind of the element, that must be absent or zero unless a part has requirements on them."""
 
 
 class Part:
     """An element of a mechanism.
 
-    A joint must have neither a constant bound of friction nor damping, and a drive no limit, unless its fields say
-    otherwise: a truth holds for the effects that it contains.
+    A joint must have neither a constant bound of friction nor damping, a drive no limit, and a spring must act on both
+    sides, unless their fields say otherwise: a truth holds for the effects that it contains.
 
     Parameters
     ----------

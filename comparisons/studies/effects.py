@@ -202,6 +202,11 @@ def _removals(scene: Scene) -> list[tuple[str, str, list[str]]]:
         ("drive", "", [f"drives.{name}" for name in scene.drives]),
         ("limit of a drive", "", [f"{name}.effort_limit" for name in scene.limited_drives]),
         (
+            "one side of springs",
+            "acts on both",
+            [f"springs.{name}.acts" for name in scene.one_sided_springs],
+        ),
+        (
             "spring",
             "",
             [f"springs.{name}.stiffness" for name, spring in springs if spring.stiffness],

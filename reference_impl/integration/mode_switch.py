@@ -96,7 +96,7 @@ def switch_mode(m: Arrays, w: Workspace, s: State, log: EventLog, first_step: fl
     p, event = s.progress, s.attempt.event
     guide = event // 3
     p.idle += 1
-    if p.idle > MOST_IDLE + MOST_IDLE_PER_GUIDE * len(m.friction):
+    if p.idle > MOST_IDLE + MOST_IDLE_PER_GUIDE * (len(m.friction) + len(m.one_sided)):
         return CHATTER
 
     # forces of the old mode at the event
@@ -154,8 +154,8 @@ def switch_mode(m: Arrays, w: Workspace, s: State, log: EventLog, first_step: fl
     copy(w.event, s.at_start)
     p.stale = 0
     remember(m, w, s)
-    _log_changes(m, w, s, log, others)
-    return ROOM if p.logged + len(m.friction) >= len(log.t) else DONE
+    log_changes(m, w, s, log, others)
+    return ROOM if p.logged + len(m.friction) + len(m.one_sided) >= len(log.t) else DONE
 
 
 @kernel(allocates=True)
@@ -259,12 +259,7 @@ def _change_slip(m, w, s, first_step, guide, function, behind):
     t, y, slip = s.progress.time, s.y, s.slip
     n = len(m.inverse_mass)
 
-    # The speed up to which each guide is at rest. A stuck guide is whatever speed it has drifted to; one that began to
-    # slip in this instant is not, although it has no speed yet.
-    for f in range(len(m.friction)):
-        s.rest_speed[f] = HOLDS if slip[f] == 0 else COINCIDENCE * s.progress.speed
-        if slip[f] != 0 and t - s.began[f] <= SAME_INSTANT * max(first_step, t):
-            s.rest_speed[f] = LEAVES
+    set_rest_speeds(s, first_step)
 
     # the guide of the event, with those that cannot but slip or rest with it
     if sticks(m, slip, guide):
@@ -282,6 +277,20 @@ def _change_slip(m, w, s, first_step, guide, function, behind):
     if outcome == SOLVED and m.unfree > 0 and _foresee_drives(m, w, s):
         outcome = choose_mode(m, w, t, y[:n], y[n:], slip, s.corner, s.rest_speed)
     return outcome
+
+
+@kernel
+def set_rest_speeds(s, first_step):
+    """Set the speed up to which each guide is at rest, at an event.
+
+    A stuck guide is whatever speed it has drifted to; one that began to slip in this instant is not, although it has no
+    speed yet.
+    """
+    t = s.progress.time
+    for f in range(len(s.slip)):
+        s.rest_speed[f] = HOLDS if s.slip[f] == 0 else COINCIDENCE * s.progress.speed
+        if s.slip[f] != 0 and t - s.began[f] <= SAME_INSTANT * max(first_step, t):
+            s.rest_speed[f] = LEAVES
 
 
 @kernel(allocates=True)
@@ -343,7 +352,7 @@ def _change_surfaces(m, w, s, event):
 
 
 @kernel
-def _log_changes(m, w, s, log, others):
+def log_changes(m, w, s, log, others):
     """Log an event for each guide whose mode has changed; the values before it stand in the row of the first."""
     p, first = s.progress, s.progress.logged
     for f in range(len(m.friction)):

@@ -83,6 +83,13 @@ def blocks(scene: Scene) -> list[Block]:
             "",
             "no elastic force",
         ),
+        Block(
+            "one-sided springs",
+            tuple(scene.one_sided_springs),
+            "QE: the tension where x is beyond its rest and the tension has the spring's sign, else 0",
+            "",
+            "springs push and pull",
+        ),
         Block("dampers", damped, "QE: -c x' on two bodies", "", "no viscous force"),
         Block("forces", tuple(scene.forces), "QE: law(t) on a body", "", "no law of time in QE"),
         Block(

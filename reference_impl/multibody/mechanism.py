@@ -94,6 +94,8 @@ row whose mobility measures its forces: that of the normal force, or without cor
 a drive, whose rate the slip is measured from, or NO_LAW. `length` and `width` are 0 where it has none, or no corners. Its friction is at most bound + mu times the load in slip, static_bound
 + mus times the load at rest (newton)."""
 SPRING = _record("kind a b", "ax ay bx by ux uy stiffness damping rest")
+ONE_SIDED = _record("kind a b", "ax ay bx by ux uy stiffness damping rest sign")
+"""A spring that acts on one side only; `sign` -1 of one that pushes, 1 of one that pulls (`one_sided`)."""
 LOAD = _record("body law", "px py ux uy")
 LINE = _record("a b flips", "ax ay bx by")
 """Points of two bodies along whose line a force acts; `flips`, 1 where the points may pass each other and the force has
@@ -121,12 +123,13 @@ class Arrays(Bundle):
         np.ndarray, CONSTRAINT, 1
     ]  # one per joint and drive, in the order of their rows
     friction: Annotated[np.ndarray, FRICTION, 1]  # one per frictional joint, drives with a limit last
-    spring: Annotated[np.ndarray, SPRING, 1]
+    spring: Annotated[np.ndarray, SPRING, 1]  # those that act on both sides
+    one_sided: Annotated[np.ndarray, ONE_SIDED, 1]
     load: Annotated[np.ndarray, LOAD, 1]  # a torque has the direction (0, 0)
     turning: Integers
     """Bodies whose angle enters forces: one that guides a slider, carries the axis of a spring or a drive, or has a
     joint, a spring, a drive or a load that acts beside its centre of mass. As `line`, it bounds steps (`step_limits`),
-    and is for mechanisms with friction only."""
+    and is for mechanisms with friction or springs that act on one side only."""
     line: Annotated[
         np.ndarray, LINE, 1
     ]  # springs of points with rest length or damping, and drives of a distance
@@ -179,7 +182,8 @@ class Workspace(Bundle):
     unit: Reals
     response: Table
     force: Reals  # (all,), multipliers, then the frictions on the sliders
-    event: Reals  # (3 * frictional,), event functions of the contact mode, all >= 0 while it lasts
+    event: Reals  # (3 * (frictional + one-sided springs),), event functions of the mode, all >= 0 while it lasts
+    acting: Integers  # (one-sided springs,), their states (`one_sided`)
     solver: int  # of contact problems; one of `solver_names.SOLVERS`
     counters: Counters  # work done so far
     separate: Bundles  # those of `Arrays.separate`; bodies, their rows and the counters are shared
@@ -196,6 +200,7 @@ def workspace(arrays: Arrays, solver: int = AUTOMATIC) -> Workspace:
         phi_dot=arrays.rows,
         gamma=size,
         free=coordinates,
+        acting=len(arrays.one_sided),
         solver=solver,
         counters=(),
         separate=(),
@@ -229,7 +234,7 @@ def _room(m: Arrays) -> dict[str, Any]:
         "unit": 2 * size,
         "response": (size, nf),
         "force": size,
-        "event": 3 * nf,
+        "event": 3 * (nf + len(m.one_sided)),
     }
 
 
@@ -260,6 +265,8 @@ class Mechanism:
         of drives with a limit, 1 for a distance and `length_scale` for an angle.
     force_units : ndarray, shape (rows + frictional,)
         Value of a column of `force_names` per unit of its row force: `slip_radius` for frictions, else 1.
+    event_names : list of str
+        What has event functions: `guide_names`, then the springs that act on one side only.
     stressed_guides : tuple of str
         Guides whose load depends on a stress that rigid bodies leave open; see `guide_freedom.GuideFreedoms`.
     projection : bool
@@ -275,6 +282,7 @@ class Mechanism:
         self.scene = scene
         self.body_names, self.guide_names = list(scene.bodies), list(scene.bounded_elements)
         self.row_names = _row_names(scene)
+        self.event_names = [*self.guide_names, *scene.one_sided_springs]
         self.force_names = [
             *self.row_names,
             *(f"{name}.friction" for name in scene.frictional_joints),
@@ -460,7 +468,8 @@ class Mechanism:
         return (NO_ROW, 0, 0, freedom, 1, 0, law, 0.0, 0.0, 0.0, 0.0, bound, static_bound)
 
     def _springs(self) -> dict[str, np.ndarray]:
-        springs = []
+        springs: list[tuple[float, ...]] = []
+        one_sided: list[tuple[float, ...]] = []
         for spring in self.scene.springs_and_dampers.values():
             bodies = [self._index[body] for body in spring.bodies]
             if isinstance(spring, LinearSpring):
@@ -493,7 +502,12 @@ class Mechanism:
                         spring.rest_angle,
                     )
                 )
-        return {"spring": np.array(springs, dtype=SPRING)}
+            if spring.acts is not None:
+                one_sided.append((*springs.pop(), spring.side))
+        return {
+            "spring": np.array(springs, dtype=SPRING),
+            "one_sided": np.array(one_sided, dtype=ONE_SIDED),
+        }
 
     def _loads(self) -> dict[str, np.ndarray]:
         """Return the loads, and the laws, those of drives first."""
@@ -590,11 +604,11 @@ class Mechanism:
 
 def _what_turns(m: dict[str, Any]) -> dict[str, np.ndarray]:
     """Return `Arrays.turning` and `Arrays.line`, from the other fields `m` of the arrays."""
-    if not len(m["friction"]):
+    if not len(m["friction"]) and not len(m["one_sided"]):
         return {"turning": np.zeros(0, dtype=np.int64), "line": np.zeros(0, dtype=LINE)}
     bodies: set[int] = set()
     lines: list[tuple[float, ...]] = []
-    for element in [*m["constraint"], *m["spring"]]:
+    for element in [*m["constraint"], *m["spring"], *m["one_sided"]]:
         kind, a, b = int(element["kind"]), int(element["a"]), int(element["b"])
         if kind == ANGLE:
             continue  # two angles, whose difference is the same for all directions
@@ -604,7 +618,7 @@ def _what_turns(m: dict[str, Any]) -> dict[str, np.ndarray]:
         if any(points[2:]) or kind in (TRANSLATIONAL, AXIS):
             bodies.add(b)  # the axis, or the line of the guide, is fixed in b
         if kind == DISTANCE:
-            is_spring = element.dtype == SPRING
+            is_spring = element.dtype in (SPRING, ONE_SIDED)
             rest, damping = (
                 float(element[name]) if is_spring else 0.0 for name in ("rest", "damping")
             )
@@ -739,6 +753,7 @@ def _separate(m: Arrays) -> tuple[Arrays, ...]:
                 constraint=m.constraint[:0],
                 friction=friction,
                 spring=m.spring[:0],
+                one_sided=m.one_sided[:0],
                 load=m.load[:0],
                 law=m.law[:0],
                 knots=m.knots[:0],

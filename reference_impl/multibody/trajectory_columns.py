@@ -20,6 +20,7 @@ from stiction.reference_impl.multibody.mechanism import (
     Mechanism,
     Workspace,
 )
+from stiction.reference_impl.multibody.one_sided import BY_STATE, touch_at_contact
 from stiction.scenes import InputError
 from stiction.scenes.columns import BODY_COLUMNS
 from stiction.scenes.model import Drive, Translational
@@ -231,13 +232,27 @@ def imbalance(
     for i in range(len(t)):
         row_form(m, w, t[i], q[i], v[i])
         position[i], velocity[i] = residual_norm(w.phi), residual_norm(w.phi_dot)
-        acceleration(m, w, force[i], balanced)
-        size[i] = largest_force(m, w, force[i])
-        for k in range(len(balanced)):
-            unit = 1.0 / np.sqrt(m.inverse_mass[k])
-            left[i] = max(left[i], abs(a[i, k] - balanced[k]) * unit)
-            size[i] = max(size[i], max(abs(a[i, k]), abs(w.free[k])) * unit)
+        left[i], size[i] = _imbalance_of_rows(m, w, a[i], force[i], balanced)
+        if len(m.one_sided) > 0 and touch_at_contact(m, w, q[i], v[i]):
+            # The tension of damped springs jumps where they come into contact: it may be that of either side.
+            row_form(m, w, t[i], q[i], v[i])
+            other, size[i] = _imbalance_of_rows(m, w, a[i], force[i], balanced)
+            left[i] = min(left[i], other)
+            for k in range(len(m.one_sided)):
+                w.acting[k] = BY_STATE
     return left, size, position, velocity
+
+
+@kernel
+def _imbalance_of_rows(m, w, a, force, balanced):
+    """Return the remainder and the largest term of `imbalance`, of the rows in the workspace."""
+    acceleration(m, w, force, balanced)
+    left, size = 0.0, largest_force(m, w, force)
+    for k in range(len(balanced)):
+        unit = 1.0 / np.sqrt(m.inverse_mass[k])
+        left = max(left, abs(a[k] - balanced[k]) * unit)
+        size = max(size, max(abs(a[k]), abs(w.free[k])) * unit)
+    return left, size
 
 
 def slip_velocity(m, k: int, q: np.ndarray, v: np.ndarray) -> np.ndarray:

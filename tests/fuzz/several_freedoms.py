@@ -55,6 +55,51 @@ def scene_with_limited_drives(seed: int, i: int) -> Scene:
     return scene_from_dict(raw, f"random scene {i} of seed {seed} with limited drives")
 
 
+def scene_with_one_sided_springs(seed: int, i: int) -> Scene:
+    """Scene i of a seed whose springs act on one side only, some with damping, and more of these.
+
+    The springs of the moderate scene push or pull, or are left as they are. Each slider gets a stop on its guide, each
+    pin a stop of its angle, now and then a slider a cable to the ground.
+    """
+    dice = SeededDice((seed, i))
+    raw = moderate_scene(dice, (1, 2))
+    random = np.random.default_rng((seed, i))
+    if random.random() < 0.5:
+        add_constant_friction(raw, random, 0.5, 0.5)
+    for spring in raw["springs"].values():
+        side = dice.one_of(["push", "pull", None])
+        if side is not None and (side == "pull" or "axis" in spring or spring["type"] != "linear"):
+            spring["acts"] = side
+    for name, joint in list(raw["joints"].items()):
+        stop: dict[str, Any] = {"acts": dice.one_of(["push", "pull"])}
+        stop["damping"] = dice.one_of([0.0, dice.number(0.0, 3.0)])
+        if joint["type"] == "revolute":
+            bodies = joint["bodies"]
+            angles = [raw["bodies"][body]["angle"] if body != "ground" else 0.0 for body in bodies]
+            stop |= {"type": "torsional", "bodies": bodies, "stiffness": dice.number(2.0, 60.0)}
+            stop["rest_angle"] = round(angles[0] - angles[1] + dice.number(-0.3, 0.3), 6)
+        else:
+            bodies = [joint["slider"], joint["guide"]]
+            stop |= {"type": "linear", "bodies": bodies, "points": [[0.0, 0.0], joint["point"]]}
+            stop |= {"axis": joint["direction"], "stiffness": dice.number(50.0, 2000.0)}
+            stop["rest_length"] = dice.number(-0.4, 0.4)
+        raw["springs"][f"stop-{name}"] = stop
+    if dice.chance():
+        slider = next(body for body in raw["bodies"] if body != "arm")
+        anchor = [dice.number(-1.0, 1.0), dice.number(-1.0, 1.0)]
+        way = np.array(raw["bodies"][slider]["position"]) - anchor
+        raw["springs"]["cable"] = {
+            "type": "linear",
+            "bodies": [slider, "ground"],
+            "points": [[dice.number(-0.1, 0.1), 0.0], anchor],
+            "stiffness": dice.number(20.0, 500.0),
+            "damping": dice.one_of([0.0, 1.0]),
+            "rest_length": round(float(np.hypot(*way)) * dice.number(0.9, 1.1) + 0.05, 6),
+            "acts": "pull",
+        }
+    return scene_from_dict(raw, f"random scene {i} of seed {seed} with one-sided springs")
+
+
 def _limited_drive(raw: dict[str, Any], dice: SeededDice, joint: dict[str, Any]) -> dict[str, Any]:
     """Draw a drive with a limit of the coordinate that a joint leaves free."""
     drive: dict[str, Any]
@@ -118,7 +163,7 @@ def _event_differences(
     scene: Scene, motion: Motion, run: Trajectory, tolerance: float, until: float
 ) -> Iterator[str]:
     """What differs in the events of each guide before `until`, in order."""
-    for name in scene.bounded_elements:
+    for name in [*scene.bounded_elements, *scene.one_sided_springs]:
         expected = [event for event in motion.events if event.joint == name and event.time < until]
         found = [event for event in run.events if event.joint == name and event.time < until]
         for mine, its in zip(expected, found):

@@ -529,7 +529,8 @@ def check_cone(run: Examined) -> Iterator[str]:
     """Check Coulomb's law with the load of the corner forces and with constant bounds.
 
     The law is |friction| <= static_friction + mus load at rest, and friction = -mode (friction + mu load) in slip; a
-    pin has constant bounds only, and so has a drive with a limit, whose friction is its effort. The load is that of the corner forces, see `_load`.
+    pin has constant bounds only, and so has a drive with a limit, whose friction is its effort. The load
+    is that of the corner forces, see `_load`.
 
     If events are located, the law must hold to `SAME` of the largest force, or of m v^2/size if that is larger, or to
     ten times the tolerance, which is the error of states. The force of Baumgarte's terms is also allowed. The moment of

@@ -14,10 +14,10 @@ import numpy as np
 
 from stiction.engines.examined import (
     MODES,
-    SPRING_EVENTS,
     POSITIONS,
     RESIDUALS,
     ROUNDING,
+    SPRING_EVENTS,
     VELOCITIES,
     Examined,
     Predicate,

@@ -97,8 +97,9 @@ class Terms:
         Jacobian of the constraints, shape (..., rows, k).
     W : ndarray
         Tangential direction of each frictional joint, shape (..., frictional, k): of a guide that of the slider's
-        point, of a pin the relative rotation of its bodies, of a drive with a limit the derivative of its coordinate. W_T of the surfaces (+) and (-) of a guide is this row plus
-        or minus b/2 times the row of J that belongs to the slider's angle.
+        point, of a pin the relative rotation of its bodies, of a drive with a limit the derivative of its coordinate.
+        W_T of the surfaces (+) and (-) of a guide is this row plus or minus b/2 times the row of J that belongs to the
+        slider's angle.
     w : ndarray
         Remainder of the slip acceleration, g_T'' = W q'' + w, m/s² or rad/s², shape (..., frictional).
     slip_speed : ndarray
@@ -356,9 +357,7 @@ def one_sided_tension(
     stop does not pull, and a cable does not push.
     """
     tension = spring.stiffness * stretch + spring.damping * rate
-    return np.where(
-        (spring.side * stretch > 0.0) & (spring.side * tension > 0.0), tension, 0.0
-    )
+    return np.where((spring.side * stretch > 0.0) & (spring.side * tension > 0.0), tension, 0.0)
 
 
 def _stacked(rows: list[Moving], motion: Motion, parts: tuple[str, ...]) -> list[np.ndarray]:

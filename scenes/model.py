@@ -263,7 +263,7 @@ class Drive(Model):
 
     @property
     def bounds(self) -> tuple[float, float]:
-        """The bounds of the effort of a drive that gives way and of one that holds, equal; N m or N, 0 without limit."""
+        """The bounds of the effort of a drive that gives way and of one that holds; N m or N, 0 without limit."""
         limit = self.effort_limit or 0.0
         return limit, limit
 
@@ -301,8 +301,8 @@ class LinearSpring(Model):
     along it. With `rest_length = 0` and without axis, the force is `-stiffness` times the vector between the points.
 
     A spring that `acts` on one side only is an end stop or a bumper ("push"), or a cable ("pull"). The first has no
-    force while `d > rest_length`, and no tension above zero; the second has none while `d < rest_length`, and no tension
-    below zero. Damping included: a stop never pulls, a cable never pushes.
+    force while `d > rest_length`, and no tension above zero; the second has none while `d < rest_length`, and no
+    tension below zero. Damping included: a stop never pulls, a cable never pushes.
     """
 
     type: Literal["linear"]

@@ -259,6 +259,10 @@ def law_values(laws: Sequence[Law], t: np.ndarray) -> np.ndarray:
     return derivatives
 
 
+NO_ROW = -1
+"""Place in J of a drive with a limit, which has no constraint row."""
+
+
 class DenseEquations:
     """The equations of a scene. Rows of J: pins (x and y of each), guides (across and angle of each), drives.
 
@@ -269,9 +273,9 @@ class DenseEquations:
         measured relative to the rates of their laws.
     mass : ndarray, shape (k,)
         Diagonal of M.
-    first_row : list of int or None
+    first_row : list of int
         Index in J of the first row of each frictional joint. It is the row across a guide, which the row of its angle
-        follows. None for a drive with a limit, which has no row.
+        follows. `NO_ROW` for a drive with a limit, which has none.
     pins : dict of str to int
         Index in J of the x row of each pin; the y row is the next one.
     """
@@ -286,8 +290,8 @@ class DenseEquations:
         pins = {name: j for name, j in scene.joints.items() if isinstance(j, Revolute)}
         guides = scene.guides
         self.pins = {name: 2 * i for i, name in enumerate(pins)}
-        first_row: dict[str, int | None] = dict(self.pins)
-        first_row |= dict.fromkeys(scene.limited_drives)
+        first_row = dict(self.pins)
+        first_row |= dict.fromkeys(scene.limited_drives, NO_ROW)
         first_row |= {name: 2 * (len(pins) + i) for i, name in enumerate(guides)}
         self.first_row = [first_row[name] for name in self.frictional]
 
@@ -368,7 +372,7 @@ class DenseEquations:
         return np.array(q, dtype=float), np.array(v, dtype=float)
 
     def stretches(self, q: np.ndarray, v: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Return stretch (m, rad) and tension (N, N m) of all springs as if they acted on both sides, (..., springs)."""
+        """Return stretch (m, rad) and tension (N, N m) of all springs as if none were one-sided, (..., springs)."""
         springs = self._springs.at(Posture(q, v))
         stretch = springs.value - self._rest
         return stretch, self._stiffness * stretch + self._damping * springs.rate
@@ -435,9 +439,7 @@ class DenseEquations:
         phi_dot, slip_speed = arrange(
             distances.rate, angles.rate, errors[1][0], turns.rate, errors[1][1]
         )
-        gamma, w = arrange(
-            distances.gamma, angles.gamma, errors[2][0], turns.gamma, errors[2][1]
-        )
+        gamma, w = arrange(distances.gamma, angles.gamma, errors[2][0], turns.gamma, errors[2][1])
         J, W = arrange(
             distances.jacobian, angles.jacobian, driven.jacobian, turns.jacobian, limited.jacobian
         )

@@ -1,9 +1,8 @@
 """Motion of any mechanism with friction in guides and pins by enumeration of contact modes, without the reference.
 
 The method is slow. The equations of motion are those of `dense_equations`. Between events the contact mode is constant:
-the guides that stick, the directions in which the others slip, the signs of all corner forces, and the states of springs
-that act on one side only. The method has five
-parts:
+the guides that stick, the directions in which the others slip, the signs of all corner forces, and the states of
+springs that act on one side only. The method has five parts:
 
 - The forces of a mode: one dense linear solve with the corner forces themselves as unknowns. A guide that slips in the
   direction d has n_j = F+_j - F-_j, of the sign s_j, at the lever -+ a/2; its surfaces turn the slider by b/2:
@@ -58,7 +57,7 @@ from scipy.optimize import brentq, linprog, minimize_scalar
 from stiction.scenes import Breakdown, Scene
 from stiction.scenes.laws import Constant, law_kinks
 from stiction.scenes.model import Translational
-from stiction.truths.dense_equations import DenseEquations, Terms
+from stiction.truths.dense_equations import NO_ROW, DenseEquations, Terms
 
 TOLERANCE = 1e-11
 """Relative and absolute error tolerance of a step."""
@@ -408,7 +407,7 @@ class Contact:
             friction = -mu[g] * mode.slip[g]
             signs = mode.corner[..., g, :]
             first = second = np.zeros(shape)
-            if row is not None:
+            if row != NO_ROW:
                 first, second = unknown[..., row], unknown[..., row + 1]
             if mode.slip[g] == 0:
                 R[..., g], T[..., g] = first, second
@@ -549,7 +548,7 @@ class Contact:
             # A joint without a load has no corner forces; each "surface" has half of the constant bound.
             signs: tuple[int, ...] = signs_of_guide if self.has_load[g] else ()
             constant = self.static_bound[g] / 2
-            first = self.row[g] or 0
+            first = max(self.row[g], 0)
             corners = range(first, first + (1 if not self.length[g] else 2))
             for corner, sign in zip(corners, signs):
                 bounds[corner] = (0, None) if sign > 0 else (None, 0)
@@ -736,7 +735,8 @@ class Contact:
         _Stopped
             If there is no such mode, or several.
         """
-        terms = self.terms(t, *np.split(y, 2), springs)
+        q, v = np.split(y, 2)
+        terms = self.terms(t, q, v, springs)
         slip = slip.copy()
         left = set(left)
         # Every pass removes at least one guide from `rest`, so that the loop ends.
@@ -1012,7 +1012,8 @@ def _after(contact: Contact, mode: Mode, t: float, y: np.ndarray, passed: Iterab
         return Mode(slip, corner, tuple(springs))
     if np.any(slip == 0):
         # Guides that cannot slip without those at rest are at rest as well. Their speeds are rounding.
-        terms = contact.terms(t, *np.split(y, 2), tuple(springs))
+        q, v = np.split(y, 2)
+        terms = contact.terms(t, q, v, tuple(springs))
         slip[sorted(contact.held_with(terms, np.flatnonzero(slip == 0)))] = 0
     return contact.settle(t, y, slip, left, tuple(springs))
 

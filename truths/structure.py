@@ -13,7 +13,15 @@ from typing import Any, get_args
 
 from stiction.scenes import Scene
 from stiction.scenes.fields import GROUND
-from stiction.scenes.model import Drive, Force, LinearSpring, Revolute, TorsionalSpring, Torque, Translational
+from stiction.scenes.model import (
+    Drive,
+    Force,
+    LinearSpring,
+    Revolute,
+    Torque,
+    TorsionalSpring,
+    Translational,
+)
 from stiction.scenes.wording import shown
 from stiction.truths.truth import NotThisMechanism
 
@@ -94,7 +102,7 @@ SEVERAL = "any number"
 
 JOINT_EFFECTS = ("friction", "static_friction", "damping")
 """Fields of joints that must be absent or zero unless a part has requirements on them."""
-OTHER_EFFECTS = {
+OTHER_EFFECTS: Mapping[type, tuple[str, ...]] = {
     Revolute: JOINT_EFFECTS,
     Translational: JOINT_EFFECTS,
     Drive: ("effort_limit",),

@@ -202,8 +202,8 @@ def _removals(scene: Scene) -> list[tuple[str, str, list[str]]]:
         ("drive", "", [f"drives.{name}" for name in scene.drives]),
         ("limit of a drive", "", [f"{name}.effort_limit" for name in scene.limited_drives]),
         (
-            "one side of springs",
-            "acts on both",
+            "one-sided springs",
+            "act on both sides",
             [f"springs.{name}.acts" for name in scene.one_sided_springs],
         ),
         (

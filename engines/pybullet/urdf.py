@@ -101,7 +101,10 @@ def _missing(scene: Scene) -> str:
         for name, element in elements.items()
     ]
     effects += [
-        (f'spring "{name}"', f"with its damper, to {spring.acts} only" if spring.acts else "with its damper")
+        (
+            f'spring "{name}"',
+            f"with its damper, to {spring.acts} only" if spring.acts else "with its damper",
+        )
         for name, spring in scene.springs.items()
     ]
     effects += [

@@ -72,7 +72,6 @@ from stiction.reference_impl.integration.integration_state import (
     take_step,
 )
 from stiction.reference_impl.integration.mode_switch import begin, switch_mode
-from stiction.reference_impl.integration.spring_switch import begin_one_sided, switch_springs
 from stiction.reference_impl.integration.result import (
     EventLog,
     Run,
@@ -82,6 +81,7 @@ from stiction.reference_impl.integration.result import (
 )
 from stiction.reference_impl.integration.right_hand_side import right_hand_side
 from stiction.reference_impl.integration.several_motions import NEARLY_SEVERAL, end_at_several
+from stiction.reference_impl.integration.spring_switch import begin_one_sided, switch_springs
 from stiction.reference_impl.integration.step_audit import audit
 from stiction.reference_impl.integration.step_limits import TOLERATED, limit_ratio, longest_step
 from stiction.reference_impl.multibody.dynamics import largest_speed, row_form

@@ -120,6 +120,7 @@ class State(Bundle):
     q: Reals
     v: Reals
     v_new: Reals
+    law_rate: Reals  # (dry,), rates of the laws of drives with a limit, m/s; 0 of joints
     work: Work
     samples: Samples
     corners: Annotated[np.ndarray, np.float64, 4]
@@ -330,6 +331,16 @@ def _contact_impulses(D: Table, c: Reals, mu: Reals, limit: Reals, P: Reals) -> 
     return outcome, pivots
 
 
+@kernel
+def _read_law_rates(m, w, contacts, s, W, n):
+    """Fill `State.law_rate` for n closed contacts: the rate of a law is W v minus the slip speed."""
+    for i in range(len(contacts.dry)):
+        f = contacts.dry[i]
+        s.law_rate[i] = 0.0
+        if m.friction[f].law != NO_LAW:
+            s.law_rate[i] = product(W[2 * n + i], s.v) - w.slip_speed[f]
+
+
 @kernel(allocates=True)
 def _step(
     m: Arrays, w: Workspace, contacts: Contacts, s: State, task: Task, t: float, row: int
@@ -344,12 +355,7 @@ def _step(
     row_form(m, w, t + 0.5 * dt, q, v)
     closed, W = _active_rows(m, w, contacts, q, v)
     n, impulses = len(closed), len(W)
-    # the rates of the laws of drives with a limit, from which their slip is measured: W v - slip speed
-    law_rate = np.zeros(impulses)
-    for i in range(len(contacts.dry)):
-        f = contacts.dry[i]
-        if m.friction[f].law != NO_LAW:
-            law_rate[2 * n + i] = product(W[2 * n + i], v) - w.slip_speed[f]
+    _read_law_rates(m, w, contacts, s, W, n)
     J, X = _bilateral(m, w, contacts, W, dt)
     if len(X) < len(J):
         return SINGULAR
@@ -364,11 +370,11 @@ def _step(
         for i in range(impulses):
             for k in range(len(v)):
                 c[i] += W[i, k] * (v_new[k] + (task.restitution * v[k] if i < n else 0.0))
-            c[i] -= law_rate[i]
         for i in range(n):
             mu[i] = contacts.contact[closed[i]].mu
         for i in range(len(limit)):
             limit[i] = m.friction[contacts.dry[i]].bound * dt
+            c[2 * n + i] -= s.law_rate[i]
         outcome, pivots = _contact_impulses(_contact_matrix(m, W, J, X), c, mu, limit, P)
         s.work.pivots += pivots
         if outcome != SOLVED:
@@ -387,17 +393,17 @@ def _step(
         force[contacts.bilateral[i]] = (X[i, 0] - product(X[i, 1:], P)) / dt
     for i in range(impulses):
         P[i] /= dt
-    _reactions(m, w, contacts, s, closed, W, P, law_rate, row)
+    _reactions(m, w, contacts, s, closed, W, P, row)
     for k in range(len(q)):
         q[k] += 0.5 * dt * v_new[k]
     return SOLVED
 
 
 @kernel(allocates=True)
-def _reactions(m, w, contacts, s, closed, W, P, law_rate, row):
+def _reactions(m, w, contacts, s, closed, W, P, row):
     """Return forces of the guides' rows and corners, and directions of slip.
 
-    They follow from the forces P of the closed contacts. `law_rate` is that of the law of each, m/s.
+    They follow from the forces P of the closed contacts.
     """
     v_new, force, slip, corner = s.v_new, s.samples.force[row], s.samples.slip[row], s.corners[row]
     n, speed, heaviest = len(closed), 0.0, np.zeros(len(corner))
@@ -410,8 +416,8 @@ def _reactions(m, w, contacts, s, closed, W, P, law_rate, row):
         slip[f] = 1 if w.slip_speed[f] > 0.0 else -1
     for i in range(len(contacts.dry)):
         force[m.rows + contacts.dry[i]] += P[2 * n + i]
-        slip_speed = product(W[2 * n + i], v_new) - law_rate[2 * n + i]
-        slip[contacts.dry[i]] = _direction(slip_speed, max(speed, abs(law_rate[2 * n + i])))
+        slip_speed = product(W[2 * n + i], v_new) - s.law_rate[i]
+        slip[contacts.dry[i]] = _direction(slip_speed, max(speed, abs(s.law_rate[i])))
     for i in range(n):
         contact, normal, friction = contacts.contact[closed[i]], P[i], P[n + i]
         corner[contact.guide, contact.corner, 0], corner[contact.guide, contact.corner, 1] = (
@@ -491,7 +497,13 @@ def simulate_moreau(
     kept, n, guides = steps // every + 2, len(q), mechanism.scene.guides
     samples = Samples.room(m, kept)
     state = State.zeros(
-        q=n, v=n, v_new=n, work=(), samples=samples, corners=(kept, len(guides), 4, 2)
+        q=n,
+        v=n,
+        v_new=n,
+        law_rate=len(contacts.dry),
+        work=(),
+        samples=samples,
+        corners=(kept, len(guides), 4, 2),
     )
     state.q[:], state.v[:] = q, v
     task, prepared = Task(dt, steps, every, restitution), clock()

@@ -85,7 +85,7 @@ class Samples(Bundle):
 
 
 class EventLog(Bundle):
-    """Events: time, kind, frictional guide or (behind these) one-sided spring, other consistent modes, and two-sided samples (n, 2, ...)."""
+    """Events: time, kind, number in `Mechanism.event_names`, other consistent modes, two-sided samples (n, 2, ...)."""
 
     t: Reals
     kind: Integers

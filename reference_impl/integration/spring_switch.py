@@ -83,9 +83,7 @@ def switch_springs(m: Arrays, w: Workspace, s: State, log: EventLog, first_step:
     # the modes of the guides, where forces jump
     if jumps and len(m.friction) > 0:
         set_rest_speeds(s, first_step)
-        outcome = choose_mode(
-            m, w, p.time, s.y[:n], s.y[n:], s.slip, s.corner, s.rest_speed
-        )
+        outcome = choose_mode(m, w, p.time, s.y[:n], s.y[n:], s.slip, s.corner, s.rest_speed)
         if outcome != SOLVED:
             return outcome
         for f in range(len(m.friction)):

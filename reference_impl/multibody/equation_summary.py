@@ -134,7 +134,7 @@ def blocks(scene: Scene) -> list[Block]:
             "slip: lambda_T = -mu FN sgn(gT'); stick: gT' = 0 (3)-(16)",
             f"tangential rows: {len(frictional)}",
             "friction does not depend on normal forces: accelerations exist and are unique"
-            if bounded
+            if bounded or scene.limited_drives
             else "no complementarity problem: one linear solve gives all multipliers",
         ),
         Block(

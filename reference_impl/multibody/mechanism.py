@@ -91,8 +91,8 @@ FRICTION = _record(
 coefficient of friction. `pair`, the first of their pairs in the HLCP. `freedom`, one of `guide_freedom.GuideFreedom`.
 `surfaces`, the directions of friction in the HLCP: the two surfaces of a guide with a coefficient, else 1. `unit`, the
 row whose mobility measures its forces: that of the normal force, or without corners its tangential row. `law`, that of
-a drive, whose rate the slip is measured from, or NO_LAW. `length` and `width` are 0 where it has none, or no corners. Its friction is at most bound + mu times the load in slip, static_bound
-+ mus times the load at rest (newton)."""
+a drive, whose rate the slip is measured from, or NO_LAW. `length` and `width` are 0 where it has none, or no corners.
+Its friction is at most bound + mu times the load in slip, static_bound + mus times the load at rest (newton)."""
 SPRING = _record("kind a b", "ax ay bx by ux uy stiffness damping rest")
 ONE_SIDED = _record("kind a b", "ax ay bx by ux uy stiffness damping rest sign")
 """A spring that acts on one side only; `sign` -1 of one that pushes, 1 of one that pulls (`one_sided`)."""
@@ -122,7 +122,9 @@ class Arrays(Bundle):
     constraint: Annotated[
         np.ndarray, CONSTRAINT, 1
     ]  # one per joint and drive, in the order of their rows
-    friction: Annotated[np.ndarray, FRICTION, 1]  # one per frictional joint, drives with a limit last
+    friction: Annotated[
+        np.ndarray, FRICTION, 1
+    ]  # one per frictional joint, drives with a limit last
     spring: Annotated[np.ndarray, SPRING, 1]  # those that act on both sides
     one_sided: Annotated[np.ndarray, ONE_SIDED, 1]
     load: Annotated[np.ndarray, LOAD, 1]  # a torque has the direction (0, 0)
@@ -291,10 +293,7 @@ class Mechanism:
         self._index = {GROUND: -1, **{name: i for i, name in enumerate(self.body_names)}}
         radius = self._length_scale()
         self.slip_radius = np.array(
-            [
-                radius if _turns(element) else 1.0
-                for element in scene.bounded_elements.values()
-            ]
+            [radius if _turns(element) else 1.0 for element in scene.bounded_elements.values()]
         )
         self.force_units = np.concatenate([np.ones(len(self.row_names)), self.slip_radius])
         self._laws = [element.law for element in [*scene.drives.values(), *scene.forces.values()]]

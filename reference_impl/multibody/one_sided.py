@@ -4,8 +4,8 @@ With the coordinate d of a spring, its rest value d0, stiffness k and damping c,
 
     T = k (d - d0) + c d' .
 
-A spring that can only push acts while d < d0, and never pulls: its tension is min(T, 0) there, and 0 elsewhere. One that
-can only pull acts while d > d0, with max(T, 0). With the sign s = -1 of a pushing and 1 of a pulling spring,
+A spring that can only push acts while d < d0, and never pulls: its tension is min(T, 0) there, and 0 elsewhere. One
+that can only pull acts while d > d0, with max(T, 0). With the sign s = -1 of a pushing and 1 of a pulling spring,
 
     depth = s (d - d0),    pressure = s T,    tension = T if depth > 0 and pressure > 0, else 0 .
 
@@ -137,9 +137,9 @@ def add_one_sided(m, rotation, q, v, acting, Q):
 def watch_springs(m, w, q, v):
     """Fill in the event functions of the springs, behind those of the guides; all are >= 0 while their states last.
 
-    Three for each spring: the distance from the end of its stretch, in metres, the pressure, in newton, whose sign tells
-    whether it is clamped, and 1. An angle counts at the distance `length_scale`. Without damping the pressure has the
-    sign of the depth, and is no function of its own.
+    Three for each spring: the distance from the end of its stretch, in metres, the pressure, in newton, whose sign
+    tells whether it is clamped, and 1. An angle counts at the distance `length_scale`. Without damping the pressure has
+    the sign of the depth, and is no function of its own.
     """
     for k in range(len(m.one_sided)):
         spring = m.one_sided[k]

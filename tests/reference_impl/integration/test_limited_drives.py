@@ -5,6 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from fuzz.several_freedoms import RESERVE, differences, scene_with_limited_drives
+from scipy.optimize import brentq
 
 from stiction.engines import EngineMissing, Refused, load_engine
 from stiction.engines.examined import Examined
@@ -180,28 +181,37 @@ def test_drive_that_dwells_shares_a_load_with_friction():
 
 @pytest.mark.parametrize("rtol", RTOLS)
 def test_winch_gives_way_and_holds_again(rtol):
-    """The winch of the catalogue: polynomials of the time, piece by piece, and the energy."""
+    """The winch of the catalogue: with the pull P sin(w t) the slip velocity has elementary integrals between events."""
     scene = load_scene("winch")
     p = scene.parameters
     run = simulate(scene, rtol)
     atol = TIMES_RTOL * rtol
-    excess = p["limit"] - p["m"] * p["g"]
-    start = p["speed"] * p["m"] / excess
-    # the pull rises by `slope`; the slip velocity is the integral of (excess - pull)/m
-    slope = p["pull"] / 0.5
-    slip = 1 + excess / slope
-    at_top = -slope * (1.5 - slip) ** 2 / 2
-    # behind the top, with s = t - 1.5: at_top + (excess - pull) s + slope s^2/2
-    at_end = at_top + (excess - p["pull"]) * 0.5 + slope * 0.5**2 / 2
-    hold = 2 - at_end / excess
-    expected = [("stick", start), ("slip", slip), ("stick", hold)]
+    w, pull, excess = p["frequency"], p["pull"], p["limit"] - p["m"] * p["g"]
+
+    def momentum(begin, t):
+        """The integral of the force that is left of the limit: excess - P sin(w t)."""
+        return excess * (t - begin) + pull / w * (np.cos(w * t) - np.cos(w * begin))
+
+    def hold(begin, missing, low, high):
+        return brentq(lambda t: momentum(begin, t) - missing, low, high, xtol=1e-15, rtol=1e-15)
+
+    period, rises = 2 * np.pi / w, np.arcsin(excess / pull) / w
+    # from rest it gets the speed only while the pull is below zero; it gives way where P sin(w t) passes the excess
+    first = hold(0.0, p["m"] * p["speed"], period / 2, period)
+    expected = [("stick", first)]
+    for number in (1, 2):
+        slip = number * period + rises
+        falls = number * period + period / 2 - rises
+        expected += [("slip", slip), ("stick", hold(slip, 0.0, falls, slip + period))]
+    expected = [(kind, time) for kind, time in expected if time < scene.t_end]
+    assert len(expected) == 5
     assert [event.kind for event in run.events] == [kind for kind, _ in expected]
     times = [event.time for event in run.events]
     np.testing.assert_allclose(times, [time for _, time in expected], rtol=0, atol=atol)
-    # the lag that was lost is kept
+    # the lag that was lost is kept while the drive holds
     lags = [event.after["winch.lag"] for event in run.events]
     assert lags[0] == pytest.approx(lags[1], abs=atol) and lags[2] > lags[1] > 0
-    assert run["winch.lag"][-1] == pytest.approx(lags[2], abs=atol)
+    assert lags[2] == pytest.approx(lags[3], abs=atol) and lags[4] > lags[3]
 
 
 def test_energy_is_balanced():
@@ -255,14 +265,14 @@ def test_equals_friction_on_a_driven_body(limit):
 @pytest.mark.parametrize("method", ["paper", "textbook"])
 def test_fixed_steps(method):
     """The paper's scheme, compiled and as written, has the same motion, but for its steps."""
+    # without the rail, which is no guide of the paper's
     scene = vary(load_scene("winch"), {"stabilization": {"method": "none"}, "rail": None})
-    scene = vary(scene, {"load.velocity": [0.0, 0.0]})
     true = simulate(scene)
     run = ReferenceEngine().simulate(scene, dt=1e-3, method=method)
     assert [event.kind for event in run.events] == [event.kind for event in true.events]
     # a break-away is late by a step at most
-    np.testing.assert_allclose(run["load.y"], true["load.y"], rtol=0, atol=2e-3)
-    np.testing.assert_allclose(run["winch.effort"][-1], true["winch.effort"][-1], rtol=1e-6)
+    np.testing.assert_allclose(run["load.y"], true["load.y"], rtol=0, atol=5e-3)
+    assert run["winch.effort"][-1] == pytest.approx(true["winch.effort"][-1], rel=1e-6)
 
 
 def test_moreau_converges():
@@ -273,7 +283,7 @@ def test_moreau_converges():
     for dt in (2e-3, 5e-4, 1.25e-4):
         run = load_engine("moreau").simulate(scene, dt=dt, fidelity="contact")
         errors.append(np.max(np.abs(run["load.y"] - true["load.y"])))
-    assert errors[0] < 2e-2 and errors[2] < errors[0] / 8
+    assert errors[0] < 5e-2 and errors[2] < errors[0] / 8
 
 
 @pytest.mark.parametrize("i", range(3))  # hundreds in the long tests
@@ -337,9 +347,7 @@ def test_gate_finds_an_effort_beyond_the_limit():
 
     def problem_of(run):
         always = {"locates": lambda settings: True, "keeps": lambda settings: True}
-        return first_problem(
-            Examined(run, scene, scene.t_end, None, 1e-2, run.fidelity, **always)
-        )
+        return first_problem(Examined(run, scene, scene.t_end, None, 1e-2, run.fidelity, **always))
 
     assert problem_of(run) is None
     for column in ("winch.slip_velocity", "winch.lag"):
@@ -358,3 +366,33 @@ def test_engines_refuse_in_one_sentence(engine):
         pytest.skip(str(missing))
     with pytest.raises(Refused, match="drives.winch: .* a limit of the effort of a drive"):
         loaded.simulate(load_scene("winch"), dt=1e-3)
+
+
+def test_limited_drive_of_a_coordinate_that_others_determine():
+    """Beside a drive without a limit, or where joints allow no motion, it slips at the rate of its law, at its limit."""
+    prescribed = {
+        "type": "angle",
+        "bodies": ["rotor", "ground"],
+        "law": {"type": "linear", "rate": 2.0},
+    }
+    both = vary(
+        rotor({"type": "linear", "rate": 3.0}, 0.4, angular_velocity=2.0),
+        {"drives.master": prescribed},
+    )
+    run = simulate(both)
+    np.testing.assert_allclose(run["motor.effort"], 0.4, rtol=1e-12)
+    np.testing.assert_allclose(run["master.effort"], -0.4, rtol=1e-12)
+    np.testing.assert_allclose(run["motor.slip_velocity"], -1.0, rtol=1e-9)
+    # at equal rates nothing tells how the two share the torque, which is zero
+    shared = simulate(vary(both, {"motor.law": {"type": "linear", "rate": 2.0}}))
+    assert np.isnan(shared["motor.effort"]).all() and np.isnan(shared["master.effort"]).all()
+
+    # a slider does not turn in its guide
+    turned = {"type": "angle", "bodies": ["block", "ground"], "effort_limit": 0.3}
+    locked = vary(
+        block({"type": "constant", "value": 0.0}, 1.0, t_end=0.5),
+        {"drives.twist": {**turned, "law": {"type": "linear", "rate": 1.0}}},
+    )
+    run = simulate(locked)
+    np.testing.assert_allclose(run["twist.effort"], 0.3, rtol=1e-12)
+    np.testing.assert_allclose(run["guide.moment"], -0.3, rtol=1e-9)

@@ -7,7 +7,7 @@ from fuzz.several_freedoms import RESERVE, differences, scene_with_one_sided_spr
 from stiction.engines import load_engine
 from stiction.engines.reference.engine import ReferenceEngine
 from stiction.reference_impl.energies import energies
-from stiction.scenes import SceneError, load_scene, scene_from_dict, vary
+from stiction.scenes import SceneError, scene_from_dict, vary
 from stiction.truths.closed_form.one_sided import Drop, MassBetweenStops, Stop
 from stiction.truths.enumerated_motion import simulate as enumerate_motion
 
@@ -26,9 +26,7 @@ def simulate(scene, rtol=1e-10, **arguments):
 
 def times_of(run, kind, joint=None):
     return [
-        event.time
-        for event in run.events
-        if event.kind == kind and joint in (None, event.joint)
+        event.time for event in run.events if event.kind == kind and joint in (None, event.joint)
     ]
 
 
@@ -44,7 +42,9 @@ def stop(stiffness, rest, acts="push", damping=0.0, direction=(1, 0)):
     }
 
 
-def block(springs, *, x=0.0, velocity=0.0, mass=2.0, direction=(1, 0), gravity=0.0, t_end=5.0, **guide):
+def block(
+    springs, *, x=0.0, velocity=0.0, mass=2.0, direction=(1, 0), gravity=0.0, t_end=5.0, **guide
+):
     """A block on a guide of a direction, with springs along it."""
     return scene_from_dict(
         {
@@ -106,9 +106,7 @@ def test_bouncing_mass(rtol):
     np.testing.assert_allclose(
         contacts, truth.contact + truth.period * np.arange(3), rtol=0, atol=atol
     )
-    np.testing.assert_allclose(
-        np.array(releases) - contacts, truth.contact_time, rtol=0, atol=atol
-    )
+    np.testing.assert_allclose(np.array(releases) - contacts, truth.contact_time, rtol=0, atol=atol)
     # sampled at 1e-4 s, the deepest sample is off by a (1e-4)^2/8 at most, a about k u/m = 113 m/s^2
     assert np.min(run["block.y"]) == pytest.approx(0.1 - truth.depth, abs=2e-7 + atol)
 
@@ -391,3 +389,53 @@ def test_a_push_needs_a_length():
         block({"stop": spring})
     with pytest.raises(SceneError, match="acts"):
         block({"stop": {**stop(1.0, 0.0), "acts": "pushes"}})
+
+
+def test_stop_along_an_axis_that_turns():
+    """The axis of a stop turns with a body: the force acts along one line on both, so that momentum is kept.
+
+    A puck on a turning table without bearings: neither momentum nor moment of momentum of both together changes, and
+    the energy is that of the start.
+    """
+    scene = scene_from_dict(
+        {
+            "t_end": 2.0,
+            "bodies": {
+                "table": {"mass": 2, "inertia": 0.5, "angular_velocity": 1.5},
+                "puck": {
+                    "mass": 1,
+                    "inertia": 0.1,
+                    "position": [0.6, 0.1],
+                    "velocity": [-1.0, 0.4],
+                },
+            },
+            "springs": {
+                "stop": {
+                    "type": "linear",
+                    "bodies": ["puck", "table"],
+                    "points": [[0.05, 0.0], [0.1, 0.05]],
+                    "axis": [1.0, 0.2],
+                    "stiffness": 80.0,
+                    "rest_length": 0.3,
+                    "acts": "push",
+                }
+            },
+        }
+    )
+    run = simulate(scene, 1e-12)
+    assert [event.kind for event in run.events[:2]] == ["contact", "release"]
+
+    def total(label):
+        return sum(scene.bodies[name].mass * run[f"{name}.{label}"] for name in scene.bodies)
+
+    spin = sum(
+        scene.bodies[name].mass
+        * (run[f"{name}.x"] * run[f"{name}.vy"] - run[f"{name}.y"] * run[f"{name}.vx"])
+        + scene.bodies[name].inertia * run[f"{name}.omega"]
+        for name in scene.bodies
+    )
+    for constant in (total("vx"), total("vy"), spin):
+        np.testing.assert_allclose(constant, constant[0], rtol=0, atol=1e-10)
+    table = energies(run)
+    energy = table["kinetic"] + table["potential"]
+    np.testing.assert_allclose(energy, energy[0], rtol=0, atol=1e-9)

@@ -18,6 +18,7 @@ from stiction.scenes.columns import BODY_COLUMNS
 from stiction.scenes.event_values import Sides
 from stiction.scenes.fidelity import Fidelity
 from stiction.scenes.model import Drive, Joint, Revolute, Translational
+from stiction.scenes.stribeck import bound_in_slip, coefficient_in_slip
 from stiction.scenes.trajectory import stacked
 
 SAME = 1e-6
@@ -528,9 +529,9 @@ def check_corner_forces(run: Examined) -> Iterator[str]:
 def check_cone(run: Examined) -> Iterator[str]:
     """Check Coulomb's law with the load of the corner forces and with constant bounds.
 
-    The law is |friction| <= static_friction + mus load at rest, and friction = -mode (friction + mu load) in slip; a
-    pin has constant bounds only, and so has a drive with a limit, whose friction is its effort. The load
-    is that of the corner forces, see `_load`.
+    The law is |friction| <= static_friction + mus load at rest, and friction = -mode (friction + mu load) in slip, with
+    `friction` and mu at the speed of slip; a pin has constant bounds only, and so has a drive with a limit, whose
+    friction is its effort. The load is that of the corner forces, see `_load`.
 
     If events are located, the law must hold to `SAME` of the largest force, or of m v^2/size if that is larger, or to
     ten times the tolerance, which is the error of states. The force of Baumgarte's terms is also allowed. The moment of
@@ -645,10 +646,13 @@ def _outside_cone(run: Examined, name: str, i: int, expected: str, allowed: floa
 def _kinetic_bound(run: Examined, name: str) -> np.ndarray:
     """Return the magnitude (n,) of the friction of a joint in slip, N, or N m for a pin."""
     joint = run.scene.bounded_elements[name]
-    constant, _ = joint.bounds
-    if not isinstance(joint, Translational):
-        return np.full(len(run.trajectory.t), constant)
-    return constant + joint.kinetic_coefficient * _load(run, name)
+    speed = run.trajectory[f"{name}.slip_velocity"]
+    if isinstance(joint, Drive):
+        return np.full(len(speed), joint.bounds[0])
+    constant = bound_in_slip(joint, speed)
+    if isinstance(joint, Revolute):
+        return constant
+    return constant + coefficient_in_slip(joint, speed) * _load(run, name)
 
 
 def _static_bound(run: Examined, name: str) -> np.ndarray:

@@ -1,4 +1,4 @@
-"""Effects that an engine may or may not take: constant bounds of friction, damping, limits, springs of one side."""
+"""Effects that an engine may or may not take: bounds of dry friction, damping, limits of drives, one-sided springs."""
 
 from __future__ import annotations
 
@@ -22,6 +22,7 @@ class JointEffect(StrEnum):
     PIN_FRICTION = "dry friction in a pin"
     GUIDE_FRICTION = "dry friction with a constant bound in a guide"
     STATIC_FRICTION = "a constant bound of friction that is larger at rest"
+    SPEED_DEPENDENCE = "friction that depends on the speed of slip"
     DAMPING = "damping in a joint"
     EFFORT_LIMIT = "a limit of the effort of a drive"
     ONE_SIDED = "a spring that acts on one side only"
@@ -29,10 +30,12 @@ class JointEffect(StrEnum):
 
 ALL_EFFECTS = frozenset(JointEffect)
 """Every effect there is, for engines that take them all."""
-EFFECTS_OF_JOINTS = ALL_EFFECTS - {JointEffect.EFFORT_LIMIT, JointEffect.ONE_SIDED}
-"""The effects of joints, for engines whose drives have no limit and whose springs act on both sides."""
-EFFECTS_OF_LOADS = EFFECTS_OF_JOINTS | {JointEffect.ONE_SIDED}
-"""The effects of joints and of springs, for engines to which the adapter applies springs as loads."""
+LAWS_OF_THE_REFERENCE = frozenset({JointEffect.SPEED_DEPENDENCE, JointEffect.EFFORT_LIMIT})
+"""Laws of friction, and of drives that give way, that the adapters do not represent."""
+COMMON_EFFECTS = ALL_EFFECTS - LAWS_OF_THE_REFERENCE - {JointEffect.ONE_SIDED}
+"""Constant bounds in slip and at rest, and damping: for adapters that set such a bound in each step."""
+EFFECTS_WITH_LOADS = COMMON_EFFECTS | {JointEffect.ONE_SIDED}
+"""The same and springs of one side, for engines to which the adapter applies springs as loads."""
 
 
 def effects_of(joint: Joint | Drive | Spring) -> list[JointEffect]:
@@ -48,6 +51,8 @@ def effects_of(joint: Joint | Drive | Spring) -> list[JointEffect]:
         effects.append(JointEffect.PIN_FRICTION if is_pin else JointEffect.GUIDE_FRICTION)
     if static > kinetic:
         effects.append(JointEffect.STATIC_FRICTION)
+    if joint.depends_on_speed:
+        effects.append(JointEffect.SPEED_DEPENDENCE)
     if joint.damping > 0.0:
         effects.append(JointEffect.DAMPING)
     return effects

@@ -57,6 +57,8 @@ ours, (17)   lH+ = 2 (muH FN + cH) - lH-                               hlcp.asse
 ours, (36)   b: QE + W_T^T e in place of QE, and 2 cH in its last rows hlcp.assemble
 ============ ========================================================= ==============
 
+With Stribeck's curve c and mu are those of the speed |gT'| of the instant, cH and mus those of gT' = 0.
+
 Here e = -sgn(gT') c - V cH is the part of lambda_T that is neither a multiple of FN nor of lH+: lambda_T = mt FN +
 V lH+ + e. Without mu and mus the problem is convex (`uniqueness`): it has one solution.
 """
@@ -74,7 +76,8 @@ from scipy.optimize import brentq
 from stiction.reference_impl.equations_of_motion import EquationsOfMotion
 from stiction.reference_impl.friction.outcomes import BREAKDOWNS, NOT_FINITE
 from stiction.scenes import Breakdown, Problem, Scene, SceneError
-from stiction.scenes.model import Baumgarte, NoStabilization, Translational
+from stiction.scenes.model import Baumgarte, Drive, NoStabilization, Translational
+from stiction.scenes.stribeck import remaining_excess
 
 COVER = 10.0
 """Weight of the rows of lH- in Lemke's covering vector, those of others being 1. With equal weights the method runs
@@ -209,6 +212,7 @@ class Paper:
         share = np.array([len(self.surfaces[j]) for j in self.joint], dtype=float)
         bounds = np.array([f.bounds for f in self.equations.frictional.values()]).reshape(-1, 2)
         self.c, self.cH = (bounds[self.joint] / share[:, None]).T
+        self.frictional = list(self.equations.frictional.values())
         first = next(
             (i for i, row in enumerate(self.equations.rows) if row.endswith(".normal_force")), 0
         )
@@ -238,11 +242,19 @@ class Paper:
         w_T[on_surface] += lever * np.repeat((terms.gamma + correction)[self.CT[1::2]], 2)
         sign = mode[self.joint]  # sgn gT of each direction
         V = np.eye(len(sign))[:, sign == 0]  # (11)
-        mubar = np.diag(-self.mu * sign)  # (3), (11)
+        # Stribeck's curve: what is left of the excess at rest, at this speed of slip
+        excess = np.array(
+            [
+                0.0 if isinstance(f, Drive) else remaining_excess(f, v)
+                for f, v in zip(self.frictional, terms.slip_speed)
+            ]
+        )[self.joint]
+        mu, c = self.mu + excess * (self.mus - self.mu), self.c + excess * (self.cH - self.c)
+        mubar = np.diag(-mu * sign)  # (3), (11)
         muH = V.T @ np.diag(self.mus)  # (14)
         mt = mubar - V @ muH
         cH = V.T @ self.cH  # (14), extended
-        e = -sign * self.c - V @ cH  # (3), extended
+        e = -sign * c - V @ cH  # (3), extended
         QE_e = QE + W_T.T @ e
         H, G, S, K = self.H, self.G, self.S, self.K
         M1, M2 = J @ np.linalg.inv(M), V.T @ W_T @ np.linalg.inv(M)  # (12)

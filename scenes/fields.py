@@ -106,6 +106,7 @@ Inertial = Annotated[
     Positive, AfterValidator(_check_inertial), _number_schema(minimum=LIGHTEST, maximum=HEAVIEST)
 ]
 NonNegative = Annotated[Number, Field(ge=0), _number_schema(minimum=0)]
+Shape = Annotated[Number, Field(ge=1), _number_schema(minimum=1)]
 Vector = tuple[Number, Number]
 Direction = Annotated[Vector, AfterValidator(_check_direction)]
 Name = Annotated[str, Field(pattern=r"^[A-Za-z][A-Za-z0-9_-]*$", max_length=60)]

@@ -21,9 +21,10 @@ from stiction.scenes.fields import (
     NonNegative,
     Number,
     Positive,
+    Shape,
     Vector,
 )
-from stiction.scenes.laws import Law, Table, evaluate_law
+from stiction.scenes.laws import Law, Sum, Table, evaluate_law, law_terms
 from stiction.scenes.wording import shortened
 
 if TYPE_CHECKING:
@@ -53,6 +54,9 @@ class Revolute(Model):
     The reported force `fx`, `fy` (in ground axes) is the force on `bodies[0]`. `friction` declares dry friction whose
     bound is a torque of its own; it does not depend on the force in the pin. The reported torque `friction` acts on
     `bodies[0]`, against the angular velocity of `bodies[0]` relative to `bodies[1]`.
+
+    With a `stribeck_velocity` the bound falls smoothly with the angular velocity w of slip, from `static_friction` at
+    w = 0 to `friction`: `friction + (static_friction - friction) exp(-(|w| / stribeck_velocity)^stribeck_shape)`.
     """
 
     type: Literal["revolute"]
@@ -65,6 +69,10 @@ class Revolute(Model):
     """Torque of dry friction while the pin turns; without it the pin has no dry friction; N m"""
     static_friction: NonNegative | None = None
     """Largest torque of dry friction at rest, at least `friction`; default: `friction`; N m"""
+    stribeck_velocity: Positive | None = None
+    """Speed by which the bound falls from that at rest to that of fast slip; default: at once; rad/s, > 0"""
+    stribeck_shape: Shape = 1.0
+    """Exponent of the speed in this fall, 2 for a Gaussian curve; requires `stribeck_velocity`; >= 1"""
     damping: NonNegative = 0.0
     """Damping coefficient of the relative rotation; N m s"""
 
@@ -90,8 +98,14 @@ class Revolute(Model):
             return None
         return TorsionalSpring(type="torsional", bodies=self.bodies, damping=self.damping)
 
+    @property
+    def depends_on_speed(self) -> bool:
+        """True if the bound of its friction falls with the speed of slip (`stribeck_velocity`)."""
+        return self.stribeck_velocity is not None and self.bounds[1] > self.bounds[0]
+
     def inconsistencies(self) -> Iterator[tuple[str, Any, str]]:
         yield from _inconsistent_bounds(self)
+        yield from _inconsistent_curve(self)
 
 
 class Translational(Model):
@@ -107,6 +121,10 @@ class Translational(Model):
     `friction` + `mu` times the normal force. At rest `static_friction` and `mus` take their places, by default the same
     numbers (Coulomb's law with one bound). The constant part acts along the line through `slider_point`: it does not
     turn the slider.
+
+    With a `stribeck_velocity` both fall smoothly with the speed v of slip (Stribeck's curve), from their values at rest
+    to those of fast slip: the coefficient is `mu + (mus - mu) exp(-(|v| / stribeck_velocity)^stribeck_shape)`, and the
+    constant part likewise. Friction is then continuous as the guide breaks away.
     """
 
     type: Literal["translational"]
@@ -135,6 +153,10 @@ class Translational(Model):
     """Part of the bound of friction in slip that does not depend on the normal force; N"""
     static_friction: NonNegative | None = None
     """The same at rest, at least `friction`; default: `friction`; N"""
+    stribeck_velocity: Positive | None = None
+    """Speed by which the bound falls from that at rest to that of fast slip; default: at once; m/s, > 0"""
+    stribeck_shape: Shape = 1.0
+    """Exponent of the speed in this fall, 2 for a Gaussian curve; requires `stribeck_velocity`; >= 1"""
     damping: NonNegative = 0.0
     """Damping coefficient of the motion along the guide; N s/m"""
 
@@ -188,6 +210,14 @@ class Translational(Model):
             return self.mus
         return self.kinetic_coefficient
 
+    @property
+    def depends_on_speed(self) -> bool:
+        """True if its coefficient or bound of friction falls with the speed of slip (`stribeck_velocity`)."""
+        if self.stribeck_velocity is None:
+            return False
+        falls_with_load = self.static_coefficient > self.kinetic_coefficient
+        return falls_with_load or self.bounds[1] > self.bounds[0]
+
     def inconsistencies(self) -> Iterator[tuple[str, Any, str]]:
         """Yield combinations of size and friction that have no meaning, see `Model.inconsistencies`."""
         if self.width is not None and self.length is None:
@@ -201,6 +231,7 @@ class Translational(Model):
         if self.mus is not None and self.mu is not None and self.mus < self.mu:
             yield "mus", self.mus, f"expected at least mu = {self.mu:g}"
         yield from _inconsistent_bounds(self)
+        yield from _inconsistent_curve(self)
 
 
 def _bounds(joint: Revolute | Translational) -> tuple[float, float]:
@@ -219,6 +250,19 @@ def _inconsistent_bounds(joint: Revolute | Translational) -> Iterator[tuple[str,
         yield "static_friction", static, "expected the bound in slip, friction, too"
     elif static < joint.friction:
         yield "static_friction", static, f"expected at least friction = {joint.friction:g}"
+
+
+def _inconsistent_curve(joint: Revolute | Translational) -> Iterator[tuple[str, Any, str]]:
+    """Yield keys of Stribeck's curve without what it needs, as `Model.inconsistencies`."""
+    if joint.stribeck_velocity is None:
+        if joint.stribeck_shape != 1.0:
+            yield "stribeck_shape", joint.stribeck_shape, "expected stribeck_velocity too"
+    elif not joint.frictional:
+        yield (
+            "stribeck_velocity",
+            joint.stribeck_velocity,
+            "expected dry friction too, which falls by this speed",
+        )
 
 
 Joint = Annotated[Revolute | Translational, Field(discriminator="type")]
@@ -269,12 +313,14 @@ class Drive(Model):
 
     def inconsistencies(self) -> Iterator[tuple[str, Any, str]]:
         """Yield laws that no motion can follow, and keys of the other type; see `Model.inconsistencies`."""
-        if isinstance(self.law, Table) and self.law.interpolation != "cubic":
-            yield (
-                "law.interpolation",
-                self.law.interpolation,
-                "expected 'cubic': along straight lines a drive would have infinite accelerations",
-            )
+        for i, term in enumerate(law_terms(self.law)):
+            if isinstance(term, Table) and term.interpolation != "cubic":
+                place = f"terms.{i}." if isinstance(self.law, Sum) else ""
+                yield (
+                    f"law.{place}interpolation",
+                    term.interpolation,
+                    "expected 'cubic': along straight lines a drive would have infinite accelerations",
+                )
         if self.type == "angle":
             for key in ("points", "axis"):
                 if getattr(self, key) != type(self).model_fields[key].default:

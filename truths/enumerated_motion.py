@@ -39,15 +39,21 @@ A spring that acts on one side is free while its stretch is on the other side, a
 side, and is clamped while the stretch is and the tension is not. Its stretch and tension are margins as well, at whose
 zeros the state changes. Where a damped spring comes into contact its tension jumps, and all modes are tried anew.
 
+With Stribeck's curve the coefficient and the constant bound of a joint in slip are those of its speed v,
+
+    mu(v) = mu + (mus - mu) exp(-(|v| / v_s)^p),    c(v) = c + (c0 - c) exp(-(|v| / v_s)^p)
+
+They are evaluated at each instant, so that they are numbers in the linear solve. The direction of slip is that of the
+mode: beyond a stop, where the speed has the other sign, the coefficients are those at rest (`Contact.kinetic`).
+
 A self-locking guide can jam under its own stress and has several motions; it is refused. All tolerances are absolute,
 in m, s, kg, rad, for mechanisms of about a metre, a second and a kilogram.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Callable, Collection, Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
-from functools import partial
 from itertools import product
 
 import numpy as np
@@ -55,8 +61,8 @@ from scipy.integrate import DOP853, DenseOutput
 from scipy.optimize import brentq, linprog, minimize_scalar
 
 from stiction.scenes import Breakdown, Scene
-from stiction.scenes.laws import Constant, law_kinks
-from stiction.scenes.model import Translational
+from stiction.scenes.laws import Constant, law_kinks, law_switches
+from stiction.scenes.model import Drive, Translational
 from stiction.truths.dense_equations import NO_ROW, DenseEquations, Terms
 
 TOLERANCE = 1e-11
@@ -251,7 +257,7 @@ class Motion:
         step = next(step for step in self.steps if t <= step.end)
         q, v = np.split(step.state(t), 2)
         terms = self.contact.terms(t, q, v, step.mode.springs)
-        return q, self.contact.forces(terms, step.mode, self.contact.mu)
+        return q, self.contact.forces(terms, step.mode)
 
 
 def _row_space(rows: np.ndarray) -> np.ndarray:
@@ -302,6 +308,13 @@ class Contact:
         self.width = [(guide.width or 0.0) if guide else 0.0 for guide in guides]
         self.mu = np.array([guide.kinetic_coefficient if guide else 0.0 for guide in guides])
         self.mus = np.array([guide.static_coefficient if guide else 0.0 for guide in guides])
+        # Speeds of Stribeck's curves; infinitely small without one, so that nothing of the excess remains.
+        # The limit of a drive does not depend on its slip velocity.
+        self.stribeck, self.shape = np.zeros(len(self.names)), np.ones(len(self.names))
+        for g, joint in enumerate(joints):
+            if not isinstance(joint, Drive):
+                self.stribeck[g] = joint.stribeck_velocity or 0.0
+                self.shape[g] = joint.stribeck_shape
         for name, a, b, mus in zip(self.names, self.length, self.width, self.mus):
             if a and mus * b >= a:
                 raise ValueError(
@@ -345,23 +358,36 @@ class Contact:
         is_of_spring = margin.what in ("stretch", "tension")
         return (self.spring_names if is_of_spring else self.names)[margin.guide]
 
+    def kinetic(self, terms: Terms, slip: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Return the coefficients and the constant bounds (N, N m) in slip, each of shape (..., guides)."""
+        if not np.any(self.stribeck):
+            return self.mu, self.bound
+        speed = np.maximum(slip * terms.slip_speed, 0.0)
+        scale = np.where(self.stribeck > 0.0, self.stribeck, 1.0)
+        remains = np.exp(-((speed / scale) ** self.shape)) * (self.stribeck > 0.0)
+        mu = self.mu + (self.mus - self.mu) * remains
+        return mu, self.bound + (self.static_bound - self.bound) * remains
+
     def forces(
-        self, terms: Terms, mode: Mode, mu: np.ndarray, bound: np.ndarray | None = None
+        self,
+        terms: Terms,
+        mode: Mode,
+        coefficients: tuple[np.ndarray, np.ndarray] | None = None,
     ) -> Forces:
         """Return forces and accelerations of modes that share `slip`.
 
-        `mu` and `bound` are the coefficient and the constant bound (N, N m) of each joint; the bounds are those of slip
-        if they are not given.
+        `coefficients` are the coefficient and the constant bound (N, N m) of each joint; those of slip if they are not
+        given.
 
         Raises
         ------
         numpy.linalg.LinAlgError
             If the constraints of the mode are redundant.
         """
+        mu, bound = self.kinetic(terms, mode.slip) if coefficients is None else coefficients
         # Friction of constant size is an applied force.
-        bound = self.bound if bound is None else bound
         constant = -mode.slip * bound
-        Q = terms.Q + np.sum(constant[:, None] * terms.W, -2)
+        Q = terms.Q + np.sum(constant[..., None] * terms.W, -2)
 
         # The constraints and the slip of every guide at rest have no acceleration. The force of each
         # such row acts along the row itself (virtual work), so that `directions` begins as a copy of
@@ -378,7 +404,7 @@ class Contact:
             if not self.has_load[g]:
                 continue
             row = self.row[g]
-            friction = -mu[g] * mode.slip[g]
+            friction = -mu[..., g, None] * mode.slip[g]
             signs = mode.corner[..., g, :, None]
             normal = terms.J[..., row, :]
             angle = terms.J[..., row + 1, :]
@@ -404,7 +430,7 @@ class Contact:
         R, T, f = np.zeros((3, *shape, len(self.row)))
         n = np.zeros((*shape, len(self.row), 2))
         for g, row in enumerate(self.row):
-            friction = -mu[g] * mode.slip[g]
+            friction = -mu[..., g] * mode.slip[g]
             signs = mode.corner[..., g, :]
             first = second = np.zeros(shape)
             if row != NO_ROW:
@@ -567,7 +593,9 @@ class Contact:
                     limits.append(constant)
         return np.array(conditions), np.array(limits), bounds
 
-    def load(self, g: int, R: np.ndarray, T: np.ndarray, mu: float, d: int) -> np.ndarray:
+    def load(
+        self, g: int, R: np.ndarray, T: np.ndarray, mu: float | np.ndarray, d: int
+    ) -> np.ndarray:
         """Return |n1| + |n2| (N) if both surfaces are fully mobilized against slip in the direction d."""
         if not self.length[g]:
             return np.abs(R)
@@ -592,7 +620,7 @@ class Contact:
         """Return all margins of a mode and their values at instants t (s) with the states y, shape (n, margins)."""
         q, v = np.split(y, 2, -1)
         terms = self.terms(t, q, v, mode.springs)
-        conditions = list(self.conditions(self.forces(terms, mode, self.mu), mode))
+        conditions = list(self.conditions(self.forces(terms, mode), mode))
         conditions += self.spring_margins(q, v, mode.springs)
         for g, d in enumerate(mode.slip):
             if d:
@@ -604,7 +632,7 @@ class Contact:
         """Return y' of a state y = (q, v) in a mode."""
         q, v = np.split(y, 2)
         return np.concatenate(
-            [v, self.forces(self.terms(t, q, v, mode.springs), mode, self.mu).acceleration]
+            [v, self.forces(self.terms(t, q, v, mode.springs), mode).acceleration]
         )
 
     def possible(
@@ -625,8 +653,9 @@ class Contact:
         """
         # A guide breaks away against its static friction.
         is_resting = [g in rest for g in range(len(slip))]
-        mu = np.where(is_resting, self.mus, self.mu)
-        bound = np.where(is_resting, self.static_bound, self.bound)
+        mu, bound = self.kinetic(terms, slip)
+        mu = np.where(is_resting, self.mus, mu)
+        bound = np.where(is_resting, self.static_bound, bound)
         motions: list[tuple[Mode, np.ndarray]] = []
         for slips in product(*((0, 1, -1) if g in rest else (d,) for g, d in enumerate(slip))):
             stuck = [g for g, d in enumerate(slips) if d == 0]
@@ -645,7 +674,7 @@ class Contact:
                 np.array(slips, dtype=int),
                 np.array(list(product(*signs))).reshape(-1, len(slip), 2),
             )
-            forces = self.forces(terms, modes, mu, bound)
+            forces = self.forces(terms, modes, (mu, bound))
             is_possible = np.all(np.isfinite(forces.acceleration), -1)
             for _, value in self.conditions(forces, modes):
                 is_possible &= value >= -ADMISSIBLE
@@ -796,13 +825,16 @@ def simulate(scene: Scene, t_end: float, tolerance: float = TOLERANCE) -> Motion
     """
     contact = Contact(scene)
     recorder = _Recorder(0.0, np.concatenate(contact.equations.start()))
-    # DOP853 assumes a smooth right-hand side: integration restarts at the kinks of all laws.
+    # DOP853 assumes a smooth right-hand side: integration restarts at the kinks of all laws. Where they may jump, the
+    # contact mode is determined anew.
     loads = [*scene.drives.values(), *scene.forces.values()]
     kinks = {time for element in loads for time in law_kinks(element.law, t_end)}
+    switches = {time for element in loads for time in law_switches(element.law, t_end)}
     rest = None
     breakdown = None
     try:
-        rest = _integrate(contact, recorder, sorted(kinks | {t_end}), t_end / STEPS, tolerance)
+        stops = sorted(kinks | {t_end})
+        rest = _integrate(contact, recorder, stops, switches, t_end / STEPS, tolerance)
     except _Stopped as stopped:
         breakdown = stopped.breakdown
     except np.linalg.LinAlgError as error:
@@ -827,10 +859,13 @@ def _integrate(
     contact: Contact,
     recorder: _Recorder,
     stops: Sequence[float],
+    switches: Collection[float],
     longest: float,
     tolerance: float,
 ) -> float | None:
     """Integrate mode by mode to the last of `stops`, at which integration restarts (s).
+
+    At `switches` (s), which are among them, laws may jump.
 
     Returns
     -------
@@ -856,6 +891,12 @@ def _integrate(
             passed = margins
         t = recorder.times[-1]
         y = recorder.states[-1]
+        if not passed and t in switches:
+            # Guides at rest have no speed but drift; the others keep their directions.
+            settled = contact.settle(t, y, mode.slip, set(), mode.springs)
+            for g, kind in _changes(mode, settled):
+                recorder.events.append(Instant(t, kind, contact.names[g], np.inf))
+            mode = settled
         if not passed:
             continue
         # The event decides the next mode. Modes that end at once are counted, because they may follow
@@ -888,8 +929,10 @@ def _steps(
 
     Each comes with the margins that pass zero at its end, and their rates.
     """
+    # Laws that jump at the stop have their limits from the left until there.
+    latest = np.nextafter(stop, -np.inf)
     solver = DOP853(
-        partial(contact.derivative, mode),
+        lambda time, state: contact.derivative(mode, min(time, latest), state),
         t,
         y,
         stop,
@@ -903,24 +946,25 @@ def _steps(
         if solver.status == "failed":
             raise _Stopped("step too small", solver.t, "DOP853 found no step small enough")
         piece = solver.dense_output()
-        end, passed = _first_zero(contact, mode, piece)
+        end, passed = _first_zero(contact, mode, piece, latest)
         yield Step(mode, piece, end), passed
 
 
 def _first_zero(
-    contact: Contact, mode: Mode, piece: DenseOutput
+    contact: Contact, mode: Mode, piece: DenseOutput, latest: float
 ) -> tuple[float, list[tuple[Margin, float]]]:
     """Return the time (s) of the first zero of the margins in a step, and all margins that pass there with their rates.
 
-    If no margin passes zero, the time is the end of the step.
+    If no margin passes zero, the time is the end of the step. Behind `latest` (s) laws may have jumped.
     """
     t = piece.t_old + FRACTIONS * (piece.t - piece.t_old)
-    margins, values = contact.margins(t, piece(t).T, mode)
+    margins, values = contact.margins(np.minimum(t, latest), piece(t).T, mode)
     zeros: list[tuple[float, int]] = []
     for k, sampled in enumerate(values.T):
 
         def evaluate(time: float, k: int = k) -> float:
-            return float(contact.margins(np.array(time), piece(time), mode)[1][k])
+            instant = np.array(min(time, latest))
+            return float(contact.margins(instant, piece(time), mode)[1][k])
 
         zero = _zero_of(evaluate, t, sampled, piece.t)
         if zero is not None and np.isnan(zero):
@@ -938,7 +982,8 @@ def _first_zero(
     # Margins whose zeros differ by rounding are one event.
     first = min(time for time, _ in zeros)
     beside = first + _RATE_FRACTION * (piece.t - piece.t_old) * np.array([-1.0, 1.0])
-    change = np.diff(contact.margins(beside, piece(beside).T, mode)[1], axis=0)[0]
+    instants = np.minimum(beside, latest)
+    change = np.diff(contact.margins(instants, piece(beside).T, mode)[1], axis=0)[0]
     rates = np.abs(change) / np.ptp(beside)
     return first, [(margins[k], float(rates[k])) for time, k in zeros if time - first <= AT_ONCE]
 
@@ -1043,7 +1088,8 @@ def _audit(contact: Contact, mode: Mode, piece: DenseOutput, end: float) -> tupl
     t = piece.t_old + _AUDITED * (end - piece.t_old)
     q, v = np.split(piece(t).T, 2, -1)
     terms = contact.terms(t, q, v, mode.springs)
-    forces = contact.forces(terms, mode, contact.mu)
+    forces = contact.forces(terms, mode)
+    mu, bound = np.broadcast_arrays(*contact.kinetic(terms, mode.slip), forces.f)[:2]
     violations = [
         np.max(np.abs(terms.phi), initial=0.0),
         np.max(np.abs(terms.phi_dot), initial=0.0),
@@ -1063,8 +1109,8 @@ def _audit(contact: Contact, mode: Mode, piece: DenseOutput, end: float) -> tupl
             # In slip friction follows the law if the speed is large enough to have a sign.
             sign = np.sign(speed)
             direction = np.where(sign == 0, d, sign)
-            load = contact.load(g, R, T, contact.mu[g], d)
-            friction = -direction * (contact.bound[g] + contact.mu[g] * load)
+            load = contact.load(g, R, T, mu[:, g], d)
+            friction = -direction * (bound[:, g] + mu[:, g] * load)
             errors = np.where(np.abs(speed) > NOISE, np.abs(f - friction), 0.0)
             violations.append(np.max(errors))
 

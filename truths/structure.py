@@ -100,7 +100,7 @@ OPTIONAL = "at most one"
 SEVERAL = "any number"
 """Count of a part that may occur any number of times."""
 
-JOINT_EFFECTS = ("friction", "static_friction", "damping")
+JOINT_EFFECTS = ("friction", "static_friction", "stribeck_velocity", "damping")
 """Fields of joints that must be absent or zero unless a part has requirements on them."""
 OTHER_EFFECTS: Mapping[type, tuple[str, ...]] = {
     Revolute: JOINT_EFFECTS,

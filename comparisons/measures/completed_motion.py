@@ -23,6 +23,7 @@ from stiction.reference_impl.multibody.trajectory_columns import corner_columns
 from stiction.scenes import Scene
 from stiction.scenes.column_file import row_slices
 from stiction.scenes.model import Revolute
+from stiction.scenes.stribeck import bound_in_slip, coefficient_in_slip
 from stiction.truths import Truth
 
 RANK = 1e-9
@@ -371,15 +372,16 @@ def _balance(
 def _coulomb(
     scene: Scene, name: str, slip: np.ndarray, columns: Mapping[str, np.ndarray]
 ) -> np.ndarray:
-    """Return the friction of a joint by its kinetic bound and coefficient, N or N m; zero at rest, without work."""
+    """Return the friction of a joint in slip by its bound and coefficient, N or N m; zero at rest, without work."""
     joint = scene.joints[name]
     mode = np.where(np.abs(slip) > STILL * np.max(np.abs(slip)), np.sign(slip), 0.0)
-    bound, _ = joint.bounds
+    bound = bound_in_slip(joint, slip)
     if isinstance(joint, Revolute):
         return -mode * bound
     if joint.length is None:
         load = np.abs(columns[f"{name}.normal_force"])
     else:
-        sliding = corner_columns(name, joint, {**columns, f"{name}.mode": mode})
+        given = {**columns, f"{name}.mode": mode, f"{name}.slip_velocity": slip}
+        sliding = corner_columns(name, joint, given)
         load = sum(sliding[f"{name}.F{corner}"] for corner in (1, 2, 3, 4))
-    return np.where(mode != 0, -mode * (bound + joint.kinetic_coefficient * load), 0.0)
+    return np.where(mode != 0, -mode * (bound + coefficient_in_slip(joint, slip) * load), 0.0)

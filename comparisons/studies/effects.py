@@ -181,9 +181,16 @@ def _removals(scene: Scene) -> list[tuple[str, str, list[str]]]:
         *(f"{name}.mus" for name in with_static_friction),
         *(f"{name}.static_friction" for name in with_static_bound),
     ]
+    speed_keys = _declared_keys(scene.frictional_joints, "stribeck_velocity")
+    speed_keys += [
+        f"{name}.stribeck_shape"
+        for name, joint in scene.frictional_joints.items()
+        if joint.stribeck_shape != 1.0
+    ]
     friction_keys = _declared_keys(
         scene.frictional_joints, "mu", "mus", "friction", "static_friction"
     )
+    friction_keys += speed_keys  # a curve of friction without friction is refused
     springs = scene.springs.items()
     damping_keys = [
         *(f"springs.{name}.damping" for name, spring in springs if spring.damping),
@@ -193,6 +200,7 @@ def _removals(scene: Scene) -> list[tuple[str, str, list[str]]]:
         ("gravity", "", ["gravity"] if scene.gravity and any(scene.gravity) else []),
         ("friction", "", friction_keys),
         ("static coefficient", "mus = mu", static_keys),
+        ("dependence of friction on speed", "stribeck_velocity", speed_keys),
         (
             "surface levers",
             "width",

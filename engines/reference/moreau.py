@@ -43,7 +43,10 @@ class MoreauEngine(Engine):
         },
         reactions="engine",
         order="1",
-        joint_effects={Fidelity.CONTACT: ALL_EFFECTS - {JointEffect.STATIC_FRICTION}},
+        joint_effects={
+            Fidelity.CONTACT: ALL_EFFECTS
+            - {JointEffect.STATIC_FRICTION, JointEffect.SPEED_DEPENDENCE}
+        },
     )
 
     @property

@@ -35,6 +35,7 @@ def audit(trajectory: Trajectory, mechanism: Mechanism, instants: int = 1000) ->
 
     The mechanism has the stabilization that the trajectory was computed with.
     """
+    mechanism = mechanism.of_one_run()
     m, w = mechanism.arrays, workspace(mechanism.arrays)
     if not m.rows:
         return Audit(0, 0.0, 0.0, 0)

@@ -27,6 +27,7 @@ from stiction.reference_impl.multibody.dynamics import (
 from stiction.reference_impl.multibody.guide_freedom import DRIVEN
 from stiction.reference_impl.multibody.mechanism import Arrays, Workspace
 from stiction.reference_impl.multibody.one_sided import watch_springs
+from stiction.reference_impl.multibody.speed_dependence import continue_beyond_stop
 
 
 @kernel
@@ -41,6 +42,8 @@ def right_hand_side(
 
     # forces of the mode, by one linear solve
     row_form(m, w, t, y[:n], y[n:])
+    if m.varying > 0:
+        continue_beyond_stop(m, w, slip)
     regular = solve_mode(m, w, slip, corner)
 
     # accelerations; of very unlike masses from a system that contains them, as M^-1 (Q + J^T lambda) would cancel

@@ -21,6 +21,8 @@ from stiction.reference_impl.integration.mode_switch import (
     MOST_IDLE_PER_GUIDE,
     begin_mode,
     log_changes,
+    log_sides,
+    room_needed,
     set_rest_speeds,
 )
 from stiction.reference_impl.integration.result import CONTACT, RELEASE, EventLog
@@ -98,21 +100,10 @@ def switch_springs(m: Arrays, w: Workspace, s: State, log: EventLog, first_step:
     remember(m, w, s)
     for k in range(len(m.one_sided)):
         if (w.acting[k] == ACTS) != (before[k] == ACTS):
-            _log(m, w, s, log, k, CONTACT if w.acting[k] == ACTS else RELEASE)
-    log_changes(m, w, s, log, 0)
-    return ROOM if p.logged + len(m.friction) + len(m.one_sided) >= len(log.t) else DONE
-
-
-@kernel
-def _log(m, w, s, log, k, kind):
-    """Log the event of a spring; the values before it are in its row, and are copied to the next row."""
-    p = s.progress
-    i = p.logged
-    log.t[i], log.kind[i], log.guide[i], log.others[i] = p.time, kind, len(m.friction) + k, 0
-    write_sample(w, s.y, s.K[0], s.slip, log.motion[i, 1], log.force[i, 1], log.slip[i, 1])
-    for part in range(3):
-        copy(log.motion[i, 0, part], log.motion[i + 1, 0, part])
-    copy(log.force[i, 0], log.force[i + 1, 0])
-    copy(log.slip[i, 0], log.slip[i + 1, 0])
-    p.logged += 1
-    w.counters.events += 1
+            i = p.logged
+            log.kind[i] = CONTACT if w.acting[k] == ACTS else RELEASE
+            log.t[i], log.guide[i], log.others[i] = p.time, len(m.friction) + k, 0
+            log_sides(w, s, log, first, i)
+            w.counters.events += 1
+    log_changes(m, w, s, log, first, 0)
+    return ROOM if p.logged + room_needed(m) >= len(log.t) else DONE

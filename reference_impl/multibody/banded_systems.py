@@ -113,7 +113,10 @@ def forces_of_cell(m, w, own_m, own_w):
 
 @kernel(allocates=True)
 def open_cell(m: Arrays, w: Workspace, c: int) -> Integers:
-    """Fill the workspace of a cell where there are several; returns its frictional guides."""
+    """Fill the workspace of a cell where there are several; returns its frictional guides.
+
+    Coefficients of friction that depend on the state are handed over as well.
+    """
     if len(m.cell) < 2:
         guides = np.empty(len(m.friction), dtype=np.int64)
         for f in range(len(guides)):
@@ -128,4 +131,7 @@ def open_cell(m: Arrays, w: Workspace, c: int) -> Integers:
     for f in range(len(guides)):
         guides[f] = own.origin[own.rows + f] - m.rows
         work.slip_speed[f] = w.slip_speed[guides[f]]
+        if m.varying > 0:
+            own.friction[f].mu = m.friction[guides[f]].mu
+            own.friction[f].bound = m.friction[guides[f]].bound
     return guides

@@ -23,6 +23,7 @@ from stiction.reference_impl.multibody.kinematics import (
 )
 from stiction.reference_impl.multibody.mechanism import ANGLE, AXIS, Arrays, Workspace
 from stiction.reference_impl.multibody.one_sided import add_one_sided
+from stiction.reference_impl.multibody.speed_dependence import set_coefficients
 
 ONE, TWO = np.uint64(1), np.uint64(2)
 """To be added to the unsigned indices of `Arrays.block` and `Arrays.pair`: a signed one is looked at whether it counts
@@ -96,7 +97,10 @@ def applied_forces(m, rotation, t, q, v, Q):
 
 @kernel
 def row_form(m: Arrays, w: Workspace, t: float, q: Reals, v: Reals) -> None:
-    """Fill the workspace at (t, q, v): rows, free acceleration, G and right."""
+    """Fill the workspace at (t, q, v): rows, free acceleration, G and right.
+
+    Coefficients of friction in `m` that depend on the speed of slip become those of this state.
+    """
     constraints_at(m, w, t, q, v)
     applied_forces(m, w.rotation, t, q, v, w.free)
     add_one_sided(m, w.rotation, q, v, w.acting, w.free)
@@ -120,6 +124,8 @@ def row_form(m: Arrays, w: Workspace, t: float, q: Reals, v: Reals) -> None:
             JM[i] * J[j] + JM[i + ONE] * J[j + ONE] + JM[i + TWO] * J[j + TWO]
         )
         G[r, c], G[c, r], row, column = value, value, r, c
+    if m.varying > 0:
+        set_coefficients(m, w)
 
 
 @kernel

@@ -160,6 +160,13 @@ def blocks(scene: Scene) -> list[Block]:
             "",
             "friction does not drop at break-away",
         ),
+        Block(
+            "Stribeck's curve",
+            tuple(name for name, joint in scene.joints.items() if joint.depends_on_speed),
+            "slip: mu and c fall from mus and cH with exp(-(|gT'| / v_s)^shape)",
+            "",
+            "friction in slip does not depend on its speed",
+        ),
     ]
 
 

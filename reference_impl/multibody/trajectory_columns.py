@@ -24,6 +24,7 @@ from stiction.reference_impl.multibody.one_sided import BY_STATE, touch_at_conta
 from stiction.scenes import InputError
 from stiction.scenes.columns import BODY_COLUMNS
 from stiction.scenes.model import Drive, Translational
+from stiction.scenes.stribeck import coefficient_in_slip
 
 CORNER_COLUMNS = ("F1", "F2", "F3", "F4", "friction_lower", "friction_upper")
 GUIDE_COLUMNS, DRIFT_COLUMNS = ("displacement", "slip_velocity"), ("position", "velocity")
@@ -73,6 +74,9 @@ def build_columns(  # noqa: PLR0913 - the parts of samples
     columns = {name: values for name, values in read.items() if names is None or name in names}
     for name, guide in mechanism.scene.guides.items():
         if guide.length is not None and are_wanted(name, CORNER_COLUMNS):
+            if guide.depends_on_speed:
+                k = list(mechanism.scene.joints).index(name)
+                read[f"{name}.slip_velocity"] = slip_velocity(m, k, q, v)
             columns.update(corner_columns(name, guide, read))
     for k, (name, joint) in enumerate(mechanism.scene.joints.items()):
         is_guide = m.constraint[k]["kind"] == TRANSLATIONAL
@@ -157,7 +161,10 @@ def corner_forces(guide: Translational, normal_force: ArrayLike, moment: ArrayLi
 def corner_columns(
     name: str, guide: Translational, columns: dict[str, np.ndarray]
 ) -> dict[str, np.ndarray]:
-    """Return F1..F4 and the surface frictions of a guide from R, T, friction and any mode."""
+    """Return F1..F4 and the surface frictions of a guide from R, T, friction and any mode.
+
+    A guide whose coefficient depends on its speed of slip also needs the column of that speed.
+    """
     R, T = columns[f"{name}.normal_force"], columns[f"{name}.moment"]
     a = guide.length or 0.0
     b = guide.width or 0.0
@@ -166,7 +173,10 @@ def corner_columns(
         # in slip the coefficient is the kinetic one; at rest it follows from the friction
         friction = columns[f"{name}.friction"]
         mode = columns.get(f"{name}.mode", np.zeros(len(R)))
-        kappa = -guide.kinetic_coefficient * mode
+        coefficient: float | np.ndarray = guide.kinetic_coefficient
+        if guide.depends_on_speed:
+            coefficient = coefficient_in_slip(guide, columns[f"{name}.slip_velocity"])
+        kappa = -coefficient * mode
         rests = mode == 0
         static_bound, extra = guide.bounds[1], 0.0
         if static_bound > 0.0 and guide.static_coefficient > 0.0:

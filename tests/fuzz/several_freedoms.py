@@ -6,7 +6,12 @@ from collections.abc import Iterator
 from typing import Any
 
 import numpy as np
-from random_mechanisms import SeededDice, add_constant_friction, moderate_scene
+from random_mechanisms import (
+    SeededDice,
+    add_constant_friction,
+    add_stribeck_curves,
+    moderate_scene,
+)
 
 from stiction.reference_impl.equations_of_motion import EquationsOfMotion
 from stiction.scenes import Scene, Trajectory, scene_from_dict
@@ -134,6 +139,17 @@ def _limited_drive(raw: dict[str, Any], dice: SeededDice, joint: dict[str, Any])
             "phase": phase,
         }
     return drive
+
+
+def scene_with_stribeck_curves(seed: int, i: int) -> Scene:
+    """Scene i of a seed whose friction falls with the speed of slip; in every second one of joints with constant bounds."""
+    raw = moderate_scene(SeededDice((seed, i)), (1, 2))
+    random = np.random.default_rng((seed, i))
+    if i % 2:
+        keeps_mu = (0.0, 0.5, 1.0)[i % 3]
+        add_constant_friction(raw, random, 1.0 if keeps_mu == 0.0 else 0.7, keeps_mu)
+    add_stribeck_curves(raw, random)
+    return scene_from_dict(raw, f"random scene {i} of seed {seed} with Stribeck's curves")
 
 
 def differences(scene: Scene, motion: Motion, run: Trajectory, rtol: float) -> list[str]:

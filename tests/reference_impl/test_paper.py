@@ -9,7 +9,12 @@ import numpy as np
 import pytest
 from hypothesis import HealthCheck, assume, given, settings
 from hypothesis import strategies as st
-from random_mechanisms import SeededDice, add_constant_friction, moderate_scene
+from random_mechanisms import (
+    SeededDice,
+    add_constant_friction,
+    add_stribeck_curves,
+    moderate_scene,
+)
 
 from stiction.engines.reference.engine import ReferenceEngine
 from stiction.reference_impl import paper as paper_module
@@ -47,7 +52,8 @@ def close(found, expected, tolerance=ROUNDING, size=None):
 def moments(draw):
     """A mechanism whose sliders all have a length, with Baumgarte's stabilization or none, and a state near its start.
 
-    Half of them have friction with bounds of its own in guides and pins. A pin that a drive holds has none at rest in
+    Half of them have friction with bounds of its own in guides and pins, and half friction that falls with the speed of
+    slip. A pin that a drive holds has none at rest in
     the compiled code (`guide_freedom`), so that it slips here.
     """
     seed = draw(st.integers(0, 10**6))
@@ -57,6 +63,8 @@ def moments(draw):
             joint |= {"length": 0.5, "width": 0.2}
     if draw(st.booleans()):
         add_constant_friction(raw, random)
+    if draw(st.booleans()):
+        add_stribeck_curves(raw, random)
     raw["stabilization"] = draw(
         st.sampled_from([NONE, {"method": "baumgarte", "alpha": 5, "beta": 3}])
     )

@@ -26,6 +26,7 @@ NAMES = {
     "coulomb-oscillator",
     "block-on-incline",
     "mass-on-belt",
+    "mass-stribeck",
     "four-bar",
     "pendulum",
     "pendulum-dry-pin",

@@ -257,6 +257,21 @@ def add_constant_friction(
             joint["damping"] = round(random.uniform(0.0, 1.0), 6)
 
 
+def add_stribeck_curves(
+    raw: dict[str, Any], random: np.random.Generator, share: float = 0.8
+) -> None:
+    """Let the friction of joints of a scene fall with the speed of slip, by speeds over two powers of ten.
+
+    `share`: the probability that a joint with friction does. A guide without a static coefficient gets one.
+    """
+    for joint in raw["joints"].values():
+        if ("mu" in joint or "friction" in joint) and random.random() < share:
+            if "mu" in joint and "mus" not in joint:
+                joint["mus"] = round(joint["mu"] * random.uniform(1, 1.5), 6)
+            joint["stribeck_velocity"] = round(10 ** random.uniform(-2, 0), 6)
+            joint["stribeck_shape"] = float(random.choice([1.0, 1.0, 2.0, 1.5]))
+
+
 def extreme_scene(random: np.random.Generator) -> dict[str, Any]:
     """The tables of a random scene with a consistent start; not necessarily one that has a motion, or only one."""
 

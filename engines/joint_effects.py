@@ -1,33 +1,49 @@
-"""Effects of joints that an engine may or may not take: bounds of dry friction of several kinds, and damping."""
+"""Effects that an engine may or may not take: bounds of dry friction, damping, limits of drives, one-sided springs."""
 
 from __future__ import annotations
 
 from enum import StrEnum
 
 from stiction.scenes import Scene
-from stiction.scenes.model import Joint, Revolute, Translational
+from stiction.scenes.model import (
+    Drive,
+    Joint,
+    LinearSpring,
+    Revolute,
+    Spring,
+    TorsionalSpring,
+    Translational,
+)
 
 
 class JointEffect(StrEnum):
-    """An effect that a scene can declare for a joint. The values are the words of a refusal."""
+    """An effect that a scene can declare for a joint, a drive or a spring. The values are the words of a refusal."""
 
     PIN_FRICTION = "dry friction in a pin"
     GUIDE_FRICTION = "dry friction with a constant bound in a guide"
     STATIC_FRICTION = "a constant bound of friction that is larger at rest"
     SPEED_DEPENDENCE = "friction that depends on the speed of slip"
     DAMPING = "damping in a joint"
+    EFFORT_LIMIT = "a limit of the effort of a drive"
+    ONE_SIDED = "a spring that acts on one side only"
 
 
 ALL_EFFECTS = frozenset(JointEffect)
 """Every effect there is, for engines that take them all."""
-LAWS_OF_THE_REFERENCE = frozenset({JointEffect.SPEED_DEPENDENCE})
-"""Laws of friction that the adapters do not represent."""
-COMMON_EFFECTS = ALL_EFFECTS - LAWS_OF_THE_REFERENCE
+LAWS_OF_THE_REFERENCE = frozenset({JointEffect.SPEED_DEPENDENCE, JointEffect.EFFORT_LIMIT})
+"""Laws of friction, and of drives that give way, that the adapters do not represent."""
+COMMON_EFFECTS = ALL_EFFECTS - LAWS_OF_THE_REFERENCE - {JointEffect.ONE_SIDED}
 """Constant bounds in slip and at rest, and damping: for adapters that set such a bound in each step."""
+EFFECTS_WITH_LOADS = COMMON_EFFECTS | {JointEffect.ONE_SIDED}
+"""The same and springs of one side, for engines to which the adapter applies springs as loads."""
 
 
-def effects_of(joint: Joint) -> list[JointEffect]:
-    """Return the effects that a joint declares; a bound of zero is no effect."""
+def effects_of(joint: Joint | Drive | Spring) -> list[JointEffect]:
+    """Return the effects that a joint, a drive or a spring declares; a bound of zero is no effect."""
+    if isinstance(joint, Drive):
+        return [JointEffect.EFFORT_LIMIT] if joint.is_limited else []
+    if isinstance(joint, LinearSpring | TorsionalSpring):
+        return [] if joint.acts is None else [JointEffect.ONE_SIDED]
     effects = []
     kinetic, static = joint.bounds
     if static > 0.0:
@@ -45,9 +61,10 @@ def effects_of(joint: Joint) -> list[JointEffect]:
 def first_unsupported(
     scene: Scene, supported: frozenset[JointEffect]
 ) -> tuple[str, JointEffect] | None:
-    """Return the first joint with an effect that is not supported, and that effect; None if there is none."""
-    for name, joint in scene.joints.items():
-        for effect in effects_of(joint):
+    """Return the first element with an effect that is not supported, and that effect; None if there is none."""
+    elements = [*scene.joints.items(), *scene.drives.items(), *scene.springs.items()]
+    for name, element in elements:
+        for effect in effects_of(element):
             if effect not in supported:
                 return name, effect
     return None

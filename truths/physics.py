@@ -6,8 +6,11 @@ from stiction.scenes import Scene, vary
 
 
 def rubbing_joints(scene: Scene) -> frozenset[str]:
-    """Return the joints with friction. Their contact modes change the motion, and their events count in every truth."""
-    return frozenset(name for name, joint in scene.joints.items() if joint.rubs)
+    """Return the joints with friction and the drives that can give way.
+
+    Their contact modes change the motion, and their events count in every truth.
+    """
+    return frozenset(name for name, element in scene.bounded_elements.items() if element.rubs)
 
 
 def physics_of(scene: Scene, static_coefficient: bool) -> Scene:

@@ -215,6 +215,12 @@ def _removals(scene: Scene) -> list[tuple[str, str, list[str]]]:
         ),
         ("corner forces", "length, width", _declared_keys(scene.guides, "length", "width")),
         ("drive", "", [f"drives.{name}" for name in scene.drives]),
+        ("limit of a drive", "", [f"{name}.effort_limit" for name in scene.limited_drives]),
+        (
+            "one-sided springs",
+            "act on both sides",
+            [f"springs.{name}.acts" for name in scene.one_sided_springs],
+        ),
         (
             "spring",
             "",

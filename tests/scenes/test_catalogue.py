@@ -12,6 +12,8 @@ NAMES = {
     "painleve-rod",
     "uniqueness-lost",
     "vertical-slider",
+    "winch",
+    "ball-on-stop",
     "existence-lost",
     "slider-bar-case-1",
     "slider-bar-case-2",

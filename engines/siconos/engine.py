@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import Any
 
 from stiction.engines.assembly import Assembly, assembly_of
-from stiction.engines.joint_effects import COMMON_EFFECTS
+from stiction.engines.joint_effects import COMMON_EFFECTS, LAWS
 from stiction.engines.program.engine import ProgramEngine
 from stiction.engines.protocol import Capabilities, Supplier
 from stiction.engines.registry import EngineBroken, EngineMissing
@@ -76,7 +76,7 @@ class SiconosEngine(ProgramEngine):
         fidelity = self.declared.fidelity
         return replace(
             super().capabilities,
-            joint_effects={fidelity: COMMON_EFFECTS},
+            joint_effects={fidelity: COMMON_EFFECTS - LAWS},
             constant_bound_by={fidelity: Supplier.ENGINE},
         )
 

@@ -13,7 +13,15 @@ from typing import Any, get_args
 
 from stiction.scenes import Scene
 from stiction.scenes.fields import GROUND
-from stiction.scenes.model import Force, Revolute, Torque, Translational
+from stiction.scenes.model import (
+    Drive,
+    Force,
+    LinearSpring,
+    Revolute,
+    Torque,
+    TorsionalSpring,
+    Translational,
+)
 from stiction.scenes.wording import shown
 from stiction.truths.truth import NotThisMechanism
 
@@ -92,15 +100,23 @@ OPTIONAL = "at most one"
 SEVERAL = "any number"
 """Count of a part that may occur any number of times."""
 
-JOINT_EFFECTS = ("friction", "static_friction", "stribeck_velocity", "damping", "clearance")
+JOINT_EFFECTS = ("friction", "static_friction", "stribeck_velocity", "damping")
 """Fields of joints that must be absent or zero unless a part has requirements on them."""
+OTHER_EFFECTS: Mapping[type, tuple[str, ...]] = {
+    Revolute: JOINT_EFFECTS,
+    Translational: (*JOINT_EFFECTS, "normal_load", "clearance"),
+    Drive: ("effort_limit",),
+    LinearSpring: ("acts",),
+    TorsionalSpring: ("acts",),
+}
+"""Fields, by kind of the element, that must be absent or zero unless a part has requirements on them."""
 
 
 class Part:
     """An element of a mechanism.
 
-    A joint must have neither a constant bound of friction nor damping nor clearance, unless its fields say otherwise: a
-    truth holds for the effects that it contains.
+    A joint must have neither a constant bound of friction nor damping nor clearance, a drive no limit, and a spring
+    must act on both sides, unless their fields say otherwise: a truth holds for the effects that it contains.
 
     Parameters
     ----------
@@ -136,11 +152,7 @@ class Part:
         self.count = count
         self.any_order = any_order
         self.where = where
-        absent: dict[str, Any] = {}
-        if kind in (Revolute, Translational):
-            # pins have no clearance
-            effects = [field for field in JOINT_EFFECTS if field in kind.model_fields]
-            absent = dict.fromkeys(effects, ABSENT)
+        absent = dict.fromkeys(OTHER_EFFECTS.get(kind, ()), ABSENT)
         self.fields = {
             field: Condition.of(wanted) for field, wanted in {**absent, **fields}.items()
         }

@@ -24,7 +24,7 @@ from scipy.interpolate import BPoly
 
 from stiction.reference_impl.equations_of_motion import EquationsOfMotion, Terms
 from stiction.scenes import Scene, Trajectory
-from stiction.scenes.model import Translational
+from stiction.scenes.model import Drive, Translational
 from stiction.scenes.stribeck import bound_in_slip, coefficient_in_slip
 
 ENDS = ("rear", "front")
@@ -278,8 +278,11 @@ class ReleasedEnds:
     def _frictions_at_rest(
         self, instant: Instant, terms: Terms, name: str, released: tuple[str, ...]
     ) -> list[_Unknown]:
-        """Return the friction of a joint at rest, which holds the surfaces that the held ends press on."""
-        joint = self.part.joints[name]
+        """Return the friction of a joint at rest, which holds the surfaces that the held ends press on.
+
+        A drive with a limit that holds is treated like a joint at rest.
+        """
+        joint = self._equations.frictional[name]
         if int(instant.columns[f"{name}.mode"]) != 0:
             return []
         number = self._tangent_number[name]
@@ -287,7 +290,7 @@ class ReleasedEnds:
         gamma = float(terms.w[number])
         if isinstance(joint, Translational) and joint.length is not None and joint.mu is not None:
             held = self._held_ends(name, released)
-            if not held and joint.friction is None:
+            if not held and joint.bounds[1] == 0.0:
                 return []  # no normal force: no friction
             lever = self._lever_of_rest(instant, name, held)
             row = row + lever * self._angle_row(terms, name)
@@ -295,10 +298,14 @@ class ReleasedEnds:
         return [_Unknown(row, gamma, row, label=_FRICTION if name == self.guide else "")]
 
     def _constant_friction(self, instant: Instant, terms: Terms, name: str) -> np.ndarray:
-        """Return the generalized force of the constant bound of a joint in slip, shape (k,)."""
+        """Return the generalized force of the constant bound of a joint in slip, or of a drive that gives way."""
         number = self._tangent_number[name]
         slip = int(instant.columns[f"{name}.mode"])
-        bound = float(bound_in_slip(self.part.joints[name], terms.slip_speed[number]))
+        element = self._equations.frictional[name]
+        if isinstance(element, Drive):
+            bound = element.bounds[0]
+        else:
+            bound = float(bound_in_slip(element, terms.slip_speed[number]))
         return -slip * bound * terms.W[number]
 
     def _held_ends(self, name: str, released: tuple[str, ...]) -> tuple[str, ...]:

@@ -33,7 +33,12 @@ from stiction.engines.exudyn.stepping import (
     Sample,
     Stepper,
 )
-from stiction.engines.joint_effects import COMMON_EFFECTS, JointEffect, has_constant_bounds
+from stiction.engines.joint_effects import (
+    COMMON_EFFECTS,
+    LAWS,
+    JointEffect,
+    has_constant_bounds,
+)
 from stiction.engines.protocol import (
     UNSETTLED,
     Capabilities,
@@ -129,7 +134,7 @@ class ExudynEngine(Engine):
         friction_by={Fidelity.JOINT: Supplier.ADAPTER, Fidelity.CONTACT: Supplier.ENGINE},
         joint_effects={
             Fidelity.JOINT: COMMON_EFFECTS,
-            Fidelity.CONTACT: frozenset({JointEffect.CLEARANCE}),
+            Fidelity.CONTACT: LAWS | {JointEffect.CLEARANCE},
         },
     )
 

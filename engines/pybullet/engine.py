@@ -28,7 +28,7 @@ from typing import Any
 import numpy as np
 
 from stiction.engines.assembly import Assembly
-from stiction.engines.joint_effects import EFFECTS_OF_GAPS
+from stiction.engines.joint_effects import EFFECTS_OF_GAPS, LAWS
 from stiction.engines.protocol import check_version, installed_version
 from stiction.engines.shared.acceleration_integrator import Dynamics
 from stiction.engines.shared.contact_geometry import (
@@ -109,7 +109,7 @@ class PybulletEngine(TreeEngine):
         TreeEngine.capabilities,
         joint_effects={
             **TreeEngine.capabilities.joint_effects,
-            Fidelity.CONTACT: EFFECTS_OF_GAPS,
+            Fidelity.CONTACT: LAWS | EFFECTS_OF_GAPS,
         },
     )
 

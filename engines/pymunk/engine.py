@@ -39,7 +39,7 @@ from typing import TYPE_CHECKING, Any, ClassVar, NamedTuple
 import numpy as np
 
 from stiction.engines.assembly import Assembly
-from stiction.engines.joint_effects import EFFECTS_OF_GAPS
+from stiction.engines.joint_effects import EFFECTS_OF_GAPS, LAWS
 from stiction.engines.protocol import check_version, installed_version
 from stiction.engines.pymunk.correction import (
     Iteration,
@@ -124,7 +124,7 @@ class PymunkEngine(SteppedEngine):
         SteppedEngine.capabilities,
         joint_effects={
             **SteppedEngine.capabilities.joint_effects,
-            Fidelity.CONTACT: EFFECTS_OF_GAPS,
+            Fidelity.CONTACT: LAWS | EFFECTS_OF_GAPS,
         },
     )
 

@@ -7,7 +7,7 @@ from dataclasses import replace
 from typing import Any
 
 from stiction.engines.assembly import Assembly, assembly_of
-from stiction.engines.joint_effects import COMMON_EFFECTS, EFFECTS_OF_GAPS, JointEffect
+from stiction.engines.joint_effects import ALL_EFFECTS, EFFECTS_OF_GAPS, JointEffect
 from stiction.engines.protocol import Capabilities, Engine, installed_version
 from stiction.engines.reference.engine import compile_kernels
 from stiction.engines.shared.fixed_step import settings_of, step_of, steps_between_outputs
@@ -45,7 +45,8 @@ class MoreauEngine(Engine):
         reactions="engine",
         order="1",
         joint_effects={
-            Fidelity.CONTACT: (COMMON_EFFECTS | EFFECTS_OF_GAPS) - {JointEffect.STATIC_FRICTION}
+            Fidelity.CONTACT: (ALL_EFFECTS | EFFECTS_OF_GAPS)
+            - {JointEffect.STATIC_FRICTION, JointEffect.SPEED_DEPENDENCE}
         },
     )
 

@@ -13,7 +13,7 @@ from typing import Any, ClassVar, NamedTuple
 import numpy as np
 
 from stiction.engines.assembly import Assembly, assembly_of
-from stiction.engines.joint_effects import COMMON_EFFECTS, JointEffect
+from stiction.engines.joint_effects import EFFECTS_WITH_LOADS, LAWS, JointEffect
 from stiction.engines.protocol import (
     BadTrajectory,
     Capabilities,
@@ -257,8 +257,8 @@ class SteppedEngine(Engine):
         friction_by={Fidelity.JOINT: Supplier.ADAPTER, Fidelity.CONTACT: Supplier.BOTH},
         constant_bound_by={Fidelity.JOINT: Supplier.ENGINE},
         joint_effects={
-            Fidelity.JOINT: COMMON_EFFECTS,
-            Fidelity.CONTACT: frozenset({JointEffect.CLEARANCE}),
+            Fidelity.JOINT: EFFECTS_WITH_LOADS,
+            Fidelity.CONTACT: LAWS | {JointEffect.CLEARANCE},
         },
     )
     defaults: ClassVar[Mapping[str, Defaults]]

@@ -10,9 +10,9 @@ from pathlib import Path
 from typing import Any
 
 from stiction.engines.assembly import Assembly, assembly_of
-from stiction.engines.joint_effects import EFFECTS_OF_GAPS
+from stiction.engines.joint_effects import COMMON_EFFECTS, EFFECTS_OF_GAPS, LAWS
 from stiction.engines.program.engine import ProgramEngine
-from stiction.engines.protocol import Capabilities
+from stiction.engines.protocol import Capabilities, Supplier
 from stiction.engines.registry import EngineBroken, EngineMissing
 from stiction.engines.shared.fixed_step import settings_of
 from stiction.engines.shared.inconsistent_start import refuse_off
@@ -71,9 +71,13 @@ class SiconosEngine(ProgramEngine):
 
     @cached_property
     def capabilities(self) -> Capabilities:  # type: ignore[override]
-        """Capabilities according to the declaration, and the clearance and restitution of guides."""
-        declared = super().capabilities
-        return replace(declared, joint_effects={Fidelity.CONTACT: EFFECTS_OF_GAPS})
+        """Capabilities of the declaration, and effects of joints that it cannot declare: constant bounds, clearance."""
+        fidelity = self.declared.fidelity
+        return replace(
+            super().capabilities,
+            joint_effects={fidelity: (COMMON_EFFECTS - LAWS) | EFFECTS_OF_GAPS},
+            constant_bound_by={fidelity: Supplier.ENGINE},
+        )
 
     def _find_program(self, word: str) -> Path:
         """Return the Python that has Siconos: the declaration's, or that of the environment variable."""

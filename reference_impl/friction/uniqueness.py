@@ -64,8 +64,8 @@ def friction_gain(m: Arrays, w: Workspace, slip: Integers, released: bool) -> tu
         mu = guide.mu if slip[f] != 0 else guide.mus
         gain, column = 0.0, 0
         for j in range(len(m.friction)):
-            if not _may_slip(m, slip, j, released):
-                continue
+            if guide.corners == 0 or not _may_slip(m, slip, j, released):
+                continue  # a constant bound has no gain
             R, T = w.response[normal, column], w.response[moment, column]
             load = normal_load(guide, R, T, -mu if slip[f] >= 0 else mu)
             if slip[f] == 0:

@@ -26,6 +26,7 @@ from stiction.reference_impl.multibody.dynamics import (
 )
 from stiction.reference_impl.multibody.guide_freedom import DRIVEN
 from stiction.reference_impl.multibody.mechanism import Arrays, Workspace
+from stiction.reference_impl.multibody.one_sided import watch_springs
 from stiction.reference_impl.multibody.speed_dependence import continue_beyond_stop
 
 
@@ -55,6 +56,8 @@ def right_hand_side(
     # Event functions. Where guides at rest share a load the system is singular, and its shortest solution need not be
     # within Coulomb's cones: another share is looked for.
     event_functions(m, w, slip, corner)
+    if len(m.one_sided) > 0:
+        watch_springs(m, w, y[:n], y[n:])
     if m.unfree > 0:
         _watch_drives(m, w, slip)
     if not regular and len(m.friction) and not _hyperstatic_stick(m, w, slip, corner):

@@ -5,7 +5,7 @@ from __future__ import annotations
 from enum import StrEnum
 
 from stiction.scenes import Scene
-from stiction.scenes.model import Joint, Revolute, Translational
+from stiction.scenes.model import Joint, Revolute
 
 
 class JointEffect(StrEnum):
@@ -14,13 +14,14 @@ class JointEffect(StrEnum):
     PIN_FRICTION = "dry friction in a pin"
     GUIDE_FRICTION = "dry friction with a constant bound in a guide"
     STATIC_FRICTION = "a constant bound of friction that is larger at rest"
+    PIN_UNDER_LOAD = "friction of a pin that depends on the force in it"
     SPEED_DEPENDENCE = "friction that depends on the speed of slip"
     DAMPING = "damping in a joint"
 
 
 ALL_EFFECTS = frozenset(JointEffect)
 """Every effect there is, for engines that take them all."""
-LAWS_OF_THE_REFERENCE = frozenset({JointEffect.SPEED_DEPENDENCE})
+LAWS_OF_THE_REFERENCE = frozenset({JointEffect.PIN_UNDER_LOAD, JointEffect.SPEED_DEPENDENCE})
 """Laws of friction that the adapters do not represent."""
 COMMON_EFFECTS = ALL_EFFECTS - LAWS_OF_THE_REFERENCE
 """Constant bounds in slip and at rest, and damping: for adapters that set such a bound in each step."""
@@ -35,6 +36,8 @@ def effects_of(joint: Joint) -> list[JointEffect]:
         effects.append(JointEffect.PIN_FRICTION if is_pin else JointEffect.GUIDE_FRICTION)
     if static > kinetic:
         effects.append(JointEffect.STATIC_FRICTION)
+    if isinstance(joint, Revolute) and joint.is_under_load:
+        effects.append(JointEffect.PIN_UNDER_LOAD)
     if joint.depends_on_speed:
         effects.append(JointEffect.SPEED_DEPENDENCE)
     if joint.damping > 0.0:
@@ -66,4 +69,6 @@ def has_static_bounds(scene: Scene) -> bool:
 
 def _depends_on_load(joint: Joint) -> bool:
     """Return True if the bound of a joint's friction grows with its normal force."""
-    return isinstance(joint, Translational) and joint.static_coefficient > 0.0
+    if isinstance(joint, Revolute):
+        return joint.is_under_load
+    return joint.static_coefficient > 0.0

@@ -94,6 +94,8 @@ SEVERAL = "any number"
 
 JOINT_EFFECTS = ("friction", "static_friction", "stribeck_velocity", "damping")
 """Fields of joints that must be absent or zero unless a part has requirements on them."""
+PIN_EFFECTS = ("mu", "mus")
+"""Such fields of pins: their friction by load."""
 
 
 class Part:
@@ -137,6 +139,8 @@ class Part:
         self.any_order = any_order
         self.where = where
         absent = dict.fromkeys(JOINT_EFFECTS, ABSENT) if kind in (Revolute, Translational) else {}
+        if kind is Revolute:
+            absent |= dict.fromkeys(PIN_EFFECTS, ABSENT)
         self.fields = {
             field: Condition.of(wanted) for field, wanted in {**absent, **fields}.items()
         }

@@ -15,6 +15,13 @@ from stiction.reference_impl.friction.driven_guides import HELD, driven_accelera
 from stiction.reference_impl.friction.frozen_mode import event_functions, solve_mode
 from stiction.reference_impl.friction.open_forces import bounded, ordinary_load
 from stiction.reference_impl.friction.outcomes import SOLVED
+from stiction.reference_impl.friction.pins_under_load import (
+    BLURRED_RESIDUAL,
+    MOST_PASSES,
+    RESIDUAL,
+    solve_mode_of_pins,
+    take_loads,
+)
 from stiction.reference_impl.friction.shared_rest import share_rest
 from stiction.reference_impl.friction.uniqueness import COUNTED
 from stiction.reference_impl.friction.unlike_masses import solve_with_motion
@@ -43,7 +50,10 @@ def right_hand_side(
     row_form(m, w, t, y[:n], y[n:])
     if m.varying > 0:
         continue_beyond_stop(m, w, slip)
-    regular = solve_mode(m, w, slip, corner)
+    if m.pins > 0:
+        regular = solve_mode_of_pins(m, w, slip, corner)
+    else:
+        regular = solve_mode(m, w, slip, corner)
 
     # accelerations; of very unlike masses from a system that contains them, as M^-1 (Q + J^T lambda) would cancel
     for i in range(n):
@@ -57,9 +67,38 @@ def right_hand_side(
     event_functions(m, w, slip, corner)
     if m.unfree > 0:
         _watch_drives(m, w, slip)
-    if not regular and len(m.friction) and not _hyperstatic_stick(m, w, slip, corner):
-        for i in range(len(dy)):
-            dy[i] = np.nan
+    if not regular and len(m.friction):
+        has_forces = _hyperstatic_stick(m, w, slip, corner)
+        if m.pins > 0 and has_forces:
+            has_forces = _share_by_loads(m, w, slip, corner, dy)
+        if not has_forces:
+            for i in range(len(dy)):
+                dy[i] = np.nan
+
+
+@kernel
+def _share_by_loads(
+    m: Arrays, w: Workspace, slip: Integers, corner: IntegerTable, dy: Reals
+) -> bool:
+    """Share the load of joints at rest again until the bounds of pins agree with the forces in them.
+
+    Returns False where they do not agree (`pins_under_load`). Accelerations of whatever moves beside the joints at rest
+    follow from the last forces.
+    """
+    least = np.inf
+    for _ in range(MOST_PASSES):
+        change = take_loads(m, w)
+        if change <= RESIDUAL or change <= BLURRED_RESIDUAL and change >= least:
+            acceleration(m, w, w.force, dy[len(m.inverse_mass) :])
+            return True
+        least = min(least, change)
+        solve_mode(m, w, slip, corner)
+        event_functions(m, w, slip, corner)
+        if m.unfree > 0:
+            _watch_drives(m, w, slip)
+        if not _hyperstatic_stick(m, w, slip, corner):
+            return False
+    return False
 
 
 @kernel

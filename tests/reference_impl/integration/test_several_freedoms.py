@@ -10,6 +10,7 @@ from fuzz.several_freedoms import (
     differences,
     random_scene,
     scene_with_constant_bounds,
+    scene_with_pins_under_load,
     scene_with_stribeck_curves,
 )
 
@@ -121,6 +122,31 @@ def test_hundreds_of_random_mechanisms_with_stribeck_curves(block):
     """Nothing is silently wrong."""
     for i in range(300)[block::12]:
         scene, t_end = scene_with_stribeck_curves(1, i), 1.5
+        motion = simulate(scene, t_end)
+        assert motion.violation < RESERVE * TOLERANCE
+        for rtol in RTOLS:
+            run = reference(scene, t_end, rtol)
+            assert (run.breakdown or not motion.breakdown) and differences(
+                scene, motion, run, rtol
+            ) == [], (i, rtol)
+
+
+@pytest.mark.parametrize("i", range(3))  # hundreds in the long tests
+def test_random_mechanisms_with_pins_under_load(i):
+    """Friction of pins by the forces in them, beside constant bounds and curves of friction."""
+    scene = scene_with_pins_under_load(5, i)
+    motion = simulate(scene, T_END)
+    assert motion.breakdown is None and motion.violation < RESERVE * TOLERANCE
+    run = reference(scene, T_END, 1e-9)
+    assert run.breakdown is None and differences(scene, motion, run, 1e-9) == []
+
+
+@pytest.mark.long
+@pytest.mark.parametrize("block", range(12))
+def test_hundreds_of_random_mechanisms_with_pins_under_load(block):
+    """Nothing is silently wrong."""
+    for i in range(300)[block::12]:
+        scene, t_end = scene_with_pins_under_load(5, i), 1.5
         motion = simulate(scene, t_end)
         assert motion.violation < RESERVE * TOLERANCE
         for rtol in RTOLS:

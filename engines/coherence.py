@@ -337,7 +337,7 @@ def _check_sequence(
     is_broken = after[:-1] != before[1:]
     if check_surfaces:
         is_broken |= _other_surfaces(run, name, sides)
-    is_same_instant = np.diff(sides.t[::2]) == 0.0
+    is_same_instant = np.diff(sides.t[1::2]) == 0.0
     for i in np.flatnonzero(is_broken | is_same_instant).tolist():
         event, following = events[i], events[i + 1]
         if is_broken[i] or event == following:

@@ -101,12 +101,14 @@ class Sides:
     events : sequence of Event
         The events.
     t : ndarray, shape (2 * events,)
-        The time of the event of each side, s.
+        The time of each side, s: that of the event for the side after it, and the floating-point number below it for
+        the side before it. A law of time that jumps at the event has its limits from both sides there.
     """
 
     def __init__(self, events: Sequence[Event]):
         self.events = events
         self.t = np.repeat(np.array([event.time for event in events], dtype=float), 2)
+        self.t[::2] = np.nextafter(self.t[::2], -np.inf)
         # Group the sides that are rows of the same columns. Engines may also return other mappings,
         # which are read one by one.
         groups: dict[int, list[tuple[int, Row]]] = {}

@@ -10,7 +10,7 @@ import ast
 import math
 import operator
 import warnings
-from collections.abc import Callable, Collection, Mapping
+from collections.abc import Callable, Collection, Mapping, Sequence
 from functools import lru_cache
 
 from stiction.scenes.base_errors import InputError
@@ -19,15 +19,25 @@ from stiction.scenes.wording import names as listed
 
 CONSTANTS = {"pi": math.pi}
 """Constants by name."""
-FUNCTIONS = {
+FUNCTIONS: dict[str, Callable[..., float]] = {
     "sqrt": math.sqrt,
+    "exp": math.exp,
     "sin": math.sin,
     "cos": math.cos,
     "tan": math.tan,
+    "asin": math.asin,
+    "acos": math.acos,
     "atan": math.atan,
+    "atan2": math.atan2,
     "deg": math.radians,
+    "abs": abs,
+    "min": min,
+    "max": max,
 }
-"""Functions of one argument by name; angles are in radians, and ``deg`` converts degrees."""
+"""Functions by name; angles are in radians, ``atan2(y, x)`` is the angle of the vector (x, y), and ``deg`` converts
+degrees."""
+_ARITIES = {"atan2": (2, 2), "min": (2, math.inf), "max": (2, math.inf)}
+"""Smallest and largest number of arguments of the functions that do not take one argument."""
 MAX_LENGTH = 500
 """Largest number of characters of an expression. It also keeps the depth of the syntax tree below Python's limit of
 recursion."""
@@ -108,8 +118,8 @@ def _evaluate_node(node: ast.expr, names: Mapping[str, float]) -> float:
                 ) from None
         case ast.UnaryOp(op=sign, operand=operand) if type(sign) in _UNARY:
             return _UNARY[type(sign)](_evaluate_node(operand, names))
-        case ast.Call(func=ast.Name(id=name), args=[argument], keywords=[]):
-            return _call(name, argument, names)
+        case ast.Call(func=ast.Name(id=name), args=arguments, keywords=[]):
+            return _call(name, arguments, names)
     raise InputError(
         "expected arithmetic of numbers, parameters, + - * / ^ and " + ", ".join(FUNCTIONS)
     )
@@ -124,15 +134,20 @@ def _look_up(name: str, names: Mapping[str, float]) -> float:
     raise InputError(_unknown_name(name, [*names, *CONSTANTS]))
 
 
-def _call(name: str, argument: ast.expr, names: Mapping[str, float]) -> float:
-    """Return the value of a function of one argument."""
+def _call(name: str, arguments: Sequence[ast.expr], names: Mapping[str, float]) -> float:
+    """Return the value of a function."""
     if name not in FUNCTIONS:
         raise InputError(_unknown_name(name, FUNCTIONS))
-    value = _evaluate_node(argument, names)
+    fewest, most = _ARITIES.get(name, (1, 1))
+    if not fewest <= len(arguments) <= most:
+        expected = f"{fewest} or more" if most > fewest else f"{fewest}"
+        raise InputError(f"arguments of {name}: found {len(arguments)}; expected {expected}")
+    values = [_evaluate_node(argument, names) for argument in arguments]
     try:
-        return FUNCTIONS[name](value)
+        return FUNCTIONS[name](*values)
     except ValueError:
-        raise InputError(f"{name}({value:g}) is not a real number") from None
+        shown = ", ".join(f"{value:g}" for value in values)
+        raise InputError(f"{name}({shown}) is not a real number") from None
 
 
 def _unknown_name(name: str, known_names: Collection[str]) -> str:

@@ -24,7 +24,7 @@ from stiction.scenes.fields import (
     Shape,
     Vector,
 )
-from stiction.scenes.laws import Law, Table, evaluate_law
+from stiction.scenes.laws import Law, Sum, Table, evaluate_law, law_terms
 from stiction.scenes.wording import shortened
 
 if TYPE_CHECKING:
@@ -328,12 +328,14 @@ class Drive(Model):
 
     def inconsistencies(self) -> Iterator[tuple[str, Any, str]]:
         """Yield laws that no motion can follow, and keys of the other type; see `Model.inconsistencies`."""
-        if isinstance(self.law, Table) and self.law.interpolation != "cubic":
-            yield (
-                "law.interpolation",
-                self.law.interpolation,
-                "expected 'cubic': along straight lines a drive would have infinite accelerations",
-            )
+        for i, term in enumerate(law_terms(self.law)):
+            if isinstance(term, Table) and term.interpolation != "cubic":
+                place = f"terms.{i}." if isinstance(self.law, Sum) else ""
+                yield (
+                    f"law.{place}interpolation",
+                    term.interpolation,
+                    "expected 'cubic': along straight lines a drive would have infinite accelerations",
+                )
         if self.type == "angle":
             for key in ("points", "axis"):
                 if getattr(self, key) != type(self).model_fields[key].default:

@@ -170,6 +170,10 @@ class Trajectory:
         `stiction.scenes.columns.COLUMNS`.
     events : tuple of Event
         Events in order of time; empty for an engine that does not locate events.
+    switches : tuple of Event
+        Instants, known from the scene, at which a load steps, or a drive begins or ends a part of its law
+        (`stiction.scenes.laws.law_switches`), with both sides: forces may jump there though no contact mode changes.
+        Their kind is ``"switch"``, their joint the name of the load or drive. Only the reference reports them.
     settings : Mapping
         All settings that influence the numbers, including defaults: step or tolerance, iterations, stabilization,
         friction law and who supplies it.
@@ -200,6 +204,7 @@ class Trajectory:
     termination: str = "end"
     breakdown: Breakdown | None = None
     alternatives: Mapping[str, np.ndarray] = field(default_factory=dict, repr=False, compare=False)
+    switches: tuple[Event, ...] = ()
     mechanism: Scene | None = field(default=None, compare=False)
 
     def __repr__(self) -> str:
@@ -343,8 +348,8 @@ class Trajectory:
         Parameters
         ----------
         events
-            Add two rows per event, with the left and right limits, so that a plot shows a jump as a vertical line; see
-            `stiction.scenes.motion_table.with_sides`.
+            Add two rows per event and per switch of a law, with the left and right limits, so that a plot shows a jump
+            as a vertical line; see `stiction.scenes.motion_table.with_sides`.
         interpolated
             How to fill the rows of an event in columns that the event does not contain, because they belong to an
             independent part of the scene: False for NaN, True for polynomial interpolation between output times, which
@@ -355,7 +360,10 @@ class Trajectory:
         from stiction.scenes.motion_table import with_sides
 
         frame = pd.DataFrame({"t": self.t, **self.columns})
-        return with_sides(frame, self.events, interpolated) if events else frame
+        if not events:
+            return frame
+        instants = sorted((*self.events, *self.switches), key=lambda event: event.time)
+        return with_sides(frame, instants, interpolated)
 
 
 def events_frame(events: Iterable[Event]) -> pd.DataFrame:

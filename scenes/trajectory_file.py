@@ -77,6 +77,7 @@ def load_trajectory(file: str | Path) -> Trajectory:
         name: np.array(values, dtype=float) for name, values in alternatives.items()
     }
     fields["events"] = tuple(Event(**event) for event in fields["events"])
+    fields["switches"] = tuple(Event(**event) for event in fields.pop("switches", ()))
     fields["fidelity"] = fidelity_of(fields["fidelity"])
     fields["cost"] = Cost(**fields["cost"])
     if fields["breakdown"]:

@@ -44,6 +44,7 @@ if TYPE_CHECKING:
         scene_from_dict,
         scene_to_toml,
     )
+    from stiction.scenes.continuation import continued
     from stiction.scenes.laws import evaluate_law
 
 __all__ = [
@@ -67,6 +68,7 @@ __all__ = [
     "Terms",
     "Trajectory",
     "UnknownEngine",
+    "continued",
     "corner_forces",
     "energies",
     "engine_names",
@@ -106,6 +108,7 @@ _MODULES = {
         "scene_from_dict",
         "scene_to_toml",
     },
+    "scenes.continuation": {"continued"},
     "scenes.laws": {"evaluate_law"},
 }
 """Public names by the modules that define them."""

@@ -52,9 +52,8 @@ in m, s, kg, rad, for mechanisms of about a metre, a second and a kilogram.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Callable, Collection, Iterable, Iterator, Sequence
 from dataclasses import dataclass
-from functools import partial
 from itertools import product
 
 import numpy as np
@@ -62,7 +61,7 @@ from scipy.integrate import DOP853, DenseOutput
 from scipy.optimize import brentq, linprog, minimize_scalar
 
 from stiction.scenes import Breakdown, Scene
-from stiction.scenes.laws import Constant, law_kinks
+from stiction.scenes.laws import Constant, law_kinks, law_switches
 from stiction.scenes.model import Translational
 from stiction.truths.dense_equations import DenseEquations, Terms
 
@@ -843,13 +842,16 @@ def simulate(scene: Scene, t_end: float, tolerance: float = TOLERANCE) -> Motion
     """
     contact = Contact(scene)
     recorder = _Recorder(0.0, np.concatenate(contact.equations.start()))
-    # DOP853 assumes a smooth right-hand side: integration restarts at the kinks of all laws.
+    # DOP853 assumes a smooth right-hand side: integration restarts at the kinks of all laws. Where they may jump, the
+    # contact mode is determined anew.
     loads = [*scene.drives.values(), *scene.forces.values()]
     kinks = {time for element in loads for time in law_kinks(element.law, t_end)}
+    switches = {time for element in loads for time in law_switches(element.law, t_end)}
     rest = None
     breakdown = None
     try:
-        rest = _integrate(contact, recorder, sorted(kinks | {t_end}), t_end / STEPS, tolerance)
+        stops = sorted(kinks | {t_end})
+        rest = _integrate(contact, recorder, stops, switches, t_end / STEPS, tolerance)
     except _Stopped as stopped:
         breakdown = stopped.breakdown
     except np.linalg.LinAlgError as error:
@@ -874,10 +876,13 @@ def _integrate(
     contact: Contact,
     recorder: _Recorder,
     stops: Sequence[float],
+    switches: Collection[float],
     longest: float,
     tolerance: float,
 ) -> float | None:
     """Integrate mode by mode to the last of `stops`, at which integration restarts (s).
+
+    At `switches` (s), which are among them, laws may jump.
 
     Returns
     -------
@@ -902,6 +907,12 @@ def _integrate(
             passed = margins
         t = recorder.times[-1]
         y = recorder.states[-1]
+        if not passed and t in switches:
+            # Guides at rest have no speed but drift; the others keep their directions.
+            settled = contact.settle(t, y, mode.slip, set())
+            for g, kind in _changes(mode, settled):
+                recorder.events.append(Instant(t, kind, contact.names[g], np.inf))
+            mode = settled
         if not passed:
             continue
         # The event decides the next mode. Modes that end at once are counted, because they may follow
@@ -930,8 +941,10 @@ def _steps(
 
     Each comes with the margins that pass zero at its end, and their rates.
     """
+    # Laws that jump at the stop have their limits from the left until there.
+    latest = np.nextafter(stop, -np.inf)
     solver = DOP853(
-        partial(contact.derivative, mode),
+        lambda time, state: contact.derivative(mode, min(time, latest), state),
         t,
         y,
         stop,
@@ -945,24 +958,25 @@ def _steps(
         if solver.status == "failed":
             raise _Stopped("step too small", solver.t, "DOP853 found no step small enough")
         piece = solver.dense_output()
-        end, passed = _first_zero(contact, mode, piece)
+        end, passed = _first_zero(contact, mode, piece, latest)
         yield Step(mode, piece, end), passed
 
 
 def _first_zero(
-    contact: Contact, mode: Mode, piece: DenseOutput
+    contact: Contact, mode: Mode, piece: DenseOutput, latest: float
 ) -> tuple[float, list[tuple[Margin, float]]]:
     """Return the time (s) of the first zero of the margins in a step, and all margins that pass there with their rates.
 
-    If no margin passes zero, the time is the end of the step.
+    If no margin passes zero, the time is the end of the step. Behind `latest` (s) laws may have jumped.
     """
     t = piece.t_old + FRACTIONS * (piece.t - piece.t_old)
-    margins, values = contact.margins(t, piece(t).T, mode)
+    margins, values = contact.margins(np.minimum(t, latest), piece(t).T, mode)
     zeros: list[tuple[float, int]] = []
     for k, sampled in enumerate(values.T):
 
         def evaluate(time: float, k: int = k) -> float:
-            return float(contact.margins(np.array(time), piece(time), mode)[1][k])
+            instant = np.array(min(time, latest))
+            return float(contact.margins(instant, piece(time), mode)[1][k])
 
         zero = _zero_of(evaluate, t, sampled, piece.t)
         if zero is not None and np.isnan(zero):
@@ -980,7 +994,8 @@ def _first_zero(
     # Margins whose zeros differ by rounding are one event.
     first = min(time for time, _ in zeros)
     beside = first + _RATE_FRACTION * (piece.t - piece.t_old) * np.array([-1.0, 1.0])
-    change = np.diff(contact.margins(beside, piece(beside).T, mode)[1], axis=0)[0]
+    instants = np.minimum(beside, latest)
+    change = np.diff(contact.margins(instants, piece(beside).T, mode)[1], axis=0)[0]
     rates = np.abs(change) / np.ptp(beside)
     return first, [(margins[k], float(rates[k])) for time, k in zeros if time - first <= AT_ONCE]
 

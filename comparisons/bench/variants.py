@@ -15,7 +15,7 @@ from stiction.engines.protocol import EVENTS_LOCATED_BY, FRICTION_SUPPLIED_BY
 from stiction.engines.registry import EngineMissing, label_of, load_engine
 from stiction.scenes import Scene, Trajectory, catalogue
 from stiction.scenes.fidelity import Fidelity
-from stiction.scenes.laws import Linear, Sine
+from stiction.scenes.laws import MOVES, Linear, Sine, law_terms
 from stiction.scenes.model import LinearSpring, TorsionalSpring
 
 Parameter = Literal["dt", "rtol", "iterations"]
@@ -225,10 +225,13 @@ def fastest_period(scene: Scene) -> float:
     """
     frequencies = [0.0]
     for element in (*scene.drives.values(), *scene.forces.values()):
-        if isinstance(element.law, Sine):
-            frequencies.append(abs(element.law.frequency))
-        elif isinstance(element.law, Linear) and getattr(element, "type", "") == "angle":
-            frequencies.append(abs(element.law.rate))
+        for law in law_terms(element.law):
+            if isinstance(law, Sine):
+                frequencies.append(abs(law.frequency))
+            elif isinstance(law, Linear) and getattr(element, "type", "") == "angle":
+                frequencies.append(abs(law.rate))
+            elif isinstance(law, MOVES):
+                frequencies.append(2 * math.pi / law.duration)
     for spring in scene.springs.values():
         frequencies.append(math.sqrt(spring.stiffness * _compliance(scene, spring)))
     fastest = max(frequencies)

@@ -39,7 +39,7 @@ import numpy as np
 
 from stiction.scenes import Scene
 from stiction.scenes.fields import GROUND
-from stiction.scenes.laws import Law, Linear
+from stiction.scenes.laws import Law, Linear, law_terms
 from stiction.scenes.model import Drive, LinearSpring, Revolute, TorsionalSpring, Translational
 
 TURN = 2 * np.pi
@@ -251,8 +251,8 @@ class _Rules:
 
 
 def _rate(law: Law) -> float:
-    """Return the rate of a linear law, 0 of others, which are constant or oscillate."""
-    return law.rate if isinstance(law, Linear) else 0.0
+    """Return the rate of linear terms, 0 of others, which are constant, oscillate, or come to an end."""
+    return sum(term.rate for term in law_terms(law) if isinstance(term, Linear))
 
 
 def _oriented(scene: Scene) -> list[str]:

@@ -23,7 +23,7 @@ from stiction.reference_impl.multibody.initial_state import consistent_start
 from stiction.reference_impl.multibody.mechanism import Mechanism
 from stiction.scenes import Scene, StictionError
 from stiction.scenes.columns import unit_of
-from stiction.scenes.laws import Table
+from stiction.scenes.laws import scaled_law
 from stiction.scenes.model import Load
 from stiction.scenes.result_table import ResultTable
 from stiction.truths import Truth
@@ -335,14 +335,7 @@ def changed(scene: Scene, parameter: Parameter, factor: float) -> Scene:
 
 def _scaled_load(load: Load, factor: float) -> Load:
     """Return a load whose law is multiplied by a factor."""
-    law = load.law
-    sizes = ("value", "offset", "rate", "amplitude") if not isinstance(law, Table) else ()
-    update: dict[str, object] = {
-        name: factor * getattr(law, name) for name in sizes if hasattr(law, name)
-    }
-    if isinstance(law, Table):
-        update["values"] = tuple(factor * value for value in law.values)
-    return load.model_copy(update={"law": law.model_copy(update=update)})
+    return load.model_copy(update={"law": scaled_law(load.law, factor)})
 
 
 def _value(scene: Scene, parameter: Parameter, factor: float) -> float:

@@ -9,7 +9,7 @@ from fractions import Fraction
 import numpy as np
 
 from stiction.scenes import InputError, Scene, StictionError
-from stiction.scenes.laws import Linear, Sine, Table
+from stiction.scenes.laws import Linear, Sine, constant_from, law_terms
 
 MOST_PERIODS = 8
 """Highest order of a subharmonic, that is, the largest number of periods of the excitation in a
@@ -65,17 +65,17 @@ def excitation_period(scene: Scene, since: float = 0.0) -> float:
     """
     frequencies = []
     for name, element in [*scene.forces.items(), *scene.drives.items()]:
-        law = element.law
-        if isinstance(law, Sine):
-            frequencies.append(abs(law.frequency))
-        elif isinstance(law, Linear) and element.type == "angle":
-            frequencies.append(abs(law.rate))
-        elif isinstance(law, Linear) and law.rate and element.type != "distance":
-            raise NoCommonPeriod(f"{scene.name}: the law of {name} grows for ever")
-        elif isinstance(law, Table) and (law.interpolation == "cubic" or law.times[-1] > since):
-            raise NoCommonPeriod(
-                f"{scene.name}: the law of {name} is a table that has not come to its end"
-            )
+        for law in law_terms(element.law):
+            if isinstance(law, Sine):
+                frequencies.append(abs(law.frequency))
+            elif isinstance(law, Linear) and element.type == "angle":
+                frequencies.append(abs(law.rate))
+            elif isinstance(law, Linear) and law.rate and element.type != "distance":
+                raise NoCommonPeriod(f"{scene.name}: the law of {name} grows for ever")
+            elif not isinstance(law, Linear) and constant_from(law) > since:
+                raise NoCommonPeriod(
+                    f"{scene.name}: the law of {name} is a {law.type} that has not come to its end"
+                )
     frequencies = [frequency for frequency in frequencies if frequency > 0]
     if not frequencies:
         return np.inf

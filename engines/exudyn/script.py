@@ -257,8 +257,7 @@ class _Written(Model):
         # of connectors with different arguments.
         if (value := law_expression(law, derivative)) is None:
             raise Refused(
-                f"{element}: a law by table is not written as a script; expected a constant, a line or a "
-                "sine"
+                f"{element}: a law by table is not written as a script; expected another type of law"
             )
         variable = self.system.variable(element, re.sub("UserFunction", "", name).lower())
         arguments, result = "item, offset", value

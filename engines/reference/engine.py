@@ -17,6 +17,7 @@ from stiction.engines.assembly import Assembly, assembly_of
 from stiction.engines.joint_effects import ALL_EFFECTS
 from stiction.engines.protocol import Capabilities, Engine, check_settings, installed_version
 from stiction.scenes import Cost, Event, InputError, Scene, Trajectory
+from stiction.scenes.columns import BODY_COLUMNS
 from stiction.scenes.fidelity import Fidelity
 
 if TYPE_CHECKING:
@@ -227,6 +228,7 @@ class ReferenceEngine(Engine):
             t=run.t[:rows],
             columns={name: values[:rows] for name, values in run.columns.items()},
             events=run.events,
+            switches=run.switches,
             cost=cost,
             termination=run.termination,
             breakdown=run.breakdown,
@@ -247,18 +249,17 @@ def _rows_that_are_motion(run: Run, size: float) -> int:
     """Return the number of rows; after a breakdown, of those before the first that is no motion.
 
     A row is no motion if it is not finite, or further off the constraints than `size`. A fixed step that is unstable
-    overflows within a step or two, and its last rows are of that kind.
+    overflows within a step or two, and its last rows are of that kind. Forces that are not unique are nan in a motion.
     """
     # A run that broke down at once has one row, its start without forces.
     if run.breakdown is None or len(run.t) < 2:
         return len(run.t)
-    motion = np.all(
-        [
-            run.columns["drift.position"] <= size,
-            *(np.isfinite(values) for values in run.columns.values()),
-        ],
-        axis=0,
-    )
+    labels = {label for group in BODY_COLUMNS for label in group}
+    is_motion = [run.columns["drift.position"] <= size]
+    for name, values in run.columns.items():
+        is_of_body = name.rpartition(".")[2] in labels
+        is_motion.append(np.isfinite(values) if is_of_body else ~np.isinf(values))
+    motion = np.all(is_motion, axis=0)
     return len(run.t) if motion.all() else int(np.argmin(motion))
 
 

@@ -123,11 +123,14 @@ class TreeAccelerations:
         self.slip = np.sign(self._slip_speed(self.start)).astype(np.int64)
         self.corner = np.ones((len(links), 4), dtype=np.int64)
 
-    def begin(self, y: np.ndarray) -> None:
-        """Choose the contact mode of the start, and set the rates of guides at rest in y to zero."""
+    def begin(self, t: float, y: np.ndarray) -> None:
+        """Choose the contact mode at t (s): at the start, or where a law switches, which may release guides at rest.
+
+        The rates of guides that stay at rest are set to zero in y.
+        """
         for guide in np.flatnonzero(self.slip == 0).tolist():
-            self._leave_rest(0.0, y, guide, may_stick=True)
-        self._correct_signs(0.0, y)
+            self._leave_rest(t, y, guide, may_stick=True)
+        self._correct_signs(t, y)
 
     def compile(self) -> None:
         """Compile what the solutions call, or load it."""
@@ -376,7 +379,7 @@ class _Record:
             return ()
         rows = rows_of(_columns(mechanism, self.sides))
         return tuple(
-            Event(self.sides[2 * i][0], kind, guide, rows[2 * i], rows[2 * i + 1])
+            Event(self.sides[2 * i + 1][0], kind, guide, rows[2 * i], rows[2 * i + 1])
             for i, (kind, guide) in enumerate(self.switches)
         )
 
@@ -448,7 +451,8 @@ def _integrate_stretches(
     t = 0.0
     y = accelerations.start
     events_at_once = 0
-    accelerations.begin(y)
+    accelerations.begin(0.0, y)
+    switches, _ = mechanism.switches(t_end)
     for stop in (*mechanism.kinks(t_end), t_end):
         while t < stop:
             begin = t
@@ -468,8 +472,25 @@ def _integrate_stretches(
             record.sides.append(accelerations.sample(t, y))
             kind = _kind(slip_before, accelerations.slip[guide])
             record.switches.append((kind, guides[guide]))
+        if stop in switches:
+            _cross_switch(accelerations, record, guides, stop, y)
     record.samples.append(accelerations.sample(t, y))
     return record
+
+
+def _cross_switch(
+    accelerations: TreeAccelerations, record: _Record, guides: list[str], t: float, y: np.ndarray
+) -> None:
+    """Choose the contact mode where a law of time switches (s), and record each guide whose mode changes."""
+    before = accelerations.sample(np.nextafter(t, -np.inf), y)
+    slip, corner = accelerations.slip.copy(), accelerations.corner.copy()
+    accelerations.begin(t, y)
+    after = accelerations.sample(t, y)
+    for g, guide in enumerate(guides):
+        changes_corner = accelerations.slip[g] != 0 and np.any(accelerations.corner[g] != corner[g])
+        if accelerations.slip[g] != slip[g] or changes_corner:
+            record.sides += [before, after]
+            record.switches.append((_kind(slip[g], accelerations.slip[g]), guide))
 
 
 def _integrate_to_event(
@@ -490,9 +511,11 @@ def _integrate_to_event(
     event : int
         Index of the event function as in `TreeAccelerations.first_event`; -1 if there is no event.
     """
+    # Laws that jump at the stop have their limits from the left until there.
+    latest = np.nextafter(stop, -np.inf)
 
     def right_hand_side(t: float, y: np.ndarray) -> np.ndarray:
-        return np.concatenate([y[len(y) // 2 :], accelerations.at(t, y).second])
+        return np.concatenate([y[len(y) // 2 :], accelerations.at(min(t, latest), y).second])
 
     solver = DOP853(right_hand_side, t, y, stop, rtol=rtol, atol=rtol)
     event = -1

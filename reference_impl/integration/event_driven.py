@@ -19,6 +19,7 @@ from stiction.reference_impl.compiled.bundle import Reals
 from stiction.reference_impl.compiled.kernel import clock, kernel
 from stiction.reference_impl.compiled.loops import copy, is_finite
 from stiction.reference_impl.friction.coulomb import sticks
+from stiction.reference_impl.friction.driven_guides import driven_speed, frictionless_forces
 from stiction.reference_impl.friction.frozen_mode import event_functions
 from stiction.reference_impl.friction.outcomes import (
     AUDIT,
@@ -71,7 +72,12 @@ from stiction.reference_impl.integration.integration_state import (
     state,
     take_step,
 )
-from stiction.reference_impl.integration.mode_switch import begin, switch_mode
+from stiction.reference_impl.integration.mode_switch import (
+    COINCIDENCE,
+    begin,
+    cross_switch,
+    switch_mode,
+)
 from stiction.reference_impl.integration.result import (
     EventLog,
     Run,
@@ -89,6 +95,7 @@ from stiction.reference_impl.integration.step_limits import (
     longest_step,
 )
 from stiction.reference_impl.multibody.dynamics import largest_speed, row_form
+from stiction.reference_impl.multibody.guide_freedom import DRIVEN
 from stiction.reference_impl.multibody.mechanism import Arrays, Mechanism, Workspace, workspace
 from stiction.reference_impl.multibody.projection import project
 from stiction.reference_impl.multibody.trajectory_columns import residual_norm, write_sample
@@ -152,6 +159,11 @@ def integrate(
     """
     p, step = s.progress, s.attempt
     while True:
+        # where a law switches, forces may jump, and with them the contact mode
+        if p.next_switch < len(task.switches) and task.switches[p.next_switch] <= p.time:
+            outcome = cross_switch(m, w, s, log, task)
+            if outcome != DONE:
+                return outcome
         # y' and the event functions at the start of the step; they are at hand behind a step that ended as attempted
         if p.stale:
             _refresh(m, w, s)
@@ -218,6 +230,12 @@ def _propose(m: Arrays, s: State, task: Task) -> bool:
     if stop - t - h < SLIVER * h and stop - t <= longest:
         h = stop - t
     step.stop = stop
+    # laws are continuous from the right: a step that ends at a switch takes their limits from the left
+    ends_at_switch = p.next_switch < len(task.switches) and task.switches[p.next_switch] == stop
+    step.latest = np.nextafter(stop, -np.inf) if ends_at_switch else np.inf
+    # where a drive may begin to dwell, the zero of a driven speed is not foreseen, but searched (`_rests_at_switch`)
+    if ends_at_switch and p.expected_in < np.inf and _is_speed_of_driven(m, s, p.expected_event):
+        p.expected_in = np.inf
     step.target = TO_STOP if h == stop - t else FREE_LENGTH
     step.resolution = RESOLVED * max(abs(t), abs(task.t_end))
 
@@ -362,6 +380,8 @@ def _locate(m: Arrays, w: Workspace, s: State, samples: Samples) -> bool:
             p.unresolved_searches += 1
             _repeat_with(w, s, SHORTENED * h)
             return False
+        if step.event != NO_EVENT and _rests_at_switch(m, w, s):
+            step.event, step.fraction = NO_EVENT, 1.0
         if step.event != NO_EVENT:
             place = WITHIN
             # a function that is zero at the start and falls from there: the event is at the state itself
@@ -411,6 +431,37 @@ def _locate(m: Arrays, w: Workspace, s: State, samples: Samples) -> bool:
     elif not reached and w.event[step.event] > noise(s, step.event):
         step.event = NO_EVENT  # it comes near zero, and does not pass it
     return True
+
+
+@kernel
+def _is_speed_of_driven(m, s, e):
+    """Return True if event function e is the slip speed of a guide that drives move."""
+    f = e // 3
+    return e % 3 == 0 and s.slip[f] != 0 and m.friction[f].freedom == DRIVEN
+
+
+@kernel
+def _rests_at_switch(m, w, s):
+    """Return True if the event of the step is no reversal of a driven guide, which comes to rest where the step ends.
+
+    A drive that begins to dwell at a switch of its law brings its guides to rest with a speed that has a zero of higher
+    order there. The zeros near the end that rounding, or the error of the step, makes of it are no events: the mode is
+    chosen at the switch. What the drives do between such a zero and the end tells: a guide that reverses has a speed
+    there. The rows of the workspace are changed.
+    """
+    p, step = s.progress, s.attempt
+    n, e = len(m.inverse_mass), step.event
+    ends_at_switch = step.latest < np.inf and step.target == TO_STOP
+    if not (ends_at_switch and _is_speed_of_driven(m, s, e)):
+        return False
+
+    # the slip velocity of velocities on the constraints, which those of the dense output are not
+    middle = 0.5 * (step.fraction + 1.0)
+    dense_at(s.F, s.y, middle, s.probe)
+    row_form(m, w, p.time + middle * step.h, s.probe[:n], s.probe[n:])
+    frictionless_forces(m, w, w.phi_dot)
+    speed = s.slip[e // 3] * driven_speed(m, w, e // 3)
+    return speed >= -COINCIDENCE * p.speed
 
 
 @kernel
@@ -591,6 +642,7 @@ class Integration:
         self._workspace = workspace(m, options.solver)
         self._state = state(q, v, frictional)
         fastest = mechanism.fastest_law() if frictional else 0.0
+        switches, switched = mechanism.switches(t_end)
         self._task = Task(
             t_end=t_end,
             rtol=rtol,
@@ -600,6 +652,8 @@ class Integration:
             projecting=int(mechanism.projection),
             step_limit=options.step_limit,
             kinks=mechanism.kinks(t_end),
+            switches=switches,
+            switched=switched,
         )
         self._state.progress["step"] = self._task.first_step
         longest = longest_step(m, self._state, fastest) if frictional else np.inf
@@ -635,7 +689,8 @@ class Integration:
         mechanism, options, output = self._mechanism, self._options, self._output
         m, w, s = mechanism.arrays, self._workspace, self._state
         n, progress = len(m.inverse_mass), s.progress
-        room = LOG_ROOM + len(m.friction)  # all guides may change in one event
+        # all guides may change in one event, and all laws may switch at once
+        room = LOG_ROOM + len(m.friction) + len(m.law)
         samples, log = Samples.room(m, len(output)), EventLog.room(m, room, room)
         samples.t[:] = output
         logged = [[part[:0] for part in log]]
@@ -665,7 +720,7 @@ class Integration:
             residual = None
         events_of_run = [np.concatenate(parts) for parts in zip(*logged)]
         first = np.searchsorted(events_of_run[0], options.events_behind, side="right")
-        columns, events, alternatives = columns_and_events(
+        columns, events, switches, alternatives = columns_and_events(
             mechanism,
             [
                 part[:samples_written]
@@ -690,7 +745,9 @@ class Integration:
             (float(progress["speed"]) or 1.0, float(progress["force"]) or 1.0),
         )
         cost = Cost(self._setup_s + prepared - started, 0.0, stepped - prepared, named(w.counters))
-        return Run(output[:samples_written], columns, events, cost, breakdown, alternatives)
+        return Run(
+            output[:samples_written], columns, events, cost, breakdown, alternatives, switches
+        )
 
 
 def _copy_of_log(log: EventLog, count: int, sides: bool) -> list[np.ndarray]:

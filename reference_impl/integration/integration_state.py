@@ -67,6 +67,8 @@ class Task(Bundle):
     projecting: int  # 1: states are projected onto the constraints after each step
     step_limit: int  # accepted steps after which it is given up
     kinks: Reals  # (n,), increasing: times at which a law is not smooth
+    switches: Reals  # (k,), in order: those of the kinks at which a law may change the contact mode
+    switched: Integers  # (k,), the law of each of the switches
 
 
 class Progress(Record):
@@ -85,6 +87,7 @@ class Progress(Record):
     unresolved_steps: int  # steps shortened since the stages of a step last resolved them
     next_output: int  # index of the next sample in the output times
     next_kink: int  # index in the times at which a law is not smooth
+    next_switch: int  # index in those at which a law may change the contact mode
     idle: int  # successive events at one and the same time
     logged: int  # events in the log
     stale: int  # 1 where y' and the event functions are not those of the state
@@ -95,6 +98,7 @@ class Attempt(Record):
 
     h: float  # attempted length, which the dense output spans
     stop: float  # time that it must not pass
+    latest: float  # last time at which it may evaluate laws: before a switch, where they may jump; else inf
     resolution: float  # smallest difference of times that double precision resolves there
     proposal: float  # length proposed for the next step
     length: float  # accepted length: to the event, or `h`
@@ -239,7 +243,8 @@ def _stages(  # noqa: PLR0913 - a kernel's arrays
 ) -> None:
     for i in range(1, STAGES + 1):
         combine(K, A[i], i, h, y, stage)
-        right_hand_side(m, w, t + C[i] * h, stage, s.slip, s.corner, K[i])
+        time = min(t + C[i] * h, s.attempt.latest)
+        right_hand_side(m, w, time, stage, s.slip, s.corner, K[i])
         for e in range(len(w.event)):
             at_stages[BY_TIME[i], e] = w.event[e]
     copy(stage, y_new)
@@ -277,7 +282,7 @@ def error_along_motion(m: Arrays, w: Workspace, s: State, error: float, bodies: 
             for value in values:
                 first += 1 if value >= BRANCH_RATIO * values[0] else 0
                 last += 1 if value > ALWAYS_DEPENDENT * values[0] else 0
-    row_form(m, w, t + h, s.y_new[:n], s.y_new[n:])
+    row_form(m, w, min(t + h, s.attempt.latest), s.y_new[:n], s.y_new[n:])
     if first == last:
         return error
 

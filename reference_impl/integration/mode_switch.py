@@ -41,6 +41,7 @@ from stiction.reference_impl.integration.integration_state import (
     AT_ONCE,
     NO_EVENT,
     State,
+    Task,
     noise,
     remember,
 )
@@ -50,6 +51,7 @@ from stiction.reference_impl.integration.result import (
     SAME_INSTANT,
     SLIP,
     STICK,
+    SWITCH,
     UNCHANGED,
     EventLog,
 )
@@ -154,8 +156,92 @@ def switch_mode(m: Arrays, w: Workspace, s: State, log: EventLog, first_step: fl
     copy(w.event, s.at_start)
     p.stale = 0
     remember(m, w, s)
-    _log_changes(m, w, s, log, others)
-    return ROOM if p.logged + len(m.friction) >= len(log.t) else DONE
+    _log_changes(m, w, s, log, first, others)
+    return ROOM if p.logged + len(m.friction) + len(m.law) >= len(log.t) else DONE
+
+
+@kernel
+def cross_switch(m: Arrays, w: Workspace, s: State, log: EventLog, task: Task) -> int:
+    """Choose the contact mode where laws switch, at the state, and log the switch of each law and what has changed.
+
+    Loads may jump there, and drives may begin or end a dwell: unlike at an event, the event functions of the old mode
+    do not pass zero. The mode is chosen as at the start of a run, except that guides at rest are known. Returns DONE,
+    ROOM if the log is full, or why the run ends.
+    """
+    p = s.progress
+    time = task.switches[p.next_switch]
+
+    # the values before the switch: laws are continuous from the right
+    just_before = np.nextafter(p.time, -np.inf)
+    right_hand_side(m, w, just_before, s.y, s.slip, s.corner, s.dy)
+    remember(m, w, s)
+    first = p.logged
+    write_sample(
+        w, s.y, s.dy, s.slip, log.motion[first, 0], log.force[first, 0], log.slip[first, 0]
+    )
+    copy(s.slip, s.old_slip)
+    for f in range(len(m.friction)):
+        copy(s.corner[f], s.old_corner[f])
+
+    # the mode by the forces of this instant, or by those just behind it
+    if len(m.friction) > 0:
+        outcome = _choose_at_switch(m, w, s, task)
+        if outcome != SOLVED:
+            return outcome
+        # behind a rest of all bodies the largest speed so far is rounding, and no scale
+        copy(s.y, s.probe)
+        _foresee_speeds(m, w, s)
+    begin_mode(m, w, s)
+    if len(m.friction) > 0:
+        p.gain, _ = gain_of_mode(m, w, s.slip)
+    copy(w.event, s.at_start)
+    remember(m, w, s)
+    p.stale = 0
+    p.expected_in = np.inf
+    p.idle = 0
+
+    # a row for each law, and for each guide whose mode has changed
+    while p.next_switch < len(task.switches) and task.switches[p.next_switch] == time:
+        i = p.logged
+        log.t[i], log.kind[i], log.others[i] = p.time, SWITCH, 0
+        log.guide[i] = task.switched[p.next_switch]
+        _log_sides(w, s, log, first, i)
+        p.next_switch += 1
+    _log_changes(m, w, s, log, first, 0)
+    room_needed = len(m.friction) + len(m.law)
+    return ROOM if p.logged + room_needed >= len(log.t) else DONE
+
+
+@kernel
+def _choose_at_switch(m, w, s, task):
+    """Choose the contact mode at the state, where laws switch; return the outcome."""
+    p, n = s.progress, len(m.inverse_mass)
+    t, q, v = p.time, s.y[:n], s.y[n:]
+    for f in range(len(m.friction)):
+        s.rest_speed[f] = COINCIDENCE * p.speed
+        if s.slip[f] == 0 and m.friction[f].freedom == FREE:
+            s.rest_speed[f] = HOLDS
+        elif s.slip[f] != 0 and t - s.began[f] <= SAME_INSTANT * max(task.first_step, t):
+            s.rest_speed[f] = LEAVES
+    outcome = choose_mode(m, w, t, q, v, s.slip, s.corner, s.rest_speed)
+    if outcome == SOLVED and m.unfree > 0 and _foresee_drives(m, w, s):
+        outcome = choose_mode(m, w, t, q, v, s.slip, s.corner, s.rest_speed)
+    if outcome != SOLVED:
+        return outcome
+
+    # a guide at rest without load does not tell at this instant whether it holds: the mode is that just behind
+    right_hand_side(m, w, t, s.y, s.slip, s.corner, s.K[0])
+    any_unloaded = False
+    for f in range(len(m.friction)):
+        if abs(w.slip_speed[f]) <= s.rest_speed[f] and m.friction[f].freedom == FREE:
+            any_unloaded = any_unloaded or most_capacity(m, w, f) <= UNLOADED * p.force
+    if any_unloaded:
+        _look_behind(m, w, s)
+        outcome = _choose_behind(m, w, s)
+    for f in range(len(m.friction)):
+        if s.old_slip[f] == 0 and s.slip[f] != 0:
+            s.began[f] = t
+    return outcome
 
 
 @kernel(allocates=True)
@@ -343,23 +429,29 @@ def _change_surfaces(m, w, s, event):
 
 
 @kernel
-def _log_changes(m, w, s, log, others):
-    """Log an event for each guide whose mode has changed; the values before it stand in the row of the first."""
-    p, first = s.progress, s.progress.logged
+def _log_changes(m, w, s, log, first, others):
+    """Log an event for each guide whose mode has changed; the values before it stand in row `first`."""
+    p = s.progress
     for f in range(len(m.friction)):
         kind = _kind_of_change(s, f)
         if kind == UNCHANGED:
             continue
         i = p.logged
         log.t[i], log.kind[i], log.guide[i], log.others[i] = p.time, kind, f, others
-        if i > first:
-            for k in range(3):
-                copy(log.motion[first, 0, k], log.motion[i, 0, k])
-            copy(log.force[first, 0], log.force[i, 0])
-            copy(log.slip[first, 0], log.slip[i, 0])
-        write_sample(w, s.y, s.K[0], s.slip, log.motion[i, 1], log.force[i, 1], log.slip[i, 1])
-        p.logged += 1
+        _log_sides(w, s, log, first, i)
         w.counters.events += 1
+
+
+@kernel
+def _log_sides(w, s, log, first, i):
+    """Write both sides of an instant into row i of the log: those before from row `first`, those after as they are."""
+    if i > first:
+        for k in range(3):
+            copy(log.motion[first, 0, k], log.motion[i, 0, k])
+        copy(log.force[first, 0], log.force[i, 0])
+        copy(log.slip[first, 0], log.slip[i, 0])
+    write_sample(w, s.y, s.K[0], s.slip, log.motion[i, 1], log.force[i, 1], log.slip[i, 1])
+    s.progress.logged += 1
 
 
 @kernel

@@ -202,7 +202,9 @@ def _log_sides(m, beside, s, log, t, began, events):
     """Log the values before and after the events of an instant; return the solver's outcome."""
     for side in range(2):  # the mode that follows last: it leaves its corners' signs
         mode = s.slip if side else s.old_slip
-        outcome = _evaluate(m, beside, t, s.y, mode, s.corner, s.dy)
+        # laws are continuous from the right: their limits from the left are those of the time just before
+        time = t if side else np.nextafter(t, -np.inf)
+        outcome = _evaluate(m, beside, time, s.y, mode, s.corner, s.dy)
         if outcome != SOLVED:
             return outcome
         for i in range(began, events):
@@ -301,7 +303,7 @@ def simulate_as_paper(
     task, prepared = Steps(dt, steps, every, int(mechanism.projection)), clock()
     code, written, events, reached = march(m, w, workspace(m, solver), state, task, samples, log)
     stepped = clock()
-    columns, found, alternatives = columns_and_events(
+    columns, found, _, alternatives = columns_and_events(
         mechanism,
         [part[:written] for part in (samples.t, samples.motion, samples.force, samples.slip)],
         [part[:events] for part in log],

@@ -48,9 +48,9 @@ from stiction.reference_impl.multibody.trajectory_columns import build_columns
 from stiction.scenes import Breakdown, Cost, Event
 from stiction.scenes.event_values import rows_of
 
-SLIP, STICK, REVERSAL, CORNER = range(4)
+SLIP, STICK, REVERSAL, CORNER, SWITCH = range(5)
 UNCHANGED = -1
-EVENT_KINDS = ("slip", "stick", "reversal", "corner")
+EVENT_KINDS = ("slip", "stick", "reversal", "corner", "switch")
 SAME_INSTANT = 1e-12
 """Part of the time so far, or of the first step if that is later, within which changes are one event: those of both
 corners of a slider. A guide that began to slip within it is not taken to be at rest again at the break-away of
@@ -87,7 +87,10 @@ class Samples(Bundle):
 
 
 class EventLog(Bundle):
-    """Events: time, kind, frictional guide, other consistent modes, and two-sided samples (n, 2, ...)."""
+    """Events: time, kind, frictional guide, other consistent modes, and two-sided samples (n, 2, ...).
+
+    A SWITCH has the number of the law in place of that of the guide.
+    """
 
     t: Reals
     kind: Integers
@@ -123,6 +126,8 @@ class Run:
     breakdown: Breakdown | None
     alternatives: Mapping[str, np.ndarray] = field(default_factory=dict)
     """As `stiction.scenes.Trajectory.alternatives`."""
+    switches: tuple[Event, ...] = ()
+    """As `stiction.scenes.Trajectory.switches`."""
 
     @property
     def termination(self) -> str:
@@ -206,9 +211,10 @@ def columns_and_events(
     sides: bool,
     first_step: float,
     residual: np.ndarray | None = None,
-) -> tuple[dict[str, np.ndarray], tuple[Event, ...], dict[str, np.ndarray]]:
-    """Return columns of the samples; the events, with the same on both `sides` if these are wanted; alternatives.
+) -> tuple[dict[str, np.ndarray], tuple[Event, ...], tuple[Event, ...], dict[str, np.ndarray]]:
+    """Return columns of the samples, events, switches of laws, and alternatives.
 
+    Events and switches have the columns on both `sides`, if these are wanted.
     `samples`: times, motion, forces and slip of `Samples`; `log`: the arrays of `EventLog`. `names`: the columns that
     are wanted; all where None. `first_step`: the least time (s) that SAME_INSTANT is taken of. `residual`: that of the
     samples, if it is known.
@@ -236,10 +242,15 @@ def columns_and_events(
         )
         rows = rows_of(two_sided)
     events: list[Event] = []
+    switches: list[Event] = []
     logged = zip(
         instants.tolist(), kinds.tolist(), guides.tolist(), others.tolist(), rows[::2], rows[1::2]
     )
     for instant, kind, guide, more, before, after in logged:
+        if kind == SWITCH:
+            name = mechanism.law_names[guide]
+            switches.append(Event(instant, EVENT_KINDS[kind], name, before, after))
+            continue
         found = Event(instant, EVENT_KINDS[kind], mechanism.guide_names[guide], before, after, more)
         last = events[-1] if events else None
         if (
@@ -252,7 +263,7 @@ def columns_and_events(
             found = replace(found, before=last.before)
             events.pop()
         events.append(found)
-    return columns, tuple(events), alternatives
+    return columns, tuple(events), tuple(switches), alternatives
 
 
 def alternative_columns(

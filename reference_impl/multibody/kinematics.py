@@ -11,9 +11,16 @@ from stiction.reference_impl.multibody.mechanism import (
     ANGLE,
     AXIS,
     DISTANCE,
+    LAW_PIECES,
     LAW_POLYNOMIAL,
     LAW_SINE,
     LAW_SPLINE,
+    LAW_SUM,
+    PIECE_AMPLITUDE,
+    PIECE_BEGIN,
+    PIECE_COEFFICIENTS,
+    PIECE_FREQUENCY,
+    PIECE_ORIGIN,
     REVOLUTE,
     Arrays,
 )
@@ -25,6 +32,20 @@ def law_at(m: Arrays, i: int, t: float) -> tuple[float, float, float]:
 
     The compiled twin of `stiction.scenes.laws.evaluate_law`.
     """
+    if m.law[i].kind != LAW_SUM:
+        return _term_at(m, i, t)
+    value, rate, second_rate = 0.0, 0.0, 0.0
+    for term in range(int(m.law[i].first), int(m.law[i].second)):
+        own_value, own_rate, own_second_rate = _term_at(m, term, t)
+        value += own_value
+        rate += own_rate
+        second_rate += own_second_rate
+    return value, rate, second_rate
+
+
+@kernel
+def _term_at(m, i, t):
+    """Return value, rate and second derivative at time t of a law that is no sum."""
     law, knots = m.law[i], m.knots
     kind, a, b = law.kind, law.first, law.second
     if kind == LAW_POLYNOMIAL:
@@ -34,6 +55,10 @@ def law_at(m: Arrays, i: int, t: float) -> tuple[float, float, float]:
         s, c = sin(frequency * t + phase), cos(frequency * t + phase)
         return a + b * s, b * frequency * c, -b * frequency * frequency * s
     first, last = int(a), int(b) - 1
+    if kind == LAW_PIECES:
+        while m.piece[last, PIECE_BEGIN] > t:
+            last -= 1
+        return _piece_at(m.piece[last], t)
     cubic = kind == LAW_SPLINE
     if t < knots[first, 0] or t >= knots[last, 0]:
         outer = first if t < knots[first, 0] else last
@@ -63,6 +88,24 @@ def law_at(m: Arrays, i: int, t: float) -> tuple[float, float, float]:
         (b * u * u - a * w * w) / (2.0 * h) + slope - h / 6.0 * (b - a),
         (a * w + b * u) / h,
     )
+
+
+@kernel
+def _piece_at(piece, t):
+    """Return value, rate and second derivative of a piece of a move at time t, by Horner's rule."""
+    u = t - piece[PIECE_ORIGIN]
+    value, rate, half_second_rate = 0.0, 0.0, 0.0
+    for k in range(len(piece) - 1, PIECE_COEFFICIENTS - 1, -1):
+        half_second_rate = half_second_rate * u + rate
+        rate = rate * u + value
+        value = value * u + piece[k]
+    amplitude, frequency = piece[PIECE_AMPLITUDE], piece[PIECE_FREQUENCY]
+    if amplitude != 0.0:
+        sine, cosine = amplitude * sin(frequency * u), amplitude * cos(frequency * u)
+        value += sine
+        rate += frequency * cosine
+        half_second_rate -= 0.5 * frequency * frequency * sine
+    return value, rate, 2.0 * half_second_rate
 
 
 @kernel

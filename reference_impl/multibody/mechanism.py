@@ -15,9 +15,10 @@ row of W_T for a surface at lever -+b/2 is the tangential row +- b/2 times that 
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from copy import copy
 from functools import cached_property, lru_cache
-from math import dist, hypot
+from math import dist, hypot, pi
 from typing import Annotated, Any
 
 import numpy as np
@@ -38,7 +39,21 @@ from stiction.reference_impl.multibody.baumgarte import PAPERS, coefficients
 from stiction.reference_impl.multibody.guide_freedom import guide_freedoms
 from stiction.scenes import Problem, Scene, SceneError
 from stiction.scenes.fields import GROUND
-from stiction.scenes.laws import Constant, Linear, Sine, law_kinks, spline_slopes
+from stiction.scenes.laws import (
+    MOVES,
+    Constant,
+    Law,
+    Linear,
+    Piece,
+    Sine,
+    Sum,
+    law_kinks,
+    law_switches,
+    law_terms,
+    pieces,
+    spline_slopes,
+)
+from stiction.scenes.laws import Table as TableLaw
 from stiction.scenes.model import (
     Baumgarte,
     Drive,
@@ -58,7 +73,7 @@ whatever the tolerance."""
 REVOLUTE, TRANSLATIONAL, ANGLE, DISTANCE, AXIS = range(5)
 NO_GUIDE = -1
 """Place of a frictional guide where there is none."""
-LAW_POLYNOMIAL, LAW_SINE, LAW_TABLE, LAW_SPLINE = range(4)
+LAW_POLYNOMIAL, LAW_SINE, LAW_TABLE, LAW_SPLINE, LAW_PIECES, LAW_SUM = range(6)
 
 
 def _record(integers: str, numbers: str) -> np.dtype:
@@ -102,7 +117,9 @@ CELL = _record("first end band first_entry end_entry first_block end_block", "")
 of G and of its blocks."""
 LAW = _record("kind", "first second frequency phase")
 """A polynomial is first + second t, a sine first + second sin(frequency t + phase), a table the knots from first to
-second."""
+second, a move the pieces from first to second, a sum the laws from first to second."""
+PIECE_BEGIN, PIECE_ORIGIN, PIECE_AMPLITUDE, PIECE_FREQUENCY, PIECE_COEFFICIENTS = range(5)
+"""Columns of `Arrays.piece`: see `stiction.scenes.laws.Piece`; the coefficients are the last columns."""
 
 
 class Arrays(Bundle):
@@ -131,6 +148,7 @@ class Arrays(Bundle):
     ]  # springs of points with rest length or damping, and drives of a distance
     law: Annotated[np.ndarray, LAW, 1]
     knots: Table  # (n, 3): time, value, second derivative
+    piece: Table  # (n, PIECE_COEFFICIENTS + largest number of coefficients): pieces of moves
     block: Annotated[np.ndarray, np.uint64, 2]
     """The three coefficients that a row has for a moving body: place in J, row, 3 * body."""
     pair: Annotated[np.ndarray, np.uint64, 2]
@@ -286,7 +304,9 @@ class Mechanism:
             ]
         )
         self.force_units = np.concatenate([np.ones(len(self.row_names)), self.slip_radius])
-        self._laws = [element.law for element in [*scene.drives.values(), *scene.forces.values()]]
+        laws = {name: element.law for name, element in (scene.drives | scene.forces).items()}
+        self._laws = list(laws.values())
+        self.law_names = list(laws)
         alpha, beta = self._stabilize(stabilization)
         if len(self.row_names) > MOST_ROWS:
             raise SceneError(
@@ -354,24 +374,40 @@ class Mechanism:
             sorted({time for law in self._laws for time in law_kinks(law, t_end)}), dtype=float
         )
 
+    def switches(self, t_end: float) -> tuple[np.ndarray, np.ndarray]:
+        """Return those of the kinks at which laws may change the contact mode, in order, and the law of each.
+
+        A time at which several laws switch is repeated. See `stiction.scenes.laws.law_switches`.
+        """
+        switches = sorted(
+            (time, i) for i, law in enumerate(self._laws) for time in law_switches(law, t_end)
+        )
+        times = np.array([time for time, _ in switches], dtype=float)
+        return times, np.array([i for _, i in switches], dtype=np.int64)
+
     def fastest_law(self) -> float:
-        """Return the largest angular frequency of a sine law, rad/s; 0 where there is none."""
-        return max((abs(law.frequency) for law in self._laws if isinstance(law, Sine)), default=0.0)
+        """Return the largest angular frequency of a law, rad/s; 0 without sine laws and moves."""
+        frequencies = [0.0]
+        for law in self._laws:
+            for term in law_terms(law):
+                if isinstance(term, Sine):
+                    frequencies.append(abs(term.frequency))
+                elif isinstance(term, MOVES):
+                    frequencies.append(2.0 * pi / term.duration)
+        return max(frequencies)
 
     def largest_load(self) -> float:
         """Return the largest force of a load with a sine law, N.
 
         A torque counts by the mechanism's size.
         """
-        return max(
-            (
-                abs(load.law.amplitude)
-                / (1.0 if isinstance(load, Force) else self.arrays.length_scale)
-                for load in self.scene.forces.values()
-                if isinstance(load.law, Sine)
-            ),
-            default=0.0,
-        )
+        largest = 0.0
+        for load in self.scene.forces.values():
+            arm = 1.0 if isinstance(load, Force) else self.arrays.length_scale
+            for term in law_terms(load.law):
+                if isinstance(term, Sine):
+                    largest = max(largest, abs(term.amplitude) / arm)
+        return largest
 
     def _masses(self) -> dict[str, np.ndarray]:
         bodies, (gx, gy) = self.scene.bodies.values(), self.scene.gravity or (0.0, 0.0)
@@ -518,28 +554,7 @@ class Mechanism:
             )
             for law, load in enumerate(self.scene.forces.values(), len(self.scene.drives))
         ]
-        laws: list[tuple[float, ...]] = []
-        knots: list[tuple[float, ...]] = []
-        for law in self._laws:
-            if isinstance(law, Constant):
-                laws.append((LAW_POLYNOMIAL, law.value, 0, 0, 0))
-            elif isinstance(law, Linear):
-                laws.append((LAW_POLYNOMIAL, law.offset, law.rate, 0, 0))
-            elif isinstance(law, Sine):
-                laws.append((LAW_SINE, law.offset, law.amplitude, law.frequency, law.phase))
-            else:
-                t, y = np.array(law.times), np.array(law.values)
-                cubic = law.interpolation == "cubic"
-                second = spline_slopes(law.times, law.values) if cubic else np.zeros(len(t))
-                laws.append(
-                    (LAW_SPLINE if cubic else LAW_TABLE, len(knots), len(knots) + len(t), 0, 0)
-                )
-                knots += zip(t, y, second)
-        return {
-            "load": np.array(loads, dtype=LOAD),
-            "law": np.array(laws, dtype=LAW),
-            "knots": np.array(knots, dtype=float).reshape(-1, 3),
-        }
+        return {"load": np.array(loads, dtype=LOAD), **_law_arrays(self._laws)}
 
     def largest_ratio_of_masses(self) -> float:
         """Return the largest ratio of masses that guides, pins and levers couple.
@@ -595,6 +610,46 @@ class Mechanism:
         ]
         lengths += [abs(x) for body in scene.bodies.values() for x in body.position]
         return max(lengths, default=0.0) or 1.0
+
+
+def _law_arrays(laws: Sequence[Law]) -> dict[str, np.ndarray]:
+    """Return `Arrays.law`, `knots` and `piece` of laws; the terms of sums follow all laws of the mechanism."""
+    records: list[tuple[float, ...]] = []
+    knots: list[tuple[float, ...]] = []
+    rows: list[Piece] = []
+    queue = list(laws)
+    for law in queue:
+        if isinstance(law, Constant):
+            records.append((LAW_POLYNOMIAL, law.value, 0, 0, 0))
+        elif isinstance(law, Linear):
+            records.append((LAW_POLYNOMIAL, law.offset, law.rate, 0, 0))
+        elif isinstance(law, Sine):
+            records.append((LAW_SINE, law.offset, law.amplitude, law.frequency, law.phase))
+        elif isinstance(law, TableLaw):
+            t, y = np.array(law.times), np.array(law.values)
+            cubic = law.interpolation == "cubic"
+            second = spline_slopes(law.times, law.values, law.ends) if cubic else np.zeros(len(t))
+            kind = LAW_SPLINE if cubic else LAW_TABLE
+            records.append((kind, len(knots), len(knots) + len(t), 0, 0))
+            knots += zip(t, y, second)
+        elif isinstance(law, Sum):
+            records.append((LAW_SUM, len(queue), len(queue) + len(law.terms), 0, 0))
+            queue += law.terms
+        else:
+            rows += pieces(law)
+            first = len(rows) - len(pieces(law))
+            records.append((LAW_PIECES, first, len(rows), 0, 0))
+
+    widest = max((len(row.coefficients) for row in rows), default=0)
+    piece = np.zeros((len(rows), PIECE_COEFFICIENTS + widest))
+    for i, row in enumerate(rows):
+        piece[i, :PIECE_COEFFICIENTS] = row.begin, row.origin, row.amplitude, row.frequency
+        piece[i, PIECE_COEFFICIENTS : PIECE_COEFFICIENTS + len(row.coefficients)] = row.coefficients
+    return {
+        "law": np.array(records, dtype=LAW),
+        "knots": np.array(knots, dtype=float).reshape(-1, 3),
+        "piece": piece,
+    }
 
 
 def _what_turns(m: dict[str, Any]) -> dict[str, np.ndarray]:
@@ -755,6 +810,7 @@ def _separate(m: Arrays) -> tuple[Arrays, ...]:
                 load=m.load[:0],
                 law=m.law[:0],
                 knots=m.knots[:0],
+                piece=m.piece[:0],
                 **_counts_of_friction(friction),
                 block=block,
                 pair=m.pair[:0],

@@ -115,10 +115,8 @@ def simulate_parts(
     for name in runs[0].columns:
         if name.startswith(DRIFT):
             columns[name] = np.sqrt(sum(run.columns[name][:rows] ** 2 for run in runs))
-    events = sorted(
-        (event for run in runs for event in _without_drift(run.events) if event.time <= until),
-        key=lambda event: event.time,
-    )
+    events = _in_order([run.events for run in runs], until)
+    switches = _in_order([run.switches for run in runs], until)
     alternatives = {
         name: values[:rows] for run in runs for name, values in run.alternatives.items()
     }
@@ -135,11 +133,23 @@ def simulate_parts(
         runs[0],
         t=runs[0].t[:rows],
         columns=columns,
-        events=tuple(events),
+        events=events,
+        switches=switches,
         cost=cost,
         breakdown=broken[0] if broken else None,
         alternatives=alternatives,
     )
+
+
+def _in_order(events_of_parts: Sequence[Sequence[Event]], until: float) -> tuple[Event, ...]:
+    """Return the events of all parts up to a time (s), in order of time."""
+    merged = [
+        event
+        for events in events_of_parts
+        for event in _without_drift(events)
+        if event.time <= until
+    ]
+    return tuple(sorted(merged, key=lambda event: event.time))
 
 
 def _without_drift(events: Sequence[Event]) -> list[Event]:

@@ -82,6 +82,14 @@ def run(
     overrides: Overrides = [],
     settings: Settings = [],
     assemble: Assemble = False,
+    from_run: Annotated[
+        Path | None,
+        typer.Option(
+            "--from",
+            metavar="FILE",
+            help="Start in the last state of the run in FILE, which --out wrote; the laws of time go on from there.",
+        ),
+    ] = None,
     out: TableFile = None,
     events: Annotated[
         bool,
@@ -105,8 +113,12 @@ def run(
 ) -> None:
     """Simulate a scene in a child process; without --out, print final state, efforts, events and cost."""
     from stiction.engines.command_run import run_as_asked
+    from stiction.scenes.continuation import continued
 
     loaded = scene_of(scene, overrides)
+    if from_run is not None:
+        with errors_of_option("--from"):
+            loaded = continued(loaded, from_run)
     engine_settings = settings_of(settings)
     check_distinct("--plot", plot, out)
     check_distinct("--animate", animation, plot)

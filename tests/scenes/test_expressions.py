@@ -10,6 +10,8 @@ from stiction.scenes.expressions import FUNCTIONS, evaluate
 
 NAMES = {"L": 2.0, "w0": math.pi / 4, "m_1": 1.5}
 ATOMS = st.one_of(st.floats(0, allow_infinity=False).map(repr), st.sampled_from([*NAMES, "pi"]))
+SEVERAL = {"atan2", "min", "max"}
+"""Functions of two arguments."""
 EXPRESSIONS = st.recursive(
     ATOMS,
     lambda inner: st.one_of(
@@ -17,7 +19,12 @@ EXPRESSIONS = st.recursive(
             lambda t: f"({t[0]}) {t[1]} ({t[2]})"
         ),
         st.tuples(st.sampled_from("+-"), inner).map(lambda t: f"{t[0]}({t[1]})"),
-        st.tuples(st.sampled_from(sorted(FUNCTIONS)), inner).map(lambda t: f"{t[0]}({t[1]})"),
+        st.tuples(st.sampled_from(sorted(set(FUNCTIONS) - SEVERAL)), inner).map(
+            lambda t: f"{t[0]}({t[1]})"
+        ),
+        st.tuples(st.sampled_from(sorted(SEVERAL)), inner, inner).map(
+            lambda t: f"{t[0]}({t[1]}, {t[2]})"
+        ),
     ),
     max_leaves=8,
 )
@@ -55,6 +62,10 @@ def test_numbers_are_themselves_also_as_text(number):
         ("deg(180)", math.pi),
         ("sqrt(2)^2", math.sqrt(2) ** 2),
         ("atan(1)*4", math.pi),
+        ("atan2(-1, -1)", -0.75 * math.pi),
+        ("asin(L/2) + acos(-L/2)", 1.5 * math.pi),
+        ("max(1, L, -3) - min(L, 0.5, 7)", 1.5),
+        ("exp(abs(-1))", math.e),
         ("1e3", 1000.0),
         ("--1", 1.0),
         ("-" * 499 + "1", -1.0),
@@ -82,7 +93,11 @@ def test_any_text_is_a_number_or_a_value_error(text):
         "sin()",
         "sin(1, 2)",
         "sin(x=1)",
-        "exp(1)",
+        "cosh(1)",
+        "atan2(1)",
+        "min(1)",
+        "acos(2)",
+        "max(*[1, 2])",
         "L.real",
         "[1][0]",
         "1 if 1 else 2",

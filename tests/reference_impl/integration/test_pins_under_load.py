@@ -11,6 +11,8 @@ from stiction.reference_impl.energies import energies
 from stiction.reference_impl.friction.pins_under_load import force_in_pin, take_loads
 from stiction.reference_impl.integration.coulomb_audit import audit
 from stiction.reference_impl.multibody import mechanism as mechanisms
+from stiction.reference_impl.multibody.banded_systems import open_cell
+from stiction.reference_impl.multibody.dynamics import row_form
 from stiction.reference_impl.multibody.mechanism import Mechanism
 from stiction.scenes import SceneError, load_scene, scene_from_dict, vary
 from stiction.truths import NotThisMechanism, slider_crank_truth
@@ -434,8 +436,8 @@ def test_paper_scheme_converges_to_the_same_motion():
         ReferenceEngine().simulate(scene, dt=0.01, method="textbook")
 
 
-def test_cells_give_the_same_motion(monkeypatch):
-    """A row of pendulums on sliders is solved cell by cell; as one dense system its motion is the same."""
+def row_of_pendulums():
+    """Six pendulums on sliders in a row, with springs between the sliders: a cell for each."""
     count = 6
     bodies, joints, springs = {}, {}, {}
     for i in range(count):
@@ -475,7 +477,7 @@ def test_cells_give_the_same_motion(monkeypatch):
                 "stiffness": 2,
                 "rest_length": 1,
             }
-    scene = scene_from_dict(
+    return scene_from_dict(
         {
             "t_end": 2,
             "gravity": [0, -G],
@@ -484,7 +486,12 @@ def test_cells_give_the_same_motion(monkeypatch):
             "springs": springs,
         }
     )
-    assert len(Mechanism(scene).arrays.separate) == count
+
+
+def test_cells_give_the_same_motion(monkeypatch):
+    """Cell by cell, and as one dense system."""
+    scene = row_of_pendulums()
+    assert len(Mechanism(scene).arrays.separate) == 6
     by_cells = simulate(scene, 1e-11)
     monkeypatch.setattr(mechanisms, "DENSE", 1000)
     assert not Mechanism(scene).arrays.separate
@@ -493,8 +500,23 @@ def test_cells_give_the_same_motion(monkeypatch):
     assert len(dense.events) > 10
     for one, other in zip(by_cells.events, dense.events):
         assert one.time == pytest.approx(other.time, abs=1e-8)
-    for name in bodies:
+    for name in scene.bodies:
         np.testing.assert_allclose(by_cells[f"{name}.x"], dense[f"{name}.x"], rtol=0, atol=1e-8)
+
+
+def test_cells_get_the_laws_of_the_state():
+    """Coefficients at the speed of slip, and bounds by the forces: those of the whole, in every cell."""
+    mechanism = Mechanism(row_of_pendulums())
+    m, w = mechanism.arrays, mechanism.workspace
+    q, v = mechanism.initial_state()
+    row_form(m, w, 0.0, q, v)
+    w.force[:] = np.arange(len(w.force))
+    take_loads(m, w)
+    for c, cell in enumerate(m.separate):
+        joints = open_cell(m, w, c)
+        for field in ("mu", "own_bound", "pin_mu", "load", "bound", "static_bound"):
+            np.testing.assert_array_equal(cell.friction[field], m.friction[field][joints])
+    assert len(set(m.friction["mu"])) > 6  # each slider has a speed of its own
 
 
 def test_loads_are_the_forces_in_the_pins():

@@ -294,7 +294,8 @@ def check_displacements(run: Examined) -> Iterator[str]:
 def check_modes(run: Examined) -> Iterator[str]:
     """Check that modes are -1, 0 or 1, and change only at the events of their guide, according to the kinds of these.
 
-    If corner events are located, the surfaces that the corners of a slipping guide touch do not change either.
+    If corner events are located, the surfaces that the corners of a slipping guide touch do not change either, if it
+    has a coefficient of friction.
     """
     trajectory = run.trajectory
     locates_corners = any(event.kind == "corner" for event in trajectory.events)
@@ -310,8 +311,11 @@ def check_modes(run: Examined) -> Iterator[str]:
             event for event in trajectory.events if event.joint == name and column in event.before
         ]
         if events:
-            # a table of a few columns may have the mode of a guide and not all of its corner forces
-            has_corners = all(force in trajectory.columns for force in _corner_forces(name))
+            # A guide without a coefficient of friction has no corner events: its surfaces do not enter its friction. A
+            # table of a few columns may have the mode of a guide and not all of its corner forces.
+            has_corners = run.scene.joints[name].mu is not None and all(
+                force in trajectory.columns for force in _corner_forces(name)
+            )
             yield from _check_sequence(run, events, name, has_corners and locates_corners)
             yield from _check_modes_between(run, events, column)
 

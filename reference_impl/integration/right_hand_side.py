@@ -83,13 +83,14 @@ def _share_by_loads(
     """Share the load of joints at rest again until the bounds of pins agree with the forces in them.
 
     Returns False where they do not agree (`pins_under_load`). Accelerations of whatever moves beside the joints at rest
-    follow from the last forces.
+    follow from the last forces, unless these are of a motion that ends the rest, beyond its event.
     """
     least = np.inf
     for _ in range(MOST_PASSES):
         change = take_loads(m, w)
         if change <= RESIDUAL or change <= BLURRED_RESIDUAL and change >= least:
-            acceleration(m, w, w.force, dy[len(m.inverse_mass) :])
+            if _all_hold(m, w, slip):
+                acceleration(m, w, w.force, dy[len(m.inverse_mass) :])
             return True
         least = min(least, change)
         solve_mode(m, w, slip, corner)
@@ -99,6 +100,15 @@ def _share_by_loads(
         if not _hyperstatic_stick(m, w, slip, corner):
             return False
     return False
+
+
+@kernel
+def _all_hold(m, w, slip):
+    """Return True if no event function of a joint at rest is negative."""
+    for f in range(len(m.friction)):
+        if sticks(m, slip, f) and min(w.event[3 * f], w.event[3 * f + 1]) < 0.0:
+            return False
+    return True
 
 
 @kernel
@@ -161,7 +171,8 @@ def _hyperstatic_stick(m: Arrays, w: Workspace, slip: Integers, corner: IntegerT
         hlcp.read(m, w, slip, force, y, x, accelerate, signs)
         for f in range(len(m.friction)):
             fastest = max(fastest, abs(accelerate[f]))
-        if fastest <= rest:
+        # the loads of pins are those of this solution even where it ends the rest
+        if fastest <= rest or m.pins > 0:
             copy(force, w.force)
     for f in range(len(m.friction)):
         if sticks(m, slip, f):

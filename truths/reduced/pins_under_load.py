@@ -218,3 +218,59 @@ def toggle_limits(
         first = brentq(moment, -1.5, 1.5, xtol=_XTOL, rtol=1e-15)
         loads.append(thrust * (np.tan(first) + np.tan(second)))
     return loads[0], loads[1]
+
+
+def toggle_limit_with_guide(
+    angle: float,
+    length: float,
+    thrust: float,
+    circles: Sequence[float],
+    coefficient: float,
+    direction: int,
+) -> float:
+    """Return the load at which a toggle as of `toggle_limits`, whose guide has friction too, begins to move.
+
+    The balances of both links and of the slider at the limit, with all frictions against the motion that begins: forces
+    in A, B and C, normal force of the guide and load are the unknowns. The moment of the guide follows from them.
+
+    Parameters
+    ----------
+    angle, length, thrust, circles : see `toggle_limits`
+    coefficient : float
+        Static coefficient of friction of the guide, which has no length.
+    direction : int
+        1 where it stretches, -1 where it folds.
+
+    Raises
+    ------
+    ValueError
+        If no root is found.
+    """
+    x, y = length * np.cos(angle), length * np.sin(angle)
+
+    def balances(unknown: np.ndarray) -> list[float]:
+        """Return what is left of forces (N) and of moments about A and B (N m).
+
+        Forces are those on the first link in A, on the second link in B and on the slider in C; torques likewise.
+        """
+        ax, ay, bx, by, cx, cy, normal, load = unknown
+        at_a = direction * circles[0] * np.hypot(ax, ay)
+        at_b = -direction * circles[1] * np.hypot(bx, by)
+        at_c = direction * circles[2] * np.hypot(cx, cy)
+        return [
+            ax - bx,
+            ay - by - load,
+            -x * (by + load) + y * bx + at_a - at_b,
+            bx - cx,
+            by - cy,
+            -x * cy - y * cx + at_b - at_c,
+            cx - thrust - direction * coefficient * abs(normal),
+            cy + normal,
+        ]
+
+    slope = y / x * thrust
+    start = [thrust, slope, thrust, -slope, thrust, -slope, slope, 2 * slope]
+    solution = root(balances, start, method="hybr", options={"xtol": _XTOL})
+    if not np.max(np.abs(balances(solution.x))) <= _RESIDUAL * np.max(np.abs(solution.x)):
+        raise ValueError(f"balances: found {solution.message}; expected a root")
+    return float(solution.x[-1])

@@ -9,6 +9,7 @@ from stiction.engines import EngineMissing, load_engine
 from stiction.engines.reference.engine import ReferenceEngine
 from stiction.reference_impl.energies import energies
 from stiction.reference_impl.friction.pins_under_load import force_in_pin, take_loads
+from stiction.reference_impl.friction.uniqueness import gain_of_mode
 from stiction.reference_impl.integration.coulomb_audit import audit
 from stiction.reference_impl.multibody import mechanism as mechanisms
 from stiction.reference_impl.multibody.banded_systems import open_cell
@@ -21,6 +22,7 @@ from stiction.truths.reduced.pins_under_load import (
     LevelGuide,
     LoadedPin,
     inverse_dynamics,
+    toggle_limit_with_guide,
     toggle_limits,
 )
 
@@ -367,6 +369,29 @@ def test_toggle(rtol, angle):
         assert np.sign(run["first.omega"][-1]) == -np.sign(limit - middle)
 
 
+@pytest.mark.parametrize("angle", [0.3, 0.08])
+@pytest.mark.parametrize("coefficient", [0.0, 0.15])
+def test_toggle_on_a_guide_with_friction(angle, coefficient):
+    """Four joints share the load; they give way together, where all are at their limits."""
+    circles = (0.004, 0.009, 0.00625)
+    limits = [
+        toggle_limit_with_guide(angle, 0.5, 100.0, circles, coefficient, sign) for sign in (1, -1)
+    ]
+    if coefficient == 0.0:
+        np.testing.assert_allclose(limits, toggle_limits(angle, 0.5, 100.0, circles), rtol=1e-9)
+    joints = {"A", "B", "C", "guide"} if coefficient else {"A", "B", "C"}
+    middle = sum(limits) / 2
+    for limit in limits:
+        changes = {"angle": angle, "load": middle, "rate": limit - middle}
+        if coefficient:
+            changes |= {"guide.mu": 0.9 * coefficient, "guide.mus": coefficient}
+        run = simulate(load_scene("toggle-pins-under-load", changes), 1e-9, t_end=1.05)
+        first = run.events[: len(joints)]
+        assert {(event.kind, event.joint) for event in first} == {("slip", name) for name in joints}
+        times = [event.time for event in first]
+        np.testing.assert_allclose(times, 1.0, rtol=0, atol=TIMES_RTOL * 1e-9)
+
+
 def test_toggle_locks_itself():
     """Without any load the thrust, however large, does not fold it; with smaller friction circles it does."""
     for thrust in (1.0, 1e6):
@@ -403,6 +428,18 @@ def test_gain_of_one_ends_the_run_with_the_name_of_the_pin():
     run = ReferenceEngine().simulate(scene, rtol=1e-9)
     assert run.breakdown is not None
     assert (run.breakdown.kind, run.breakdown.guide) == ("several solutions", "pin")
+    turning = {"bar.angular_velocity": 3.0, "bar.velocity": [0.0, 0.9], "pin.mus": 2.0}
+    run = ReferenceEngine().simulate(vary(scene, turning), rtol=1e-9)
+    # in slip the loads do not converge
+    assert run.breakdown is not None and run.breakdown.time == 0.0
+    assert (run.breakdown.kind, run.breakdown.guide) == ("no solution", "pin")
+    # the gains themselves, in slip and at rest
+    mechanism = Mechanism(vary(scene, {"pin.mus": 3.0}))
+    m, w = mechanism.arrays, mechanism.workspace
+    row_form(m, w, 0.0, *mechanism.initial_state())
+    for mode, coefficient in ((1, 2.0), (-1, 2.0), (0, 3.0)):
+        gain, joint = gain_of_mode(m, w, np.array([mode]))
+        assert joint == 0 and gain == pytest.approx(coefficient * 0.4 * 0.3 / 0.1, rel=1e-12)
     below = ReferenceEngine().simulate(vary(scene, {"pin.mu": 0.8}), rtol=1e-9)
     assert below.breakdown is None
 

@@ -156,6 +156,16 @@ def test_hundreds_of_random_mechanisms_with_pins_under_load(block):
             ) == [], (i, rtol)
 
 
+def test_surfaces_of_a_guide_without_a_coefficient_change_without_an_event():
+    """Its slider has a length, so that corners have forces, but its friction is a constant: scene 79 is accepted."""
+    scene = scene_with_stribeck_curves(1, 79)
+    guide = scene.guides["guide-slider-1"]
+    assert guide.length and guide.mu is None and guide.friction
+    run = ReferenceEngine().simulate(scene, t_end=1.5, rtol=1e-9)
+    kinds = {event.kind for event in run.events if event.joint == "guide-slider-1"}
+    assert run.breakdown is None and kinds == {"reversal"}
+
+
 def test_a_wrong_run_is_found():
     """An event left out, invented, shifted by more than its tolerance, and another end state: none agrees."""
     (scene, motion), rtol = drawn(0), 1e-9

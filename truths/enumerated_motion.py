@@ -67,7 +67,7 @@ from scipy.optimize import brentq, linprog, minimize_scalar
 
 from stiction.scenes import Breakdown, Scene
 from stiction.scenes.laws import Constant, law_kinks, law_switches
-from stiction.scenes.model import Drive, Translational
+from stiction.scenes.model import Drive, Revolute, Translational
 from stiction.truths.dense_equations import NO_ROW, DenseEquations, Terms
 
 TOLERANCE = 1e-11

@@ -45,7 +45,11 @@ class MoreauEngine(Engine):
         order="1",
         joint_effects={
             Fidelity.CONTACT: ALL_EFFECTS
-            - {JointEffect.STATIC_FRICTION, JointEffect.SPEED_DEPENDENCE}
+            - {
+                JointEffect.STATIC_FRICTION,
+                JointEffect.SPEED_DEPENDENCE,
+                JointEffect.PIN_UNDER_LOAD,
+            }
         },
     )
 

@@ -304,7 +304,8 @@ def check_displacements(run: Examined) -> Iterator[str]:
 def check_modes(run: Examined) -> Iterator[str]:
     """Check that modes are -1, 0 or 1, and change only at the events of their guide, according to the kinds of these.
 
-    If corner events are located, the surfaces that the corners of a slipping guide touch do not change either.
+    If corner events are located, the surfaces that the corners of a slipping guide touch do not change either, if it
+    has a coefficient of friction.
     """
     trajectory = run.trajectory
     locates_corners = any(event.kind == "corner" for event in trajectory.events)

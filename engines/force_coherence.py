@@ -18,7 +18,7 @@ from stiction.scenes.columns import BODY_COLUMNS
 from stiction.scenes.event_values import Sides
 from stiction.scenes.fidelity import Fidelity
 from stiction.scenes.model import Drive, Joint, Revolute, Translational
-from stiction.scenes.stribeck import bound_in_slip, coefficient_in_slip
+from stiction.scenes.stribeck import bound_in_slip, coefficient_in_slip, friction_radius_in_slip
 from stiction.scenes.trajectory import stacked
 
 SAME = 1e-6
@@ -530,8 +530,8 @@ def check_cone(run: Examined) -> Iterator[str]:
     """Check Coulomb's law with the load of the corner forces and with constant bounds.
 
     The law is |friction| <= static_friction + mus load at rest, and friction = -mode (friction + mu load) in slip, with
-    `friction` and mu at the speed of slip; a pin has constant bounds only, and so has a drive with a limit, whose
-    friction is its effort. The load is that of the corner forces, see `_load`.
+    `friction` and mu at the speed of slip. The load is that of the corner forces, see `_load`; of a pin it is the force
+    in it times its radius. A drive with a limit has a constant bound only, and its friction is its effort.
 
     If events are located, the law must hold to `SAME` of the largest force, or of m v^2/size if that is larger, or to
     ten times the tolerance, which is the error of states. The force of Baumgarte's terms is also allowed. The moment of
@@ -651,7 +651,7 @@ def _kinetic_bound(run: Examined, name: str) -> np.ndarray:
         return np.full(len(speed), joint.bounds[0])
     constant = bound_in_slip(joint, speed)
     if isinstance(joint, Revolute):
-        return constant
+        return constant + friction_radius_in_slip(joint, speed) * _force_in_pin(run, name)
     return constant + coefficient_in_slip(joint, speed) * _load(run, name)
 
 
@@ -659,9 +659,16 @@ def _static_bound(run: Examined, name: str) -> np.ndarray:
     """Return the largest friction (n,) of a joint at rest, N, or N m for a pin."""
     joint = run.scene.bounded_elements[name]
     _, constant = joint.bounds
-    if not isinstance(joint, Translational):
+    if isinstance(joint, Drive):
         return np.full(len(run.trajectory.t), constant)
+    if isinstance(joint, Revolute):
+        return constant + joint.friction_radii[1] * _force_in_pin(run, name)
     return constant + joint.static_coefficient * _load(run, name)
+
+
+def _force_in_pin(run: Examined, name: str) -> np.ndarray:
+    """Return the size of the force in a pin, N."""
+    return np.hypot(run.trajectory[f"{name}.fx"], run.trajectory[f"{name}.fy"])
 
 
 def _load(run: Examined, name: str) -> np.ndarray:

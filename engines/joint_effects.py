@@ -17,7 +17,6 @@ from stiction.scenes.model import (
     Spring,
     Torque,
     TorsionalSpring,
-    Translational,
 )
 
 
@@ -27,6 +26,7 @@ class JointEffect(StrEnum):
     PIN_FRICTION = "dry friction in a pin"
     GUIDE_FRICTION = "dry friction with a constant bound in a guide"
     STATIC_FRICTION = "a constant bound of friction that is larger at rest"
+    PIN_UNDER_LOAD = "friction of a pin that depends on the force in it"
     SPEED_DEPENDENCE = "friction that depends on the speed of slip"
     DAMPING = "damping in a joint"
     EFFORT_LIMIT = "a limit of the effort of a drive"
@@ -41,7 +41,9 @@ EFFECTS_OF_GAPS = frozenset({JointEffect.CLEARANCE, JointEffect.RESTITUTION})
 them, because its guides are bilateral."""
 ALL_EFFECTS = frozenset(JointEffect) - EFFECTS_OF_GAPS
 """Every effect that a scene with bilateral guides can have, for engines that take them all."""
-LAWS_OF_THE_REFERENCE = frozenset({JointEffect.SPEED_DEPENDENCE, JointEffect.EFFORT_LIMIT})
+LAWS_OF_THE_REFERENCE = frozenset(
+    {JointEffect.PIN_UNDER_LOAD, JointEffect.SPEED_DEPENDENCE, JointEffect.EFFORT_LIMIT}
+)
 """Laws of friction, and of drives that give way, that the adapters do not represent."""
 COMMON_EFFECTS = ALL_EFFECTS - LAWS_OF_THE_REFERENCE - {JointEffect.ONE_SIDED}
 """Constant bounds in slip and at rest, and damping: for adapters that set such a bound in each step."""
@@ -67,6 +69,8 @@ def effects_of(joint: Joint | Drive | Spring | Load) -> list[JointEffect]:
         effects.append(JointEffect.PIN_FRICTION if is_pin else JointEffect.GUIDE_FRICTION)
     if static > kinetic:
         effects.append(JointEffect.STATIC_FRICTION)
+    if isinstance(joint, Revolute) and joint.is_under_load:
+        effects.append(JointEffect.PIN_UNDER_LOAD)
     if joint.depends_on_speed:
         effects.append(JointEffect.SPEED_DEPENDENCE)
     if joint.damping > 0.0:
@@ -126,4 +130,6 @@ def has_static_bounds(scene: Scene) -> bool:
 
 def _depends_on_load(joint: Joint) -> bool:
     """Return True if the bound of a joint's friction grows with its normal force."""
-    return isinstance(joint, Translational) and joint.static_coefficient > 0.0
+    if isinstance(joint, Revolute):
+        return joint.is_under_load
+    return joint.static_coefficient > 0.0

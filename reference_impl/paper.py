@@ -172,6 +172,13 @@ class Paper:
             for key in ("mu", "length")
             if getattr(guide, key) is None
         ]
+        problems += [
+            Problem(
+                f"joints.{name}.mu", f"{pin.mu:g}", "expected none: the paper's pins have no load"
+            )
+            for name, pin in scene.pins.items()
+            if pin.is_under_load
+        ]
         if not isinstance(stabilization, (Baumgarte, NoStabilization)):
             problems.append(
                 Problem(

@@ -53,11 +53,14 @@ class Revolute(Model):
     """A pin: `points[0]` of `bodies[0]` coincides with `points[1]` of `bodies[1]`.
 
     The reported force `fx`, `fy` (in ground axes) is the force on `bodies[0]`. `friction` declares dry friction whose
-    bound is a torque of its own; it does not depend on the force in the pin. The reported torque `friction` acts on
-    `bodies[0]`, against the angular velocity of `bodies[0]` relative to `bodies[1]`.
+    bound is a torque of its own; it does not depend on the force in the pin. `mu` and `radius` declare dry friction of
+    a journal under load: its bound is the torque `mu` times `radius` times the size of the force in the pin. With both,
+    the bound is their sum. At rest `static_friction` and `mus` take their places. The reported torque `friction` acts
+    on `bodies[0]`, against the angular velocity of `bodies[0]` relative to `bodies[1]`.
 
-    With a `stribeck_velocity` the bound falls smoothly with the angular velocity w of slip, from `static_friction` at
-    w = 0 to `friction`: `friction + (static_friction - friction) exp(-(|w| / stribeck_velocity)^stribeck_shape)`.
+    With a `stribeck_velocity` the bound falls smoothly with the angular velocity w of slip, from that at rest to that
+    of fast slip: the constant part is `friction + (static_friction - friction) exp(-(|w| / stribeck_velocity)^shape)`,
+    with the exponent `stribeck_shape`, and the coefficient likewise.
     """
 
     type: Literal["revolute"]
@@ -66,10 +69,16 @@ class Revolute(Model):
     """Names of two bodies; one of them may be `"ground"`"""
     points: tuple[Vector, Vector] = ((0.0, 0.0), (0.0, 0.0))
     """`[[x, y], [x, y]]`, the coinciding points in the axes of the two bodies; m"""
+    mu: NonNegative | None = None
+    """Kinetic coefficient of friction between journal and bearing; requires `radius`"""
+    mus: NonNegative | None = None
+    """Static coefficient of friction, at least `mu`; default: `mu`"""
+    radius: Positive | None = None
+    """Radius of the journal, at which friction by the force in the pin acts; requires `mu`; m, > 0"""
     friction: NonNegative | None = None
-    """Torque of dry friction while the pin turns; without it the pin has no dry friction; N m"""
+    """Part of the torque of dry friction, while the pin turns, that does not depend on the force in the pin; N m"""
     static_friction: NonNegative | None = None
-    """Largest torque of dry friction at rest, at least `friction`; default: `friction`; N m"""
+    """The same at rest, its largest value, at least `friction`; default: `friction`; N m"""
     stribeck_velocity: Positive | None = None
     """Speed by which the bound falls from that at rest to that of fast slip; default: at once; rad/s, > 0"""
     stribeck_shape: Shape = 1.0
@@ -79,18 +88,31 @@ class Revolute(Model):
 
     @property
     def frictional(self) -> bool:
-        """Whether the pin declares dry friction."""
-        return self.friction is not None
+        """True if the pin declares dry friction, by a coefficient or by a torque of its own."""
+        return self.mu is not None or self.friction is not None
 
     @property
     def bounds(self) -> tuple[float, float]:
-        """The bounds of friction in force, of a pin that turns and of one at rest; N m."""
+        """The constant parts of the bounds of friction, of a pin that turns and of one at rest, N m."""
         return _bounds(self)
 
     @property
+    def friction_radii(self) -> tuple[float, float]:
+        """Radii of the friction circle, `mu` and `mus` times `radius`: torque per force in the pin, m."""
+        kinetic = self.mu or 0.0
+        static = kinetic if self.mus is None else self.mus
+        radius = self.radius or 0.0
+        return kinetic * radius, static * radius
+
+    @property
+    def is_under_load(self) -> bool:
+        """True if its friction depends on the force in the pin."""
+        return self.friction_radii[1] > 0.0
+
+    @property
     def rubs(self) -> bool:
-        """Whether its friction is not zero: one with a bound of 0 turns freely."""
-        return self.bounds[1] > 0.0
+        """True if its friction can differ from zero: a pin whose bounds and coefficients are all 0 turns freely."""
+        return self.bounds[1] > 0.0 or self.is_under_load
 
     @property
     def damper(self) -> TorsionalSpring | None:
@@ -102,9 +124,18 @@ class Revolute(Model):
     @property
     def depends_on_speed(self) -> bool:
         """True if the bound of its friction falls with the speed of slip (`stribeck_velocity`)."""
-        return self.stribeck_velocity is not None and self.bounds[1] > self.bounds[0]
+        if self.stribeck_velocity is None:
+            return False
+        kinetic, static = self.friction_radii
+        return static > kinetic or self.bounds[1] > self.bounds[0]
 
     def inconsistencies(self) -> Iterator[tuple[str, Any, str]]:
+        """Yield combinations of keys of friction that have no meaning, see `Model.inconsistencies`."""
+        if self.mu is not None and self.radius is None:
+            yield "mu", self.mu, "expected the radius of the journal too"
+        if self.radius is not None and self.mu is None:
+            yield "radius", self.radius, "expected a coefficient of friction, mu, too"
+        yield from _inconsistent_coefficients(self)
         yield from _inconsistent_bounds(self)
         yield from _inconsistent_curve(self)
 
@@ -247,10 +278,7 @@ class Translational(Model):
                 self.width,
                 "expected length too: the lever of surface friction needs corner forces",
             )
-        if self.mus is not None and self.mu is None:
-            yield "mus", self.mus, "expected the kinetic coefficient mu too"
-        if self.mus is not None and self.mu is not None and self.mus < self.mu:
-            yield "mus", self.mus, f"expected at least mu = {self.mu:g}"
+        yield from _inconsistent_coefficients(self)
         if self.normal_load and self.mu is None:
             yield "normal_load", self.normal_load, "expected the coefficient of friction mu too"
         yield from self._inconsistent_gap()
@@ -267,6 +295,16 @@ class Translational(Model):
             )
         if self.restitution and self.clearance is None:
             yield "restitution", self.restitution, "expected clearance too: without it nothing hits"
+
+
+def _inconsistent_coefficients(joint: Revolute | Translational) -> Iterator[tuple[str, Any, str]]:
+    """Yield what is wrong with the coefficients of friction of a joint, as `Model.inconsistencies`."""
+    if joint.mus is None:
+        return
+    if joint.mu is None:
+        yield "mus", joint.mus, "expected the kinetic coefficient mu too"
+    elif joint.mus < joint.mu:
+        yield "mus", joint.mus, f"expected at least mu = {joint.mu:g}"
 
 
 def _bounds(joint: Revolute | Translational) -> tuple[float, float]:

@@ -47,6 +47,9 @@ def resolved_scene(scene: Scene) -> dict[str, Any]:
             joint["mus"] = guide.static_coefficient
         if guide.length is not None:
             joint["width"] = guide.width or 0.0
+    for name, pin in scene.pins.items():
+        if pin.mu is not None:
+            tables["joints"][name]["mus"] = pin.mu if pin.mus is None else pin.mus
     for name, frictional_joint in scene.joints.items():
         if frictional_joint.friction is not None:
             static = frictional_joint.static_friction

@@ -48,6 +48,11 @@ With Stribeck's curve the coefficient and the constant bound of a joint in slip 
 They are evaluated at each instant, so that they are numbers in the linear solve. The direction of slip is that of the
 mode: beyond a stop, where the speed has the other sign, the coefficients are those at rest (`Contact.kinetic`).
 
+A pin under load has the bound c + mu r |R| in slip, with the force R in it. In a mode, the forces are linear in the
+sizes |R| of the pins that slip; these are the fixed point of rho -> |R(rho)|, which is iterated from the sizes without
+friction until it does not change (`Contact._with_loads`). Where the iteration is no contraction another size might
+exist, and the mode is not taken. Joints at rest that share a load, one of them such a pin, are refused.
+
 A self-locking guide can jam under its own stress and has several motions; it is refused. All tolerances are absolute,
 in m, s, kg, rad, for mechanisms of about a metre, a second and a kilogram.
 """
@@ -64,7 +69,7 @@ from scipy.optimize import brentq, linprog, minimize_scalar
 
 from stiction.scenes import Breakdown, Scene
 from stiction.scenes.laws import Constant, law_kinks, law_switches
-from stiction.scenes.model import Drive, Translational
+from stiction.scenes.model import Drive, Revolute, Translational
 from stiction.truths.dense_equations import NO_ROW, DenseEquations, Terms
 
 TOLERANCE = 1e-11
@@ -90,6 +95,13 @@ AT_ONCE = 1e-11
 """Time, s, within which events are simultaneous: rounding of times."""
 MOST_AT_ONCE = 20
 """Largest number of events without time passing; more end the run."""
+MOST_GAIN = 0.98
+"""Factor by which sizes of forces in pins come nearer in an iteration, up to which a mode is taken to have one
+solution: a contraction, with a reserve for convergence."""
+MOST_ITERATIONS = 2000
+"""Iterations of these sizes at most: 0.98^2000 is 3e-18."""
+SAME_SIZE = 1e-15
+"""Change of a size of force, relative to 1 N plus the size, that is rounding."""
 DEPENDENT = 1e-9
 """Singular value of rows of length 1 below which they are linearly dependent: rounding of zero."""
 _MINIMUM_XTOL = 1e-9
@@ -310,6 +322,10 @@ class Contact:
         self.width = [(guide.width or 0.0) if guide else 0.0 for guide in guides]
         self.mu = np.array([guide.kinetic_coefficient if guide else 0.0 for guide in guides])
         self.mus = np.array([guide.static_coefficient if guide else 0.0 for guide in guides])
+        # Radii of the friction circles of pins (torque per force, m), in slip and at rest.
+        radii = [j.friction_radii if isinstance(j, Revolute) else (0.0, 0.0) for j in joints]
+        self.radius, self.static_radius = np.array(radii).reshape(-1, 2).T
+        self.under_load = np.flatnonzero(self.static_radius > 0.0).tolist()
         # Speeds of Stribeck's curves; infinitely small without one, so that nothing of the excess remains.
         # The limit of a drive does not depend on its slip velocity.
         self.stribeck, self.shape = np.zeros(len(self.names)), np.ones(len(self.names))
@@ -364,29 +380,96 @@ class Contact:
         """Return the coefficients and the constant bounds (N, N m) in slip, each of shape (..., guides)."""
         if not np.any(self.stribeck):
             return self.mu, self.bound
-        speed = np.maximum(slip * terms.slip_speed, 0.0)
-        scale = np.where(self.stribeck > 0.0, self.stribeck, 1.0)
-        remains = np.exp(-((speed / scale) ** self.shape)) * (self.stribeck > 0.0)
+        remains = self._remains(terms, slip)
         mu = self.mu + (self.mus - self.mu) * remains
         return mu, self.bound + (self.static_bound - self.bound) * remains
+
+    def _remains(self, terms: Terms, slip: np.ndarray) -> np.ndarray:
+        """Return the part of the static excess that remains in slip by Stribeck's curves, shape (..., guides)."""
+        speed = np.maximum(slip * terms.slip_speed, 0.0)
+        scale = np.where(self.stribeck > 0.0, self.stribeck, 1.0)
+        return np.exp(-((speed / scale) ** self.shape)) * (self.stribeck > 0.0)
+
+    def radii_in_slip(self, terms: Terms, slip: np.ndarray) -> np.ndarray:
+        """Return the radii of the friction circles of pins in slip, torque per force, m, shape (..., guides)."""
+        if not np.any(self.stribeck):
+            return self.radius
+        return self.radius + (self.static_radius - self.radius) * self._remains(terms, slip)
 
     def forces(
         self,
         terms: Terms,
         mode: Mode,
-        coefficients: tuple[np.ndarray, np.ndarray] | None = None,
+        coefficients: tuple[np.ndarray, np.ndarray, np.ndarray] | None = None,
     ) -> Forces:
         """Return forces and accelerations of modes that share `slip`.
 
-        `coefficients` are the coefficient and the constant bound (N, N m) of each joint; those of slip if they are not
-        given.
+        `coefficients` are the coefficient, the constant bound (N, N m) and the radius of the friction circle (m) of
+        each joint; those of slip if they are not given. A mode without an answer has accelerations that are NaN.
 
         Raises
         ------
         numpy.linalg.LinAlgError
             If the constraints of the mode are redundant.
         """
-        mu, bound = self.kinetic(terms, mode.slip) if coefficients is None else coefficients
+        if coefficients is None:
+            radius = self.radii_in_slip(terms, mode.slip)
+            mu, bound = self.kinetic(terms, mode.slip)
+        else:
+            mu, bound, radius = coefficients
+        pins = [g for g in self.under_load if mode.slip[g]]
+        if not pins:
+            return self._forces(terms, mode, mu, bound)
+        return self._with_loads(terms, mode, mu, bound, radius, pins)
+
+    def _with_loads(
+        self,
+        terms: Terms,
+        mode: Mode,
+        mu: np.ndarray,
+        bound: np.ndarray,
+        radius: np.ndarray,
+        pins: list[int],
+    ) -> Forces:
+        """Return forces of modes in which `pins` slip under load.
+
+        They are NaN in modes in which the sizes of the forces in the pins are not the fixed point of a contraction.
+        """
+        # The forces in the pins are base + response @ torques: by a solution for each torque.
+        unit = [np.array(bound, dtype=float, copy=True) for _ in pins]
+        for each, g in zip(unit, pins):
+            each[..., g] += 1.0
+        base = self._forces(terms, mode, mu, bound)
+        solutions = [self._forces(terms, mode, mu, each) for each in unit]
+
+        def in_pins(forces: Forces) -> np.ndarray:
+            """Return R of the pins, shape (..., pins, 2)."""
+            return np.stack([forces.R[..., pins], forces.T[..., pins]], -1)
+
+        start = in_pins(base)
+        response = np.stack([in_pins(each) - start for each in solutions], -1)
+        circle = radius[..., pins]
+
+        # Whether |R| is a contraction in the sizes of R, in the largest norm.
+        gain = np.linalg.norm(response, axis=-2) * circle[..., None, :]
+        is_contraction = np.max(np.sum(gain, -1), -1) < MOST_GAIN
+        size = np.linalg.norm(start, axis=-1)
+        for _ in range(MOST_ITERATIONS):
+            before = size
+            torque = circle * size
+            size = np.linalg.norm(
+                start + np.einsum("...pxq,...q->...px", response, torque), axis=-1
+            )
+            if np.all(
+                np.abs(size - before)[is_contraction] <= SAME_SIZE * (1.0 + size[is_contraction])
+            ):
+                break
+        total = np.array(np.broadcast_to(bound, (*size.shape[:-1], bound.shape[-1])))
+        total[..., pins] += circle * np.where(is_contraction[..., None], size, np.nan)
+        return self._forces(terms, mode, mu, total)
+
+    def _forces(self, terms: Terms, mode: Mode, mu: np.ndarray, bound: np.ndarray) -> Forces:
+        """Return forces and accelerations for given coefficients and constant bounds, see `forces`."""
         # Friction of constant size is an applied force.
         constant = -mode.slip * bound
         Q = terms.Q + np.sum(constant[..., None] * terms.W, -2)
@@ -613,6 +696,9 @@ class Contact:
                     held = self.static_bound[g] + self.mus[g] * self.load(
                         g, forces.R[..., g], forces.T[..., g], self.mus[g], away
                     )
+                    held = held + self.static_radius[g] * np.hypot(
+                        forces.R[..., g], forces.T[..., g]
+                    )
                     yield Margin(g, "hold", away), held + away * forces.f[..., g]
             elif self.has_load[g]:
                 for j in range(1 if not self.length[g] else 2):
@@ -658,6 +744,7 @@ class Contact:
         mu, bound = self.kinetic(terms, slip)
         mu = np.where(is_resting, self.mus, mu)
         bound = np.where(is_resting, self.static_bound, bound)
+        radius = np.where(is_resting, self.static_radius, self.radii_in_slip(terms, slip))
         motions: list[tuple[Mode, np.ndarray]] = []
         for slips in product(*((0, 1, -1) if g in rest else (d,) for g, d in enumerate(slip))):
             stuck = [g for g, d in enumerate(slips) if d == 0]
@@ -676,7 +763,7 @@ class Contact:
                 np.array(slips, dtype=int),
                 np.array(list(product(*signs))).reshape(-1, len(slip), 2),
             )
-            forces = self.forces(terms, modes, (mu, bound))
+            forces = self.forces(terms, modes, (mu, bound, radius))
             is_possible = np.all(np.isfinite(forces.acceleration), -1)
             for _, value in self.conditions(forces, modes):
                 is_possible &= value >= -ADMISSIBLE
@@ -720,6 +807,8 @@ class Contact:
         acceleration, _, rank, _ = np.linalg.lstsq(rows, right, rcond=DEPENDENT)
         if np.max(np.abs(rows @ acceleration - right)) > ADMISSIBLE:
             return []
+        if any(slip[g] == 0 for g in self.under_load):
+            raise np.linalg.LinAlgError("a pin under load shares a load at rest")
         if rank < rows.shape[1] or np.any(slip):
             raise np.linalg.LinAlgError("guides share a load while something moves")
 
@@ -1091,7 +1180,9 @@ def _audit(contact: Contact, mode: Mode, piece: DenseOutput, end: float) -> tupl
     q, v = np.split(piece(t).T, 2, -1)
     terms = contact.terms(t, q, v, mode.springs)
     forces = contact.forces(terms, mode)
-    mu, bound = np.broadcast_arrays(*contact.kinetic(terms, mode.slip), forces.f)[:2]
+    mu, bound, radius = np.broadcast_arrays(
+        *contact.kinetic(terms, mode.slip), contact.radii_in_slip(terms, mode.slip), forces.f
+    )[:3]
     violations = [
         np.max(np.abs(terms.phi), initial=0.0),
         np.max(np.abs(terms.phi_dot), initial=0.0),
@@ -1102,7 +1193,7 @@ def _audit(contact: Contact, mode: Mode, piece: DenseOutput, end: float) -> tupl
         if d == 0:
             # At rest there is no speed, and friction is within the capacity in either direction.
             mus = contact.mus[g]
-            held = contact.static_bound[g]
+            held = contact.static_bound[g] + contact.static_radius[g] * np.hypot(R, T)
             excesses = (
                 -away * f - held - mus * contact.load(g, R, T, mus, away) for away in (1, -1)
             )
@@ -1112,7 +1203,8 @@ def _audit(contact: Contact, mode: Mode, piece: DenseOutput, end: float) -> tupl
             sign = np.sign(speed)
             direction = np.where(sign == 0, d, sign)
             load = contact.load(g, R, T, mu[:, g], d)
-            friction = -direction * (bound[:, g] + mu[:, g] * load)
+            by_force = radius[:, g] * np.hypot(R, T)
+            friction = -direction * (bound[:, g] + mu[:, g] * load + by_force)
             errors = np.where(np.abs(speed) > NOISE, np.abs(f - friction), 0.0)
             violations.append(np.max(errors))
 

@@ -16,12 +16,12 @@ def rubbing_joints(scene: Scene) -> frozenset[str]:
 def physics_of(scene: Scene, static_coefficient: bool) -> Scene:
     """Return the scene with the physics of an engine.
 
-    Unless the engine has a static coefficient, every guide has mus = mu, and every joint static_friction = friction.
+    Unless the engine has a static coefficient, every joint has mus = mu and static_friction = friction.
     """
     if static_coefficient:
         return scene
     overrides = {
-        f"{name}.mus": guide.mu for name, guide in scene.guides.items() if guide.mus is not None
+        f"{name}.mus": joint.mu for name, joint in scene.joints.items() if joint.mus is not None
     }
     overrides |= {
         f"{name}.static_friction": joint.friction

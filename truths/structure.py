@@ -102,8 +102,10 @@ SEVERAL = "any number"
 
 JOINT_EFFECTS = ("friction", "static_friction", "stribeck_velocity", "damping")
 """Fields of joints that must be absent or zero unless a part has requirements on them."""
+PIN_EFFECTS = ("mu", "mus")
+"""Such fields of pins: their friction by load."""
 OTHER_EFFECTS: Mapping[type, tuple[str, ...]] = {
-    Revolute: JOINT_EFFECTS,
+    Revolute: (*JOINT_EFFECTS, *PIN_EFFECTS),
     Translational: (*JOINT_EFFECTS, "normal_load", "clearance"),
     Drive: ("effort_limit",),
     LinearSpring: ("acts",),

@@ -134,10 +134,17 @@ def corner_flights(
     Raises
     ------
     InputError
-        If the clearance is not positive.
+        If the clearance is not positive, or if the friction of a pin depends on the force in it: the law does not
+        contain how this friction changes with the force of a corner.
     """
     if clearance is not None and not (math.isfinite(clearance) and clearance > 0.0):
         raise InputError(f"clearance: found {clearance!r}; expected metres, > 0")
+    for name, pin in scene.pins.items():
+        if pin.mu:
+            raise InputError(
+                f"joints.{name}.mu: found {pin.mu:g}; expected no friction of pins that depends on their force, which "
+                "the law of free flight does not contain"
+            )
     flights = []
     for part in independent_parts(scene):
         for name, guide in part.guides.items():

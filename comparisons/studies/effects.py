@@ -176,6 +176,10 @@ def _removals(scene: Scene) -> list[tuple[str, str, list[str]]]:
         for name, guide in frictional.items()
         if guide.static_coefficient > guide.kinetic_coefficient
     ]
+    with_static_friction += [
+        name for name, pin in scene.pins.items() if pin.friction_radii[1] > pin.friction_radii[0]
+    ]
+    loaded_pins = {name: pin for name, pin in scene.pins.items() if pin.is_under_load}
     with_static_bound = [
         name
         for name, joint in scene.frictional_joints.items()
@@ -192,7 +196,7 @@ def _removals(scene: Scene) -> list[tuple[str, str, list[str]]]:
         if joint.stribeck_shape != 1.0
     ]
     friction_keys = _declared_keys(
-        scene.frictional_joints, "mu", "mus", "friction", "static_friction"
+        scene.frictional_joints, "mu", "mus", "radius", "friction", "static_friction"
     )
     load_keys = [f"{name}.normal_load" for name, guide in frictional.items() if guide.normal_load]
     friction_keys += load_keys
@@ -208,6 +212,11 @@ def _removals(scene: Scene) -> list[tuple[str, str, list[str]]]:
         ("static coefficient", "mus = mu", static_keys),
         ("load across the plane", "normal_load", load_keys),
         ("dependence of friction on speed", "stribeck_velocity", speed_keys),
+        (
+            "friction of pins under load",
+            "mu, mus, radius",
+            _declared_keys(loaded_pins, "mu", "mus", "radius"),
+        ),
         (
             "surface levers",
             "width",

@@ -46,7 +46,11 @@ class MoreauEngine(Engine):
         order="1",
         joint_effects={
             Fidelity.CONTACT: (ALL_EFFECTS | EFFECTS_OF_GAPS)
-            - {JointEffect.STATIC_FRICTION, JointEffect.SPEED_DEPENDENCE}
+            - {
+                JointEffect.STATIC_FRICTION,
+                JointEffect.SPEED_DEPENDENCE,
+                JointEffect.PIN_UNDER_LOAD,
+            }
         },
     )
 

@@ -29,6 +29,8 @@ from stiction.reference_impl.friction.outcomes import (
     MODE_LIMIT,
     NONE,
     NOT_FINITE,
+    PIN_FEEDBACK,
+    PIN_LOADS,
     PIVOT_LIMIT,
     RAY,
     SELF_LOCKING,
@@ -153,7 +155,7 @@ def breakdown_of(
     m, guide, found = mechanism.arrays, NO_GUIDE, None
     code, guide = _cause(code, mechanism, w, slip)
     kind, reason = BREAKDOWNS[code]
-    if code in (RAY, PIVOT_LIMIT, NONE, SEVERAL, SINGULAR, MODE_LIMIT, UNBOUNDED):
+    if code in (RAY, PIVOT_LIMIT, NONE, SEVERAL, SINGULAR, MODE_LIMIT, UNBOUNDED, PIN_LOADS):
         _, guide = gain_of_mode(m, w, slip)
     if code == SIGN_CYCLE:
         _, _, guide = trial_and_error(
@@ -185,8 +187,10 @@ def _cause(code: int, mechanism: Mechanism, w, slip: np.ndarray) -> tuple[int, i
     NO_GUIDE stands for none.
     """
     m = mechanism.arrays
-    if code not in (NONE, NOT_FINITE, STEP_TOO_SMALL, CRAWL, SINGULAR):
+    if code not in (NONE, NOT_FINITE, STEP_TOO_SMALL, CRAWL, SINGULAR, SEVERAL):
         return code, NO_GUIDE
+    if code == SEVERAL and m.pins:
+        return PIN_FEEDBACK, gain_of_mode(m, w, slip)[1]
     driven = (m.friction["freedom"] == DRIVEN) & (slip != 0)
     gain, guide = gain_of_mode(m, w, slip) if driven.any() else (0.0, NO_GUIDE)
     if guide != NO_GUIDE and driven[guide]:

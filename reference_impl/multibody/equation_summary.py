@@ -48,6 +48,10 @@ def blocks(scene: Scene) -> list[Block]:
         name for name in bounded if scene.joints[name].bounds[1] > scene.joints[name].bounds[0]
     )
     alone = [name for name in bounded if name not in frictional]
+    loaded = {name: pin for name, pin in scene.pins.items() if pin.is_under_load}
+    firmer += tuple(
+        name for name, pin in loaded.items() if pin.friction_radii[1] > pin.friction_radii[0]
+    )
     cornered = tuple(name for name, guide in guides.items() if guide.length is not None)
     levers = tuple(name for name, guide in frictional.items() if guide.width)
     static = tuple(
@@ -138,7 +142,7 @@ def blocks(scene: Scene) -> list[Block]:
             "slip: lambda_T = -mu FN sgn(gT'); stick: gT' = 0 (3)-(16)",
             f"tangential rows: {len(frictional)}",
             "friction does not depend on normal forces: accelerations exist and are unique"
-            if bounded or scene.limited_drives
+            if bounded or loaded or scene.limited_drives
             else "no complementarity problem: one linear solve gives all multipliers",
         ),
         Block(
@@ -163,6 +167,13 @@ def blocks(scene: Scene) -> list[Block]:
             else "stick: |lambda_T| <= mus FN, mus > mu (14), (17)",
             "",
             "friction does not drop at break-away",
+        ),
+        Block(
+            "pins under load",
+            tuple(loaded),
+            "c = friction + mu radius |R|, cH = static_friction + mus radius |R|, R = (fx, fy)",
+            f"tangential rows: {len([name for name in loaded if name not in bounded])}",
+            "friction in pins does not depend on their forces",
         ),
         Block(
             "Stribeck's curve",

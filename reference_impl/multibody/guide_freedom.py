@@ -164,10 +164,13 @@ def _freedoms(geometry: _Geometry, candidates: tuple[str, ...]) -> GuideFreedoms
 def _load_rows(joint: Joint | Drive) -> tuple[str, ...]:
     """Return the names of the rows that the bound of friction of a joint depends on.
 
-    Without a length this is the normal force alone, without a coefficient of friction nothing.
+    Without a length this is the normal force alone, without a coefficient of friction nothing. The load of a pin is the
+    force in it.
     """
-    if not isinstance(joint, Translational) or joint.mu is None:
+    if isinstance(joint, Drive) or joint.mu is None:
         return ()
+    if not isinstance(joint, Translational):
+        return ("fx", "fy")
     return ("normal_force", "moment") if joint.length else ("normal_force",)
 
 

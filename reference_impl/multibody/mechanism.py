@@ -98,7 +98,8 @@ CONSTRAINT = _record("kind row a b law friction", "ax ay bx by ux uy offset")
 drive with a limit has the row NO_ROW, and its number among the frictional ones."""
 FRICTION = _record(
     "row corners pair freedom surfaces unit law",
-    "length width mu mus bound static_bound kinetic_mu kinetic_bound stribeck shape",
+    "length width mu mus bound static_bound kinetic_mu kinetic_bound stribeck shape "
+    "own_bound own_static pin_mu pin_mus load",
 )
 """A frictional joint, a guide or a pin, or a drive with a limit.
 
@@ -110,7 +111,11 @@ row whose mobility measures its forces: that of the normal force, or without cor
 a drive, whose rate the slip is measured from, or NO_LAW. `length` and `width` are 0 where it has none, or no corners.
 Its friction is at most bound + mu times the load in slip, static_bound + mus times the load at rest (newton). Where
 `stribeck`, the speed of Stribeck's curve of exponent `shape`, is not 0 (m/s), mu and bound are those of the last state
-(`speed_dependence`), between the static values and `kinetic_mu` and `kinetic_bound`."""
+(`speed_dependence`), between the static values and `kinetic_mu` and `kinetic_bound`.
+
+A pin under load has mu = mus = 0 and bounds that depend on the size `load` of the force in it (newton), of the last
+state (`pins_under_load`): `own_bound` + `pin_mu` times this load in slip, `own_static` + `pin_mus` times it at rest.
+`kinetic_mu` is then that of fast slip for `pin_mu`."""
 SPRING = _record("kind a b", "ax ay bx by ux uy stiffness damping rest")
 ONE_SIDED = _record("kind a b", "ax ay bx by ux uy stiffness damping rest sign")
 """A spring that acts on one side only; `sign` -1 of one that pushes, 1 of one that pulls (`one_sided`)."""
@@ -177,8 +182,11 @@ class Arrays(Bundle):
     baumgarte_beta2: float
     length_scale: float
     unfree: int  # frictional joints that no freedom moves (`guide_freedom`)
-    loaded: int  # frictional joints whose friction depends on a load: those that have corners
-    varying: int  # frictional joints whose bounds depend on the state (`speed_dependence`)
+    loaded: int  # frictional joints whose friction depends on a load: those with corners, and pins under load
+    pins: int  # pins whose friction depends on the force in them (`pins_under_load`)
+    varying: (
+        int  # frictional joints whose bounds depend on the state: these pins, and Stribeck's curves
+    )
     unlike: int  # 1 if masses or inertias are unlike by more than `UNLIKE` (`unlike_masses`)
 
 
@@ -494,9 +502,7 @@ class Mechanism:
             "entry": entry,
             "origin": np.zeros(0, dtype=np.int64),
             "length_scale": self._length_scale(),
-            "unfree": int(np.count_nonzero(friction["freedom"])),
-            "loaded": int(np.count_nonzero(friction["corners"])),
-            "varying": int(np.count_nonzero(friction["stribeck"])),
+            **_counts_of_friction(friction),
             "unlike": int(self.largest_ratio_of_masses() > UNLIKE),
         }
 
@@ -511,20 +517,25 @@ class Mechanism:
             mu, mus = joint.kinetic_coefficient, joint.static_coefficient
         # the bounds of a pin are torques: its friction counts as a force at the radius of its slip
         radius = self._length_scale() if isinstance(joint, Revolute) else 1.0
+        pin_mu, pin_mus = 0.0, 0.0
+        if isinstance(joint, Revolute):
+            pin_mu, pin_mus = (value / radius for value in joint.friction_radii)
         bound, static_bound = (value / radius for value in joint.bounds)
         surfaces = 2 if corners else 1
         stribeck, shape = 0.0, joint.stribeck_shape
         if joint.depends_on_speed and joint.stribeck_velocity is not None:
             stribeck = joint.stribeck_velocity * radius
-        law = (mu, mus, bound, static_bound, mu, bound, stribeck, shape)
-        return (row, corners, 0, freedom, surfaces, 0, NO_LAW, length, width, *law)
+        law = (mu, mus, bound, static_bound, mu or pin_mu, bound, stribeck, shape)
+        by_load = (bound, static_bound, pin_mu, pin_mus, 0.0)
+        return (row, corners, 0, freedom, surfaces, 0, NO_LAW, length, width, *law, *by_load)
 
     def _limit(self, drive: Drive, law: int, freedom: int) -> tuple[float, ...]:
         """Return the entry of a drive with a limit in `Arrays.friction`, of the law of this number."""
         radius = self._length_scale() if _turns(drive) else 1.0
         bound, static_bound = (value / radius for value in drive.bounds)
         friction = (0.0, 0.0, bound, static_bound, 0.0, bound, 0.0, 1.0)
-        return (NO_ROW, 0, 0, freedom, 1, 0, law, 0.0, 0.0, *friction)
+        by_load = (bound, static_bound, 0.0, 0.0, 0.0)
+        return (NO_ROW, 0, 0, freedom, 1, 0, law, 0.0, 0.0, *friction, *by_load)
 
     def _springs(self) -> dict[str, np.ndarray]:
         springs: list[tuple[float, ...]] = []
@@ -716,6 +727,17 @@ def _turns(element: Revolute | Translational | Drive) -> bool:
     return isinstance(element, Revolute) or element.type == "angle"
 
 
+def _counts_of_friction(friction: np.ndarray) -> dict[str, int]:
+    """Return the numbers of frictional joints of several kinds, fields of `Arrays`."""
+    under_load = friction["pin_mus"] > 0.0
+    return {
+        "unfree": int(np.count_nonzero(friction["freedom"])),
+        "loaded": int(np.count_nonzero((friction["corners"] > 0) | under_load)),
+        "pins": int(np.count_nonzero(under_load)),
+        "varying": int(np.count_nonzero((friction["stribeck"] > 0.0) | under_load)),
+    }
+
+
 def _row_names(scene: Scene) -> list[str]:
     named = [
         (name, ("fx", "fy") if isinstance(joint, Revolute) else ("normal_force", "moment"))
@@ -836,9 +858,7 @@ def _separate(m: Arrays) -> tuple[Arrays, ...]:
                 law=m.law[:0],
                 knots=m.knots[:0],
                 piece=m.piece[:0],
-                unfree=int(np.count_nonzero(friction["freedom"])),
-                varying=int(np.count_nonzero(friction["stribeck"])),
-                loaded=int(np.count_nonzero(friction["corners"])),
+                **_counts_of_friction(friction),
                 block=block,
                 pair=m.pair[:0],
                 smooth=_hlcp_pairs(count, friction),

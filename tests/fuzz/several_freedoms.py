@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
+from itertools import count
 from typing import Any
 
 import numpy as np
 from random_mechanisms import (
     SeededDice,
     add_constant_friction,
+    add_friction_of_pins_under_load,
     add_stribeck_curves,
     moderate_scene,
 )
@@ -150,6 +152,24 @@ def scene_with_stribeck_curves(seed: int, i: int) -> Scene:
         add_constant_friction(raw, random, 1.0 if keeps_mu == 0.0 else 0.7, keeps_mu)
     add_stribeck_curves(raw, random)
     return scene_from_dict(raw, f"random scene {i} of seed {seed} with Stribeck's curves")
+
+
+def scene_with_pins_under_load(seed: int, i: int) -> Scene:
+    """Scene i of a seed, with a pin at least, and friction of pins by the forces in them.
+
+    In every second scene joints have friction with constant bounds too, and in every third friction falls with speed.
+    """
+    for attempt in count():
+        raw = moderate_scene(SeededDice((seed, i, attempt)), (1, 2))
+        if any(joint["type"] == "revolute" for joint in raw["joints"].values()):
+            break
+    random = np.random.default_rng((seed, i))
+    if i % 2:
+        add_constant_friction(raw, random, 0.5)
+    add_friction_of_pins_under_load(raw, random)
+    if i % 3 == 0:
+        add_stribeck_curves(raw, random)
+    return scene_from_dict(raw, f"random scene {i} of seed {seed} with pins under load")
 
 
 def differences(scene: Scene, motion: Motion, run: Trajectory, rtol: float) -> list[str]:

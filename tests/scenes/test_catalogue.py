@@ -33,6 +33,7 @@ NAMES = {
     "slider-crank",
     "slider-crank-dry-pins",
     "elliptic-trammel",
+    "toggle-pins-under-load",
     "slider-on-moving-guide",
     "block-pulled-by-strut",
     *(f"hold-{name}" for name in ("level", "incline", "bar", "moment", "turning-bar", "vibration")),

@@ -207,3 +207,11 @@ def test_a_corner_that_friction_cannot_hold_is_reported():
     assert abs(ratios[0.136] - 1.0).min() > 0.05
     assert 0.3 < mobilizations[0.25] < 0.9
     assert ratios[0.25] == pytest.approx((1.0, 1.0), abs=0.02)
+
+
+def test_friction_of_pins_by_their_force_is_refused():
+    scene = load_scene("slider-bar-case-1-mus-equals-mu")
+    ideal = load_engine("reference").simulate(scene, t_end=0.5)
+    loaded = vary(scene, {"pin.mu": 0.1, "pin.radius": 0.02})
+    with pytest.raises(InputError, match="joints.pin.mu"):
+        corner_flights(loaded, ideal, 1e-4)

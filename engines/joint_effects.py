@@ -17,6 +17,7 @@ from stiction.scenes.model import (
     Spring,
     Torque,
     TorsionalSpring,
+    Translational,
 )
 
 

@@ -30,6 +30,7 @@ NAMES = {
     "pendulum-dry-pin",
     "slider-crank",
     "slider-crank-dry-pins",
+    "slider-crank-clearance",
     "elliptic-trammel",
     "slider-on-moving-guide",
     "block-pulled-by-strut",

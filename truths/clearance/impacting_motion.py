@@ -409,7 +409,8 @@ class _Integration:
         k = len(approach)
         free = velocity.copy()
         free[:k] += restitution * approach
-        motion = self._only_motion(t, problem.response, free, [AT_REST] * k, [True] * k)
+        mu = self.mechanism.gap.mu
+        motion = self._only_motion(t, problem.response, free, mu, [AT_REST] * k, [True] * k)
         return motion[0]
 
     def _is_end_of_chatter(
@@ -499,7 +500,8 @@ class _Integration:
         ]
         acceleration = np.linalg.solve(self.mechanism.mass(q), self.mechanism.force(q, v))
         problem = _ContactProblem.of(self.mechanism, q, v, corners, acceleration)
-        motion = self._only_motion(t, problem.response, problem.free, choices, at_rest)
+        mu = self.mechanism.gap.mu
+        motion = self._only_motion(t, problem.response, problem.free, mu, choices, at_rest)
         candidates = []
         for reactions in motion:
             all_states = list(OPEN)
@@ -543,6 +545,7 @@ class _Integration:
         t: float,
         response: np.ndarray,
         free: np.ndarray,
+        mu: float,
         choices: Sequence[Sequence[CornerState]],
         slip_is_open: Sequence[bool],
     ) -> list[Reactions]:
@@ -553,7 +556,7 @@ class _Integration:
         NoMotion
             If there is none, or if there are several motions.
         """
-        motions = solutions(response, free, self.mechanism.gap.mu, choices, slip_is_open)
+        motions = solutions(response, free, mu, choices, slip_is_open)
         if not motions:
             raise NoMotion("the law of the corners has no solution", t)
         if len(motions) > 1:

@@ -364,7 +364,8 @@ class _Integration:
             t, q, v, is_closing = self._phase(t, q, v, states)
             if t >= self.t_end:
                 break
-            if is_closing:
+            # A corner whose flight was too low to be resolved is on its surface without an impact.
+            if is_closing and self._is_hit(q, v):
                 if self.impact_limit is not None and len(self.impacts) >= self.impact_limit:
                     break
                 v = self._impact(t, q, v, states)
@@ -420,7 +421,8 @@ class _Integration:
         problem = _ContactProblem.of(self.mechanism, q, v, corners, np.zeros_like(v))
         velocity = problem.rows @ v
         approach = np.minimum(velocity[: len(corners)], 0.0)
-        hitting = [i for i, speed in zip(corners, approach) if speed < 0.0]
+        is_hitting = approach < -_APPROACH
+        hitting = [corner for corner, hits in zip(corners, is_hitting) if hits]
         # Without restitution the corners must remain on their surfaces.
         reactions = self._impact_reactions(t, problem, velocity, approach, 0.0)
         v_after = v + problem.change(reactions)
@@ -434,7 +436,7 @@ class _Integration:
         acceleration = forces_in(self.mechanism, flying, q, v_after).acceleration
         kinematics = self.mechanism.corner_rows(q, v_after)
         pressing = -(kinematics.normal @ acceleration + kinematics.normal_bias)[hitting]
-        leaving = self.mechanism.gap.restitution * approach[approach < 0.0]
+        leaving = self.mechanism.gap.restitution * approach[is_hitting]
         return bool(np.all(leaving**2 <= 2.0 * LOWEST_FLIGHT * pressing))
 
     def _record(
@@ -763,9 +765,9 @@ class _Guards:
         if rates[0] > 0.0 > rates[1]:
             # The corner rises first, perhaps from its surface: it returns after the maximum of the gap.
             start = float(brentq(rate, start, stop, xtol=_TIME_ROUNDING, rtol=_ROOT))
-            # The flight is so short that the gap is zero to rounding throughout.
+            # The flight is so low that the gap is zero to rounding: it ends at once.
             if gap(start) <= 0.0:
-                return stop
+                return start
         elif first <= 0.0:
             return start
         return float(brentq(gap, start, stop, xtol=_TIME_ROUNDING, rtol=_ROOT))

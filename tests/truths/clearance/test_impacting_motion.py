@@ -186,6 +186,23 @@ def test_random_free_sliders_keep_all_balances(seed):
     check_balances(motion)
 
 
+def test_a_corner_chatters_while_another_one_slides():
+    """The last flights of the front corner, below the rounding of its gap, must not let it pass its surface."""
+    mechanism = FreeSlider(
+        Gap(0.4, 0.1, 0.02, 0.05650046205343928, 0.05),
+        2.0,
+        0.03,
+        force_y=14.290547630382832,
+        torque=2.3144525862694914,
+    )
+    # a drawn start from which the passage was 1e-8 m
+    q = start(0, -2.033783071094669e-05, -0.02831047737525764)
+    v = start(-0.1410417998484368, 0.9448988777290654, 2.011190895614039)
+    motion = impacting_motion(mechanism, q, v, 1.0, 1e-2, impacts=20)
+    check_balances(motion)
+    assert motion.phases[-1].start < 0.4 and CornerState.STICK in motion.phases[-1].states
+
+
 # The slider-crank
 
 

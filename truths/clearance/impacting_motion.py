@@ -253,7 +253,8 @@ def forces_in(mechanism: GapMechanism, states: States, q: np.ndarray, v: np.ndar
     """
     free_acceleration = np.linalg.solve(mechanism.mass(q), mechanism.force(q, v))
     if states == OPEN:
-        return Forces(*np.zeros((3, CORNERS)), free_acceleration)
+        none = np.zeros(CORNERS)
+        return Forces(none, none, none, free_acceleration)
     problem = _ContactProblem.of(mechanism, q, v, range(CORNERS), free_acceleration)
     reactions = reactions_in(states, problem.response, problem.free, mechanism.gap.mu)
     if reactions is None:

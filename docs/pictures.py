@@ -38,7 +38,8 @@ from stiction.comparisons.measures.steady_state_measures import SteadyRun
 from stiction.comparisons.regression.baseline import Baseline
 from stiction.comparisons.regression.nightly import run_night
 from stiction.comparisons.studies import studies
-from stiction.comparisons.sweep.sweep import Specification, parse_axis, sweep, usual_end
+from stiction.comparisons.sweep.axes import parse_axis
+from stiction.comparisons.sweep.sweep import Specification, sweep, usual_end
 from stiction.engines import isolate, load_engine
 from stiction.reports.figures.charts import draw_figures
 from stiction.reports.figures.style import rc
@@ -360,6 +361,25 @@ def sweep_map() -> Figure:
         result = sweep(specification, Path(folder) / "sweep")
     with rc():
         [drawing] = sweep_drawings(result)
+    return drawing.figure
+
+
+@picture
+def sweep_bands() -> Figure:
+    """Draw the map of bands on the page about sweeps: rest, stick and slip over load and friction."""
+    scene = load_scene("slider-bar-case-1")
+    end = usual_end(scene)
+    specification = Specification(
+        scene,
+        (parse_axis("mu=0.005:0.035:13"), parse_axis("F0=0:12:2")),
+        ("threshold",),
+        SteadyRun(end / 3, end),
+        POINT_TIMEOUT_S,
+    )
+    with tempfile.TemporaryDirectory() as folder:
+        result = sweep(specification, Path(folder) / "sweep")
+    with rc():
+        [drawing] = [one for one in sweep_drawings(result) if one.name == "map-bands"]
     return drawing.figure
 
 

@@ -38,8 +38,10 @@ from stiction.reference_impl.multibody.initial_state import CONSISTENT
 from stiction.reference_impl.multibody.mechanism import TRANSLATIONAL
 from stiction.reference_impl.multibody.trajectory_columns import (
     GUIDE_COLUMNS,
+    LIMIT_COLUMNS,
     PIN_SLIP,
     guide_motion,
+    limited_motion,
     residual_norms,
     slip_velocity,
 )
@@ -271,7 +273,7 @@ class _BodyMotion(NamedTuple):
 
 
 def check_displacements(run: Examined) -> Iterator[str]:
-    """Check that displacements and slip velocities of guides, and slip velocities of pins, are those of the states."""
+    """Check that displacements and slip velocities of joints, and those of limited drives, are those of the states."""
     for part in run.parts:
         q = stacked(run.trajectory.columns, part.body_names, POSITIONS)
         v = stacked(run.trajectory.columns, part.body_names, VELOCITIES)
@@ -283,6 +285,14 @@ def check_displacements(run: Examined) -> Iterator[str]:
             if part.arrays.constraint[k]["kind"] == TRANSLATIONAL:
                 motion = guide_motion(part.arrays, k, q, v)
                 expected_of = dict(zip(GUIDE_COLUMNS, zip(motion, sizes)))
+            elif name in part.scene.limited_drives:
+                drive = part.scene.drives[name]
+                motion = limited_motion(drive, part.body_names, run.trajectory.t, q, v)
+                # the law may be faster, or further, than all bodies
+                expected_of = {
+                    label: (values, max(size, largest_magnitude(values)))
+                    for label, values, size in zip(LIMIT_COLUMNS, motion, reversed(sizes))
+                }
             elif name in part.guide_names:
                 expected_of = {PIN_SLIP: (slip_velocity(part.arrays, k, q, v), sizes[1])}
             for label, (expected, size) in expected_of.items():
@@ -294,11 +304,12 @@ def check_displacements(run: Examined) -> Iterator[str]:
 def check_modes(run: Examined) -> Iterator[str]:
     """Check that modes are -1, 0 or 1, and change only at the events of their guide, according to the kinds of these.
 
-    If corner events are located, the surfaces that the corners of a slipping guide touch do not change either.
+    If corner events are located, the surfaces that the corners of a slipping guide touch do not change either, if it
+    has a coefficient of friction.
     """
     trajectory = run.trajectory
     locates_corners = any(event.kind == "corner" for event in trajectory.events)
-    for name in run.scene.frictional_joints:
+    for name in run.scene.bounded_elements:
         column = f"{name}.mode"
         if column not in trajectory.columns:
             continue
@@ -310,8 +321,11 @@ def check_modes(run: Examined) -> Iterator[str]:
             event for event in trajectory.events if event.joint == name and column in event.before
         ]
         if events:
-            # a table of a few columns may have the mode of a guide and not all of its corner forces
-            has_corners = all(force in trajectory.columns for force in _corner_forces(name))
+            # A table of a few columns may have the mode of a guide and not all of its corner forces. Corners of a guide
+            # without a coefficient of friction have no events.
+            has_corners = getattr(run.scene.bounded_elements[name], "mu", None) is not None and all(
+                force in trajectory.columns for force in _corner_forces(name)
+            )
             yield from _check_sequence(run, events, name, has_corners and locates_corners)
             yield from _check_modes_between(run, events, column)
 
@@ -389,8 +403,8 @@ def check_unreported_events(run: Examined) -> Iterator[str]:
     trajectory = run.trajectory
     if not run.locates(trajectory.settings):
         return
-    for name, joint in run.scene.frictional_joints.items():
-        if not joint.rubs:
+    for name, element in run.scene.bounded_elements.items():
+        if not element.rubs:
             continue
         mode = trajectory.columns.get(f"{name}.mode")
         if mode is None:

@@ -37,6 +37,8 @@ MODES = {
     "corner": lambda old, new: old == new != 0,
 }
 """Change of the contact mode of a guide at an event, by its kind."""
+SPRING_EVENTS = ("contact", "release")
+"""Kinds of events of a spring that acts on one side only: its force begins, and ends."""
 
 
 def changed_modes(

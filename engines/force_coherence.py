@@ -13,12 +13,12 @@ import numpy as np
 from stiction.engines.examined import Examined, InEquations, first
 from stiction.reference_impl.multibody.mechanism import Arrays, Mechanism
 from stiction.reference_impl.multibody.reactions import columns_of_rows, parts_of_null_vectors
-from stiction.reference_impl.multibody.trajectory_columns import slip_velocity
+from stiction.reference_impl.multibody.trajectory_columns import limited_motion, slip_velocity
 from stiction.scenes.columns import BODY_COLUMNS
 from stiction.scenes.event_values import Sides
 from stiction.scenes.fidelity import Fidelity
-from stiction.scenes.model import Joint, Revolute, Translational
-from stiction.scenes.stribeck import bound_in_slip, coefficient_in_slip
+from stiction.scenes.model import Drive, Joint, Revolute, Translational
+from stiction.scenes.stribeck import bound_in_slip, coefficient_in_slip, friction_radius_in_slip
 from stiction.scenes.trajectory import stacked
 
 SAME = 1e-6
@@ -416,7 +416,7 @@ def _step_residuals(run: Examined, part: Mechanism, chosen: np.ndarray) -> _Step
     is_wrong = np.abs(missing) > allowed_friction
     frictions = [
         _FrictionResidual(
-            column=f"{name}.friction",
+            column=part.force_names[rows + k],
             reported=_lever(part, name) * force[:, rows + k],
             needed=_lever(part, name) * needed[:, k],
             is_wrong=is_wrong[:, k],
@@ -448,13 +448,21 @@ def _reverses_within(part: Mechanism, motion: _Motion, step: float, at_rest: flo
     """
     reverses = np.zeros(len(motion.t), dtype=bool)
     for share in WITHIN:
-        _, q, v = motion.extrapolated(share * step)
+        t, q, v = motion.extrapolated(share * step)
         for name in part.guide_names:
-            joint = list(part.scene.joints).index(name)
-            speed = slip_velocity(part.arrays, joint, motion.q, motion.v)
-            other_speed = slip_velocity(part.arrays, joint, q, v)
+            speed = _slip_velocity(part, name, motion.t, motion.q, motion.v)
+            other_speed = _slip_velocity(part, name, t, q, v)
             reverses |= (other_speed * speed <= 0.0) & (np.abs(other_speed - speed) > at_rest)
     return reverses
+
+
+def _slip_velocity(
+    part: Mechanism, name: str, t: np.ndarray, q: np.ndarray, v: np.ndarray
+) -> np.ndarray:
+    """Return the slip velocity (n,) of a joint, or of a drive with a limit relative to its law, m/s or rad/s."""
+    if name in part.scene.drives:
+        return limited_motion(part.scene.drives[name], part.body_names, t, q, v)[0]
+    return slip_velocity(part.arrays, list(part.scene.joints).index(name), q, v)
 
 
 def check_balance(run: Examined) -> Iterator[str]:
@@ -522,8 +530,8 @@ def check_cone(run: Examined) -> Iterator[str]:
     """Check Coulomb's law with the load of the corner forces and with constant bounds.
 
     The law is |friction| <= static_friction + mus load at rest, and friction = -mode (friction + mu load) in slip, with
-    `friction` and mu at the speed of slip; a pin has constant bounds only. The load is that of the corner forces, see
-    `_load`.
+    `friction` and mu at the speed of slip. The load is that of the corner forces, see `_load`; of a pin it is the force
+    in it times its radius. A drive with a limit has a constant bound only, and its friction is its effort.
 
     If events are located, the law must hold to `SAME` of the largest force, or of m v^2/size if that is larger, or to
     ten times the tolerance, which is the error of states. The force of Baumgarte's terms is also allowed. The moment of
@@ -531,7 +539,7 @@ def check_cone(run: Examined) -> Iterator[str]:
     previous step; the change of the bound within a step, and to the neighbouring samples, is allowed. The bound is then
     the static one, unless the joint slips faster than its speed changes there. Forces that are nan are not judged.
     """
-    joints = run.scene.frictional_joints
+    joints = run.scene.bounded_elements
     settings = run.trajectory.settings
     if not joints or not run.keeps(settings):
         return
@@ -544,14 +552,24 @@ def check_cone(run: Examined) -> Iterator[str]:
             yield from _check_cone_of_steps(run, name, allowed)
 
 
-def _cone_lever(run: Examined, joint: Joint) -> float:
-    """Return the factor from forces to the friction of a joint: 1, or the mechanism's size (m) for a pin."""
-    return run.size if isinstance(joint, Revolute) else 1.0
+def _is_torque(element: Joint | Drive) -> bool:
+    """Return True if the friction of a joint, or the effort of a drive, is a torque."""
+    return isinstance(element, Revolute) or element.type == "angle"
+
+
+def _friction_column(run: Examined, name: str) -> str:
+    """Return the column of the friction of a joint, or of the effort of a drive with a limit."""
+    return f"{name}.effort" if name in run.scene.drives else f"{name}.friction"
+
+
+def _cone_lever(run: Examined, element: Joint | Drive) -> float:
+    """Return the factor from forces to the friction of an element: 1, or the mechanism's size (m) for torques."""
+    return run.size if _is_torque(element) else 1.0
 
 
 def _cone_tolerance(run: Examined) -> np.ndarray:
     """Return the force (n,), in newtons, by which friction may be off Coulomb's law."""
-    joints = run.scene.frictional_joints
+    joints = run.scene.bounded_elements
     # The largest of the loads, of the constant bounds and of m v^2/size.
     fastest = 0.0
     for body in run.scene.bodies:
@@ -578,7 +596,7 @@ def _check_cone_with_events(run: Examined, name: str, allowed: np.ndarray) -> It
     `allowed` (N, or N m for a pin) has the shape (n,).
     """
     trajectory = run.trajectory
-    friction = trajectory[f"{name}.friction"].astype(float)
+    friction = trajectory[_friction_column(run, name)].astype(float)
     mode = trajectory.columns.get(f"{name}.mode", np.zeros(len(trajectory.t)))
     slips = mode != 0
     bound = np.where(slips, _kinetic_bound(run, name), _static_bound(run, name))
@@ -595,8 +613,8 @@ def _check_cone_of_steps(run: Examined, name: str, allowed: np.ndarray) -> Itera
     `allowed` (N, or N m for a pin) has the shape (n,).
     """
     trajectory = run.trajectory
-    joint = run.scene.joints[name]
-    friction = trajectory[f"{name}.friction"].astype(float)
+    joint = run.scene.bounded_elements[name]
+    friction = trajectory[_friction_column(run, name)].astype(float)
     speed = trajectory[f"{name}.slip_velocity"]
     mode = trajectory.columns.get(f"{name}.mode", np.zeros(len(trajectory.t)))
     slips = (mode != 0) & (np.abs(speed) > _nearby_change(speed))
@@ -617,30 +635,40 @@ def _check_cone_of_steps(run: Examined, name: str, allowed: np.ndarray) -> Itera
 def _outside_cone(run: Examined, name: str, i: int, expected: str, allowed: float) -> str:
     """Return the message for a friction outside Coulomb's cone at sample i."""
     trajectory = run.trajectory
-    unit = "N m" if isinstance(run.scene.joints[name], Revolute) else "N"
+    unit = "N m" if _is_torque(run.scene.bounded_elements[name]) else "N"
+    column = _friction_column(run, name)
     return (
-        f"{name}.friction = {trajectory[f'{name}.friction'].astype(float)[i]:.9g} at t = {trajectory.t[i]:.9g} s, "
+        f"{column} = {trajectory[column].astype(float)[i]:.9g} at t = {trajectory.t[i]:.9g} s, "
         f"outside Coulomb's cone; expected {expected}, by the load of its corners, within {allowed:.2g} {unit}"
     )
 
 
 def _kinetic_bound(run: Examined, name: str) -> np.ndarray:
     """Return the magnitude (n,) of the friction of a joint in slip, N, or N m for a pin."""
-    joint = run.scene.joints[name]
+    joint = run.scene.bounded_elements[name]
     speed = run.trajectory[f"{name}.slip_velocity"]
+    if isinstance(joint, Drive):
+        return np.full(len(speed), joint.bounds[0])
     constant = bound_in_slip(joint, speed)
     if isinstance(joint, Revolute):
-        return constant
+        return constant + friction_radius_in_slip(joint, speed) * _force_in_pin(run, name)
     return constant + coefficient_in_slip(joint, speed) * _load(run, name)
 
 
 def _static_bound(run: Examined, name: str) -> np.ndarray:
     """Return the largest friction (n,) of a joint at rest, N, or N m for a pin."""
-    joint = run.scene.joints[name]
+    joint = run.scene.bounded_elements[name]
     _, constant = joint.bounds
-    if isinstance(joint, Revolute):
+    if isinstance(joint, Drive):
         return np.full(len(run.trajectory.t), constant)
+    if isinstance(joint, Revolute):
+        return constant + joint.friction_radii[1] * _force_in_pin(run, name)
     return constant + joint.static_coefficient * _load(run, name)
+
+
+def _force_in_pin(run: Examined, name: str) -> np.ndarray:
+    """Return the size of the force in a pin, N."""
+    return np.hypot(run.trajectory[f"{name}.fx"], run.trajectory[f"{name}.fy"])
 
 
 def _load(run: Examined, name: str) -> np.ndarray:

@@ -17,6 +17,7 @@ from stiction.engines.examined import (
     POSITIONS,
     RESIDUALS,
     ROUNDING,
+    SPRING_EVENTS,
     VELOCITIES,
     Examined,
     Predicate,
@@ -208,7 +209,7 @@ def _left_open(
         # Forces are recovered from the motion and from the frictions that the engine reports. What
         # is nan there as well may be nan.
         motion = [stacked(columns, part.body_names, labels) for labels in BODY_COLUMNS]
-        frictions = {f"{name}.friction": columns[f"{name}.friction"] for name in part.guide_names}
+        frictions = {name: columns[name] for name in part.force_names[part.arrays.rows :]}
         if (
             any(np.isinf(values).any() for values in frictions.values())
             or not np.isfinite(motion).all()
@@ -238,7 +239,7 @@ def _check_instants(run: Examined) -> Iterator[str]:
     """Check that events are of known kinds and joints, and in order of time within the run."""
     before = 0.0
     latest = run.t_end + run.slack
-    joints = {**run.scene.guides, **run.scene.frictional_joints}
+    joints = {**run.scene.guides, **run.scene.bounded_elements}
     for i, event in enumerate(run.trajectory.events):
         if not is_number(event.time):
             yield f"{_named(run, i)}: time {described(event.time)}; expected finite seconds"
@@ -248,7 +249,9 @@ def _check_instants(run: Examined) -> Iterator[str]:
                 f"within 0 .. {latest:.9g} s"
             )
         before = event.time
-        if event.kind not in MODES or event.joint not in joints:
+        is_of_joint = event.kind in MODES and event.joint in joints
+        is_of_spring = event.kind in SPRING_EVENTS and event.joint in run.scene.one_sided_springs
+        if not is_of_joint and not is_of_spring:
             yield f"{_named(run, i)}; expected {', '.join(MODES)} of a guide of the scene"
 
 

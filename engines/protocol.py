@@ -180,8 +180,8 @@ class Capabilities:
         default the supplier in `friction_by`. If the bounds at rest and in slip differ, an engine that supplies it is
         assisted by its adapter, see `Engine.constant_bound_supplier`.
     joint_effects : Mapping[str, frozenset of JointEffect]
-        By fidelity: the effects of joints that are supported beside Coulomb's law in guides; by default none. Scenes
-        with other effects are refused.
+        By fidelity: the effects of joints, drives, springs and loads that are supported beside Coulomb's law in
+        guides; by default none. Scenes with other effects are refused.
 
     Raises
     ------
@@ -485,13 +485,15 @@ class Engine(ABC):
     def reason_to_refuse(self, scene: Scene, fidelity: Fidelity) -> str | None:
         """Return the reason why a scene is not run at this fidelity, or None if it is.
 
-        It is an effect of a joint that `Capabilities.joint_effects` lacks, or else the engine's own `refusal`.
+        It is an effect of an element that `Capabilities.joint_effects` lacks, or else the engine's own `refusal`.
         """
         supported = self.capabilities.joint_effects.get(fidelity, frozenset())
         unsupported = first_unsupported(scene, supported)
         if unsupported is not None:
-            joint, effect = unsupported
-            return f"joints.{joint}: {self.name} does not yet take {effect}"
+            name, effect = unsupported
+            sections = ("joints", "drives", "springs", "forces")
+            [section] = [section for section in sections if name in getattr(scene, section)]
+            return f"{section}.{name}: {self.name} does not yet take {effect}"
         return self.refusal(scene, fidelity)
 
     @abstractmethod

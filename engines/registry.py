@@ -90,7 +90,10 @@ ENGINES: tuple[EngineEntry, ...] = (
         f"{_HERE}.mujoco.engine:MujocoEngine",
         "mujoco-core",
         optional=True,
-        experiments={"grasp": f"{_HERE}.mujoco.grasp:creep_and_load"},
+        experiments={
+            "grasp": f"{_HERE}.mujoco.grasp:creep_and_load",
+            "hinge": f"{_HERE}.mujoco.hinge:hinge_creep",
+        },
     ),
     EngineEntry("drake", f"{_HERE}.drake.engine:DrakeEngine", "drake", optional=True),
     EngineEntry("dart", f"{_HERE}.dart.engine:DartEngine", "dartpy", optional=True),

@@ -9,14 +9,20 @@ import numpy as np
 import pandas as pd
 from scipy.integrate import cumulative_trapezoid
 
-from stiction.reference_impl.equations_of_motion import EquationsOfMotion, Motion
+from stiction.reference_impl.equations_of_motion import (
+    EquationsOfMotion,
+    Motion,
+    one_sided_tension,
+)
 from stiction.scenes import InputError, Scene, Trajectory
 from stiction.scenes.column_file import row_slices
 from stiction.scenes.columns import BODY_COLUMNS
 from stiction.scenes.fields import GROUND
-from stiction.scenes.model import Force, Revolute, TorsionalSpring
+from stiction.scenes.model import Force, Revolute, Spring
 from stiction.scenes.trajectory import stacked
 
+TOUCHES = 1e-9
+"""Stretch of a spring, relative to the largest, up to which it is at its contact."""
 AT_ONCE = 2**15
 """Instants whose energies are found together: positions and Jacobians of all bodies there take some megabytes."""
 
@@ -108,10 +114,19 @@ def _rates(scene: Scene, t: np.ndarray, columns: Mapping[str, np.ndarray]) -> _R
         with np.errstate(divide="ignore", invalid="ignore"):
             # ends that meet have no direction, nor a rate: nan
             length = motion.coordinate(spring)
-        rest = spring.rest_angle if isinstance(spring, TorsionalSpring) else spring.rest_length
-        potential = potential + spring.stiffness / 2 * (length.value - rest) ** 2
+        stretch = length.value - spring.rest
+        if spring.acts is None:
+            potential = potential + spring.stiffness / 2 * stretch**2
+            if spring.damping:
+                losses[f"{name}.dissipated"] = spring.damping * length.rate**2
+            continue
+        # What is stretched while its damper keeps the spring from acting gives its energy to the damper, so that the
+        # loss is what the spring gives and the bodies do not get.
+        elastic = np.where(spring.side * stretch > 0.0, spring.stiffness * stretch, 0.0)
+        potential = potential + elastic * stretch / 2
         if spring.damping:
-            losses[f"{name}.dissipated"] = spring.damping * length.rate**2
+            tension = _two_sided_tension(spring, t, stretch, length.rate)
+            losses[f"{name}.dissipated"] = (tension - elastic) * length.rate
     for name, load in scene.forces.items():
         if isinstance(load, Force):
             way = motion.direction(GROUND, load.direction).dot(motion.point(load.body, load.point))
@@ -119,7 +134,9 @@ def _rates(scene: Scene, t: np.ndarray, columns: Mapping[str, np.ndarray]) -> _R
             way = motion.angle(load.body)
         powers[f"{name}.work"] = motion.law(load.law).value * way.rate
     for name, drive in scene.drives.items():
-        powers[f"{name}.work"] = columns[f"{name}.effort"] * motion.law(drive.law).rate
+        # the coordinate of a drive that gives way does not follow its law
+        followed = motion.coordinate(drive) if drive.is_limited else motion.law(drive.law)
+        powers[f"{name}.work"] = columns[f"{name}.effort"] * followed.rate
     for name, joint in scene.frictional_joints.items():
         if isinstance(joint, Revolute):
             slip = (motion.angle(joint.bodies[0]) - motion.angle(joint.bodies[1])).rate
@@ -129,6 +146,23 @@ def _rates(scene: Scene, t: np.ndarray, columns: Mapping[str, np.ndarray]) -> _R
         by_damping = losses.get(f"{name}.dissipated", 0.0)
         losses[f"{name}.dissipated"] = by_damping - columns[f"{name}.friction"] * slip
     return _Rates(kinetic, potential, powers, losses)
+
+
+def _two_sided_tension(
+    spring: Spring, t: np.ndarray, stretch: np.ndarray, rate: np.ndarray
+) -> np.ndarray:
+    """Return the tension (n,) of a damped spring that acts on one side, on both sides of its contacts.
+
+    It jumps where the spring comes into contact. An instant that occurs twice has the values before the contact, where
+    there is no tension, and those behind it, where there is that of the damper.
+    """
+    tension = one_sided_tension(spring, stretch, rate)
+    touches = np.abs(stretch) <= TOUCHES * np.max(np.abs(stretch), initial=0.0)
+    comes_closer = touches & (spring.side * rate > 0.0)
+    is_behind = np.diff(t, prepend=-np.inf) == 0.0
+    is_before = np.append(is_behind[1:], False)
+    tension = np.where(comes_closer & is_before, 0.0, tension)
+    return np.where(comes_closer & is_behind, spring.damping * rate, tension)
 
 
 def unaccounted_energy(

@@ -97,12 +97,14 @@ class Terms:
         Jacobian of the constraints, shape (..., rows, k).
     W : ndarray
         Tangential direction of each frictional joint, shape (..., frictional, k): of a guide that of the slider's
-        point, of a pin the relative rotation of its bodies. W_T of the surfaces (+) and (-) of a guide is this row plus
-        or minus b/2 times the row of J that belongs to the slider's angle.
+        point, of a pin the relative rotation of its bodies, of a drive with a limit the derivative of its coordinate.
+        W_T of the surfaces (+) and (-) of a guide is this row plus or minus b/2 times the row of J that belongs to the
+        slider's angle.
     w : ndarray
         Remainder of the slip acceleration, g_T'' = W q'' + w, m/s² or rad/s², shape (..., frictional).
     slip_speed : ndarray
-        Slip velocity g_T', m/s or rad/s, shape (..., frictional).
+        Slip velocity g_T', m/s or rad/s, shape (..., frictional). That of a drive with a limit is relative to the rate
+        of its law, and its w has the law's acceleration.
     """
 
     QE: np.ndarray
@@ -142,14 +144,14 @@ class EquationsOfMotion:
     rows : list of str
         Names of the constraint rows, for example ``pin.fx``, ``guide.normal_force``, ``guide.moment``,
         ``motor.effort``.
-    frictional : dict of str to Revolute or Translational
-        The frictional joints, in the order of the scene.
+    frictional : dict of str to Revolute, Translational or Drive
+        The frictional joints in the order of the scene, and behind them the drives with a limit.
     mass : ndarray
         The diagonal of M, kg and kg m², shape (k,).
     """
 
     def __init__(self, scene: Scene):
-        self.scene, self.frictional = scene, scene.frictional_joints
+        self.scene, self.frictional = scene, scene.bounded_elements
         self.mass = np.array(
             [x for body in scene.bodies.values() for x in (body.mass, body.mass, body.inertia)]
         )
@@ -161,7 +163,7 @@ class EquationsOfMotion:
                     ("fx", "fy"),
                 ),
                 (scene.guides, ("normal_force", "moment")),
-                (scene.drives, ("effort",)),
+                (scene.prescribed_drives, ("effort",)),
             )
             for name in joints
             for label in labels
@@ -200,13 +202,16 @@ class EquationsOfMotion:
                 - motion.constant(guide.angle),
             ]  # (18), CT
             along[name] = u.dot(d)  # (8), of the guide
-        rows += [motion.driven(drive) for drive in scene.drives.values()]  # (19); all rows: (20)
-        tangents = [
-            along[name]
-            if name in along
-            else motion.angle(joint.bodies[0]) - motion.angle(joint.bodies[1])
-            for name, joint in self.frictional.items()
-        ]
+        # (19); all rows: (20)
+        rows += [motion.driven(drive) for drive in scene.prescribed_drives.values()]
+        tangents = []
+        for name, element in self.frictional.items():
+            if isinstance(element, Drive):
+                tangents.append(motion.coordinate(element) - motion.law(element.law))
+            elif name in along:
+                tangents.append(along[name])
+            else:
+                tangents.append(motion.angle(element.bodies[0]) - motion.angle(element.bodies[1]))
         return Terms(
             self._applied(motion),
             *_stacked(rows, motion, ("value", "rate", "gamma", "jacobian")),
@@ -218,7 +223,13 @@ class EquationsOfMotion:
         gravity = self.scene.gravity or (0.0, 0.0)
         QE = np.zeros_like(motion.q) + self.mass * np.resize([*gravity, 0.0], len(self.mass))
         for spring in self.scene.springs_and_dampers.values():
-            if isinstance(spring, LinearSpring) and spring.axis is None:
+            if spring.acts is not None:
+                s = motion.coordinate(spring)
+                tension = one_sided_tension(spring, s.value - spring.rest, s.rate)
+                # where its ends meet a spring has no direction, and no force
+                acts = tension[..., None] != 0.0
+                QE -= np.where(acts, tension[..., None] * s.jacobian, 0.0)
+            elif isinstance(spring, LinearSpring) and spring.axis is None:
                 d = motion.between(spring.bodies, spring.points)
                 QE -= spring.stiffness * np.sum(d.value[..., None] * d.jacobian, -2)
                 if spring.rest_length or spring.damping:
@@ -228,8 +239,7 @@ class EquationsOfMotion:
                     QE -= np.where(s.value[..., None] > 0.0, pull[..., None] * s.jacobian, 0.0)
             else:
                 s = motion.coordinate(spring)
-                rest = spring.rest_length if isinstance(spring, LinearSpring) else spring.rest_angle
-                QE -= (spring.stiffness * (s.value - rest) + spring.damping * s.rate)[
+                QE -= (spring.stiffness * (s.value - spring.rest) + spring.damping * s.rate)[
                     ..., None
                 ] * s.jacobian
         for load in self.scene.forces.values():
@@ -336,6 +346,18 @@ class Motion:
             if element.axis is None
             else self.direction(element.bodies[1], element.axis).dot(d)
         )
+
+
+def one_sided_tension(
+    spring: LinearSpring | TorsionalSpring, stretch: np.ndarray, rate: np.ndarray
+) -> np.ndarray:
+    """Return the tension (N or N m) of a spring that acts on one side only, by its stretch and the rate of that.
+
+    It is that of spring and damper where the stretch and this tension are both on the spring's side, and else zero: a
+    stop does not pull, and a cable does not push.
+    """
+    tension = spring.stiffness * stretch + spring.damping * rate
+    return np.where((spring.side * stretch > 0.0) & (spring.side * tension > 0.0), tension, 0.0)
 
 
 def _stacked(rows: list[Moving], motion: Motion, parts: tuple[str, ...]) -> list[np.ndarray]:

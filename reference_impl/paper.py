@@ -44,7 +44,8 @@ Where the paper is silent the choices are those of `paper_scheme`.
 Beyond the paper, and ours: dry friction whose bound has a constant part, c in slip and cH at rest, beside that by the
 normal force. The directions of W_T are the two surfaces of each guide, which have half of its constant each, and one
 for each pin, the relative rotation g_P' = th_1 - th_2, whose bound is the constant alone: its rows of H, G, mu and mus
-are zero. Five equations are extended, and all others stay as they are:
+are zero. A drive with a limit is such a direction too, in place of its row of (19): g_D' = s' - law'(t), so that w_T
+has -law''(t). Five equations are extended, and all others stay as they are:
 
 ============ ========================================================= ==============
 extension of equation                                                  compiled
@@ -75,7 +76,7 @@ from scipy.optimize import brentq
 from stiction.reference_impl.equations_of_motion import EquationsOfMotion
 from stiction.reference_impl.friction.outcomes import BREAKDOWNS, NOT_FINITE
 from stiction.scenes import Breakdown, Problem, Scene, SceneError
-from stiction.scenes.model import Baumgarte, NoStabilization, Translational
+from stiction.scenes.model import Baumgarte, Drive, NoStabilization, Translational
 from stiction.scenes.stribeck import remaining_excess
 
 COVER = 10.0
@@ -171,6 +172,13 @@ class Paper:
             for key in ("mu", "length")
             if getattr(guide, key) is None
         ]
+        problems += [
+            Problem(
+                f"joints.{name}.mu", f"{pin.mu:g}", "expected none: the paper's pins have no load"
+            )
+            for name, pin in scene.pins.items()
+            if pin.is_under_load
+        ]
         if not isinstance(stabilization, (Baumgarte, NoStabilization)):
             problems.append(
                 Problem(
@@ -243,7 +251,10 @@ class Paper:
         V = np.eye(len(sign))[:, sign == 0]  # (11)
         # Stribeck's curve: what is left of the excess at rest, at this speed of slip
         excess = np.array(
-            [remaining_excess(f, v) for f, v in zip(self.frictional, terms.slip_speed)]
+            [
+                0.0 if isinstance(f, Drive) else remaining_excess(f, v)
+                for f, v in zip(self.frictional, terms.slip_speed)
+            ]
         )[self.joint]
         mu, c = self.mu + excess * (self.mus - self.mu), self.c + excess * (self.cH - self.c)
         mubar = np.diag(-mu * sign)  # (3), (11)
@@ -287,7 +298,7 @@ class Paper:
         A0, A1, b, M, QE, J, W_T, mt, V, e = self.hlcp(t, q, v, mode)
         if not (np.all(np.isfinite(A0)) and np.all(np.isfinite(b))):
             raise NoSolution(*BREAKDOWNS[NOT_FINITE])
-        if not np.linalg.cond(A0) < 1 / ZERO:
+        if len(A0) and not np.linalg.cond(A0) < 1 / ZERO:
             raise NoSolution("singular", "A0 is singular: redundant constraints")
         smooth, corners, surfaces = len(self.CR_D), 2 * len(self.a), V.shape[1]
         cover = np.ones(len(b))
@@ -466,7 +477,7 @@ def lemke(M: np.ndarray, q: np.ndarray, d: np.ndarray) -> tuple[np.ndarray, np.n
     NoSolution
         On a secondary ray.
     """
-    n, size = len(q), np.max(np.abs(q))
+    n, size = len(q), np.max(np.abs(q), initial=0.0)
     if np.all(q >= 0):
         return q, np.zeros(n)
     T = np.hstack(

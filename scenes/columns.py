@@ -28,6 +28,8 @@ class Column:
         True if only a joint with friction has these columns.
     needs_length : bool
         True if only a guide with a length has these columns.
+    needs_limit : bool
+        True if only a drive with an `effort_limit` has these columns.
     """
 
     owner: str
@@ -36,10 +38,13 @@ class Column:
     meaning: str
     needs_friction: bool = False
     needs_length: bool = False
+    needs_limit: bool = False
 
     @property
     def where(self) -> str:
         """Condition in words under which an element has the columns; empty if there is none."""
+        if self.needs_limit:
+            return "if the drive has a limit"
         kind = "pin" if self.owner == "PIN" else "guide"
         if self.needs_friction and self.needs_length:
             return f"if the {kind} has a length and friction"
@@ -123,6 +128,27 @@ COLUMNS = (
     ),
     Column("DRIVE", ("effort",), "N m or N", "torque or force of the drive on its first body"),
     Column(
+        "DRIVE",
+        ("slip_velocity",),
+        "rad/s or m/s",
+        "rate of the drive's coordinate minus the rate of its law",
+        needs_limit=True,
+    ),
+    Column(
+        "DRIVE",
+        ("lag",),
+        "rad or m",
+        "value of the drive's law minus its coordinate",
+        needs_limit=True,
+    ),
+    Column(
+        "DRIVE",
+        ("mode",),
+        "",
+        "sign of the slip velocity while the drive gives way, 0: it holds the rate of its law",
+        needs_limit=True,
+    ),
+    Column(
         "drift", ("position",), "m, rad", "Euclidean norm of Phi, the residuals of the constraints"
     ),
     Column("drift", ("velocity",), "m/s, rad/s", "Euclidean norm of Phi'"),
@@ -144,6 +170,7 @@ WORDS = {
     "normal_force": "normal force $R$",
     "moment": "moment $T$",
     "displacement": "displacement $s$",
+    "lag": r"lag $\Delta$",
     "slip_velocity": r"slip velocity $\dot s$",
     "friction": "friction force $f$",
     "mode": "contact mode",
@@ -175,6 +202,8 @@ def columns_of(scene: Scene) -> list[str]:
                 continue
             if entry.needs_length and guides[owner].length is None:
                 continue
+            if entry.needs_limit and not scene.drives[owner].is_limited:
+                continue
             columns += [f"{owner}.{name}" for name in entry.names]
     return columns
 
@@ -186,8 +215,9 @@ def _entry_of(column: str, scene: Scene | None) -> Column | None:
     """
     owner, _, name = column.rpartition(".")
     entries = [entry for entry in COLUMNS if name in entry.names]
-    if scene is not None and owner in scene.pins:
-        entries = [entry for entry in entries if entry.owner == "PIN"]
+    for kind, owners in (("PIN", scene.pins), ("DRIVE", scene.drives)) if scene is not None else ():
+        if owner in owners:
+            entries = [entry for entry in entries if entry.owner == kind]
     return entries[0] if entries else None
 
 
@@ -204,10 +234,12 @@ def unit_of(column: str, scene: Scene | None = None) -> str:
     if column == "t":
         return "s"
     owner, _, name = column.rpartition(".")
-    if name == "effort" and scene is not None:
-        return "N m" if scene.drives[owner].type == "angle" else "N"
     entry = _entry_of(column, scene)
-    return "" if entry is None else entry.unit
+    unit = "" if entry is None else entry.unit
+    if scene is not None and owner in scene.drives and " or " in unit:
+        of_angle, of_distance = unit.split(" or ")
+        return of_angle if scene.drives[owner].type == "angle" else of_distance
+    return unit
 
 
 def label_of(column: str, scene: Scene) -> str:

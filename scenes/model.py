@@ -52,11 +52,14 @@ class Revolute(Model):
     """A pin: `points[0]` of `bodies[0]` coincides with `points[1]` of `bodies[1]`.
 
     The reported force `fx`, `fy` (in ground axes) is the force on `bodies[0]`. `friction` declares dry friction whose
-    bound is a torque of its own; it does not depend on the force in the pin. The reported torque `friction` acts on
-    `bodies[0]`, against the angular velocity of `bodies[0]` relative to `bodies[1]`.
+    bound is a torque of its own; it does not depend on the force in the pin. `mu` and `radius` declare dry friction of
+    a journal under load: its bound is the torque `mu` times `radius` times the size of the force in the pin. With both,
+    the bound is their sum. At rest `static_friction` and `mus` take their places. The reported torque `friction` acts
+    on `bodies[0]`, against the angular velocity of `bodies[0]` relative to `bodies[1]`.
 
-    With a `stribeck_velocity` the bound falls smoothly with the angular velocity w of slip, from `static_friction` at
-    w = 0 to `friction`: `friction + (static_friction - friction) exp(-(|w| / stribeck_velocity)^stribeck_shape)`.
+    With a `stribeck_velocity` the bound falls smoothly with the angular velocity w of slip, from that at rest to that
+    of fast slip: the constant part is `friction + (static_friction - friction) exp(-(|w| / stribeck_velocity)^shape)`,
+    with the exponent `stribeck_shape`, and the coefficient likewise.
     """
 
     type: Literal["revolute"]
@@ -65,10 +68,16 @@ class Revolute(Model):
     """Names of two bodies; one of them may be `"ground"`"""
     points: tuple[Vector, Vector] = ((0.0, 0.0), (0.0, 0.0))
     """`[[x, y], [x, y]]`, the coinciding points in the axes of the two bodies; m"""
+    mu: NonNegative | None = None
+    """Kinetic coefficient of friction between journal and bearing; requires `radius`"""
+    mus: NonNegative | None = None
+    """Static coefficient of friction, at least `mu`; default: `mu`"""
+    radius: Positive | None = None
+    """Radius of the journal, at which friction by the force in the pin acts; requires `mu`; m, > 0"""
     friction: NonNegative | None = None
-    """Torque of dry friction while the pin turns; without it the pin has no dry friction; N m"""
+    """Part of the torque of dry friction, while the pin turns, that does not depend on the force in the pin; N m"""
     static_friction: NonNegative | None = None
-    """Largest torque of dry friction at rest, at least `friction`; default: `friction`; N m"""
+    """The same at rest, its largest value, at least `friction`; default: `friction`; N m"""
     stribeck_velocity: Positive | None = None
     """Speed by which the bound falls from that at rest to that of fast slip; default: at once; rad/s, > 0"""
     stribeck_shape: Shape = 1.0
@@ -78,18 +87,31 @@ class Revolute(Model):
 
     @property
     def frictional(self) -> bool:
-        """Whether the pin declares dry friction."""
-        return self.friction is not None
+        """True if the pin declares dry friction, by a coefficient or by a torque of its own."""
+        return self.mu is not None or self.friction is not None
 
     @property
     def bounds(self) -> tuple[float, float]:
-        """The bounds of friction in force, of a pin that turns and of one at rest; N m."""
+        """The constant parts of the bounds of friction, of a pin that turns and of one at rest, N m."""
         return _bounds(self)
 
     @property
+    def friction_radii(self) -> tuple[float, float]:
+        """Radii of the friction circle, `mu` and `mus` times `radius`: torque per force in the pin, m."""
+        kinetic = self.mu or 0.0
+        static = kinetic if self.mus is None else self.mus
+        radius = self.radius or 0.0
+        return kinetic * radius, static * radius
+
+    @property
+    def is_under_load(self) -> bool:
+        """True if its friction depends on the force in the pin."""
+        return self.friction_radii[1] > 0.0
+
+    @property
     def rubs(self) -> bool:
-        """Whether its friction is not zero: one with a bound of 0 turns freely."""
-        return self.bounds[1] > 0.0
+        """True if its friction can differ from zero: a pin whose bounds and coefficients are all 0 turns freely."""
+        return self.bounds[1] > 0.0 or self.is_under_load
 
     @property
     def damper(self) -> TorsionalSpring | None:
@@ -101,9 +123,18 @@ class Revolute(Model):
     @property
     def depends_on_speed(self) -> bool:
         """True if the bound of its friction falls with the speed of slip (`stribeck_velocity`)."""
-        return self.stribeck_velocity is not None and self.bounds[1] > self.bounds[0]
+        if self.stribeck_velocity is None:
+            return False
+        kinetic, static = self.friction_radii
+        return static > kinetic or self.bounds[1] > self.bounds[0]
 
     def inconsistencies(self) -> Iterator[tuple[str, Any, str]]:
+        """Yield combinations of keys of friction that have no meaning, see `Model.inconsistencies`."""
+        if self.mu is not None and self.radius is None:
+            yield "mu", self.mu, "expected the radius of the journal too"
+        if self.radius is not None and self.mu is None:
+            yield "radius", self.radius, "expected a coefficient of friction, mu, too"
+        yield from _inconsistent_coefficients(self)
         yield from _inconsistent_bounds(self)
         yield from _inconsistent_curve(self)
 
@@ -121,6 +152,9 @@ class Translational(Model):
     `friction` + `mu` times the normal force. At rest `static_friction` and `mus` take their places, by default the same
     numbers (Coulomb's law with one bound). The constant part acts along the line through `slider_point`: it does not
     turn the slider.
+
+    A `normal_load`, such as a weight across the plane of the mechanism, adds `mu` (at rest `mus`) times itself to this
+    constant part. The reported normal force and corner forces are those in the plane, without it.
 
     With a `stribeck_velocity` both fall smoothly with the speed v of slip (Stribeck's curve), from their values at rest
     to those of fast slip: the coefficient is `mu + (mus - mu) exp(-(|v| / stribeck_velocity)^stribeck_shape)`, and the
@@ -149,6 +183,8 @@ class Translational(Model):
     """Kinetic coefficient of friction; without it friction does not depend on the normal force"""
     mus: NonNegative | None = None
     """Static coefficient of friction, at least `mu`; default: `mu`"""
+    normal_load: NonNegative = 0.0
+    """Normal force that presses the slider on its guide beside those in the plane; requires `mu`; N"""
     friction: NonNegative | None = None
     """Part of the bound of friction in slip that does not depend on the normal force; N"""
     static_friction: NonNegative | None = None
@@ -172,8 +208,14 @@ class Translational(Model):
 
     @property
     def bounds(self) -> tuple[float, float]:
-        """The constant parts of the bounds of friction, in slip and at rest, N."""
-        return _bounds(self)
+        """The constant parts of the bounds of friction, in slip and at rest, with that by the `normal_load`; N."""
+        kinetic, static = _bounds(self)
+        if not self.normal_load:
+            return kinetic, static
+        return (
+            kinetic + self.kinetic_coefficient * self.normal_load,
+            static + self.static_coefficient * self.normal_load,
+        )
 
     @property
     def rubs(self) -> bool:
@@ -226,12 +268,21 @@ class Translational(Model):
                 self.width,
                 "expected length too: the lever of surface friction needs corner forces",
             )
-        if self.mus is not None and self.mu is None:
-            yield "mus", self.mus, "expected the kinetic coefficient mu too"
-        if self.mus is not None and self.mu is not None and self.mus < self.mu:
-            yield "mus", self.mus, f"expected at least mu = {self.mu:g}"
+        yield from _inconsistent_coefficients(self)
+        if self.normal_load and self.mu is None:
+            yield "normal_load", self.normal_load, "expected the coefficient of friction mu too"
         yield from _inconsistent_bounds(self)
         yield from _inconsistent_curve(self)
+
+
+def _inconsistent_coefficients(joint: Revolute | Translational) -> Iterator[tuple[str, Any, str]]:
+    """Yield what is wrong with the coefficients of friction of a joint, as `Model.inconsistencies`."""
+    if joint.mus is None:
+        return
+    if joint.mu is None:
+        yield "mus", joint.mus, "expected the kinetic coefficient mu too"
+    elif joint.mus < joint.mu:
+        yield "mus", joint.mus, f"expected at least mu = {joint.mu:g}"
 
 
 def _bounds(joint: Revolute | Translational) -> tuple[float, float]:
@@ -269,7 +320,12 @@ Joint = Annotated[Revolute | Translational, Field(discriminator="type")]
 
 
 class Drive(Model):
-    """A motor: a coordinate between two bodies follows a law of time, whatever torque or force this requires.
+    """A motor: a coordinate between two bodies follows a law of time.
+
+    Without an `effort_limit` the coordinate is that of the law, whatever torque or force this requires. With one, the
+    effort is within `-effort_limit` and `effort_limit`: while that suffices, the coordinate changes at the rate of the
+    law; otherwise the drive gives way and resists, at its limit, any motion relative to the rate of its law. It holds
+    again where the rates are equal, at whatever distance from the law the coordinate then has.
 
     `angle`: the angle of `bodies[0]` minus that of `bodies[1]`. The reported effort is the torque on `bodies[0]`.
 
@@ -287,6 +343,24 @@ class Drive(Model):
     """Direction in the axes of `bodies[1]`: the signed coordinate along it is driven; distance only"""
     law: Law
     """The coordinate as a function of time; rad or m; a table must be cubic"""
+    effort_limit: Positive | None = None
+    """Largest torque or force of the drive, in either direction; without it there is no limit; N m or N, > 0"""
+
+    @property
+    def is_limited(self) -> bool:
+        """Whether the drive gives way beyond a limit."""
+        return self.effort_limit is not None
+
+    @property
+    def rubs(self) -> bool:
+        """Whether the drive can give way, as a joint with friction can slip."""
+        return self.is_limited
+
+    @property
+    def bounds(self) -> tuple[float, float]:
+        """The bounds of the effort of a drive that gives way and of one that holds; N m or N, 0 without limit."""
+        limit = self.effort_limit or 0.0
+        return limit, limit
 
     def inconsistencies(self) -> Iterator[tuple[str, Any, str]]:
         """Yield laws that no motion can follow, and keys of the other type; see `Model.inconsistencies`."""
@@ -306,7 +380,8 @@ class Drive(Model):
                         getattr(self, key),
                         "expected in a distance drive only; this one drives an angle",
                     )
-        elif self.axis is None:
+        elif self.axis is None and not self.is_limited:
+            # a limited drive follows the rate of its law alone, so that the law need not be a distance
             distance_at_start, *_ = evaluate_law(self.law, 0.0)
             if distance_at_start <= 0:
                 yield (
@@ -321,6 +396,10 @@ class LinearSpring(Model):
 
     `d` is the distance of the points or, with an `axis`, the signed coordinate of `points[0]` relative to `points[1]`
     along it. With `rest_length = 0` and without axis, the force is `-stiffness` times the vector between the points.
+
+    A spring that `acts` on one side only is an end stop or a bumper ("push"), or a cable ("pull"). The first has no
+    force while `d > rest_length`, and no tension above zero; the second has none while `d < rest_length`, and no
+    tension below zero. Damping included: a stop never pulls, a cable never pushes.
     """
 
     type: Literal["linear"]
@@ -337,9 +416,27 @@ class LinearSpring(Model):
     """Damping coefficient; N s/m"""
     rest_length: Number = 0.0
     """Value of `d` without tension; m"""
+    acts: Literal["push", "pull"] | None = None
+    """`"push"`: below `rest_length` only, and never pulling; `"pull"`: above it only, never pushing; default: both"""
+
+    @property
+    def rest(self) -> float:
+        """The coordinate without tension: `rest_length`, m."""
+        return self.rest_length
+
+    @property
+    def side(self) -> int:
+        """The sign of the only stretch and tension that a one-sided spring has; 0 of one that acts on both sides."""
+        return _side(self.acts)
 
     def inconsistencies(self) -> Iterator[tuple[str, Any, str]]:
-        """Yield a rest length that is no distance, see `Model.inconsistencies`."""
+        """Yield a rest length that is no distance, or that is never passed; see `Model.inconsistencies`."""
+        if self.acts == "push" and self.axis is None and self.rest_length == 0:
+            yield (
+                "rest_length",
+                self.rest_length,
+                "expected a distance > 0 with acts = 'push' (or an axis): no distance is below 0",
+            )
         if self.axis is None and self.rest_length < 0:
             yield (
                 "rest_length",
@@ -352,7 +449,9 @@ class TorsionalSpring(Model):
     """A torsional spring and damper between two bodies.
 
     The torque on `bodies[0]` is `-(stiffness (angle - rest_angle) + damping angle')`, with the opposite torque on
-    `bodies[1]`. `angle` is the angle of `bodies[0]` minus that of `bodies[1]`.
+    `bodies[1]`. `angle` is the angle of `bodies[0]` minus that of `bodies[1]`. With `acts = "push"` there is a torque
+    only while `angle < rest_angle`, and only in the direction of larger angles; with `"pull"` only while `angle >
+    rest_angle`, and only in the direction of smaller ones.
     """
 
     type: Literal["torsional"]
@@ -365,6 +464,23 @@ class TorsionalSpring(Model):
     """Damping coefficient; N m s/rad"""
     rest_angle: Number = 0.0
     """Value of `angle` without torque; rad"""
+    acts: Literal["push", "pull"] | None = None
+    """`"push"`: below `rest_angle` only, `"pull"`: above it only; default: on both sides"""
+
+    @property
+    def rest(self) -> float:
+        """The coordinate without torque: `rest_angle`, rad."""
+        return self.rest_angle
+
+    @property
+    def side(self) -> int:
+        """The sign of the only stretch and tension that a one-sided spring has; 0 of one that acts on both sides."""
+        return _side(self.acts)
+
+
+def _side(acts: str | None) -> int:
+    """Return -1 for a spring that pushes, 1 for one that pulls, 0 for one that does both."""
+    return {"push": -1, "pull": 1}.get(acts or "", 0)
 
 
 Spring = Annotated[LinearSpring | TorsionalSpring, Field(discriminator="type")]
@@ -505,10 +621,33 @@ class Scene(Model):
         return {name: joint for name, joint in self.joints.items() if joint.frictional}
 
     @property
+    def prescribed_drives(self) -> dict[str, Drive]:
+        """The drives without a limit, which are constraints, by name in the order of the scene."""
+        return {name: drive for name, drive in self.drives.items() if not drive.is_limited}
+
+    @property
+    def limited_drives(self) -> dict[str, Drive]:
+        """The drives with an `effort_limit`, by name in the order of the scene."""
+        return {name: drive for name, drive in self.drives.items() if drive.is_limited}
+
+    @property
+    def bounded_elements(self) -> dict[str, Joint | Drive]:
+        """The joints with dry friction and, behind them, the drives with a limit, by name.
+
+        A limited drive is dry friction between its bodies whose slip is measured relative to the rate of its law.
+        """
+        return {**self.frictional_joints, **self.limited_drives}
+
+    @property
     def springs_and_dampers(self) -> dict[str, Spring]:
         """The springs and dampers by name, and behind them the damping of joints as dampers, by the joints' names."""
         dampers = {name: joint.damper for name, joint in self.joints.items()}
         return self.springs | {name: damper for name, damper in dampers.items() if damper}
+
+    @property
+    def one_sided_springs(self) -> dict[str, Spring]:
+        """The springs that act on one side only, by name in the order of the scene."""
+        return {name: spring for name, spring in self.springs.items() if spring.acts is not None}
 
     def draw(self) -> Picture:
         """Draw the mechanism at t = 0.

@@ -4,7 +4,7 @@ A resolved scene contains numbers in place of arithmetic expressions, in SI unit
 replaced by the values that apply: without gravity it is ``[0, 0]``, ``mus`` is ``mu``, ``static_friction`` is
 ``friction``, and the width of a guide with a length is 0. A key is null if the scene does not declare an effect:
 friction (``mu``, ``mus``, ``friction``, ``static_friction``), its dependence on speed (``stribeck_velocity``), corner
-forces (``length``, ``width``), or an ``axis``.
+forces (``length``, ``width``), an ``axis``, the ``effort_limit`` of a drive, or the side on which a spring ``acts``.
 """
 
 from __future__ import annotations
@@ -46,9 +46,15 @@ def resolved_scene(scene: Scene) -> dict[str, Any]:
             joint["mus"] = guide.static_coefficient
         if guide.length is not None:
             joint["width"] = guide.width or 0.0
+    for name, pin in scene.pins.items():
+        if pin.mu is not None:
+            tables["joints"][name]["mus"] = pin.mu if pin.mus is None else pin.mus
     for name, frictional_joint in scene.joints.items():
         if frictional_joint.friction is not None:
-            tables["joints"][name]["static_friction"] = frictional_joint.bounds[1]
+            static = frictional_joint.static_friction
+            tables["joints"][name]["static_friction"] = (
+                frictional_joint.friction if static is None else static
+            )
     return {"format": FORMAT, "version": VERSION, "name": scene.name, "scene": tables}
 
 

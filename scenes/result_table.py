@@ -454,7 +454,7 @@ def _convert_blocks(
     problems : list of Problem
         One invalid value of each column that has any: the first word, or else the first that is missing or infinite.
     """
-    has_open_forces = len(scene.frictional_joints) > 1
+    has_open_forces = len(scene.bounded_elements) > 1
     invalid: dict[str, _InvalidValue] = {}
     rows = 0
     for block in blocks:

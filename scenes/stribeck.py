@@ -38,6 +38,12 @@ def bound_in_slip(joint: Revolute | Translational, speed: ArrayLike) -> np.ndarr
     return kinetic + (static - kinetic) * remaining_excess(joint, speed)
 
 
+def friction_radius_in_slip(pin: Revolute, speed: ArrayLike) -> np.ndarray:
+    """Return the radius of the friction circle of a pin, torque per force, at speeds of slip (rad/s), m."""
+    kinetic, static = pin.friction_radii
+    return kinetic + (static - kinetic) * remaining_excess(pin, speed)
+
+
 def coefficient_in_slip(guide: Translational, speed: ArrayLike) -> np.ndarray:
     """Return the coefficient of friction of a guide at speeds of slip, m/s."""
     kinetic, static = guide.kinetic_coefficient, guide.static_coefficient

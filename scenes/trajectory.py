@@ -24,7 +24,7 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class Event:
-    """A change of the contact mode of a guide.
+    """A change of the contact mode of a joint, of a drive with a limit, or of a spring that acts on one side.
 
     Attributes
     ----------
@@ -32,9 +32,11 @@ class Event:
         Instant of the change, s.
     kind : str
         ``"slip"`` (a stick phase ends), ``"stick"`` (a slip phase ends), ``"reversal"`` (the slip velocity changes its
-        sign) or ``"corner"`` (a corner force reaches zero and contact passes to the opposite surface).
+        sign) or ``"corner"`` (a corner force reaches zero and contact passes to the opposite surface). A drive with a
+        limit slips where it gives way, and sticks where it holds again. Of a spring that acts on one side,
+        ``"contact"`` (its force begins) or ``"release"`` (its force ends).
     joint : str
-        Name of the guide.
+        Name of the joint, drive or spring.
     before : Mapping[str, float]
         Left limits of the columns of the trajectory at this instant. An engine that integrates mechanically independent
         parts of a scene separately gives the columns of the part with this joint.

@@ -25,6 +25,11 @@ bands.
 """
 
 
+NEARLY_HALF = 0.49
+"""Distance of two values from the expected end between them, in units of the width that they enclose at most: less than
+half, so that rounding does not make their distance larger."""
+
+
 class BandKind(StrEnum):
     """Kinds of steady states, with regard to one guide."""
 
@@ -140,6 +145,13 @@ class Range:
 
 KindAt = Callable[[float], BandKind]
 """Kind of the steady state at a value of the parameter."""
+ExpectedEnd = Callable[[float, float], float | None]
+"""Where a theory expects the end of a band between two values of the parameter; None if it expects none."""
+
+
+def no_expected_end(low: float, high: float) -> float | None:
+    """Return None: no theory expects an end anywhere."""
+    return None
 
 
 @dataclass(frozen=True)
@@ -153,20 +165,34 @@ class _Edge:
 
 
 def find_bands(
-    kind_at: KindAt, searched: Range, width: float, finer: KindAt | None = None
+    kind_at: KindAt,
+    searched: Range,
+    width: float,
+    finer: KindAt | None = None,
+    expected_end: ExpectedEnd = no_expected_end,
 ) -> tuple[Band, ...]:
     """Return the bands that cover a range, in increasing order.
 
     Each value of the grid is examined by `kind_at`, and values between them by `finer`, if it is given. Where two
     neighbours differ, the interval between them is halved down to `width`. An end that is not sharp (see
     `is_sharp_end`) is halved to `SPLIT_PART` of the resolution only.
+
+    An expected end saves halving, as values on both of its sides are examined as soon as the interval is narrow. If the
+    expectation is wrong, the kinds at these values show it, and the halving goes on from there.
     """
     values = searched.values()
     kinds = [kind_at(value) for value in values]
     edges: list[_Edge] = []
     for i in range(len(values) - 1):
         edge = _Edge(values[i], values[i + 1], kinds[i], kinds[i + 1])
-        edges += _narrowed(finer or kind_at, edge, width, SPLIT_PART * searched.resolution)
+        if edge.below != edge.above:
+            narrowing = _Narrowing(
+                finer or kind_at,
+                width,
+                SPLIT_PART * searched.resolution,
+                expected_end(edge.low, edge.high),
+            )
+            edges += narrowing.edges_in(edge)
 
     # Each edge ends one band and begins the next one.
     bands = []
@@ -187,26 +213,64 @@ def is_sharp_end(below: BandKind, above: BandKind) -> bool:
     return BandKind.REST in (below, above) or (below.is_steady and above.is_steady)
 
 
-def _narrowed(kind_at: KindAt, edge: _Edge, width: float, split: float) -> list[_Edge]:
-    """Return the edges within an interval, each as narrow as `width`; none where both of its ends are of one kind.
+@dataclass(frozen=True)
+class _Narrowing:
+    """The search of the ends of bands between two neighbouring values of the grid.
 
-    A third kind in the middle divides the interval into two, as long as it is wider than `split`. In a narrower one the
-    end of the lower band is located, and the third kind is counted with the upper band.
+    Attributes
+    ----------
+    kind_at : callable
+        Kind at a value.
+    width : float
+        Width of the interval to which an end is located.
+    split : float
+        Width of an interval down to which a third kind within it divides it into two.
+    expected : float or None
+        Where an end is expected.
     """
-    low, high, below, above = edge.low, edge.high, edge.below, edge.above
-    if below == above:
-        return []
-    while high - low > (width if is_sharp_end(below, above) else max(width, split)):
-        middle = 0.5 * (low + high)
-        kind = kind_at(middle)
-        if kind not in (below, above) and high - low > split:
-            parts = _Edge(low, middle, below, kind), _Edge(middle, high, kind, above)
-            return [found for part in parts for found in _narrowed(kind_at, part, width, split)]
-        if kind == below:
-            low = middle
-        else:
-            high = middle
-    return [_Edge(low, high, below, above)]
+
+    kind_at: KindAt
+    width: float
+    split: float
+    expected: float | None = None
+
+    def edges_in(self, edge: _Edge) -> list[_Edge]:
+        """Return the edges within an interval, each as narrow as `width`; none if both of its ends are of one kind.
+
+        A third kind divides the interval into two, as long as it is wider than `split`. In a narrower one the end of
+        the lower band is located, and the third kind is counted with the upper band.
+        """
+        low, high, below, above = edge.low, edge.high, edge.below, edge.above
+        if below == above:
+            return []
+        narrow = self.width if is_sharp_end(below, above) else max(self.width, self.split)
+        while high - low > narrow:
+            value = self._next_value(low, high)
+            kind = self.kind_at(value)
+            if kind not in (below, above) and high - low > self.split:
+                lower = self.edges_in(_Edge(low, value, below, kind))
+                upper = self.edges_in(_Edge(value, high, kind, above))
+                return [*lower, *upper]
+            if kind == below:
+                low = value
+            else:
+                high = value
+        return [_Edge(low, high, below, above)]
+
+    def _next_value(self, low: float, high: float) -> float:
+        """Return the value of an interval that is examined next: its middle, or next to the expected end.
+
+        A wider interval than `split` is halved in any case: next to an end motions may take too long to settle, and
+        no band must be inferred from these alone.
+        """
+        if self.expected is not None and high - low <= self.split:
+            for value in (
+                self.expected - NEARLY_HALF * self.width,
+                self.expected + NEARLY_HALF * self.width,
+            ):
+                if low < value < high:
+                    return value
+        return 0.5 * (low + high)
 
 
 def with_coexisting(

@@ -259,25 +259,30 @@ def law_values(laws: Sequence[Law], t: np.ndarray) -> np.ndarray:
     return derivatives
 
 
+NO_ROW = -1
+"""Place in J of a drive with a limit, which has no constraint row."""
+
+
 class DenseEquations:
     """The equations of a scene. Rows of J: pins (x and y of each), guides (across and angle of each), drives.
 
     Attributes
     ----------
-    frictional : dict of str to Revolute or Translational
-        The joints with dry friction, in the order of the scene.
+    frictional : dict of str to Revolute, Translational or Drive
+        The joints with dry friction in the order of the scene, and behind them the drives with a limit, whose slip is
+        measured relative to the rates of their laws.
     mass : ndarray, shape (k,)
         Diagonal of M.
     first_row : list of int
         Index in J of the first row of each frictional joint. It is the row across a guide, which the row of its angle
-        follows.
+        follows. `NO_ROW` for a drive with a limit, which has none.
     pins : dict of str to int
         Index in J of the x row of each pin; the y row is the next one.
     """
 
     def __init__(self, scene: Scene):
         self.scene = scene
-        self.frictional = dict(scene.frictional_joints)
+        self.frictional = dict(scene.bounded_elements)
         number = {name: i for i, name in enumerate([*scene.bodies, GROUND])}
         bodies = scene.bodies.values()
         self.mass = np.array([m for body in bodies for m in (body.mass, body.mass, body.inertia)])
@@ -286,6 +291,7 @@ class DenseEquations:
         guides = scene.guides
         self.pins = {name: 2 * i for i, name in enumerate(pins)}
         first_row = dict(self.pins)
+        first_row |= dict.fromkeys(scene.limited_drives, NO_ROW)
         first_row |= {name: 2 * (len(pins) + i) for i, name in enumerate(guides)}
         self.first_row = [first_row[name] for name in self.frictional]
 
@@ -314,18 +320,22 @@ class DenseEquations:
             [(number[g.slider], number[g.guide]) for g in guides.values()], len(scene.bodies)
         )
         # Friction of pins acts along their relative angles. `_frictional_order` contains the index of
-        # each frictional joint among the guides and then the pins with friction.
+        # each element among the guides, then the pins with friction, then the drives with a limit.
         rubbing = [pin for name, pin in pins.items() if name in self.frictional]
         self._pin_angles = Angles(
             [(number[pin.bodies[0]], number[pin.bodies[1]]) for pin in rubbing], len(scene.bodies)
         )
-        listed = [*with_friction, *(name for name in pins if name in self.frictional)]
+        limited = scene.limited_drives
+        self._limited = Coordinates(list(limited.values()), number)
+        self._limited_laws = [drive.law for drive in limited.values()]
+        listed = [*with_friction, *(name for name in pins if name in self.frictional), *limited]
         self._frictional_order = np.array(
             [listed.index(name) for name in self.frictional], dtype=int
         )
         self._prescribed_angles = np.array([g.angle for g in guides.values()])
-        self._driven = Coordinates(list(scene.drives.values()), number)
-        self._laws = [drive.law for drive in scene.drives.values()]
+        prescribed = list(scene.prescribed_drives.values())
+        self._driven = Coordinates(prescribed, number)
+        self._laws = [drive.law for drive in prescribed]
 
         self._read_springs(number)
         self._read_loads(number)
@@ -339,6 +349,8 @@ class DenseEquations:
         self._rest = np.array(
             [s.rest_length if s.type == "linear" else s.rest_angle for s in springs]
         )
+        # -1 of springs that push only, 1 of those that pull only, 0 of those that do both
+        self.spring_side = np.array([spring.side for spring in springs])
 
     def _read_loads(self, number: dict[str, int]) -> None:
         """Set the arrays of the loads. A torque has no point and no direction, which are zero instead."""
@@ -359,7 +371,19 @@ class DenseEquations:
         v = [x for body in bodies for x in (*body.velocity, body.angular_velocity)]
         return np.array(q, dtype=float), np.array(v, dtype=float)
 
-    def at(self, t: float | np.ndarray, q: np.ndarray, v: np.ndarray) -> Terms:
+    def stretches(self, q: np.ndarray, v: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Return stretch (m, rad) and tension (N, N m) of all springs as if none were one-sided, (..., springs)."""
+        springs = self._springs.at(Posture(q, v))
+        stretch = springs.value - self._rest
+        return stretch, self._stiffness * stretch + self._damping * springs.rate
+
+    def at(
+        self,
+        t: float | np.ndarray,
+        q: np.ndarray,
+        v: np.ndarray,
+        acting: np.ndarray | None = None,
+    ) -> Terms:
         """Return the terms at an instant or, with leading axes, at many instants.
 
         Parameters
@@ -368,6 +392,9 @@ class DenseEquations:
             Times, s.
         q, v : ndarray, shape (..., k)
             Coordinates and velocities.
+        acting : ndarray of bool, shape (springs,), optional
+            Which springs have a tension. By default those on one side have it where their stretch and tension are on
+            that side, and all others everywhere.
         """
         t = np.asarray(t, dtype=float)
         posture = Posture(q, v)
@@ -376,12 +403,15 @@ class DenseEquations:
         turns = self._pin_angles.at(posture)
         driven = self._driven.at(posture)
         law = law_values(self._laws, t)
+        limited = self._limited.at(posture)
+        limited_law = law_values(self._limited_laws, t)
 
         def arrange(
             of_distances: np.ndarray,
             of_angles: np.ndarray,
             of_drives: np.ndarray,
             of_turns: np.ndarray,
+            of_limited: np.ndarray,
         ) -> tuple[np.ndarray, np.ndarray]:
             """Return the rows of all constraints in the order of J, and the directions of friction."""
             axis = t.ndim
@@ -390,26 +420,45 @@ class DenseEquations:
             pair = np.stack([across, of_angles], axis + 1)
             of_guides = pair.reshape(*pair.shape[:axis], -1, *pair.shape[axis + 2 :])
             directions = np.take(
-                np.concatenate([along, of_turns], axis), self._frictional_order, axis
+                np.concatenate([along, of_turns, of_limited], axis), self._frictional_order, axis
             )
             return np.concatenate([pins, of_guides, of_drives], axis), directions
 
         # Subtract the prescribed angles and laws from values, rates and accelerations.
         angle_errors = angles.value - self._prescribed_angles
-        phi, _ = arrange(distances.value, angle_errors, driven.value - law[0], turns.value)
-        phi_dot, slip_speed = arrange(distances.rate, angles.rate, driven.rate - law[1], turns.rate)
-        gamma, w = arrange(distances.gamma, angles.gamma, driven.gamma - law[2], turns.gamma)
-        J, W = arrange(distances.jacobian, angles.jacobian, driven.jacobian, turns.jacobian)
-        return Terms(self._applied(t, posture), phi, phi_dot, gamma, J, W, w, slip_speed)
+        errors = [
+            (driven_part - by_law, limited_part - by_limited_law)
+            for driven_part, limited_part, by_law, by_limited_law in zip(
+                (driven.value, driven.rate, driven.gamma),
+                (limited.value, limited.rate, limited.gamma),
+                law,
+                limited_law,
+            )
+        ]
+        phi, _ = arrange(distances.value, angle_errors, errors[0][0], turns.value, errors[0][1])
+        phi_dot, slip_speed = arrange(
+            distances.rate, angles.rate, errors[1][0], turns.rate, errors[1][1]
+        )
+        gamma, w = arrange(distances.gamma, angles.gamma, errors[2][0], turns.gamma, errors[2][1])
+        J, W = arrange(
+            distances.jacobian, angles.jacobian, driven.jacobian, turns.jacobian, limited.jacobian
+        )
+        return Terms(self._applied(t, posture, acting), phi, phi_dot, gamma, J, W, w, slip_speed)
 
-    def _applied(self, t: np.ndarray, posture: Posture) -> np.ndarray:
-        """Return the generalized forces of weight, springs with dampers, and loads."""
+    def _applied(
+        self, t: np.ndarray, posture: Posture, acting: np.ndarray | None = None
+    ) -> np.ndarray:
+        """Return the generalized forces of weight, springs with dampers, and loads; `acting` as in `at`."""
         Q = np.zeros((*t.shape, len(self.mass))) + self.mass * self.gravity
         if len(self._stiffness):
             # By virtual work a tension F in the coordinate s contributes -F ds/dq.
             springs = self._springs.at(posture)
             stretch = springs.value - self._rest
             tension = self._stiffness * stretch + self._damping * springs.rate
+            if acting is None:
+                side = self.spring_side
+                acting = (side == 0) | ((side * stretch > 0.0) & (side * tension > 0.0))
+            tension = np.where(acting, tension, 0.0)
             Q -= np.sum(tension[..., None] * springs.jacobian, -2)
         size = law_values(self._load_laws, t)[0]
         for i, body in enumerate(self._loaded):

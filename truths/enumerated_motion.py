@@ -1,8 +1,8 @@
 """Motion of any mechanism with friction in guides and pins by enumeration of contact modes, without the reference.
 
 The method is slow. The equations of motion are those of `dense_equations`. Between events the contact mode is constant:
-the guides that stick, the directions in which the others slip, and the signs of all corner forces. The method has five
-parts:
+the guides that stick, the directions in which the others slip, the signs of all corner forces, and the states of
+springs that act on one side only. The method has five parts:
 
 - The forces of a mode: one dense linear solve with the corner forces themselves as unknowns. A guide that slips in the
   direction d has n_j = F+_j - F-_j, of the sign s_j, at the lever -+ a/2; its surfaces turn the slider by b/2:
@@ -32,7 +32,12 @@ A constant bound of friction, c in slip and c0 at rest (`friction` and `static_f
 -d c to the friction in slip, as an applied force, and c0 to the capacity at rest. In the linear programme half of c0
 belongs to each surface of a guide. A pin is treated as a guide without length and without normal force, with
 mu = mus = 0. Its direction of friction is the relative rotation of its bodies, and its friction is a torque. What is
-said of guides holds for pins as well.
+said of guides holds for pins as well, and for a drive with a limit: its direction is its coordinate, its slip is
+measured relative to the rate of its law, and the limit is its bound in slip and at rest.
+
+A spring that acts on one side is free while its stretch is on the other side, acts while stretch and tension are on its
+side, and is clamped while the stretch is and the tension is not. Its stretch and tension are margins as well, at whose
+zeros the state changes. Where a damped spring comes into contact its tension jumps, and all modes are tried anew.
 
 With Stribeck's curve the coefficient and the constant bound of a joint in slip are those of its speed v,
 
@@ -41,6 +46,11 @@ With Stribeck's curve the coefficient and the constant bound of a joint in slip 
 They are evaluated at each instant, so that they are numbers in the linear solve. The direction of slip is that of the
 mode: beyond a stop, where the speed has the other sign, the coefficients are those at rest (`Contact.kinetic`).
 
+A pin under load has the bound c + mu r |R| in slip, with the force R in it. In a mode, the forces are linear in the
+sizes |R| of the pins that slip; these are the fixed point of rho -> |R(rho)|, which is iterated from the sizes without
+friction until it does not change (`Contact._with_loads`). Where the iteration is no contraction another size might
+exist, and the mode is not taken. Joints at rest that share a load, one of them such a pin, are refused.
+
 A self-locking guide can jam under its own stress and has several motions; it is refused. All tolerances are absolute,
 in m, s, kg, rad, for mechanisms of about a metre, a second and a kilogram.
 """
@@ -48,7 +58,7 @@ in m, s, kg, rad, for mechanisms of about a metre, a second and a kilogram.
 from __future__ import annotations
 
 from collections.abc import Callable, Collection, Iterable, Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import product
 
 import numpy as np
@@ -57,8 +67,8 @@ from scipy.optimize import brentq, linprog, minimize_scalar
 
 from stiction.scenes import Breakdown, Scene
 from stiction.scenes.laws import Constant, law_kinks, law_switches
-from stiction.scenes.model import Translational
-from stiction.truths.dense_equations import DenseEquations, Terms
+from stiction.scenes.model import Drive, Revolute, Translational
+from stiction.truths.dense_equations import NO_ROW, DenseEquations, Terms
 
 TOLERANCE = 1e-11
 """Relative and absolute error tolerance of a step."""
@@ -83,6 +93,13 @@ AT_ONCE = 1e-11
 """Time, s, within which events are simultaneous: rounding of times."""
 MOST_AT_ONCE = 20
 """Largest number of events without time passing; more end the run."""
+MOST_GAIN = 0.98
+"""Factor by which sizes of forces in pins come nearer in an iteration, up to which a mode is taken to have one
+solution: a contraction, with a reserve for convergence."""
+MOST_ITERATIONS = 2000
+"""Iterations of these sizes at most: 0.98^2000 is 3e-18."""
+SAME_SIZE = 1e-15
+"""Change of a size of force, relative to 1 N plus the size, that is rounding."""
 DEPENDENT = 1e-9
 """Singular value of rows of length 1 below which they are linearly dependent: rounding of zero."""
 _MINIMUM_XTOL = 1e-9
@@ -104,6 +121,8 @@ _AUDITED = np.linspace(0.05, 0.95, 9)
 """Fractions of a step at which `_audit` checks Coulomb's law; the ends are left out because they may be events."""
 _MIDDLE = len(_AUDITED) // 2
 """Index of the middle of a step in `_AUDITED`."""
+FREE, ACTS, CLAMPED = "free", "acts", "clamped"
+"""States of a spring that acts on one side only."""
 _OPTIMAL = 0
 """`scipy.optimize.OptimizeResult.status` of a linear programme with a solution."""
 _UNBOUNDED = 3
@@ -140,10 +159,13 @@ class Mode:
         Directions d of slip; 0 at rest.
     corner : ndarray of int, shape (..., guides, 2)
         Signs s of the corner forces; leading axes run over several modes.
+    springs : tuple of str
+        State of each spring that acts on one side only, in the order of the scene: `FREE`, `ACTS` or `CLAMPED`.
     """
 
     slip: np.ndarray
     corner: np.ndarray
+    springs: tuple[str, ...] = ()
 
 
 @dataclass(frozen=True)
@@ -174,9 +196,9 @@ class Margin:
     Attributes
     ----------
     guide : int
-        Index of the guide.
+        Index of the guide, or of the spring among those that act on one side only.
     what : str
-        ``"speed"``, ``"corner"`` or ``"hold"``.
+        ``"speed"``, ``"corner"`` or ``"hold"`` of a guide; ``"stretch"`` or ``"tension"`` of a spring.
     which : int
         Index of the corner, or the direction in which a guide at rest would break away.
     """
@@ -246,7 +268,7 @@ class Motion:
         """Return coordinates and forces at an instant (s) before the rest."""
         step = next(step for step in self.steps if t <= step.end)
         q, v = np.split(step.state(t), 2)
-        terms = self.contact.equations.at(t, q, v)
+        terms = self.contact.terms(t, q, v, step.mode.springs)
         return q, self.contact.forces(terms, step.mode)
 
 
@@ -277,6 +299,12 @@ class Contact:
         self.loads_are_constant = not scene.drives and all(
             isinstance(load.law, Constant) for load in loads
         )
+        # Springs that act on one side only, by their places among all springs.
+        one_sided = scene.one_sided_springs
+        self.spring_names = list(one_sided)
+        self.spring_places = np.flatnonzero(self.equations.spring_side)
+        self.spring_signs = self.equations.spring_side[self.spring_places]
+        self.is_damped = [spring.damping > 0.0 for spring in one_sided.values()]
         # Constant bounds in slip and at rest.
         self.bound, self.static_bound = (
             np.array([joint.bounds for joint in joints]).reshape(-1, 2).T
@@ -292,9 +320,17 @@ class Contact:
         self.width = [(guide.width or 0.0) if guide else 0.0 for guide in guides]
         self.mu = np.array([guide.kinetic_coefficient if guide else 0.0 for guide in guides])
         self.mus = np.array([guide.static_coefficient if guide else 0.0 for guide in guides])
+        # Radii of the friction circles of pins (torque per force, m), in slip and at rest.
+        radii = [j.friction_radii if isinstance(j, Revolute) else (0.0, 0.0) for j in joints]
+        self.radius, self.static_radius = np.array(radii).reshape(-1, 2).T
+        self.under_load = np.flatnonzero(self.static_radius > 0.0).tolist()
         # Speeds of Stribeck's curves; infinitely small without one, so that nothing of the excess remains.
-        self.stribeck = np.array([joint.stribeck_velocity or 0.0 for joint in joints])
-        self.shape = np.array([joint.stribeck_shape for joint in joints])
+        # The limit of a drive does not depend on its slip velocity.
+        self.stribeck, self.shape = np.zeros(len(self.names)), np.ones(len(self.names))
+        for g, joint in enumerate(joints):
+            if not isinstance(joint, Drive):
+                self.stribeck[g] = joint.stribeck_velocity or 0.0
+                self.shape[g] = joint.stribeck_shape
         for name, a, b, mus in zip(self.names, self.length, self.width, self.mus):
             if a and mus * b >= a:
                 raise ValueError(
@@ -302,33 +338,136 @@ class Contact:
                     "starts to lock itself"
                 )
 
+    def terms(
+        self, t: float | np.ndarray, q: np.ndarray, v: np.ndarray, springs: tuple[str, ...]
+    ) -> Terms:
+        """Return the terms of the equations at (t, q, v) with the states of springs that act on one side only."""
+        acting = self.equations.spring_side == 0
+        acting[self.spring_places] = [state == ACTS for state in springs]
+        return self.equations.at(t, q, v, acting)
+
+    def spring_margins(
+        self, q: np.ndarray, v: np.ndarray, springs: tuple[str, ...]
+    ) -> Iterator[tuple[Margin, np.ndarray]]:
+        """Yield the conditions under which springs stay in their states, which are positive."""
+        if not springs:
+            return
+        all_stretches, all_tensions = self.equations.stretches(q, v)
+        for k, state in enumerate(springs):
+            sign, place = self.spring_signs[k], self.spring_places[k]
+            stretch, tension = sign * all_stretches[..., place], sign * all_tensions[..., place]
+            yield Margin(k, "stretch"), -stretch if state == FREE else stretch
+            if self.is_damped[k] and state != FREE:
+                yield Margin(k, "tension"), tension if state == ACTS else -tension
+
+    def spring_states(self, q: np.ndarray, v: np.ndarray) -> tuple[str, ...]:
+        """Return the states of the springs that act on one side only by positions and velocities."""
+        stretches, tensions = self.equations.stretches(q, v)
+        states = []
+        for sign, place in zip(self.spring_signs, self.spring_places):
+            acts = ACTS if sign * tensions[place] > 0.0 else CLAMPED
+            states.append(acts if sign * stretches[place] > 0.0 else FREE)
+        return tuple(states)
+
+    def name_of(self, margin: Margin) -> str:
+        """Return the name of the guide or spring of a margin."""
+        is_of_spring = margin.what in ("stretch", "tension")
+        return (self.spring_names if is_of_spring else self.names)[margin.guide]
+
     def kinetic(self, terms: Terms, slip: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Return the coefficients and the constant bounds (N, N m) in slip, each of shape (..., guides)."""
         if not np.any(self.stribeck):
             return self.mu, self.bound
-        speed = np.maximum(slip * terms.slip_speed, 0.0)
-        scale = np.where(self.stribeck > 0.0, self.stribeck, 1.0)
-        remains = np.exp(-((speed / scale) ** self.shape)) * (self.stribeck > 0.0)
+        remains = self._remains(terms, slip)
         mu = self.mu + (self.mus - self.mu) * remains
         return mu, self.bound + (self.static_bound - self.bound) * remains
+
+    def _remains(self, terms: Terms, slip: np.ndarray) -> np.ndarray:
+        """Return the part of the static excess that remains in slip by Stribeck's curves, shape (..., guides)."""
+        speed = np.maximum(slip * terms.slip_speed, 0.0)
+        scale = np.where(self.stribeck > 0.0, self.stribeck, 1.0)
+        return np.exp(-((speed / scale) ** self.shape)) * (self.stribeck > 0.0)
+
+    def radii_in_slip(self, terms: Terms, slip: np.ndarray) -> np.ndarray:
+        """Return the radii of the friction circles of pins in slip, torque per force, m, shape (..., guides)."""
+        if not np.any(self.stribeck):
+            return self.radius
+        return self.radius + (self.static_radius - self.radius) * self._remains(terms, slip)
 
     def forces(
         self,
         terms: Terms,
         mode: Mode,
-        coefficients: tuple[np.ndarray, np.ndarray] | None = None,
+        coefficients: tuple[np.ndarray, np.ndarray, np.ndarray] | None = None,
     ) -> Forces:
         """Return forces and accelerations of modes that share `slip`.
 
-        `coefficients` are the coefficient and the constant bound (N, N m) of each joint; those of slip if they are not
-        given.
+        `coefficients` are the coefficient, the constant bound (N, N m) and the radius of the friction circle (m) of
+        each joint; those of slip if they are not given. A mode without an answer has accelerations that are NaN.
 
         Raises
         ------
         numpy.linalg.LinAlgError
             If the constraints of the mode are redundant.
         """
-        mu, bound = self.kinetic(terms, mode.slip) if coefficients is None else coefficients
+        if coefficients is None:
+            radius = self.radii_in_slip(terms, mode.slip)
+            mu, bound = self.kinetic(terms, mode.slip)
+        else:
+            mu, bound, radius = coefficients
+        pins = [g for g in self.under_load if mode.slip[g]]
+        if not pins:
+            return self._forces(terms, mode, mu, bound)
+        return self._with_loads(terms, mode, mu, bound, radius, pins)
+
+    def _with_loads(
+        self,
+        terms: Terms,
+        mode: Mode,
+        mu: np.ndarray,
+        bound: np.ndarray,
+        radius: np.ndarray,
+        pins: list[int],
+    ) -> Forces:
+        """Return forces of modes in which `pins` slip under load.
+
+        They are NaN in modes in which the sizes of the forces in the pins are not the fixed point of a contraction.
+        """
+        # The forces in the pins are base + response @ torques: by a solution for each torque.
+        unit = [np.array(bound, dtype=float, copy=True) for _ in pins]
+        for each, g in zip(unit, pins):
+            each[..., g] += 1.0
+        base = self._forces(terms, mode, mu, bound)
+        solutions = [self._forces(terms, mode, mu, each) for each in unit]
+
+        def in_pins(forces: Forces) -> np.ndarray:
+            """Return R of the pins, shape (..., pins, 2)."""
+            return np.stack([forces.R[..., pins], forces.T[..., pins]], -1)
+
+        start = in_pins(base)
+        response = np.stack([in_pins(each) - start for each in solutions], -1)
+        circle = radius[..., pins]
+
+        # Whether |R| is a contraction in the sizes of R, in the largest norm.
+        gain = np.linalg.norm(response, axis=-2) * circle[..., None, :]
+        is_contraction = np.max(np.sum(gain, -1), -1) < MOST_GAIN
+        size = np.linalg.norm(start, axis=-1)
+        for _ in range(MOST_ITERATIONS):
+            before = size
+            torque = circle * size
+            size = np.linalg.norm(
+                start + np.einsum("...pxq,...q->...px", response, torque), axis=-1
+            )
+            if np.all(
+                np.abs(size - before)[is_contraction] <= SAME_SIZE * (1.0 + size[is_contraction])
+            ):
+                break
+        total = np.array(np.broadcast_to(bound, (*size.shape[:-1], bound.shape[-1])))
+        total[..., pins] += circle * np.where(is_contraction[..., None], size, np.nan)
+        return self._forces(terms, mode, mu, total)
+
+    def _forces(self, terms: Terms, mode: Mode, mu: np.ndarray, bound: np.ndarray) -> Forces:
+        """Return forces and accelerations for given coefficients and constant bounds, see `forces`."""
         # Friction of constant size is an applied force.
         constant = -mode.slip * bound
         Q = terms.Q + np.sum(constant[..., None] * terms.W, -2)
@@ -376,7 +515,9 @@ class Contact:
         for g, row in enumerate(self.row):
             friction = -mu[..., g] * mode.slip[g]
             signs = mode.corner[..., g, :]
-            first, second = unknown[..., row], unknown[..., row + 1]
+            first = second = np.zeros(shape)
+            if row != NO_ROW:
+                first, second = unknown[..., row], unknown[..., row + 1]
             if mode.slip[g] == 0:
                 R[..., g], T[..., g] = first, second
                 f[..., g] = unknown[..., terms.J.shape[-2] + np.searchsorted(stuck, g)]
@@ -454,10 +595,11 @@ class Contact:
         directions = np.zeros((rows + 2 * guides, len(self.equations.mass)))
         directions[:rows] = terms.J
         for g, (row, a, b) in enumerate(zip(self.row, self.length, self.width)):
-            normal, angle, along = terms.J[row], terms.J[row + 1], terms.W[g]
+            along = terms.W[g]
             if not self.has_load[g]:
                 directions[rows + 2 * g] = directions[rows + 2 * g + 1] = along
                 continue
+            normal, angle = terms.J[row], terms.J[row + 1]
             if a:
                 directions[row] = normal - a / 2 * angle
                 directions[row + 1] = normal + a / 2 * angle
@@ -515,7 +657,8 @@ class Contact:
             # A joint without a load has no corner forces; each "surface" has half of the constant bound.
             signs: tuple[int, ...] = signs_of_guide if self.has_load[g] else ()
             constant = self.static_bound[g] / 2
-            corners = range(self.row[g], self.row[g] + (1 if not self.length[g] else 2))
+            first = max(self.row[g], 0)
+            corners = range(first, first + (1 if not self.length[g] else 2))
             for corner, sign in zip(corners, signs):
                 bounds[corner] = (0, None) if sign > 0 else (None, 0)
             # +-l - mus (sum of the corner forces that press on this surface) + m <= c0/2
@@ -551,6 +694,9 @@ class Contact:
                     held = self.static_bound[g] + self.mus[g] * self.load(
                         g, forces.R[..., g], forces.T[..., g], self.mus[g], away
                     )
+                    held = held + self.static_radius[g] * np.hypot(
+                        forces.R[..., g], forces.T[..., g]
+                    )
                     yield Margin(g, "hold", away), held + away * forces.f[..., g]
             elif self.has_load[g]:
                 for j in range(1 if not self.length[g] else 2):
@@ -558,8 +704,10 @@ class Contact:
 
     def margins(self, t: np.ndarray, y: np.ndarray, mode: Mode) -> tuple[list[Margin], np.ndarray]:
         """Return all margins of a mode and their values at instants t (s) with the states y, shape (n, margins)."""
-        terms = self.equations.at(t, *np.split(y, 2, -1))
+        q, v = np.split(y, 2, -1)
+        terms = self.terms(t, q, v, mode.springs)
         conditions = list(self.conditions(self.forces(terms, mode), mode))
+        conditions += self.spring_margins(q, v, mode.springs)
         for g, d in enumerate(mode.slip):
             if d:
                 conditions.append((Margin(g, "speed"), d * terms.slip_speed[..., g]))
@@ -569,7 +717,9 @@ class Contact:
     def derivative(self, mode: Mode, t: float, y: np.ndarray) -> np.ndarray:
         """Return y' of a state y = (q, v) in a mode."""
         q, v = np.split(y, 2)
-        return np.concatenate([v, self.forces(self.equations.at(t, q, v), mode).acceleration])
+        return np.concatenate(
+            [v, self.forces(self.terms(t, q, v, mode.springs), mode).acceleration]
+        )
 
     def possible(
         self, terms: Terms, slip: np.ndarray, rest: set[int], left: set[int]
@@ -592,6 +742,7 @@ class Contact:
         mu, bound = self.kinetic(terms, slip)
         mu = np.where(is_resting, self.mus, mu)
         bound = np.where(is_resting, self.static_bound, bound)
+        radius = np.where(is_resting, self.static_radius, self.radii_in_slip(terms, slip))
         motions: list[tuple[Mode, np.ndarray]] = []
         for slips in product(*((0, 1, -1) if g in rest else (d,) for g, d in enumerate(slip))):
             stuck = [g for g, d in enumerate(slips) if d == 0]
@@ -610,7 +761,7 @@ class Contact:
                 np.array(slips, dtype=int),
                 np.array(list(product(*signs))).reshape(-1, len(slip), 2),
             )
-            forces = self.forces(terms, modes, (mu, bound))
+            forces = self.forces(terms, modes, (mu, bound, radius))
             is_possible = np.all(np.isfinite(forces.acceleration), -1)
             for _, value in self.conditions(forces, modes):
                 is_possible &= value >= -ADMISSIBLE
@@ -654,6 +805,8 @@ class Contact:
         acceleration, _, rank, _ = np.linalg.lstsq(rows, right, rcond=DEPENDENT)
         if np.max(np.abs(rows @ acceleration - right)) > ADMISSIBLE:
             return []
+        if any(slip[g] == 0 for g in self.under_load):
+            raise np.linalg.LinAlgError("a pin under load shares a load at rest")
         if rank < rows.shape[1] or np.any(slip):
             raise np.linalg.LinAlgError("guides share a load while something moves")
 
@@ -682,10 +835,17 @@ class Contact:
             raise np.linalg.LinAlgError("guides share a load that changes")
         return rank == rows.shape[1] and self.loads_are_constant
 
-    def settle(self, t: float, y: np.ndarray, slip: np.ndarray, left: set[int]) -> Mode:
-        """Return the mode that follows at an instant.
+    def settle(
+        self,
+        t: float,
+        y: np.ndarray,
+        slip: np.ndarray,
+        left: set[int],
+        springs: tuple[str, ...],
+    ) -> Mode:
+        """Return the mode that follows at an instant, with the states of `springs`.
 
-        The arguments are those of `possible`; all guides with the direction 0 are at rest. A guide whose static
+        The other arguments are those of `possible`; all guides with the direction 0 are at rest. A guide whose static
         friction does not suffice leaves rest, and then has the kinetic coefficient, which may release other guides.
 
         Raises
@@ -693,7 +853,8 @@ class Contact:
         _Stopped
             If there is no such mode, or several.
         """
-        terms = self.equations.at(t, *np.split(y, 2))
+        q, v = np.split(y, 2)
+        terms = self.terms(t, q, v, springs)
         slip = slip.copy()
         left = set(left)
         # Every pass removes at least one guide from `rest`, so that the loop ends.
@@ -706,7 +867,7 @@ class Contact:
             [(mode, _)] = motions
             leaving = {g for g in rest if mode.slip[g]}
             if not leaving:
-                return mode
+                return replace(mode, springs=springs)
             slip, left = mode.slip, left | leaving
 
 
@@ -804,7 +965,8 @@ def _integrate(
     y = recorder.states[-1]
     speed = contact.equations.at(t, *np.split(y, 2)).slip_speed
     direction = np.where(np.abs(speed) <= NOISE, 0, np.sign(speed)).astype(int)
-    mode = contact.settle(t, y, direction, set())
+    springs = contact.spring_states(*np.split(y, 2))
+    mode = contact.settle(t, y, direction, set(), springs)
     events_at_once = 0
     while t < stops[-1]:
         if contact.rests_for_good(t, y, mode):
@@ -820,7 +982,7 @@ def _integrate(
         y = recorder.states[-1]
         if not passed and t in switches:
             # Guides at rest have no speed but drift; the others keep their directions.
-            settled = contact.settle(t, y, mode.slip, set())
+            settled = contact.settle(t, y, mode.slip, set(), mode.springs)
             for g, kind in _changes(mode, settled):
                 recorder.events.append(Instant(t, kind, contact.names[g], np.inf))
             mode = settled
@@ -836,6 +998,10 @@ def _integrate(
         rate = max(rate for _, rate in passed)
         for g, kind in _changes(before, mode):
             recorder.events.append(Instant(t, kind, contact.names[g], rate))
+        for name, old, new in zip(contact.spring_names, before.springs, mode.springs):
+            if (old == ACTS) != (new == ACTS):
+                kind = "contact" if new == ACTS else "release"
+                recorder.events.append(Instant(t, kind, name, rate))
     return None
 
 
@@ -895,7 +1061,7 @@ def _first_zero(
                 "mode not held",
                 piece.t_old,
                 f"{margins[k].what} falls below zero at once",
-                contact.names[margins[k].guide],
+                contact.name_of(margins[k]),
             )
         if zero is not None:
             zeros.append((zero, k))
@@ -952,8 +1118,19 @@ def _after(contact: Contact, mode: Mode, t: float, y: np.ndarray, passed: Iterab
     corner = mode.corner.copy()
     left: set[int] = set()
     slips_change = False
+    springs = list(mode.springs)
     for margin in passed:
-        if margin.what == "corner":
+        if margin.what in ("stretch", "tension"):
+            old = mode.springs[margin.guide]
+            if springs[margin.guide] != old:
+                continue  # stretch and tension pass zero together
+            after_tension = CLAMPED if old == ACTS else ACTS
+            after_stretch = ACTS if old == FREE else FREE
+            new = after_tension if margin.what == "tension" else after_stretch
+            springs[margin.guide] = new
+            # the tension of a damped spring jumps at its contact
+            slips_change |= old == FREE and contact.is_damped[margin.guide]
+        elif margin.what == "corner":
             # A corner force passes zero continuously: only its sign changes.
             corner[margin.guide, margin.which] *= -1
             if not contact.length[margin.guide]:
@@ -966,12 +1143,13 @@ def _after(contact: Contact, mode: Mode, t: float, y: np.ndarray, passed: Iterab
             slip[margin.guide] = 0
             slips_change = True
     if not slips_change:
-        return Mode(slip, corner)
+        return Mode(slip, corner, tuple(springs))
     if np.any(slip == 0):
         # Guides that cannot slip without those at rest are at rest as well. Their speeds are rounding.
-        terms = contact.equations.at(t, *np.split(y, 2))
+        q, v = np.split(y, 2)
+        terms = contact.terms(t, q, v, tuple(springs))
         slip[sorted(contact.held_with(terms, np.flatnonzero(slip == 0)))] = 0
-    return contact.settle(t, y, slip, left)
+    return contact.settle(t, y, slip, left, tuple(springs))
 
 
 def _changes(before: Mode, after: Mode) -> Iterator[tuple[int, str]]:
@@ -997,19 +1175,23 @@ def _audit(contact: Contact, mode: Mode, piece: DenseOutput, end: float) -> tupl
         If there are several motions, or a different one.
     """
     t = piece.t_old + _AUDITED * (end - piece.t_old)
-    terms = contact.equations.at(t, *np.split(piece(t).T, 2, -1))
+    q, v = np.split(piece(t).T, 2, -1)
+    terms = contact.terms(t, q, v, mode.springs)
     forces = contact.forces(terms, mode)
-    mu, bound = np.broadcast_arrays(*contact.kinetic(terms, mode.slip), forces.f)[:2]
+    mu, bound, radius = np.broadcast_arrays(
+        *contact.kinetic(terms, mode.slip), contact.radii_in_slip(terms, mode.slip), forces.f
+    )[:3]
     violations = [
         np.max(np.abs(terms.phi), initial=0.0),
         np.max(np.abs(terms.phi_dot), initial=0.0),
+        *(-np.min(value) for _, value in contact.spring_margins(q, v, mode.springs)),
     ]
     for g, d in enumerate(mode.slip):
         R, T, f, speed = forces.R[:, g], forces.T[:, g], forces.f[:, g], terms.slip_speed[:, g]
         if d == 0:
             # At rest there is no speed, and friction is within the capacity in either direction.
             mus = contact.mus[g]
-            held = contact.static_bound[g]
+            held = contact.static_bound[g] + contact.static_radius[g] * np.hypot(R, T)
             excesses = (
                 -away * f - held - mus * contact.load(g, R, T, mus, away) for away in (1, -1)
             )
@@ -1019,7 +1201,8 @@ def _audit(contact: Contact, mode: Mode, piece: DenseOutput, end: float) -> tupl
             sign = np.sign(speed)
             direction = np.where(sign == 0, d, sign)
             load = contact.load(g, R, T, mu[:, g], d)
-            friction = -direction * (bound[:, g] + mu[:, g] * load)
+            by_force = radius[:, g] * np.hypot(R, T)
+            friction = -direction * (bound[:, g] + mu[:, g] * load + by_force)
             errors = np.where(np.abs(speed) > NOISE, np.abs(f - friction), 0.0)
             violations.append(np.max(errors))
 

@@ -6,19 +6,22 @@ from stiction.scenes import Scene, vary
 
 
 def rubbing_joints(scene: Scene) -> frozenset[str]:
-    """Return the joints with friction. Their contact modes change the motion, and their events count in every truth."""
-    return frozenset(name for name, joint in scene.joints.items() if joint.rubs)
+    """Return the joints with friction and the drives that can give way.
+
+    Their contact modes change the motion, and their events count in every truth.
+    """
+    return frozenset(name for name, element in scene.bounded_elements.items() if element.rubs)
 
 
 def physics_of(scene: Scene, static_coefficient: bool) -> Scene:
     """Return the scene with the physics of an engine.
 
-    Unless the engine has a static coefficient, every guide has mus = mu, and every joint static_friction = friction.
+    Unless the engine has a static coefficient, every joint has mus = mu and static_friction = friction.
     """
     if static_coefficient:
         return scene
     overrides = {
-        f"{name}.mus": guide.mu for name, guide in scene.guides.items() if guide.mus is not None
+        f"{name}.mus": joint.mu for name, joint in scene.joints.items() if joint.mus is not None
     }
     overrides |= {
         f"{name}.static_friction": joint.friction
@@ -28,3 +31,20 @@ def physics_of(scene: Scene, static_coefficient: bool) -> Scene:
     if not overrides:
         return scene
     return vary(scene, overrides)
+
+
+def physics_over_values(scene: Scene, static_coefficient: bool) -> Scene:
+    """Return the scene with the physics of an engine, to vary values of it.
+
+    Unless the engine has a static coefficient, no joint has one: static friction then follows kinetic friction,
+    whatever its value. In `physics_of` it has the value that the scene's kinetic friction has.
+    """
+    if static_coefficient:
+        return scene
+    removed = [f"{name}.mus" for name, guide in scene.guides.items() if guide.mus is not None]
+    removed += [
+        f"{name}.static_friction"
+        for name, joint in scene.joints.items()
+        if joint.static_friction is not None
+    ]
+    return vary(scene, dict.fromkeys(removed)) if removed else scene

@@ -13,7 +13,15 @@ from typing import Any, get_args
 
 from stiction.scenes import Scene
 from stiction.scenes.fields import GROUND
-from stiction.scenes.model import Force, Revolute, Torque, Translational
+from stiction.scenes.model import (
+    Drive,
+    Force,
+    LinearSpring,
+    Revolute,
+    Torque,
+    TorsionalSpring,
+    Translational,
+)
 from stiction.scenes.wording import shown
 from stiction.truths.truth import NotThisMechanism
 
@@ -94,13 +102,23 @@ SEVERAL = "any number"
 
 JOINT_EFFECTS = ("friction", "static_friction", "stribeck_velocity", "damping")
 """Fields of joints that must be absent or zero unless a part has requirements on them."""
+PIN_EFFECTS = ("mu", "mus")
+"""Such fields of pins: their friction by load."""
+OTHER_EFFECTS: Mapping[type, tuple[str, ...]] = {
+    Revolute: (*JOINT_EFFECTS, *PIN_EFFECTS),
+    Translational: (*JOINT_EFFECTS, "normal_load"),
+    Drive: ("effort_limit",),
+    LinearSpring: ("acts",),
+    TorsionalSpring: ("acts",),
+}
+"""Fields, by kind of the element, that must be absent or zero unless a part has requirements on them."""
 
 
 class Part:
     """An element of a mechanism.
 
-    A joint must have neither a constant bound of friction nor damping, unless its fields say otherwise: a truth holds
-    for the effects that it contains.
+    A joint must have neither a constant bound of friction nor damping, a drive no limit, and a spring must act on both
+    sides, unless their fields say otherwise: a truth holds for the effects that it contains.
 
     Parameters
     ----------
@@ -136,7 +154,7 @@ class Part:
         self.count = count
         self.any_order = any_order
         self.where = where
-        absent = dict.fromkeys(JOINT_EFFECTS, ABSENT) if kind in (Revolute, Translational) else {}
+        absent = dict.fromkeys(OTHER_EFFECTS.get(kind, ()), ABSENT)
         self.fields = {
             field: Condition.of(wanted) for field, wanted in {**absent, **fields}.items()
         }

@@ -209,6 +209,13 @@ def with_columns(table: pd.DataFrame, *names: str) -> pd.DataFrame:
     return table.reindex(columns=list(dict.fromkeys([*table, *names])))
 
 
+def of_first_scene(table: pd.DataFrame) -> pd.DataFrame:
+    """Return the rows about the first scene of a table; all rows if the table does not name scenes."""
+    if "scene" not in table or table.empty:
+        return table
+    return table[table["scene"] == table["scene"].iloc[0]]
+
+
 def at_equal_step(table: pd.DataFrame, variant: str) -> pd.DataFrame:
     """Return the rows of a variant at the step nearest to `COMMON_STEP`, or at its tightest tolerance."""
     if "variant" not in table:

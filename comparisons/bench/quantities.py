@@ -378,14 +378,27 @@ DRIFT = (
 """Drift from the constraints."""
 
 THRESHOLD = (
-    Quantity("F0_with_stick", "largest F0 with stick", "N", Kind.EXACT),
-    Quantity("F0_without_stick", "smallest F0 without stick", "N", Kind.EXACT),
-    Quantity("F0_threshold", "threshold on F0", "N", Kind.EXACT, symbol="F_0"),
+    _text("varied", "varied parameter"),
+    _text("varied_unit", "unit of the varied parameter", "empty if it is a ratio, or not known"),
+    Quantity(
+        "with_stick",
+        "threshold, side with stick",
+        "",
+        Kind.EXACT,
+        description="value of the varied parameter next to the threshold, with a stick phase",
+    ),
+    Quantity(
+        "without_stick",
+        "threshold, side without stick",
+        "",
+        Kind.EXACT,
+        description="value of the varied parameter next to the threshold, without a stick phase",
+    ),
     *_measured(
         Kind.EXACT,
         "true_threshold",
         "true threshold",
-        "N",
+        "",
         "true_threshold_uncertainty",
         "the true threshold",
     ),
@@ -393,7 +406,7 @@ THRESHOLD = (
         Kind.ERROR,
         "threshold_error",
         "threshold error",
-        "N",
+        "",
         "threshold_uncertainty",
         "the threshold error",
     ),
@@ -404,24 +417,30 @@ THRESHOLD = (
         Kind.EXACT,
         description="empty: the figure is lost in the text that we have",
     ),
-    _error("threshold_change", "change from the coarser step", "N"),
+    _error("threshold_change", "change from the coarser step", ""),
     Quantity(
         "sticks_again",
         "sticks again, about",
-        "N",
+        "",
         Kind.INTERVALS,
-        description="bands of amplitudes above the threshold at which the slider sticks again: pairs of the smallest "
-        "and the largest amplitude seen to, as a JSON list",
+        description="bands above the threshold in which the slider sticks again: pairs of the smallest and "
+        "the largest value with stick, as a JSON list",
     ),
     Quantity(
         "stick_bands",
         "sticks",
-        "N",
+        "",
         Kind.INTERVALS,
-        description="bands of amplitudes at which the slider sticks: pairs of amplitudes, as a JSON list",
+        description="bands in which the slider sticks: pairs of values of the varied parameter, as a JSON list",
     ),
-    _value("scanned_to", "scanned up to F0", "N"),
-    _text("varied", "varied parameter"),
+    Quantity(
+        "all_bands",
+        "bands",
+        "",
+        Kind.JSON,
+        description="all bands within the searched range: a JSON list of lower end, upper end and kind",
+    ),
+    _value("scanned_to", "searched up to"),
     Quantity("band_low", "from", "", Kind.EXACT),
     Quantity("band_high", "to", "", Kind.EXACT),
     _error("band_low_uncertainty", "uncertainty of the lower end", ""),
@@ -439,10 +458,10 @@ THRESHOLD = (
     _value("resolution", "resolution", description="narrower bands may be missed"),
     _value("mu", "mu", description="kinetic coefficient of friction", symbol=r"\mu"),
     _value("mus", "mus", description="static coefficient of friction", symbol=r"\mu_s"),
-    Quantity("threshold", "threshold", "N", Kind.EXACT),
+    Quantity("threshold", "threshold", "", Kind.EXACT),
     _value("window_begin", "begin of the window", "s"),
 )
-"""The stick threshold on the amplitude of the load."""
+"""Stick bands and thresholds; their numbers have the unit of the varied parameter, `varied_unit`."""
 
 TORQUE = (
     _category("effort", description="the drive whose effort jumps"),
@@ -548,6 +567,15 @@ HOLD = (
         "the creep of a joint",
         "in the unit of the column creep_unit",
     ),
+    *_measured(
+        Kind.ERROR,
+        "joint_stop_error",
+        "stop error of a joint",
+        "",
+        "joint_stop_uncertainty",
+        "the stop error of a joint",
+        "in m for creep in m/s, in rad for creep in rad/s",
+    ),
     _category("creep_unit", "unit of the creep"),
     _category("refuses", description="whether the engine does not take the friction of the scene"),
     _error("creep_per_g_dt", "creep, of g dt", ""),
@@ -575,12 +603,40 @@ HOLD = (
     *_measured(
         Kind.ERROR, "creep_um", "creep here", "um/s", "creep_um_uncertainty", "the creep here"
     ),
+    _value("published_joint_creep", "published creep of a joint", "rad/s"),
+    *_measured(
+        Kind.ERROR,
+        "joint_creep_here",
+        "speed here",
+        "rad/s",
+        "joint_creep_here_uncertainty",
+        "the speed here",
+        "change in the last fifth of the run",
+    ),
+    _text("published_statement", "the source in words"),
+    _flag("moves", "moves, as published or predicted"),
+    _text("difference", "difference from the source"),
     _flag("matched"),
     _value("published_load", "published load", "N"),
     _value("load_N", "load", "N"),
     _value("margin"),
 )
 """Creep, landing and break-away of a slider that is held by static friction."""
+
+JOINT_FRICTION = (
+    *_measured(
+        Kind.ERROR,
+        "joint_friction_error",
+        "error",
+        "",
+        "joint_friction_error_uncertainty",
+        "the error of joint friction",
+        "in the unit of the column joint_friction_unit",
+    ),
+    _category("joint_friction_unit", "unit of the error"),
+    Quantity("joint_friction_order", "order", "", Kind.EXPONENT),
+)
+"""Errors of joints whose friction has a constant bound."""
 
 HARD = (
     _category("topic"),
@@ -685,6 +741,7 @@ QUANTITIES: Mapping[str, Quantity] = {
         *ORDERS,
         *SETTINGS,
         *HOLD,
+        *JOINT_FRICTION,
         *HARD,
         *CLAIMS,
         *JUDGE,

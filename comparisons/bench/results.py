@@ -74,6 +74,15 @@ class Results:
         """Return whether a scene is a case of the paper, and not another scene of the same name."""
         return scene in self.settings.get(SCENES_OF_PAPER, PAPERS_CASES)
 
+    def is_papers_scheme_elsewhere(self, record: Record) -> bool:
+        """Return whether a run is one of the paper's fixed-step scheme on a scene that is no case of the paper.
+
+        The paper states that its scheme works for its own example. That it breaks down on another scene is a result
+        about the scheme, as it is about any engine; it is no failure of the reference.
+        """
+        is_papers_scheme = record.variant.settings.get("method") == "paper"
+        return is_papers_scheme and not self.is_of_paper(record.scene)
+
     @property
     def is_about_paper(self) -> bool:
         """True if all compared runs simulate cases of the paper."""

@@ -65,6 +65,12 @@ class Scope:
         """True if the scenes are the paper's three cases, those of the campaign of `stiction validate`."""
         return self.scenes == tuple(validation_campaign().scenes)
 
+    @property
+    def leading_scenes(self) -> tuple[Scene, ...]:
+        """The scenes of a study that examines one case of the paper: its first case, or all of other scenes."""
+        is_validation_of_paper = self.is_campaign and self.is_of_paper
+        return self.scenes[:1] if is_validation_of_paper else self.scenes
+
 
 def always(scope: Scope) -> str:
     """Return no reason against a study, which applies to every scene."""
@@ -144,6 +150,9 @@ class Study:
         What it means if its section is empty although its runs were made.
     tables : Mapping[str, str]
         Titles of its tables, by name.
+    stored : tuple of str
+        Names of the tables that `stiction compare --out` writes into one file, with a column
+        ``table``; only its main table if empty.
     failures_of_reference : callable or None
         Yields one line for each run of the reference that is wrong according to the tables.
         `stiction validate` fails if there is one.
@@ -167,6 +176,7 @@ class Study:
     applies: Callable[[Scope], str] = always
     nothing: str = "its tables are empty"
     tables: Mapping[str, str] = field(default_factory=dict)
+    stored: tuple[str, ...] = ()
     failures_of_reference: Callable[[Results], Iterator[str]] | None = None
     text: str = ""
 
@@ -241,6 +251,21 @@ def _reasons_line(reason_of: Mapping[str, str]) -> str:
     if len(reasons) == len(reason_of) and len(set(reasons.values())) == 1:
         return next(iter(reasons.values()))
     return "; ".join(f"{name}: {reason}" for name, reason in reasons.items())
+
+
+def joined(parts: Sequence[Tables]) -> Tables:
+    """Return the tables of a study on several scenes as one; the tables of all parts have the same names."""
+    names = dict.fromkeys(name for part in parts for name in part.tables)
+    return Tables(
+        {
+            name: pd.concat([part.tables[name] for part in parts], ignore_index=True)
+            for name in names
+        },
+        tuple(record for part in parts for record in part.records),
+        tuple(record for part in parts for record in part.timed),
+        {name: truth for part in parts for name, truth in part.truths.items()},
+        tuple(problem for part in parts for problem in part.problems),
+    )
 
 
 def planned(scopes: Mapping[Study, Scope], **options: Any) -> dict[Study, Comparison[Tables]]:

@@ -327,7 +327,7 @@ def _cached_columns(
     scene: Scene, table: ResultTable, truth: Truth, report: Callable[[float], None]
 ) -> CachedColumns:
     """Return the columns of a truth that the measures need, which are computed once for each set of instants."""
-    slipping_joints = {**scene.guides, **scene.frictional_joints}
+    slipping_joints = {**scene.guides, **scene.bounded_elements}
     names = {
         *table.columns,
         *(f"{body}.{label}" for body in scene.bodies for label in POSITIONS),

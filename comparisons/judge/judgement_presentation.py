@@ -287,7 +287,7 @@ def _unknown(judged: Judgement) -> list[str]:
     if judged.truth.tier == Tier.NONE:
         return []
     scene = judged.scene
-    modes = {f"{joint}.mode" for joint in {**scene.guides, **scene.frictional_joints}}
+    modes = {f"{joint}.mode" for joint in {**scene.guides, **scene.bounded_elements}}
     judged_elsewhere = {*judged.tables["errors"]["column"], *modes, *RESIDUALS}
     return [name for name in judged.table.columns if name not in judged_elsewhere]
 

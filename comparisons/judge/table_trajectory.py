@@ -99,7 +99,7 @@ def trajectory_of(scene: Scene, table: ResultTable, truth: Truth) -> Trajectory:
     for time, before, after in table.jumps(table.columns):
         if not t[0] < time < t[-1]:
             continue
-        kinds = list(changed_modes(scene.frictional_joints, before, after))
+        kinds = list(changed_modes(scene.bounded_elements, before, after))
         if not kinds:
             kinds = _nearest_kinds(truth, time)
         events += [Event(time, kind, guide, before, after) for kind, guide in kinds]

@@ -23,7 +23,11 @@ from stiction.reference_impl.multibody.trajectory_columns import corner_columns
 from stiction.scenes import Scene
 from stiction.scenes.column_file import row_slices
 from stiction.scenes.model import Revolute
-from stiction.scenes.stribeck import bound_in_slip, coefficient_in_slip
+from stiction.scenes.stribeck import (
+    bound_in_slip,
+    coefficient_in_slip,
+    friction_radius_in_slip,
+)
 from stiction.truths import Truth
 
 RANK = 1e-9
@@ -377,7 +381,8 @@ def _coulomb(
     mode = np.where(np.abs(slip) > STILL * np.max(np.abs(slip)), np.sign(slip), 0.0)
     bound = bound_in_slip(joint, slip)
     if isinstance(joint, Revolute):
-        return -mode * bound
+        force = np.hypot(columns[f"{name}.fx"], columns[f"{name}.fy"])
+        return -mode * (bound + friction_radius_in_slip(joint, slip) * force)
     if joint.length is None:
         load = np.abs(columns[f"{name}.normal_force"])
     else:

@@ -7,12 +7,15 @@ affect both.
 from __future__ import annotations
 
 import math
+from collections.abc import Mapping
 from dataclasses import dataclass
 
 import numpy as np
 from scipy.integrate import cumulative_trapezoid
 from scipy.stats import theilslopes
 
+from stiction.scenes import Scene, Trajectory
+from stiction.scenes.fields import GROUND
 from stiction.uncertain import Uncertain
 
 LANDING = 0.1
@@ -130,6 +133,19 @@ def slip_of(
     if let_go is not None and let_go + AFTER <= t[-1]:
         acceleration = (abs(float(np.interp(let_go + AFTER, t, velocity))) - LET_GO) / AFTER
     return Slip(creep, lets_go, first - float(displacement[0]), let_go, acceleration)
+
+
+def joint_displacement(
+    scene: Scene, columns: Mapping[str, np.ndarray] | Trajectory, name: str
+) -> np.ndarray:
+    """Return the displacement of a joint in the columns of a motion: along a guide (m), or the angle of a pin (rad)."""
+    if name in scene.guides:
+        return columns[f"{name}.displacement"]
+    first, second = (
+        np.zeros(()) if body == GROUND else columns[f"{body}.angle"]
+        for body in scene.pins[name].bodies
+    )
+    return np.asarray(first - second)
 
 
 def _moving_average(

@@ -7,7 +7,7 @@ another one is sampled, and counts as sticking where it is slow for long enough 
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from typing import Any
 
@@ -26,6 +26,7 @@ from stiction.comparisons.measures.settling import (
 from stiction.engines.protocol import EngineFailure
 from stiction.engines.registry import load_engine
 from stiction.scenes import Scene, Trajectory, vary
+from stiction.scenes.columns import BODY_COLUMNS
 
 SETTLE_PERIODS = 4
 """Periods before the window of a sampled motion. By then the transients of the paper's example have decayed to about
@@ -36,6 +37,8 @@ FIRST_SETTLING = 30
 """Periods that a motion with located events is given at first; see `reference_bands.FIRST_PERIODS`."""
 MOST_SETTLING = 960
 """Periods after which a motion with located events counts as not settled."""
+REST_PART = 1e-6
+"""Part of the distance from the origin that is the unit of length of bodies at rest: rounding leaves 1e-16 of it."""
 FIRST_STEP = 8
 """Length of the first step of a search that begins near the threshold, in widths of the bracket: as far as a refinement
 of the step usually shifts it."""
@@ -107,7 +110,7 @@ class StickProbe:
     parameter : str
         Key of the varied value, as in `vary`.
     joint : str
-        Name of the guide; the first one with friction where empty.
+        Name of the guide or pin; the first guide with friction, or the first such pin, where empty.
     seen : dict
         By value, whether the steady state has a stick phase, and the median speed (m/s) of the slowest stretch of a
         sampled motion.
@@ -131,7 +134,9 @@ class StickProbe:
 
     def __post_init__(self) -> None:
         self.period = common_period(self.scene)
-        self.guide = self.joint or list(self.scene.frictional_guides)[0]
+        self.guide = self.joint or next(
+            iter(self.scene.frictional_guides | self.scene.frictional_joints)
+        )
 
     def sticks(self, value: float) -> bool:
         """Return True if the steady state at a value has a stick phase; raises NotSettled where there is none."""
@@ -168,7 +173,8 @@ class StickProbe:
         periods = self.settle_periods
         while periods <= MOST_SETTLING:
             run = self._simulate(value, periods * self.period, self.period)
-            state = settled(run[f"{self.guide}.displacement"][: periods + 1])
+            states = scaled_states(run, list(self.scene.bodies), self.period)
+            state = settled(states[: periods + 1], size=1.0)
             if state is not None:
                 self.settle_periods = periods
                 self.residual = max(self.residual, state.distance * abs(value))
@@ -179,6 +185,45 @@ class StickProbe:
             f"not settled after {periods // 2} periods of {self.period:g} s at {self.parameter} = "
             f"{value:.9g}: no steady state of up to {MOST_PERIODS} periods"
         )
+
+
+def scaled_states(run: Trajectory, bodies: Sequence[str], period: float) -> np.ndarray:
+    """Return the states of all bodies at the samples of a run, one row each, in units of their own size.
+
+    All bodies count, with their velocities: a slider may stay where it is for many periods while the others are still
+    approaching their steady state, and set it in motion later. Of an angle the cosine and the sine are taken, since a
+    drive that turns is in the same state after each turn.
+
+    Parameters
+    ----------
+    run : Trajectory
+        Samples every period.
+    bodies : sequence of str
+        Names of the bodies.
+    period : float
+        Period of loads and drives, s.
+    """
+    (x, y, angle), (vx, vy, rate) = BODY_COLUMNS[:2]
+    places = np.column_stack([run[f"{body}.{label}"] for body in bodies for label in (x, y)])
+    angles = np.column_stack([run[f"{body}.{angle}"] for body in bodies])
+    speeds = np.column_stack([run[f"{body}.{label}"] for body in bodies for label in (vx, vy)])
+    rates = np.column_stack([run[f"{body}.{rate}"] for body in bodies])
+
+    # Units are the largest numbers of each kind. Where these are rounding errors, as of a mechanism
+    # at rest, the units are larger.
+    longest_way = float(np.max(np.ptp(places, axis=0)))
+    length = max(longest_way, REST_PART * float(np.max(np.abs(places)))) or 1.0
+    speed = max(float(np.max(np.abs(speeds))), length / period)
+    angular_speed = max(float(np.max(np.abs(rates))), 1.0 / period)
+    return np.hstack(
+        [
+            places / length,
+            np.cos(angles),
+            np.sin(angles),
+            speeds / speed,
+            rates / angular_speed,
+        ]
+    )
 
 
 def sticks(run: Trajectory, guide: str, start: float, step: float) -> tuple[bool, float]:

@@ -24,7 +24,7 @@ from stiction.reference_impl.multibody.mechanism import Mechanism
 from stiction.scenes import Scene, StictionError
 from stiction.scenes.columns import unit_of
 from stiction.scenes.laws import scaled_law
-from stiction.scenes.model import Load
+from stiction.scenes.model import Joint, Load
 from stiction.scenes.result_table import ResultTable
 from stiction.truths import Truth
 
@@ -91,6 +91,9 @@ class Hypothesis(Enum):
     ONE_COEFFICIENT = "mus = mu"
     KINETIC = "another mu"
     FRICTION = "another mu and mus"
+    NO_BOUND = "no friction with constant bounds"
+    ONE_BOUND = "static_friction = friction"
+    BOUND = "another bound of friction"
     GRAVITY = "another g"
     MASS = "another mass"
     STIFFNESS = "another stiffness"
@@ -102,6 +105,10 @@ RELATED = {Hypothesis.KINETIC, Hypothesis.FRICTION}
 other."""
 
 
+WITHOUT_NUMBER = {Hypothesis.ONE_COEFFICIENT, Hypothesis.NO_BOUND, Hypothesis.ONE_BOUND}
+"""Hypotheses that leave something out of the scene."""
+BOUNDS = {Hypothesis.NO_BOUND, Hypothesis.ONE_BOUND, Hypothesis.BOUND}
+"""Hypotheses on the constant bounds of friction of joints."""
 RIVALS = 12
 """Largest number of masses, stiffnesses and loads that are tested against an explanation; with
 more, none is tested, because this would take minutes."""
@@ -117,7 +124,7 @@ class Parameter:
     @property
     def has_number(self) -> bool:
         """True if the hypothesis has a number, which is fitted."""
-        return self.hypothesis is not Hypothesis.ONE_COEFFICIENT
+        return self.hypothesis not in WITHOUT_NUMBER
 
 
 @dataclass(frozen=True)
@@ -269,6 +276,12 @@ def _possible(scene: Scene) -> Iterator[Parameter]:
             yield Parameter(Hypothesis.KINETIC)
     if rubbing:
         yield Parameter(Hypothesis.FRICTION)
+    bounds = [joint.bounds for joint in scene.joints.values() if joint.bounds[1] > 0]
+    if bounds:
+        yield Parameter(Hypothesis.NO_BOUND)
+        yield Parameter(Hypothesis.BOUND)
+    if any(static > kinetic for kinetic, static in bounds):
+        yield Parameter(Hypothesis.ONE_BOUND)
     if any(scene.gravity or ()):
         yield Parameter(Hypothesis.GRAVITY)
 
@@ -318,6 +331,8 @@ def changed(scene: Scene, parameter: Parameter, factor: float) -> Scene:
     if hypothesis is Hypothesis.GRAVITY:
         x, y = scene.gravity or (0.0, 0.0)
         return scene.model_copy(update={"gravity": (factor * x, factor * y)})
+    if hypothesis in BOUNDS:
+        return scene.model_copy(update={"joints": _with_bounds(scene, hypothesis, factor)})
     # All guides together; mus never falls below mu.
     joints = dict(scene.joints)
     for name, guide in scene.frictional_guides.items():
@@ -333,14 +348,39 @@ def changed(scene: Scene, parameter: Parameter, factor: float) -> Scene:
     return scene.model_copy(update={"joints": joints})
 
 
+def _with_bounds(scene: Scene, hypothesis: Hypothesis, factor: float) -> dict[str, Joint]:
+    """Return the joints with other constant bounds of friction; all bounds together."""
+    joints = dict(scene.joints)
+    for name, joint in scene.joints.items():
+        kinetic, static = joint.bounds
+        if not static > 0:
+            continue
+        if hypothesis is Hypothesis.NO_BOUND:
+            kinetic = static = 0.0
+        elif hypothesis is Hypothesis.ONE_BOUND:
+            static = kinetic
+        else:
+            kinetic, static = factor * kinetic, factor * static
+        joints[name] = joint.model_copy(update={"friction": kinetic, "static_friction": static})
+    return joints
+
+
 def _scaled_load(load: Load, factor: float) -> Load:
     """Return a load whose law is multiplied by a factor."""
     return load.model_copy(update={"law": scaled_law(load.law, factor)})
 
 
 def _value(scene: Scene, parameter: Parameter, factor: float) -> float:
-    """Return the value of a changed parameter: g in m/s², or the common coefficient of all guides; otherwise nan."""
+    """Return the value of a changed parameter: g in m/s², or the coefficient or constant bound that all joints share.
+
+    It is nan for other parameters, and if joints differ.
+    """
     hypothesis = parameter.hypothesis
+    if hypothesis is Hypothesis.BOUND:
+        bounds = {
+            factor * joint.bounds[0] for joint in scene.joints.values() if joint.bounds[1] > 0
+        }
+        return bounds.pop() if len(bounds) == 1 else math.nan
     if hypothesis not in {Hypothesis.GRAVITY, Hypothesis.ONE_COEFFICIENT, *RELATED}:
         return math.nan
     if hypothesis is Hypothesis.GRAVITY:

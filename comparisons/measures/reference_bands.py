@@ -12,7 +12,11 @@ from math import ceil, isfinite
 
 import numpy as np
 
-from stiction.comparisons.measures.settling import NotSettled, excitation_period
+from stiction.comparisons.measures.settling import (
+    NoCommonPeriod,
+    NotSettled,
+    excitation_period,
+)
 from stiction.comparisons.measures.steady_state_measures import (
     REPEATS,
     SteadyRun,
@@ -22,7 +26,16 @@ from stiction.comparisons.measures.steady_state_measures import (
 )
 from stiction.scenes import InputError, Scene, StictionError, vary
 from stiction.scenes.columns import BODY_COLUMNS
-from stiction.truths.bands import Band, BandKind, Range, find_bands, with_coexisting
+from stiction.scenes.laws import Linear
+from stiction.truths.bands import (
+    Band,
+    BandKind,
+    ExpectedEnd,
+    Range,
+    find_bands,
+    no_expected_end,
+    with_coexisting,
+)
 
 AMPLITUDE = "F0"
 """Parameter that is varied if no other one is named: the amplitude of the load of the paper's example."""
@@ -39,10 +52,10 @@ END_RTOL = 1e-9
 END_WIDTH = 1e-6
 """Width to which an end is located, as a part of the range: what the rest of the transient leaves of it at that
 tolerance."""
-FIRST_PERIODS = 30
+FIRST_PERIODS = 15
 """Periods of loads and drives that a motion is given at first. Case 1 of the paper contracts by half in each."""
-EXTENSIONS = 4
-"""Number of times that a motion that has not settled is given twice as long, before it counts as not settling."""
+LONGEST = 16
+"""Length of the last run of a motion that does not settle, in units of its first run."""
 
 Start = Mapping[str, object]
 """Values of a scene that replace its start, by key as in `vary`; the scene's own start where empty."""
@@ -51,14 +64,14 @@ OWN_START: Start = {}
 
 @dataclass(frozen=True)
 class Variation:
-    """A parameter of a scene, its searched range, and the guide that is looked at.
+    """A parameter of a scene, its searched range, and the joint that is looked at.
 
     Attributes
     ----------
     parameter : str
         Key as in `vary`: a parameter, or a value such as ``guide.mu``.
     joint : str
-        Name of the frictional guide.
+        Name of the frictional guide or pin.
     searched : Range
         Values that are examined.
     own : float
@@ -83,14 +96,15 @@ def variation_of(
     Raises
     ------
     InputError
-        If the scene does not have the parameter, or no frictional guide of this name; if a range is missing that
+        If the scene does not have the parameter, or no frictional joint of this name; if a range is missing that
         cannot be derived from the scene's own value; or as `Range`.
     """
-    guides = list(scene.frictional_guides)
-    if not guides:
-        raise InputError(f"joint: found no guide with friction in {scene.name}; expected one")
-    if joint is not None and joint not in guides:
-        raise InputError(f"joint: found {joint!r}; expected one of {', '.join(guides)}")
+    # a guide is looked at before a pin
+    joints = list(scene.frictional_guides | scene.frictional_joints)
+    if not joints:
+        raise InputError(f"joint: found no joint with friction in {scene.name}; expected one")
+    if joint is not None and joint not in joints:
+        raise InputError(f"joint: found {joint!r}; expected one of {', '.join(joints)}")
     key = parameter or AMPLITUDE
     own = scene.parameters.get(key)
     if parameter is None and own is None:
@@ -101,8 +115,8 @@ def variation_of(
     if ends is None:
         if own is None or not isfinite(own) or own == 0:
             raise InputError(
-                f"range: found none for {key}; expected --range LOW:HIGH, as the scene has no value "
-                "of its own from which to derive it"
+                f"range: found none for {key}; expected --range LOW:HIGH, or an axis {key} of a sweep, as "
+                "the scene has no value of its own from which to derive it"
             )
         low, high = sorted((0.0, USUAL_RANGE * own))
     else:
@@ -115,7 +129,7 @@ def variation_of(
         if own is None and not _is_possible(scene, key, searched):
             raise InputError(f"parameter: found {key!r}; {error}") from None
     return Variation(
-        key, joint or guides[0], searched, 0.5 * (low + high) if own is None else float(own)
+        key, joint or joints[0], searched, 0.5 * (low + high) if own is None else float(own)
     )
 
 
@@ -177,34 +191,59 @@ class ReferenceProbe:
         reason = ""
         try:
             scene = vary(self.scene, {self.variation.parameter: value, **start})
-            for extension in range(EXTENSIONS + 1):
+            first = usual_end(scene)
+            duration, elapsed = first, 0.0
+            while duration <= LONGEST * first:
+                window = self._window(scene, duration)
                 try:
-                    return self._settled(scene, 2**extension)
+                    kind = _kind_in(window, f"{self.variation.joint}.mode")
+                    return SteadyMotion(kind, _state_at_end(window))
                 except NotSettled as error:
                     reason = str(error)
+                # A motion that has not settled is followed until its time has doubled: from its last
+                # state, where loads and drives begin anew there, else from the start again.
+                if _begins_anew(scene):
+                    elapsed += duration
+                    duration = elapsed
+                    scene = vary(scene, _state_at_end(window))
+                else:
+                    duration *= 2
         except StictionError as error:
             return SteadyMotion(BandKind.UNKNOWN, reason=" ".join(str(error).split()))
         return SteadyMotion(BandKind.UNSETTLED, reason=reason)
 
-    def _settled(self, scene: Scene, factor: int) -> SteadyMotion:
-        """Return the steady state of a run that is longer than usual by a factor; raises NotSettled."""
-        end = usual_end(scene) * factor
-        guide = self.variation.joint
-        window = steady_window(
-            scene, SteadyRun(end / 3, end, self.rtol), [measure_of(f"stick-fraction:{guide}")]
-        )
-        return SteadyMotion(_kind_in(window, f"{guide}.mode"), _state_at_end(window))
+    def _window(self, scene: Scene, end: float) -> SteadyWindow:
+        """Return the window of a run; that it is steady is not yet known."""
+        measures = [measure_of(f"stick-fraction:{self.variation.joint}")]
+        return steady_window(scene, SteadyRun(end / 3, end, self.rtol), measures)
 
 
 def usual_end(scene: Scene) -> float:
     """Return the end of a run in which most motions settle, s: twice the scene's own, and a whole number of periods."""
-    try:
-        period = excitation_period(scene)
-    except InputError:
-        return 2 * scene.t_end
+    period = _period(scene)
     if not isfinite(period):
         return 2 * scene.t_end
     return period * max(FIRST_PERIODS, ceil(2 * scene.t_end / period))
+
+
+def _period(scene: Scene) -> float:
+    """Return the common period of loads and drives, s; inf if they are constant, nan if there is none."""
+    try:
+        return excitation_period(scene)
+    except NoCommonPeriod:
+        return np.nan
+
+
+def _begins_anew(scene: Scene) -> bool:
+    """Return True if all laws have the same values again after each period, whole turns aside.
+
+    A drive that changes a distance at a constant rate goes on: its value at the end of a run is not that at the start.
+    """
+    goes_on = any(
+        isinstance(drive.law, Linear) and drive.law.rate and drive.type == "distance"
+        for drive in scene.drives.values()
+    )
+    return isfinite(_period(scene)) and not goes_on
 
 
 def _kind_in(window: SteadyWindow, mode: str) -> BandKind:
@@ -260,7 +299,10 @@ class ReferenceBands:
 
 
 def bands_from_own_start(
-    scene: Scene, variation: Variation, width: float | None = None
+    scene: Scene,
+    variation: Variation,
+    width: float | None = None,
+    expected_end: ExpectedEnd = no_expected_end,
 ) -> ReferenceBands:
     """Return the bands of the steady states that are reached from the scene's own start, and their ends.
 
@@ -268,6 +310,8 @@ def bands_from_own_start(
     ----------
     width : float, optional
         Width to which an end is located, in the unit of the parameter; `END_WIDTH` of the range if not given.
+    expected_end : callable, optional
+        Where ends may be; see `find_bands`.
 
     Raises
     ------
@@ -285,7 +329,7 @@ def bands_from_own_start(
             f"at {values[0]:g}: {motions[values[0]].reason}"
         )
     width = width or END_WIDTH * (searched.high - searched.low)
-    bands = find_bands(lambda value: motions[value].kind, searched, width, fine.kind)
+    bands = find_bands(lambda value: motions[value].kind, searched, width, fine.kind, expected_end)
 
     # The rest of the transient shifts an end, too.
     transient = REPEATS * END_RTOL
@@ -301,19 +345,21 @@ def bands_from_own_start(
     return ReferenceBands(bands, motions, reasons[0] if reasons else "")
 
 
-def bands_of_reference(scene: Scene, variation: Variation) -> ReferenceBands:
+def bands_of_reference(
+    scene: Scene, variation: Variation, expected_end: ExpectedEnd = no_expected_end
+) -> ReferenceBands:
     """Return the bands of a scene, and where other starts lead to other kinds of steady states.
 
     Besides the scene's own start at each value of the grid, the motion is continued from the steady state of the value
     below, upwards through the range, and from that of the value above, downwards: where two steady states coexist, each
-    is followed as far as it goes.
+    is followed as far as it goes. `expected_end` is described at `find_bands`.
 
     Raises
     ------
     InputError
         If there is no motion at any value.
     """
-    own = bands_from_own_start(scene, variation)
+    own = bands_from_own_start(scene, variation, expected_end=expected_end)
     probe = ReferenceProbe(scene, variation, GRID_RTOL)
     values = list(own.motions)
     seen = _continued(probe, values, own.motions) + _continued(probe, values[::-1], own.motions)

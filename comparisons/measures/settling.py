@@ -160,7 +160,10 @@ def settled(
         first = max(last - PASSES, 0)
         ratio = 0.0
         if last > first:
-            ratio = float(change[last] / change[first]) ** (1 / (last - first))
+            # A motion that begins to change after a time of rest is not about to settle.
+            ratio = np.inf
+            if change[first] > 0:
+                ratio = float(change[last] / change[first]) ** (1 / (last - first))
         # The sum of all further changes is that of a geometric series.
         if ratio < 1 and change[-1] / (1 - ratio) <= distance:
             return Settled(order, float(change[-1]) / (1 - ratio))

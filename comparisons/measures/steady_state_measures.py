@@ -1,4 +1,4 @@
-"""Numbers of a motion after its start has been forgotten: of one period of a steady state, at the end of a run."""
+"""Measures of steady states: the search for the last period of a run, and numbers that are evaluated over it."""
 
 from __future__ import annotations
 
@@ -14,6 +14,7 @@ from scipy.optimize import minimize_scalar
 
 from stiction.comparisons.bench.quantities import Quantity
 from stiction.comparisons.bench.variants import COMMON_STEP, time_factor
+from stiction.comparisons.measures.break_away import break_away
 from stiction.comparisons.measures.invariant_shifts import TURN, invariant_shifts
 from stiction.comparisons.measures.settling import (
     CREEP_TOLERANCE,
@@ -41,39 +42,46 @@ missed by at most (w SAMPLE_STEP)^2 / 8 of its size: 1e-4 at w = 3 rad/s."""
 FEWEST_SAMPLES = 16
 """Samples of a period from which the range of a motion is taken, where no measure requires more."""
 
-REPEATS, CONTRACTION = 1e3, 0.05
-"""Distance of a steady motion from its limit, in units of the tolerance times its range: motions at this tolerance
-differ by that from those of the same mechanism in another guise. And in units of that distance, the change from period
-to period from which on its decay is measured: a run's own errors, those of steps at the limit of stability among them,
-are below."""
+REPEATS = 1e3
+"""Largest distance of a steady motion from its limit, in units of the tolerance times the range of the motion. Two
+descriptions of the same mechanism yield motions that differ by about this much."""
+CONTRACTION = 0.05
+"""Smallest change from period to period, in units of that distance, from which the decay of a transient is computed.
+The errors of a run itself are smaller, also those of steps at the limit of stability."""
 FAR = 0.4
-"""Part of the range of a motion by which it leaves each of its states before it comes back."""
-BACK = 0, 3, 8, 21
-"""Samples from the end back to the instants at which a state is looked for that comes again, one after the other.
-Between the samples around a jump of the acceleration the interpolated motion is wrong by the jump's size."""
+"""Part of its range by which a motion must leave a state before a return to this state counts as a repetition."""
+BACK = (0, 3, 8, 21)
+"""Samples, counted back from the end, whose states are tried one after the other as the state that is repeated. One
+alone is not enough: next to a jump of the acceleration the interpolated motion is wrong by the size of the jump."""
 SAME = 1e-9
-"""Relative difference of accelerations and forces of the same mechanism moved along; rounding leaves 1e-13."""
+"""Largest relative difference of accelerations and forces by an invariant shift; rounding leaves 1e-13."""
 LEAST_SHIFT = 1e-3
-"""Part of the mechanism's size: shorter shifts in a period are not followed over all of it, by so many of them."""
+"""Shortest shift in a period, as a part of the size of the mechanism, after which forces are compared. For shorter
+ones it would take too many periods until the mechanism has moved by its own size."""
 OFF_GRID = 1e-2
-"""Part of the distance of samples by which one may be off its instant: an engine may put it onto an event that is as
-close."""
+"""Largest deviation of an engine's sample from its instant, as a part of the distance of samples: an engine may move a
+sample onto an event that is this close."""
 STEP_LIMIT = 100_000
 """Steps of the reference after which a run is given up; a window of the catalogue's scenes takes some hundred."""
 
 
 @dataclass(frozen=True)
 class SteadyRun:
-    """The run of a motion, and the time in which its steady state is looked for.
+    """The settings of a run, and the time in which its steady state is searched for.
 
     Attributes
     ----------
     settle, t_end : float
-        Seconds between which the motion must come to rest or repeat itself.
+        Start and end of the time in which the motion must come to rest or repeat itself, s.
     rtol : float
-        Relative tolerance of a run without fixed steps; times `REPEATS` that of a motion that repeats itself.
+        Relative tolerance of a run without fixed steps. A motion repeats itself if it does to `REPEATS` times this
+        part of its range.
+    engine : str
+        Name of the engine.
+    fidelity : Fidelity
+        Representation of guides in the engine.
     dt : float or None
-        Largest step of a run with fixed steps, s; an engine without tolerance takes `COMMON_STEP` where None.
+        Largest step of a run with fixed steps, s. If None, an engine without a tolerance uses `COMMON_STEP`.
     """
 
     settle: float
@@ -85,6 +93,7 @@ class SteadyRun:
 
     @property
     def is_event_driven_reference(self) -> bool:
+        """True if the run is made by the event-driven method of the reference."""
         return self.engine == "reference" and self.dt is None
 
     def step(self, scene: Scene) -> float | None:
@@ -96,23 +105,27 @@ class SteadyRun:
 
 @dataclass
 class SteadyWindow:
-    """A run, and the last period of its motion in steady state, which is measured.
+    """A run, and the last period of its steady state, over which measures are evaluated.
 
     Attributes
     ----------
+    scene : Scene
+        The simulated scene.
+    mechanism : Mechanism
+        The mechanism of the scene.
     integration : Integration
-        The reference's, which has the forces in the contact mode at the end of the run.
+        Integration by the reference, which computes the forces in the contact mode at the end of the run.
     whole : Run or Trajectory
-        The run at equally spaced instants, of which a period is a whole number.
+        The run at equally spaced instants. A period of loads and drives is a whole number of their distances.
     located : bool
-        True if it has the events of its motion.
+        True if the run contains the events of the motion.
     settle, end, rtol : float
-        See `SteadyRun`; the end is that of the run.
+        Fields of `SteadyRun`; `end` is the end of the run, which may be earlier than `SteadyRun.t_end`.
     period : float
-        The common one of loads and drives, s; inf where they are constant, nan where they are not periodic.
+        Common period of loads and drives, s; inf if they are constant, nan if they are not periodic.
     sampled : callable, optional
-        Returns the run from a time, s, to its end at instants as close as measures require. None where `whole` has
-        them already: of a motion with a period, a few samples of each period suffice to find its steady state.
+        Returns the run from a time (s) to its end, with samples as close as measures require. None if `whole` has such
+        samples. A few samples in each period are enough to find a steady state.
     """
 
     scene: Scene
@@ -127,9 +140,10 @@ class SteadyWindow:
     sampled: Callable[[float], Run] | None = None
 
     def __post_init__(self) -> None:
-        """Positions, velocities and accelerations, where requested, (samples, 3 bodies) each; their units and ranges.
+        """Collect the motion of all bodies, its ranges, and the distances from a limit that are allowed.
 
-        Distances from a limit that are allowed are a part of the ranges, and the error of a step.
+        `_motion` contains positions, velocities and, if they were requested, accelerations, each of the shape
+        (samples, 3 bodies). An allowed distance is a part of the range, plus the error of a step.
         """
         columns, bodies = self.whole.columns, list(self.scene.bodies)
         self._motion = [
@@ -138,28 +152,28 @@ class SteadyWindow:
             if f"{bodies[0]}.{labels[0]}" in columns
         ]
         self._size = float(self.mechanism.arrays.length_scale)
-        self._unit = np.tile(
-            [1.0, 1.0, self._size], len(bodies)
-        )  # metres in a unit of each coordinate
+        # Metres in a unit of each coordinate; an angle moves a point at the distance of the size.
+        self._unit = np.tile([1.0, 1.0, self._size], len(bodies))
         self._fastest = float(np.max(np.abs(self._motion[1]) * self._unit))
         self._shifts = invariant_shifts(self.scene, self._size)
         self._places = self._shifts.places(self.whole.t, self._motion[0])
-        of_places, of_velocities = (
-            np.ptp(self._places, axis=0),
-            np.ptp(self._motion[1], axis=0) * self._unit,
+        range_of_places = np.ptp(self._places, axis=0)
+        range_of_velocities = np.ptp(self._motion[1], axis=0) * self._unit
+        # However often a body turns, two places on its circle are not farther apart than a turn.
+        range_of_places = np.where(
+            self._shifts.turns, np.minimum(range_of_places, TURN * self._size), range_of_places
         )
-        # a place on a circle is nowhere farther away than its circumference, however often it goes round
-        of_places = np.where(
-            self._shifts.turns, np.minimum(of_places, TURN * self._size), of_places
-        )
-        self._ranges = [of_places, of_velocities]
+        self._ranges = [range_of_places, range_of_velocities]
         self._allowed = self.rtol * np.concatenate(
-            [REPEATS * of_places + self._size, REPEATS * of_velocities + (self._fastest or 1.0)]
+            [
+                REPEATS * range_of_places + self._size,
+                REPEATS * range_of_velocities + (self._fastest or 1.0),
+            ]
         )
 
     @cached_property
     def start(self) -> float:
-        """Start of the last period of the motion, s; of all samples, of a mechanism at rest or in uniform motion.
+        """The start of the last period of the motion, s; the first sample if the mechanism rests or moves uniformly.
 
         Raises
         ------
@@ -181,7 +195,7 @@ class SteadyWindow:
 
     @cached_property
     def run(self) -> Run | Trajectory:
-        """Samples and events from `start` to `end`; the mode at the start holds since the events before."""
+        """The run from `start` to `end`; the contact mode at the start is that after all earlier events."""
         whole = self.whole if self.sampled is None else self.sampled(self.start)
         inside = whole.t >= self.start - 1e-9 * (self.end - self.settle)
         columns = {name: values[inside] for name, values in whole.columns.items()}
@@ -189,11 +203,11 @@ class SteadyWindow:
         return replace(whole, t=whole.t[inside], columns=columns, events=events)
 
     def _is_steady(self) -> bool:
-        """Return True if all bodies rest, or move uniformly along ways on which nothing changes."""
-        q, of_velocities = self._motion[0], self._ranges[1]
+        """Return True if all bodies rest, or move uniformly in directions in which the equations do not change."""
+        q, range_of_velocities = self._motion[0], self._ranges[1]
         if np.max(np.ptp(q, axis=0) * self._unit) <= self.rtol * self._size:
             return True
-        if np.max(of_velocities) > CONTRACTION * REPEATS * self.rtol * self._fastest:
+        if np.max(range_of_velocities) > CONTRACTION * REPEATS * self.rtol * self._fastest:
             return False
         change = self._places[-1] - self._places[0]
         change -= self._shifts.whole_turns(change)
@@ -201,7 +215,22 @@ class SteadyWindow:
         return bool(is_same_place and self._forces_repeat(self.end - self.whole.t[0], q[-1] - q[0]))
 
     def _order(self, instant: float, period: float, q: np.ndarray, v: np.ndarray) -> int:
-        """Number of periods in which a motion repeats itself, from its states every period, the last at an instant."""
+        """Return the number of periods after which a motion repeats itself.
+
+        Parameters
+        ----------
+        instant : float
+            Time of the last state, s.
+        period : float
+            Distance of the states in time, s.
+        q, v : ndarray, shape (states, 3 bodies)
+            Positions and velocities.
+
+        Raises
+        ------
+        NotSettled
+            If the motion does not repeat itself after up to `MOST_PERIODS` periods.
+        """
         if len(q) < LEAST_PASSES:
             raise NotSettled(f"fewer than {LEAST_PASSES - 1} periods of {period:g} s to look at")
         passes = np.arange(1 - len(q), 1)
@@ -224,8 +253,8 @@ class SteadyWindow:
     def _forces_repeat(self, time: float, change: np.ndarray) -> bool:
         """Return True if the forces are the same after the invariant shift that is next to a change in this time.
 
-        That follows from the scene, but for forces that it leaves open and loads that are not periodic: accelerations
-        and efforts must be the same where and when the mechanism is after as many such shifts as carry it over its own
+        The scene guarantees it, except for forces that are not unique and loads that are not periodic. Therefore
+        accelerations and efforts are compared with those after so many shifts that the mechanism has moved by its own
         size.
         """
         shift = self._shifts.nearest(time, change, self._unit)
@@ -252,26 +281,35 @@ class SteadyWindow:
         )
 
     def _own_period(self) -> float:
-        """The shortest time (s) after which a mechanism with constant loads and drives is in the same motion again."""
+        """Return the shortest time (s) after which a mechanism with constant loads and drives repeats its motion.
+
+        The state at one of the last samples is compared with all earlier ones. Minima of their distance, next to the
+        sample first, are refined between samples, and the first one that is small enough is the period, provided that
+        the motion repeats itself over all of the run.
+
+        Raises
+        ------
+        NotSettled
+            If there is no such time.
+        """
         (q, v, a), t, n = self._motion, self.whole.t, 3 * len(self.scene.bodies)
-        motion = CubicHermiteSpline(
-            t, np.hstack([q, v]), np.hstack([v, a])
-        )  # wrong by h^4/384 of its 4th derivative
+        # Its error between samples is h^4/384 times the fourth derivative.
+        motion = CubicHermiteSpline(t, np.hstack([q, v]), np.hstack([v, a]))
         ranges, count = np.concatenate(self._ranges), len(self._ranges[0])
-        # places and velocities that do not change are those of bodies at rest or in uniform motion
+        # Coordinates of bodies that rest or move uniformly have no range, and are left out.
         swings = np.concatenate(
             [self._ranges[0] > self.rtol * self._size, self._ranges[1] > self.rtol * self._fastest]
         )
         weight = 1.0 / ranges[swings]
 
         def states(instants: np.ndarray | float) -> np.ndarray:
-            found = motion(instants)
-            return np.concatenate(
-                [self._shifts.places(instants, found[..., :n]), found[..., n:] * self._unit],
-                axis=-1,
-            )
+            """Return the places and the velocities (m/s) at instants."""
+            values = motion(instants)
+            places = self._shifts.places(instants, values[..., :n])
+            return np.concatenate([places, values[..., n:] * self._unit], axis=-1)
 
-        def away(instant: float, lag: np.ndarray | float) -> np.ndarray:
+        def distance_after(instant: float, lag: np.ndarray | float) -> np.ndarray:
+            """Return the largest relative difference of the states at an instant and a lag (s) before it."""
             change = states(instant - lag) - states(instant)
             change[..., :count] -= self._shifts.whole_turns(change[..., :count])
             return np.max(np.abs(change[..., swings]) * weight, axis=-1, initial=0.0)
@@ -284,94 +322,104 @@ class SteadyWindow:
         )
         for last in len(t) - 1 - np.array(BACK)[np.array(BACK) < len(t) // 2]:
             instant, earlier = t[last], t[: last + 1]
-            distance = away(instant, instant - earlier)
+            distance = distance_after(instant, instant - earlier)
             for i in range(last - 1, 0, -1):
                 is_near = distance[i] <= min(step, distance[i - 1], distance[i + 1])
                 if is_near and np.max(distance[i:]) > FAR:
                     bounds = instant - t[i + 1], instant - t[i - 1]
                     lag = float(
                         minimize_scalar(
-                            partial(away, instant),
+                            partial(distance_after, instant),
                             bounds=bounds,
                             method="bounded",
                             options={"xatol": 1e-12},
                         ).x
                     )
-                    if away(instant, lag) > REPEATS * self.rtol:
+                    if distance_after(instant, lag) > REPEATS * self.rtol:
                         continue
                     passes = motion(instant - lag * np.arange(int((instant - t[0]) / lag), -1, -1))
                     try:
                         return lag * self._order(instant, lag, passes[:, :n], passes[:, n:])
-                    except NotSettled as found:
-                        reason = found
-                        break  # longer lags are multiples of this one
+                    except NotSettled as error:
+                        reason = error
+                        # Longer lags are multiples of this one.
+                        break
         raise reason
 
 
 @dataclass(frozen=True)
 class Measure:
-    """A number of a `SteadyWindow`.
+    """The definition of a number that is evaluated over a `SteadyWindow`.
 
     Attributes
     ----------
+    name : str
+        Name in commands.
+    unit : str
+        Unit of the number; ``-`` if it has none.
     function : callable
-        Yields the number of a window, from the column of its run that is named. Its docstring says what it is.
+        Returns the number of a window from the column of its run with a given name; if `from_start`, the number of a
+        trajectory from t = 0.
     needs : str or None
-        A part of the scene that must not be empty: ``"guides"``, ``"frictional_joints"``, ``"drives"``.
+        The part of the scene whose elements are measured, and which must not be empty: ``"guides"``,
+        ``"frictional_joints"`` or ``"drives"``.
     of : str
-        Column of these, such as ``"effort"``.
+        The column of such an element, such as ``"effort"``.
     sampled : bool
-        True if it needs samples all over the window, False if events and ends suffice.
+        True if it requires samples all over the window; False if events and ends are enough.
+    from_start : bool
+        True for a number of the motion from its start, which needs no steady state.
     also : str or None
-        A part of the scene, such as ``"bodies"``, whose elements it may be of too, where they are named.
+        Another part of the scene, such as ``"bodies"``, whose elements can be measured if they are named.
     element : str
-        Name of the element that it is of; the first one that it `needs` where empty.
+        Name of the measured element; the first one of `needs` if empty.
     """
 
     name: str
     unit: str
-    function: Callable[[SteadyWindow, str], float]
+    function: Callable[..., float]
     needs: str | None = None
     of: str = ""
     sampled: bool = False
+    from_start: bool = False
     also: str | None = None
     element: str = ""
 
     @property
     def column(self) -> str:
-        """Key of its column in a sweep's table: its name as in a command, ``peak-speed:block``."""
+        """The key of its column in the table of a sweep, which is its name in a command: ``peak-speed:block``."""
         return f"{self.name}:{self.element}" if self.element else self.name
 
     @property
     def quantity(self) -> Quantity:
-        """What its column is."""
+        """The quantity of its column."""
         label = f"{self.name} of {self.element}" if self.element else self.name
         return Quantity(self.column, label, "" if self.unit == "-" else self.unit)
 
     def source(self, scene: Scene) -> str:
-        """The column of a run that it is of; none where that is of nothing."""
-        return (
-            f"{self.element or next(iter(getattr(scene, self.needs)))}.{self.of}"
-            if self.needs
-            else ""
-        )
+        """Return the column of a run that is measured; empty for a measure of the whole mechanism."""
+        if not self.needs:
+            return ""
+        element = self.element or next(iter(getattr(scene, self.needs)))
+        return f"{element}.{self.of}"
 
     def subject(self, scene: Scene) -> str:
-        """Whose number it is, in words; none where that is of the whole mechanism."""
+        """Return what is measured, in words; empty for a measure of the whole mechanism."""
         element = self.source(scene).rpartition(".")[0]
         guide = scene.guides.get(element)
         return element if guide is None else f"{guide.slider} along {element}"
 
     def choices(self, scene: Scene) -> list[str]:
-        """Names of the elements that it can be of."""
+        """Return the names of the elements that can be measured."""
         return [name for part in (self.needs, self.also) if part for name in getattr(scene, part)]
 
     def value(self, window: SteadyWindow) -> float:
+        """Return the number of a window, in `unit`."""
         return float(self.function(window, self.source(window.scene)))
 
 
 def measure_of(text: str) -> Measure:
-    """The measure of its name, or of ``NAME:ELEMENT``, such as ``peak-speed:block``.
+    """Return the measure with a name, or the one that ``NAME:ELEMENT`` describes, such as ``peak-speed:block``.
 
     Raises
     ------
@@ -381,17 +429,17 @@ def measure_of(text: str) -> Measure:
     name, colon, element = text.partition(":")
     if name not in MEASURES or (colon and not (element and MEASURES[name].needs)):
         raise InputError(
-            f"measures: found {text!r}; expected some of {', '.join(MEASURES)}, threshold; the first "
-            "three also with the name of an element, as peak-speed:NAME"
+            f"measures: found {text!r}; expected some of {', '.join(MEASURES)}, threshold; those of an "
+            "element also with its name, as peak-speed:NAME"
         )
     return replace(MEASURES[name], element=element)
 
 
 def stick_fraction(window: SteadyWindow, mode: str) -> float:
-    """Part of the window in which a frictional joint sticks.
+    """Return the part of the window in which a frictional joint sticks.
 
-    It is taken from located events, else from the stretches between samples of which both are slower than
-    `CREEP_TOLERANCE`: a reversal has only one such sample.
+    It follows from located events. Without them, the time between two samples counts if the joint is slower than
+    `CREEP_TOLERANCE` at both: at a reversal it is so at one sample only.
     """
     run, length = window.run, window.end - window.start
     if not window.located:
@@ -407,19 +455,19 @@ def stick_fraction(window: SteadyWindow, mode: str) -> float:
 
 
 def peak(window: SteadyWindow, column: str) -> float:
-    """Largest absolute value, two-sided values at events included."""
+    """Return the largest absolute value of a column, including the values before and after events."""
     return _largest(window, (column,))
 
 
 def peak_speed(window: SteadyWindow, column: str) -> float:
-    """Largest speed: of a guide that of its slider along it, of a body that of its centre of mass."""
+    """Return the largest speed (m/s) of the slider of a guide along it, or of the centre of mass of a body."""
     element = column.rpartition(".")[0]
     names = tuple(f"{element}.{label}" for label in BODY_COLUMNS[1][:2])
     return _largest(window, names if element in window.scene.bodies else (column,))
 
 
 def _largest(window: SteadyWindow, columns: Sequence[str]) -> float:
-    """Largest size of a vector with these columns."""
+    """Return the largest magnitude of the vector whose components are some columns."""
     run = window.run
     sides = [
         np.hypot.reduce([side[name] for name in columns])
@@ -431,7 +479,7 @@ def _largest(window: SteadyWindow, columns: Sequence[str]) -> float:
 
 
 def event_count(window: SteadyWindow, _: str) -> float:
-    """Number of events in the window, which is a period of the motion: changes of contact mode.
+    """Return the number of events, that is, of changes of the contact mode, in the window.
 
     Raises
     ------
@@ -458,21 +506,24 @@ MEASURES = {
             also="bodies",
         ),
         Measure("event-count", "-", event_count),
+        Measure(
+            "break-away", "s", break_away, needs="frictional_joints", of="mode", from_start=True
+        ),
     )
 }
-"""Without the name of an element peaks are those of the first drive (N of a distance drive) and of the first guide's
-slider along its guide."""
+"""The measures by name. Without the name of an element, ``peak-torque`` is that of the first drive (a force in N if it
+drives a distance), and ``peak-speed`` that of the slider of the first guide along it."""
 
 
 def steady_window(scene: Scene, run: SteadyRun, measures: Sequence[Measure]) -> SteadyWindow:
-    """Simulate a scene from a start that is moved onto the constraints.
+    """Simulate a scene from a start that is moved onto the constraints, and return the window of its steady state.
 
-    The reference does it by its event-driven method and projection, unless it is given a step.
+    The reference uses its event-driven method with projection, unless it is given a step.
 
     Parameters
     ----------
     measures : sequence of Measure
-        Purpose of the window: besides the state, a run of the reference has no other columns than theirs.
+        The measures for which the window is used. Besides the state, a run of the reference has only their columns.
 
     Raises
     ------
@@ -486,17 +537,18 @@ def steady_window(scene: Scene, run: SteadyRun, measures: Sequence[Measure]) -> 
     except NoCommonPeriod:
         period = np.nan
     mechanism = Mechanism(scene, "projection")
-    of = _window_of_reference if run.is_event_driven_reference else _window_of_engine
-    return of(scene, mechanism, run, measures, period)
+    if run.is_event_driven_reference:
+        return _window_of_reference(scene, mechanism, run, measures, period)
+    return _window_of_engine(scene, mechanism, run, period)
 
 
 def _window_of_reference(
     scene: Scene, mechanism: Mechanism, run: SteadyRun, measures: Sequence[Measure], period: float
 ) -> SteadyWindow:
-    """Simulate with equally spaced samples behind `settle` alone: of as many whole periods as fit, if there are any.
+    """Simulate with equally spaced samples after `settle`, over as many whole periods as fit.
 
-    In the last period they are as close as measures require, since most motions repeat themselves with the period of
-    their loads and drives. One that takes several periods is integrated again.
+    In the last period the samples are as close as measures require, since most motions repeat themselves with the
+    period of their loads and drives. A motion that takes several periods is integrated again.
     """
     q, v = consistent_start(mechanism, assemble=True)
     settle, t_end = run.settle, run.t_end
@@ -525,25 +577,29 @@ def _window_of_reference(
     }
 
     def integrated(instants: np.ndarray) -> Integration:
+        """Return the integration with output at instants."""
         options = Options(STEP_LIMIT, names=columns, events_behind=float(instants[0]))
         return Integration(mechanism, q, v, instants, t_end, run.rtol, options)
 
     def samples_from(begin: float) -> np.ndarray:
+        """Return instants from a time to the end that are close enough for all measures."""
         return np.linspace(begin, t_end, int(np.ceil((t_end - begin) / SAMPLE_STEP)) + 1)
 
-    # the samples of the last period follow those that find the steady state, one more of each of their instants
+    # Both kinds of samples are computed in one run: those for the search of the steady state, and those
+    # of the last period. An instant that both contain is computed twice.
     instants_of_state = len(instants)
     last_period = samples_from(close) if close < t_end else np.empty(0)
     together = np.concatenate([instants, last_period])
     order = np.argsort(together, kind="stable")
     integration = integrated(together[order])
-    found = _ended(integration.run)
+    complete = _ended(integration.run)
     is_of_state = order < instants_of_state
-    whole = _at(found, is_of_state)
+    whole = _at(complete, is_of_state)
 
     def sampled(begin: float) -> Run:
+        """Return the run from a time to its end, with close samples."""
         if begin >= close * (1 - 1e-12):
-            return _at(found, ~is_of_state)
+            return _at(complete, ~is_of_state)
         return _ended(integrated(samples_from(begin)).run)
 
     return SteadyWindow(
@@ -560,24 +616,46 @@ def _window_of_reference(
     )
 
 
+def run_from_start(scene: Scene, run: SteadyRun) -> Trajectory:
+    """Simulate a scene from a start that is moved onto the constraints, with samples for measures of its start.
+
+    Raises
+    ------
+    SceneError, Refused, EngineFailure
+        As `steady_window`.
+    """
+    step = run.step(scene)
+    accuracy = {"rtol": run.rtol} if step is None else {"dt": step}
+    return _ended(
+        load_engine(run.engine).simulate(
+            with_consistent_start(scene, assemble=True),
+            t_end=run.t_end,
+            output_step=step or SAMPLE_STEP,
+            fidelity=run.fidelity,
+            **accuracy,
+        )
+    )
+
+
 def _at(run: Run, chosen: np.ndarray) -> Run:
-    """The run at chosen samples."""
+    """Return a run at chosen samples only."""
     columns = {name: values[chosen] for name, values in run.columns.items()}
     return replace(run, t=run.t[chosen], columns=columns)
 
 
 def _whole_periods(time: float, period: float, longest: float) -> tuple[int, int]:
-    """Number of whole periods in a time, and of the samples in them, at a distance of at most `longest` seconds."""
+    """Return the number of whole periods in a time (s), and of samples in them that are at most `longest` s apart."""
     periods = int(time / period * (1 + 1e-12))
     return periods, periods * max(FEWEST_SAMPLES, int(np.ceil(period / longest)))
 
 
 def _window_of_engine(
-    scene: Scene, mechanism: Mechanism, run: SteadyRun, _: Sequence[Measure], period: float
+    scene: Scene, mechanism: Mechanism, run: SteadyRun, period: float
 ) -> SteadyWindow:
-    """Simulate up to the last whole period, which is a whole number of samples, and each of them of steps."""
+    """Simulate up to the last whole period; a period is a whole number of samples, and these of steps."""
     largest_step = run.step(scene)
-    finest = max(SHORTEST_STICK, 2 * (largest_step or 0.0))  # two steps at least
+    # Samples are at least two steps apart.
+    finest = max(SHORTEST_STICK, 2 * (largest_step or 0.0))
     end, count = run.t_end, int(np.ceil(run.t_end / finest))
     if period <= run.t_end:
         periods, count = _whole_periods(run.t_end, period, finest)
@@ -597,12 +675,13 @@ def _window_of_engine(
             **accuracy,
         )
     )
-    instants, found = np.linspace(0.0, end, count + 1), trajectory.t
-    if len(found) != len(instants) or not np.allclose(
-        found, instants, rtol=0.0, atol=OFF_GRID * sample_step
+    instants = np.linspace(0.0, end, count + 1)
+    sampled = trajectory.t
+    if len(sampled) != len(instants) or not np.allclose(
+        sampled, instants, rtol=0.0, atol=OFF_GRID * sample_step
     ):
         raise EngineFailure(
-            f"found {len(found)} samples to {found[-1]:g} s; expected {len(instants)} to {end:g} s, "
+            f"found {len(sampled)} samples to {sampled[-1]:g} s; expected {len(instants)} to {end:g} s, "
             f"every {sample_step:g} s"
         )
     behind = instants >= run.settle * (1 - 1e-12)
@@ -623,7 +702,7 @@ Ended = TypeVar("Ended", Run, Trajectory)
 
 
 def _ended(run: Ended) -> Ended:
-    """The run, if it reached its end; EngineFailure with its own words otherwise."""
+    """Return a run that has reached its end; raise EngineFailure with the reason of the run otherwise."""
     if run.termination != "end":
         raise EngineFailure(run.termination)
     return run

@@ -37,6 +37,9 @@ are near, and more if there are too few samples."""
 MIN_TRUE_JUMP = 1e-9
 """Smallest size of a true jump that has a row, N m or N. The effort is continuous at other events,
 for example if a corner force passes through zero."""
+NO_JUMP = "the effort does not jump"
+"""Note on a truth without any jump. An example is a motor at constant speed where a pin reverses: friction jumps at
+a zero rate, at which it takes no power."""
 SIMULTANEOUS_S = 1e-9
 """Difference of times below which several true events are one jump, s."""
 PARABOLA_COEFFICIENTS = 3
@@ -78,7 +81,7 @@ def torque_table(
 ) -> pd.DataFrame:
     """Return the table of jumps, one row for each run and true jump.
 
-    A run that was not executed, or has no truth, has a single row without a jump.
+    A run that was not executed, has no truth, or whose true effort does not jump, has a single row without a jump.
 
     The true jump is the difference of both sides of an event. For the slider-bar, a closed form is
     known as well, -c sin(th) times the jump of the slider's acceleration; if its difference from
@@ -104,10 +107,10 @@ def torque_table(
                 }
             )
             continue
-        rows += [
-            {**record.describe(), "truth": truth.scene, **row}
-            for row in jump_rows(record.trajectory, truth, effort)
-        ]
+        jumps = jump_rows(record.trajectory, truth, effort)
+        if not jumps:
+            jumps = [{"effort": effort, "truth_tier": truth.effort_tier, "truth_note": NO_JUMP}]
+        rows += [{**record.describe(), "truth": truth.scene, **row} for row in jumps]
     return pd.DataFrame(rows)
 
 

@@ -23,6 +23,7 @@ ORDER = (
     "torque",
     "threshold",
     "hold",
+    "joint-friction",
     "drift",
     "long-drift",
     "hard",

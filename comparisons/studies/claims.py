@@ -659,7 +659,7 @@ def plan(scope: Scope) -> Comparison[Tables]:
     """Plan the claims about the motion, about drift and about all systems, and at full depth the open choices."""
     cases = dict(enumerate(scope.scenes, 1))
     parts: list[Comparison[Any]] = [
-        claims_comparison(cases, scope.known[TRUTH][True].threshold),
+        claims_comparison(cases, scope.known[TRUTH][cases[1].name][True].threshold),
         drift_study_comparison(cases, scope.depth),
         general_claims_comparison(),
     ]

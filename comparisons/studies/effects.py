@@ -18,6 +18,7 @@ from typing import Any
 import numpy as np
 import pandas as pd
 
+from stiction.comparisons.bench.methods import of_first_scene
 from stiction.comparisons.bench.participants import extent
 from stiction.comparisons.bench.participants import variants as all_variants
 from stiction.comparisons.bench.presentation import (
@@ -29,8 +30,8 @@ from stiction.comparisons.bench.presentation import (
     view,
 )
 from stiction.comparisons.bench.results import Results
-from stiction.comparisons.bench.runner import Comparison
-from stiction.comparisons.bench.study import Scope, Study, Tables
+from stiction.comparisons.bench.runner import Comparison, side_by_side
+from stiction.comparisons.bench.study import Scope, Study, Tables, joined
 from stiction.comparisons.bench.timing.intervals import ratio_interval
 from stiction.comparisons.bench.timing.visits import Timing
 from stiction.comparisons.bench.variants import Record, Variant, scaled
@@ -94,6 +95,7 @@ NOTHING: Mapping[str, object] = {
     "baumgarte_at_equal_error": None,
     "baumgarte_at_same_tolerance": [],
     "smallest_problem": None,
+    "first_of_several": None,
 }
 """Rows for the text if no time is known."""
 MOTION = "position_change"
@@ -174,8 +176,14 @@ def _removals(scene: Scene) -> list[tuple[str, str, list[str]]]:
         for name, guide in frictional.items()
         if guide.static_coefficient > guide.kinetic_coefficient
     ]
+    with_static_friction += [
+        name for name, pin in scene.pins.items() if pin.friction_radii[1] > pin.friction_radii[0]
+    ]
+    loaded_pins = {name: pin for name, pin in scene.pins.items() if pin.is_under_load}
     with_static_bound = [
-        name for name, joint in scene.frictional_joints.items() if joint.bounds[1] > joint.bounds[0]
+        name
+        for name, joint in scene.frictional_joints.items()
+        if joint.static_friction is not None and joint.static_friction > joint.friction
     ]
     static_keys = [
         *(f"{name}.mus" for name in with_static_friction),
@@ -188,8 +196,10 @@ def _removals(scene: Scene) -> list[tuple[str, str, list[str]]]:
         if joint.stribeck_shape != 1.0
     ]
     friction_keys = _declared_keys(
-        scene.frictional_joints, "mu", "mus", "friction", "static_friction"
+        scene.frictional_joints, "mu", "mus", "radius", "friction", "static_friction"
     )
+    load_keys = [f"{name}.normal_load" for name, guide in frictional.items() if guide.normal_load]
+    friction_keys += load_keys
     friction_keys += speed_keys  # a curve of friction without friction is refused
     springs = scene.springs.items()
     damping_keys = [
@@ -200,7 +210,13 @@ def _removals(scene: Scene) -> list[tuple[str, str, list[str]]]:
         ("gravity", "", ["gravity"] if scene.gravity and any(scene.gravity) else []),
         ("friction", "", friction_keys),
         ("static coefficient", "mus = mu", static_keys),
+        ("load across the plane", "normal_load", load_keys),
         ("dependence of friction on speed", "stribeck_velocity", speed_keys),
+        (
+            "friction of pins under load",
+            "mu, mus, radius",
+            _declared_keys(loaded_pins, "mu", "mus", "radius"),
+        ),
         (
             "surface levers",
             "width",
@@ -208,6 +224,12 @@ def _removals(scene: Scene) -> list[tuple[str, str, list[str]]]:
         ),
         ("corner forces", "length, width", _declared_keys(scene.guides, "length", "width")),
         ("drive", "", [f"drives.{name}" for name in scene.drives]),
+        ("limit of a drive", "", [f"{name}.effort_limit" for name in scene.limited_drives]),
+        (
+            "one-sided springs",
+            "act on both sides",
+            [f"springs.{name}.acts" for name in scene.one_sided_springs],
+        ),
         (
             "spring",
             "",
@@ -354,20 +376,23 @@ def _largest_change(
 
 
 def plan(scope: Scope) -> Comparison[Tables]:
-    """Plan the effects of the first scene with the reference.
+    """Plan the effects of each scene with the reference; of the paper's cases, in their validation, of the first.
 
     `stiction compare` with a single scene also makes them with the engines of the scope.
     """
     engines: tuple[str, ...] = ()
     if len(scope.scenes) == 1 and scope.engines is not None and not scope.is_campaign:
         engines = scope.engines
-    comparison = effects_comparison(
-        scope.scenes[0],
-        effects_variants(engines),
-        t_end=scope.t_end,
-        repeats=scope.repeats or extent(scope.depth).repeats,
-    )
-    return comparison.then(lambda timed: timed.as_tables("effects"))
+    comparisons = [
+        effects_comparison(
+            scene,
+            effects_variants(engines),
+            t_end=scope.t_end,
+            repeats=scope.repeats or extent(scope.depth).repeats,
+        ).then(lambda timed: timed.as_tables("effects"))
+        for scene in scope.leading_scenes
+    ]
+    return side_by_side(comparisons, joined)
 
 
 def present(results: Results) -> Presentation:
@@ -376,10 +401,12 @@ def present(results: Results) -> Presentation:
     failed = _failed(table) if len(table) else []
     if RATIO not in table or not (table[EFFECT_KIND] == EffectKind.BASELINE).any():
         return Presentation(rows={**NOTHING, "failed": failed} if failed else {})
-    own = table[
-        (table["engine"] == REFERENCE.engine)
-        & (table[EFFECT_KIND] != EffectKind.BASELINE)
-        & table[RATIO].notna()
+    # The text is about the first scene; the tables contain all of them.
+    first = of_first_scene(table)
+    own = first[
+        (first["engine"] == REFERENCE.engine)
+        & (first[EFFECT_KIND] != EffectKind.BASELINE)
+        & first[RATIO].notna()
     ]
     without_effect = own[own[EFFECT_KIND] == EffectKind.LEFT_OUT]
     # Only runs that are faster than the baseline beyond the uncertainty of the timing.
@@ -392,7 +419,8 @@ def present(results: Results) -> Presentation:
         ),
         "largest_error": LARGEST_ERROR,
         "baumgarte_at_same_tolerance": [row_of("effects", table, label) for label in baumgarte],
-        "smallest_problem": _smallest_problem(table, faster),
+        "smallest_problem": _smallest_problem(first, faster),
+        "first_of_several": first["scene"].iloc[0] if len(first) < len(table) else None,
         "failed": failed,
     }
     return Presentation(rows=rows, tables=_tables(table))
@@ -402,7 +430,7 @@ def _failed(table: pd.DataFrame) -> list[dict[str, object]]:
     """Return for each variant the effects with which its run failed; engines that are not installed do not count."""
     failures = table[~table["status"].isin([Status.OK, Status.MISSING])]
     return [
-        {"variant": variant, "effects": list(runs["effect"])}
+        {"variant": variant, "effects": list(dict.fromkeys(runs["effect"]))}
         for variant, runs in failures.groupby("variant", sort=False)
     ]
 
@@ -471,7 +499,9 @@ def _tables(table: pd.DataFrame) -> list[TableView]:
         "" if pd.isna(ratio) else with_ends(ratio, low, high, is_single=low == high)
         for ratio, low, high in zip(table[RATIO], table[LOW], table[HIGH])
     ]
+    several_scenes = [Column("scene")] if len(of_first_scene(table)) < len(table) else []
     columns = (
+        *several_scenes,
         Column("effect"),
         Column("ratio", "engine time / baseline"),
         Column(MOTION),
@@ -500,7 +530,7 @@ STUDY = Study(
     present,
     plan,
     seconds=0.1,
-    takes=frozenset({"engines", "t_end", "repeats"}),
+    takes=frozenset({"engines", "t_end", "repeats", "scenes"}),
     tables={
         "effects": "What each effect of a scene changes, and costs",
     },

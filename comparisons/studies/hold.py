@@ -30,12 +30,24 @@ from stiction.comparisons.bench.variants import (
     run_command,
     truth_key,
 )
-from stiction.comparisons.measures.creep import LANDING, LET_GO, Slip, slip_of
-from stiction.comparisons.measures.published_creep import ENGINE, published_creep
+from stiction.comparisons.measures.creep import (
+    LANDING,
+    LET_GO,
+    Slip,
+    joint_displacement,
+    slip_of,
+)
+from stiction.comparisons.measures.published_creep import (
+    ENGINE,
+    published_creep,
+    published_joint_creep,
+)
 from stiction.comparisons.measures.scene_truth import ground_truth
 from stiction.comparisons.studies.hold_data import Runs, load_data
 from stiction.comparisons.studies.hold_joints import (
     JOINT_CREEP,
+    JOINT_STOP,
+    JOINT_STOP_UNSURE,
     JOINT_UNIT,
     JOINT_UNSURE,
     joint_methods_table,
@@ -74,9 +86,8 @@ from stiction.engines.registry import load_engine
 from stiction.engines.status import UNMADE
 from stiction.scenes import InputError, Scene, Trajectory, load_scene, vary
 from stiction.scenes.fidelity import Fidelity
-from stiction.scenes.fields import GROUND
 from stiction.scenes.wording import as_given
-from stiction.truths import Tier
+from stiction.truths import Tier, Truth
 
 LOAD_PARAMETERS = ("part", "ramp", "v0", "limit")
 """Parameters of a scene of the study: the load is part + ramp t of the limit, and v0 is the initial velocity of the
@@ -85,6 +96,8 @@ PARAMETERS = (*LOAD_PARAMETERS, "mu", "mus")
 """Parameters of a scene of the study whose friction depends on normal forces."""
 PERIOD = "period"
 """Parameter of a scene whose load also oscillates: its period, s."""
+PUBLISHED_TABLES = ("hold-published", "hold-published-joints")
+"""Tables of published creep, of sliders and of joints."""
 OUTPUT = {HELD: 4e-3, RAMP: 1e-3, STOP: 4e-3}
 """Distance of the samples of a run by test, s. Of a ramp it is one step of 1 ms, which determines the break-away."""
 TRUE_STEP = 1e-4
@@ -224,7 +237,7 @@ def measure_slip(
         raise EngineFailure(run.termination)
     slip = slip_of(
         run.t,
-        _displacement(scene, run),
+        joint_displacement(scene, run, _joint_name(scene)),
         run[f"{_joint_name(scene)}.slip_velocity"],
         _rounding(scene, run),
         **_window(scene, test),
@@ -244,18 +257,6 @@ def measure_slip(
 def _joint_name(scene: Scene) -> str:
     """Return the name of the joint with friction, of which scenes of this study have one."""
     return next(iter(scene.frictional_joints))
-
-
-def _displacement(scene: Scene, run: Trajectory) -> np.ndarray:
-    """Return the displacement of the joint with friction: along a guide (m), or the angle of a pin (rad)."""
-    name = _joint_name(scene)
-    if name in scene.guides:
-        return run[f"{name}.displacement"]
-    first, second = (
-        np.zeros(len(run.t)) if body == GROUND else run[f"{body}.angle"]
-        for body in scene.pins[name].bodies
-    )
-    return first - second
 
 
 def _rounding(scene: Scene, run: Trajectory) -> float:
@@ -285,11 +286,19 @@ def true_slip(scene: Scene, test: str) -> tuple[Slip, float]:
     columns = truth(t)
     slip = slip_of(
         t,
-        columns[f"{guide}.displacement"],
+        joint_displacement(scene, columns, guide),
         columns[f"{guide}.slip_velocity"],
         **_window(scene, test),
     )
-    return slip, truth.uncertainty.get(f"{guide}.displacement", 0.0)
+    return slip, _displacement_uncertainty(scene, truth, guide)
+
+
+def _displacement_uncertainty(scene: Scene, truth: Truth, name: str) -> float:
+    """Return the uncertainty of the displacement of a joint in a truth, m or rad."""
+    if name in scene.guides:
+        return truth.uncertainty.get(f"{name}.displacement", 0.0)
+    bodies = scene.pins[name].bodies
+    return sum(truth.uncertainty.get(f"{body}.angle", 0.0) for body in bodies)
 
 
 def _window(scene: Scene, test: str) -> dict[str, Any]:
@@ -311,19 +320,24 @@ def plan(scope: Scope) -> Comparison[Tables]:
     joint_trials = list(_trials(joint_series))
     truth_tasks = {
         trial.truth: Task(trial.truth, true_slip, (trial.scene, trial.test))
-        for trial in trials
+        for trial in (*trials, *joint_trials)
         if trial.test != HELD
     }
     run_tasks = [_task(trial) for trial in (*trials, *joint_trials)]
-    published_tasks = []
+    published_tasks: list[Task] = []
     if _computes_published_creep(scope, series):
-        published_tasks.append(Task("hold/published creep", published_creep))
+        published_tasks = [
+            Task("hold/published creep", published_creep),
+            Task("hold/published creep of a joint", published_joint_creep),
+        ]
 
     def tabulate(outcomes: Sequence[Outcome]) -> Tables:
         remaining = iter(outcomes)
         truth_of = {key: next(remaining) for key in truth_tasks}
         rows = [_row(trial, next(remaining), truth_of.get(trial.truth)) for trial in trials]
-        joint_rows = [_joint_row(trial, next(remaining)) for trial in joint_trials]
+        joint_rows = [
+            _joint_row(trial, next(remaining), truth_of.get(trial.truth)) for trial in joint_trials
+        ]
         tables: dict[str, pd.DataFrame] = {}
         if rows:
             table = pd.DataFrame(rows)
@@ -339,9 +353,9 @@ def plan(scope: Scope) -> Comparison[Tables]:
                 "hold-joints": joint_table,
                 "hold-joint-methods": joint_methods_table(joint_table),
             }
-        for outcome in remaining:
+        for name, outcome in zip(PUBLISHED_TABLES, remaining):
             if outcome.status not in UNMADE:
-                tables["hold-published"] = _published_table(outcome)
+                tables[name] = _published_table(outcome)
         return Tables(tables)
 
     chosen = {one.variant.label: one.variant for one in (*series, *joint_series)}
@@ -406,10 +420,13 @@ def _joint_series(scope: Scope) -> Iterator[_Series]:
     friction is the engine's own where it has such an element.
     """
     depth = _depth_of(scope)
+    data = load_data()
     loads = [_Load(HELD, load) for load in depth.joint_loads]
+    if depth.moved:
+        loads += [_Load(RAMP, data.ramp.part), _Load(STOP, data.stop.part)]
     subjects = [
         subject
-        for subject in load_data().joint_subjects
+        for subject in data.joint_subjects
         if scope.engines is None or subject.engine in scope.engines
     ]
     joint_variants = [
@@ -447,10 +464,21 @@ def _trials(series: Iterable[_Series]) -> Iterator[Trial]:
             # Under an oscillating load, a slider that breaks away may rest again a moment later.
             if test == RAMP and PERIOD in one.scene.parameters:
                 continue
+            if test == STOP and not _comes_to_rest(one.scene, load):
+                continue
             changed = changes(one.scene, test, load, one.static)
             scene = vary(one.scene, changed)
             for step in one.variant.ladder:
                 yield Trial(scene, changed, one.static, one.variant, step, test, load)
+
+
+def _comes_to_rest(scene: Scene, load: float) -> bool:
+    """Test whether kinetic friction stops a joint with a constant bound under a load, a fraction of the static bound.
+
+    The load of the test `STOP` is below kinetic friction that depends on normal forces, by its definition.
+    """
+    kinetic, static = scene.frictional_joints[_joint_name(scene)].bounds
+    return not has_constant_bounds(scene) or load * static < kinetic
 
 
 def _task(trial: Trial) -> Task:
@@ -507,7 +535,7 @@ def _row(trial: Trial, outcome: Outcome, truth: Outcome | None) -> dict[str, Any
     return row
 
 
-def _joint_row(trial: Trial, outcome: Outcome) -> dict[str, Any]:
+def _joint_row(trial: Trial, outcome: Outcome, truth: Outcome | None) -> dict[str, Any]:
     """Return the row of a run whose friction has a constant bound, as `_row`."""
     slip: Slip | None = None
     ends: Trajectory | None = None
@@ -519,11 +547,19 @@ def _joint_row(trial: Trial, outcome: Outcome) -> dict[str, Any]:
     if slip is None or ends is None:
         return row
     row[AGAIN] = _command(trial)
-    row |= {
-        JOINT_CREEP: slip.creep.value,
-        JOINT_UNSURE: slip.creep.uncertainty,
-        LETS_GO: slip.lets_go,
-    }
+    if trial.test == HELD:
+        row |= {
+            JOINT_CREEP: slip.creep.value,
+            JOINT_UNSURE: slip.creep.uncertainty,
+            LETS_GO: slip.lets_go,
+        }
+    if truth is not None:
+        found = _errors(trial, slip, truth)
+        # the way to the stop is that of a pin or of a guide
+        for name, own in ((STOPPED, JOINT_STOP), (STOP_UNSURE, JOINT_STOP_UNSURE)):
+            if name in found:
+                found[own] = found.pop(name)
+        row |= found
     return row
 
 
@@ -640,6 +676,7 @@ STUDY = Study(
         "hold-laws": "Laws of creep",
         "hold-methods": "Creep by method",
         "hold-published": "Published creep, and ours",
+        "hold-published-joints": "Published creep of a joint, and ours",
         "hold-settings": "Creep by setting",
     },
 )

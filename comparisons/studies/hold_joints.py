@@ -5,7 +5,7 @@ Speeds are in m/s or rad/s, by the joint of a scene, so that scenes are not mixe
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from typing import Any
 
 import pandas as pd
@@ -20,12 +20,22 @@ from stiction.comparisons.bench.presentation import (
     view,
 )
 from stiction.comparisons.bench.variants import FRICTION_BY
+from stiction.comparisons.measures.published_creep import JOINT_CREEP as PUBLISHED_HERE
+from stiction.comparisons.measures.published_creep import JOINT_PUBLISHED, MATCHED
 from stiction.comparisons.studies.hold_tables import (
+    BOUND,
+    BREAK_AWAY,
+    BREAK_UNSURE,
+    FASTER,
+    HELD,
     HOLDS,
     LETS_GO,
     LOAD,
+    RAMP,
     STILL,
+    STOP,
     SURE,
+    TEST,
     USUAL,
 )
 from stiction.engines.protocol import Supplier
@@ -38,6 +48,9 @@ JOINT_CREEP = "joint_creep"
 JOINT_UNSURE = "joint_creep_uncertainty"
 JOINT_UNIT = "creep_unit"
 """Unit of the creep: m/s, or rad/s of a pin."""
+JOINT_STOP = "joint_stop_error"
+"""Error of the place where a joint comes to rest, m or rad."""
+JOINT_STOP_UNSURE = "joint_stop_uncertainty"
 LIGHT = 0.3
 """Load, as a fraction of the bound, at which creep is quoted: users of simulators of robots compare it there."""
 REFUSES = "refuses"
@@ -91,7 +104,7 @@ def joint_methods_table(table: pd.DataFrame) -> pd.DataFrame:
 
 def _method_row(runs: pd.DataFrame) -> dict[str, Any]:
     """Return the row of a method on a scene; it has no creep if its run under the load `LIGHT` failed."""
-    usual = runs[runs[LOAD] <= USUAL]
+    usual = runs[runs[TEST].eq(HELD) & (runs[LOAD] <= USUAL)]
     completed = usual[succeeded(usual) & usual[JOINT_CREEP].notna()]
     suppliers = completed[FRICTION_BY].dropna()
     row = {
@@ -157,6 +170,35 @@ def joint_headline(methods: pd.DataFrame) -> Headline:
     return Headline(f"creep at {100 * LIGHT:.0f} % of a joint's constant bound [{unit}]", cells)
 
 
+def published_rows(published: pd.DataFrame) -> dict[str, object]:
+    """Return the computed creep of the first published case of a joint, and cases that do not move as they should."""
+    if JOINT_PUBLISHED not in published:
+        return {"published_joint": None, "unlike_published": []}
+    speed = published[PUBLISHED_HERE].abs()
+    unlike = published[speed.gt(STILL) != published["moves"].astype(bool)]
+    name = "hold-published-joints"
+    return {
+        "published_joint": row_of(name, published, published.index[0]),
+        "unlike_published": list(unlike["case"]),
+    }
+
+
+def published_tables(published: pd.DataFrame) -> Iterator[TableView]:
+    """Yield the table of published and computed creep of a joint, if it was computed."""
+    if JOINT_PUBLISHED not in published:
+        return
+    columns = (
+        Column("case"),
+        Column(JOINT_PUBLISHED, "creep, published", form="g"),
+        Column(PUBLISHED_HERE, "speed, computed here", interval=True),
+        Column(MATCHED),
+        Column("published_statement", brief=False),
+        Column("difference", brief=False),
+        Column("source", brief=False),
+    )
+    yield view("hold-published-joints", published, columns)
+
+
 def joint_tables(runs: pd.DataFrame, methods: pd.DataFrame) -> Sequence[TableView]:
     """Return the table of methods, and that of all runs; none without runs."""
     if methods.empty:
@@ -173,6 +215,7 @@ def joint_tables(runs: pd.DataFrame, methods: pd.DataFrame) -> Sequence[TableVie
     taken = methods[~methods[REFUSES]]
     return [
         view("hold-joint-methods", taken, columns),
+        *_limit_table(runs, methods),
         view(
             "hold-joints",
             runs,
@@ -180,3 +223,47 @@ def joint_tables(runs: pd.DataFrame, methods: pd.DataFrame) -> Sequence[TableVie
             in_report=False,
         ),
     ]
+
+
+def _limit_table(runs: pd.DataFrame, methods: pd.DataFrame) -> Iterator[TableView]:
+    """Yield the table of what happens beyond the limit: a row per scene and method, if there are such runs."""
+    moved = with_columns(
+        runs[runs[TEST] != HELD],
+        BREAK_AWAY,
+        BREAK_UNSURE,
+        BOUND,
+        FASTER,
+        JOINT_STOP,
+        JOINT_STOP_UNSURE,
+    )
+    rows = []
+    for _, method in methods[~methods[REFUSES]].iterrows():
+        is_own = moved["variant"].eq(method["variant"]) & moved["scene"].eq(method["scene"])
+        if not is_own.any():
+            continue
+        own = at_equal_step(moved[is_own], method["variant"])
+        row = {**method[["variant", "scene", FRICTION_BY, JOINT_UNIT]]}
+        for _, run in own[succeeded(own)].iterrows():
+            if run[TEST] == RAMP:
+                row |= run[[BREAK_AWAY, BREAK_UNSURE, BOUND, FASTER]].to_dict()
+            elif run[TEST] == STOP:
+                row |= run[[JOINT_STOP, JOINT_STOP_UNSURE]].to_dict()
+        rows.append((row, own))
+    if not rows:
+        return
+    columns = (
+        METHOD,
+        Column(FRICTION_BY),
+        Column("scene"),
+        Column(
+            BREAK_AWAY,
+            "break-away load, relative to the limit",
+            "%",
+            interval=True,
+            scale=100,
+            bound=BOUND,
+        ),
+        Column(FASTER, "acceleration", "%", form=".2g", scale=100),
+        Column(JOINT_STOP, "place of rest"),
+    )
+    yield view("hold-joint-limit", rows, columns, source="hold-joints")

@@ -34,7 +34,13 @@ from stiction.comparisons.measures.creep import LANDING, LET_GO
 from stiction.comparisons.measures.drift import ROUNDING
 from stiction.comparisons.measures.published_creep import CREEP as OURS
 from stiction.comparisons.measures.published_creep import MATCHED, PUBLISHED
-from stiction.comparisons.studies.hold_joints import joint_headline, joint_rows, joint_tables
+from stiction.comparisons.studies.hold_joints import (
+    joint_headline,
+    joint_rows,
+    joint_tables,
+    published_rows,
+    published_tables,
+)
 from stiction.comparisons.studies.hold_tables import (
     BOUND,
     BREAK_AWAY,
@@ -117,6 +123,7 @@ def present(results: Results) -> Presentation:
     settings = results.table("hold-settings")
     laws = results.table("hold-laws")
     published = results.table("hold-published")
+    published_joint = results.table("hold-published-joints")
     joint_methods = results.table("hold-joint-methods")
     if methods.empty and joint_methods.empty:
         return Presentation()
@@ -128,6 +135,7 @@ def present(results: Results) -> Presentation:
         **_laws(laws),
         **_published(published),
         **joint_rows(joint_methods),
+        **published_rows(published_joint),
         **CONSTANTS,
     }
     joint_views = joint_tables(results.table("hold-joints"), joint_methods)
@@ -148,6 +156,7 @@ def present(results: Results) -> Presentation:
         _all_runs_table(table),
         *_published_tables(published),
         *joint_views,
+        *published_tables(published_joint),
     ]
     headlines = [_headline(methods), *joint_headlines]
     return Presentation(rows=rows, headlines=headlines, tables=tables, figures=figures)

@@ -12,7 +12,7 @@ from typing import Any
 
 import pandas as pd
 
-from stiction.comparisons.bench.methods import with_columns
+from stiction.comparisons.bench.methods import of_first_scene, with_columns
 from stiction.comparisons.bench.participants import extent
 from stiction.comparisons.bench.presentation import (
     Column,
@@ -23,8 +23,8 @@ from stiction.comparisons.bench.presentation import (
 )
 from stiction.comparisons.bench.presentation.cells import setting_of
 from stiction.comparisons.bench.results import Results
-from stiction.comparisons.bench.runner import Comparison
-from stiction.comparisons.bench.study import Scope, Study, Tables
+from stiction.comparisons.bench.runner import Comparison, side_by_side
+from stiction.comparisons.bench.study import Scope, Study, Tables, joined
 from stiction.comparisons.bench.timing.intervals import Interval, ratio_interval
 from stiction.comparisons.bench.timing.visits import Timing
 from stiction.comparisons.bench.variants import OWN_CPU, Parameter, Record, Variant, scaled
@@ -40,6 +40,7 @@ from stiction.comparisons.measures.work_precision import (
 )
 from stiction.comparisons.studies.drift import POSITION, VELOCITY, above_rounding
 from stiction.engines.status import Status
+from stiction.scenes import Scene
 
 ERROR = "position_error"
 """Column: position error, m."""
@@ -91,12 +92,20 @@ def suppression_variants() -> tuple[Variant, ...]:
 
 
 def plan(scope: Scope) -> Comparison[Tables]:
-    """Plan a row per method, stabilization and tolerance or step on the first scene.
+    """Plan a row per scene, method, stabilization and tolerance or step.
+
+    Of the paper's cases, in their validation, the first one is examined.
 
     Baumgarte's alpha and beta are those of the scene or, if it declares none, of the paper. The column ``settings``
     contains them.
     """
-    scene, t_end = scope.scenes[0], scope.t_end
+    repeats = scope.repeats or extent(scope.depth).repeats
+    comparisons = [_scene_comparison(scene, scope.t_end, repeats) for scene in scope.leading_scenes]
+    return side_by_side(comparisons, joined)
+
+
+def _scene_comparison(scene: Scene, t_end: float | None, repeats: int) -> Comparison[Tables]:
+    """Plan the rows of one scene."""
 
     def rows(
         records: Sequence[Record], timings: Sequence[Timing | None]
@@ -117,7 +126,6 @@ def plan(scope: Scope) -> Comparison[Tables]:
         for variant in scaled(suppression_variants(), scene, t_end)
         for step in variant.ladder
     ]
-    repeats = scope.repeats or extent(scope.depth).repeats
     comparison = timed_comparison(scene, runs, t_end, repeats, rows)
     return comparison.then(lambda timed: timed.as_tables("suppression"))
 
@@ -129,19 +137,28 @@ def present(results: Results) -> Presentation:
     if len(table):
         failed = list(table.loc[table["status"] != Status.OK, "variant"].unique())
     if POSITION not in table or LOW not in table:
-        return Presentation(rows={"compared": [], "failed": failed} if failed else {})
+        return Presentation(
+            rows={"compared": [], "failed": failed, "first_of_several": None} if failed else {}
+        )
     table = above_rounding(table)
     samples = with_columns(results.table("times"), "key", OWN_CPU)
     times = {key: rows[OWN_CPU].tolist() for key, rows in samples.groupby("key")}
 
+    # The text is about the first scene; the tables contain all of them.
+    first = of_first_scene(table)
+
     # Stabilizations are compared at the tightest tolerance and at the finest step.
-    measured = table[table[POSITION].notna() & table["key"].isin(times)]
+    measured = first[first[POSITION].notna() & first["key"].isin(times)]
     finest = measured.groupby("parameter", sort=False)["step"].transform("min")
     at_finest = measured[measured["step"] == finest]
     compared = [
         _compared(table, runs, times) for _, runs in at_finest.groupby("parameter", sort=False)
     ]
-    rows = {"compared": compared, "failed": failed}
+    rows = {
+        "compared": compared,
+        "failed": failed,
+        "first_of_several": first["scene"].iloc[0] if len(first) < len(table) else None,
+    }
     return Presentation(rows=rows, tables=[_main_table(table), _all_runs(results)])
 
 
@@ -187,7 +204,9 @@ def _main_table(table: pd.DataFrame) -> TableView:
     settings = [
         setting_of(parameter, step) for parameter, step in zip(table["parameter"], table["step"])
     ]
+    several_scenes = [Column("scene")] if len(of_first_scene(table)) < len(table) else []
     columns = (
+        *several_scenes,
         Column("variant", "method, stabilization"),
         Column("setting"),
         Column(OWN_CPU, "engine time", "ms", "half", interval=True, scale=1e3),
@@ -215,7 +234,7 @@ STUDY = Study(
     plan,
     seconds=0.1,
     on_page_one=False,
-    takes=frozenset({"t_end", "repeats"}),
+    takes=frozenset({"t_end", "repeats", "scenes"}),
     tables={
         "suppression": "Stabilizations of the reference",
     },

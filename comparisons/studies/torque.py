@@ -6,6 +6,7 @@ Friction jumps where a slider reverses, sticks or slips, and the torque of a dri
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -281,6 +282,42 @@ def summarize(jumps: pd.DataFrame, *by: str) -> pd.DataFrame:
     return jumps.drop_duplicates(keys)[ABOUT].join(sums, on=keys).reset_index(drop=True)
 
 
+@dataclass(frozen=True)
+class EffortWords:
+    """How the text calls the efforts of the compared drives.
+
+    Attributes
+    ----------
+    noun : str
+        ``torque`` of drives of angles, ``force`` of drives of distances, ``effort`` of both.
+    unit : str
+        Unit of the effort; both units if there are both kinds of drives.
+    """
+
+    noun: str = "torque"
+    unit: str = "N m"
+
+
+WORDS_OF_DRIVES = {
+    frozenset({"angle"}): EffortWords(),
+    frozenset({"distance"}): EffortWords("force", "N"),
+    frozenset({"angle", "distance"}): EffortWords("effort", "N m or N"),
+}
+"""Words by the types of the drives in the compared scenes."""
+
+
+def effort_words(results: Results, table: pd.DataFrame) -> EffortWords:
+    """Return how the efforts of the drives in a table of jumps are called; torques where the drives are not known."""
+    types = set()
+    if "effort" in table:
+        for name, effort in table[["scene", "effort"]].dropna().drop_duplicates().to_numpy():
+            scene = results.scene(name)
+            drive = None if scene is None else scene.drives.get(effort.removesuffix(".effort"))
+            if drive is not None:
+                types.add(drive.type)
+    return WORDS_OF_DRIVES.get(frozenset(types), EffortWords())
+
+
 def present(results: Results) -> Presentation:
     """Present the number of true jumps that each method resolves, and the largest bound of their errors."""
     table = results.table("torque")
@@ -295,8 +332,11 @@ def present(results: Results) -> Presentation:
         return Presentation()
     is_own = summaries["engine"] == REFERENCE
     sizes = table[TRUE_JUMP].abs()
-    by_scene = _by_scene(table)
+    effort = effort_words(results, table)
+    by_scene = _by_scene(table, effort.unit)
     rows = {
+        "effort": effort.noun,
+        "unit": effort.unit,
         "own": [
             {"variant": method.variant, **_counts(method), "bound": _bound(table, method)}
             for method in summaries[is_own].itertuples()
@@ -312,7 +352,7 @@ def present(results: Results) -> Presentation:
         **CONSTANTS,
     }
     headline = Headline(
-        "jumps resolved, error bound [N m]",
+        f"jumps resolved, error bound [{effort.unit}]",
         {method.variant: _cell(method) for method in summaries.itertuples()},
     )
     variants = list(summaries["variant"])
@@ -320,10 +360,15 @@ def present(results: Results) -> Presentation:
     return Presentation(
         rows=rows,
         headlines=[headline],
-        tables=[_by_method(results, table, at_equal_steps, summaries), *by_scene.values()],
+        tables=[
+            _by_method(results, table, at_equal_steps, summaries, effort.unit),
+            *by_scene.values(),
+        ],
         figures=[
-            _events_figure(results, table, variants),
-            step_chart("torque", by_run, variants, BOUND, "error bound [N m]", results.title_of),
+            _events_figure(results, table, variants, effort),
+            step_chart(
+                "torque", by_run, variants, BOUND, f"error bound [{effort.unit}]", results.title_of
+            ),
         ],
     )
 
@@ -366,9 +411,13 @@ def _engines(table: pd.DataFrame, engines: pd.DataFrame) -> Iterator[dict[str, o
 
 
 def _by_method(
-    results: Results, table: pd.DataFrame, at_equal_steps: pd.DataFrame, summaries: pd.DataFrame
+    results: Results,
+    table: pd.DataFrame,
+    at_equal_steps: pd.DataFrame,
+    summaries: pd.DataFrame,
+    unit: str,
 ) -> TableView:
-    """Return the table of jumps resolved and of their largest bound, a row per method, a column per case."""
+    """Return the table of jumps resolved and of their largest bound in a unit, a row per method, a column per case."""
     by_case = summarize(at_equal_steps, "variant", "scene")
     by_case["text"] = [_cell(method) for method in by_case.itertuples()]
     texts = by_case.pivot(index="variant", columns="scene", values="text")
@@ -394,24 +443,24 @@ def _by_method(
         Column("run", brief=False),
         Column("read", "resolved", form=".0f"),
         Column("jumps", "all jumps", form=".0f"),
-        Column("bound", "error bound", of="jump_bound"),
+        Column("bound", "error bound", unit, of="jump_bound"),
         *(
-            Column(in_scene("read", scene), results.title_of(scene), of="jump_bound")
+            Column(in_scene("read", scene), results.title_of(scene), unit, of="jump_bound")
             for scene in table["scene"].unique()
         ),
     )
     return view("torque", rows, columns, group="group")
 
 
-def _by_scene(table: pd.DataFrame) -> dict[str, TableView]:
-    """Return for each scene the table of all its runs."""
+def _by_scene(table: pd.DataFrame, unit: str) -> dict[str, TableView]:
+    """Return for each scene the table of all its runs, with bounds in a unit."""
     columns = (
         METHOD,
         REFINED_BY,
         Column("step", form="g"),
         Column("read", "resolved", form=".0f"),
         Column("jumps", "all jumps", form=".0f"),
-        Column("bound", "error bound", of="jump_bound"),
+        Column("bound", "error bound", unit, of="jump_bound"),
         Column(TIME_ERROR, "largest time error"),
         Column("status"),
         Column("reason"),
@@ -428,8 +477,10 @@ def _by_scene(table: pd.DataFrame) -> dict[str, TableView]:
     return views
 
 
-def _events_figure(results: Results, table: pd.DataFrame, variants: Sequence[str]) -> Chart:
-    """Return the figure of the torque around events: a row of panels per group of methods, a column per event."""
+def _events_figure(
+    results: Results, table: pd.DataFrame, variants: Sequence[str], effort: EffortWords
+) -> Chart:
+    """Return the figure of the effort around events: a row of panels per group of methods, a column per event."""
     windows = results.table(WINDOWS)
     events = shown_events(windows)
     windows_of_events = [
@@ -441,7 +492,7 @@ def _events_figure(results: Results, table: pd.DataFrame, variants: Sequence[str
         variants_of_group = [
             variant for variant in dict.fromkeys(rows["variant"]) if variant in variants
         ]
-        label = f"{group.label}\ndriving torque [N m]"
+        label = f"{group.label}\ndriving {effort.noun} [{effort.unit}]"
         row = [
             event_panel(window, variants_of_group, "" if number else label, results.title_of)
             for number, window in enumerate(windows_of_events)

@@ -1,8 +1,8 @@
-"""Maps of a scene's parameters: one run of an engine per point of a grid, and the stick threshold along it.
+"""Sweeps: measures of a scene's steady state at every point of a grid of its parameters, and the stick bands there.
 
-Points are tasks of `stiction.engines.isolation`: one that crashes, or takes too long, is a row with its reason. Points
-that are done are kept as runs of `stiction validate` are (`stiction.comparisons.bench.store`), so that an
-interrupted sweep goes on where it was.
+Points are tasks of `stiction.engines.isolation`: one that crashes, or takes too long, is a row with its reason.
+Finished points are stored as runs of `stiction validate` are (`stiction.comparisons.bench.store`), so that an
+interrupted sweep is resumed.
 """
 
 from __future__ import annotations
@@ -16,146 +16,64 @@ from itertools import product
 from pathlib import Path
 from typing import Any
 
-import numpy as np
 import pandas as pd
 import pyarrow as pa
 
 from stiction.comparisons.bench.environment import source_digest, versions
 from stiction.comparisons.bench.identity import engine_identity
-from stiction.comparisons.bench.presentation.cells import intervals_text
 from stiction.comparisons.bench.runner import TIME_LIMIT, prepare
 from stiction.comparisons.bench.store import kept_runs
-from stiction.comparisons.measures.engine_threshold import StickProbe
-from stiction.comparisons.measures.reference_bands import (
-    AMPLITUDE,
-    USUAL_VALUES,
-    Variation,
-    bands_from_own_start,
-)
-from stiction.comparisons.measures.settling import NoCommonPeriod, NotSettled, common_period
+from stiction.comparisons.measures.reference_bands import AMPLITUDE
+from stiction.comparisons.measures.settling import NoCommonPeriod, common_period
 from stiction.comparisons.measures.steady_state_measures import (
     MEASURES,
     Measure,
     SteadyRun,
     measure_of,
-    steady_window,
 )
-from stiction.comparisons.studies.threshold import AGAIN, SCANNED, WITH_STICK, WITHOUT_STICK
-from stiction.engines import EngineMissing, Isolate, Outcome, Refused, Task, isolate, load_engine
-from stiction.engines.status import Status
-from stiction.reference_impl.multibody.initial_state import with_consistent_start
+from stiction.comparisons.studies.threshold_tables import (
+    AGAIN,
+    SCANNED,
+    VARIED,
+    VARIED_UNIT,
+    WITH_STICK,
+    WITHOUT_STICK,
+)
+from stiction.comparisons.sweep.axes import MAX_POINTS, SweepAxis
+from stiction.comparisons.sweep.points import (
+    ALL_BANDS,
+    STICK_BANDS,
+    THRESHOLD,
+    THRESHOLD_COLUMN,
+    WINDOW_START,
+    BandSearch,
+    Numbers,
+    band_search_of,
+    is_threshold,
+    map_numbers,
+    point_row,
+    threshold_numbers,
+)
+from stiction.engines import Isolate, Outcome, Task, isolate, load_engine
 from stiction.scenes import InputError, Scene, SceneError, scene_to_toml, vary
 from stiction.scenes.atomic_files import make_folder, whole_file, write_text
 from stiction.scenes.digest import digest
-from stiction.scenes.expressions import evaluate
-from stiction.truths.bands import Band, BandKind, Range, find_bands, stick_bands, threshold_of
+from stiction.scenes.value_units import unit_of_value
 
-THRESHOLD = "threshold"
-"""The measure that is a search over the amplitude and not a run."""
-THRESHOLD_COLUMN = "threshold"
-"""Column of the upper end of the band with stick next to the scene's own amplitude."""
-STICK_BANDS = "stick_bands"
-"""Column of all bands with stick within the range, as pairs of amplitudes."""
-WINDOW_START = "window_begin"
-"""Column of the start of a run's window."""
-SEARCH = (0.25, 4.0)
-"""Multiples of the scene's own amplitude between which the threshold is searched if the amplitude is no axis; else from
-end to end of the axis."""
-BRACKET = 2.5e-3
-"""Largest width to which the ends of bands are halved, as a part of the range in which they are searched."""
-REFERENCE_BRACKET = 1e-5
-"""The same for the event-driven reference, whose runs cost a hundredth of those of an engine."""
-ENGINE_VALUES = 24
-"""Amplitudes in the range at which a method is asked whose motion is sampled; `USUAL_VALUES` for the event-driven
-reference."""
-FAILURES = {
-    NotSettled: Status.NO_STEADY_STATE,
-    NoCommonPeriod: Status.NO_STEADY_STATE,
-    SceneError: Status.REFUSED,
-    Refused: Status.REFUSED,
-    EngineMissing: Status.MISSING,
-    Exception: Status.FAILED,
-}
+MAP = "map"
+"""Name of the table of the measures of runs; that of bands is `THRESHOLD`."""
 USUAL_PERIODS = 30
-"""Periods of loads and drives in a run without a given end: as many as a stick threshold takes at first."""
-MAX_POINTS = 1_000_000
-Numbers = Callable[[Scene, SteadyRun, Any], dict[str, Any]]
-"""Numbers of a scene by column, or why there are none."""
+"""Periods of loads and drives in a run without a given end: the paper's case 1 contracts by half in each."""
 SPECIFICATION = "sweep.json"
 """File that makes a folder the folder of a sweep."""
 
 
 class SweepRefused(InputError):
-    """The folder holds something else than this sweep."""
-
-
-@dataclass(frozen=True)
-class SweepAxis:
-    """A value of the scene, by its key as in `vary`, and the values it takes."""
-
-    key: str
-    values: tuple[float, ...]
-
-
-def parse_axis(text: str) -> SweepAxis:
-    """An axis of ``KEY=FROM:TO:COUNT`` (equal distances, both ends included) or ``KEY=A,B,..``, with arithmetic.
-
-    Raises
-    ------
-    InputError
-        If it is neither, values repeat, or COUNT is not a whole number of at least 2. A single value must be
-        written as a number: the arithmetic in ``F0=3-6``, which is -3, is most likely meant as a range.
-    """
-    key, equals, given = (part.strip() for part in text.partition("="))
-    if not (key and equals and given):
-        raise InputError(
-            f"axis: found {text!r}; expected KEY=FROM:TO:COUNT or KEY=A,B,.. such as F0=0.5:6:100"
-        )
-    parts, numbers = given.split(":" if ":" in given else ","), []
-    for part in parts:
-        try:
-            numbers.append(evaluate(part, {}))
-        except InputError as error:
-            raise InputError(f"axis {key}: found {part.strip()!r}; {error}") from None
-    if ":" in given:
-        if len(numbers) != 3:
-            raise InputError(f"axis {key}: found {given!r}; expected FROM:TO:COUNT")
-        low, high, count = numbers
-        if count != int(count) or not 2 <= count <= MAX_POINTS:
-            raise InputError(
-                f"axis {key}: found {parts[2].strip()!r} values; expected a whole number from 2 to "
-                f"{MAX_POINTS}"
-            )
-        numbers = [_short(value) for value in np.linspace(low, high, int(count)).tolist()]
-    if len(numbers) == 1 and not _is_number(given):
-        raise InputError(
-            f"axis {key}: found {given!r}, which is the single value {numbers[0]:g}; expected a range "
-            "FROM:TO:COUNT, or values A,B,.."
-        )
-    if len(set(numbers)) < len(numbers):
-        raise InputError(
-            f"axis {key}: found {given!r}; expected values that differ from each other"
-        )
-    return SweepAxis(key, tuple(numbers))
-
-
-def _is_number(text: str) -> bool:
-    """Return whether a text is a number, as opposed to arithmetic."""
-    try:
-        float(text)
-    except ValueError:
-        return False
-    return True
-
-
-def _short(value: float) -> float:
-    """The number with fewer digits that a value misses by rounding alone: 0.15 for 0.15000000000000002."""
-    short = float(f"{value:.14g}")
-    return short if abs(short - value) <= 2 * np.spacing(abs(value)) else value
+    """The error of a folder that contains something else than this sweep."""
 
 
 def usual_end(scene: Scene) -> float:
-    """End of the runs of a sweep that does not say one, s: twice the scene's own, `USUAL_PERIODS` at least."""
+    """Return the usual end of the runs of a sweep, s: twice the scene's own, and at least `USUAL_PERIODS`."""
     try:
         return max(2 * scene.t_end, USUAL_PERIODS * common_period(scene))
     except NoCommonPeriod:
@@ -164,16 +82,18 @@ def usual_end(scene: Scene) -> float:
 
 @dataclass(frozen=True)
 class Specification:
-    """The computation of a sweep.
+    """The definition of a sweep.
 
     Attributes
     ----------
+    scene : Scene
+        The scene whose numbers are varied.
     axes : tuple of SweepAxis
         The last one varies fastest.
     measures : tuple of str
         Names in `MEASURES`, those but ``"event-count"`` also with an element, as in ``"peak-speed:block"``. Or
-        ``"threshold"``: upper end of the band of F0, next to the scene's own, with a stick phase, along the axes that
-        are not F0.
+        ``"threshold"``: the bands of F0, and the upper end of the one next to the scene's own value, along the axes
+        that are not F0; ``"threshold:KEY"`` of another number of the scene.
     run : SteadyRun
         The run of each point.
     timeout_s : float
@@ -182,7 +102,8 @@ class Specification:
     Raises
     ------
     InputError
-        If it cannot be computed at any point: unknown or repeated names, a measure that the scene has nothing for.
+        If it cannot be computed at any point: unknown or repeated names, a measure for which the scene lacks the part
+        that is measured.
     SceneError
         If an axis has a key that the scene does not have, or only values that it cannot have.
     """
@@ -194,7 +115,14 @@ class Specification:
     timeout_s: float = TIME_LIMIT
 
     def __post_init__(self) -> None:
-        known, scene = (*MEASURES, THRESHOLD), self.scene
+        self._check_axes()
+        self._check_run()
+        self._check_measures()
+        for axis in self.axes:
+            self._check_values(axis)
+
+    def _check_axes(self) -> None:
+        """Raise InputError unless there is an axis, no two have the same key, and the grid has few enough points."""
         keys = [axis.key for axis in self.axes]
         if not keys or len(set(keys)) < len(keys):
             raise InputError(
@@ -202,11 +130,9 @@ class Specification:
             )
         if math.prod(len(axis.values) for axis in self.axes) > MAX_POINTS:
             raise InputError(f"axes: found more than {MAX_POINTS} points; expected fewer")
-        if not self.measures or len(set(self.measures)) < len(self.measures):
-            found = ", ".join(self.measures) or "none"
-            raise InputError(
-                f"measures: found {found}; expected some of {', '.join(known)}, each once"
-            )
+
+    def _check_run(self) -> None:
+        """Raise InputError unless the engine can make the run, and its steady state has time."""
         settle, t_end = self.run.settle, self.run.t_end
         if not 0 <= settle < t_end:
             raise InputError(
@@ -214,54 +140,93 @@ class Specification:
             )
         engine, fidelity = load_engine(self.run.engine), self.run.fidelity
         if fidelity not in engine.capabilities.fidelities:
-            has = " and ".join(engine.capabilities.fidelities)
-            raise InputError(f"fidelity: found {str(fidelity)!r}; {engine.name} has {has}")
+            available = " and ".join(engine.capabilities.fidelities)
+            raise InputError(f"fidelity: found {str(fidelity)!r}; {engine.name} has {available}")
         engine.check_arguments(dt=self.run.dt, rtol=None, fidelity=fidelity, settings={})
+
+    def _check_measures(self) -> None:
+        """Raise InputError unless there are measures, each once, and the scene has what they measure."""
+        names = [THRESHOLD if is_threshold(text) else text for text in self.measures]
+        if not names or len(set(names)) < len(names):
+            raise InputError(
+                f"measures: found {', '.join(self.measures) or 'none'}; expected some of "
+                f"{', '.join((*MEASURES, THRESHOLD))}, each once"
+            )
         for measure in self.run_measures:
-            if measure.needs and not getattr(scene, measure.needs):
+            if measure.needs and not getattr(self.scene, measure.needs):
                 needed = measure.needs.replace("_", " ")
-                raise InputError(f"{measure.name}: found no {needed} in {scene.name}; expected one")
-            if measure.element and measure.element not in (choices := measure.choices(scene)):
+                raise InputError(
+                    f"{measure.name}: found no {needed} in {self.scene.name}; expected one"
+                )
+            choices = measure.choices(self.scene)
+            if measure.element and measure.element not in choices:
                 raise InputError(
                     f"{measure.name}: found {measure.element!r}; expected one of {', '.join(choices)}"
                 )
-        if THRESHOLD in self.measures and not (
-            scene.frictional_guides and AMPLITUDE in scene.parameters
-        ):
+        search = self.band_search
+        if search is None:
+            return
+        if not self.scene.frictional_guides or self._lacks_amplitude(search):
             raise InputError(
-                f"{THRESHOLD}: expected a frictional guide and a parameter {AMPLITUDE} in {scene.name}"
+                f"{THRESHOLD}: expected a frictional guide and a parameter {AMPLITUDE} in "
+                f"{self.scene.name}, or {THRESHOLD}:KEY with another number of the scene"
             )
-        for axis in self.axes:
-            problems = []
-            for value in axis.values:
-                try:
-                    vary(scene, {axis.key: value})
-                    break
-                except SceneError as error:
-                    problems.append(error)
-            else:  # one value at least must give a scene; the points of others are rows with the reason
-                raise problems[0]
+        try:
+            search.variation(self.scene)
+        except InputError as error:
+            raise InputError(f"{THRESHOLD}: {error}") from None
+
+    def _lacks_amplitude(self, search: BandSearch) -> bool:
+        """Return True if a search is about F0, and the scene has no such parameter."""
+        return search.parameter == AMPLITUDE and AMPLITUDE not in self.scene.parameters
+
+    def _check_values(self, axis: SweepAxis) -> None:
+        """Raise SceneError unless at least one value of an axis gives a scene; the others are rows with the reason."""
+        problems = []
+        for value in axis.values:
+            try:
+                vary(self.scene, {axis.key: value})
+                return
+            except SceneError as error:
+                problems.append(error)
+        raise problems[0]
 
     @property
     def run_measures(self) -> list[Measure]:
         """The measures that are numbers of a run."""
-        return [measure_of(text) for text in self.measures if text != THRESHOLD]
+        return [measure_of(text) for text in self.measures if not is_threshold(text)]
+
+    @property
+    def band_search(self) -> BandSearch | None:
+        """The search of bands; None unless `THRESHOLD` is among the measures."""
+        ranges = {axis.key: (min(axis.values), max(axis.values)) for axis in self.axes}
+        return band_search_of(self.measures, ranges)
+
+    @property
+    def varied_unit(self) -> str:
+        """The unit of the parameter along which bands are searched; empty if it is not known, or without a search."""
+        search = self.band_search
+        return "" if search is None else unit_of_value(self.scene, search.parameter) or ""
 
     @property
     def parts(self) -> list[str]:
-        """``"threshold"`` and ``"map"``, as far as measures require them."""
-        wanted = {
-            THRESHOLD: THRESHOLD in self.measures,
-            "map": bool(self.run_measures),
-        }  # the slowest first
-        return [part for part, is_wanted in wanted.items() if is_wanted]
+        """The tables that the measures require, the slowest one first."""
+        parts = []
+        if self.band_search is not None:
+            parts.append(THRESHOLD)
+        if self.run_measures:
+            parts.append(MAP)
+        return parts
 
     def grid(self, part: str) -> tuple[SweepAxis, ...]:
-        """The axes of ``"map"`` or, without the amplitude, of ``"threshold"``."""
-        return tuple(axis for axis in self.axes if part == "map" or axis.key != AMPLITUDE)
+        """Return the axes of a table: all of them for `MAP`; for `THRESHOLD` all but the one that is searched."""
+        search = self.band_search
+        if part == MAP or search is None:
+            return self.axes
+        return tuple(axis for axis in self.axes if axis.key != search.parameter)
 
     def points(self, part: str) -> list[dict[str, float]]:
-        """Values by key of every point of the grid, in order."""
+        """Return the values by key of every point of the grid of a table, in order."""
         axes = self.grid(part)
         keys = [axis.key for axis in axes]
         return [dict(zip(keys, values)) for values in product(*(axis.values for axis in axes))]
@@ -284,120 +249,47 @@ class Specification:
 
     @cached_property
     def digest(self) -> str:
+        """The digest of `content`, by which a folder is recognized as that of this sweep."""
         return digest(self.content)
 
     def tasks(self, part: str) -> list[Task]:
-        """The row of every point."""
+        """Return the tasks of a table, one for each point; the value of each is a row."""
         numbers: Numbers = map_numbers
-        about: Any = [text for text in self.measures if text != THRESHOLD]
+        about: Any = [text for text in self.measures if not is_threshold(text)]
         if part == THRESHOLD:
-            amplitudes = [
-                value for axis in self.axes if axis.key == AMPLITUDE for value in axis.values
-            ]
-            numbers, about = (
-                threshold_numbers,
-                (min(amplitudes), max(amplitudes)) if amplitudes else None,
-            )
+            numbers, about = threshold_numbers, self.band_search
         return [
             Task(f"{part} {number}", point_row, (numbers, self.scene, self.run, about, point))
             for number, point in enumerate(self.points(part))
         ]
 
     def table(self, part: str, rows: Sequence[Mapping[str, Any]]) -> pd.DataFrame:
-        """Rows as a table of the same columns and types whatever has failed in them."""
-        keys, text = [axis.key for axis in self.grid(part)], ["status", "reason"]
+        """Return rows as a table, which has the same columns and types whatever has failed in them."""
+        keys = [axis.key for axis in self.grid(part)]
+        texts = ["status", "reason"]
         numbers = [WINDOW_START, *(measure.column for measure in self.run_measures)]
         if part == THRESHOLD:
             numbers = [THRESHOLD_COLUMN, WITH_STICK, WITHOUT_STICK, SCANNED]
-            text += [AGAIN, STICK_BANDS]
-        types = dict.fromkeys([*keys, *numbers], float) | dict.fromkeys(text, str)
-        table = pd.DataFrame(rows, columns=[*keys, *text, *numbers])
-        table[text] = table[text].astype(object).fillna("")
-        return table.astype(types)
-
-
-def point_row(
-    numbers: Numbers, scene: Scene, run: SteadyRun, about: Any, point: Mapping[str, float]
-) -> dict[str, Any]:
-    """The row of a point: its axes, ``status``, ``reason`` and numbers; an exception is its reason."""
-    try:
-        found = numbers(vary(scene, point), run, about)
-    except Exception as error:  # whatever it is, it concerns this point alone, and its row says so
-        found = {
-            "status": next(status for kind, status in FAILURES.items() if isinstance(error, kind)),
-            "reason": " ".join(f"{type(error).__name__}: {error}".split()),
-        }
-    return {**point, "status": Status.OK, "reason": "", **found}
-
-
-def map_numbers(scene: Scene, run: SteadyRun, measures: Sequence[str]) -> dict[str, Any]:
-    """The numbers of a run."""
-    chosen = [measure_of(text) for text in measures]
-    window = steady_window(scene, run, chosen)
-    return {
-        WINDOW_START: window.start,
-        **{measure.column: measure.value(window) for measure in chosen},
-    }
-
-
-def threshold_numbers(
-    scene: Scene, run: SteadyRun, ends: tuple[float, float] | None
-) -> dict[str, Any]:
-    """Return the threshold and all bands with stick between two amplitudes (N), or around the scene's own."""
-    own = abs(scene.parameters[AMPLITUDE])
-    low, high = ends or sorted(factor * own for factor in SEARCH)
-    if run.is_event_driven_reference:
-        searched = Range(low, high, (high - low) / USUAL_VALUES)
-        variation = Variation(AMPLITUDE, list(scene.frictional_guides)[0], searched, own)
-        bands = bands_from_own_start(scene, variation, REFERENCE_BRACKET * (high - low)).bands
-    else:
-        bands = _bands_of_engine(scene, run, Range(low, high, (high - low) / ENGINE_VALUES))
-
-    intervals = stick_bands(bands)
-    numbers: dict[str, Any] = {STICK_BANDS: intervals_text(intervals), SCANNED: high}
-    sides = threshold_of(bands, own)
-    if sides is None:
-        reason = f"no stick phase at {AMPLITUDE} = {low:g} N to {high:g} N"
-        if intervals:
-            reason = f"still a stick phase at {AMPLITUDE} = {intervals[-1][1]:g} N"
-        return {**numbers, "status": Status.NOT_FOUND, "reason": reason}
-    below, _ = sides
-    threshold, uncertainty = below.high, below.high_uncertainty
-    return {
-        **numbers,
-        THRESHOLD_COLUMN: threshold,
-        WITH_STICK: threshold - uncertainty,
-        WITHOUT_STICK: threshold + uncertainty,
-        AGAIN: intervals_text([interval for interval in intervals if interval[0] > threshold]),
-    }
-
-
-def _bands_of_engine(scene: Scene, run: SteadyRun, searched: Range) -> tuple[Band, ...]:
-    """Return the bands by a method other than the event-driven reference."""
-    step = run.step(scene)
-    arguments: dict[str, Any] = {"rtol": run.rtol} if step is None else {"dt": step}
-    probe = StickProbe(
-        with_consistent_start(scene, assemble=True),
-        run.engine,
-        {**arguments, "fidelity": run.fidelity},
-    )
-
-    def kind_at(value: float) -> BandKind:
-        try:
-            return BandKind.STICK if probe.sticks(value) else BandKind.SLIP
-        except NotSettled:
-            return BandKind.UNSETTLED
-
-    return find_bands(kind_at, searched, BRACKET * (searched.high - searched.low))
+            texts += [VARIED, VARIED_UNIT, AGAIN, STICK_BANDS, ALL_BANDS]
+        table = pd.DataFrame(rows, columns=[*keys, *texts, *numbers])
+        table[texts] = table[texts].astype(object).fillna("")
+        return table.astype(dict.fromkeys([*keys, *numbers], float) | dict.fromkeys(texts, str))
 
 
 @dataclass(frozen=True)
 class Sweep:
-    """Tables with one row per point, in the order of the grid; None where no measure requires one.
+    """The tables of a sweep, with one row per point in the order of the grid.
 
-    `map`: axes, ``status``, ``reason``, ``window_begin``, a column per measure. `threshold`: axes that are not F0,
-    ``status``, ``reason``, ``sticks_again`` and ``stick_bands`` (the bands with stick above the threshold, and all of
-    them, as pairs of amplitudes), the bracket of the threshold and its middle, and the end of the searched range.
+    Attributes
+    ----------
+    specification : Specification
+        The definition of the sweep.
+    map : DataFrame or None
+        Axes, ``status``, ``reason``, ``window_begin``, and a column per measure of a run; None without such a measure.
+    threshold : DataFrame or None
+        Axes without the searched parameter, ``status``, ``reason``, the parameter and its unit, its bands
+        (``sticks_again``, ``stick_bands``, ``all_bands``), the bracket of the threshold and its middle, and the end of
+        the searched range; None without this measure.
     """
 
     specification: Specification
@@ -414,16 +306,23 @@ def sweep(
     on_start: Callable[[int], None] | None = None,
     on_result: Callable[[Outcome], None] | None = None,
 ) -> Sweep:
-    """Compute the points that the folder does not hold yet.
+    """Compute the points that the folder does not contain yet, and write the tables there.
 
     Parameters
     ----------
-    folder
-        Made if it does not exist; see `check_folder`.
+    specification : Specification
+        The definition of the sweep.
+    folder : path
+        It is made if it does not exist; see `check_folder`.
     workers, made_by
-        Tasks at a time, and their runner: see `stiction.comparisons.bench.executors.open_isolate`.
-    on_start, on_result
+        Number of tasks at a time, and the function that executes them: see
+        `stiction.comparisons.bench.executors.open_isolate`.
+    on_start, on_result : callable, optional
         Called with the number of points, and with the outcome of each.
+
+    Returns
+    -------
+    Sweep
 
     Raises
     ------
@@ -439,7 +338,7 @@ def sweep(
         folder / SPECIFICATION,
         json.dumps({"digest": specification.digest, **specification.content}, indent=1),
     )
-    tables = {part: _written(folder, part) for part in specification.parts}
+    tables = {part: _written_table(folder, part) for part in specification.parts}
     missing = [part for part, table in tables.items() if table is None]
     if missing:
         prepare([engine])
@@ -459,57 +358,60 @@ def sweep(
             if kept.interrupt is not None:
                 raise kept.interrupt
             for part in missing:
-                rows = [
-                    outcome.value or {**point, "status": outcome.status, "reason": outcome.reason}
-                    for point, outcome in zip(specification.points(part), outcomes)
-                ]  # it takes no outcome more
-                tables[part] = table = specification.table(part, rows)
+                # The outcomes of all tables follow each other. `zip` ends with the points of this one
+                # before it takes the first outcome of the next.
+                rows = []
+                for point, outcome in zip(specification.points(part), outcomes):
+                    lost = {**point, "status": outcome.status, "reason": outcome.reason}
+                    rows.append(outcome.value or lost)
+                table = specification.table(part, rows)
+                tables[part] = table
                 for kind, write in (("csv", table.to_csv), ("parquet", table.to_parquet)):
                     with whole_file(folder / f"{part}.{kind}") as path:
                         write(path, index=False)
             kept.finished = True
-    return Sweep(specification, tables.get("map"), tables.get(THRESHOLD))
+    return Sweep(specification, tables.get(MAP), tables.get(THRESHOLD))
 
 
-def _written(folder: Path, part: str) -> pd.DataFrame | None:
-    """The table of a part, if it is there and whole."""
+def _written_table(folder: Path, part: str) -> pd.DataFrame | None:
+    """Return a table that an earlier sweep has written; None if it is missing or not whole."""
     try:
         return pd.read_parquet(folder / f"{part}.parquet")
-    except (FileNotFoundError, pa.ArrowInvalid):  # missing, or cut off by a machine that went down
+    except (FileNotFoundError, pa.ArrowInvalid):  # missing, or cut off when a machine stopped
         return None
 
 
 def check_folder(specification: Specification, folder: Path) -> None:
-    """Raise SweepRefused unless the folder does not exist, is empty, or holds this very sweep."""
+    """Raise SweepRefused unless the folder does not exist, is empty, or contains this very sweep."""
     if folder.exists() and not folder.is_dir():
         raise SweepRefused(f"{folder}: found a file; expected a folder, or nothing")
     if not folder.exists() or not any(folder.iterdir()):
         return
     try:
-        found = json.loads((folder / SPECIFICATION).read_text())
-        digest = found.pop("digest")
+        stored = json.loads((folder / SPECIFICATION).read_text())
+        digest_stored = stored.pop("digest")
     except (OSError, UnicodeDecodeError, json.JSONDecodeError, KeyError, TypeError, AttributeError):
         raise SweepRefused(
             f"{folder}: found files but no {SPECIFICATION} of a sweep; expected an empty folder, the "
             "folder of this sweep, or a new name"
         ) from None
-    if digest != specification.digest:
-        other = (
-            ", ".join(_differences(found, json.loads(json.dumps(specification.content))))
-            or "its digest"
-        )
-        raise SweepRefused(
-            f"{folder}: found another sweep, which differs in {other}; expected the folder of this "
-            "sweep or a new name"
-        )
+    if digest_stored == specification.digest:
+        return
+    own = json.loads(json.dumps(specification.content))
+    differences = ", ".join(_differences(stored, own)) or "its digest"
+    raise SweepRefused(
+        f"{folder}: found another sweep, which differs in {differences}; expected the folder of this "
+        "sweep or a new name"
+    )
 
 
-def _differences(found: Mapping[str, Any], own: Mapping[str, Any]) -> Iterator[str]:
+def _differences(stored: Mapping[str, Any], own: Mapping[str, Any]) -> Iterator[str]:
+    """Yield the keys in which two contents differ; of nested tables, the path of the key."""
     for key, value in own.items():
-        other = found.get(key)
+        other = stored.get(key)
         if isinstance(value, dict) and isinstance(other, dict):
-            yield from (
-                f"{key}.{name}" for name in {**value, **other} if value.get(name) != other.get(name)
-            )
+            for name in {**value, **other}:
+                if value.get(name) != other.get(name):
+                    yield f"{key}.{name}"
         elif value != other:
             yield key

@@ -211,6 +211,11 @@ def scene_as_mjcf(scene: Scene, timestep: float, fidelity: Fidelity = Fidelity.J
     engine = MujocoEngine()
     if reason := engine.reason_to_refuse(scene, fidelity):
         raise Refused(reason)
+    # The adapter applies springs as loads, whereas the file has elements for them.
+    for name in scene.one_sided_springs:
+        raise Refused(
+            f"springs.{name}: MJCF has no spring and damper that act on one side only; without acts it is written"
+        )
     return mjcf(
         scene,
         LinkTree(scene, fidelity),

@@ -100,7 +100,17 @@ def _missing(scene: Scene) -> str:
         for kind, elements in (("drive", scene.drives), ("load", scene.forces))
         for name, element in elements.items()
     ]
-    effects += [(f'spring "{name}"', "with its damper") for name in scene.springs]
+    effects += [
+        (
+            f'spring "{name}"',
+            f"with its damper, to {spring.acts} only" if spring.acts else "with its damper",
+        )
+        for name, spring in scene.springs.items()
+    ]
+    effects += [
+        (f'limit of drive "{name}"', f"{drive.effort_limit!r}")
+        for name, drive in scene.limited_drives.items()
+    ]
     effects += [
         (
             f'friction of guide "{name}"',

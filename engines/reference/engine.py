@@ -136,7 +136,7 @@ class ReferenceEngine(Engine):
         # The kernels of the other methods are compiled at their first call.
         if (method or _method(dt, rtol)) == "event":
             projects = scene.stabilization.method if stabilization == "scene" else stabilization
-            compile_ahead(event_kernels(bool(scene.frictional_joints), projects == "projection"))
+            compile_ahead(event_kernels(bool(scene.bounded_elements), projects == "projection"))
 
     def refusal(self, scene: Scene, fidelity: Fidelity) -> str | None:
         return None

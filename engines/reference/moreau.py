@@ -7,7 +7,7 @@ from dataclasses import replace
 from typing import Any
 
 from stiction.engines.assembly import Assembly, assembly_of
-from stiction.engines.joint_effects import COMMON_EFFECTS, JointEffect
+from stiction.engines.joint_effects import ALL_EFFECTS, JointEffect
 from stiction.engines.protocol import Capabilities, Engine, installed_version
 from stiction.engines.reference.engine import compile_kernels
 from stiction.engines.shared.fixed_step import settings_of, step_of, steps_between_outputs
@@ -43,7 +43,14 @@ class MoreauEngine(Engine):
         },
         reactions="engine",
         order="1",
-        joint_effects={Fidelity.CONTACT: COMMON_EFFECTS - {JointEffect.STATIC_FRICTION}},
+        joint_effects={
+            Fidelity.CONTACT: ALL_EFFECTS
+            - {
+                JointEffect.STATIC_FRICTION,
+                JointEffect.SPEED_DEPENDENCE,
+                JointEffect.PIN_UNDER_LOAD,
+            }
+        },
     )
 
     @property

@@ -32,6 +32,7 @@ from stiction.reference_impl.friction.coulomb import normal_load
 from stiction.reference_impl.multibody.dynamics import applied_forces, row_form
 from stiction.reference_impl.multibody.kinematics import rotate
 from stiction.reference_impl.multibody.mechanism import Arrays, Mechanism, Workspace, workspace
+from stiction.reference_impl.multibody.one_sided import add_one_sided
 
 SATURATED = 1.0 - 1e-6
 """Part of the cap above which a guide slips. The distance from 1 is above the residuals of the engines' solvers (1e-9),
@@ -249,6 +250,7 @@ def applied_loads(balance: Balance, t: float, q: Reals, v: Reals, ahead: float) 
     _place(balance, q, v, ahead)
     rotate(m, w, balance.q)
     applied_forces(m, w.rotation, t, balance.q, balance.v, loads)
+    add_one_sided(m, w.rotation, balance.q, balance.v, w.acting, loads)
     # weight is the engine's own gravity
     for i in range(len(loads)):
         loads[i] -= m.weight[i]

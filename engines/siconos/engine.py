@@ -4,11 +4,15 @@ from __future__ import annotations
 
 import os
 from collections.abc import Mapping
+from dataclasses import replace
+from functools import cached_property
 from pathlib import Path
 from typing import Any
 
 from stiction.engines.assembly import Assembly, assembly_of
+from stiction.engines.joint_effects import COMMON_EFFECTS, LAWS
 from stiction.engines.program.engine import ProgramEngine
+from stiction.engines.protocol import Capabilities, Supplier
 from stiction.engines.registry import EngineBroken, EngineMissing
 from stiction.engines.shared.fixed_step import settings_of
 from stiction.engines.shared.inconsistent_start import refuse_off
@@ -65,6 +69,16 @@ class SiconosEngine(ProgramEngine):
             raise EngineMissing(
                 f"{self.name}: found no program {_python()}; {INSTALLATION}"
             ) from error
+
+    @cached_property
+    def capabilities(self) -> Capabilities:  # type: ignore[override]
+        """Capabilities of the declaration, and constant bounds of friction in joints, which it cannot declare."""
+        fidelity = self.declared.fidelity
+        return replace(
+            super().capabilities,
+            joint_effects={fidelity: COMMON_EFFECTS - LAWS},
+            constant_bound_by={fidelity: Supplier.ENGINE},
+        )
 
     def _find_program(self, word: str) -> Path:
         """Return the Python that has Siconos: the declaration's, or that of the environment variable."""

@@ -3,8 +3,9 @@
 All bodies are one LagrangianDS with q = (x, y, angle of each body, time). Time is a coordinate with the rate 1 and an
 infinite inertia, so that the rows of a relation can depend on time. Relations are LagrangianLinearTIR whose matrices
 are those of the mechanism at q_M = q + h/2 v, t_M = t + h/2, written in place before each step: one with an
-EqualityConditionNSL for all bilateral constraints (pins, drives, angles of sliders without length), and one with a
-NewtonImpactFrictionNSL for the normal and the tangent of each corner that may touch a surface. MoreauJeanOSI and
+EqualityConditionNSL for all bilateral constraints (pins, drives, angles of sliders without length), one with a
+NewtonImpactFrictionNSL for the normal and the tangent of each corner that may touch a surface, and one with a RelayNSL
+for the slip of each joint whose friction has a constant bound. MoreauJeanOSI and
 GenericMechanical solve
 
     M (v+ - v) = h F(t_M, q_M, v) + J' L + sum of C' P,    q+ = q + h (theta v+ + (1 - theta) v)
@@ -163,6 +164,17 @@ def coordinate(place: dict[str, int], element: Scene) -> Function:
     return distance(place, element["bodies"], element["points"], element["axis"])
 
 
+def slip_coordinate(place: dict[str, int], joint: Scene) -> Function:
+    """Return the function of a joint's coordinate whose rate is its slip velocity: an angle, or a way along a guide."""
+    if joint["type"] == "revolute":
+        return angle(place, joint["bodies"])
+    bodies, points = (
+        [joint["slider"], joint["guide"]],
+        [joint["slider_point"], joint["point"]],
+    )
+    return distance(place, bodies, points, joint["direction"])
+
+
 class Contact:
     """A corner of a slider next to a surface of its guide: side 1 pushes along the normal, -1 against it."""
 
@@ -234,6 +246,44 @@ class Contact:
             impulses[column] += friction
 
 
+class Relay:
+    """Dry friction with a constant bound, in a pin or a guide: the kernel's RelayNSL on the slip velocity of the joint.
+
+    The law is -(slip velocity) in the normal cone of [-bound h, bound h] at the impulse. The kernel only solves laws
+    whose output is not positive: it is made at most -1 here, as the law itself does not read it.
+    """
+
+    def __init__(self, name: str, joint: Scene, place: dict[str, int], unit: float, h: float):
+        import siconos.kernel as kernel  # late: this module can be read where there is none
+
+        self.slip = slip_coordinate(place, joint)
+        # largest impulses of a step, in the unit of mass, in slip and at rest
+        kinetic = joint["friction"] or 0.0
+        self.kinetic = kinetic * h / unit
+        self.static = (joint["static_friction"] or kinetic) * h / unit
+        self.bound = self.kinetic
+        self.law = kernel.RelayNSL(1, -self.kinetic, self.kinetic)
+        self.relation = kernel.LagrangianLinearTIR(np.zeros((1, 3 * len(place) + 1)), np.zeros(1))
+        self.interaction = kernel.Interaction(self.law, self.relation)
+        self.mode, self.frictions = f"{name}.mode", [f"{name}.friction"]
+
+    def look(self) -> None:
+        """Store references to the kernel's arrays of the law, which are written and read in place."""
+        self.C, self.e, self.P = self.relation.C(), self.relation.e(), self.interaction.lambda_(1)
+
+    def write(self, frames: Frames, q: np.ndarray, v: np.ndarray, h: float, small: float) -> None:
+        """Write the relation and the bound of a step of length h that begins at q, v.
+
+        `frames` are those of its middle. The bound is that at rest if the slip velocity is at most AT_REST * `small`.
+        """
+        self.slip(frames, self.C[0])
+        speed = abs(self.C[0] @ v)
+        self.e[0] = -1.0 - self.C[0] @ q - h * speed
+        self.bound = self.static if speed <= AT_REST * small else self.kinetic
+        self.law.setLb(-self.bound)
+        self.law.setUb(self.bound)
+
+
 class Mechanism:
     """The scene as a system of Siconos.
 
@@ -252,6 +302,16 @@ class Mechanism:
         self.weight = self.mass[:-1] * self.unit * np.tile((*scene["gravity"], 0.0), len(bodies))
         self.held: dict[str, tuple[Function, Law]] = {}  # by the columns of their forces
         self.contacts: list[Contact] = []
+        self.relays = [
+            Relay(name, joint, place, self.unit, h)
+            for name, joint in scene["joints"].items()
+            if joint["friction"] or joint["static_friction"]
+        ]
+        self.dampers = [
+            (slip_coordinate(place, joint), joint["damping"])
+            for joint in scene["joints"].values()
+            if joint["damping"]
+        ]
         clearance = chosen["clearance"] * size_of(scene)
         # Bilateral rows by joints and drives, and contacts of corners. A slider without a length
         # has one corner for each surface, and a row that holds its angle.
@@ -290,8 +350,10 @@ class Mechanism:
             for contact in self.contacts
             for column in (contact.resultant, contact.moment, *contact.normals, *contact.frictions)
         ]
-        self.columns = list(dict.fromkeys([*self.held, *guides]))
-        self.modes = list(dict.fromkeys(contact.mode for contact in self.contacts if contact.mode))
+        frictions = [column for relay in self.relays for column in relay.frictions]
+        self.columns = list(dict.fromkeys([*self.held, *guides, *frictions]))
+        modes = [contact.mode for contact in self.contacts if contact.mode]
+        self.modes = list(dict.fromkeys([*modes, *(relay.mode for relay in self.relays)]))
         self._build(
             [x for body in bodies.values() for x in (*body["position"], body["angle"])],
             [x for body in bodies.values() for x in (*body["velocity"], body["angular_velocity"])],
@@ -313,8 +375,9 @@ class Mechanism:
             )
             bilateral = kernel.Interaction(kernel.EqualityConditionNSL(len(self.held)), relation)
             model.link(bilateral, system)
-        for contact in self.contacts:
-            model.link(contact.interaction, system)
+        laws: list[Contact | Relay] = [*self.contacts, *self.relays]
+        for law in laws:
+            model.link(law.interaction, system)
         # Gauss-Seidel over the block of bilateral rows and the blocks of contacts, each with a
         # solver of its own.
         problem = kernel.GenericMechanical()
@@ -342,8 +405,8 @@ class Mechanism:
         if self.held:
             self.J, self.L = relation.C(), bilateral.lambda_(1)
         self.slips: dict[str, int] = {}  # direction of each guide with friction, by its column
-        for contact in self.contacts:
-            contact.look()
+        for law in laws:
+            law.look()
 
     def forces(self, t: float, frames: Frames, v: np.ndarray) -> np.ndarray:
         """Return the applied forces on all coordinates: weight, springs, loads."""
@@ -352,6 +415,10 @@ class Mechanism:
             row = np.zeros(self.n)
             value = function(frames, row)
             total -= (stiffness * (value - rest) + damping * (row @ v)) * row
+        for function, damping in self.dampers:
+            row = np.zeros(self.n)
+            function(frames, row)
+            total -= damping * (row @ v) * row
         for load, i, law in self.loads:
             size = law(t)[0]
             if load["type"] == "torque":
@@ -393,6 +460,8 @@ class Mechanism:
             if contact.mode not in self.slips:
                 self.slips[contact.mode] = self._direction(contact, v, small)
             contact.law.setMu(contact.mu if self.slips[contact.mode] else contact.mus)
+        for relay in self.relays:
+            relay.write(frames, self.q, v, h, small)
         # Method of multipliers: M + r J'J in place of M, and the same term in the applied forces.
         held = self.J[:, :n]
         r = STIFF / np.maximum((held * held) @ (1 / self.mass[:n]), SMALLEST)
@@ -431,6 +500,8 @@ class Mechanism:
         by_column = dict.fromkeys(self.columns, 0.0) | dict(zip(self.held, impulses.tolist()))
         for contact in closed:
             contact.add(by_column)
+        for relay in self.relays:
+            by_column[relay.frictions[0]] += float(relay.P[0])
         values = [
             *((self.v - v)[:n] / h).tolist(),
             *(impulse * self.unit / h for impulse in by_column.values()),
@@ -467,7 +538,22 @@ class Mechanism:
                 abs(min(gap_rate + contact.restitution * (C[0] @ v), along_normal * normal)),
                 abs(along_tangent * friction - projected),
             ]
+        for relay in self.relays:
+            C, impulse = relay.C[0], float(relay.P[0])
+            balance -= impulse * C
+            # as friction of a contact, with a bound that does not depend on an impulse
+            mobility = (C * C) @ (1 / self.mass)
+            wanted = mobility * impulse - C @ self.v
+            projected = max(-mobility * relay.bound, min(mobility * relay.bound, wanted))
+            errors.append(abs(mobility * impulse - projected))
         return max(*errors, np.abs(balance / self.mass).max())
+
+    def _relay_direction(self, relay: Relay, v: np.ndarray, small: float) -> int:
+        """Return the direction of slip of a joint with a constant bound, 0 at rest."""
+        slip = relay.C[0] @ v
+        if abs(slip) <= AT_REST * small:
+            return 0
+        return 1 if slip > 0 else -1
 
     def _direction(self, contact: Contact, v: np.ndarray, small: float) -> int:
         """Return the direction of slip at a corner, 0 at rest."""
@@ -481,6 +567,8 @@ class Mechanism:
         # The contacts are sorted by their normal force, so that the largest one is written last.
         for contact in sorted(closed, key=lambda contact: contact.P[0]):
             self.slips[contact.mode] = self._direction(contact, self.v, small)
+        for relay in self.relays:
+            self.slips[relay.mode] = self._relay_direction(relay, self.v, small)
         return [self.slips[mode] for mode in self.modes]
 
 

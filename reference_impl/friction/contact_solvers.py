@@ -18,7 +18,19 @@ from stiction.reference_impl.friction import hlcp
 from stiction.reference_impl.friction.coulomb import coefficient, corner_forces, sticks
 from stiction.reference_impl.friction.enumeration import LIMIT, solutions
 from stiction.reference_impl.friction.open_forces import take_least_forces
-from stiction.reference_impl.friction.outcomes import MODE_LIMIT, NONE, SIGN_CYCLE, SOLVED
+from stiction.reference_impl.friction.outcomes import (
+    MODE_LIMIT,
+    NONE,
+    PIN_LOADS,
+    SIGN_CYCLE,
+    SOLVED,
+)
+from stiction.reference_impl.friction.pins_under_load import (
+    BLURRED_RESIDUAL,
+    MOST_PASSES,
+    RESIDUAL,
+    take_loads,
+)
 from stiction.reference_impl.friction.solver_names import AUTOMATIC, ENUMERATION, LEMKE, TRIAL
 from stiction.reference_impl.friction.trial_and_error import trial_and_error
 from stiction.reference_impl.friction.uniqueness import gain_of_mode
@@ -30,7 +42,31 @@ from stiction.reference_impl.multibody.mechanism import Arrays, Workspace
 def solve_contact(
     m: Arrays, w: Workspace, slip: Integers, corner: IntegerTable, accelerate: Reals
 ) -> tuple[int, float]:
-    """Find row forces, into w.force, for the rows in the workspace.
+    """Solve the contact problem as `_solve_with_bounds`, with the bounds of pins by the forces in them.
+
+    The problem is solved again with the forces of its last solution, until these agree (`pins_under_load`). PIN_LOADS
+    where they do not.
+    """
+    outcome, rest = _solve_with_bounds(m, w, slip, corner, accelerate)
+    if m.pins == 0 or outcome != SOLVED:
+        return outcome, rest
+    least = np.inf
+    for _ in range(MOST_PASSES):
+        change = take_loads(m, w)
+        if change <= RESIDUAL or change <= BLURRED_RESIDUAL and change >= least:
+            return outcome, rest
+        least = min(least, change)
+        outcome, rest = _solve_with_bounds(m, w, slip, corner, accelerate)
+        if outcome != SOLVED:
+            return outcome, rest
+    return PIN_LOADS, rest
+
+
+@kernel(allocates=True)
+def _solve_with_bounds(
+    m: Arrays, w: Workspace, slip: Integers, corner: IntegerTable, accelerate: Reals
+) -> tuple[int, float]:
+    """Find row forces, into w.force, for the rows in the workspace, with the bounds of pins as they are.
 
     The static coefficient holds for every guide at rest. `slip` as in `hlcp.assemble`. `corner`, (frictional, 2):
     signs of the corner forces, on entry those of the previous instant, on return those of the solution. `accelerate`

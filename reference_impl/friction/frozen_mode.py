@@ -20,6 +20,8 @@ m.rows + f that of its tangential row.
 
 from __future__ import annotations
 
+from math import hypot
+
 import numpy as np
 
 from stiction.reference_impl.compiled.bundle import Integers, IntegerTable
@@ -287,7 +289,8 @@ def margin(m, w, slip, f):
     """Margin by which a guide obeys Coulomb's law: m/s against its direction, and N; negative where it does not.
 
     Written in absolute values, so that no assumption about corners or branches enters. Slip: d g_T', and minus the
-    difference of |f| and bound + mu (|n1| + |n2|). Stick: no speed, and the capacity minus the friction needed, in the
+    difference of |f| and bound + mu (|n1| + |n2|), where the bound of a pin is that by its force, (R, T) = (fx, fy).
+    Stick: no speed, and the capacity minus the friction needed, in the
     worse direction.
     """
     r, friction = m.friction[f].row, w.force[m.rows + f]
@@ -296,4 +299,7 @@ def margin(m, w, slip, f):
         return 0.0, min(capacity(m, f, R, T, 1.0) + friction, capacity(m, f, R, T, -1.0) - friction)
     n1, n2 = corner_forces(m.friction[f], R, T, -m.friction[f].mu * slip[f])
     by_load = friction + slip[f] * m.friction[f].mu * (abs(n1) + abs(n2))
-    return slip[f] * w.slip_speed[f], -abs(by_load + slip[f] * m.friction[f].bound)
+    bound = m.friction[f].bound
+    if m.friction[f].pin_mus > 0.0:
+        bound = m.friction[f].own_bound + m.friction[f].pin_mu * hypot(R, T)
+    return slip[f] * w.slip_speed[f], -abs(by_load + slip[f] * bound)

@@ -7,7 +7,9 @@ constraint rows, W the tangential rows of the guides that are held, and W_f that
     W_f = lambda^T [J; W]    means    g_f' = W_f v = -lambda^T [dPhi/dt; 0]    on  J v + dPhi/dt = 0,  W v = 0:
 
 the freedom that is left cannot move guide f. Unless a drive moves it, it is at rest, whatever rounding has left of its
-speed. In the same way a guide that breaks away takes those with it that would hold it.
+speed. In the same way a guide that breaks away takes those with it that would hold it. This is not said of a drive with
+a limit: its slip is measured from its law, so that it may hold where the guide on its line leaves, and the other way
+round. Whether it leaves as well is left to the contact problem.
 
 Dependence is measured in the kinetic metric: rows of J M^-1/2 of unit size, orthogonalized in turn (Gram and Schmidt,
 each twice). That is a dense system. A large cell, whose G is a band, is spared it where the elimination of G with all
@@ -30,7 +32,7 @@ from stiction.reference_impl.friction.coulomb import sticks
 from stiction.reference_impl.multibody.banded_systems import cell_of, count_cells, fill_cell
 from stiction.reference_impl.multibody.dynamics import largest_speed, roots_of_mobility, unit_rows
 from stiction.reference_impl.multibody.guide_freedom import FREE
-from stiction.reference_impl.multibody.mechanism import Arrays, Workspace
+from stiction.reference_impl.multibody.mechanism import NO_LAW, Arrays, Workspace
 
 DEPENDENT = 1e-6
 """Part of a row of unit size, across the others, up to which it depends on them. Rounding leaves 1e-16 over the
@@ -131,7 +133,7 @@ def leave_together(
             if leaves == 0 or not sticks(own_m, own_slip, f):
                 continue
             own_slip[f] = leaves
-            if len(guides) == 1:
+            if len(guides) == 1 or own_m.friction[f].law != NO_LAW:
                 continue  # there is none to take along
             if not looked:
                 looked = True
@@ -153,7 +155,8 @@ def _take_along(
     t = m.rows + guide
     for f in range(len(m.friction)):
         along = product(row[t], row[m.rows + f])
-        if sticks(m, slip, f) and along * along >= 1.0 - RANK_TOLERANCE:
+        is_joint = m.friction[f].law == NO_LAW
+        if is_joint and sticks(m, slip, f) and along * along >= 1.0 - RANK_TOLERANCE:
             # on one line, as where a drive moves both
             slip[f] = direction if along > 0.0 else -direction
 
@@ -172,7 +175,8 @@ def _take_along(
     for _ in range(len(slip)):
         f = -1
         for other in range(len(slip)):
-            if not sticks(m, slip, other) or tried[other]:
+            is_joint = m.friction[other].law == NO_LAW
+            if not is_joint or not sticks(m, slip, other) or tried[other]:
                 continue
             if f < 0 or firmness[other] > firmness[f]:
                 f = other

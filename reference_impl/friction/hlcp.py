@@ -55,7 +55,7 @@ from stiction.reference_impl.friction.outcomes import NONE, RAY, SINGULAR, SOLVE
 from stiction.reference_impl.friction.shared_rest import share_rest
 from stiction.reference_impl.friction.solver_names import LEMKE
 from stiction.reference_impl.multibody.dynamics import largest_force, row_acceleration
-from stiction.reference_impl.multibody.mechanism import ANGLE, REVOLUTE, Arrays, Workspace
+from stiction.reference_impl.multibody.mechanism import ANGLE, NO_ROW, REVOLUTE, Arrays, Workspace
 
 COMPLIANCE = 1e-10
 """Added to the diagonal of G, relative to each entry, where A0 is singular: redundant constraints then share their
@@ -282,8 +282,8 @@ def _residual_acceleration(m, w, force):
     largest = 0.0
     for c in range(len(m.constraint)):
         kind, first = m.constraint[c].kind, m.constraint[c].row
-        if kind == ANGLE:
-            continue
+        if kind == ANGLE or first == NO_ROW:
+            continue  # an angle is no point, and a drive with a limit does not hold its points
         for r in range(first, first + (2 if kind == REVOLUTE else 1)):
             largest = max(largest, abs(row_acceleration(w, r, force)))
     return largest

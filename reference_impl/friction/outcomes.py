@@ -23,10 +23,12 @@ from __future__ import annotations
     UNBOUNDED,
     SELF_LOCKING,
     ILL_CONDITIONED,
-) = range(20)
+    PIN_LOADS,
+    PIN_FEEDBACK,
+) = range(22)
 """SOLVED: a solution, and for an integration the end of its time. ROOM: an integration's log is full. REPEAT: a step
 was rejected, and is to be made anew. SELF_LOCKING and ILL_CONDITIONED are no outcomes of a kernel: they say why it
-found none (`result.breakdown_of`); UNBOUNDED is one of an event only."""
+found none (`result.breakdown_of`), and so does PIN_FEEDBACK; UNBOUNDED is one of an event only."""
 DONE = SOLVED
 
 BREAKDOWNS = {
@@ -82,6 +84,15 @@ BREAKDOWNS = {
         "not finite",
         "no finite forces or state: masses, or inertias over the square of the largest "
         "lever, differ by more than 1e9, and rounding is as large as the forces",
+    ),
+    PIN_LOADS: (
+        "no solution",
+        "no forces in the pins were found that agree with the friction they cause",
+    ),
+    PIN_FEEDBACK: (
+        "several solutions",
+        "the friction of pins changes the forces in them by as much as these cause it (friction gain of 1 or more), so "
+        "that the motion need not be the only one",
     ),
     STEP_LIMIT: ("step limit", "step limit reached"),
     CRAWL: (

@@ -9,6 +9,14 @@ is below 1 the frictions are the fixed point of a contraction. So they exist and
 slipping guide that is necessary too: beyond, some loads have two solutions and others none (Painleve). There the
 contact modes are counted. A guide at rest adds its static coefficient, with both directions of slip in view.
 
+The load of a pin is the size of the force in it, a norm as well: it counts with its mu r and the sizes of the changes
+of its force. As frictions of pins and guides have no unit in common, a mechanism with such pins has the gain of the
+loads N_i, which are the fixed point of a map as well,
+
+    max over i of  sum over j of  mu_j |dN_i/df_j| ,    mu_j f_j the frictions by unit load, mu r of a pin,
+
+and where it is below 1 there is one solution.
+
 Where no friction depends on a load, the gain is zero. Friction with constant bounds is convex: the accelerations
 minimize the sum of Gauss' constraint (1/2) |a - M^-1 Q|_M^2 and of static_i |g_i''| over the guides at rest, on the
 accelerations that the constraints admit, a strictly convex problem. So they exist and are unique for any number of
@@ -19,6 +27,8 @@ some of them leave: `mode_choice` looks for that rest by its margins.
 """
 
 from __future__ import annotations
+
+from math import hypot
 
 import numpy as np
 
@@ -62,19 +72,34 @@ def friction_gain(m: Arrays, w: Workspace, slip: Integers, released: bool) -> tu
         if len(m.cell):
             normal, moment = m.position[normal], m.position[moment]
         mu = guide.mu if slip[f] != 0 else guide.mus
+        is_pin = guide.pin_mus > 0.0
         gain, column = 0.0, 0
         for j in range(len(m.friction)):
-            if not _may_slip(m, slip, j, released):
-                continue
+            has_load = guide.corners > 0 or is_pin
+            if not has_load or not _may_slip(m, slip, j, released):
+                continue  # a constant bound has no gain
             R, T = w.response[normal, column], w.response[moment, column]
-            load = normal_load(guide, R, T, -mu if slip[f] >= 0 else mu)
-            if slip[f] == 0:
+            load = hypot(R, T)
+            if not is_pin:
+                load = normal_load(guide, R, T, -mu if slip[f] >= 0 else mu)
+            if slip[f] == 0 and not is_pin:
                 load = max(load, normal_load(guide, R, T, mu))
-            gain += mu * load
+            # by frictions, which mu of this guide makes of the change of its load; or by loads, see the docstring
+            gain += mu * load if m.pins == 0 else _load_coefficient(m, slip, j) * load
             column += 1
+        if m.pins > 0 and _load_coefficient(m, slip, f) == 0.0:
+            gain = 0.0
         if where == NO_GUIDE or gain > worst:
             worst, where = gain, f
     return worst, where
+
+
+@kernel
+def _load_coefficient(m, slip, f):
+    """Return the friction of a joint per unit of its load: mu of a guide, mu r / L of a pin; static ones at rest."""
+    if slip[f] != 0:
+        return m.friction[f].mu + m.friction[f].pin_mu
+    return m.friction[f].mus + m.friction[f].pin_mus
 
 
 @kernel
@@ -168,8 +193,13 @@ def number_of_solutions(m: Arrays, w: Workspace, slip: np.ndarray) -> int:
 
 @kernel(allocates=True)
 def _count(m: Arrays, w: Workspace, slip: Integers, most: int) -> int:
-    """Solutions of a cell, up to `most`; 1 where its gain shows that there is one, TOO_MANY if the modes are."""
+    """Solutions of a cell, up to `most`; 1 where its gain shows that there is one, TOO_MANY if the modes are.
+
+    With pins under load and a gain of 1 or more they cannot be counted by linear systems: it is then `most`.
+    """
     if gain_of_mode(m, w, slip)[0] < 1.0:
         return 1
+    if m.pins > 0:
+        return most
     forces, directions = np.zeros((most, len(w.force))), np.zeros((most, len(slip)), dtype=np.int64)
     return solutions(m, w, slip, forces, directions, 0.0, COUNTED)

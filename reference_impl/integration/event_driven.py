@@ -76,6 +76,7 @@ from stiction.reference_impl.integration.mode_switch import (
     COINCIDENCE,
     begin,
     cross_switch,
+    room_needed,
     switch_mode,
 )
 from stiction.reference_impl.integration.result import (
@@ -87,6 +88,7 @@ from stiction.reference_impl.integration.result import (
 )
 from stiction.reference_impl.integration.right_hand_side import right_hand_side
 from stiction.reference_impl.integration.several_motions import NEARLY_SEVERAL, end_at_several
+from stiction.reference_impl.integration.spring_switch import begin_one_sided, switch_springs
 from stiction.reference_impl.integration.step_audit import audit
 from stiction.reference_impl.integration.step_limits import (
     TOLERATED,
@@ -195,9 +197,17 @@ def integrate(
         outcome = _commit(m, w, s, task)
         # the contact problem is solved at events only: the new mode holds until the next of them
         if outcome == DONE and step.event != NO_EVENT:
-            outcome = switch_mode(m, w, s, log, task.first_step)
+            outcome = _switch(m, w, s, log, task.first_step)
         if outcome != DONE:
             return outcome
+
+
+@kernel
+def _switch(m, w, s, log, first_step):
+    """Choose what follows the event at the state, of a guide or of a spring; return the outcome."""
+    if s.attempt.event < 3 * len(m.friction):
+        return switch_mode(m, w, s, log, first_step)
+    return switch_springs(m, w, s, log, first_step)
 
 
 @kernel
@@ -225,7 +235,7 @@ def _propose(m: Arrays, s: State, task: Task) -> bool:
     stop = task.t_end
     if p.next_kink < len(kinks):
         stop = min(stop, kinks[p.next_kink])
-    longest = longest_step(m, s, task.frequency) if len(m.friction) > 0 else np.inf
+    longest = longest_step(m, s, task.frequency) if len(s.at_start) > 0 else np.inf
     h = min(p.step, longest, stop - t)
     if stop - t - h < SLIVER * h and stop - t <= longest:
         h = stop - t
@@ -276,7 +286,7 @@ def _attempt(m: Arrays, w: Workspace, s: State, task: Task) -> int:
 
     # The limits of `longest_step` were computed at the start. Where bodies became faster within the step, forces may
     # have changed unseen between its stages.
-    ratio = limit_ratio(m, s, task.frequency) if len(m.friction) > 0 else 0.0
+    ratio = limit_ratio(m, s, task.frequency) if len(s.at_start) > 0 else 0.0
     curve = curve_ratio(m, s) if m.varying > 0 else 0.0
     ratio = max(ratio, curve)
     if ratio > TOLERATED:
@@ -640,8 +650,10 @@ class Integration:
         self._output = np.array(output, dtype=float)
         self._options = options
         self._workspace = workspace(m, options.solver)
-        self._state = state(q, v, frictional)
-        fastest = mechanism.fastest_law() if frictional else 0.0
+        one_sided = len(m.one_sided)
+        has_events = frictional + one_sided > 0
+        self._state = state(q, v, frictional, one_sided)
+        fastest = mechanism.fastest_law() if has_events else 0.0
         switches, switched = mechanism.switches(t_end)
         self._task = Task(
             t_end=t_end,
@@ -656,9 +668,12 @@ class Integration:
             switched=switched,
         )
         self._state.progress["step"] = self._task.first_step
-        longest = longest_step(m, self._state, fastest) if frictional else np.inf
+        self._state.progress["length"] = m.length_scale
+        longest = longest_step(m, self._state, fastest) if has_events else np.inf
         self._state.attempt["h"] = min(self._task.first_step, longest)
         self._code = DONE
+        if one_sided:
+            begin_one_sided(m, self._workspace, self._state)
         if frictional:
             self._code = begin(m, self._workspace, self._state, mechanism.largest_load())
         self._setup_s = clock() - started
@@ -689,8 +704,8 @@ class Integration:
         mechanism, options, output = self._mechanism, self._options, self._output
         m, w, s = mechanism.arrays, self._workspace, self._state
         n, progress = len(m.inverse_mass), s.progress
-        # all guides may change in one event, and all laws may switch at once
-        room = LOG_ROOM + len(m.friction) + len(m.law)
+        # all guides and springs may change in one event, and all laws may switch at once
+        room = LOG_ROOM + room_needed(m)
         samples, log = Samples.room(m, len(output)), EventLog.room(m, room, room)
         samples.t[:] = output
         logged = [[part[:0] for part in log]]

@@ -30,7 +30,8 @@ from stiction.reference_impl.multibody.dynamics import (
     largest_term,
     row_form,
 )
-from stiction.reference_impl.multibody.mechanism import Arrays, Workspace
+from stiction.reference_impl.multibody.mechanism import NO_LAW, Arrays, Workspace
+from stiction.reference_impl.multibody.one_sided import largest_tension
 from stiction.reference_impl.multibody.singular_positions import (
     ALWAYS_DEPENDENT,
     BRANCH_RATIO,
@@ -78,6 +79,7 @@ class Progress(Record):
     step: float  # the length proposed next
     speed: float  # the largest so far, m/s; rounding is judged by it and by `force`
     force: float  # the largest so far, N
+    length: float  # size of the mechanism, m, by which the rounding of depths of one-sided springs is judged
     gain: float  # friction gain (`uniqueness`) at the last accepted step
     checked: float  # when the progress of the run was checked last
     expected_in: float  # time from the state to the next expected event; inf if none is expected
@@ -132,8 +134,8 @@ class State(Bundle):
     K: Table  # (STAGES + 1 + EXTRA, 2n), derivatives at the stages of a step
     F: Table  # (7, 2n), its dense output
     audit_K: Table  # as K, of a step that an audit makes
-    at_start: Reals  # (3 * frictional,), event functions at the start of a step
-    at_stages: Table  # (STAGES, 3 * frictional), those at its stages, in the order of times
+    at_start: Reals  # event functions at the start of a step, as `Workspace.event`
+    at_stages: Table  # (STAGES, event functions), those at its stages, in the order of times
     audit_at_stages: Table  # as `at_stages`
     sampled: Table  # (NODES + 1, 3 * frictional); see `event_location.first_root`
     bernstein: Table  # (2, NODES + 1)
@@ -141,9 +143,12 @@ class State(Bundle):
     attempt: Attempt
 
 
-def state(q: np.ndarray, v: np.ndarray, frictional: int) -> State:
-    """Return the state at time 0, before a contact mode has been chosen."""
-    n, events = 2 * len(q), 3 * frictional
+def state(q: np.ndarray, v: np.ndarray, frictional: int, one_sided: int = 0) -> State:
+    """Return the state at time 0, before a contact mode has been chosen.
+
+    `frictional` and `one_sided` are the numbers of frictional guides and of springs that act on one side only.
+    """
+    n, events = 2 * len(q), 3 * (frictional + one_sided)
     s = State.zeros(
         y=n,
         y_old=n,
@@ -178,7 +183,9 @@ def state(q: np.ndarray, v: np.ndarray, frictional: int) -> State:
 
 @kernel
 def noise(s, e):
-    """Return the rounding of event function e, m/s or N, by the largest speed or force so far."""
+    """Return the rounding of event function e, m/s, N or m, by the largest speed or force so far, or by the size."""
+    if e >= 3 * len(s.slip):
+        return NOISE * (s.progress.length if e % 3 == 0 else s.progress.force)
     is_speed = e % 3 == 0 and s.slip[e // 3] != 0
     return NOISE * (s.progress.speed if is_speed else s.progress.force)
 
@@ -190,8 +197,8 @@ def rounding_of_terms(m, w, s, e):
     It is less than `noise` where forces were larger before: a force that grows without bound makes all others look like
     rounding, though its event function falls to zero there.
     """
-    is_speed = e % 3 == 0 and s.slip[e // 3] != 0
-    if is_speed:
+    is_of_spring = e >= 3 * len(s.slip)
+    if is_of_spring or (e % 3 == 0 and s.slip[e // 3] != 0):
         return noise(s, e)
     unit = m.friction[e // 3].unit
     return NOISE * largest_term(m, w) / np.sqrt(w.G[unit, unit])
@@ -206,10 +213,16 @@ def remember(m, w, s):
     """
     n, y, p = len(m.inverse_mass), s.y, s.progress
     p.speed = max(p.speed, largest_speed(m, y[n:]))
+    for f in range(len(m.friction)):
+        if m.friction[f].law != NO_LAW:
+            # the rate of a law has its rounding, too, as where a drive begins with a mechanism at rest
+            p.speed = max(p.speed, abs(w.slip_speed[f]))
     largest = max(largest_force(m, w, w.force), largest_term(m, w)) if len(m.friction) else 0.0
     for f in range(len(m.friction)):
         unit = m.friction[f].unit
         p.force = max(p.force, largest / np.sqrt(w.G[unit, unit]))
+    if len(m.one_sided) > 0:
+        p.force = max(p.force, largest_tension(m, w, y[:n], y[n:]))
 
 
 @kernel

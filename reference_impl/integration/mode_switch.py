@@ -37,6 +37,7 @@ from stiction.reference_impl.friction.outcomes import (
 )
 from stiction.reference_impl.friction.shared_rest import margins_of_safest
 from stiction.reference_impl.friction.uniqueness import gain_of_mode
+from stiction.reference_impl.integration.event_location import CREEP
 from stiction.reference_impl.integration.integration_state import (
     AT_ONCE,
     NO_EVENT,
@@ -58,7 +59,7 @@ from stiction.reference_impl.integration.result import (
 from stiction.reference_impl.integration.right_hand_side import right_hand_side
 from stiction.reference_impl.multibody.dynamics import acceleration, largest_speed, row_form
 from stiction.reference_impl.multibody.guide_freedom import DRIVEN, FREE
-from stiction.reference_impl.multibody.mechanism import Arrays, Workspace
+from stiction.reference_impl.multibody.mechanism import NO_LAW, Arrays, Workspace
 from stiction.reference_impl.multibody.projection import project
 from stiction.reference_impl.multibody.trajectory_columns import write_sample
 
@@ -98,7 +99,7 @@ def switch_mode(m: Arrays, w: Workspace, s: State, log: EventLog, first_step: fl
     p, event = s.progress, s.attempt.event
     guide = event // 3
     p.idle += 1
-    if p.idle > MOST_IDLE + MOST_IDLE_PER_GUIDE * len(m.friction):
+    if p.idle > MOST_IDLE + MOST_IDLE_PER_GUIDE * (len(m.friction) + len(m.one_sided)):
         return CHATTER
 
     # forces of the old mode at the event
@@ -149,6 +150,7 @@ def switch_mode(m: Arrays, w: Workspace, s: State, log: EventLog, first_step: fl
             # a first break-away: the largest speed so far is rounding, and no scale
             copy(s.y, s.probe)
             _foresee_speeds(m, w, s)
+        _remove_creep_against_slip(m, w, s)
 
     # start of the new mode
     begin_mode(m, w, s)
@@ -156,8 +158,8 @@ def switch_mode(m: Arrays, w: Workspace, s: State, log: EventLog, first_step: fl
     copy(w.event, s.at_start)
     p.stale = 0
     remember(m, w, s)
-    _log_changes(m, w, s, log, first, others)
-    return ROOM if p.logged + len(m.friction) + len(m.law) >= len(log.t) else DONE
+    log_changes(m, w, s, log, first, others)
+    return ROOM if p.logged + room_needed(m) >= len(log.t) else DONE
 
 
 @kernel
@@ -205,11 +207,16 @@ def cross_switch(m: Arrays, w: Workspace, s: State, log: EventLog, task: Task) -
         i = p.logged
         log.t[i], log.kind[i], log.others[i] = p.time, SWITCH, 0
         log.guide[i] = task.switched[p.next_switch]
-        _log_sides(w, s, log, first, i)
+        log_sides(w, s, log, first, i)
         p.next_switch += 1
-    _log_changes(m, w, s, log, first, 0)
-    room_needed = len(m.friction) + len(m.law)
-    return ROOM if p.logged + room_needed >= len(log.t) else DONE
+    log_changes(m, w, s, log, first, 0)
+    return ROOM if p.logged + room_needed(m) >= len(log.t) else DONE
+
+
+@kernel
+def room_needed(m):
+    """Return the largest number of rows of the log that one instant takes."""
+    return len(m.friction) + len(m.law) + len(m.one_sided)
 
 
 @kernel
@@ -219,7 +226,9 @@ def _choose_at_switch(m, w, s, task):
     t, q, v = p.time, s.y[:n], s.y[n:]
     for f in range(len(m.friction)):
         s.rest_speed[f] = COINCIDENCE * p.speed
-        if s.slip[f] == 0 and m.friction[f].freedom == FREE:
+        # a drive with a limit holds on only if the rate of its law does not jump
+        follows_law = m.friction[f].law != NO_LAW
+        if s.slip[f] == 0 and m.friction[f].freedom == FREE and not follows_law:
             s.rest_speed[f] = HOLDS
         elif s.slip[f] != 0 and t - s.began[f] <= SAME_INSTANT * max(task.first_step, t):
             s.rest_speed[f] = LEAVES
@@ -345,12 +354,7 @@ def _change_slip(m, w, s, first_step, guide, function, behind):
     t, y, slip = s.progress.time, s.y, s.slip
     n = len(m.inverse_mass)
 
-    # The speed up to which each guide is at rest. A stuck guide is whatever speed it has drifted to; one that began to
-    # slip in this instant is not, although it has no speed yet.
-    for f in range(len(m.friction)):
-        s.rest_speed[f] = HOLDS if slip[f] == 0 else COINCIDENCE * s.progress.speed
-        if slip[f] != 0 and t - s.began[f] <= SAME_INSTANT * max(first_step, t):
-            s.rest_speed[f] = LEAVES
+    set_rest_speeds(s, first_step)
 
     # the guide of the event, with those that cannot but slip or rest with it
     if sticks(m, slip, guide):
@@ -370,6 +374,20 @@ def _change_slip(m, w, s, first_step, guide, function, behind):
     return outcome
 
 
+@kernel
+def set_rest_speeds(s, first_step):
+    """Set the speed up to which each guide is at rest, at an event.
+
+    A stuck guide is whatever speed it has drifted to; one that began to slip in this instant is not, although it has no
+    speed yet.
+    """
+    t = s.progress.time
+    for f in range(len(s.slip)):
+        s.rest_speed[f] = HOLDS if s.slip[f] == 0 else COINCIDENCE * s.progress.speed
+        if s.slip[f] != 0 and t - s.began[f] <= SAME_INSTANT * max(first_step, t):
+            s.rest_speed[f] = LEAVES
+
+
 @kernel(allocates=True)
 def _break_away(m: Arrays, w: Workspace, s: State, guide: int, direction: int) -> None:
     """Let a guide at rest slip, and those at rest without which it cannot: for this instant none of them is at rest."""
@@ -383,6 +401,28 @@ def _break_away(m: Arrays, w: Workspace, s: State, guide: int, direction: int) -
     for f in range(nf):
         if s.old_slip[f] == 0 and s.slip[f] != 0:
             s.rest_speed[f] = LEAVES
+
+
+@kernel(allocates=True)
+def _remove_creep_against_slip(m: Arrays, w: Workspace, s: State) -> None:
+    """Take their slip speed from guides that begin to slip, where it is against their direction.
+
+    A guide at rest creeps by rounding, and rows of guides that share a load are not projected. Where static bounds
+    equal kinetic ones and a load grows slowly, a slip begins without an acceleration, and grows with the square of
+    time: a creep against it, above what `event_location` expects by the scale of speeds, would end it at once.
+    """
+    p, n = s.progress, len(m.inverse_mass)
+    q, v = s.y[:n], s.y[n:]
+    row_form(m, w, p.time, q, v)
+    held = np.zeros(len(m.friction), dtype=np.bool_)
+    is_against = False
+    for f in range(len(m.friction)):
+        held[f] = sticks(m, s.old_slip, f)
+        begins = held[f] and s.slip[f] != 0
+        is_against = is_against or begins and s.slip[f] * w.slip_speed[f] < -CREEP * p.speed
+    # whatever speed guides at rest have is an error: none is too large to be removed
+    if is_against and not rest_together(m, w, held, np.inf, v):
+        project(m, w, p.time, q, v, s.old_slip, True, 2)
 
 
 @kernel(allocates=True)
@@ -429,7 +469,7 @@ def _change_surfaces(m, w, s, event):
 
 
 @kernel
-def _log_changes(m, w, s, log, first, others):
+def log_changes(m, w, s, log, first, others):
     """Log an event for each guide whose mode has changed; the values before it stand in row `first`."""
     p = s.progress
     for f in range(len(m.friction)):
@@ -438,12 +478,12 @@ def _log_changes(m, w, s, log, first, others):
             continue
         i = p.logged
         log.t[i], log.kind[i], log.guide[i], log.others[i] = p.time, kind, f, others
-        _log_sides(w, s, log, first, i)
+        log_sides(w, s, log, first, i)
         w.counters.events += 1
 
 
 @kernel
-def _log_sides(w, s, log, first, i):
+def log_sides(w, s, log, first, i):
     """Write both sides of an instant into row i of the log: those before from row `first`, those after as they are."""
     if i > first:
         for k in range(3):

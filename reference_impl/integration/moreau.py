@@ -13,7 +13,7 @@ v) to (q+, v+), with q_M = q + dt/2 v:
 
 Beyond that paper: joints whose friction has a constant bound F of its own (`Arrays.friction`), of pins and guides, have
 a direction W_C each, which is always closed, with impulses P_C in F dt [-1, 1]; there is one bound, the static one is
-not used.
+not used. A drive with a limit is such a direction, whose velocity is W_C^T v+ minus the rate of its law at t_M.
 
 Bilateral impulses are eliminated. What is left is a linear complementarity problem with P_T = b1 - b2 and the largest
 slip l of a contact (Stewart & Trinkle, Int. J. Numer. Methods Eng. 39 (1996) 2673-2691, one direction in the plane),
@@ -44,7 +44,13 @@ from stiction.reference_impl.integration.result import Run, Samples
 from stiction.reference_impl.integration.step_audit import GOLDEN
 from stiction.reference_impl.multibody.dynamics import row_form
 from stiction.reference_impl.multibody.kinematics import direction_at, point_at, row_along
-from stiction.reference_impl.multibody.mechanism import Arrays, Mechanism, Workspace, workspace
+from stiction.reference_impl.multibody.mechanism import (
+    NO_LAW,
+    Arrays,
+    Mechanism,
+    Workspace,
+    workspace,
+)
 from stiction.reference_impl.multibody.trajectory_columns import build_columns
 from stiction.scenes import Breakdown, Cost
 
@@ -114,6 +120,7 @@ class State(Bundle):
     q: Reals
     v: Reals
     v_new: Reals
+    law_rate: Reals  # (dry,), rates of the laws of drives with a limit, m/s; 0 of joints
     work: Work
     samples: Samples
     corners: Annotated[np.ndarray, np.float64, 4]
@@ -324,6 +331,16 @@ def _contact_impulses(D: Table, c: Reals, mu: Reals, limit: Reals, P: Reals) -> 
     return outcome, pivots
 
 
+@kernel
+def _read_law_rates(m, w, contacts, s, W, n):
+    """Fill `State.law_rate` for n closed contacts: the rate of a law is W v minus the slip speed."""
+    for i in range(len(contacts.dry)):
+        f = contacts.dry[i]
+        s.law_rate[i] = 0.0
+        if m.friction[f].law != NO_LAW:
+            s.law_rate[i] = product(W[2 * n + i], s.v) - w.slip_speed[f]
+
+
 @kernel(allocates=True)
 def _step(
     m: Arrays, w: Workspace, contacts: Contacts, s: State, task: Task, t: float, row: int
@@ -338,6 +355,7 @@ def _step(
     row_form(m, w, t + 0.5 * dt, q, v)
     closed, W = _active_rows(m, w, contacts, q, v)
     n, impulses = len(closed), len(W)
+    _read_law_rates(m, w, contacts, s, W, n)
     J, X = _bilateral(m, w, contacts, W, dt)
     if len(X) < len(J):
         return SINGULAR
@@ -356,6 +374,7 @@ def _step(
             mu[i] = contacts.contact[closed[i]].mu
         for i in range(len(limit)):
             limit[i] = m.friction[contacts.dry[i]].bound * dt
+            c[2 * n + i] -= s.law_rate[i]
         outcome, pivots = _contact_impulses(_contact_matrix(m, W, J, X), c, mu, limit, P)
         s.work.pivots += pivots
         if outcome != SOLVED:
@@ -397,7 +416,8 @@ def _reactions(m, w, contacts, s, closed, W, P, row):
         slip[f] = 1 if w.slip_speed[f] > 0.0 else -1
     for i in range(len(contacts.dry)):
         force[m.rows + contacts.dry[i]] += P[2 * n + i]
-        slip[contacts.dry[i]] = _direction(product(W[2 * n + i], v_new), speed)
+        slip_speed = product(W[2 * n + i], v_new) - s.law_rate[i]
+        slip[contacts.dry[i]] = _direction(slip_speed, max(speed, abs(s.law_rate[i])))
     for i in range(n):
         contact, normal, friction = contacts.contact[closed[i]], P[i], P[n + i]
         corner[contact.guide, contact.corner, 0], corner[contact.guide, contact.corner, 1] = (
@@ -477,7 +497,13 @@ def simulate_moreau(
     kept, n, guides = steps // every + 2, len(q), mechanism.scene.guides
     samples = Samples.room(m, kept)
     state = State.zeros(
-        q=n, v=n, v_new=n, work=(), samples=samples, corners=(kept, len(guides), 4, 2)
+        q=n,
+        v=n,
+        v_new=n,
+        law_rate=len(contacts.dry),
+        work=(),
+        samples=samples,
+        corners=(kept, len(guides), 4, 2),
     )
     state.q[:], state.v[:] = q, v
     task, prepared = Task(dt, steps, every, restitution), clock()
@@ -502,7 +528,7 @@ def simulate_moreau(
             columns |= {f"{name}.F{k + 1}": corners[:, i, k, 0] for k in range(4)}
         if guide.length is not None and guide.frictional:
             lower, upper = corners[:, i, :2, 1].sum(axis=1), corners[:, i, 2:, 1].sum(axis=1)
-            if guide.friction is not None:
+            if guide.bounds[1] > 0.0:
                 # what is not friction of contacts has the constant bound, of which each surface has half
                 constant = 0.5 * (columns[f"{name}.friction"] - lower - upper)
                 lower, upper = lower + constant, upper + constant

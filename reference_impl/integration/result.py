@@ -29,6 +29,8 @@ from stiction.reference_impl.friction.outcomes import (
     MODE_LIMIT,
     NONE,
     NOT_FINITE,
+    PIN_FEEDBACK,
+    PIN_LOADS,
     PIVOT_LIMIT,
     RAY,
     SELF_LOCKING,
@@ -46,9 +48,9 @@ from stiction.reference_impl.multibody.trajectory_columns import build_columns
 from stiction.scenes import Breakdown, Cost, Event
 from stiction.scenes.event_values import rows_of
 
-SLIP, STICK, REVERSAL, CORNER, SWITCH = range(5)
+SLIP, STICK, REVERSAL, CORNER, SWITCH, CONTACT, RELEASE = range(7)
 UNCHANGED = -1
-EVENT_KINDS = ("slip", "stick", "reversal", "corner", "switch")
+EVENT_KINDS = ("slip", "stick", "reversal", "corner", "switch", "contact", "release")
 SAME_INSTANT = 1e-12
 """Part of the time so far, or of the first step if that is later, within which changes are one event: those of both
 corners of a slider. A guide that began to slip within it is not taken to be at rest again at the break-away of
@@ -85,9 +87,9 @@ class Samples(Bundle):
 
 
 class EventLog(Bundle):
-    """Events: time, kind, frictional guide, other consistent modes, and two-sided samples (n, 2, ...).
+    """Events: time, kind, number in `Mechanism.event_names`, other consistent modes, two-sided samples (n, 2, ...).
 
-    A SWITCH has the number of the law in place of that of the guide.
+    A SWITCH has the number of the law instead.
     """
 
     t: Reals
@@ -153,7 +155,7 @@ def breakdown_of(
     m, guide, found = mechanism.arrays, NO_GUIDE, None
     code, guide = _cause(code, mechanism, w, slip)
     kind, reason = BREAKDOWNS[code]
-    if code in (RAY, PIVOT_LIMIT, NONE, SEVERAL, SINGULAR, MODE_LIMIT, UNBOUNDED):
+    if code in (RAY, PIVOT_LIMIT, NONE, SEVERAL, SINGULAR, MODE_LIMIT, UNBOUNDED, PIN_LOADS):
         _, guide = gain_of_mode(m, w, slip)
     if code == SIGN_CYCLE:
         _, _, guide = trial_and_error(
@@ -185,8 +187,10 @@ def _cause(code: int, mechanism: Mechanism, w, slip: np.ndarray) -> tuple[int, i
     NO_GUIDE stands for none.
     """
     m = mechanism.arrays
-    if code not in (NONE, NOT_FINITE, STEP_TOO_SMALL, CRAWL, SINGULAR):
+    if code not in (NONE, NOT_FINITE, STEP_TOO_SMALL, CRAWL, SINGULAR, SEVERAL):
         return code, NO_GUIDE
+    if code == SEVERAL and m.pins:
+        return PIN_FEEDBACK, gain_of_mode(m, w, slip)[1]
     driven = (m.friction["freedom"] == DRIVEN) & (slip != 0)
     gain, guide = gain_of_mode(m, w, slip) if driven.any() else (0.0, NO_GUIDE)
     if guide != NO_GUIDE and driven[guide]:
@@ -234,7 +238,8 @@ def columns_and_events(
     rows: Sequence[Mapping[str, float]] = [{}] * (2 * len(instants))
     if sides and columns and len(instants):
         two_sided, _ = build(
-            np.repeat(instants, 2), *(part.reshape(-1, *part.shape[2:]) for part in sided)
+            np.repeat(instants, 2),
+            *(part.reshape(2 * len(part), *part.shape[2:]) for part in sided),
         )
         rows = rows_of(two_sided)
     events: list[Event] = []
@@ -247,7 +252,7 @@ def columns_and_events(
             name = mechanism.law_names[guide]
             switches.append(Event(instant, EVENT_KINDS[kind], name, before, after))
             continue
-        found = Event(instant, EVENT_KINDS[kind], mechanism.guide_names[guide], before, after, more)
+        found = Event(instant, EVENT_KINDS[kind], mechanism.event_names[guide], before, after, more)
         last = events[-1] if events else None
         if (
             last

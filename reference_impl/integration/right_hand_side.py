@@ -15,6 +15,13 @@ from stiction.reference_impl.friction.driven_guides import HELD, driven_accelera
 from stiction.reference_impl.friction.frozen_mode import event_functions, solve_mode
 from stiction.reference_impl.friction.open_forces import bounded, ordinary_load
 from stiction.reference_impl.friction.outcomes import SOLVED
+from stiction.reference_impl.friction.pins_under_load import (
+    BLURRED_RESIDUAL,
+    MOST_PASSES,
+    RESIDUAL,
+    solve_mode_of_pins,
+    take_loads,
+)
 from stiction.reference_impl.friction.shared_rest import share_rest
 from stiction.reference_impl.friction.uniqueness import COUNTED
 from stiction.reference_impl.friction.unlike_masses import solve_with_motion
@@ -26,6 +33,7 @@ from stiction.reference_impl.multibody.dynamics import (
 )
 from stiction.reference_impl.multibody.guide_freedom import DRIVEN
 from stiction.reference_impl.multibody.mechanism import Arrays, Workspace
+from stiction.reference_impl.multibody.one_sided import watch_springs
 from stiction.reference_impl.multibody.speed_dependence import continue_beyond_stop
 
 
@@ -43,7 +51,10 @@ def right_hand_side(
     row_form(m, w, t, y[:n], y[n:])
     if m.varying > 0:
         continue_beyond_stop(m, w, slip)
-    regular = solve_mode(m, w, slip, corner)
+    if m.pins > 0:
+        regular = solve_mode_of_pins(m, w, slip, corner)
+    else:
+        regular = solve_mode(m, w, slip, corner)
 
     # accelerations; of very unlike masses from a system that contains them, as M^-1 (Q + J^T lambda) would cancel
     for i in range(n):
@@ -55,11 +66,52 @@ def right_hand_side(
     # Event functions. Where guides at rest share a load the system is singular, and its shortest solution need not be
     # within Coulomb's cones: another share is looked for.
     event_functions(m, w, slip, corner)
+    if len(m.one_sided) > 0:
+        watch_springs(m, w, y[:n], y[n:])
     if m.unfree > 0:
         _watch_drives(m, w, slip)
-    if not regular and len(m.friction) and not _hyperstatic_stick(m, w, slip, corner):
-        for i in range(len(dy)):
-            dy[i] = np.nan
+    if not regular and len(m.friction):
+        has_forces = _hyperstatic_stick(m, w, slip, corner)
+        if m.pins > 0 and has_forces:
+            has_forces = _share_by_loads(m, w, slip, corner, dy)
+        if not has_forces:
+            for i in range(len(dy)):
+                dy[i] = np.nan
+
+
+@kernel
+def _share_by_loads(
+    m: Arrays, w: Workspace, slip: Integers, corner: IntegerTable, dy: Reals
+) -> bool:
+    """Share the load of joints at rest again until the bounds of pins agree with the forces in them.
+
+    Returns False where they do not agree (`pins_under_load`). Accelerations of whatever moves beside the joints at rest
+    follow from the last forces, unless these are of a motion that ends the rest, beyond its event.
+    """
+    least = np.inf
+    for _ in range(MOST_PASSES):
+        change = take_loads(m, w)
+        if change <= RESIDUAL or change <= BLURRED_RESIDUAL and change >= least:
+            if _all_hold(m, w, slip):
+                acceleration(m, w, w.force, dy[len(m.inverse_mass) :])
+            return True
+        least = min(least, change)
+        solve_mode(m, w, slip, corner)
+        event_functions(m, w, slip, corner)
+        if m.unfree > 0:
+            _watch_drives(m, w, slip)
+        if not _hyperstatic_stick(m, w, slip, corner):
+            return False
+    return False
+
+
+@kernel
+def _all_hold(m, w, slip):
+    """Return True if no event function of a joint at rest is negative."""
+    for f in range(len(m.friction)):
+        if sticks(m, slip, f) and min(w.event[3 * f], w.event[3 * f + 1]) < 0.0:
+            return False
+    return True
 
 
 @kernel
@@ -122,7 +174,8 @@ def _hyperstatic_stick(m: Arrays, w: Workspace, slip: Integers, corner: IntegerT
         hlcp.read(m, w, slip, force, y, x, accelerate, signs)
         for f in range(len(m.friction)):
             fastest = max(fastest, abs(accelerate[f]))
-        if fastest <= rest:
+        # the loads of pins are those of this solution even where it ends the rest
+        if fastest <= rest or m.pins > 0:
             copy(force, w.force)
     for f in range(len(m.friction)):
         if sticks(m, slip, f):

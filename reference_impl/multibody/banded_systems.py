@@ -132,6 +132,11 @@ def open_cell(m: Arrays, w: Workspace, c: int) -> Integers:
         guides[f] = own.origin[own.rows + f] - m.rows
         work.slip_speed[f] = w.slip_speed[guides[f]]
         if m.varying > 0:
-            own.friction[f].mu = m.friction[guides[f]].mu
-            own.friction[f].bound = m.friction[guides[f]].bound
+            joint = m.friction[guides[f]]
+            own.friction[f].mu = joint.mu
+            own.friction[f].own_bound = joint.own_bound
+            own.friction[f].pin_mu = joint.pin_mu
+            own.friction[f].load = joint.load
+            own.friction[f].bound = joint.bound
+            own.friction[f].static_bound = joint.static_bound
     return guides

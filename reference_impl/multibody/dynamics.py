@@ -22,6 +22,7 @@ from stiction.reference_impl.multibody.kinematics import (
     point_at,
 )
 from stiction.reference_impl.multibody.mechanism import ANGLE, AXIS, Arrays, Workspace
+from stiction.reference_impl.multibody.one_sided import add_one_sided
 from stiction.reference_impl.multibody.speed_dependence import set_coefficients
 
 ONE, TWO = np.uint64(1), np.uint64(2)
@@ -42,7 +43,8 @@ def _push(Q, body, rx, ry, fx, fy):
 def applied_forces(m, rotation, t, q, v, Q):
     """Fill in the generalized applied forces Q of (21), (3 * bodies,).
 
-    They are weight, springs and dampers, forces and torques. M of (21) is diagonal:
+    They are weight, springs and dampers, forces and torques. Those of springs that act on one side only are added by
+    `one_sided.add_one_sided`. M of (21) is diagonal:
     `Arrays.inverse_mass`.
     """
     for i in range(len(Q)):
@@ -101,6 +103,7 @@ def row_form(m: Arrays, w: Workspace, t: float, q: Reals, v: Reals) -> None:
     """
     constraints_at(m, w, t, q, v)
     applied_forces(m, w.rotation, t, q, v, w.free)
+    add_one_sided(m, w.rotation, q, v, w.acting, w.free)
     for i in range(len(w.free)):
         w.free[i] *= m.inverse_mass[i]
     for r in range(m.rows):

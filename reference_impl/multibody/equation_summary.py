@@ -39,11 +39,19 @@ def blocks(scene: Scene) -> list[Block]:
     revolute = tuple(name for name, joint in scene.joints.items() if isinstance(joint, Revolute))
     guides = scene.guides
     frictional = {name: guide for name, guide in guides.items() if guide.mu is not None}
-    bounded = tuple(name for name, joint in scene.joints.items() if joint.friction is not None)
+    bounded = tuple(
+        name
+        for name, joint in scene.joints.items()
+        if joint.friction is not None or joint.bounds[1] > 0.0
+    )
     firmer = tuple(
         name for name in bounded if scene.joints[name].bounds[1] > scene.joints[name].bounds[0]
     )
     alone = [name for name in bounded if name not in frictional]
+    loaded = {name: pin for name, pin in scene.pins.items() if pin.is_under_load}
+    firmer += tuple(
+        name for name, pin in loaded.items() if pin.friction_radii[1] > pin.friction_radii[0]
+    )
     cornered = tuple(name for name, guide in guides.items() if guide.length is not None)
     levers = tuple(name for name, guide in frictional.items() if guide.width)
     static = tuple(
@@ -83,6 +91,13 @@ def blocks(scene: Scene) -> list[Block]:
             "",
             "no elastic force",
         ),
+        Block(
+            "one-sided springs",
+            tuple(scene.one_sided_springs),
+            "QE: the tension where x is beyond its rest and the tension has the spring's sign, else 0",
+            "",
+            "springs push and pull",
+        ),
         Block("dampers", damped, "QE: -c x' on two bodies", "", "no viscous force"),
         Block("forces", tuple(scene.forces), "QE: law(t) on a body", "", "no law of time in QE"),
         Block(
@@ -101,10 +116,17 @@ def blocks(scene: Scene) -> list[Block]:
         ),
         Block(
             "drives",
-            tuple(scene.drives),
+            tuple(scene.prescribed_drives),
             "Phi_D = coordinate - law(t) = 0",
-            f"rows: {len(scene.drives)}",
+            f"rows: {len(scene.prescribed_drives)}",
             "no driving multiplier",
+        ),
+        Block(
+            "limited drives",
+            tuple(scene.limited_drives),
+            "holds: coordinate' = law', |lambda_D| <= L; gives way: lambda_D = -L sgn(coordinate' - law')",
+            f"tangential rows: {len(scene.limited_drives)}",
+            "no drive gives way",
         ),
         Block("stabilization", declared, stabilization, "", "no feedback of residuals"),
         Block(
@@ -120,7 +142,7 @@ def blocks(scene: Scene) -> list[Block]:
             "slip: lambda_T = -mu FN sgn(gT'); stick: gT' = 0 (3)-(16)",
             f"tangential rows: {len(frictional)}",
             "friction does not depend on normal forces: accelerations exist and are unique"
-            if bounded
+            if bounded or loaded or scene.limited_drives
             else "no complementarity problem: one linear solve gives all multipliers",
         ),
         Block(
@@ -147,6 +169,13 @@ def blocks(scene: Scene) -> list[Block]:
             "friction does not drop at break-away",
         ),
         Block(
+            "pins under load",
+            tuple(loaded),
+            "c = friction + mu radius |R|, cH = static_friction + mus radius |R|, R = (fx, fy)",
+            f"tangential rows: {len([name for name in loaded if name not in bounded])}",
+            "friction in pins does not depend on their forces",
+        ),
+        Block(
             "Stribeck's curve",
             tuple(name for name, joint in scene.joints.items() if joint.depends_on_speed),
             "slip: mu and c fall from mus and cH with exp(-(|gT'| / v_s)^shape)",
@@ -167,18 +196,18 @@ def hlcp_size(scene: Scene, sticking: int = 0, sticking_otherwise: int = 0) -> i
     It is 0 without friction. There is a pair for every bilateral row. The two rows of a guide with a
     coefficient of friction give way to its two corners, or without a length its normal row to its
     normal force. `UNKNOWNS_OF_STICK` are added for each of these guides that is `sticking`, and
-    `UNKNOWNS_OF_DIRECTION` for each other joint that is `sticking_otherwise`: a pin, or a guide with
-    a constant bound alone.
+    `UNKNOWNS_OF_DIRECTION` for each other element that is `sticking_otherwise`: a pin, a guide with
+    a constant bound alone, or a drive with a limit that holds.
     """
-    if not scene.frictional_joints:
+    if not scene.bounded_elements:
         return 0
     of_stick = UNKNOWNS_OF_STICK * sticking + UNKNOWNS_OF_DIRECTION * sticking_otherwise
     return constraint_rows(scene) + of_stick
 
 
 def constraint_rows(scene: Scene) -> int:
-    """Return the number of rows of Phi: two for a joint, one for a drive."""
-    return 2 * len(scene.joints) + len(scene.drives)
+    """Return the number of rows of Phi: two for a joint, one for a drive without a limit."""
+    return 2 * len(scene.joints) + len(scene.prescribed_drives)
 
 
 def constraint_components(scene: Scene) -> list[tuple[str, ...]]:

@@ -1,6 +1,8 @@
 """Which frictional joints can move at all: by a freedom of the mechanism, by its drives alone, or never.
 
-Guides here are all frictional joints, pins among them: what is said of a slider holds for the rotation of a pin. With
+Guides here are all frictional joints, pins among them: what is said of a slider holds for the rotation of a pin, and
+for the coordinate of a drive with a limit, which is no row of D. A drive with a limit counts as driven where it is
+locked, since it slips at the rate of its law. With
 J the rows of the joints, D those of the drives and W the tangential row of a guide, the slip velocity W v is
 
     locked   W depends on J:       no motion that the joints allow moves the slider in its guide;
@@ -100,9 +102,10 @@ def guide_freedoms(scene: Scene, length_scale: float) -> GuideFreedoms:
     length_scale : float
         A length of the mechanism, m, by which angles are compared with lengths.
     """
-    candidates = tuple(name for name in scene.frictional_joints if _closes_loop(scene, name))
+    elements = scene.bounded_elements
+    candidates = tuple(name for name in elements if _closes_loop(scene, name))
     if not candidates:
-        return GuideFreedoms(dict.fromkeys(scene.frictional_joints, GuideFreedom.FREE))
+        return GuideFreedoms(dict.fromkeys(elements, GuideFreedom.FREE))
     positions = tuple((name, (*body.position, body.angle)) for name, body in scene.bodies.items())
     return _freedoms(
         _Geometry(
@@ -119,11 +122,11 @@ def _freedoms(geometry: _Geometry, candidates: tuple[str, ...]) -> GuideFreedoms
     A run, its gate and the points of a sweep share the result.
     """
     scene, length_scale = geometry.scene, geometry.length_scale
-    found = dict.fromkeys(scene.frictional_joints, GuideFreedom.FREE)
+    found = dict.fromkeys(scene.bounded_elements, GuideFreedom.FREE)
     equations = EquationsOfMotion(scene)
     start, _ = equations.start()
     unit = np.where(np.arange(len(start)) % 3 == 2, 1.0 / length_scale, 1.0)
-    joints = len(equations.rows) - len(scene.drives)
+    joints = len(equations.rows) - len(scene.prescribed_drives)
     names = list(equations.frictional)
     beside_joints = np.zeros((POSITIONS, len(names)))
     beside_all = np.zeros((POSITIONS, len(names)))
@@ -136,7 +139,8 @@ def _freedoms(geometry: _Geometry, candidates: tuple[str, ...]) -> GuideFreedoms
     for name in candidates:
         k = names.index(name)
         if np.all(beside_joints[:, k] <= DEPENDENT):
-            found[name] = GuideFreedom.LOCKED
+            is_drive = name in scene.drives
+            found[name] = GuideFreedom.DRIVEN if is_drive else GuideFreedom.LOCKED
         elif np.all(beside_all[:, k] <= DEPENDENT):
             found[name] = GuideFreedom.DRIVEN
 
@@ -151,19 +155,22 @@ def _freedoms(geometry: _Geometry, candidates: tuple[str, ...]) -> GuideFreedoms
         if found[name] == GuideFreedom.FREE
         and any(
             moved[equations.rows.index(f"{name}.{label}")]
-            for label in _load_rows(scene.joints[name])
+            for label in _load_rows(scene.bounded_elements[name])
         )
     ]
     return GuideFreedoms(found, tuple(stressed))
 
 
-def _load_rows(joint: Joint) -> tuple[str, ...]:
+def _load_rows(joint: Joint | Drive) -> tuple[str, ...]:
     """Return the names of the rows that the bound of friction of a joint depends on.
 
-    Without a length this is the normal force alone, without a coefficient of friction nothing.
+    Without a length this is the normal force alone, without a coefficient of friction nothing. The load of a pin is the
+    force in it.
     """
-    if not isinstance(joint, Translational) or joint.mu is None:
+    if isinstance(joint, Drive) or joint.mu is None:
         return ()
+    if not isinstance(joint, Translational):
+        return ("fx", "fy")
     return ("normal_force", "moment") if joint.length else ("normal_force",)
 
 
@@ -178,7 +185,7 @@ def _closes_loop(scene: Scene, guide: str) -> bool:
             a, b = element.bodies
             linked.setdefault(a, set()).add(b)
             linked.setdefault(b, set()).add(a)
-    slider, goal = scene.joints[guide].bodies
+    slider, goal = scene.bounded_elements[guide].bodies
     reached, waiting = {slider}, [slider]
     while waiting:
         for body in linked.get(waiting.pop(), set()) - reached:

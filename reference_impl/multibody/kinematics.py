@@ -16,6 +16,7 @@ from stiction.reference_impl.multibody.mechanism import (
     LAW_SINE,
     LAW_SPLINE,
     LAW_SUM,
+    NO_ROW,
     PIECE_AMPLITUDE,
     PIECE_BEGIN,
     PIECE_COEFFICIENTS,
@@ -164,6 +165,9 @@ def row_along(J, row, ux, uy, arms, dx, dy):
 def constraints_at(m, w, t, q, v):
     """Fill rotation, J, phi, phi_dot, gamma and slip_speed of the workspace at (t, q, v): eqs. (8), (18)-(20).
 
+    A drive with a limit has a tangential row in place of its constraint: its slip is the rate of its coordinate minus
+    that of its law, so that gamma has the law's acceleration.
+
     gamma of u . d with u fixed in body b: u.(c_a - c_b) + 2 omega (k x u).d' - omega^2 u.d, where c are the
     centripetal accelerations of the points; of the distance |d| with e = d/|d|:
     e.(c_a - c_b) + (|d'|^2 - (e.d')^2)/|d|; nan where it is driven to zero or below, which no distance is.
@@ -174,9 +178,16 @@ def constraints_at(m, w, t, q, v):
         kind, r, a, b = constraint.kind, constraint.row, constraint.a, constraint.b
         if kind == ANGLE:
             s, s1, s2 = law_at(m, constraint.law, t)
-            w.J[6 * r + 2], w.J[6 * r + 5] = 1.0, -1.0
             qa, va = (q[3 * a + 2], v[3 * a + 2]) if a >= 0 else (0.0, 0.0)
             qb, vb = (q[3 * b + 2], v[3 * b + 2]) if b >= 0 else (0.0, 0.0)
+            if r == NO_ROW:
+                f, radius = constraint.friction, m.length_scale
+                z = 6 * (m.rows + f)
+                w.J[z + 2], w.J[z + 5] = radius, -radius
+                w.slip_speed[f] = radius * (va - vb - s1)
+                w.gamma[m.rows + f] = -radius * s2
+                continue
+            w.J[6 * r + 2], w.J[6 * r + 5] = 1.0, -1.0
             w.phi[r], w.phi_dot[r], w.gamma[r] = qa - qb - s, va - vb - s1, -s2
             continue
         rax, ray, xa, ya, vxa, vya, cxa, cya = point_at(
@@ -208,13 +219,16 @@ def constraints_at(m, w, t, q, v):
             d = sqrt(dx * dx + dy * dy)
             ux, uy = dx / d, dy / d
             rate = ux * ex + uy * ey
+            remainder = ux * cx + uy * cy + (ex * ex + ey * ey - rate * rate) / d - s2
+            if r == NO_ROW:
+                f = constraint.friction
+                row_along(w.J, m.rows + f, ux, uy, arms, dx, dy)
+                w.slip_speed[f] = rate - s1
+                w.gamma[m.rows + f] = remainder
+                continue
             row_along(w.J, r, ux, uy, arms, dx, dy)
             w.phi[r], w.phi_dot[r] = d - s, rate - s1
-            w.gamma[r] = (
-                ux * cx + uy * cy + (ex * ex + ey * ey - rate * rate) / d - s2
-                if s > 0.0
-                else np.nan
-            )
+            w.gamma[r] = remainder if s > 0.0 else np.nan
             continue
         ux, uy, omega = direction_at(w.rotation, v, b, constraint.ux, constraint.uy)
         along, across = ux * dx + uy * dy, ux * dy - uy * dx
@@ -222,6 +236,12 @@ def constraints_at(m, w, t, q, v):
         along_gamma = ux * cx + uy * cy + 2.0 * omega * (ux * ey - uy * ex) - omega * omega * along
         if kind == AXIS:
             s, s1, s2 = law_at(m, constraint.law, t)
+            if r == NO_ROW:
+                f = constraint.friction
+                row_along(w.J, m.rows + f, ux, uy, arms, dx, dy)
+                w.slip_speed[f] = along_rate - s1
+                w.gamma[m.rows + f] = along_gamma - s2
+                continue
             row_along(w.J, r, ux, uy, arms, dx, dy)
             w.phi[r], w.phi_dot[r], w.gamma[r] = along - s, along_rate - s1, along_gamma - s2
             continue

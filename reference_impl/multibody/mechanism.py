@@ -5,9 +5,12 @@ the scene, then drives. A frictional joint adds one row behind them, its tangent
 slider (W_T of eq. (8) at the slider's point), of a pin the relative rotation of its bodies. Every row touches at most
 two bodies, so that it is stored as two blocks of three coefficients, `J[row, side]`.
 
+A drive with a limit has no constraint row. It is dry friction with a constant bound: a tangential row behind those of
+the joints, whose slip is the rate of its coordinate minus that of its law.
+
 The rotation of a pin counts as the slip of a point at the distance `length_scale` from it (`Mechanism.slip_radius`),
 and its friction as a force there, so that all slip velocities are in m/s and all frictions in newton. Columns of
-trajectories are in rad/s and N m.
+trajectories are in rad/s and N m. So are those of a drive of an angle.
 
 The surfaces (+) and (-) need no rows of their own: the angle of the slider in its guide is a constraint row, and the
 row of W_T for a surface at lever -+b/2 is the tangential row +- b/2 times that angle row.
@@ -73,6 +76,11 @@ whatever the tolerance."""
 REVOLUTE, TRANSLATIONAL, ANGLE, DISTANCE, AXIS = range(5)
 NO_GUIDE = -1
 """Place of a frictional guide where there is none."""
+NO_ROW = -1
+"""Row of the normal force of a drive with a limit, which has none. What kernels read there, the last entry and then the
+first, they multiply by coefficients that are zero."""
+NO_LAW = -1
+"""Number of the law of a joint, which has none."""
 LAW_POLYNOMIAL, LAW_SINE, LAW_TABLE, LAW_SPLINE, LAW_PIECES, LAW_SUM = range(6)
 
 
@@ -86,23 +94,31 @@ def _record(integers: str, numbers: str) -> np.dtype:
 
 
 CONSTRAINT = _record("kind row a b law friction", "ax ay bx by ux uy offset")
-"""Bodies a and b, their points, direction (ux, uy) in the axes of b, offset of the angle, frictional guide or -1."""
+"""Bodies a and b, their points, direction (ux, uy) in the axes of b, offset of the angle, frictional guide or -1. A
+drive with a limit has the row NO_ROW, and its number among the frictional ones."""
 FRICTION = _record(
-    "row corners pair freedom surfaces unit",
-    "length width mu mus bound static_bound kinetic_mu kinetic_bound stribeck shape",
+    "row corners pair freedom surfaces unit law",
+    "length width mu mus bound static_bound kinetic_mu kinetic_bound stribeck shape "
+    "own_bound own_static pin_mu pin_mus load",
 )
-"""A frictional joint: a guide or a pin.
+"""A frictional joint, a guide or a pin, or a drive with a limit.
 
 `row`, the first of its two constraint rows: of a guide that of the normal force, and that of the moment follows.
 `corners`, the normal forces that have one sign each and that its friction depends on: 2, 1 without length, 0 without a
 coefficient of friction. `pair`, the first of their pairs in the HLCP. `freedom`, one of `guide_freedom.GuideFreedom`.
 `surfaces`, the directions of friction in the HLCP: the two surfaces of a guide with a coefficient, else 1. `unit`, the
-row whose mobility measures its forces: that of the normal force, or without corners its tangential row. `length` and
-`width` are 0 where it has none, or no corners. Its friction is at most bound + mu times the load in slip, static_bound
-+ mus times the load at rest (newton). Where `stribeck`, the speed of Stribeck's curve of exponent `shape`, is not 0
-(m/s), mu and bound are those of the last state (`speed_dependence`), between the static values and `kinetic_mu` and
-`kinetic_bound`."""
+row whose mobility measures its forces: that of the normal force, or without corners its tangential row. `law`, that of
+a drive, whose rate the slip is measured from, or NO_LAW. `length` and `width` are 0 where it has none, or no corners.
+Its friction is at most bound + mu times the load in slip, static_bound + mus times the load at rest (newton). Where
+`stribeck`, the speed of Stribeck's curve of exponent `shape`, is not 0 (m/s), mu and bound are those of the last state
+(`speed_dependence`), between the static values and `kinetic_mu` and `kinetic_bound`.
+
+A pin under load has mu = mus = 0 and bounds that depend on the size `load` of the force in it (newton), of the last
+state (`pins_under_load`): `own_bound` + `pin_mu` times this load in slip, `own_static` + `pin_mus` times it at rest.
+`kinetic_mu` is then that of fast slip for `pin_mu`."""
 SPRING = _record("kind a b", "ax ay bx by ux uy stiffness damping rest")
+ONE_SIDED = _record("kind a b", "ax ay bx by ux uy stiffness damping rest sign")
+"""A spring that acts on one side only; `sign` -1 of one that pushes, 1 of one that pulls (`one_sided`)."""
 LOAD = _record("body law", "px py ux uy")
 LINE = _record("a b flips", "ax ay bx by")
 """Points of two bodies along whose line a force acts; `flips`, 1 where the points may pass each other and the force has
@@ -131,13 +147,16 @@ class Arrays(Bundle):
     constraint: Annotated[
         np.ndarray, CONSTRAINT, 1
     ]  # one per joint and drive, in the order of their rows
-    friction: Annotated[np.ndarray, FRICTION, 1]  # one per frictional joint
-    spring: Annotated[np.ndarray, SPRING, 1]
+    friction: Annotated[
+        np.ndarray, FRICTION, 1
+    ]  # one per frictional joint, drives with a limit last
+    spring: Annotated[np.ndarray, SPRING, 1]  # those that act on both sides
+    one_sided: Annotated[np.ndarray, ONE_SIDED, 1]
     load: Annotated[np.ndarray, LOAD, 1]  # a torque has the direction (0, 0)
     turning: Integers
     """Bodies whose angle enters forces: one that guides a slider, carries the axis of a spring or a drive, or has a
     joint, a spring, a drive or a load that acts beside its centre of mass. As `line`, it bounds steps (`step_limits`),
-    and is for mechanisms with friction only."""
+    and is for mechanisms with friction or springs that act on one side only."""
     line: Annotated[
         np.ndarray, LINE, 1
     ]  # springs of points with rest length or damping, and drives of a distance
@@ -163,8 +182,11 @@ class Arrays(Bundle):
     baumgarte_beta2: float
     length_scale: float
     unfree: int  # frictional joints that no freedom moves (`guide_freedom`)
-    loaded: int  # frictional joints whose friction depends on a load: those that have corners
-    varying: int  # frictional joints whose bounds depend on the state (`speed_dependence`)
+    loaded: int  # frictional joints whose friction depends on a load: those with corners, and pins under load
+    pins: int  # pins whose friction depends on the force in them (`pins_under_load`)
+    varying: (
+        int  # frictional joints whose bounds depend on the state: these pins, and Stribeck's curves
+    )
     unlike: int  # 1 if masses or inertias are unlike by more than `UNLIKE` (`unlike_masses`)
 
 
@@ -192,7 +214,8 @@ class Workspace(Bundle):
     unit: Reals
     response: Table
     force: Reals  # (all,), multipliers, then the frictions on the sliders
-    event: Reals  # (3 * frictional,), event functions of the contact mode, all >= 0 while it lasts
+    event: Reals  # (3 * (frictional + one-sided springs),), event functions of the mode, all >= 0 while it lasts
+    acting: Integers  # (one-sided springs,), their states (`one_sided`)
     solver: int  # of contact problems; one of `solver_names.SOLVERS`
     counters: Counters  # work done so far
     separate: Bundles  # those of `Arrays.separate`; bodies, their rows and the counters are shared
@@ -209,6 +232,7 @@ def workspace(arrays: Arrays, solver: int = AUTOMATIC) -> Workspace:
         phi_dot=arrays.rows,
         gamma=size,
         free=coordinates,
+        acting=len(arrays.one_sided),
         solver=solver,
         counters=(),
         separate=(),
@@ -242,7 +266,7 @@ def _room(m: Arrays) -> dict[str, Any]:
         "unit": 2 * size,
         "response": (size, nf),
         "force": size,
-        "event": 3 * nf,
+        "event": 3 * (nf + len(m.one_sided)),
     }
 
 
@@ -264,13 +288,17 @@ class Mechanism:
     arrays : Arrays
     body_names, row_names, guide_names : list of str
         Names of bodies, of constraint rows (``pin.fx``, ``guide.normal_force``, ``motor.effort``) and of
-        frictional joints, guides and pins, in the order of the arrays.
+        frictional joints, guides and pins, in the order of the arrays. Drives with a limit are among the latter.
     force_names : list of str
-        Columns of the row forces: `row_names`, and ``friction`` of the frictional joints.
+        Columns of the row forces: `row_names`, then ``friction`` of the frictional joints and ``effort`` of drives with
+        a limit.
     slip_radius : ndarray, shape (frictional,)
-        Slip (m) per unit of relative motion of each frictional joint: 1 for a guide, `length_scale` for a pin (m/rad).
+        Slip (m) per unit of relative motion of each frictional joint: 1 for a guide, `length_scale` for a pin (m/rad);
+        of drives with a limit, 1 for a distance and `length_scale` for an angle.
     force_units : ndarray, shape (rows + frictional,)
         Value of a column of `force_names` per unit of its row force: `slip_radius` for frictions, else 1.
+    event_names : list of str
+        What has event functions: `guide_names`, then the springs that act on one side only.
     stressed_guides : tuple of str
         Guides whose load depends on a stress that rigid bodies leave open; see `guide_freedom.GuideFreedoms`.
     projection : bool
@@ -284,16 +312,18 @@ class Mechanism:
 
     def __init__(self, scene: Scene, stabilization: str = "scene"):
         self.scene = scene
-        self.body_names, self.guide_names = list(scene.bodies), list(scene.frictional_joints)
+        self.body_names, self.guide_names = list(scene.bodies), list(scene.bounded_elements)
         self.row_names = _row_names(scene)
-        self.force_names = [*self.row_names, *(f"{name}.friction" for name in self.guide_names)]
+        self.event_names = [*self.guide_names, *scene.one_sided_springs]
+        self.force_names = [
+            *self.row_names,
+            *(f"{name}.friction" for name in scene.frictional_joints),
+            *(f"{name}.effort" for name in scene.limited_drives),
+        ]
         self._index = {GROUND: -1, **{name: i for i, name in enumerate(self.body_names)}}
         radius = self._length_scale()
         self.slip_radius = np.array(
-            [
-                radius if isinstance(joint, Revolute) else 1.0
-                for joint in scene.frictional_joints.values()
-            ]
+            [radius if _turns(element) else 1.0 for element in scene.bounded_elements.values()]
         )
         self.force_units = np.concatenate([np.ones(len(self.row_names)), self.slip_radius])
         laws = {name: element.law for name, element in (scene.drives | scene.forces).items()}
@@ -422,6 +452,9 @@ class Mechanism:
                 )
                 points, direction, law, rows = element.points, element.axis or direction, driven, 1
                 driven += 1
+                if element.is_limited:
+                    guide, rows = len(frictions), 0
+                    frictions.append(self._limit(element, law, freedoms[name]))
             else:
                 kind, points = TRANSLATIONAL, (element.slider_point, element.point)
                 direction, offset = element.direction, element.angle
@@ -431,7 +464,7 @@ class Mechanism:
             constraints.append(
                 (
                     kind,
-                    row,
+                    row if rows else NO_ROW,
                     *(self._index[body] for body in element.bodies),
                     law,
                     guide,
@@ -469,9 +502,7 @@ class Mechanism:
             "entry": entry,
             "origin": np.zeros(0, dtype=np.int64),
             "length_scale": self._length_scale(),
-            "unfree": int(np.count_nonzero(friction["freedom"])),
-            "loaded": int(np.count_nonzero(friction["corners"])),
-            "varying": int(np.count_nonzero(friction["stribeck"])),
+            **_counts_of_friction(friction),
             "unlike": int(self.largest_ratio_of_masses() > UNLIKE),
         }
 
@@ -486,16 +517,29 @@ class Mechanism:
             mu, mus = joint.kinetic_coefficient, joint.static_coefficient
         # the bounds of a pin are torques: its friction counts as a force at the radius of its slip
         radius = self._length_scale() if isinstance(joint, Revolute) else 1.0
+        pin_mu, pin_mus = 0.0, 0.0
+        if isinstance(joint, Revolute):
+            pin_mu, pin_mus = (value / radius for value in joint.friction_radii)
         bound, static_bound = (value / radius for value in joint.bounds)
         surfaces = 2 if corners else 1
         stribeck, shape = 0.0, joint.stribeck_shape
         if joint.depends_on_speed and joint.stribeck_velocity is not None:
             stribeck = joint.stribeck_velocity * radius
-        law = (mu, mus, bound, static_bound, mu, bound, stribeck, shape)
-        return (row, corners, 0, freedom, surfaces, 0, length, width, *law)
+        law = (mu, mus, bound, static_bound, mu or pin_mu, bound, stribeck, shape)
+        by_load = (bound, static_bound, pin_mu, pin_mus, 0.0)
+        return (row, corners, 0, freedom, surfaces, 0, NO_LAW, length, width, *law, *by_load)
+
+    def _limit(self, drive: Drive, law: int, freedom: int) -> tuple[float, ...]:
+        """Return the entry of a drive with a limit in `Arrays.friction`, of the law of this number."""
+        radius = self._length_scale() if _turns(drive) else 1.0
+        bound, static_bound = (value / radius for value in drive.bounds)
+        friction = (0.0, 0.0, bound, static_bound, 0.0, bound, 0.0, 1.0)
+        by_load = (bound, static_bound, 0.0, 0.0, 0.0)
+        return (NO_ROW, 0, 0, freedom, 1, 0, law, 0.0, 0.0, *friction, *by_load)
 
     def _springs(self) -> dict[str, np.ndarray]:
-        springs = []
+        springs: list[tuple[float, ...]] = []
+        one_sided: list[tuple[float, ...]] = []
         for spring in self.scene.springs_and_dampers.values():
             bodies = [self._index[body] for body in spring.bodies]
             if isinstance(spring, LinearSpring):
@@ -528,7 +572,12 @@ class Mechanism:
                         spring.rest_angle,
                     )
                 )
-        return {"spring": np.array(springs, dtype=SPRING)}
+            if spring.acts is not None:
+                one_sided.append((*springs.pop(), spring.side))
+        return {
+            "spring": np.array(springs, dtype=SPRING),
+            "one_sided": np.array(one_sided, dtype=ONE_SIDED),
+        }
 
     def _loads(self) -> dict[str, np.ndarray]:
         """Return the loads, and the laws, those of drives first."""
@@ -644,11 +693,11 @@ def _law_arrays(laws: Sequence[Law]) -> dict[str, np.ndarray]:
 
 def _what_turns(m: dict[str, Any]) -> dict[str, np.ndarray]:
     """Return `Arrays.turning` and `Arrays.line`, from the other fields `m` of the arrays."""
-    if not len(m["friction"]):
+    if not len(m["friction"]) and not len(m["one_sided"]):
         return {"turning": np.zeros(0, dtype=np.int64), "line": np.zeros(0, dtype=LINE)}
     bodies: set[int] = set()
     lines: list[tuple[float, ...]] = []
-    for element in [*m["constraint"], *m["spring"]]:
+    for element in [*m["constraint"], *m["spring"], *m["one_sided"]]:
         kind, a, b = int(element["kind"]), int(element["a"]), int(element["b"])
         if kind == ANGLE:
             continue  # two angles, whose difference is the same for all directions
@@ -658,7 +707,7 @@ def _what_turns(m: dict[str, Any]) -> dict[str, np.ndarray]:
         if any(points[2:]) or kind in (TRANSLATIONAL, AXIS):
             bodies.add(b)  # the axis, or the line of the guide, is fixed in b
         if kind == DISTANCE:
-            is_spring = element.dtype == SPRING
+            is_spring = element.dtype in (SPRING, ONE_SIDED)
             rest, damping = (
                 float(element[name]) if is_spring else 0.0 for name in ("rest", "damping")
             )
@@ -673,6 +722,22 @@ def _what_turns(m: dict[str, Any]) -> dict[str, np.ndarray]:
     }
 
 
+def _turns(element: Revolute | Translational | Drive) -> bool:
+    """Return True if the slip of an element is an angle: that of a pin, and of a drive of an angle."""
+    return isinstance(element, Revolute) or element.type == "angle"
+
+
+def _counts_of_friction(friction: np.ndarray) -> dict[str, int]:
+    """Return the numbers of frictional joints of several kinds, fields of `Arrays`."""
+    under_load = friction["pin_mus"] > 0.0
+    return {
+        "unfree": int(np.count_nonzero(friction["freedom"])),
+        "loaded": int(np.count_nonzero((friction["corners"] > 0) | under_load)),
+        "pins": int(np.count_nonzero(under_load)),
+        "varying": int(np.count_nonzero((friction["stribeck"] > 0.0) | under_load)),
+    }
+
+
 def _row_names(scene: Scene) -> list[str]:
     named = [
         (name, ("fx", "fy") if isinstance(joint, Revolute) else ("normal_force", "moment"))
@@ -680,7 +745,7 @@ def _row_names(scene: Scene) -> list[str]:
     ]
     return [
         f"{name}.{row}"
-        for name, rows in [*named, *((name, ("effort",)) for name in scene.drives)]
+        for name, rows in [*named, *((name, ("effort",)) for name in scene.prescribed_drives)]
         for row in rows
     ]
 
@@ -696,6 +761,8 @@ def _blocks(
     blocks: list[tuple[int, int, int]] = []
     for kind, first, a, b, friction in joints:
         own = [first + i for i in range(2 if kind in (REVOLUTE, TRANSLATIONAL) else 1)]
+        if first == NO_ROW:
+            own = []
         if friction >= 0:
             own.append(rows + friction)
         blocks += [
@@ -772,7 +839,7 @@ def _separate(m: Arrays) -> tuple[Arrays, ...]:
         rows = np.sort(order)
         local[rows] = np.arange(len(rows))
         friction = m.friction[rows[rows >= m.rows] - m.rows]
-        friction["row"] = local[friction["row"]]
+        friction["row"] = np.where(friction["row"] == NO_ROW, NO_ROW, local[friction["row"]])
         friction["unit"] = local[friction["unit"]]
         block = m.block[cell["first_block"] : cell["end_block"]].copy()
         block[:, 1] = local[block[:, 1].astype(np.int64)]
@@ -786,13 +853,12 @@ def _separate(m: Arrays) -> tuple[Arrays, ...]:
                 constraint=m.constraint[:0],
                 friction=friction,
                 spring=m.spring[:0],
+                one_sided=m.one_sided[:0],
                 load=m.load[:0],
                 law=m.law[:0],
                 knots=m.knots[:0],
                 piece=m.piece[:0],
-                unfree=int(np.count_nonzero(friction["freedom"])),
-                varying=int(np.count_nonzero(friction["stribeck"])),
-                loaded=int(np.count_nonzero(friction["corners"])),
+                **_counts_of_friction(friction),
                 block=block,
                 pair=m.pair[:0],
                 smooth=_hlcp_pairs(count, friction),

@@ -93,8 +93,8 @@ def recover_columns(
     # The unknowns are the multipliers, and the frictions that are not reported.
     force = np.zeros((len(t), m.rows + len(mechanism.guide_names)))
     is_known = np.zeros(force.shape, dtype=bool)
-    for i, name in enumerate(mechanism.guide_names):
-        friction = reported.pop(f"{name}.friction", None)
+    for i, name in enumerate(mechanism.force_names[m.rows :]):
+        friction = reported.pop(name, None)
         if friction is not None:
             is_reported = ~np.isnan(friction)
             is_known[:, m.rows + i] = is_reported

@@ -51,8 +51,22 @@ def continue_beyond_stop(m: Arrays, w: Workspace, slip: Integers) -> None:
 
 @kernel
 def _set_law(m, f, power):
-    """Set `mu` and `bound` of joint f for an exponent -power, power = (|v| / v_s)^p."""
+    """Set the law of joint f in slip for an exponent -power, power = (|v| / v_s)^p."""
     lost = -expm1(-power)  # part of the static excess that is lost; exactly 0 at rest
     guide = m.friction[f]
-    m.friction[f].mu = guide.mus - (guide.mus - guide.kinetic_mu) * lost
-    m.friction[f].bound = guide.static_bound - (guide.static_bound - guide.kinetic_bound) * lost
+    m.friction[f].own_bound = guide.own_static - (guide.own_static - guide.kinetic_bound) * lost
+    if guide.pin_mus > 0.0:
+        m.friction[f].pin_mu = guide.pin_mus - (guide.pin_mus - guide.kinetic_mu) * lost
+        set_bounds(m, f, guide.load)
+    else:
+        m.friction[f].bound = m.friction[f].own_bound
+        m.friction[f].mu = guide.mus - (guide.mus - guide.kinetic_mu) * lost
+
+
+@kernel
+def set_bounds(m, f, load):
+    """Set the bounds of a pin for the size of the force in it, `load` (newton)."""
+    pin = m.friction[f]
+    m.friction[f].load = load
+    m.friction[f].bound = pin.own_bound + pin.pin_mu * load
+    m.friction[f].static_bound = pin.own_static + pin.pin_mus * load

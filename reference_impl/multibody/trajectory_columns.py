@@ -11,6 +11,7 @@ from numpy.typing import ArrayLike
 from stiction.reference_impl.compiled.bundle import Integers, Reals, Table
 from stiction.reference_impl.compiled.kernel import kernel
 from stiction.reference_impl.compiled.loops import copy
+from stiction.reference_impl.equations_of_motion import Motion
 from stiction.reference_impl.friction.coulomb import equal_mobilization, split_between_corners
 from stiction.reference_impl.multibody.dynamics import acceleration, largest_force, row_form
 from stiction.reference_impl.multibody.mechanism import (
@@ -19,15 +20,18 @@ from stiction.reference_impl.multibody.mechanism import (
     Mechanism,
     Workspace,
 )
+from stiction.reference_impl.multibody.one_sided import BY_STATE, touch_at_contact
 from stiction.scenes import InputError
 from stiction.scenes.columns import BODY_COLUMNS
-from stiction.scenes.model import Translational
+from stiction.scenes.model import Drive, Translational
 from stiction.scenes.stribeck import coefficient_in_slip
 
 CORNER_COLUMNS = ("F1", "F2", "F3", "F4", "friction_lower", "friction_upper")
 GUIDE_COLUMNS, DRIFT_COLUMNS = ("displacement", "slip_velocity"), ("position", "velocity")
 PIN_SLIP = "slip_velocity"
 """Column of a pin with friction, beside those of its row forces: its relative angular velocity."""
+LIMIT_COLUMNS = ("slip_velocity", "lag")
+"""Columns of a drive with a limit, beside its effort and mode: how its coordinate differs from its law."""
 BLOCK = 512
 """Rows that are transposed together: so many of some dozens of numbers fit into a processor's cache."""
 
@@ -64,7 +68,7 @@ def build_columns(  # noqa: PLR0913 - the parts of samples
     for r, name in enumerate(mechanism.row_names):
         read[name] = forces[r]
     for i, name in enumerate(mechanism.guide_names):
-        read[f"{name}.friction"] = forces[m.rows + i] * mechanism.slip_radius[i]
+        read[mechanism.force_names[m.rows + i]] = forces[m.rows + i] * mechanism.slip_radius[i]
         if slip is not None:
             read[f"{name}.mode"] = slip[:, i].astype(np.int8)
     columns = {name: values for name, values in read.items() if names is None or name in names}
@@ -82,6 +86,10 @@ def build_columns(  # noqa: PLR0913 - the parts of samples
             )
         if not is_guide and joint.frictional and are_wanted(name, (PIN_SLIP,)):
             columns[f"{name}.{PIN_SLIP}"] = slip_velocity(m, k, q, v)
+    for name, drive in mechanism.scene.limited_drives.items():
+        if are_wanted(name, LIMIT_COLUMNS):
+            motion_of_drive = limited_motion(drive, mechanism.body_names, t, q, v)
+            columns.update(zip((f"{name}.{label}" for label in LIMIT_COLUMNS), motion_of_drive))
     if are_wanted("drift", DRIFT_COLUMNS):
         norms = (
             residual_norms(
@@ -187,7 +195,7 @@ def corner_columns(
     if guide.frictional:
         lower = kappa * (corners[f"{name}.F1"] + corners[f"{name}.F2"])
         upper = kappa * (corners[f"{name}.F3"] + corners[f"{name}.F4"])
-        if guide.friction is not None:
+        if guide.bounds[1] > 0.0:
             # what the loads do not carry is the constant part, of which each surface has half
             constant = 0.5 * (friction - lower - upper)
             lower, upper = lower + constant, upper + constant
@@ -234,13 +242,27 @@ def imbalance(
     for i in range(len(t)):
         row_form(m, w, t[i], q[i], v[i])
         position[i], velocity[i] = residual_norm(w.phi), residual_norm(w.phi_dot)
-        acceleration(m, w, force[i], balanced)
-        size[i] = largest_force(m, w, force[i])
-        for k in range(len(balanced)):
-            unit = 1.0 / np.sqrt(m.inverse_mass[k])
-            left[i] = max(left[i], abs(a[i, k] - balanced[k]) * unit)
-            size[i] = max(size[i], max(abs(a[i, k]), abs(w.free[k])) * unit)
+        left[i], size[i] = _imbalance_of_rows(m, w, a[i], force[i], balanced)
+        if len(m.one_sided) > 0 and touch_at_contact(m, w, q[i], v[i]):
+            # The tension of damped springs jumps where they come into contact: it may be that of either side.
+            row_form(m, w, t[i], q[i], v[i])
+            other, size[i] = _imbalance_of_rows(m, w, a[i], force[i], balanced)
+            left[i] = min(left[i], other)
+            for k in range(len(m.one_sided)):
+                w.acting[k] = BY_STATE
     return left, size, position, velocity
+
+
+@kernel
+def _imbalance_of_rows(m, w, a, force, balanced):
+    """Return the remainder and the largest term of `imbalance`, of the rows in the workspace."""
+    acceleration(m, w, force, balanced)
+    left, size = 0.0, largest_force(m, w, force)
+    for k in range(len(balanced)):
+        unit = 1.0 / np.sqrt(m.inverse_mass[k])
+        left = max(left, abs(a[k] - balanced[k]) * unit)
+        size = max(size, max(abs(a[k]), abs(w.free[k])) * unit)
+    return left, size
 
 
 def slip_velocity(m, k: int, q: np.ndarray, v: np.ndarray) -> np.ndarray:
@@ -256,6 +278,32 @@ def slip_velocity(m, k: int, q: np.ndarray, v: np.ndarray) -> np.ndarray:
         if body >= 0:
             rate += sign * v[:, 3 * body + 2]
     return rate
+
+
+def limited_motion(
+    drive: Drive, bodies: Sequence[str], t: np.ndarray, q: np.ndarray, v: np.ndarray
+) -> tuple[np.ndarray, np.ndarray]:
+    """Return how the coordinate of a drive with a limit differs from its law at times t (n,).
+
+    Parameters
+    ----------
+    drive : Drive
+        The drive.
+    bodies : sequence of str
+        The names of the bodies, in the order of the coordinates.
+    t, q, v : ndarray
+        Times, s, shape (n,), and coordinates and velocities, shape (n, 3 * bodies).
+
+    Returns
+    -------
+    slip_velocity : ndarray, shape (n,)
+        The rate of the coordinate minus that of the law, rad/s or m/s.
+    lag : ndarray, shape (n,)
+        The value of the law minus the coordinate, rad or m.
+    """
+    motion = Motion(list(bodies), np.asarray(t, dtype=float), np.asarray(q), np.asarray(v))
+    difference = motion.coordinate(drive) - motion.law(drive.law)
+    return difference.rate, -difference.value
 
 
 def guide_motion(m, k: int, q: np.ndarray, v: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

@@ -1,21 +1,26 @@
-"""Figures of a sweep: a curve over one axis, or a map over two axes with the stick threshold drawn on it."""
+"""Figures of a sweep: curves over one axis, maps over two axes with the stick threshold on them, and maps of bands."""
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+import json
+from collections.abc import Iterator, Mapping
+from dataclasses import replace
 
 import matplotlib
+import numpy as np
 import pandas as pd
 from matplotlib import patheffects
 from matplotlib.axes import Axes
 
 from stiction.comparisons.bench.presentation.cells import intervals_of
 from stiction.comparisons.bench.quantities import Quantity, quantity_of
-from stiction.comparisons.measures.reference_bands import AMPLITUDE
-from stiction.comparisons.sweep.sweep import STICK_BANDS, THRESHOLD_COLUMN, Sweep
+from stiction.comparisons.sweep.points import ALL_BANDS, STICK_BANDS, THRESHOLD_COLUMN
+from stiction.comparisons.sweep.sweep import Sweep
 from stiction.engines.status import Status
 from stiction.reports.figures.style import COLORS, Drawing, make_panels
 from stiction.scenes import Scene
+from stiction.scenes.value_units import unit_of_value
+from stiction.truths.bands import BandKind
 
 COLOR_SCALE = "cividis"
 """Scale of the maps. Its lightness increases, also for the colour-blind (Nunez et al. 2018)."""
@@ -40,23 +45,20 @@ OUTLINE_WIDTH = 2.8
 COLORBAR_PAD = 0.02
 """Distance of the colour bar from a map, as a part of the width of the map."""
 
-UNITS = {
-    AMPLITUDE: "N",
-    "amplitude": "N",
-    "frequency": "rad/s",
-    "phase": "rad",
-    "mass": "kg",
-    "inertia": "kg m$^2$",
-    "mu": "-",
-    "mus": "-",
-    "length": "m",
-    "width": "m",
+BAND_COLORS: Mapping[BandKind, str] = {
+    BandKind.REST: "#332288",
+    BandKind.STICK: "#0072B2",
+    BandKind.SLIP: "#E2E2E2",
+    BandKind.UNSETTLED: "#E69F00",
+    BandKind.UNKNOWN: "#FFFFFF",
 }
-"""Units by the last part of the key of an axis. The units of a scene's own parameters are not known."""
+"""Colours of the kinds of bands: the more rest, the darker; they differ in lightness, also in print without colours."""
+COLUMN_GAP = 0.12
+"""Part of the distance of two columns of a map of bands that is left white: bands were computed in columns alone."""
 
 
 def sweep_drawings(sweep: Sweep) -> Iterator[Drawing]:
-    """Yield a drawing for each measure of a sweep, and for its stick threshold. Draw under `style.rc()`.
+    """Yield a drawing for each measure of a sweep, for its stick threshold and its bands. Draw under `style.rc()`.
 
     A table over one axis is drawn as a curve, and one over two axes as a map. Other tables have no drawing.
     """
@@ -65,7 +67,9 @@ def sweep_drawings(sweep: Sweep) -> Iterator[Drawing]:
         subject = measure.subject(scene)
         name = f"{measure.name} of {subject}" if subject else measure.name
         yield from _drawing(sweep, sweep.map, measure.quantity, name)
-    yield from _drawing(sweep, sweep.threshold, quantity_of(THRESHOLD_COLUMN), "stick threshold")
+    threshold = replace(quantity_of(THRESHOLD_COLUMN), unit=sweep.specification.varied_unit)
+    yield from _drawing(sweep, sweep.threshold, threshold, "stick threshold")
+    yield from _band_drawing(sweep)
 
 
 def _drawing(
@@ -140,12 +144,13 @@ def _map(
     caption = _caption(sweep, table, name, f"{len(grid.columns)} x {len(grid.index)}")
     if grid.isna().to_numpy().any():
         caption += ", white"
-    # The threshold is a load amplitude, so that only a map with that axis can show it.
-    if AMPLITUDE in axes and sweep.threshold is not None:
-        _draw_threshold(ax, sweep.threshold, axes)
+    # Only a map with an axis of the searched parameter can show its threshold.
+    search = sweep.specification.band_search
+    if search is not None and search.parameter in axes and sweep.threshold is not None:
+        _draw_threshold(ax, sweep.threshold, axes, search.parameter)
         figure.legend(loc="outside upper right")
         caption += (
-            f"; line: largest {AMPLITUDE}, in the band around the scene's own value, at which the "
+            f"; line: largest {search.parameter}, in the band around the scene's own value, at which the "
             "motion still has a stick phase; drawn where it lies in the range shown"
         )
     scene = sweep.specification.scene
@@ -153,10 +158,12 @@ def _map(
     return Drawing(f"map-{_file_name(quantity)}", f"{caption}.", figure)
 
 
-def _draw_threshold(ax: Axes, threshold: pd.DataFrame, axes: tuple[str, str]) -> None:
-    """Draw the stick threshold on a map over the load amplitude and another axis."""
+def _draw_threshold(
+    ax: Axes, threshold: pd.DataFrame, axes: tuple[str, str], searched: str
+) -> None:
+    """Draw the stick threshold on a map over the searched parameter and another axis."""
     right, up = axes
-    if right == AMPLITUDE:
+    if right == searched:
         curve = threshold.sort_values(up)
         x, y = curve[THRESHOLD_COLUMN], curve[up]
     else:
@@ -172,15 +179,15 @@ def _draw_threshold(ax: Axes, threshold: pd.DataFrame, axes: tuple[str, str]) ->
     )
     # The ends of the other bands within the map, as points: they are not one curve.
     ends = [
-        (end, row[up if right == AMPLITUDE else right])
+        (end, row[up if right == searched else right])
         for row in threshold.to_dict("records")
         for interval in intervals_of(row[STICK_BANDS])
         for end in interval
         if end != row[THRESHOLD_COLUMN]
     ]
     if ends:
-        amplitudes, others = zip(*ends)
-        places = (amplitudes, others) if right == AMPLITUDE else (others, amplitudes)
+        values, others = zip(*ends)
+        places = (values, others) if right == searched else (others, values)
         ax.plot(
             *places,
             "o",
@@ -191,21 +198,63 @@ def _draw_threshold(ax: Axes, threshold: pd.DataFrame, axes: tuple[str, str]) ->
         )
 
 
+def _band_drawing(sweep: Sweep) -> Iterator[Drawing]:
+    """Yield the map of the bands over the only axis of the table of thresholds, if it has one axis."""
+    search, table = sweep.specification.band_search, sweep.threshold
+    if search is None or table is None:
+        return
+    axes = [axis.key for axis in sweep.specification.axes if axis.key in table]
+    if len(axes) != 1:
+        return
+    [axis] = axes
+    points = table.sort_values(axis)
+    places = points[axis].to_numpy(float)
+    edges = _column_edges(places)
+    figure, [[ax]] = make_panels(1, 1, MAP_HEIGHT)
+    named_kinds: set[BandKind] = set()
+    for (left, right), text in zip(edges, points[ALL_BANDS]):
+        for low, high, kind_name in json.loads(text) if text else []:
+            kind = BandKind(kind_name)
+            # Each kind is named once in the legend.
+            label = "" if kind in named_kinds else str(kind)
+            named_kinds.add(kind)
+            ax.bar(
+                left,
+                high - low,
+                right - left,
+                bottom=low,
+                align="edge",
+                color=BAND_COLORS[kind],
+                label=label or None,
+            )
+    figure.legend(loc="outside upper center", ncols=len(named_kinds))
+    ax.set_xlim(edges[0][0], edges[-1][1])
+    ax.margins(y=0)
+    scene = sweep.specification.scene
+    ax.set(xlabel=_label(scene, axis), ylabel=_label(scene, search.parameter))
+    name = f"bands of {search.parameter} in which the slider rests, sticks or slips"
+    caption = _caption(sweep, table, name, f"{len(places)} columns of")
+    yield Drawing("map-bands", f"{caption}.", figure)
+
+
+def _column_edges(places: np.ndarray) -> list[tuple[float, float]]:
+    """Return the left and right edge of the column of each of increasing places; neighbours are a gap apart."""
+    if len(places) == 1:
+        half = 0.05 * abs(places[0]) or 0.5
+        return [(float(places[0]) - half, float(places[0]) + half)]
+    middles = 0.5 * (places[1:] + places[:-1])
+    lefts = np.concatenate([[2 * places[0] - middles[0]], middles])
+    rights = np.concatenate([middles, [2 * places[-1] - middles[-1]]])
+    gap = 0.5 * COLUMN_GAP * float(np.min(rights - lefts))
+    return [(float(left + gap), float(right - gap)) for left, right in zip(lefts, rights)]
+
+
 def _file_name(quantity: Quantity) -> str:
     """Return the name of a quantity as a part of a file name, for example ``peak-speed-of-block``."""
     return quantity.label.replace(" ", "-")
 
 
 def _label(scene: Scene, key: str) -> str:
-    """Return the label of an axis: its key, with the unit where that is known."""
-    unit = _unit(scene, key)
-    return key if unit is None else f"{key} [{unit}]"
-
-
-def _unit(scene: Scene, key: str) -> str | None:
-    """Return the unit of a scene's number, or None where it is not known."""
-    element, _, field = key.rpartition(".")
-    drive = scene.drives.get(element.removeprefix("drives.").removesuffix(".law"))
-    if drive is not None and field == "rate":
-        return "rad/s" if drive.type == "angle" else "m/s"
-    return UNITS.get(field)
+    """Return the label of an axis: its key, with the unit where that is known; ``-`` is that of a ratio."""
+    unit = unit_of_value(scene, key)
+    return key if unit is None else f"{key} [{unit or '-'}]"

@@ -24,7 +24,7 @@ from stiction.comparisons.bench.complementarity.problems import write_problems
 from stiction.comparisons.bench.presentation.cells import AGAIN, TRAJECTORY
 from stiction.comparisons.bench.quantities import Quantity
 from stiction.comparisons.bench.results import Results
-from stiction.comparisons.bench.variants import Record
+from stiction.comparisons.bench.variants import Record, truth_key
 from stiction.engines.registry import label_of
 from stiction.reports.run_folder.data_package import columns_of_motion, columns_of_table, metadata
 from stiction.reports.run_folder.reproduce import rerun_command
@@ -197,7 +197,8 @@ def _write_trajectories(
     for key, record in first_records.items():
         if key in files:
             frame = thin(record.run).to_frame(events=True, interpolated=True)
-            write_frame(frame, folder / files[key])
+            quantities = columns_of_motion(frame, results.scene(record.scene))
+            write_frame(frame, folder / files[key], quantities)
         if record.trajectory is not None and record.trajectory.events:
             events.append(events_frame(record.trajectory.events).assign(key=key))
     return events
@@ -206,8 +207,15 @@ def _write_trajectories(
 def _write_truths(results: Results, folder: Path) -> list[pd.DataFrame]:
     """Write the truths, and return their events, a table for each truth."""
     events = []
+    scene_of_truth = {
+        truth_key(record.scene, static_coefficient): record.scene
+        for record in results.records
+        for static_coefficient in (True, False)
+    }
     for name, truth in results.truths.items():
-        write_frame(truth_frame(truth).assign(tier=truth.tier), folder / truth_file(name))
+        frame = truth_frame(truth).assign(tier=truth.tier)
+        scene = results.scene(scene_of_truth[name]) if name in scene_of_truth else None
+        write_frame(frame, folder / truth_file(name), columns_of_motion(frame, scene))
         if truth.events:
             events.append(events_frame(truth.events).assign(key=TRUTH + name))
     return events

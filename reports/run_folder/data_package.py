@@ -19,6 +19,7 @@ import pyarrow.parquet as pq
 
 from stiction.comparisons.bench.quantities import QUANTITIES, Quantity, quantity_of
 from stiction.comparisons.studies import studies
+from stiction.scenes import Scene
 from stiction.scenes.atomic_files import write_text
 from stiction.scenes.columns import meaning_of, unit_of
 
@@ -68,16 +69,19 @@ def columns_of_table(table: str, names: Iterable[str]) -> list[Quantity]:
     return quantities
 
 
-def columns_of_motion(names: Iterable[str]) -> list[Quantity]:
-    """Return the descriptions of the columns of a trajectory, of a truth, or of events."""
+def columns_of_motion(names: Iterable[str], scene: Scene | None = None) -> list[Quantity]:
+    """Return the descriptions of the columns of a trajectory, of a truth, or of events.
+
+    Columns of pins and guides have the same names, and other units: the `scene` tells which elements are pins.
+    """
     quantities = []
     for name in names:
         if name in QUANTITIES and "." not in name:
             quantities.append(QUANTITIES[name])
         else:
             # A column of a scene, named ELEMENT.QUANTITY
-            unit = unit_of(name)
-            quantities.append(Quantity(name, name, unit, description=meaning_of(name)))
+            unit = unit_of(name, scene)
+            quantities.append(Quantity(name, name, unit, description=meaning_of(name, scene)))
     return quantities
 
 
@@ -90,6 +94,18 @@ def metadata(quantity: Quantity) -> dict[bytes, bytes]:
         "uncertainty": quantity.uncertainty,
     }
     return {name.encode(): text.encode() for name, text in properties.items() if text}
+
+
+def _described(field: pa.Field) -> Quantity:
+    """Return the description of a column of a Parquet file, from the `metadata` that it was written with."""
+    properties = {name.decode(): text.decode() for name, text in (field.metadata or {}).items()}
+    return Quantity(
+        field.name,
+        properties.get("title", field.name),
+        properties.get("unit", ""),
+        uncertainty=properties.get("uncertainty", ""),
+        description=properties.get("description", ""),
+    )
 
 
 def write_data_package(folder: Path, title: str, created: str) -> None:
@@ -129,7 +145,7 @@ def _resource(folder: Path, file: Path) -> dict[str, Any]:
     if is_table_of_study:
         quantities = columns_of_table(path.stem, schema.names)
     else:
-        quantities = columns_of_motion(schema.names)
+        quantities = [_described(schema.field(name)) for name in schema.names]
     fields = [_field(quantity, schema.field(quantity.key).type) for quantity in quantities]
     # The standard allows lower-case letters, digits, ".", "_" and "-" in names.
     name = "-".join((*path.parts[1:-1], path.name)).lower()

@@ -173,7 +173,8 @@ def _draw_stroke(ax: Axes, points: np.ndarray, look: Look, layer: int) -> None:
 def _legend(scene: Scene) -> list[Line2D | Patch]:
     """Return one entry of the legend for each kind of elements, with the names of the first of them."""
     names_by_kind: dict[str, list[str]] = {
-        "pin": list(scene.pins),
+        "pin": [name for name, pin in scene.pins.items() if not pin.rubs],
+        "dry pin": [name for name, pin in scene.pins.items() if pin.rubs],
         "guide": list(scene.guides),
         "drive": list(scene.drives),
         "spring": list(scene.springs),
@@ -183,6 +184,13 @@ def _legend(scene: Scene) -> list[Line2D | Patch]:
         "pin": {
             "marker": "o",
             "markerfacecolor": "white",
+            "color": COLORS["ink"],
+            "linestyle": "none",
+        },
+        "dry pin": {
+            "marker": "o",
+            "markerfacecolor": COLORS["shade"],
+            "markeredgewidth": 1.8,
             "color": COLORS["ink"],
             "linestyle": "none",
         },

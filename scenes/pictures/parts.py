@@ -71,6 +71,7 @@ LOOKS = {
     "drive": Look("drive", width=1.5, arrow="both"),
     "turning drive": Look("drive", width=1.5, arrow="end"),
     "pin": Look(fill="paper", width=1.0),
+    "dry pin": Look(fill="shade", width=1.8),
     "load": Look("load", width=1.8, arrow="end"),
     "turning load": Look("load", width=1.5, arrow="end"),
     "corner force": Look("corner", width=1.2, arrow="end"),
@@ -215,7 +216,8 @@ def parts(scene: Scene, view: View) -> Iterator[Part]:
         yield _drive(scene, drive, view.unit)
     for joint in scene.joints.values():
         if isinstance(joint, Revolute):
-            yield Stroke("pin", 0.25 * view.unit * CIRCLE, (joint.bodies[0], joint.points[0]))
+            look = "dry pin" if joint.rubs else "pin"
+            yield Stroke(look, 0.25 * view.unit * CIRCLE, (joint.bodies[0], joint.points[0]))
     yield from _loads(scene, view.unit)
     yield from _corners(scene, view.unit)
     if len(scene.bodies) <= MAX_LABELLED_BODIES:

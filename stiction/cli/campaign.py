@@ -151,6 +151,12 @@ def validate(
     show_summary(report)
     if kept.interrupt is not None:
         raise exit_interrupted(kept.interrupt, "the report contains the runs that were finished")
+    broken_down = list(_breakdowns_of_papers_scheme(results))
+    if broken_down:
+        say(
+            f"the paper's scheme could not complete {len(broken_down)} runs of other scenes than those of "
+            f"the paper; this is a result, and no failure of the command: {broken_down[0]}"
+        )
     failed = list(_failures_of_reference(results))
     if failed:
         raise exit_with(FAILED, f"{len(failed)} runs of the reference failed: {failed[0]}")
@@ -187,12 +193,21 @@ def _failures_of_reference(results: Results) -> Iterator[str]:
 
     for record in results.records:
         run = record.describe()
-        if run["engine"] == "reference" and run["reason"]:
+        is_own = run["engine"] == "reference" and not results.is_papers_scheme_elsewhere(record)
+        if is_own and run["reason"]:
             yield f"{run['key']}: {run['reason']}"
     # Studies such as that of hard cases have runs of their own.
     for study in studies():
         if study.failures_of_reference is not None:
             yield from study.failures_of_reference(results)
+
+
+def _breakdowns_of_papers_scheme(results: Results) -> Iterator[str]:
+    """Yield key and reason of each run of the paper's scheme, on another scene, that failed or ended early."""
+    for record in results.records:
+        run = record.describe()
+        if results.is_papers_scheme_elsewhere(record) and run["reason"]:
+            yield f"{run['key']}: {run['reason']}"
 
 
 def _end_runs(kept: KeptRuns, interrupt: KeyboardInterrupt) -> None:

@@ -318,7 +318,7 @@ def _show(
     if out is not None:
         # An empty table is written, too; the file then shows which columns it would have.
         with shown_if_not_written(lambda: _print(section, results, table)):
-            write_table(to_storable(table), out)
+            write_table(to_storable(_stored_table(study, results, table)), out)
     _print(section, results, table)
     if out is None and len(table):
         print("\nEvery row with its numbers and reasons: --out FILE.csv")
@@ -327,13 +327,26 @@ def _show(
     if problems is not None:
         write_problems(results.problems, problems)
     if not table.empty:
-        _check_success(table)
+        _check_success(_stored_table(study, results, table))
         return
     message = f"nothing to compare: the table of `compare {study.name}` is empty for this scene"
     if plot is not None and not section.figures:
         message += f"; {plot} is not written"
     print(message)
     _check_success(_run_rows(results, table))
+
+
+def _stored_table(study: Study, results: Results, main: pd.DataFrame) -> pd.DataFrame:
+    """Return the table that ``--out`` writes: the main one, or several with their names in a column."""
+    import pandas as pd
+
+    if not study.stored:
+        return main
+    parts = []
+    for name in study.stored:
+        table = results.table(name)
+        parts.append(table.assign(table=name)[["table", *table]])
+    return pd.concat([part for part in parts if len(part)] or parts, ignore_index=True)
 
 
 def _check_report(study: Study, folder: Path) -> None:
@@ -452,7 +465,7 @@ def _check_success(rows: pd.DataFrame) -> None:
     if "status" not in rows:
         return
     if "engine" in rows:
-        others = rows[rows["engine"] != "reference"]
+        others = rows[rows["engine"].notna() & (rows["engine"] != "reference")]
         if len(others) and (others["status"] == Status.MISSING).all():
             reasons = "; ".join(others["reason"].unique())
             raise exit_with(

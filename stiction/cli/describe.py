@@ -288,7 +288,7 @@ def _show_problem_sizes(scene: Scene) -> None:
         "change:"
     )
     constraints = constraint_rows(scene)
-    joints, two_sided = len(scene.frictional_joints), len(two_sided_guides(scene))
+    joints, two_sided = len(scene.bounded_elements), len(two_sided_guides(scene))
     noun = "guides" if len(scene.frictional_guides) == joints else "joints"
     rows = []
     for sticking in sorted({0, min(1, joints), joints}):

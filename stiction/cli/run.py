@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import sys
 from collections.abc import Callable, Sequence
+from dataclasses import replace
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import TYPE_CHECKING, Annotated, Any
@@ -253,9 +254,11 @@ def sweep(
         typer.Option(
             "--measure",
             metavar="A,B,..",
-            help="stick-fraction, peak-torque, peak-speed, event-count or threshold; peak-speed:NAME refers "
+            help="stick-fraction, peak-torque, peak-speed, event-count, break-away or threshold; "
+            "peak-speed:NAME refers "
             "to the guide, drive or body NAME. threshold is the upper end of the band of F0 with "
-            "stick phases that is nearest to the scene's F0; the table contains all such bands.",
+            "stick phases that is nearest to the scene's F0; the table contains all bands. "
+            "threshold:KEY does the same for another number of the scene.",
         ),
     ],
     engine: EngineName = "reference",
@@ -318,6 +321,7 @@ def sweep(
     from stiction.comparisons.bench.executors import check_executor, open_isolate
     from stiction.comparisons.measures.steady_state_measures import SteadyRun
     from stiction.comparisons.sweep import sweep as sweeps
+    from stiction.comparisons.sweep.axes import parse_axis
     from stiction.scenes.fidelity import fidelity_of
 
     loaded = scene_of(scene, overrides)
@@ -325,7 +329,7 @@ def sweep(
     # By default the first third of a run is not evaluated.
     transient = settle or end / 3
     steady = SteadyRun(transient, end, rtol, engine, fidelity_of(fidelity), dt)
-    axes = tuple(sweeps.parse_axis(text) for text in vary)
+    axes = tuple(parse_axis(text) for text in vary)
     specification = sweeps.Specification(loaded, axes, tuple(split_names(measure)), steady, timeout)
     folder = out or Path("sweeps") / f"{loaded.name}-{specification.digest[:8]}"
     check_executor(executor)
@@ -367,7 +371,7 @@ def _show_sweep(result: Sweep, folder: Path) -> None:
             _show_failed_points(name, table)
             successful_points += (table["status"] == Status.OK).sum()
     if result.threshold is not None:
-        _show_bands(result.threshold)
+        _show_bands(result.threshold, result.specification.varied_unit)
     if not successful_points:
         raise exit_with(FAILED, "all points failed")
 
@@ -375,8 +379,8 @@ def _show_sweep(result: Sweep, folder: Path) -> None:
 def _show_ranges(result: Sweep) -> None:
     """Print the smallest and the largest value of each measure of a sweep and of its threshold."""
     from stiction.comparisons.bench.quantities import quantity_of
-    from stiction.comparisons.studies.threshold import WITH_STICK, WITHOUT_STICK
-    from stiction.comparisons.sweep.sweep import THRESHOLD_COLUMN
+    from stiction.comparisons.studies.threshold_tables import WITH_STICK, WITHOUT_STICK
+    from stiction.comparisons.sweep.points import THRESHOLD_COLUMN
 
     scene = result.specification.scene
     rows = []
@@ -386,7 +390,10 @@ def _show_ranges(result: Sweep) -> None:
             rows.append(_range_row("map", result.map, measure.quantity, subject))
     if result.threshold is not None:
         for column in (THRESHOLD_COLUMN, WITH_STICK, WITHOUT_STICK):
-            rows.append(_range_row("threshold", result.threshold, quantity_of(column), ""))
+            quantity = replace(quantity_of(column), unit=result.specification.varied_unit)
+            searched = result.specification.band_search
+            subject = "" if searched is None else searched.parameter
+            rows.append(_range_row("threshold", result.threshold, quantity, subject))
     show(("table", "column", "of", "smallest", "largest", "points", "without a number"), rows)
 
 
@@ -411,20 +418,21 @@ def _show_failed_points(name: str, table: pd.DataFrame) -> None:
         print(f"{name}: {points}: {reason}")
 
 
-def _show_bands(table: pd.DataFrame) -> None:
-    """Print the amplitudes above the threshold at which the slider sticks again, for the first points."""
+def _show_bands(table: pd.DataFrame, unit: str) -> None:
+    """Print the bands above the threshold in which the slider sticks again, for the first points."""
     from stiction.comparisons.bench.presentation.cells import intervals_in_words
-    from stiction.comparisons.studies.threshold import AGAIN
+    from stiction.comparisons.studies.threshold_tables import AGAIN
 
     rows = table[table[AGAIN] != ""]
+    with_unit = f" {unit}" if unit else ""
     # The columns of the axes precede the status.
     axes = list(table.columns[: list(table.columns).index("status")])
     for row in rows.to_dict("records")[:EVENTS_SHOWN]:
         point = ", ".join(f"{axis} = {row[axis]:g}" for axis in axes)
-        bands = " N and ".join(intervals_in_words(row[AGAIN]))
+        bands = f"{with_unit} and ".join(intervals_in_words(row[AGAIN]))
         print(
-            f"threshold: above {row['threshold']:.6g} N the slider sticks again at about {bands} N "
-            f"({point})"
+            f"threshold: above {row['threshold']:.6g}{with_unit} the slider sticks again at about "
+            f"{bands}{with_unit} ({point})"
         )
     if len(rows) > EVENTS_SHOWN:
         print(f"threshold: .. and so at {len(rows) - EVENTS_SHOWN} points more")

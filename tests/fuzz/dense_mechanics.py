@@ -10,7 +10,8 @@ in the direction d has, from the moments of its corner forces n1, n2 (at -+ l/2)
 
     N = T + (b/2) mu d R,    n1, n2 = R/2 -+ N/l,    f = -mu d (|n1| + |n2|),
 
-and f = -mu d |R| without a length. At rest it holds a friction f against slip in both directions d while
+and f = -mu d |R| without a length. A constant bound c adds -c d to the friction in slip, also to that of a pin, which has no
+other; it is an applied force. At rest a guide without such a bound holds a friction f against slip in both directions d while
 
     mus max(|R|, (2/l) |T + (b/2) mus d R|) + d f >= 0 .
 """
@@ -42,7 +43,10 @@ class NotAssembled(Exception):
 
 @dataclass(frozen=True)
 class Guide:
-    """A frictional guide, with the place of its normal row; the angle row is the next."""
+    """A frictional guide, with the place of its normal row; the angle row is the next.
+
+    A pin is one without a load on its friction: `has_load` is False, and `bound` (N m) all of it.
+    """
 
     name: str
     row: int
@@ -50,6 +54,14 @@ class Guide:
     width: float
     mu: float
     mus: float
+    bound: float = 0.0
+    has_load: bool = True
+
+    def corner_signs(self) -> tuple[tuple[int, int], ...]:
+        """The signs of both corner forces that are possible; those of a joint without a load do not matter."""
+        if not self.has_load:
+            return ((1, 1),)
+        return tuple(product((1, -1), repeat=2)) if self.length else ((1, 1), (-1, -1))
 
     def lines(self, d: int) -> np.ndarray:
         """The linear functions c_R R + c_T T whose largest is the capacity against slip in the direction d, (k, 2)."""
@@ -88,16 +100,24 @@ class Dense:
         self.scene, self.equations = scene, EquationsOfMotion(scene)
         self.rows = self.equations.rows
         self.guides = [
-            Guide(
-                name,
-                self.rows.index(f"{name}.normal_force"),
-                *guide.extent,
-                guide.kinetic_coefficient,
-                guide.static_coefficient,
-            )
-            for name, guide in self.equations.frictional.items()
+            self._guide(name, joint) for name, joint in self.equations.frictional.items()
         ]
         self.columns = [*self.rows, *(f"{guide.name}.friction" for guide in self.guides)]
+
+    def _guide(self, name: str, joint) -> Guide:
+        """The guide, or the pin, of a frictional joint."""
+        kinetic, _ = joint.bounds
+        if joint.type == "revolute":
+            return Guide(name, -1, 0.0, 0.0, 0.0, 0.0, kinetic, has_load=False)
+        return Guide(
+            name,
+            self.rows.index(f"{name}.normal_force"),
+            *joint.extent,
+            joint.kinetic_coefficient if joint.mu is not None else 0.0,
+            joint.static_coefficient if joint.mu is not None else 0.0,
+            kinetic,
+            has_load=joint.mu is not None,
+        )
 
     def states(self, columns) -> tuple[np.ndarray, np.ndarray]:
         """q and v of a run's columns, (n, 3 bodies), or of the side of an event, (3 bodies,)."""
@@ -144,16 +164,17 @@ class Dense:
             No system was nearly singular, and no sign undecided in a solution that is none of the certain ones.
         """
         needed = self.equations.mass * self.accelerations(terms) - terms.QE
-        signs = [
-            product((1, -1), repeat=2) if guide.length else ((1, 1), (-1, -1))
-            for guide in self.guides
-        ]
+        constant = np.array([-d * guide.bound for guide, d in zip(self.guides, slip)])
+        needed = needed - constant @ terms.W
+        signs = [guide.corner_signs() for guide in self.guides]
         certain: list[np.ndarray] = []
         possible: list[np.ndarray] = []
         decided = True
-        for choice in product(*map(tuple, signs)):
+        for choice in product(*signs):
             acts = terms.J.copy()
             for g, (guide, (s1, s2)) in enumerate(zip(self.guides, choice)):
+                if not guide.has_load:
+                    continue
                 k = -guide.mu * slip[g]
                 on_R, on_T = k * s1, 0.0
                 if guide.length:
@@ -172,10 +193,12 @@ class Dense:
                 np.max(np.abs(force)) + 1e-300,
             )
             for g, (guide, (s1, s2)) in enumerate(zip(self.guides, choice)):
+                if not guide.has_load:
+                    continue
                 n1, n2 = guide.corner_forces(force[guide.row], force[guide.row + 1], slip[g])
                 friction[g] = -guide.mu * slip[g] * (s1 * n1 + s2 * n2)
                 least = min(least, s1 * n1, s2 * n2 if guide.length else np.inf)
-            whole = np.concatenate([force, friction])
+            whole = np.concatenate([force, friction + constant])
             if least >= -UNDECIDED * size and not _is_among(whole, possible):
                 possible.append(whole)
             if least >= UNDECIDED * size and not _is_among(whole, certain):

@@ -15,6 +15,7 @@ from collections import Counter
 import numpy as np
 
 from fuzz.dense_mechanics import (
+    SINGULAR,
     Dense,
     Dice,
     NotAssembled,
@@ -298,6 +299,33 @@ def draw(seed: int, index: int) -> tuple[str, Scene]:
             return family.__name__, scene
 
 
+def draw_with_dry_pins(seed: int, index: int) -> Scene:
+    """A driven slider-crank of a seed and an index, with mu in its guide and constant bounds in some of its pins.
+
+    The guide has a constant bound beside mu now and then.
+    """
+    dice = Dice(48, seed, index)
+    while True:
+        raw = tables(dice, T_END)
+        slider_crank(dice, raw, dice.one_of([0.3, 0.8, 1.5]))
+        add_loads(dice, raw, 20.0)
+        pins = [joint for joint in raw["joints"].values() if joint["type"] == "revolute"]
+        dry = [joint for joint in pins if dice.chance(0.7)] or pins
+        for joint in dry:
+            joint["friction"] = dice.number(0.05, 2.0)
+        guide = raw["joints"]["guide-slider"]
+        if dice.chance(0.3):
+            guide["friction"] = dice.number(0.2, 5.0)
+        try:
+            scene = assembled(raw)
+        except (NotAssembled, InputError):
+            continue
+        terms = Dense(scene).equations.at(0.0, *Dense(scene).equations.start())
+        sized = terms.J / np.linalg.norm(terms.J, axis=1)[:, None]
+        if np.linalg.cond(sized) < 1e3:  # not in a singular position of its own
+            return scene
+
+
 def _keep_positive(drive: dict) -> None:
     """A first law of the distance that the loader accepts; it is shifted to the distance of the start."""
     law = drive["law"]
@@ -311,7 +339,8 @@ def check(scene: Scene, run: Trajectory) -> tuple[list[str], Counter]:
     """What a run has wrong, and how many rows had one solution, several, none, or were undecided."""
     dense, wrong, met = Dense(scene), [], Counter()
     if not len(run.t) or not run.columns:
-        return ([] if run.breakdown else ["no rows and no breakdown"]), Counter({"empty": 1})
+        met["empty"] += 1
+        return (_start(dense, run) if run.breakdown else ["no rows and no breakdown"]), met
     stopped_at_once = run.breakdown is not None and run.breakdown.time == 0.0
     q, v = dense.states(run)
     force = dense.forces(run)
@@ -423,6 +452,18 @@ def _row(
                     f"alternatives of {name}: {listed.tolist()}, expected {every[:, k].tolist() if differs[k] else 'none'}"
                 )
     return found
+
+
+def _start(dense: Dense, run: Trajectory) -> list[str]:
+    """A run without any row has no forces at its start, or several with different frictions, or all guides at rest."""
+    terms = dense.equations.at(0.0, *dense.equations.start())
+    slip = np.sign(terms.slip_speed).astype(int)
+    if not np.all(slip) or not np.linalg.cond(terms.J) < SINGULAR:
+        return []
+    certain, _, decided = dense.driven_solutions(terms, slip)
+    if len(certain) == 1 and decided and run.breakdown.kind not in GIVEN_UP:
+        return [f"ended at once ({run.breakdown}); there is one solution"]
+    return []
 
 
 def _same_set(listed: np.ndarray, expected: np.ndarray, tolerance: float) -> bool:

@@ -5,7 +5,7 @@ from collections import Counter
 import numpy as np
 import pytest
 
-from fuzz.driven_mechanisms import ROWS, T_END, check, draw, dwells
+from fuzz.driven_mechanisms import ROWS, T_END, check, draw, draw_with_dry_pins, dwells
 from fuzz.seeds import seed_or_fresh
 from stiction.engines.protocol import BadTrajectory
 from stiction.engines.reference.engine import ReferenceEngine
@@ -51,6 +51,28 @@ def checked(seed, count, names):
 def test_forces_are_all_that_obey_the_law(seed, count, names):
     seed = seed_or_fresh(seed)
     wrong, met = checked(seed, count, names)
+    assert not wrong, "\n".join(wrong)
+    assert met["1 solutions"] > 5 * count
+
+
+@pytest.mark.parametrize(
+    ("seed", "count"), [(1, 8), pytest.param(None, 100, marks=pytest.mark.long)]
+)
+def test_slider_cranks_with_friction_in_guide_and_pins(seed, count):
+    """Constant bounds shift the loads: forces exist, and are unique, where the second method finds them so."""
+    seed, wrong, met = seed_or_fresh(seed), [], Counter()
+    for index in range(count):
+        scene = draw_with_dry_pins(seed, index)
+        try:
+            run = ReferenceEngine().simulate(
+                scene, t_end=T_END, output_step=T_END / ROWS, rtol=1e-9
+            )
+        except BadTrajectory as error:
+            wrong.append(f"draw_with_dry_pins({seed}, {index}): {error}")
+            continue
+        found, rows = check(scene, run)
+        met += rows
+        wrong += [f"draw_with_dry_pins({seed}, {index}): {word}" for word in found]
     assert not wrong, "\n".join(wrong)
     assert met["1 solutions"] > 5 * count
 

@@ -12,6 +12,8 @@ NAMES = {
     "painleve-rod",
     "uniqueness-lost",
     "vertical-slider",
+    "winch",
+    "ball-on-stop",
     "existence-lost",
     "slider-bar-case-1",
     "slider-bar-case-2",
@@ -32,10 +34,11 @@ NAMES = {
     "slider-crank-dry-pins",
     "slider-crank-clearance",
     "elliptic-trammel",
+    "toggle-pins-under-load",
     "slider-on-moving-guide",
     "block-pulled-by-strut",
     *(f"hold-{name}" for name in ("level", "incline", "bar", "moment", "turning-bar", "vibration")),
-    *(f"held-{name}" for name in ("arm", "weight", "pendulum")),
+    *(f"held-{name}" for name in ("arm", "weight", "pendulum", "arm-drops")),
 }
 
 

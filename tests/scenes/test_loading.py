@@ -260,10 +260,10 @@ BROKEN = [  # file, then for each problem: key, value found, words of what was e
     (BODIES + PIN + "friction = -1", [("joints.pin.friction", "-1", ">= 0")]),
     (BODIES + PIN + "damping = -1", [("joints.pin.damping", "-1", ">= 0")]),
     (
-        BODIES + PIN.replace("bar", "crank") + "radius = 1\n[bodies.x]\nmass = 'q'\ninertia = 1",
+        BODIES + PIN.replace("bar", "crank") + "diameter = 1\n[bodies.x]\nmass = 'q'\ninertia = 1",
         [
             ("bodies.x.mass", "'q'", "unknown name"),
-            ("joints.pin.radius", "1", "unknown key"),
+            ("joints.pin.diameter", "1", "unknown key"),
             (
                 "joints.pin.bodies.0",
                 "'crank'",

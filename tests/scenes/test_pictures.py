@@ -28,6 +28,7 @@ from stiction.scenes.pictures.geometry import (
     poses_at_start,
     view_of,
 )
+from stiction.scenes.pictures.mechanism import _legend
 from stiction.scenes.pictures.parts import Stroke, parts
 
 CASE = "slider-bar-case-1"
@@ -395,3 +396,13 @@ def test_columns_of_a_panel_have_the_unit_of_its_axis():
             assert f"[{unit_of(text.get_text(), scene)}]" in axes.get_ylabel()
             shown += 1
     assert shown >= 3
+
+
+def test_a_pin_with_friction_looks_like_one():
+    """Shaded, and named by itself in the legend; a pin that turns freely, or with a bound of zero, is white."""
+    scene = load_scene("slider-crank-dry-pins", {"tau_pin": 0.0})
+    view = view_of(scene, [poses_at_start(scene)])
+    looks = [part.look for part in parts(scene, view) if isinstance(part, Stroke)]
+    assert looks.count("dry pin") == 2 and looks.count("pin") == 1
+    labels = [handle.get_label() for handle in _legend(scene)]
+    assert "pin" in labels and "dry pin: pivot, crankpin" in labels

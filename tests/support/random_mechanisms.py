@@ -272,6 +272,20 @@ def add_stribeck_curves(
             joint["stribeck_shape"] = float(random.choice([1.0, 1.0, 2.0, 1.5]))
 
 
+def add_friction_of_pins_under_load(
+    raw: dict[str, Any], random: np.random.Generator, share: float = 0.8
+) -> None:
+    """Give pins of a scene dry friction by the force in them, with friction circles of up to some centimetres.
+
+    `share`: the probability that a pin gets it.
+    """
+    for joint in raw["joints"].values():
+        if joint["type"] == "revolute" and random.random() < share:
+            joint["mu"] = round(random.uniform(0.05, 0.5), 6)
+            joint["mus"] = round(joint["mu"] * random.uniform(1.0, 1.4), 6)
+            joint["radius"] = round(random.uniform(0.01, 0.1), 6)
+
+
 def extreme_scene(random: np.random.Generator) -> dict[str, Any]:
     """The tables of a random scene with a consistent start; not necessarily one that has a motion, or only one."""
 

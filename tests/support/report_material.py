@@ -102,8 +102,8 @@ def validation_of(records: list[Record], truths: dict) -> Results:
         [
             {
                 **{name: row[name] for name in row if name not in ("cpu_time", "version")},
-                "F0_with_stick": 4.2119563,
-                "F0_without_stick": 4.2119564,
+                "with_stick": 4.2119563,
+                "without_stick": 4.2119564,
                 "mu": 0.03,
                 "mus": 0.04,
                 "true_threshold": 4.21195632,

@@ -69,6 +69,30 @@ def test_an_end_next_to_no_steady_state_is_not_sharp():
     assert WIDTH < found[0].high_uncertainty <= SPLIT_PART / 2 and abs(found[0].high - 1.4) <= 0.07
 
 
+@given(st.floats(0.02, 2.98), st.floats(0.02, 2.98))
+def test_an_expected_end_saves_probes_and_changes_nothing(end, expected):
+    """Wrong expectations are found out: the end is where it is, whatever was expected."""
+    asked = []
+
+    def kind_at(value):
+        asked.append(value)
+        return STICK if value < end else SLIP
+
+    searched = Range(0.0, 3.0, 1.0)
+
+    def expectation(low, high):
+        return expected if low < expected < high else None
+
+    found = find_bands(kind_at, searched, WIDTH, expected_end=expectation)
+    assert [band.kind for band in found] == [STICK, SLIP]
+    assert abs(found[0].high - end) <= found[0].high_uncertainty <= WIDTH / 2
+    assert len(asked) <= 4 + 2 + np.log2(1.0 / WIDTH) + 2
+    asked.clear()
+    exact = find_bands(kind_at, searched, WIDTH, expected_end=lambda low, high: end)
+    assert abs(exact[0].high - end) <= WIDTH / 2
+    assert len(asked) <= 4 + np.log2(1 / SPLIT_PART) + 4
+
+
 def test_kinds_that_change_everywhere_end_the_search():
     """A number of bands that the resolution bounds, whatever is found."""
     rng = np.random.default_rng(1)

@@ -14,7 +14,7 @@ import numpy as np
 from scipy.optimize import brentq, minimize_scalar
 
 from stiction.scenes import Scene, SceneError, vary
-from stiction.truths.bands import Band, BandKind, is_sharp_end
+from stiction.truths.bands import Band, BandKind, ExpectedEnd, is_sharp_end
 from stiction.truths.reduced.slider_bar import SliderBar
 from stiction.truths.reduced.steady_state import (
     MechanismAt,
@@ -76,11 +76,12 @@ def examined_bands(
 
     `proven` is an end that a theorem encloses, if there is one: it is not refined.
 
-    A band is confirmed if the return map has the same kind of steady state in its middle and next to its ends. An end
-    that is not sharp (`bands.is_sharp_end`) is left as it is.
+    A band with a steady state is confirmed if the return map has the same kind of steady state in its middle and next
+    to its ends. An end that is not sharp (`bands.is_sharp_end`) is left as it is.
     """
     bands = list(bands)
-    is_confirmed = [kind_at(at, band.middle) == band.kind for band in bands]
+    # That a motion never settles is not examined: it would take the return map all of its periods.
+    is_confirmed = [band.kind.is_steady and kind_at(at, band.middle) == band.kind for band in bands]
     for i in range(len(bands) - 1):
         below, above = bands[i], bands[i + 1]
         if not is_sharp_end(below.kind, above.kind):
@@ -127,9 +128,9 @@ def _examined_end(at: MechanismAt, below: Band, above: Band) -> StickEnd | None:
 def _end_of_rest(at: MechanismAt, below: Band, above: Band) -> StickEnd | None:
     """Return the value at which a slider that rests from the start breaks away, if that is the end between two bands.
 
-    It breaks away where the largest excess of the load over static friction within a period is zero. Beyond that value
-    a motion may take hundreds of periods to settle, so that the return map is no help there. None where the slider
-    moves before it rests, or breaks away elsewhere: it may then come to rest for ever at another place.
+    Beyond that value a motion may take hundreds of periods to settle, so that the return map is no help there. None
+    where the slider moves before it rests, or breaks away elsewhere: it may then come to rest for ever at another
+    place.
     """
     resting = below if below.kind == BandKind.REST else above
     steady = steady_state(at(resting.middle))
@@ -138,11 +139,36 @@ def _end_of_rest(at: MechanismAt, below: Band, above: Band) -> StickEnd | None:
         return None
     end, uncertainty = below.high, _SAFETY * below.high_uncertainty
     low, high = max(end - uncertainty, below.middle), min(end + uncertainty, above.middle)
+    root = _break_away(at, low, high)
+    return None if root is None else StickEnd(root, 2 * _XTOL, (low, high))
+
+
+def expected_end_of(at: MechanismAt, proven: StickThreshold | None = None) -> ExpectedEnd:
+    """Return the function that yields the end that the theory of the slider-bar expects between two values.
+
+    That is the end of a theorem, or the value at which a slider at rest at its start breaks away.
+    """
+
+    def expected_end(low: float, high: float) -> float | None:
+        if proven is not None and proven.F0 is not None and low < proven.F0 < high:
+            return proven.F0
+        try:
+            return _break_away(at, low, high)
+        except (TruthRefused, SceneError):
+            return None
+
+    return expected_end
+
+
+def _break_away(at: MechanismAt, low: float, high: float) -> float | None:
+    """Return the value at which a slider at rest at its start breaks away; None unless it is between two values.
+
+    There the largest excess of the load over static friction within a period is zero.
+    """
     excess = [_largest_excess(at(value)) for value in (low, high)]
     if not min(excess) < 0 < max(excess):
         return None
-    root = float(brentq(lambda value: _largest_excess(at(value)), low, high, xtol=_XTOL))
-    return StickEnd(root, 2 * _XTOL, (low, high))
+    return float(brentq(lambda value: _largest_excess(at(value)), low, high, xtol=_XTOL))
 
 
 def _largest_excess(mechanism: SliderBar) -> float:

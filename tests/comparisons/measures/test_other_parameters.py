@@ -67,6 +67,28 @@ def test_another_parameter_is_named_with_its_number(hypothesis, factor, noise):
         assert named[0].factor - 1 == pytest.approx(factor - 1, rel=0.02)
 
 
+@pytest.mark.parametrize(
+    ("hypothesis", "factor"),
+    [
+        (Hypothesis.NO_BOUND, math.nan),
+        (Hypothesis.BOUND, 0.9),
+        (Hypothesis.BOUND, 1.1),
+        (Hypothesis.ONE_BOUND, math.nan),
+    ],
+)
+def test_constant_bounds(hypothesis, factor):
+    """Friction of joints that is ignored, 10 % off, or without the bound at rest: named, with its number."""
+    scene = load_scene("pendulum-dry-pin", {"static_friction": 2.0})
+    table = run_of(changed(scene, Parameter(hypothesis), factor))
+    _, [named] = found_of(scene, table)
+    assert named.hypothesis is hypothesis and named.after < 0.02 * named.before
+    if hypothesis is Hypothesis.BOUND:
+        assert named.factor == pytest.approx(factor, rel=1e-3)
+        assert named.value == pytest.approx(factor * 0.3, rel=1e-3)
+    section = judgement_section(judge(scene, table))
+    assert any("friction" in finding for finding in section.findings)
+
+
 def test_a_usual_g_is_told_from_a_near_one():
     """9.8 and 9.81 m/s² differ by a thousandth."""
     scene = load_scene(CASE)

@@ -5,7 +5,10 @@ from decimal import Decimal
 
 import pytest
 
-from stiction.comparisons.measures.published_creep import published_creep
+from stiction.comparisons.measures.published_creep import (
+    published_creep,
+    published_joint_creep,
+)
 
 pytest.importorskip("mujoco")
 
@@ -60,3 +63,23 @@ def test_noslip_makes_it_110_times_less(table):
 )
 def test_last_digit(printed, unit):
     assert last_digit(printed) == pytest.approx(unit, rel=1e-12)
+
+
+def test_creep_of_a_joint_is_that_of_the_soft_constraint():
+    """The published 0.21 rad/s by its inertia; the law, v = torque/I (1 - d)/(d b), predicts the others from it."""
+    table = published_joint_creep().set_index("case")
+    first = table.loc["MJWarp, 30 % of the bound"]
+    assert first["matched"] and first["joint_creep_here"] == pytest.approx(0.21, abs=0.005)
+    inertia = 0.3 / 0.21 * 0.1 / 0.9 * 0.95 * 0.02 / 2
+    by_law = {
+        "default solreffriction, 90 % of the bound": 0.9 / inertia * 0.1 / 0.9 * 0.95 * 0.02 / 2,
+        "stiff solreffriction, 90 % of the bound": 0.9 / inertia * 0.1 / 0.9 * 0.95 * 0.004 / 2,
+    }
+    for case, speed in by_law.items():
+        assert table.loc[case, "joint_creep_here"] == pytest.approx(speed, rel=1e-3), case
+        assert not table.loc[case, "matched"]
+    # above the bound it is accelerated: I omega = (torque - friction) t
+    spins = table.loc["MJWarp, 300 % of the bound", "joint_creep_here"]
+    assert spins == pytest.approx((3.0 - 1.0) / inertia * 2.0, rel=1e-3)
+    moves = table["joint_creep_here"].abs() > 1e-9
+    assert (moves == table["moves"]).all() and (table.loc[~moves, "difference"] != "").all()

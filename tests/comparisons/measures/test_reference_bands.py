@@ -5,6 +5,7 @@ import pytest
 
 from stiction.comparisons.measures.reference_bands import (
     USUAL_VALUES,
+    ReferenceProbe,
     bands_from_own_start,
     bands_of_reference,
     variation_of,
@@ -123,6 +124,29 @@ def test_a_band_says_that_another_start_leads_elsewhere():
     assert SLIP in rest.coexisting and rest.depends_on_start
 
 
+def test_no_kind_depends_on_the_start_above_a_range_of_subharmonics():
+    """Of the other scene of the catalogue about a threshold: 9.039113413 N, from the return map; one band, one kind."""
+    scene = load_scene("hard/threshold-after-subharmonics")
+    found = bands_of_reference(scene, variation_of(scene, ends=(8.6, 9.4), resolution=0.1)).bands
+    assert [band.kind for band in found] == [STICK, SLIP]
+    assert not any(band.depends_on_start for band in found)
+    assert abs(found[0].high - 9.039113413) <= found[0].high_uncertainty < 2e-5
+
+
+@pytest.mark.parametrize("F0", [0.5, 3.0, 3.5, 4.1, 6.0, 9.0])
+def test_a_motion_that_goes_on_from_its_last_state_is_the_same_as_one_run(F0, monkeypatch):
+    """The kind, and the state after whole periods, of a first run that is too short and of one that is long enough."""
+    scene = vary(CASE_1, {"mu": 0.015, "t_end": 4.0})
+    probe = ReferenceProbe(scene, variation_of(scene), 1e-9)
+    whole = probe.motion(F0)
+    monkeypatch.setattr("stiction.comparisons.measures.reference_bands.FIRST_PERIODS", 3)
+    monkeypatch.setattr("stiction.comparisons.measures.reference_bands.LONGEST", 160)
+    in_parts = probe.motion(F0)
+    assert in_parts.kind == whole.kind
+    for key, value in whole.end.items():
+        np.testing.assert_allclose(in_parts.end[key], value, atol=2e-5)
+
+
 @pytest.mark.parametrize(
     ("options", "words"),
     [
@@ -139,7 +163,7 @@ def test_bad_input(options, words):
 
 
 def test_scenes_without_friction_or_without_the_parameter():
-    with pytest.raises(InputError, match="no guide with friction in pendulum"):
+    with pytest.raises(InputError, match="no joint with friction in pendulum"):
         variation_of(load_scene("pendulum"))
     with pytest.raises(InputError, match="expected --parameter"):
         variation_of(shaken_block())
@@ -156,3 +180,32 @@ def test_defaults_are_derived_from_the_scene():
     assert (found.parameter, found.joint, found.own) == ("F0", "guide", 3.0)
     assert (found.searched.low, found.searched.high) == (0.0, 12.0)
     assert len(found.searched.values()) == USUAL_VALUES + 1
+
+
+def test_pin_under_a_periodic_torque():
+    """An arm under F0 sin(w t) moves without a rest from F0 = tau sqrt(1 + pi^2/4) on, Den Hartog's case without a spring.
+
+    Its speed is zero at instants half a period apart, so that the impulse of torque and friction between them is zero:
+    F0 cos(phase) = pi tau/2. It does not rest there if F0 sin(phase) >= tau.
+    """
+    tau = 2.0
+    scene = scene_from_dict(
+        {
+            "t_end": 10.0,
+            "parameters": {"F0": 3.0},
+            "bodies": {"arm": {"mass": 1.0, "inertia": 0.1}},
+            "joints": {"pin": {"type": "revolute", "bodies": ["arm", "ground"], "friction": tau}},
+            "forces": {
+                "motor": {
+                    "type": "torque",
+                    "body": "arm",
+                    "law": {"type": "sine", "amplitude": "F0", "frequency": 6.0},
+                }
+            },
+        }
+    )
+    variation = variation_of(scene, ends=(3.2, 4.2), resolution=0.1)
+    assert variation.joint == "pin"
+    stick, slip = bands_of_reference(scene, variation).bands
+    assert (stick.kind, slip.kind) == (STICK, SLIP)
+    assert stick.high == pytest.approx(tau * np.sqrt(1 + np.pi**2 / 4), abs=1e-5)

@@ -10,11 +10,17 @@ from hypothesis import strategies as st
 
 from stiction.comparisons.bench.participants import variant
 from stiction.comparisons.bench.variants import Record
-from stiction.comparisons.measures.torque_jumps import BOUND, estimate_jump, torque_table
+from stiction.comparisons.measures.torque_jumps import (
+    BOUND,
+    NO_JUMP,
+    estimate_jump,
+    torque_table,
+)
 from stiction.engines import Outcome
 from stiction.engines.pymunk.engine import PymunkEngine
+from stiction.engines.status import Status
 from stiction.scenes import Event, Trajectory, load_scene
-from stiction.truths import Tier, Truth, slider_bar_truth
+from stiction.truths import Tier, Truth, slider_bar_truth, slider_crank_truth
 
 EFFORT, AT, END = "motor.effort", 1.0, 2.0
 STEPS = st.sampled_from([5e-4, 1e-3, 2e-3, 5e-3, 1e-2])
@@ -233,3 +239,15 @@ def test_a_located_event_is_the_jump_of_one_true_event_only(second, shift):
     assert list(table["resolved"]) == expected
     both = replace(run(), events=truth.events)
     assert table_of(both, truth)["resolved"].all()
+
+
+def test_a_motor_at_constant_speed_does_not_jump_where_a_pin_reverses():
+    """The power tau |rate| of a pin has a kink where its rate is zero: every run has a row, and none a jump."""
+    scene = load_scene("slider-crank-dry-pins")
+    truth = slider_crank_truth(scene)
+    assert any(event.kind == "reversal" for event in truth.events)
+    run = PymunkEngine().simulate(scene, t_end=1.0, dt=1e-2)
+    outcome = Outcome("k", Status.OK, run)
+    record = Record("k", scene.name, variant("pymunk"), 1e-2, outcome)
+    [row] = torque_table([record], {"k": truth}, EFFORT).to_dict("records")
+    assert row["truth_note"] == NO_JUMP and row["status"] == "ok" and BOUND not in row

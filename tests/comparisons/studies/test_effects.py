@@ -40,11 +40,15 @@ CASE = "slider-bar-case-1"
 PROJECTED = {"stabilization": {"method": "projection"}}
 BLOCK = {
     "no gravity": {"gravity"},
-    "no friction": {"friction", "constant bounds"},
+    "no friction": {"friction", "constant bounds", "pins under load", "Stribeck's curve"},
     "no static coefficient (mus = mu)": {"static coefficient"},
+    "no dependence of friction on speed (stribeck_velocity)": {"Stribeck's curve"},
+    "no friction of pins under load (mu, mus, radius)": {"pins under load"},
     "no surface levers (width)": {"surface levers"},
     "no corner forces (length, width)": {"corner forces"},
-    "no drive": {"drives"},
+    "no drive": {"drives", "limited drives"},
+    "no limit of a drive": {"limited drives"},
+    "no one-sided springs (act on both sides)": {"one-sided springs"},
     "no spring": {"springs"},
     "no damper": {"dampers"},
     "no load": {"forces"},

@@ -81,6 +81,7 @@ def test_laws_of_engines_come_first():
         "fidelity": "joint",
         "scene": "s",
         "load": 0.3,
+        "test": HELD,
         "status": "ok",
         "creep_unit": "m/s",
         "reason": "",

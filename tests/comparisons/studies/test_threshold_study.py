@@ -5,6 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pandas as pd
 import pytest
+from conftest import called_here
 from hypothesis import given
 from hypothesis import strategies as st
 from made_up_runs import wrongly_written
@@ -12,40 +13,46 @@ from made_up_runs import wrongly_written
 from stiction.comparisons.bench.depth import Depth
 from stiction.comparisons.bench.presentation.presentation import ANSWER_LENGTH
 from stiction.comparisons.bench.results import Results
-from stiction.comparisons.bench.study import Scope
+from stiction.comparisons.bench.study import Scope, planned
 from stiction.comparisons.bench.variants import Variant
+from stiction.comparisons.measures.engine_bands import (
+    EngineBands,
+    Verdict,
+    main_search,
+    other_ends,
+    scanned_values,
+)
 from stiction.comparisons.measures.engine_threshold import (
     FIRST_STEP,
     Search,
+    StickProbe,
     Threshold,
     around,
     measure_series,
     measure_threshold,
 )
 from stiction.comparisons.measures.reference_bands import Variation
-from stiction.comparisons.studies.threshold import (
+from stiction.comparisons.measures.settling import NotSettled, common_period
+from stiction.comparisons.measures.true_bands import TrueBands
+from stiction.comparisons.studies.threshold import STUDY, variation_in
+from stiction.comparisons.studies.threshold_presentation import present
+from stiction.comparisons.studies.threshold_tables import (
     AGAIN,
     CHANGE,
     ERROR,
     SCANNED,
-    STUDY,
     UNCERTAINTY,
-    EngineBands,
-    TrueBands,
-    Verdict,
-    _main_search,
-    _other_ends,
-    _scanned_values,
     band_table,
-    present,
-    variation_in,
+    threshold_table,
 )
 from stiction.engines.isolation import Outcome
+from stiction.engines.registry import load_engine
 from stiction.engines.status import Status
 from stiction.reports.text import section_of
-from stiction.scenes import load_scene, vary
+from stiction.scenes import InputError, load_scene, scene_from_dict, vary
 from stiction.truths import StickThreshold, Tier, stick_threshold
 from stiction.truths.bands import Band, BandKind, Range
+from stiction.truths.physics import physics_over_values
 from stiction.truths.reduced import steady_state as steady_states
 from stiction.truths.reduced.slider_bar import SliderBar
 from stiction.truths.reduced.steady_state import NoSteadyState, steady_state
@@ -157,12 +164,76 @@ def test_none_found_is_a_typed_result(monkeypatch):
 
 
 def test_a_measurement_that_does_not_settle_says_so(monkeypatch):
-    monkeypatch.setattr("stiction.comparisons.measures.engine_threshold.settled", lambda *_: None)
+    monkeypatch.setattr(
+        "stiction.comparisons.measures.engine_threshold.settled", lambda *_, **__: None
+    )
     monkeypatch.setattr("stiction.comparisons.measures.engine_threshold.MOST_SETTLING", 30)
     found = measure_threshold(
         load_scene("slider-bar-case-1"), "reference", {"rtol": 1e-6}, Search(4.0, 4.5, 0.1)
     )
     assert found.with_stick is None and "not settled after 30 periods" in found.remark
+
+
+def swinging(P):
+    """A block that rests on a floor, coupled by a spring to a lightly damped body that a load excites in resonance.
+
+    The body swings up within some 100 s, 40 periods, to P/(c w). Its spring then pulls the block loose, which has been
+    at rest until then.
+    """
+    own, between, damping = 4.0, 2.0, 0.02
+    translational = {"type": "translational", "direction": [1, 0]}
+    linear = {"type": "linear", "axis": [1, 0]}
+    return scene_from_dict(
+        {
+            "t_end": 20.0,
+            "gravity": [0, -9.81],
+            "parameters": {"P": P},
+            "bodies": {
+                "block": {"mass": 1.0, "inertia": 1.0},
+                "swing": {"mass": 1.0, "inertia": 1.0, "position": [0, 1.0]},
+            },
+            "joints": {
+                "floor": {**translational, "slider": "block", "mu": 0.01, "mus": 0.5},
+                "rail": {**translational, "slider": "swing", "point": [0, 1.0]},
+            },
+            "springs": {
+                "own": {
+                    **linear,
+                    "bodies": ["swing", "ground"],
+                    "points": [[0, 0], [0, 1.0]],
+                    "stiffness": own,
+                    "damping": damping,
+                },
+                "between": {**linear, "bodies": ["swing", "block"], "stiffness": between},
+            },
+            "forces": {
+                "load": {
+                    "type": "force",
+                    "body": "swing",
+                    "direction": [1, 0],
+                    "law": {
+                        "type": "sine",
+                        "amplitude": "P",
+                        "frequency": float(np.sqrt(own + between)),
+                    },
+                }
+            },
+        },
+        "swinging",
+    )
+
+
+def test_a_slider_that_rests_at_first_has_not_settled_while_another_body_has_not():
+    """It breaks away after 63 periods: the 30 periods of rest before, by its place alone, are no steady state."""
+    scene = swinging(0.15)
+    period = common_period(scene)
+    run = load_engine("reference").simulate(scene, t_end=80 * period, rtol=1e-9, output_step=period)
+    assert np.ptp(run["floor.displacement"][:60]) < 1e-12 < 0.1 < abs(run["floor.displacement"][-1])
+    probe = StickProbe(scene, "reference", {"rtol": 1e-9}, "P", "floor")
+    with pytest.raises(NotSettled, match="not settled after 960 periods"):
+        probe.sticks(0.15)
+    # Below the break-away load the block rests for ever, and that is known.
+    assert probe.sticks(0.05) and probe.settle_periods > 63
 
 
 @pytest.mark.parametrize(
@@ -271,14 +342,14 @@ VARIATION = Variation("F0", "guide", Range(0.0, 12.0, 0.1), 3.0)
 
 
 def test_engines_search_for_every_end_within_its_own_bands():
-    main = _main_search(MU_0015, VARIATION, 3.2372, 0.01)
+    main = main_search(MU_0015, VARIATION, 3.2372, 0.01)
     assert (main.low, main.near) == (1.5, 3.0) and 3.2372 < main.high < 3.7688
-    lower, upper = _other_ends(MU_0015, 3.2372, 0.01)
+    lower, upper = other_ends(MU_0015, 3.2372, 0.01)
     assert lower.value == 3.7688 and lower.search.is_lower_end
     assert upper.value == 4.5484 and not upper.search.is_lower_end
     for end in (lower, upper):
         assert end.search.low < end.value < end.search.high
-    scanned = _scanned_values(MU_0015, VARIATION, 0)
+    scanned = scanned_values(MU_0015, VARIATION, 0)
     for low, high in ((0.0, 3.2372), (3.2372, 3.7688), (3.7688, 4.5484), (4.5484, 12.0)):
         assert any(low < value < high for value in scanned)
 
@@ -306,7 +377,7 @@ def test_bands_are_found_shifted_missed_or_invented(sticks, ends, verdicts):
         sides = (end + 5e-4, end - 5e-4) if is_lower else (end - 5e-4, end + 5e-4)
         return Threshold(*sides, 1)
 
-    values = _scanned_values(MU_0015, VARIATION, 8)
+    values = scanned_values(MU_0015, VARIATION, 8)
     engine = EngineBands(
         (bracket(ends[0], False),),
         tuple((value, sticks(value)) for value in values),
@@ -437,9 +508,64 @@ def test_a_finer_step_begins_at_the_bracket_of_the_coarser_one():
 def test_the_default_depth_has_half_the_values_unless_a_resolution_is_given():
     scenes = (load_scene("slider-bar-case-1"),)
     counts = {
-        depth: len(variation_in(Scope(scenes, depth)).searched.values())
+        depth: len(variation_in(Scope(scenes, depth), scenes[0]).searched.values())
         for depth in (Depth.QUICK, Depth.DEFAULT, Depth.FULL)
     }
     assert counts == {Depth.QUICK: 121, Depth.DEFAULT: 61, Depth.FULL: 121}
     asked = Scope(scenes, Depth.DEFAULT, options={"range": (1.0, 2.0), "resolution": 0.1})
-    assert len(variation_in(asked).searched.values()) == 11
+    assert len(variation_in(asked, scenes[0]).searched.values()) == 11
+
+
+def test_a_scene_with_constant_loads_has_bands_and_no_engines():
+    """A mass on a belt: the bands are those of the reference, and each engine has a row with the reason."""
+    scope = Scope(
+        (load_scene("mass-on-belt"),),
+        Depth.QUICK,
+        ("pymunk",),
+        options={"parameter": "spring.stiffness", "range": (5.0, 50.0), "resolution": 15.0},
+    )
+    tables = planned({STUDY: scope})[STUDY].make(isolated=called_here).tables
+    assert set(tables["threshold"]["status"]) == {Status.REFUSED}
+    assert tables["threshold"]["reason"].str.contains("expected a periodic excitation").all()
+    true = tables["bands"][tables["bands"]["variant"] == "truth"]
+    # It sticks with its mus = 0.3 > mu = 0.2, and never comes to rest on the belt with mus = mu.
+    assert list(true.sort_values("mus")["band_kind"]) == [BandKind.SLIP, BandKind.STICK]
+    assert set(true["varied"]) == {"spring.stiffness"} and set(true["varied_unit"]) == {"N/m"}
+
+
+def test_no_common_period_is_one_line_of_reason():
+    scene = load_scene("slider-bar-case-1", {"Omega": 1.2345})
+    reason = STUDY.applies(Scope((scene,), Depth.QUICK))
+    assert "have no common period" in reason and "\n" not in reason
+    with pytest.raises(InputError, match="no common period"):
+        variation_in(Scope((scene,), Depth.QUICK), scene)
+
+
+def test_tables_about_another_parameter_name_it_and_its_unit():
+    """A column never names F0 or newtons: both are data of each row."""
+    scene = load_scene("slider-bar-case-1")
+    variation = Variation("k", "guide", Range(0.5, 4.0, 0.5), 1.0)
+    bands = (Band(0.5, 3.2, BandKind.STICK, 0.0, 1e-9), Band(3.2, 4.0, BandKind.SLIP, 1e-9, 0.0))
+    true = {
+        True: TrueBands(StickThreshold(3.2, 1e-9, (3.1, 3.3)), bands, Tier.HIGH_PRECISION),
+    }
+    variant = Variant("one", "reference", "rtol", (1e-9,))
+    engine = EngineBands((Threshold(3.19, 3.21, 5),))
+    arguments = scene, variation, [variant], [Outcome("one", Status.OK, engine)], true
+    table = threshold_table(*arguments)
+    assert not [name for name in table if "F0" in name]
+    assert (table["varied"][0], table["varied_unit"][0]) == ("k", "N/m")
+    results = Results((), {}, {"threshold": table, "bands": band_table(*arguments)})
+    section = section_of(STUDY, results)
+    heads = [column.head for view in section.tables for column in view.columns]
+    assert "from [N/m]" in heads and not [head for head in heads if "[N]" in head]
+    assert "k = 3.2" in section.answer and "N/m" in section.answer
+
+
+@pytest.mark.parametrize("mu", [0.01, 0.03, 0.06])
+def test_without_a_static_coefficient_static_friction_follows_the_varied_one(mu):
+    """Also where the scene's own static coefficient is smaller than the new kinetic one."""
+    scene = load_scene("slider-bar-case-1")
+    varied = vary(physics_over_values(scene, False), {"mu": mu})
+    assert varied.guides["guide"].static_coefficient == mu
+    assert physics_over_values(scene, True) is scene

@@ -233,3 +233,17 @@ def test_a_scene_without_the_drive_is_refused():
         plan(Scope((scene,), options={"drive": "none"}))
     with pytest.raises(InputError, match="no drive"):
         plan(Scope((load_scene("block-on-incline"),)))
+
+
+def test_the_effort_of_a_drive_of_a_distance_is_a_force():
+    """In newtons, in text, tables and figures; no word about a torque is left."""
+    made = results()
+    table = made.table("torque").assign(effort=EFFORT)
+    scenes = {case: load_scene("mass-on-belt") for case in CASES}
+    forces = replace(made, tables={"torque": table}, scenes=scenes)
+    written = section(forces)
+    assert "driving force" in words(written) and "torque" not in words(written)
+    heads = [column.head for shown in written.tables for column in shown.columns]
+    assert any("[N]" in head for head in heads) and not any("N m" in head for head in heads)
+    torques = section(replace(made, tables={"torque": table}))
+    assert "driving torque" in words(torques)

@@ -18,13 +18,8 @@ from stiction.comparisons.bench.presentation.cells import intervals_of
 from stiction.comparisons.bench.store import kept_file
 from stiction.comparisons.measures.settling import NotSettled
 from stiction.comparisons.measures.steady_state_measures import MEASURES, SteadyRun, steady_window
-from stiction.comparisons.sweep.sweep import (
-    Specification,
-    SweepAxis,
-    SweepRefused,
-    parse_axis,
-    sweep,
-)
+from stiction.comparisons.sweep.axes import SweepAxis, parse_axis
+from stiction.comparisons.sweep.sweep import Specification, SweepRefused, sweep
 from stiction.engines import Outcome
 from stiction.reports.figures.style import rc
 from stiction.reports.figures.sweep_figures import sweep_drawings
@@ -104,9 +99,9 @@ def test_threshold_separates_the_map(here):
     )
     for row in found.to_dict("records"):
         column = result.map[result.map["motor.rate"] == row["motor.rate"]]
-        assert (column.loc[column["F0"] >= row["F0_without_stick"], "stick-fraction"] == 0).all()
-        assert (column.loc[column["F0"] <= row["F0_with_stick"], "stick-fraction"].iloc[-1]) > 0
-        assert row["F0_with_stick"] < row["threshold"] < row["F0_without_stick"]
+        assert (column.loc[column["F0"] >= row["without_stick"], "stick-fraction"] == 0).all()
+        assert (column.loc[column["F0"] <= row["with_stick"], "stick-fraction"].iloc[-1]) > 0
+        assert row["with_stick"] < row["threshold"] < row["without_stick"]
 
 
 def test_goes_on_after_an_interruption(here, tmp_path):
@@ -396,8 +391,8 @@ def test_bad_specifications(change, expected):
 
 def test_map_is_drawn_with_its_threshold(here):
     with rc():
-        drawing, curve = sweep_drawings(here[0])
-    assert curve.name == "curve-threshold"
+        drawing, curve, bands = sweep_drawings(here[0])
+    assert curve.name == "curve-threshold" and bands.name == "map-bands"
     [ax, bar] = drawing.figure.axes
     labels = ax.get_xlabel(), ax.get_ylabel(), bar.get_ylabel()
     assert labels == ("F0 [N]", "motor.rate [rad/s]", "stick-fraction")

@@ -232,14 +232,84 @@ def test_slider_crank_with_dry_pins(rtol):
         assert found == pytest.approx(jump, abs=TIMES_RTOL * rtol * 10)
 
 
+@pytest.mark.parametrize("rtol", RTOLS)
+@pytest.mark.parametrize("count", [2, 3])
+def test_a_slow_ramp_moves_joints_with_the_cube_of_time(rtol, count):
+    """Sliders joined in a row, at rest up to the sum of their bounds: then x = k t^3/(6 M), from no acceleration."""
+    bounds, rate, mass = (1.0, 0.7, 2.1)[:count], 0.8, 1.3
+    bodies, joints = {}, {}
+    for k in range(count):
+        bodies[f"s{k}"] = {"mass": mass, "inertia": 1, "position": [k, 0]}
+        joints[f"guide{k}"] = {"type": "translational", "slider": f"s{k}", "friction": bounds[k]}
+        if k:
+            bodies[f"rod{k}"] = {"mass": mass, "inertia": 1, "position": [k - 0.5, 0]}
+            for end, x, slider in (("left", -0.5, f"s{k - 1}"), ("right", 0.5, f"s{k}")):
+                joints[f"{end}{k}"] = {
+                    "type": "revolute",
+                    "bodies": [f"rod{k}", slider],
+                    "points": [[x, 0], [0, 0]],
+                }
+    law = {"type": "linear", "rate": rate}
+    push = {"type": "force", "body": "s0", "direction": [1, 0], "law": law}
+    scene = scene_from_dict({"bodies": bodies, "joints": joints, "forces": {"push": push}})
+    start = sum(bounds) / rate
+    run = simulate(scene, rtol, t_end=start + 2, output_step=0.01)
+    assert [event.kind for event in run.events] == ["slip"] * count
+    times = [event.time for event in run.events]
+    np.testing.assert_allclose(times, start, rtol=0, atol=TIMES_RTOL * max(rtol, 1e-11))
+    expected = rate * np.maximum(run.t - start, 0) ** 3 / 6 / (len(bodies) * mass)
+    for k in range(count):
+        np.testing.assert_allclose(run[f"s{k}.x"] - k, expected, rtol=0, atol=TIMES_RTOL * rtol)
+
+
+@pytest.mark.parametrize("rtol", RTOLS)
+@pytest.mark.parametrize("sign", [1, -1])
+def test_equal_arms_break_away_at_the_same_time(rtol, sign):
+    """Two arms that a spring joins, each under the same ramp: the spring keeps its length, phi = k t^3/(6 I)."""
+    rate, bound, inertia = 0.5 * sign, 0.8, 0.3
+    bodies, joints, forces = {}, {}, {}
+    for name, x in (("left", 0.0), ("right", 1.0)):
+        bodies[name] = {"mass": 1, "inertia": inertia, "position": [x, 0], "angle": 0.4}
+        joints[f"{name}-pin"] = {
+            "type": "revolute",
+            "bodies": [name, "ground"],
+            "points": [[0, 0], [x, 0]],
+            "friction": bound,
+        }
+        law = {"type": "linear", "rate": rate}
+        forces[f"{name}-torque"] = {"type": "torque", "body": name, "law": law}
+    spring = {
+        "type": "linear",
+        "bodies": ["left", "right"],
+        "points": [[0.3, 0], [0.3, 0]],
+        "stiffness": 50,
+        "rest_length": 1.0,
+    }
+    scene = scene_from_dict(
+        {"bodies": bodies, "joints": joints, "forces": forces, "springs": {"spring": spring}}
+    )
+    start = bound / abs(rate)
+    run = simulate(scene, rtol, t_end=start + 1, output_step=0.01)
+    assert {(event.kind, event.joint) for event in run.events} == {
+        ("slip", "left-pin"),
+        ("slip", "right-pin"),
+    }
+    assert len(run.events) == 2
+    times = [event.time for event in run.events]
+    np.testing.assert_allclose(times, start, rtol=0, atol=TIMES_RTOL * max(rtol, 1e-11))
+    expected = 0.4 + rate * np.maximum(run.t - start, 0) ** 3 / 6 / inertia
+    for name in bodies:
+        np.testing.assert_allclose(run[f"{name}.angle"], expected, rtol=0, atol=TIMES_RTOL * rtol)
+
+
 @pytest.mark.parametrize("rtol", (1e-9, 1e-12))
+@pytest.mark.parametrize("ratio", [0.9, 1.0])
 @pytest.mark.parametrize("sign", [1, -1])
 @pytest.mark.parametrize("share", [(2.0, 1.0, 3.0, 4.0), (0.5, 3.0, 0.2, 0.0), (2.0, 1.0, 3.0)])
-def test_joints_at_rest_share_a_load_up_to_the_sum_of_their_bounds(share, sign, rtol):
+def test_joints_at_rest_share_a_load_up_to_the_sum_of_their_bounds(share, sign, ratio, rtol):
     """A slider-crank at rest under a growing torque on its crank: three pins and the guide give way together.
 
-    Static bounds are larger than kinetic ones. Where they are equal, the motion begins without an acceleration, and a
-    run may end there with a typed breakdown, as the signs of its first speeds are rounding.
+    Kinetic bounds are `ratio` times the static ones. Where they are equal, the motion begins without an acceleration.
     """
     r, l, angle = 0.5, 2.0, 0.7
     phi = np.arcsin(-r * np.sin(angle) / l)
@@ -265,7 +335,7 @@ def test_joints_at_rest_share_a_load_up_to_the_sum_of_their_bounds(share, sign, 
             "crank.angular_velocity": None,
             "rod.velocity": None,
             "rod.angular_velocity": None,
-            **{f"{name}.friction": 0.9 * bound for name, bound in zip(joints, share)},
+            **{f"{name}.friction": ratio * bound for name, bound in zip(joints, share)},
             **{f"{name}.static_friction": bound for name, bound in zip(joints, share)},
         },
     )

@@ -10,6 +10,7 @@ from fuzz.several_freedoms import (
     differences,
     random_scene,
     scene_with_constant_bounds,
+    scene_with_pins_under_load,
     scene_with_stribeck_curves,
 )
 
@@ -128,6 +129,41 @@ def test_hundreds_of_random_mechanisms_with_stribeck_curves(block):
             assert (run.breakdown or not motion.breakdown) and differences(
                 scene, motion, run, rtol
             ) == [], (i, rtol)
+
+
+@pytest.mark.parametrize("i", range(3))  # hundreds in the long tests
+def test_random_mechanisms_with_pins_under_load(i):
+    """Friction of pins by the forces in them, beside constant bounds and curves of friction."""
+    scene = scene_with_pins_under_load(5, i)
+    motion = simulate(scene, T_END)
+    assert motion.breakdown is None and motion.violation < RESERVE * TOLERANCE
+    run = reference(scene, T_END, 1e-9)
+    assert run.breakdown is None and differences(scene, motion, run, 1e-9) == []
+
+
+@pytest.mark.long
+@pytest.mark.parametrize("block", range(12))
+def test_hundreds_of_random_mechanisms_with_pins_under_load(block):
+    """Nothing is silently wrong."""
+    for i in range(300)[block::12]:
+        scene, t_end = scene_with_pins_under_load(5, i), 1.5
+        motion = simulate(scene, t_end)
+        assert motion.violation < RESERVE * TOLERANCE
+        for rtol in RTOLS:
+            run = reference(scene, t_end, rtol)
+            assert (run.breakdown or not motion.breakdown) and differences(
+                scene, motion, run, rtol
+            ) == [], (i, rtol)
+
+
+def test_surfaces_of_a_guide_without_a_coefficient_change_without_an_event():
+    """Its slider has a length, so that corners have forces, but its friction is a constant: scene 79 is accepted."""
+    scene = scene_with_stribeck_curves(1, 79)
+    guide = scene.guides["guide-slider-1"]
+    assert guide.length and guide.mu is None and guide.friction
+    run = ReferenceEngine().simulate(scene, t_end=1.5, rtol=1e-9)
+    kinds = {event.kind for event in run.events if event.joint == "guide-slider-1"}
+    assert run.breakdown is None and kinds == {"reversal"}
 
 
 def test_a_wrong_run_is_found():

@@ -210,7 +210,7 @@ def test_keys_that_lead_nowhere_are_refused_in_words(key, message, tmp_path):
     "column, value, shown",
     [
         ("position_error", 1.2345e-7, "1.2e-07"),
-        ("F0_with_stick", 4.21195632175, "4.211956322"),
+        ("with_stick", 4.21195632175, "4.211956322"),
         ("window", 8.0, "8"),
         ("kind", "stick", "stick"),
         ("reason", "a | b\nc", "a | b c"),

@@ -4,11 +4,20 @@ import json
 
 import frictionless
 import pandas as pd
+import pyarrow as pa
 import pyarrow.parquet as pq
 import pytest
 
 from stiction.comparisons.bench.quantities import QUANTITIES, quantity_of
-from stiction.reports.run_folder.data_package import DATA_PACKAGE, PARAMETERS, columns_of_table
+from stiction.reports.run_folder.data_package import (
+    DATA_PACKAGE,
+    PARAMETERS,
+    _described,
+    columns_of_motion,
+    columns_of_table,
+    metadata,
+)
+from stiction.scenes import load_scene
 from stiction.scenes.columns import unit_of
 
 
@@ -73,7 +82,9 @@ def test_units_are_in_the_metadata_of_parquet(report_folder):
     )
     motion = next((report_folder / "data" / "trajectories").glob("*.parquet"))
     for field in pq.read_schema(motion):
-        assert (field.metadata or {}).get(b"unit", b"").decode() == unit_of(field.name)
+        # the scene of the run tells whether an effort is a torque
+        expected = unit_of(field.name, load_scene("slider-bar-case-1"))
+        assert (field.metadata or {}).get(b"unit", b"").decode() == expected
 
 
 def test_uncertainties_are_quantities_of_the_same_unit():
@@ -85,3 +96,18 @@ def test_uncertainties_are_quantities_of_the_same_unit():
             and " " not in quantity.key
         )
     assert [one.label for one in columns_of_table(PARAMETERS, ["scene", "F0"])] == ["scene", "F0"]
+
+
+def test_columns_of_pins_have_their_own_units():
+    """A pin's friction is a torque, and its slip a rate; a file of a run says so, and the package reads it there."""
+    scene = load_scene("slider-crank-dry-pins")
+    names = ["t", "pin.friction", "pin.slip_velocity", "guide.slip_velocity", "motor.effort"]
+    units = [quantity.unit for quantity in columns_of_motion(names, scene)]
+    assert units == ["s", "N m", "rad/s", "m/s", "N m"]
+    frame = pd.DataFrame({name: [0.0] for name in names})
+    fields = [
+        pa.field(quantity.key, pa.float64(), metadata=metadata(quantity))
+        for quantity in columns_of_motion(frame, scene)
+    ]
+    assert [_described(field).unit for field in fields] == units
+    assert [_described(field) for field in fields][1].description.startswith("torque")

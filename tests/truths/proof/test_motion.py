@@ -597,6 +597,18 @@ def test_other_mechanisms_are_refused(name):
         provable_mechanism(load_scene(name))
 
 
+@pytest.mark.parametrize("name", ["pendulum-dry-pin", "vertical-slider", "held-arm"])
+def test_friction_with_constant_bounds_is_refused(name):
+    with pytest.raises(NotThisMechanism), bits():
+        provable_mechanism(load_scene(name))
+
+
+def test_a_constant_bound_is_named_in_one_line():
+    """The mechanism is one that can be proven; what it must not have is the first reason."""
+    output = invoke("prove slider-bar-case-1 --set guide.friction=1", exit_code=BAD_INPUT).output
+    assert "guide.friction: found 1.0; expected none" in output.splitlines()[1]
+
+
 def test_at_the_edge_of_static_friction():
     """P = mus N (1 -+ 1e-20): rests for ever, or breaks away at the peak; floats cannot tell."""
     for b, moves in (("1 + 1/10^20", False), ("1 - 1/10^20", True)):

@@ -73,7 +73,7 @@ class Condition:
 
 ANY = Condition("any", lambda value: True)
 """Condition that every value fulfils."""
-POSITIVE = Condition("> 0", lambda value: value > 0)
+POSITIVE = Condition("> 0", lambda value: value is not None and value > 0)
 """Condition on a positive number."""
 NEGATIVE = Condition("< 0", lambda value: value < 0)
 """Condition on a negative number."""

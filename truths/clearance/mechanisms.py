@@ -29,7 +29,16 @@ import numpy as np
 from stiction.scenes import Scene
 from stiction.scenes.fields import GROUND
 from stiction.scenes.model import Revolute, Translational
-from stiction.truths.structure import CENTRE, FORWARD, NEGATIVE, POSITIVE, Match, Part, Structure
+from stiction.truths.structure import (
+    ANY,
+    CENTRE,
+    FORWARD,
+    NEGATIVE,
+    POSITIVE,
+    Match,
+    Part,
+    Structure,
+)
 from stiction.truths.truth import NotThisMechanism
 
 CORNERS = 4
@@ -323,6 +332,8 @@ FREE_SLIDER_CRANK = Structure(
             angle=0,
             length=POSITIVE,
             width=POSITIVE,
+            clearance=POSITIVE,
+            restitution=ANY,
         ),
     },
 )
@@ -330,18 +341,15 @@ FREE_SLIDER_CRANK = Structure(
 
 
 def slider_crank_with_clearance(
-    scene: Scene, clearance: float, restitution: float
+    scene: Scene,
 ) -> tuple[ClearanceSliderCrank, np.ndarray, np.ndarray]:
     """Return the slider-crank of a scene with clearance in its guide, and its coordinates and velocities at the start.
 
     Parameters
     ----------
     scene : Scene
-        A slider-crank with frictionless pins and without a drive, whose bars have their pins on their x axes.
-    clearance : float
-        Gap between the centred slider and each surface of the guide, m.
-    restitution : float
-        Newton's coefficient of restitution.
+        A slider-crank with frictionless pins and without a drive, whose bars have their pins on their x axes, and
+        whose guide declares its clearance.
 
     Raises
     ------
@@ -360,7 +368,14 @@ def slider_crank_with_clearance(
         match[label].points for label in ("pivot", "crank pin", "slider pin")
     )
     mechanism = ClearanceSliderCrank(
-        Gap(guide.length, guide.width, clearance, guide.mu or 0.0, restitution, guide.point[1]),
+        Gap(
+            guide.length,
+            guide.width,
+            guide.clearance,
+            guide.mu or 0.0,
+            guide.restitution,
+            guide.point[1],
+        ),
         crank_length=crank_end[0] - pivot[0],
         rod_length=rod_end[0] - crank_pin[0],
         crank_centre=-pivot[0],

@@ -9,7 +9,6 @@ from scipy.integrate import solve_ivp
 
 from stiction.comparisons.measures.power_law import fitted_exponent
 from stiction.engines import load_engine
-from stiction.reference_impl.multibody.mechanism import Mechanism
 from stiction.scenes import load_scene, vary
 from stiction.truths import NoMotion, NotThisMechanism
 from stiction.truths.clearance.corner_law import CornerState
@@ -38,10 +37,15 @@ def start(*values):
     return np.array(values, dtype=float)
 
 
+def scene_of(restitution):
+    """The slider-crank of the catalogue with the gap of these tests."""
+    return load_scene(SLIDER_CRANK, {"c": GAP, "e": restitution})
+
+
 @lru_cache
 def slider_crank(restitution, impacts=None, t_end=0.2, longest_step=LONGEST_STEP):
     """The motion of the slider-crank of the catalogue."""
-    mechanism, q, v = slider_crank_with_clearance(load_scene(SLIDER_CRANK), GAP, restitution)
+    mechanism, q, v = slider_crank_with_clearance(scene_of(restitution))
     return impacting_motion(mechanism, q, v, t_end, longest_step, impacts)
 
 
@@ -313,15 +317,8 @@ def test_steps_do_not_matter():
 
 def angle_errors(engine, motion, restitution, step, instants, t_end):
     """Largest error of the angles at each instant of a run by time stepping."""
-    scene = load_scene(SLIDER_CRANK)
     run = load_engine(engine).simulate(
-        scene,
-        t_end=t_end,
-        dt=step,
-        fidelity="contact",
-        output_step=5e-4,
-        clearance=GAP / Mechanism(scene).arrays.length_scale,
-        restitution=restitution,
+        scene_of(restitution), t_end=t_end, dt=step, fidelity="contact", output_step=5e-4
     )
     assert run.breakdown is None
     rows = np.searchsorted(run.t, instants - 1e-9)
@@ -374,17 +371,18 @@ def test_the_whole_motion_keeps_all_balances(restitution):
 
 def test_other_scenes_are_refused():
     with pytest.raises(NotThisMechanism, match="motor"):
-        slider_crank_with_clearance(load_scene("slider-crank"), GAP, 0.4)
+        slider_crank_with_clearance(load_scene("slider-crank"))
     with pytest.raises(NotThisMechanism, match="mus: found 0.02; expected mu = 0.01"):
-        slider_crank_with_clearance(
-            vary(load_scene(SLIDER_CRANK), {"joints.guide.mus": 0.02}), GAP, 0.4
-        )
+        slider_crank_with_clearance(load_scene(SLIDER_CRANK, {"joints.guide.mus": 0.02}))
+    with pytest.raises(NotThisMechanism, match="clearance: found"):
+        ideal = {"guide.clearance": None, "guide.restitution": None}
+        slider_crank_with_clearance(vary(load_scene(SLIDER_CRANK), ideal))
     for change, message in (
         ({"restitution": 1.5}, "restitution: found 1.5"),
         ({"clearance": 0.0}, "clearance: found 0.0"),
         ({"mu": -1.0}, "mu: found -1.0"),
     ):
-        mechanism, _, _ = slider_crank_with_clearance(load_scene(SLIDER_CRANK), GAP, 0.4)
+        mechanism, _, _ = slider_crank_with_clearance(scene_of(0.4))
         with pytest.raises(ValueError, match=message):
             mechanism.with_gap(**change)
     with pytest.raises(ValueError, match="beyond its surface"):

@@ -118,7 +118,11 @@ def true_thresholds(scope: Scope) -> Comparison[TruthByScene]:
         As `variation_in`.
     """
     scenes = scope.leading_scenes
-    parts = [_truth_of_scene(scene, variation_in(scope, scene)) for scene in scenes]
+    variants = threshold_variants(scope.engines, scope.depth)
+    is_one_compared = not all(map(has_static_coefficient, variants))
+    parts = [
+        _truth_of_scene(scene, variation_in(scope, scene), is_one_compared) for scene in scenes
+    ]
 
     def by_scene(truths: list[dict[bool, TrueBands]]) -> TruthByScene:
         return {scene.name: truth for scene, truth in zip(scenes, truths, strict=True)}
@@ -126,11 +130,17 @@ def true_thresholds(scope: Scope) -> Comparison[TruthByScene]:
     return side_by_side(parts, by_scene)
 
 
-def _truth_of_scene(scene: Scene, variation: Variation) -> Comparison[dict[bool, TrueBands]]:
-    """Return the true bands of a scene; a computation that failed has no bands, and its reason."""
+def _truth_of_scene(
+    scene: Scene, variation: Variation, is_one_compared: bool
+) -> Comparison[dict[bool, TrueBands]]:
+    """Return the true bands of a scene; a computation that failed has no bands, and its reason.
+
+    `is_one_compared`: whether there is a method with one coefficient of friction. Without one, nothing is compared with
+    the bands for mus = mu, and the scene does not have them.
+    """
     # Where both physics are the same, as in a scene without a static coefficient, one is enough.
     physics = {True: scene}
-    if physics_of(scene, False) != scene:
+    if is_one_compared and physics_of(scene, False) != scene:
         physics[False] = physics_over_values(scene, False)
     tasks = []
     for has_mus, varied in physics.items():
@@ -156,6 +166,8 @@ def plan(scope: Scope) -> Comparison[Tables]:
     bracket is the variant's own: it was seen to stick at one end and not at the other.
     """
     truths: TruthByScene = scope.known[TRUTH]
+        if not is_one_compared:
+            return bands
     variants = threshold_variants(scope.engines, scope.depth)
     parts = [
         _SceneSearch(scene, variation_in(scope, scene), variants, truths[scene.name], scope.depth)

@@ -219,7 +219,7 @@ class _Subject:
         """Return the range and its resolution, and the bands in which the start decides."""
         true = self.true_bands
         if true.empty:
-            return {"searched": None, "start_dependent": [], "own_run": False}
+            return {"searched": None, "start_dependent": [], "own_run": False, "single": None}
         return {
             "searched": row_of(BANDS, self.bands, true.index[0]),
             "start_dependent": _band_rows(self.bands, true[true["depends_on_start"].eq(True)]),
@@ -243,9 +243,18 @@ class _Subject:
         """
         table = self.complete
         scanned = table[table[SCANNED].notna()]
+            "single": self._single_coefficient,
         if len(scanned):
             scanned = scanned.drop_duplicates("mus")
         again = scanned[scanned[AGAIN].fillna("").ne("")]
+    @property
+    def _single_coefficient(self) -> Row | None:
+        """The row of the true bands for mus = mu, if there are others; static friction is never the smaller one."""
+        true = self.true_bands
+        if true["mus"].nunique() < 2:
+            return None
+        return row_of(BANDS, self.bands, true["mus"].idxmin())
+
         end = None
         if len(scanned):
             end = row_of("threshold", table, scanned[SCANNED].idxmin())[SCANNED]

@@ -109,6 +109,19 @@ def check(scope: Scope) -> None:
         variation_in(scope, scene)
 
 
+def reason_against(scope: Scope) -> str:
+    """Return why a campaign does not make the study, with the command that searches over another number."""
+    if "parameter" not in scope.options:
+        for scene in scope.leading_scenes:
+            has_joint = scene.frictional_guides or scene.frictional_joints
+            if has_joint and AMPLITUDE not in scene.parameters:
+                return (
+                    f"the scene has no parameter {AMPLITUDE}; `stiction compare threshold SCENE --parameter KEY "
+                    "--range LOW:HIGH` searches over any other of its numbers"
+                )
+    return unless_refused(check)(scope)
+
+
 def true_thresholds(scope: Scope) -> Comparison[TruthByScene]:
     """Return the true bands of each scene, for the physics with and without a static coefficient of its own.
 
@@ -153,6 +166,8 @@ def _truth_of_scene(
             has_mus: outcome.value or unknown_bands(f"{outcome.status}: {outcome.reason}")
             for has_mus, outcome in zip(physics, outcomes, strict=True)
         }
+        if not is_one_compared:
+            return bands
         return {False: bands.get(False, bands[True]), True: bands[True]}
 
     return Comparison(tuple(tasks), tabulate)
@@ -166,8 +181,6 @@ def plan(scope: Scope) -> Comparison[Tables]:
     bracket is the variant's own: it was seen to stick at one end and not at the other.
     """
     truths: TruthByScene = scope.known[TRUTH]
-        if not is_one_compared:
-            return bands
     variants = threshold_variants(scope.engines, scope.depth)
     parts = [
         _SceneSearch(scene, variation_in(scope, scene), variants, truths[scene.name], scope.depth)
@@ -293,7 +306,7 @@ STUDY = Study(
     {TRUTH: true_thresholds},
     seconds=10.0,
     takes=frozenset({"engines", "parameter", "range", "joint", "resolution", "scenes"}),
-    applies=unless_refused(check),
+    applies=reason_against,
     tables={
         "threshold": "Stick thresholds",
         BANDS: "Bands with and without stick phases",

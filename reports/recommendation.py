@@ -41,7 +41,7 @@ def mechanism(results: Results) -> dict[str, object] | None:
     """
     scenes = [
         name
-        for name in dict.fromkeys(record.scene for record in results.records)
+        for name in results.compared_scenes
         if results.is_of_paper(name) and name in results.truths
     ]
     first = results.scene(scenes[0]) if scenes else None
@@ -84,10 +84,16 @@ def own_mechanisms(results: Results) -> list[dict[str, object]]:
     if results.is_about_paper:
         return []
     rows: list[dict[str, object]] = []
-    for name in dict.fromkeys(record.scene for record in results.records):
+    for name in results.compared_scenes:
         scene = results.scene(name)
         if scene is not None:
-            rows.append({**_described_scene(scene), **_described_truth(scene, results.truths)})
+            rows.append(
+                {
+                    **_described_scene(scene),
+                    **_described_truth(scene, results.truths),
+                    "has_runs": bool(results.records),
+                }
+            )
     return rows
 
 

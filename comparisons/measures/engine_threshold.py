@@ -26,6 +26,8 @@ from stiction.comparisons.measures.settling import (
 from stiction.engines.protocol import EngineFailure
 from stiction.engines.registry import load_engine
 from stiction.scenes import Scene, Trajectory, vary
+from stiction.engines.status import Status
+from stiction.reference_impl.multibody.initial_state import with_consistent_start
 from stiction.scenes.columns import BODY_COLUMNS
 
 SETTLE_PERIODS = 4
@@ -59,6 +61,9 @@ class Threshold:
     residual : float
         Largest shift of the threshold by the rest of the transient, where events are located.
     """
+    status : Status
+        `Status.NOT_FOUND` if the range contains no threshold, which is an answer and no failure of the runs;
+        `Status.NO_STEADY_STATE` if a motion did not settle.
 
     with_stick: float | None
     without_stick: float | None
@@ -66,6 +71,7 @@ class Threshold:
     remark: str = ""
     residual: float = 0.0
 
+    status: Status = Status.OK
 
 @dataclass(frozen=True)
 class Search:
@@ -148,12 +154,27 @@ class StickProbe:
         return self.seen[value][0]
 
     def bracket(
-        self, with_stick: float | None, without_stick: float | None, remark: str = ""
+        self,
+        with_stick: float | None,
+        without_stick: float | None,
+        remark: str = "",
+        status: Status = Status.OK,
     ) -> Threshold:
         """Return the result of a search that ends with this bracket."""
-        return Threshold(with_stick, without_stick, self.runs, remark, self.residual)
+        return Threshold(with_stick, without_stick, self.runs, remark, self.residual, status)
 
-    def _simulate(self, value: float, end: float, output_step: float) -> Trajectory:
+    def _scene_at(self, value: float) -> tuple[Scene, float]:
+        """Return the scene with a value, its start assembled, and the period of its loads and drives, s."""
+        varied = vary(self.scene, {self.parameter: value})
+        try:
+            period = common_period(varied)
+        except NoCommonPeriod as error:
+            raise NotSettled(
+                f"no steady state at {self.parameter} = {value:.9g}: {error}"
+            ) from error
+        return with_consistent_start(varied, assemble=True), period
+
+    def _simulate(self, value: float, scene: Scene, end: float, output_step: float) -> Trajectory:
         run = load_engine(self.engine).simulate(
             vary(self.scene, {self.parameter: value}),
             t_end=end,
@@ -269,14 +290,16 @@ def measure_threshold(
         if not probe.sticks(inside):
             creep = probe.seen[inside][1]
             slowest = "" if creep is None else f": the slowest stretch moves at {creep:.2g} m/s"
-            return probe.bracket(None, None, f"no stick phase at {parameter} = {inside:g}{slowest}")
+            remark = f"no stick phase at {parameter} = {inside:g}{slowest}"
+            return probe.bracket(None, None, remark, Status.NOT_FOUND)
         if probe.sticks(outside):
-            return probe.bracket(outside, None, f"still a stick phase at {parameter} = {outside:g}")
+            remark = f"still a stick phase at {parameter} = {outside:g}"
+            return probe.bracket(outside, None, remark, Status.NOT_FOUND)
         while high - low > search.width:
             middle = 0.5 * (low + high)
             low, high = (middle, high) if is_below(middle) else (low, middle)
     except NotSettled as error:
-        return probe.bracket(None, None, str(error))
+        return probe.bracket(None, None, str(error), Status.NO_STEADY_STATE)
     return probe.bracket(high, low) if search.is_lower_end else probe.bracket(low, high)
 
 

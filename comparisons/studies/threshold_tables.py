@@ -90,7 +90,7 @@ def threshold_table(
                 "fidelity": variant.fidelity,
                 "parameter": variant.parameter,
                 "step": step,
-                "status": outcome.status,
+                "status": threshold.status if threshold else outcome.status,
                 "reason": outcome.reason or (threshold.remark if threshold else ""),
                 **about,
                 "key": f"threshold/{run_key(scene, variant, step)}",

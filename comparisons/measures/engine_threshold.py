@@ -19,15 +19,16 @@ from stiction.comparisons.measures.settling import (
     CREEP_TOLERANCE,
     MOST_PERIODS,
     SHORTEST_STICK,
+    NoCommonPeriod,
     NotSettled,
     common_period,
     settled,
 )
 from stiction.engines.protocol import EngineFailure
 from stiction.engines.registry import load_engine
-from stiction.scenes import Scene, Trajectory, vary
 from stiction.engines.status import Status
 from stiction.reference_impl.multibody.initial_state import with_consistent_start
+from stiction.scenes import Scene, Trajectory, vary
 from stiction.scenes.columns import BODY_COLUMNS
 
 SETTLE_PERIODS = 4
@@ -60,18 +61,18 @@ class Threshold:
         The reason why a value is missing.
     residual : float
         Largest shift of the threshold by the rest of the transient, where events are located.
-    """
     status : Status
         `Status.NOT_FOUND` if the range contains no threshold, which is an answer and no failure of the runs;
         `Status.NO_STEADY_STATE` if a motion did not settle.
+    """
 
     with_stick: float | None
     without_stick: float | None
     runs: int
     remark: str = ""
     residual: float = 0.0
-
     status: Status = Status.OK
+
 
 @dataclass(frozen=True)
 class Search:
@@ -105,10 +106,14 @@ class Search:
 class StickProbe:
     """Runs of an engine, each at one value of a parameter, and whether their steady states have a stick phase.
 
+    The start is assembled at each value, as it is in the runs of the reference that yield the true bands: where the
+    value enters the constraints or the laws of drives, the start of the scene's own value violates them. The period is
+    that of the value, too, as the value may be the speed of a drive.
+
     Attributes
     ----------
     scene : Scene
-        The mechanism; loads and drives must have a common period.
+        The mechanism; loads and drives must have a common period, at each value.
     engine : str
         Name of the engine.
     arguments : Mapping
@@ -139,7 +144,7 @@ class StickProbe:
     residual: float = 0.0
 
     def __post_init__(self) -> None:
-        self.period = common_period(self.scene)
+        common_period(self.scene)  # raises NoCommonPeriod before any run
         self.guide = self.joint or next(
             iter(self.scene.frictional_guides | self.scene.frictional_joints)
         )
@@ -176,7 +181,7 @@ class StickProbe:
 
     def _simulate(self, value: float, scene: Scene, end: float, output_step: float) -> Trajectory:
         run = load_engine(self.engine).simulate(
-            vary(self.scene, {self.parameter: value}),
+            scene,
             t_end=end,
             output_step=output_step,
             **self.arguments,
@@ -187,23 +192,25 @@ class StickProbe:
         return run
 
     def _sampled(self, value: float, step: float) -> tuple[bool, float]:
-        run = self._simulate(value, (SETTLE_PERIODS + WINDOW_PERIODS) * self.period, step)
-        return sticks(run, self.guide, SETTLE_PERIODS * self.period, step)
+        scene, period = self._scene_at(value)
+        run = self._simulate(value, scene, (SETTLE_PERIODS + WINDOW_PERIODS) * period, step)
+        return sticks(run, self.guide, SETTLE_PERIODS * period, step)
 
     def _located(self, value: float) -> tuple[bool, None]:
+        scene, period = self._scene_at(value)
         periods = self.settle_periods
         while periods <= MOST_SETTLING:
-            run = self._simulate(value, periods * self.period, self.period)
-            states = scaled_states(run, list(self.scene.bodies), self.period)
+            run = self._simulate(value, scene, periods * period, period)
+            states = scaled_states(run, list(scene.bodies), period)
             state = settled(states[: periods + 1], size=1.0)
             if state is not None:
                 self.settle_periods = periods
                 self.residual = max(self.residual, state.distance * abs(value))
-                start = (periods - state.order) * self.period * (1 - 1e-12)
+                start = (periods - state.order) * period * (1 - 1e-12)
                 return sticks(run, self.guide, start, 0.0)[0], None
             periods *= 2
         raise NotSettled(
-            f"not settled after {periods // 2} periods of {self.period:g} s at {self.parameter} = "
+            f"not settled after {periods // 2} periods of {period:g} s at {self.parameter} = "
             f"{value:.9g}: no steady state of up to {MOST_PERIODS} periods"
         )
 

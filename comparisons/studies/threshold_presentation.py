@@ -187,11 +187,8 @@ class _Subject:
         """Return what the text mentions."""
         table, measured = self.complete, self.measured
         clearly, may_vanish = _off(self.finest)
-        without: list[str] = []
-        if len(measured):
-            is_tried = ~table["status"].isin([Status.MISSING, Status.REFUSED])
-            tried = table.loc[is_tried, "variant"].unique()
-            without = [name for name in tried if name not in set(measured["variant"])]
+        refused = _refusals(table)
+        without = [] if refused else self._without_threshold()
         proven = table[table[TIER] == Tier.PROVEN]
         truth = None
         with_truth = table[table[TRUE_THRESHOLD].notna()]
@@ -206,14 +203,37 @@ class _Subject:
             "truth": truth,
             "off": _errors(table, clearly),
             "inconclusive": _errors(table, may_vanish),
-            "without": without,
+            "measured": len(measured),
+            "without": [row["variant"] for row in without],
+            "lacking": without,
+            "unanswered": _methods_by_status(without),
             "proven": _threshold_rows(table, proven.drop_duplicates("mus")) if len(proven) else [],
             "bands": _band_rows(self.bands, self.true_bands),
-            "refused": _refusals(table),
+            "refused": refused,
             **self._searched_rows(),
             **self._wrong_band_rows(),
             **self._rows_above(),
         }
+
+    def _without_threshold(self) -> list[dict[str, str]]:
+        """Return each method of which no step has a threshold, with the status and the reason of its finest step.
+
+        Engines that are not installed are left out, and those that decline the scene while others have a threshold.
+        """
+        table, measured = self.complete, self.measured
+        left_out = [Status.MISSING, Status.REFUSED] if len(measured) else [Status.MISSING]
+        is_without = ~table["variant"].isin(measured["variant"]) & ~table["status"].isin(left_out)
+        last = table[is_without].drop_duplicates("variant", keep="last")
+        reasons = with_columns(last, "reason")["reason"].astype(object).fillna("")
+        return [
+            {
+                "variant": row["variant"],
+                "status": row["status"],
+                # Further lines list every constraint, or are a traceback.
+                "reason": (str(row["reason"]).splitlines() or [""])[0],
+            }
+            for row in last.assign(reason=reasons).to_dict("records")
+        ]
 
     def _searched_rows(self) -> dict[str, object]:
         """Return the range and its resolution, and the bands in which the start decides."""
@@ -223,8 +243,17 @@ class _Subject:
         return {
             "searched": row_of(BANDS, self.bands, true.index[0]),
             "start_dependent": _band_rows(self.bands, true[true["depends_on_start"].eq(True)]),
+            "single": self._single_coefficient,
             "own_run": bool(true["truth_tier"].eq(Tier.OWN_RUN).all()),
         }
+
+    @property
+    def _single_coefficient(self) -> Row | None:
+        """The row of the true bands for mus = mu, if there are others; static friction is never the smaller one."""
+        true = self.true_bands
+        if true["mus"].nunique() < 2:
+            return None
+        return row_of(BANDS, self.bands, true["mus"].idxmin())
 
     def _wrong_band_rows(self) -> dict[str, object]:
         """Return the methods that miss or invent a band."""
@@ -243,18 +272,9 @@ class _Subject:
         """
         table = self.complete
         scanned = table[table[SCANNED].notna()]
-            "single": self._single_coefficient,
         if len(scanned):
             scanned = scanned.drop_duplicates("mus")
         again = scanned[scanned[AGAIN].fillna("").ne("")]
-    @property
-    def _single_coefficient(self) -> Row | None:
-        """The row of the true bands for mus = mu, if there are others; static friction is never the smaller one."""
-        true = self.true_bands
-        if true["mus"].nunique() < 2:
-            return None
-        return row_of(BANDS, self.bands, true["mus"].idxmin())
-
         end = None
         if len(scanned):
             end = row_of("threshold", table, scanned[SCANNED].idxmin())[SCANNED]
@@ -433,6 +453,14 @@ def _threshold_rows(table: pd.DataFrame, rows: pd.DataFrame) -> list[Row]:
 def _band_rows(table: pd.DataFrame, rows: pd.DataFrame) -> list[Row]:
     """Return rows of the table of bands."""
     return [row_of(BANDS, table, label) for label in rows.index]
+
+
+def _methods_by_status(without: list[dict[str, str]]) -> dict[str, list[str]]:
+    """Return the methods without a threshold by their status."""
+    methods: dict[str, list[str]] = {}
+    for row in without:
+        methods.setdefault(row["status"], []).append(row["variant"])
+    return methods
 
 
 def _refusals(table: pd.DataFrame) -> list[str]:

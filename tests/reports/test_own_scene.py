@@ -231,7 +231,7 @@ def test_a_stored_row_has_the_command_that_makes_its_run_again(run, monkeypatch)
     [
         # no drive, no guide, no friction, no period
         ({"drives": {}}, {"Torque jumps": "no drive"}),
-        ({"joints": {}, "drives": {}, "bodies": {"stone": {"mass": 1.0, "inertia": 1.0, "position": [0, 0]}}}, {"Stick limit": "no guide with friction", "Torque jumps": "no drive"}),
+        ({"joints": {}, "drives": {}, "bodies": {"stone": {"mass": 1.0, "inertia": 1.0, "position": [0, 0]}}}, {"Stick limit": "no joint with friction", "Torque jumps": "no drive"}),
     ],
 )  # fmt: skip
 def test_a_study_that_does_not_apply_says_why(changed, reasons):

@@ -37,6 +37,7 @@ from stiction.comparisons.studies.threshold_tables import (
     SCANNED,
     TIER,
     TRUE_THRESHOLD,
+    TRUE_UNCERTAINTY,
     TRUE_VARIANT,
     UNCERTAINTY,
     VARIED,
@@ -474,11 +475,13 @@ def _off(finest: pd.DataFrame) -> tuple[pd.DataFrame, pd.DataFrame]:
     """Return the rows whose error is larger than its uncertainty, by its size: those that are sure, and the others.
 
     Finer steps may remove an error at a step that is not the finest of all, or whose last refinement has changed it by
-    more than `SETTLES` of itself.
+    more than `SETTLES` of itself. The error is a difference from a truth that has an uncertainty, too: bands of our
+    own runs are less accurate than the threshold of a method with located events.
     """
     if finest.empty:
         return finest, finest
-    beyond = finest[finest[ERROR].abs() > finest[UNCERTAINTY]]
+    of_truth = with_columns(finest, TRUE_UNCERTAINTY)[TRUE_UNCERTAINTY].astype(float).fillna(0.0)
+    beyond = finest[finest[ERROR].abs() > finest[UNCERTAINTY] + of_truth]
     beyond = beyond.sort_values(ERROR, key=abs, kind="stable")
     has_steps = beyond["parameter"].eq("dt")
     is_coarser = beyond["step"] > finest.loc[finest["parameter"] == "dt", "step"].min()

@@ -756,3 +756,13 @@ def test_a_campaign_names_the_command_that_searches_over_another_number():
     assert command in reason_against(scope) and "\n" not in reason_against(scope)
     chosen = replace(scope, options={"parameter": "speed", "range": (1.0, 3.0)})
     assert not reason_against(chosen)
+
+
+@pytest.mark.parametrize(("of_truth", "is_off"), [(1e-8, True), (1e-5, False)])
+def test_a_difference_within_the_uncertainty_of_the_truth_is_none(of_truth, is_off):
+    """The band ends of our own runs are known to 1e-6 of the range, and located events to 1e-9."""
+    row = threshold_row("reference", Status.OK, "", **{ERROR: -7.6e-7, UNCERTAINTY: 1.5e-8})
+    row |= {"parameter": "rtol", "true_threshold_uncertainty": of_truth, CHANGE: np.nan}
+    shown = present(Results((), {}, {"threshold": pd.DataFrame([row])})).rows
+    assert [one["variant"] for one in shown["off"]] == ["reference"] * is_off
+    assert not shown["inconclusive"]

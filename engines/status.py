@@ -32,9 +32,12 @@ class Status(StrEnum):
     WRONG = "wrong"
     """There is a result without a reported failure, but it is not a motion of the scene."""
     NO_STEADY_STATE = "no steady state"
-    """For a point of a sweep: the motion neither comes to rest nor becomes periodic."""
+    """For a point of a sweep or a search: the motion neither comes to rest nor becomes periodic."""
     NOT_FOUND = "not found"
-    """For a point of a sweep: the amplitudes of the search do not enclose a threshold."""
+    """For a point of a sweep or a search: what is looked for does not occur in the range.
+
+    There is no number, but that is an answer: the slider slips, or sticks, over the whole range.
+    """
 
     @property
     def label(self) -> str:
@@ -56,5 +59,7 @@ STATUS_LABELS: Mapping[Status, str] = {
     Status.NOT_FOUND: "not found",
 }
 """Words in texts for readers; they may change without an effect on stored results."""
+ANSWERS = (Status.OK, Status.NOT_FOUND)
+"""Status of tasks that have answered their question, with a number or without one."""
 UNMADE = (Status.MISSING, Status.NOT_RUN)
 """Status of runs that were not executed, and are therefore not counted."""

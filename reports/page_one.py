@@ -118,8 +118,8 @@ def title_of(results: Results) -> str:
     """Return the title of a report: `TITLE`, or the titles of the scenes if they are not the paper's cases."""
     if results.is_about_paper:
         return TITLE
-    names = dict.fromkeys(record.scene for record in results.records)
-    return f"Solvers compared: {listed([results.title_of(name) for name in names], '; ', '; ')}"
+    titles = [results.title_of(name) for name in results.compared_scenes]
+    return f"Solvers compared: {listed(titles, '; ', '; ')}"
 
 
 def headline_table(report: Report) -> HeadlineTable:
@@ -245,6 +245,8 @@ class RunCounts:
         Numbers of the other runs by status.
     elsewhere : list of str
         Methods with failures in studies that have runs of their own.
+    unrecorded : int
+        Runs of searches, if there are no others; only their results are stored.
     """
 
     made: int
@@ -252,6 +254,7 @@ class RunCounts:
     early: int
     others: Mapping[str, int]
     elsewhere: Sequence[str]
+    unrecorded: int
 
 
 def _count_runs(results: Results) -> RunCounts:
@@ -272,6 +275,7 @@ def _count_runs(results: Results) -> RunCounts:
         early=int(is_early.sum()),
         others=made.loc[~is_ok & ~is_early, "status"].value_counts(sort=False).to_dict(),
         elsewhere=elsewhere,
+        unrecorded=results.unrecorded_runs,
     )
 
 

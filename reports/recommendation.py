@@ -15,6 +15,7 @@ from stiction.comparisons.bench.results import Results
 from stiction.comparisons.bench.variants import truth_key
 from stiction.comparisons.studies.paper_figures import stick_phases
 from stiction.engines.registry import own_methods
+from stiction.reference_impl.multibody.equation_summary import is_prescribed
 from stiction.scenes import Scene
 from stiction.scenes.fidelity import Fidelity
 from stiction.truths import Tier, Truth
@@ -40,7 +41,7 @@ def mechanism(results: Results) -> dict[str, object] | None:
     """
     scenes = [
         name
-        for name in dict.fromkeys(record.scene for record in results.records)
+        for name in results.compared_scenes
         if results.is_of_paper(name) and name in results.truths
     ]
     first = results.scene(scenes[0]) if scenes else None
@@ -77,15 +78,22 @@ def own_mechanisms(results: Results) -> list[dict[str, object]]:
         springs and loads; ``friction``: name, ``mu`` and ``mus`` of each guide with friction;
         ``stick``: name, number of stick phases and fraction of the time (0 to 1) in them, of each guide with
         friction; ``tier`` and ``note`` of its truth; ``uncertainty``: uncertainty of its positions, m, or None;
-        ``is_own``: whether the truth is a run of the reference.
+        ``is_own``: whether the truth is a run of the reference; ``is_prescribed``: whether drives prescribe the
+        motion completely; ``has_runs``: whether runs are recorded, which have a truth or not.
     """
     if results.is_about_paper:
         return []
     rows: list[dict[str, object]] = []
-    for name in dict.fromkeys(record.scene for record in results.records):
+    for name in results.compared_scenes:
         scene = results.scene(name)
         if scene is not None:
-            rows.append({**_described_scene(scene), **_described_truth(scene, results.truths)})
+            rows.append(
+                {
+                    **_described_scene(scene),
+                    **_described_truth(scene, results.truths),
+                    "has_runs": bool(results.records),
+                }
+            )
     return rows
 
 
@@ -103,7 +111,13 @@ def _described_scene(scene: Scene) -> dict[str, object]:
         {"guide": name, "mu": guide.kinetic_coefficient, "mus": guide.static_coefficient}
         for name, guide in scene.frictional_guides.items()
     ]
-    return {"scene": scene.name, "t_end": scene.t_end, "counts": counts, "friction": friction}
+    return {
+        "scene": scene.name,
+        "t_end": scene.t_end,
+        "counts": counts,
+        "friction": friction,
+        "is_prescribed": is_prescribed(scene),
+    }
 
 
 def _described_truth(scene: Scene, truths: Mapping[str, Truth]) -> dict[str, object]:

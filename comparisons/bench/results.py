@@ -84,9 +84,31 @@ class Results:
         return is_papers_scheme and not self.is_of_paper(record.scene)
 
     @property
+    def compared_scenes(self) -> list[str]:
+        """The names of the scenes of the runs, each once.
+
+        A study whose runs are not recorded, as that of the stick limit, has the scenes that were asked for.
+        """
+        if self.records:
+            return list(dict.fromkeys(record.scene for record in self.records))
+        return list(self.settings.get("scenes", ()))
+
+    @property
+    def unrecorded_runs(self) -> int:
+        """The number of runs of methods if none is recorded: those of searches, which tables count in ``runs``."""
+        if self.records:
+            return 0
+        counted = [
+            table["runs"].sum()
+            for table in self.tables.values()
+            if {"runs", "variant", "status"} <= set(table)
+        ]
+        return int(sum(counted))
+
+    @property
     def is_about_paper(self) -> bool:
-        """True if all compared runs simulate cases of the paper."""
-        return all(self.is_of_paper(record.scene) for record in self.records)
+        """True if all compared scenes are cases of the paper."""
+        return all(map(self.is_of_paper, self.compared_scenes))
 
     def truth_of_runs(self) -> dict[str, str]:
         """Return, by key of a run, the name of the truth that it was compared with."""

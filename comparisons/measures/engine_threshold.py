@@ -19,12 +19,15 @@ from stiction.comparisons.measures.settling import (
     CREEP_TOLERANCE,
     MOST_PERIODS,
     SHORTEST_STICK,
+    NoCommonPeriod,
     NotSettled,
     common_period,
     settled,
 )
 from stiction.engines.protocol import EngineFailure
 from stiction.engines.registry import load_engine
+from stiction.engines.status import Status
+from stiction.reference_impl.multibody.initial_state import with_consistent_start
 from stiction.scenes import Scene, Trajectory, vary
 from stiction.scenes.columns import BODY_COLUMNS
 
@@ -58,6 +61,9 @@ class Threshold:
         The reason why a value is missing.
     residual : float
         Largest shift of the threshold by the rest of the transient, where events are located.
+    status : Status
+        `Status.NOT_FOUND` if the range contains no threshold, which is an answer and no failure of the runs;
+        `Status.NO_STEADY_STATE` if a motion did not settle.
     """
 
     with_stick: float | None
@@ -65,6 +71,7 @@ class Threshold:
     runs: int
     remark: str = ""
     residual: float = 0.0
+    status: Status = Status.OK
 
 
 @dataclass(frozen=True)
@@ -99,10 +106,14 @@ class Search:
 class StickProbe:
     """Runs of an engine, each at one value of a parameter, and whether their steady states have a stick phase.
 
+    The start is assembled at each value, as it is in the runs of the reference that yield the true bands: where the
+    value enters the constraints or the laws of drives, the start of the scene's own value violates them. The period is
+    that of the value, too, as the value may be the speed of a drive.
+
     Attributes
     ----------
     scene : Scene
-        The mechanism; loads and drives must have a common period.
+        The mechanism; loads and drives must have a common period, at each value.
     engine : str
         Name of the engine.
     arguments : Mapping
@@ -133,7 +144,7 @@ class StickProbe:
     residual: float = 0.0
 
     def __post_init__(self) -> None:
-        self.period = common_period(self.scene)
+        common_period(self.scene)  # raises NoCommonPeriod before any run
         self.guide = self.joint or next(
             iter(self.scene.frictional_guides | self.scene.frictional_joints)
         )
@@ -148,14 +159,29 @@ class StickProbe:
         return self.seen[value][0]
 
     def bracket(
-        self, with_stick: float | None, without_stick: float | None, remark: str = ""
+        self,
+        with_stick: float | None,
+        without_stick: float | None,
+        remark: str = "",
+        status: Status = Status.OK,
     ) -> Threshold:
         """Return the result of a search that ends with this bracket."""
-        return Threshold(with_stick, without_stick, self.runs, remark, self.residual)
+        return Threshold(with_stick, without_stick, self.runs, remark, self.residual, status)
 
-    def _simulate(self, value: float, end: float, output_step: float) -> Trajectory:
+    def _scene_at(self, value: float) -> tuple[Scene, float]:
+        """Return the scene with a value, its start assembled, and the period of its loads and drives, s."""
+        varied = vary(self.scene, {self.parameter: value})
+        try:
+            period = common_period(varied)
+        except NoCommonPeriod as error:
+            raise NotSettled(
+                f"no steady state at {self.parameter} = {value:.9g}: {error}"
+            ) from error
+        return with_consistent_start(varied, assemble=True), period
+
+    def _simulate(self, value: float, scene: Scene, end: float, output_step: float) -> Trajectory:
         run = load_engine(self.engine).simulate(
-            vary(self.scene, {self.parameter: value}),
+            scene,
             t_end=end,
             output_step=output_step,
             **self.arguments,
@@ -166,23 +192,25 @@ class StickProbe:
         return run
 
     def _sampled(self, value: float, step: float) -> tuple[bool, float]:
-        run = self._simulate(value, (SETTLE_PERIODS + WINDOW_PERIODS) * self.period, step)
-        return sticks(run, self.guide, SETTLE_PERIODS * self.period, step)
+        scene, period = self._scene_at(value)
+        run = self._simulate(value, scene, (SETTLE_PERIODS + WINDOW_PERIODS) * period, step)
+        return sticks(run, self.guide, SETTLE_PERIODS * period, step)
 
     def _located(self, value: float) -> tuple[bool, None]:
+        scene, period = self._scene_at(value)
         periods = self.settle_periods
         while periods <= MOST_SETTLING:
-            run = self._simulate(value, periods * self.period, self.period)
-            states = scaled_states(run, list(self.scene.bodies), self.period)
+            run = self._simulate(value, scene, periods * period, period)
+            states = scaled_states(run, list(scene.bodies), period)
             state = settled(states[: periods + 1], size=1.0)
             if state is not None:
                 self.settle_periods = periods
                 self.residual = max(self.residual, state.distance * abs(value))
-                start = (periods - state.order) * self.period * (1 - 1e-12)
+                start = (periods - state.order) * period * (1 - 1e-12)
                 return sticks(run, self.guide, start, 0.0)[0], None
             periods *= 2
         raise NotSettled(
-            f"not settled after {periods // 2} periods of {self.period:g} s at {self.parameter} = "
+            f"not settled after {periods // 2} periods of {period:g} s at {self.parameter} = "
             f"{value:.9g}: no steady state of up to {MOST_PERIODS} periods"
         )
 
@@ -269,14 +297,16 @@ def measure_threshold(
         if not probe.sticks(inside):
             creep = probe.seen[inside][1]
             slowest = "" if creep is None else f": the slowest stretch moves at {creep:.2g} m/s"
-            return probe.bracket(None, None, f"no stick phase at {parameter} = {inside:g}{slowest}")
+            remark = f"no stick phase at {parameter} = {inside:g}{slowest}"
+            return probe.bracket(None, None, remark, Status.NOT_FOUND)
         if probe.sticks(outside):
-            return probe.bracket(outside, None, f"still a stick phase at {parameter} = {outside:g}")
+            remark = f"still a stick phase at {parameter} = {outside:g}"
+            return probe.bracket(outside, None, remark, Status.NOT_FOUND)
         while high - low > search.width:
             middle = 0.5 * (low + high)
             low, high = (middle, high) if is_below(middle) else (low, middle)
     except NotSettled as error:
-        return probe.bracket(None, None, str(error))
+        return probe.bracket(None, None, str(error), Status.NO_STEADY_STATE)
     return probe.bracket(high, low) if search.is_lower_end else probe.bracket(low, high)
 
 

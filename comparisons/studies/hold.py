@@ -168,6 +168,16 @@ def _check_scenes(scope: Scope) -> None:
             _check_parameters(scene)
 
 
+def reason_against(scope: Scope) -> str:
+    """Return why a campaign does not make the study of its scenes."""
+    if unless_refused(_check_scenes)(scope):
+        return (
+            "it needs a scene that is made for it, whose parameters set a load relative to the limit of static "
+            "friction, such as hold-incline of the catalogue"
+        )
+    return ""
+
+
 def _check_parameters(scene: Scene) -> None:
     """Raise InputError if a scene lacks one of `PARAMETERS`, or `LOAD_PARAMETERS` if its bounds are constant."""
     is_constant = has_constant_bounds(scene)
@@ -667,7 +677,7 @@ STUDY = Study(
     plan,
     seconds=0.1,
     needs_scene=False,
-    applies=unless_refused(_check_scenes),
+    applies=reason_against,
     takes=frozenset({"engines"}),
     tables={
         "hold": "Runs of sliders that should be held",

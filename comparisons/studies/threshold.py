@@ -109,6 +109,19 @@ def check(scope: Scope) -> None:
         variation_in(scope, scene)
 
 
+def reason_against(scope: Scope) -> str:
+    """Return why a campaign does not make the study, with the command that searches over another number."""
+    if "parameter" not in scope.options:
+        for scene in scope.leading_scenes:
+            has_joint = scene.frictional_guides or scene.frictional_joints
+            if has_joint and AMPLITUDE not in scene.parameters:
+                return (
+                    f"the scene has no parameter {AMPLITUDE}; `stiction compare threshold SCENE --parameter KEY "
+                    "--range LOW:HIGH` searches over any other of its numbers"
+                )
+    return unless_refused(check)(scope)
+
+
 def true_thresholds(scope: Scope) -> Comparison[TruthByScene]:
     """Return the true bands of each scene, for the physics with and without a static coefficient of its own.
 
@@ -118,7 +131,11 @@ def true_thresholds(scope: Scope) -> Comparison[TruthByScene]:
         As `variation_in`.
     """
     scenes = scope.leading_scenes
-    parts = [_truth_of_scene(scene, variation_in(scope, scene)) for scene in scenes]
+    variants = threshold_variants(scope.engines, scope.depth)
+    is_one_compared = not all(map(has_static_coefficient, variants))
+    parts = [
+        _truth_of_scene(scene, variation_in(scope, scene), is_one_compared) for scene in scenes
+    ]
 
     def by_scene(truths: list[dict[bool, TrueBands]]) -> TruthByScene:
         return {scene.name: truth for scene, truth in zip(scenes, truths, strict=True)}
@@ -126,11 +143,17 @@ def true_thresholds(scope: Scope) -> Comparison[TruthByScene]:
     return side_by_side(parts, by_scene)
 
 
-def _truth_of_scene(scene: Scene, variation: Variation) -> Comparison[dict[bool, TrueBands]]:
-    """Return the true bands of a scene; a computation that failed has no bands, and its reason."""
+def _truth_of_scene(
+    scene: Scene, variation: Variation, is_one_compared: bool
+) -> Comparison[dict[bool, TrueBands]]:
+    """Return the true bands of a scene; a computation that failed has no bands, and its reason.
+
+    `is_one_compared`: whether there is a method with one coefficient of friction. Without one, nothing is compared with
+    the bands for mus = mu, and the scene does not have them.
+    """
     # Where both physics are the same, as in a scene without a static coefficient, one is enough.
     physics = {True: scene}
-    if physics_of(scene, False) != scene:
+    if is_one_compared and physics_of(scene, False) != scene:
         physics[False] = physics_over_values(scene, False)
     tasks = []
     for has_mus, varied in physics.items():
@@ -143,6 +166,8 @@ def _truth_of_scene(scene: Scene, variation: Variation) -> Comparison[dict[bool,
             has_mus: outcome.value or unknown_bands(f"{outcome.status}: {outcome.reason}")
             for has_mus, outcome in zip(physics, outcomes, strict=True)
         }
+        if not is_one_compared:
+            return bands
         return {False: bands.get(False, bands[True]), True: bands[True]}
 
     return Comparison(tuple(tasks), tabulate)
@@ -281,7 +306,7 @@ STUDY = Study(
     {TRUTH: true_thresholds},
     seconds=10.0,
     takes=frozenset({"engines", "parameter", "range", "joint", "resolution", "scenes"}),
-    applies=unless_refused(check),
+    applies=reason_against,
     tables={
         "threshold": "Stick thresholds",
         BANDS: "Bands with and without stick phases",

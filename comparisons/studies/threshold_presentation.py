@@ -37,6 +37,7 @@ from stiction.comparisons.studies.threshold_tables import (
     SCANNED,
     TIER,
     TRUE_THRESHOLD,
+    TRUE_UNCERTAINTY,
     TRUE_VARIANT,
     UNCERTAINTY,
     VARIED,
@@ -187,11 +188,8 @@ class _Subject:
         """Return what the text mentions."""
         table, measured = self.complete, self.measured
         clearly, may_vanish = _off(self.finest)
-        without: list[str] = []
-        if len(measured):
-            is_tried = ~table["status"].isin([Status.MISSING, Status.REFUSED])
-            tried = table.loc[is_tried, "variant"].unique()
-            without = [name for name in tried if name not in set(measured["variant"])]
+        refused = _refusals(table)
+        without = [] if refused else self._without_threshold()
         proven = table[table[TIER] == Tier.PROVEN]
         truth = None
         with_truth = table[table[TRUE_THRESHOLD].notna()]
@@ -206,25 +204,57 @@ class _Subject:
             "truth": truth,
             "off": _errors(table, clearly),
             "inconclusive": _errors(table, may_vanish),
-            "without": without,
+            "measured": len(measured),
+            "without": [row["variant"] for row in without],
+            "lacking": without,
+            "unanswered": _methods_by_status(without),
             "proven": _threshold_rows(table, proven.drop_duplicates("mus")) if len(proven) else [],
             "bands": _band_rows(self.bands, self.true_bands),
-            "refused": _refusals(table),
+            "refused": refused,
             **self._searched_rows(),
             **self._wrong_band_rows(),
             **self._rows_above(),
         }
 
+    def _without_threshold(self) -> list[dict[str, str]]:
+        """Return each method of which no step has a threshold, with the status and the reason of its finest step.
+
+        Engines that are not installed are left out, and those that decline the scene while others have a threshold.
+        """
+        table, measured = self.complete, self.measured
+        left_out = [Status.MISSING, Status.REFUSED] if len(measured) else [Status.MISSING]
+        is_without = ~table["variant"].isin(measured["variant"]) & ~table["status"].isin(left_out)
+        last = table[is_without].drop_duplicates("variant", keep="last")
+        reasons = with_columns(last, "reason")["reason"].astype(object).fillna("")
+        return [
+            {
+                "variant": row["variant"],
+                "status": row["status"],
+                # Further lines list every constraint, or are a traceback.
+                "reason": (str(row["reason"]).splitlines() or [""])[0],
+            }
+            for row in last.assign(reason=reasons).to_dict("records")
+        ]
+
     def _searched_rows(self) -> dict[str, object]:
         """Return the range and its resolution, and the bands in which the start decides."""
         true = self.true_bands
         if true.empty:
-            return {"searched": None, "start_dependent": [], "own_run": False}
+            return {"searched": None, "start_dependent": [], "own_run": False, "single": None}
         return {
             "searched": row_of(BANDS, self.bands, true.index[0]),
             "start_dependent": _band_rows(self.bands, true[true["depends_on_start"].eq(True)]),
+            "single": self._single_coefficient,
             "own_run": bool(true["truth_tier"].eq(Tier.OWN_RUN).all()),
         }
+
+    @property
+    def _single_coefficient(self) -> Row | None:
+        """The row of the true bands for mus = mu, if there are others; static friction is never the smaller one."""
+        true = self.true_bands
+        if true["mus"].nunique() < 2:
+            return None
+        return row_of(BANDS, self.bands, true["mus"].idxmin())
 
     def _wrong_band_rows(self) -> dict[str, object]:
         """Return the methods that miss or invent a band."""
@@ -426,6 +456,14 @@ def _band_rows(table: pd.DataFrame, rows: pd.DataFrame) -> list[Row]:
     return [row_of(BANDS, table, label) for label in rows.index]
 
 
+def _methods_by_status(without: list[dict[str, str]]) -> dict[str, list[str]]:
+    """Return the methods without a threshold by their status."""
+    methods: dict[str, list[str]] = {}
+    for row in without:
+        methods.setdefault(row["status"], []).append(row["variant"])
+    return methods
+
+
 def _refusals(table: pd.DataFrame) -> list[str]:
     """Return the reasons for which engines are not compared on a scene, if that is so for all of them."""
     if table.empty or not table["status"].eq(Status.REFUSED).all():
@@ -437,11 +475,13 @@ def _off(finest: pd.DataFrame) -> tuple[pd.DataFrame, pd.DataFrame]:
     """Return the rows whose error is larger than its uncertainty, by its size: those that are sure, and the others.
 
     Finer steps may remove an error at a step that is not the finest of all, or whose last refinement has changed it by
-    more than `SETTLES` of itself.
+    more than `SETTLES` of itself. The error is a difference from a truth that has an uncertainty, too: bands of our
+    own runs are less accurate than the threshold of a method with located events.
     """
     if finest.empty:
         return finest, finest
-    beyond = finest[finest[ERROR].abs() > finest[UNCERTAINTY]]
+    of_truth = with_columns(finest, TRUE_UNCERTAINTY)[TRUE_UNCERTAINTY].astype(float).fillna(0.0)
+    beyond = finest[finest[ERROR].abs() > finest[UNCERTAINTY] + of_truth]
     beyond = beyond.sort_values(ERROR, key=abs, kind="stable")
     has_steps = beyond["parameter"].eq("dt")
     is_coarser = beyond["step"] > finest.loc[finest["parameter"] == "dt", "step"].min()

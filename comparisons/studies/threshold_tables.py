@@ -38,6 +38,8 @@ CHANGE = "threshold_change"
 """Column: change of the threshold from the next coarser step."""
 TRUE_THRESHOLD = "true_threshold"
 """Column: threshold of the truth."""
+TRUE_UNCERTAINTY = "true_threshold_uncertainty"
+"""Column: uncertainty of `TRUE_THRESHOLD`."""
 TIER = "truth_tier"
 """Column: tier of the truth."""
 AGAIN = "sticks_again"
@@ -90,7 +92,7 @@ def threshold_table(
                 "fidelity": variant.fidelity,
                 "parameter": variant.parameter,
                 "step": step,
-                "status": outcome.status,
+                "status": threshold.status if threshold else outcome.status,
                 "reason": outcome.reason or (threshold.remark if threshold else ""),
                 **about,
                 "key": f"threshold/{run_key(scene, variant, step)}",
@@ -123,7 +125,7 @@ def _about_truth(
         TRUE_THRESHOLD: threshold.F0,
         TIER: tier,
         "truth_note": threshold.note,
-        "true_threshold_uncertainty": threshold.uncertainty,
+        TRUE_UNCERTAINTY: threshold.uncertainty,
         "theorem": threshold.theorem,
         "paper_threshold": PAPER_VALUE,
         AGAIN: intervals_text(again),

@@ -200,6 +200,7 @@ def threshold_numbers(scene: Scene, run: SteadyRun, search: BandSearch) -> dict[
     sides = threshold_of(bands, variation.own)
     if sides is None:
         with_unit = f" {unit}" if unit else ""
+        status = Status.NOT_FOUND
         reason = (
             f"no stick phase at {variation.parameter} = {searched.low:g}{with_unit} to "
             f"{searched.high:g}{with_unit}"
@@ -208,7 +209,15 @@ def threshold_numbers(scene: Scene, run: SteadyRun, search: BandSearch) -> dict[
             reason = (
                 f"still a stick phase at {variation.parameter} = {intervals[-1][1]:g}{with_unit}"
             )
-        return {**numbers, "status": Status.NOT_FOUND, "reason": reason}
+        # Where the steady state is not known, the slider may stick.
+        unknown = [band for band in bands if not band.kind.is_steady]
+        if unknown and not intervals:
+            status = Status.NO_STEADY_STATE
+            reason += (
+                f", but no steady state is known at {unknown[0].low:g}{with_unit} to "
+                f"{unknown[0].high:g}{with_unit}"
+            )
+        return {**numbers, "status": status, "reason": reason}
     below, _ = sides
     threshold, uncertainty = below.high, below.high_uncertainty
     return {

@@ -221,6 +221,22 @@ def constraint_components(scene: Scene) -> list[tuple[str, ...]]:
     return [tuple(names) for names in members]
 
 
+def degrees_of_freedom(scene: Scene) -> int:
+    """Number of independent motions at the start, those that drives prescribe not counted."""
+    return 3 * len(scene.bodies) - rank(scene)
+
+
+def is_prescribed(scene: Scene) -> bool:
+    """Return True if drives prescribe the motion completely.
+
+    A drive that gives way beyond a limit prescribes nothing there.
+    """
+    drives = scene.drives.values()
+    if not drives or any(drive.is_limited for drive in drives):
+        return False
+    return degrees_of_freedom(scene) == 0
+
+
 def rank(scene: Scene) -> int:
     """Rank of J at the start: what it is short of the number of rows is redundant there."""
     parts = (EquationsOfMotion(part) for part in independent_parts(scene) if constraint_rows(part))

@@ -75,8 +75,8 @@ def sweep_drawings(sweep: Sweep) -> Iterator[Drawing]:
 def _drawing(
     sweep: Sweep, table: pd.DataFrame | None, quantity: Quantity, name: str
 ) -> Iterator[Drawing]:
-    """Yield the drawing of a quantity of a table, if the table exists and has one axis or two."""
-    if table is None:
+    """Yield the drawing of a quantity of a table, if the table has numbers of it, and one axis or two."""
+    if table is None or table[quantity.key].isna().all():
         return
     axes = [axis.key for axis in sweep.specification.axes if axis.key in table]
     if len(axes) == 1:
@@ -146,8 +146,14 @@ def _map(
         caption += ", white"
     # Only a map with an axis of the searched parameter can show its threshold.
     search = sweep.specification.band_search
-    if search is not None and search.parameter in axes and sweep.threshold is not None:
-        _draw_threshold(ax, sweep.threshold, axes, search.parameter)
+    thresholds = sweep.threshold
+    if (
+        search is not None
+        and search.parameter in axes
+        and thresholds is not None
+        and thresholds[THRESHOLD_COLUMN].notna().any()
+    ):
+        _draw_threshold(ax, thresholds, axes, search.parameter)
         figure.legend(loc="outside upper right")
         caption += (
             f"; line: largest {search.parameter}, in the band around the scene's own value, at which the "

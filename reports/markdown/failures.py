@@ -43,7 +43,8 @@ def failed_runs(results: Results) -> pd.DataFrame:
 
 def _failures_of(name: str, table: pd.DataFrame) -> pd.DataFrame:
     """Return the rows of a table that failed, with the columns of `failed_runs`."""
-    is_failed = ~succeeded(table) & (table["status"] != Status.MISSING)
+    # That something does not occur is the answer of a run, and no failure.
+    is_failed = ~succeeded(table) & ~table["status"].isin([Status.MISSING, Status.NOT_FOUND])
     rows = table
     if "variant" not in table:
         rows = table.rename(columns=COMMON_NAMES).replace(CHOICES)

@@ -83,7 +83,7 @@ def _variables(run: StoredRun, results: Results) -> dict[str, object]:
         "depth": campaign.get("depth", ""),
         "interrupted": bool(campaign.get("interrupted")),
         "date": origin["date"][:10],
-        "runs": len(results.records),
+        "runs": len(results.records) or results.unrecorded_runs,
         "scenes": _scenes(results),
         "timed": sum(
             len(results.tables.get(name, ())) for name in ("cost", "effects", "suppression")
@@ -102,8 +102,10 @@ def _variables(run: StoredRun, results: Results) -> dict[str, object]:
 
 def _scenes(results: Results) -> list[str]:
     """Return the names of the compared scenes; of scenes that are not the paper's cases the titles."""
-    names = dict.fromkeys(record.scene for record in results.records)
-    return [name if results.is_of_paper(name) else results.title_of(name) for name in names]
+    return [
+        name if results.is_of_paper(name) else results.title_of(name)
+        for name in results.compared_scenes
+    ]
 
 
 def _software(versions: Mapping[str, str]) -> dict[str, object]:

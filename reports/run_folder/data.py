@@ -54,7 +54,7 @@ def tables_of(results: Results) -> dict[str, pd.DataFrame]:
     """
     runs = [{**record.describe(), "wall_time": record.outcome.wall_s} for record in results.records]
     parameters = []
-    for name in dict.fromkeys(record.scene for record in results.records):
+    for name in results.compared_scenes:
         scene = results.scene(name)
         if scene is not None:
             parameters.append({"scene": name, **scene.parameters})

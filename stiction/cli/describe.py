@@ -327,7 +327,11 @@ def _show_flights(scene: Scene, clearance: float) -> None:
 
 def _show_freedoms(scene: Scene) -> None:
     """Print the degrees of freedom of a scene, and the constraint rows that are redundant at the start."""
-    from stiction.reference_impl.multibody.equation_summary import constraint_rows, rank
+    from stiction.reference_impl.multibody.equation_summary import (
+        constraint_rows,
+        is_prescribed,
+        rank,
+    )
 
     coordinates = 3 * len(scene.bodies)
     rows = constraint_rows(scene)
@@ -337,8 +341,14 @@ def _show_freedoms(scene: Scene) -> None:
         redundant = f" ({rows - independent} redundant at the start: minimum-norm forces)"
     print(
         f"Degrees of freedom: {coordinates - independent} = {coordinates} coordinates - {independent} "
-        f"independent of {rows} constraint rows{redundant}\n"
+        f"independent of {rows} constraint rows{redundant}"
     )
+    if is_prescribed(scene):
+        print(
+            "The drives prescribe the motion completely: only the forces can differ between methods, and a "
+            "guide rests only while the drives dwell."
+        )
+    print()
 
 
 def _show_problem_sizes(scene: Scene) -> None:

@@ -354,8 +354,8 @@ def sweep(
 
 
 def _show_sweep(result: Sweep, folder: Path) -> None:
-    """Draw the figures of a sweep, print the ranges of its tables and its failures, and fail if no point succeeded."""
-    from stiction.engines.status import Status
+    """Draw the figures of a sweep, print ranges of its tables and its failures, and fail if no point has an answer."""
+    from stiction.engines.status import ANSWERS
     from stiction.reports.figures.style import rc, save
     from stiction.reports.figures.sweep_figures import sweep_drawings
 
@@ -365,14 +365,14 @@ def _show_sweep(result: Sweep, folder: Path) -> None:
     print(folder)
     _show_ranges(result)
     tables = {"map": result.map, "threshold": result.threshold}
-    successful_points = 0
+    answered_points = 0
     for name, table in tables.items():
         if table is not None:
             _show_failed_points(name, table)
-            successful_points += (table["status"] == Status.OK).sum()
+            answered_points += table["status"].isin(ANSWERS).sum()
     if result.threshold is not None:
         _show_bands(result.threshold, result.specification.varied_unit)
-    if not successful_points:
+    if not answered_points:
         raise exit_with(FAILED, "all points failed")
 
 

@@ -111,7 +111,7 @@ BAD_COMMANDS = [  # arguments, what the message must name
     ("compare drift pendulum --set mass.position.0=-2", ["rod.effort", "residual 1", "--assemble"]),
     ("compare drift pendulum --workers 0", ["--workers", "'0'"]),
     ("compare threshold pendulum --out table.doc", ["--out", "table.doc"]),
-    ("compare threshold pendulum", ["pendulum", "no guide with friction"]),
+    ("compare threshold pendulum", ["pendulum", "no joint with friction"]),
     ("compare threshold slider-bar-case-1 --range 3", ["--range", "LOW:HIGH"]),
     ("compare threshold slider-bar-case-1 --range 3:1", ["range", "LOW < HIGH"]),
     ("compare threshold slider-bar-case-1 --range 0:x", ["--range", "x"]),

@@ -14,6 +14,8 @@ from stiction.comparisons.bench.depth import Depth
 from stiction.comparisons.bench.participants import validation_campaign
 from stiction.comparisons.bench.study import Scope, selection
 from stiction.comparisons.studies import studies
+from stiction.reference_impl.multibody.equation_summary import degrees_of_freedom, is_prescribed
+from stiction.reports.recommendation import own_mechanisms
 from stiction.reports.run_folder.stored_run import read_run
 from stiction.scenes import load_scene, scene_from_dict
 from stiction.truths import Tier
@@ -158,6 +160,59 @@ def test_page_paper_and_trace_use_the_stored_scene(run):
     assert f"data/truths/{NAME}.parquet" in invoke("trace", str(folder), "accuracy:1").output
 
 
+@pytest.fixture(scope="module")
+def threshold_run(tmp_path_factory):
+    """The folder of a report on the stick limit of a crank, whose runs are not recorded."""
+    folder = tmp_path_factory.mktemp("limit")
+    file = write_scene(folder)
+    invoke(
+        *("compare", "threshold", str(file), "--quick", "--engines", "reference"),
+        *("--parameter", "w0", "--range", "3:5", "--resolution", "1"),
+        *("--report", str(folder / "run")),
+    )
+    file.unlink()
+    return folder / "run"
+
+
+def test_a_report_without_recorded_runs_is_about_its_scene(threshold_run):
+    stored = read_run(threshold_run)
+    results = stored.validation()
+    assert not results.records and results.compared_scenes == [NAME]
+    assert not results.is_about_paper and stored.origin["choices"] == {}
+    assert results.unrecorded_runs == results.table("threshold")["runs"].sum() > 0
+    assert list(stored.tables["parameters"]["scene"]) == [NAME]
+    [described] = own_mechanisms(results)
+    assert described["scene"] == NAME and described["counts"]["bodies"] == len(CRANK["bodies"])
+
+
+def test_page_and_paper_without_recorded_runs_are_about_their_scene(threshold_run):
+    paper = threshold_run.with_name("paper")
+    invoke("page", str(threshold_run))
+    invoke("paper", str(threshold_run), "--out", str(paper))
+    content = json.loads((paper / "paper.json").read_text())
+    assert content["title"] == f"Solvers compared: {TITLE}"
+    assert all(part["text"] for part in content["sections"])
+    report = (threshold_run / "report.md").read_text()
+    runs = pd.read_csv(threshold_run / "data" / "threshold.csv")["runs"].sum()
+    assert f"{runs} runs of {TITLE}" in " ".join(content["methods"])
+    page = threshold_run.with_suffix(".html").read_text()
+    for written in (report, page, json.dumps(content)):
+        assert TITLE in written
+        assert not [words for words in FOREIGN if words in written]
+
+
+@pytest.mark.parametrize(
+    ("changed", "expected"),
+    [({}, True), ({"effort_limit": 5.0}, False), (None, False)],
+)
+def test_drives_prescribe_a_motion_unless_they_give_way_or_are_missing(changed, expected):
+    """The crank has no degree of freedom with its drive, and one without it."""
+    drives = {} if changed is None else {"motor": {**CRANK["drives"]["motor"], **changed}}
+    scene = scene_from_dict({**CRANK, "drives": drives}, name="mine")
+    assert is_prescribed(scene) == expected
+    assert degrees_of_freedom(scene) == (1 if changed is None else 0) or changed
+
+
 def test_a_stored_row_has_the_command_that_makes_its_run_again(run, monkeypatch):
     """The command is executed in the run folder, whose scene it names."""
     folder, _ = run
@@ -176,7 +231,7 @@ def test_a_stored_row_has_the_command_that_makes_its_run_again(run, monkeypatch)
     [
         # no drive, no guide, no friction, no period
         ({"drives": {}}, {"Torque jumps": "no drive"}),
-        ({"joints": {}, "drives": {}, "bodies": {"stone": {"mass": 1.0, "inertia": 1.0, "position": [0, 0]}}}, {"Stick limit": "no guide with friction", "Torque jumps": "no drive"}),
+        ({"joints": {}, "drives": {}, "bodies": {"stone": {"mass": 1.0, "inertia": 1.0, "position": [0, 0]}}}, {"Stick limit": "no joint with friction", "Torque jumps": "no drive"}),
     ],
 )  # fmt: skip
 def test_a_study_that_does_not_apply_says_why(changed, reasons):

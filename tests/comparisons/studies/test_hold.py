@@ -644,6 +644,13 @@ def test_a_scene_without_the_parameters_is_refused():
         plan(Scope((load_scene("pendulum"),), Depth.QUICK, ()))
 
 
+def test_a_campaign_says_in_one_line_why_it_has_no_such_test():
+    """The scenes of the study have it, those of other studies have not."""
+    reason = STUDY.applies(Scope((load_scene("pendulum"),), Depth.QUICK, ()))
+    assert "hold-incline" in reason and "found" not in reason and "\n" not in reason
+    assert not STUDY.applies(Scope((load_scene("hold-incline"),), Depth.QUICK, ()))
+
+
 def test_command(tmp_path, in_this_process):
     file = tmp_path / "hold.csv"
     ended = invoke(

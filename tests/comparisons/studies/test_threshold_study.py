@@ -34,7 +34,12 @@ from stiction.comparisons.measures.engine_threshold import (
 from stiction.comparisons.measures.reference_bands import Variation
 from stiction.comparisons.measures.settling import NotSettled, common_period
 from stiction.comparisons.measures.true_bands import TrueBands
-from stiction.comparisons.studies.threshold import STUDY, variation_in
+from stiction.comparisons.studies.threshold import (
+    STUDY,
+    reason_against,
+    true_thresholds,
+    variation_in,
+)
 from stiction.comparisons.studies.threshold_presentation import present
 from stiction.comparisons.studies.threshold_tables import (
     AGAIN,
@@ -48,8 +53,10 @@ from stiction.comparisons.studies.threshold_tables import (
 from stiction.engines.isolation import Outcome
 from stiction.engines.registry import load_engine
 from stiction.engines.status import Status
+from stiction.reference_impl.multibody.initial_state import with_consistent_start
+from stiction.reports.markdown.failures import failed_runs
 from stiction.reports.text import section_of
-from stiction.scenes import InputError, load_scene, scene_from_dict, vary
+from stiction.scenes import InputError, SceneError, load_scene, scene_from_dict, vary
 from stiction.truths import StickThreshold, Tier, stick_threshold
 from stiction.truths.bands import Band, BandKind, Range
 from stiction.truths.physics import physics_over_values
@@ -521,7 +528,6 @@ def test_a_scene_with_constant_loads_has_bands_and_no_engines():
     scope = Scope(
         (load_scene("mass-on-belt"),),
         Depth.QUICK,
-        ("pymunk",),
         options={"parameter": "spring.stiffness", "range": (5.0, 50.0), "resolution": 15.0},
     )
     tables = planned({STUDY: scope})[STUDY].make(isolated=called_here).tables
@@ -569,3 +575,194 @@ def test_without_a_static_coefficient_static_friction_follows_the_varied_one(mu)
     varied = vary(physics_over_values(scene, False), {"mu": mu})
     assert varied.guides["guide"].static_coefficient == mu
     assert physics_over_values(scene, True) is scene
+
+
+def crank(speed):
+    """A crank that a motor turns at `speed`, and a slider in a guide with friction, beside it on a driven spring.
+
+    The spring is fixed to the pin of the crank, and the start is given for 2 rad/s alone.
+    """
+    return scene_from_dict(
+        {
+            "t_end": 10.0,
+            "gravity": [0, -9.81],
+            "parameters": {"speed": speed},
+            "bodies": {
+                "crank": {
+                    "mass": 0.5,
+                    "inertia": 0.01,
+                    "position": [0.05, 0],
+                    "velocity": [0, 0.1],
+                    "angular_velocity": 2.0,
+                },
+                "block": {"mass": 1.0, "inertia": 1.0, "position": [1.0, 0]},
+            },
+            "joints": {
+                "pin": {
+                    "type": "revolute",
+                    "bodies": ["crank", "ground"],
+                    "points": [[-0.05, 0], [0, 0]],
+                },
+                "floor": {
+                    "type": "translational",
+                    "slider": "block",
+                    "direction": [1, 0],
+                    "mu": 0.1,
+                    "mus": 0.12,
+                },
+            },
+            "springs": {
+                "spring": {
+                    "type": "linear",
+                    "axis": [1, 0],
+                    "bodies": ["crank", "block"],
+                    "points": [[0.05, 0], [0, 0]],
+                    "stiffness": 40.0,
+                    "damping": 0.5,
+                    "rest_length": 1.0,
+                }
+            },
+            "drives": {
+                "motor": {
+                    "type": "angle",
+                    "bodies": ["crank", "ground"],
+                    "law": {"type": "linear", "rate": "speed"},
+                }
+            },
+        },
+        "crank",
+    )
+
+
+@pytest.mark.parametrize(
+    ("engine", "arguments"),
+    [("reference", {"rtol": 1e-6}), ("reference", {"dt": 1e-3, "method": "paper"})],
+)
+@pytest.mark.parametrize("speed", [1.0, 3.0])
+def test_a_run_starts_assembled_at_its_value_and_has_the_period_of_its_value(
+    engine, arguments, speed, monkeypatch
+):
+    """The crank has 2 rad/s at the start of the scene, which violates its drive at any other speed."""
+    scene = crank(2.0)
+    with pytest.raises(SceneError):
+        with_consistent_start(vary(scene, {"speed": speed}))
+    made = []
+    engine_type = type(load_engine(engine))
+    simulate = engine_type.simulate
+
+    def observed(self, scene, **about):
+        made.append((scene, about["t_end"]))
+        return simulate(self, scene, **about)
+
+    monkeypatch.setattr(engine_type, "simulate", observed)
+    probe = StickProbe(scene, engine, arguments, "speed", "floor")
+    probe.sticks(speed)
+    started, end = made[0]
+    assert with_consistent_start(started) is started
+    assert started.bodies["crank"].angular_velocity == pytest.approx(speed, rel=1e-12)
+    # A whole number of turns of the crank at its own speed.
+    turns = end * speed / (2 * np.pi)
+    assert turns == pytest.approx(round(turns), abs=1e-9) and turns > 1
+
+
+def test_at_a_value_without_a_period_there_is_no_steady_state():
+    probe = StickProbe(crank(2.0), "reference", {"rtol": 1e-6}, "speed", "floor")
+    with pytest.raises(NotSettled, match="speed = 0"):
+        probe.sticks(0.0)
+    found = measure_threshold(
+        crank(2.0), "reference", {"rtol": 1e-6}, Search(0.0, 1.0, 0.1), "speed", "floor"
+    )
+    assert found.status == Status.NO_STEADY_STATE and found.with_stick is None
+
+
+def threshold_row(variant, status, reason, **measured):
+    return {
+        "variant": variant,
+        "fidelity": "joint",
+        "parameter": "dt",
+        "step": 1e-3,
+        "status": status,
+        "reason": reason,
+        "mus": 0.03,
+        "true_threshold": 4.2,
+        "true_threshold_uncertainty": 1e-9,
+        **measured,
+    }
+
+
+def test_where_no_method_has_a_threshold_none_is_said_to_agree():
+    rows = [
+        threshold_row("a", Status.FAILED, "start.motor.effort: found a residual\nand more"),
+        threshold_row("b", Status.REFUSED, "no friction in a pin"),
+        threshold_row("c", Status.MISSING, "not installed"),
+    ]
+    true = {True: TrueBands(StickThreshold(4.2, 1e-9, (4.1, 4.3)), MU_0015, Tier.HIGH_PRECISION)}
+    bands = band_table(load_scene("slider-bar-case-1"), VARIATION, [], [], true)
+    table = pd.DataFrame(rows).assign(scene="slider-bar-case-1", varied="F0", varied_unit="N")
+    results = Results((), {}, {"threshold": table, "bands": bands})
+    section, shown = section_of(STUDY, results), present(results).rows
+    assert shown["measured"] == 0 and "deviates" not in section.answer
+    assert shown["unanswered"] == {Status.FAILED: ["a"], Status.REFUSED: ["b"]}
+    assert [row["variant"] for row in shown["lacking"]] == ["a", "b"]
+    findings = " ".join(section.findings)
+    assert "found a residual" in findings and "no friction in a pin" in findings
+    assert len(section.answer) <= ANSWER_LENGTH and not wrongly_written(section, results)
+
+
+def test_a_range_without_a_threshold_is_an_answer_and_no_failure():
+    """Of 3.5 N to 4 N the slider of case 1 sticks everywhere; of 5 N to 6 N nowhere."""
+    scene = load_scene("slider-bar-case-1")
+    variant = Variant("one", "reference", "rtol", (1e-9,))
+    true = {True: TrueBands(StickThreshold(None, None, (np.nan, np.nan), "none"), (), Tier.NONE)}
+    for low, high in ((3.5, 4.0), (5.0, 6.0)):
+        series = measure_series(scene, variant, Search(low, high, 0.1))
+        assert [threshold.status for threshold in series] == [Status.NOT_FOUND]
+        table = threshold_table(
+            scene, VARIATION, [variant], [Outcome("one", Status.OK, EngineBands(series))], true
+        )
+        assert list(table["status"]) == [Status.NOT_FOUND]
+        assert failed_runs(Results((), {}, {"threshold": table})).empty
+
+
+def test_bands_for_one_coefficient_are_found_only_if_a_method_has_one():
+    """Of pymunk and the reference both have a static coefficient; Exudyn's contact has one coefficient."""
+    scene = load_scene("slider-bar-case-1")
+
+    def labels(engines, scene=scene):
+        scope = Scope((scene,), Depth.QUICK, engines)
+        return len(true_thresholds(scope).tasks)
+
+    assert labels(("reference",)) == 1
+    assert labels(None) == 2
+    assert labels(None, vary(scene, {"guide.mus": scene.guides["guide"].mu})) == 1
+
+
+def test_the_bands_for_one_coefficient_are_named():
+    scene = load_scene("slider-bar-case-1")
+    guide = scene.guides["guide"]
+    one = TrueBands(StickThreshold(3.2372, 1e-9, (3.2, 3.3)), MU_0015, Tier.HIGH_PRECISION)
+    for true, single in (({False: one, True: one}, guide.mu), ({True: one}, None)):
+        table = band_table(scene, VARIATION, [], [], true)
+        shown = present(Results((), {}, {"threshold": pd.DataFrame(), "bands": table})).rows
+        if single is None:
+            assert shown["subjects"][0]["single"] is None
+        else:
+            assert float(shown["subjects"][0]["single"]["mus"]) == single
+
+
+def test_a_campaign_names_the_command_that_searches_over_another_number():
+    scope = Scope((crank(2.0),), Depth.DEFAULT, (), is_campaign=True)
+    command = "stiction compare threshold SCENE --parameter KEY --range LOW:HIGH"
+    assert command in reason_against(scope) and "\n" not in reason_against(scope)
+    chosen = replace(scope, options={"parameter": "speed", "range": (1.0, 3.0)})
+    assert not reason_against(chosen)
+
+
+@pytest.mark.parametrize(("of_truth", "is_off"), [(1e-8, True), (1e-5, False)])
+def test_a_difference_within_the_uncertainty_of_the_truth_is_none(of_truth, is_off):
+    """The band ends of our own runs are known to 1e-6 of the range, and located events to 1e-9."""
+    row = threshold_row("reference", Status.OK, "", **{ERROR: -7.6e-7, UNCERTAINTY: 1.5e-8})
+    row |= {"parameter": "rtol", "true_threshold_uncertainty": of_truth, CHANGE: np.nan}
+    shown = present(Results((), {}, {"threshold": pd.DataFrame([row])})).rows
+    assert [one["variant"] for one in shown["off"]] == ["reference"] * is_off
+    assert not shown["inconclusive"]

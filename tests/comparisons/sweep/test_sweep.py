@@ -16,14 +16,17 @@ from stiction.cli.exit_codes import BAD_INPUT
 from stiction.comparisons.bench.executors import open_isolate
 from stiction.comparisons.bench.presentation.cells import intervals_of
 from stiction.comparisons.bench.store import kept_file
+from stiction.comparisons.measures.reference_bands import ReferenceBands
 from stiction.comparisons.measures.settling import NotSettled
 from stiction.comparisons.measures.steady_state_measures import MEASURES, SteadyRun, steady_window
+from stiction.comparisons.sweep import points
 from stiction.comparisons.sweep.axes import SweepAxis, parse_axis
 from stiction.comparisons.sweep.sweep import Specification, SweepRefused, sweep
 from stiction.engines import Outcome
 from stiction.reports.figures.style import rc
 from stiction.reports.figures.sweep_figures import sweep_drawings
 from stiction.scenes import SceneError, load_scene, scene_from_dict
+from stiction.truths.bands import Band, BandKind
 
 CASE_1 = load_scene("slider-bar-case-1")
 
@@ -505,6 +508,30 @@ def test_command(tmp_path):
     assert len(pd.read_parquet(folder / "map.parquet")) == 4
     assert json.loads((folder / "sweep.json").read_text())["settings"]["settle"] == 40.0
     assert "settings.t_end" in sweep_command(*arguments, "--t-end", "121", exit_code=BAD_INPUT)
+
+
+def test_slipping_everywhere_is_an_answer_without_a_figure_of_thresholds(tmp_path):
+    """The command succeeds; the map of bands shows that the slider slips, and no figure is empty."""
+    folder = tmp_path / "out"
+    sweep_command(
+        *("--vary", "F0=5:6:2", "--vary", "k=1.0,1.01", "--measure", "threshold"),
+        *("--workers", "1", "--out", str(folder)),
+    )
+    table = pd.read_parquet(folder / "threshold.parquet")
+    assert list(table["status"]) == ["not found"] * 2 and table["threshold"].isna().all()
+    assert {kind for text in table["all_bands"] for *_, kind in json.loads(text)} == {"slips"}
+    names = {path.name for path in folder.iterdir()}
+    assert "map-bands.png" in names and "curve-threshold.png" not in names
+
+
+def test_without_any_steady_state_it_is_not_known_whether_the_slider_sticks(monkeypatch):
+    """No stick phase was seen, and yet this is no answer."""
+    unknown = Band(5.0, 6.0, BandKind.UNSETTLED, 0.0, 0.0)
+    monkeypatch.setattr(
+        points, "bands_from_own_start", lambda *_: ReferenceBands((unknown,), {}, "")
+    )
+    row = row_of(specification("F0=5:6:2", measures=["threshold"]), "threshold", 0)
+    assert row["status"] == "no steady state" and "5 N to 6 N" in row["reason"]
 
 
 @pytest.mark.parametrize(

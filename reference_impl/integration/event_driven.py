@@ -519,10 +519,18 @@ def _relocate_on_constraints(m: Arrays, w: Workspace, s: State, task: Task) -> N
         return
 
     # go on from the projected state, which stays on the constraints over so short a way
+    copy(s.y_new, s.K[4])
+    copy(s.K[STAGES], s.K[5])
     copy(s.y_old, s.y_new)
     copy(s.dy, s.K[STAGES])
     s.at_stages[STAGES - 1, e] = value
-    step.length, _ = go_to_event(m, w, s, step.length, correction, SLOPE, False)
+    length, reached = go_to_event(m, w, s, step.length, correction, SLOPE, False)
+    if reached and is_finite(s.y_new) and is_finite(s.K[STAGES]):
+        step.length = length
+    else:
+        # forces that grow without bound beside the event leave no way to it: it stays where it was found
+        copy(s.K[4], s.y_new)
+        copy(s.K[5], s.K[STAGES])
 
 
 @kernel

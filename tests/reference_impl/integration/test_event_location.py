@@ -12,6 +12,7 @@ import math
 
 import numpy as np
 import pytest
+from fuzz.driven_mechanisms import draw
 from hypothesis import assume, example, given, settings
 from hypothesis import strategies as st
 from reference_checks import simulate
@@ -400,3 +401,12 @@ def test_no_event_is_found_twice_or_missed_at_loose_tolerances(name, apart, rtol
         rtol=0,
         atol=apart,
     )
+
+
+@pytest.mark.parametrize("rtol", [1e-2, 1e-3, 1e-4, 1e-6])
+def test_a_jam_beside_an_event_is_found_at_all_tolerances(rtol):
+    """The corner forces of this driven slider grow without bound next to the zero of one of them: there is no way to that zero."""
+    _, scene = draw(77, 96)
+    run = ReferenceEngine().simulate(scene, rtol=rtol)
+    assert run.termination.startswith("the mechanism jams")
+    assert run.breakdown.time == pytest.approx(0.10845, abs=1e-4) and not run.events

@@ -1,11 +1,11 @@
-"""Effects that an engine may or may not take: bounds of friction, damping, limited drives, one-sided springs, laws."""
+"""Effects that an engine may or may not take: friction, damping, clearance, limited drives, one-sided springs, laws."""
 
 from __future__ import annotations
 
 import math
 from enum import StrEnum
 
-from stiction.scenes import Scene
+from stiction.scenes import Scene, vary
 from stiction.scenes.laws import MOVES, Law, Sum, law_switches
 from stiction.scenes.model import (
     Drive,
@@ -17,6 +17,7 @@ from stiction.scenes.model import (
     Spring,
     Torque,
     TorsionalSpring,
+    Translational,
 )
 
 
@@ -32,10 +33,15 @@ class JointEffect(StrEnum):
     EFFORT_LIMIT = "a limit of the effort of a drive"
     ONE_SIDED = "a spring that acts on one side only"
     SWITCHING_LAW = "a law of time with steps, clamped ends, moves or several terms"
+    CLEARANCE = "clearance in a guide"
+    RESTITUTION = "restitution in a guide"
 
 
-ALL_EFFECTS = frozenset(JointEffect)
-"""Every effect there is, for engines that take them all."""
+EFFECTS_OF_GAPS = frozenset({JointEffect.CLEARANCE, JointEffect.RESTITUTION})
+"""Effects of the gap between a slider and its guide, which exist at contact fidelity only. Joint fidelity neglects
+them, because its guides are bilateral."""
+ALL_EFFECTS = frozenset(JointEffect) - EFFECTS_OF_GAPS
+"""Every effect that a scene with bilateral guides can have, for engines that take them all."""
 LAWS_OF_THE_REFERENCE = frozenset(
     {JointEffect.PIN_UNDER_LOAD, JointEffect.SPEED_DEPENDENCE, JointEffect.EFFORT_LIMIT}
 )
@@ -70,7 +76,28 @@ def effects_of(joint: Joint | Drive | Spring | Load) -> list[JointEffect]:
         effects.append(JointEffect.SPEED_DEPENDENCE)
     if joint.damping > 0.0:
         effects.append(JointEffect.DAMPING)
+    if isinstance(joint, Translational) and joint.clearance is not None:
+        effects.append(JointEffect.CLEARANCE)
+        if joint.restitution > 0.0:
+            effects.append(JointEffect.RESTITUTION)
     return effects
+
+
+def neglected_keys(scene: Scene) -> list[str]:
+    """Return the keys of a scene that joint fidelity neglects, such as ``joints.guide.clearance``."""
+    keys = []
+    for name, guide in scene.guides.items():
+        if guide.clearance is not None:
+            keys.append(f"joints.{name}.clearance")
+        if guide.restitution > 0.0:
+            keys.append(f"joints.{name}.restitution")
+    return keys
+
+
+def with_ideal_guides(scene: Scene) -> Scene:
+    """Return the scene that joint fidelity represents: without clearance and restitution."""
+    keys = neglected_keys(scene)
+    return vary(scene, dict.fromkeys(keys)) if keys else scene
 
 
 def first_unsupported(

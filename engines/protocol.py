@@ -19,10 +19,12 @@ from stiction.engines.assembly import Assembly
 from stiction.engines.examined import Examined
 from stiction.engines.gate import first_problem
 from stiction.engines.joint_effects import (
+    EFFECTS_OF_GAPS,
     JointEffect,
     first_unsupported,
     has_constant_bounds,
     has_static_bounds,
+    neglected_keys,
 )
 from stiction.scenes import Cost, InputError, Scene, StictionError, Trajectory
 from stiction.scenes.fidelity import Fidelity, fidelity_of
@@ -49,6 +51,9 @@ FRICTION_SUPPLIED_BY = "friction_supplied_by"
 """Setting of every trajectory: the `Supplier` of its friction law; nobody if the scene has no friction."""
 EVENTS_LOCATED_BY = "events_located_by"
 """Setting of every trajectory: the `Supplier` of its located events."""
+NEGLECTED = "neglected"
+"""Setting of a trajectory: the keys of the scene that its fidelity neglects, such as ``joints.guide.clearance``;
+absent if there are none."""
 REACTION_SOURCES = ("engine", "momentum balance")
 """Sources of the constraint reactions in a trajectory: the engine itself, or the balance of momentum."""
 UNSETTLED = "friction does not settle"
@@ -486,8 +491,12 @@ class Engine(ABC):
         """Return the reason why a scene is not run at this fidelity, or None if it is.
 
         It is an effect of an element that `Capabilities.joint_effects` lacks, or else the engine's own `refusal`.
+        Clearance and restitution are no reason at joint fidelity, which neglects them (the setting `NEGLECTED` of the
+        run).
         """
         supported = self.capabilities.joint_effects.get(fidelity, frozenset())
+        if fidelity == Fidelity.JOINT:
+            supported = supported | EFFECTS_OF_GAPS
         unsupported = first_unsupported(scene, supported)
         if unsupported is not None:
             name, effect = unsupported
@@ -622,12 +631,15 @@ class Engine(ABC):
         gate_s = time.process_time() - begin - run_s
 
         # Complete the fields that do not depend on the engine's report.
-        suppliers = self._suppliers(scene, fidelity, trajectory.settings)
+        completion: dict[str, Any] = self._suppliers(scene, fidelity, trajectory.settings)
+        neglected = neglected_keys(scene) if fidelity == Fidelity.JOINT else []
+        if neglected:
+            completion[NEGLECTED] = neglected
         return replace(
             trajectory,
             fidelity=fidelity,
             mechanism=scene,
-            settings={**trajectory.settings, **suppliers},
+            settings={**trajectory.settings, **completion},
             cost=_complete_cost(trajectory.cost, run_s, gate_s),
         )
 

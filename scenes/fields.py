@@ -107,6 +107,7 @@ Inertial = Annotated[
 ]
 NonNegative = Annotated[Number, Field(ge=0), _number_schema(minimum=0)]
 Shape = Annotated[Number, Field(ge=1), _number_schema(minimum=1)]
+Restitution = Annotated[Number, Field(ge=0, le=1), _number_schema(minimum=0, maximum=1)]
 Vector = tuple[Number, Number]
 Direction = Annotated[Vector, AfterValidator(_check_direction)]
 Name = Annotated[str, Field(pattern=r"^[A-Za-z][A-Za-z0-9_-]*$", max_length=60)]

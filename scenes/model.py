@@ -21,6 +21,7 @@ from stiction.scenes.fields import (
     NonNegative,
     Number,
     Positive,
+    Restitution,
     Shape,
     Vector,
 )
@@ -159,6 +160,11 @@ class Translational(Model):
     With a `stribeck_velocity` both fall smoothly with the speed v of slip (Stribeck's curve), from their values at rest
     to those of fast slip: the coefficient is `mu + (mus - mu) exp(-(|v| / stribeck_velocity)^stribeck_shape)`, and the
     constant part likewise. Friction is then continuous as the guide breaks away.
+
+    With a `clearance` the slider has a gap to each surface while it is in the middle and parallel to the guide: it can
+    move across the guide and turn until its corners touch, and corners that change the surface hit it with the
+    coefficient of `restitution`. Contact fidelity takes both. Joint fidelity, and the reference with it, neglects them,
+    as Zhuang & Wang do, and reports this in the setting `neglected` of a run.
     """
 
     type: Literal["translational"]
@@ -195,6 +201,10 @@ class Translational(Model):
     """Exponent of the speed in this fall, 2 for a Gaussian curve; requires `stribeck_velocity`; >= 1"""
     damping: NonNegative = 0.0
     """Damping coefficient of the motion along the guide; N s/m"""
+    clearance: Positive | None = None
+    """Gap between the slider in the middle of the guide and each surface; requires `length` and `width`; m, > 0"""
+    restitution: Restitution = 0.0
+    """Newton's coefficient of restitution of a corner that hits a surface, 0 to 1; requires `clearance`"""
 
     @property
     def bodies(self) -> tuple[str, str]:
@@ -271,8 +281,20 @@ class Translational(Model):
         yield from _inconsistent_coefficients(self)
         if self.normal_load and self.mu is None:
             yield "normal_load", self.normal_load, "expected the coefficient of friction mu too"
+        yield from self._inconsistent_gap()
         yield from _inconsistent_bounds(self)
         yield from _inconsistent_curve(self)
+
+    def _inconsistent_gap(self) -> Iterator[tuple[str, Any, str]]:
+        """Yield a clearance without corners, and a restitution without clearance, as `Model.inconsistencies`."""
+        if self.clearance is not None and (self.length is None or self.width is None):
+            yield (
+                "clearance",
+                self.clearance,
+                "expected length and width too: they are the places of the corners that touch",
+            )
+        if self.restitution and self.clearance is None:
+            yield "restitution", self.restitution, "expected clearance too: without it nothing hits"
 
 
 def _inconsistent_coefficients(joint: Revolute | Translational) -> Iterator[tuple[str, Any, str]]:

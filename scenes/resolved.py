@@ -4,7 +4,8 @@ A resolved scene contains numbers in place of arithmetic expressions, in SI unit
 replaced by the values that apply: without gravity it is ``[0, 0]``, ``mus`` is ``mu``, ``static_friction`` is
 ``friction``, and the width of a guide with a length is 0. A key is null if the scene does not declare an effect:
 friction (``mu``, ``mus``, ``friction``, ``static_friction``), its dependence on speed (``stribeck_velocity``), corner
-forces (``length``, ``width``), an ``axis``, the ``effort_limit`` of a drive, or the side on which a spring ``acts``.
+forces (``length``, ``width``), ``clearance``, an ``axis``, the ``effort_limit`` of a drive, or the side on which a
+spring ``acts``.
 """
 
 from __future__ import annotations

@@ -23,9 +23,9 @@ pytestmark = pytest.mark.skipif(not (ROOT / "mkdocs.yml").exists(), reason="need
 
 def test_the_list_covers_all_parts_and_all_engines():
     assert len(MUTATIONS) >= 40 and {mutation.part for mutation in MUTATIONS} == set(PARTS)
-    assert {engine for mutation in MUTATIONS for engine in mutation.engines} == {
-        entry.name for entry in ENGINES if not entry.run_by_system
-    }
+    engines = {engine for mutation in MUTATIONS for engine in mutation.engines}
+    assert engines >= {entry.name for entry in ENGINES if not entry.run_by_system}
+    assert engines <= {entry.name for entry in ENGINES}
     assert len({mutation.name for mutation in MUTATIONS}) == len(MUTATIONS)
 
 

@@ -39,6 +39,8 @@ A spring that acts on one side is free while its stretch is on the other side, a
 side, and is clamped while the stretch is and the tension is not. Its stretch and tension are margins as well, at whose
 zeros the state changes. Where a damped spring comes into contact its tension jumps, and all modes are tried anew.
 
+The clearance and the restitution of guides are neglected: joints are ideal.
+
 With Stribeck's curve the coefficient and the constant bound of a joint in slip are those of its speed v,
 
     mu(v) = mu + (mus - mu) exp(-(|v| / v_s)^p),    c(v) = c + (c0 - c) exp(-(|v| / v_s)^p)

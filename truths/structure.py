@@ -73,7 +73,7 @@ class Condition:
 
 ANY = Condition("any", lambda value: True)
 """Condition that every value fulfils."""
-POSITIVE = Condition("> 0", lambda value: value > 0)
+POSITIVE = Condition("> 0", lambda value: value is not None and value > 0)
 """Condition on a positive number."""
 NEGATIVE = Condition("< 0", lambda value: value < 0)
 """Condition on a negative number."""
@@ -106,7 +106,7 @@ PIN_EFFECTS = ("mu", "mus")
 """Such fields of pins: their friction by load."""
 OTHER_EFFECTS: Mapping[type, tuple[str, ...]] = {
     Revolute: (*JOINT_EFFECTS, *PIN_EFFECTS),
-    Translational: (*JOINT_EFFECTS, "normal_load"),
+    Translational: (*JOINT_EFFECTS, "normal_load", "clearance"),
     Drive: ("effort_limit",),
     LinearSpring: ("acts",),
     TorsionalSpring: ("acts",),
@@ -117,8 +117,8 @@ OTHER_EFFECTS: Mapping[type, tuple[str, ...]] = {
 class Part:
     """An element of a mechanism.
 
-    A joint must have neither a constant bound of friction nor damping, a drive no limit, and a spring must act on both
-    sides, unless their fields say otherwise: a truth holds for the effects that it contains.
+    A joint must have neither a constant bound of friction nor damping nor clearance, a drive no limit, and a spring
+    must act on both sides, unless their fields say otherwise: a truth holds for the effects that it contains.
 
     Parameters
     ----------

@@ -10,6 +10,7 @@ from functools import lru_cache
 import numpy as np
 
 from stiction.comparisons.bench.variants import Record, has_static_coefficient, truth_key
+from stiction.engines.joint_effects import neglected_keys, with_ideal_guides
 from stiction.engines.reference.engine import compile_kernels
 from stiction.reference_impl.integration.event_driven import simulate_event_driven
 from stiction.reference_impl.integration.result import Run
@@ -73,7 +74,8 @@ def ground_truth(scene: Scene, t_end: float | None = None) -> Truth:
     an event-driven run of the reference at `OWN_RTOL` with projection (`Tier.OWN_RUN`), whose
     uncertainty is the difference from the run at `COARSER_RTOL`. If this run ends early, or if the
     equations have no motion or several, the tier is `Tier.NONE`, and runs cannot be compared. Only
-    the events of `rubbing_joints` are included. Truths are cached.
+    the events of `rubbing_joints` are included. Clearance and restitution are neglected, and the note
+    says so. Truths are cached.
     """
     end = scene.t_end if t_end is None else t_end
     return _best_truth(_Request(scene_to_toml(scene), scene.name, end, scene))
@@ -93,6 +95,12 @@ class _Request:
 def _best_truth(request: _Request) -> Truth:
     """Return the truth of a request; see `ground_truth`."""
     scene, t_end = request.scene, request.t_end
+    neglected = neglected_keys(scene)
+    if neglected:
+        ideal = with_ideal_guides(scene)
+        truth = _best_truth(_Request(scene_to_toml(ideal), scene.name, t_end, ideal))
+        neglect = f"of ideal joints, without {', '.join(neglected)}"
+        return replace(truth, note="; ".join(part for part in (neglect, truth.note) if part))
     note = ""
     for independent in INDEPENDENT:
         try:

@@ -183,7 +183,7 @@ def _removals(scene: Scene) -> list[tuple[str, str, list[str]]]:
     with_static_bound = [
         name
         for name, joint in scene.frictional_joints.items()
-        if joint.static_friction is not None and joint.static_friction > joint.friction
+        if joint.static_friction is not None and joint.static_friction > (joint.friction or 0.0)
     ]
     static_keys = [
         *(f"{name}.mus" for name in with_static_friction),

@@ -4,10 +4,10 @@ Joint fidelity. The bodies are those of `stiction.engines.shared.link_tree.LinkT
 joints that close loops are ball joint constraints, corrected by `erp` of their error each step. Drives: actuators of
 prescribed velocity. Friction: the Coulomb friction of DART's joints, sliding and turning, at the bound.
 
-Contact fidelity. The slider has four small spheres between two half-spaces, without clearance. Their outer points are
-the corners of a box of the guide's length and width; or the slider is that box, between two fixed boxes. DART's
-projected Gauss-Seidel solves for the contacts to convergence. For contacts in the plane the matrix of Dantzig's method
-is singular; where it is not, that method bounds friction by the normal forces without friction.
+Contact fidelity. The slider has four small spheres between two half-spaces, at the declared clearance. Their outer
+points are the corners of a box of the guide's length and width; or the slider is that box, between two fixed boxes.
+DART's projected Gauss-Seidel solves for the contacts to convergence. For contacts in the plane the matrix of Dantzig's
+method is singular; where it is not, that method bounds friction by the normal forces without friction.
 """
 
 from __future__ import annotations
@@ -30,6 +30,7 @@ from stiction.engines.shared.contact_geometry import (
     direction_of,
     several_guides,
     slider_box,
+    surface_distance,
 )
 from stiction.engines.shared.engine_clock import EngineClock
 from stiction.engines.shared.fixed_step import Defaults
@@ -473,7 +474,9 @@ def _spheres(
         [(SphereShape(radius), _placed(corner, 0.0)) for corner in slider_box(guide, 2 * radius)],
         [
             (
-                PlaneShape(np.array([*normal, 0.0]), float(normal @ guide.point) - width / 2),
+                PlaneShape(
+                    np.array([*normal, 0.0]), float(normal @ guide.point) - surface_distance(guide)
+                ),
                 _placed((0.0, 0.0), 0.0),
             )
             for normal in (inward, -inward)
@@ -487,7 +490,7 @@ def _boxes(
     """Return boxes as the shapes of the slider and of the surfaces, with their places, as `_spheres`."""
     from dartpy.dynamics import BoxShape
 
-    away = np.array([-along[1], along[0]]) * (guide.extent[1] / 2 + _DEPTH)
+    away = np.array([-along[1], along[0]]) * (surface_distance(guide) + _DEPTH)
     angle = math.atan2(along[1], along[0])
     return (
         [

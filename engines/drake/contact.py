@@ -1,8 +1,8 @@
 """A slider as a box between two surfaces, for Drake's contacts of points with half-spaces.
 
-The corners are spheres of radius zero, and each guide's surfaces are the half-spaces beyond them, without clearance. So
-a contact is where a corner is. Two contacts carry a box whether it lies flat or is wedged, and no contact moves along
-an edge, as the deepest point of a box would.
+The corners are spheres of radius zero, and each guide's surfaces are the half-spaces beyond them, at the declared
+clearance. So a contact is where a corner is. Two contacts carry a box whether it lies flat or is wedged, and no contact
+moves along an edge, as the deepest point of a box would.
 """
 
 from __future__ import annotations
@@ -17,7 +17,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from stiction.engines.shared.contact_geometry import direction_of, slider_box
+from stiction.engines.shared.contact_geometry import direction_of, slider_box, surface_distance
 from stiction.engines.shared.link_tree import LinkTree
 from stiction.scenes import Scene
 
@@ -124,12 +124,12 @@ class Boxes:
             link, material = tree.link_of[guide.slider], own.properties()
             ux, uy = direction_of(guide)
             normal = np.array([-uy, ux, 0.0])
-            half_width = guide.extent[1] / 2
+            distance = surface_distance(guide)
             point = np.array([*guide.point, 0.0])
             surfaces = [
                 plant.RegisterCollisionGeometry(
                     plant.world_body(),
-                    HalfSpace.MakePose(inward, point - inward * half_width),
+                    HalfSpace.MakePose(inward, point - inward * distance),
                     HalfSpace(),
                     f"surface-{number}-{side}",
                     material,

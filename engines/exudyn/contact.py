@@ -1,7 +1,7 @@
 """A slider as a box between two surfaces, with Exudyn's own penalty contact and regularized friction.
 
 Four small spheres stand at the corners of the slider, each against a plane (a large triangle) of the guide; they touch
-at the corners themselves, without clearance, while the slider is parallel to the guide.
+at the corners themselves, at the declared clearance, while the slider is parallel to the guide.
 """
 
 from __future__ import annotations
@@ -13,6 +13,7 @@ from typing import Any
 import numpy as np
 
 from stiction.engines.exudyn.model import Model, unit
+from stiction.engines.shared.contact_geometry import surface_distance
 from stiction.scenes.model import Translational
 
 _REACH = 1e3
@@ -48,7 +49,7 @@ class ContactGuide:
             # A sphere inside the slider that touches the surface at the corner itself. Exudyn's
             # surfaces are triangles; this one is large, and extends out of the plane too.
             centre = to_slider @ (0.5 * along * length * u + across * (0.5 * width - radius) * n)
-            surface = 0.5 * across * width * n
+            surface = across * surface_distance(joint) * n
             points = [
                 [*(surface + x * reach * u), z * reach]
                 for x, z in ((-1.0, -1.0), (1.0, -1.0), (0.0, 1.0))

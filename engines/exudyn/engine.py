@@ -33,7 +33,12 @@ from stiction.engines.exudyn.stepping import (
     Sample,
     Stepper,
 )
-from stiction.engines.joint_effects import COMMON_EFFECTS, LAWS, has_constant_bounds
+from stiction.engines.joint_effects import (
+    COMMON_EFFECTS,
+    LAWS,
+    JointEffect,
+    has_constant_bounds,
+)
 from stiction.engines.protocol import (
     UNSETTLED,
     Capabilities,
@@ -127,7 +132,10 @@ class ExudynEngine(Engine):
         order="2",
         event_location=Supplier.ADAPTER,
         friction_by={Fidelity.JOINT: Supplier.ADAPTER, Fidelity.CONTACT: Supplier.ENGINE},
-        joint_effects={Fidelity.JOINT: COMMON_EFFECTS, Fidelity.CONTACT: LAWS},
+        joint_effects={
+            Fidelity.JOINT: COMMON_EFFECTS,
+            Fidelity.CONTACT: LAWS | {JointEffect.CLEARANCE},
+        },
     )
 
     @property

@@ -20,7 +20,12 @@ from math import hypot
 from typing import Any
 from xml.etree import ElementTree as xml
 
-from stiction.engines.shared.contact_geometry import direction_of, slider_box
+from stiction.engines.shared.contact_geometry import (
+    direction_of,
+    narrowing,
+    slider_box,
+    surface_distance,
+)
 from stiction.engines.shared.link_tree import LinkTree
 from stiction.scenes import Scene
 from stiction.scenes.model import Translational
@@ -89,13 +94,14 @@ def add_guides(
         link = tree.link_of[guide.slider]
         origin = tree.links[link].point
         ux, uy = direction_of(guide)
-        corners = slider_box(guide, options["clearance"])
+        corners = slider_box(guide, narrowing(guide, options))
         (x0, y0), (x1, y1) = corners[0], corners[3]  # at the lower and at the upper surface
         height = hypot(x1 - x0, y1 - y0)
         across = (x1 - x0) / height, (y1 - y0) / height
         pair = _pair(guide, options, timestep)
         for side, sign in SIDES.items():
-            place = (guide.point[0] + sign * uy * width / 2, guide.point[1] - sign * ux * width / 2)
+            distance = surface_distance(guide)
+            place = (guide.point[0] + sign * uy * distance, guide.point[1] - sign * ux * distance)
             add(
                 elements[-1],
                 "geom",

@@ -11,7 +11,7 @@ from typing import Annotated, Any, Literal
 
 from pydantic import Field, StrictBool, StrictFloat, StrictInt, StrictStr
 
-from stiction.engines.protocol import EVENTS_LOCATED_BY, FRICTION_SUPPLIED_BY
+from stiction.engines.protocol import EVENTS_LOCATED_BY, FRICTION_SUPPLIED_BY, NEGLECTED
 from stiction.engines.shared.declared_engine import Declared
 from stiction.scenes.fields import Model, Name
 from stiction.scenes.wording import did_you_mean, names, shown
@@ -35,6 +35,7 @@ RESERVED = {
     "friction_law",
     FRICTION_SUPPLIED_BY,
     EVENTS_LOCATED_BY,
+    NEGLECTED,
 }
 """Settings of every trajectory, which no declaration may define."""
 _BRACES = re.compile(r"\{(\w+)\}")

@@ -10,7 +10,8 @@ corrected by `erp` of their error each step. A translational joint that closes a
 with `force` at the bound of `stiction.engines.shared.friction_bound`, in guides and in pins. All damping that PyBullet
 adds by default is switched off.
 
-Contact fidelity. The slider is a box of the guide's length and width between two fixed boxes, without clearance.
+Contact fidelity. The slider is a box of the guide's length and width between two fixed boxes, at the declared
+clearance.
 """
 
 from __future__ import annotations
@@ -20,12 +21,14 @@ import math
 import os
 import sys
 from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import replace
 from functools import partial
 from typing import Any
 
 import numpy as np
 
 from stiction.engines.assembly import Assembly
+from stiction.engines.joint_effects import EFFECTS_OF_GAPS, LAWS
 from stiction.engines.protocol import check_version, installed_version
 from stiction.engines.shared.acceleration_integrator import Dynamics
 from stiction.engines.shared.contact_geometry import (
@@ -34,6 +37,7 @@ from stiction.engines.shared.contact_geometry import (
     crowded,
     direction_of,
     several_guides,
+    surface_distance,
 )
 from stiction.engines.shared.engine_clock import EngineClock
 from stiction.engines.shared.fixed_step import Defaults
@@ -101,6 +105,13 @@ class PybulletEngine(TreeEngine):
 
     name, called, defaults = "pybullet", "PyBullet", _SETTINGS
     reach = {Fidelity.JOINT: math.inf, Fidelity.CONTACT: REACH}
+    capabilities = replace(
+        TreeEngine.capabilities,
+        joint_effects={
+            **TreeEngine.capabilities.joint_effects,
+            Fidelity.CONTACT: LAWS | EFFECTS_OF_GAPS,
+        },
+    )
 
     @property
     def version(self) -> str:
@@ -373,6 +384,11 @@ class _ContactStepper(ContactStepper, _Stepper):
             enableConeFriction=int(options["cone_friction"] == "on"),
             physicsClientId=client,
         )
+        if any(guide.restitution for guide in scene.guides.values()):
+            # Bullet's default is 0.2 m/s, below which contacts do not rebound.
+            bullet.setPhysicsEngineParameter(
+                restitutionVelocityThreshold=0.0, physicsClientId=client
+            )
         # Each slider touches the two surfaces of its own guide only, by a bit of its filter. Bullet
         # multiplies the coefficients of two shapes, so that with 1 for the surfaces the slider's is
         # the contact's.
@@ -389,8 +405,13 @@ class _ContactStepper(ContactStepper, _Stepper):
                 bullet.setCollisionFilterGroupMask(
                     *body, 1 << number, 1 << number, physicsClientId=client
                 )
+            # Coefficients of restitution are multiplied, too.
             bullet.changeDynamics(
-                self._multibody, link, lateralFriction=0.0, physicsClientId=client
+                self._multibody,
+                link,
+                lateralFriction=0.0,
+                restitution=guide.restitution,
+                physicsClientId=client,
             )
             if options["friction_anchor"] == "on":
                 bullet.changeDynamics(
@@ -416,10 +437,10 @@ class _ContactStepper(ContactStepper, _Stepper):
         }
 
     def _surface(self, guide: Translational, along: np.ndarray) -> int:
-        """Create the fixed box whose face lies half the slider's width to the right of `along`."""
+        """Create the fixed box whose face lies to the right of `along`, beyond the slider and its clearance."""
         bullet = self._bullet
         inward = np.array([-along[1], along[0]])
-        centre = guide.point - inward * (guide.extent[1] / 2 + _DEPTH)
+        centre = guide.point - inward * (surface_distance(guide) + _DEPTH)
         shape = bullet.createCollisionShape(
             bullet.GEOM_BOX, halfExtents=[REACH, _DEPTH, 2 * _DEPTH], physicsClientId=self._client
         )
@@ -432,7 +453,9 @@ class _ContactStepper(ContactStepper, _Stepper):
                 [0.0, 0.0, math.atan2(along[1], along[0])]
             ),
         )
-        bullet.changeDynamics(body, -1, lateralFriction=1.0, physicsClientId=self._client)
+        bullet.changeDynamics(
+            body, -1, lateralFriction=1.0, restitution=1.0, physicsClientId=self._client
+        )
         return body
 
     def rub(self, coefficients: Sequence[float]) -> None:

@@ -125,6 +125,11 @@ def _missing(scene: Scene) -> str:
         for name, joint in scene.joints.items()
         if joint.bounds[1] > joint.bounds[0]
     ]
+    effects += [
+        (f'clearance of guide "{name}"', f"{guide.clearance!r} m to each surface")
+        for name, guide in scene.guides.items()
+        if guide.clearance is not None
+    ]
     return "".join(f"\n  - {effect}: {what};" for effect, what in effects) or " nothing."
 
 

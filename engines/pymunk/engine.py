@@ -33,11 +33,13 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Mapping, Sequence
 from contextlib import AbstractContextManager, nullcontext
+from dataclasses import replace
 from typing import TYPE_CHECKING, Any, ClassVar, NamedTuple
 
 import numpy as np
 
 from stiction.engines.assembly import Assembly
+from stiction.engines.joint_effects import EFFECTS_OF_GAPS, LAWS
 from stiction.engines.protocol import check_version, installed_version
 from stiction.engines.pymunk.correction import (
     Iteration,
@@ -48,7 +50,9 @@ from stiction.engines.pymunk.correction import (
 from stiction.engines.shared.contact_geometry import (
     contact_refusal,
     crowded,
+    narrowing,
     slider_box,
+    surface_distance,
     unlike_guides,
 )
 from stiction.engines.shared.fixed_step import Defaults, Sample, SteppedEngine, Stepper
@@ -112,10 +116,17 @@ class PymunkEngine(SteppedEngine):
 
     Settings at contact fidelity: `iterations`; `error_bias`, where 0 means that each step corrects the whole error;
     `collision_slop`, the overlap that is not corrected, in m; `collision_bias`, as `error_bias`, for overlap;
-    `clearance`, the guide's width minus that of the box, in m.
+    `clearance`, the guide's width minus that of the box, in m, of guides that declare no clearance.
     """
 
     name, defaults, reach = "pymunk", _SETTINGS, dict.fromkeys(Fidelity, _GROOVE)
+    capabilities = replace(
+        SteppedEngine.capabilities,
+        joint_effects={
+            **SteppedEngine.capabilities.joint_effects,
+            Fidelity.CONTACT: LAWS | EFFECTS_OF_GAPS,
+        },
+    )
 
     @property
     def version(self) -> str:
@@ -495,9 +506,11 @@ class _ContactStepper(_PymunkStepper):
         boxes, directions = [], []
         for number, guide in enumerate(scene.guides.values()):
             category = pymunk.ShapeFilter(categories=1 << number, mask=1 << number)
-            box = pymunk.Poly(self._named[guide.slider], slider_box(guide, options["clearance"]))
+            box = pymunk.Poly(
+                self._named[guide.slider], slider_box(guide, narrowing(guide, options))
+            )
             along = np.array(guide.direction) * (_GROOVE / math.hypot(*guide.direction))
-            across = np.array([-along[1], along[0]]) * (guide.extent[1] / 2 / _GROOVE)
+            across = np.array([-along[1], along[0]]) * (surface_distance(guide) / _GROOVE)
             surfaces = [
                 pymunk.Segment(
                     space.static_body,
@@ -509,6 +522,9 @@ class _ContactStepper(_PymunkStepper):
             ]
             for shape in (box, *surfaces):
                 shape.filter, shape.friction = category, 1.0 if guide.frictional else 0.0
+                shape.elasticity = 1.0
+            # Coefficients of restitution are multiplied, too.
+            box.elasticity = guide.restitution
             space.add(box, *surfaces)
             if guide.frictional:
                 boxes.append((box, self._named[guide.slider]))

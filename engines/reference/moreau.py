@@ -7,15 +7,15 @@ from dataclasses import replace
 from typing import Any
 
 from stiction.engines.assembly import Assembly, assembly_of
-from stiction.engines.joint_effects import ALL_EFFECTS, JointEffect
+from stiction.engines.joint_effects import ALL_EFFECTS, EFFECTS_OF_GAPS, JointEffect
 from stiction.engines.protocol import Capabilities, Engine, installed_version
 from stiction.engines.reference.engine import compile_kernels
 from stiction.engines.shared.fixed_step import settings_of, step_of, steps_between_outputs
 from stiction.scenes import InputError, Scene, Trajectory
 from stiction.scenes.fidelity import Fidelity
 
-SETTINGS = {"clearance": 1e-6, "restitution": 0.0}
-"""Default of each setting. The clearance is far below the size of motions, and far above rounding."""
+SETTINGS = {"clearance": 1e-6}
+"""Default of the setting. The clearance is far below the size of motions, and far above rounding."""
 
 
 class MoreauEngine(Engine):
@@ -25,9 +25,10 @@ class MoreauEngine(Engine):
     (`stiction.reference_impl.integration.moreau`). If a guide has no length, the point of its slider is in contact with
     two surfaces, and its angle is fixed by a constraint.
 
-    Settings: `clearance`, the distance between a centred slider and each surface relative to the size of the mechanism
-    (`Arrays.length_scale`; the settings of a trajectory also contain it in metres); `restitution`, Newton's coefficient
-    of restitution.
+    Guides have the clearance and Newton's coefficient of restitution that the scene declares. The method has no
+    bilateral guides, so a guide without a declared clearance gets a small one, by the setting `clearance`: the distance
+    between a centred slider and each surface, relative to the size of the mechanism (`Arrays.length_scale`). The
+    settings of a trajectory also contain the gap of each guide in metres, ``gaps [m]``.
 
     Scenes are refused only for static friction above the kinetic one; guides may be on moving bodies. If
     Lemke's method finds no solution of the complementarity problem of a step, all contact modes are tried. The run ends
@@ -44,7 +45,7 @@ class MoreauEngine(Engine):
         reactions="engine",
         order="1",
         joint_effects={
-            Fidelity.CONTACT: ALL_EFFECTS
+            Fidelity.CONTACT: (ALL_EFFECTS | EFFECTS_OF_GAPS)
             - {
                 JointEffect.STATIC_FRICTION,
                 JointEffect.SPEED_DEPENDENCE,
@@ -98,8 +99,6 @@ class MoreauEngine(Engine):
                 f"clearance: found {options['clearance']!r}; expected a part of the mechanism's size, 0 < "
                 "clearance < 1"
             )
-        if options["restitution"] > 1:
-            raise InputError(f"restitution: found {options['restitution']!r}; expected 0 .. 1")
         compiled = compiling_seconds()
         begin = clock()
         mechanism = assembly_of(scene, assembly).whole
@@ -119,7 +118,6 @@ class MoreauEngine(Engine):
             steps,
             steps_between_outputs(steps, output_step / dt),
             clearance,
-            options["restitution"],
         )
         # Kernels may be compiled at their first call anywhere above, which the compiler counts.
         cost = replace(
@@ -141,7 +139,9 @@ class MoreauEngine(Engine):
                 "dt": dt,
                 "method": "Moreau midpoint",
                 **options,
-                "clearance [m]": clearance,
+                "gaps [m]": {
+                    name: guide.clearance or clearance for name, guide in scene.guides.items()
+                },
                 "friction_law": self.capabilities.friction_law[fidelity],
             },
         )

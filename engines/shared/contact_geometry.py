@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from math import cos, hypot, sin
+from typing import Any
 
 import numpy as np
 
@@ -68,6 +69,23 @@ def _guides_of_same_slider(scene: Scene) -> Iterator[tuple[str, str]]:
             yield name, first_guide[guide.slider]
         else:
             first_guide[guide.slider] = name
+
+
+def surface_distance(guide: Translational) -> float:
+    """Return the distance of each surface of a guide from the line of the slider's point, m.
+
+    It is half the width of the slider, and the declared clearance.
+    """
+    return guide.extent[1] / 2 + (guide.clearance or 0.0)
+
+
+def narrowing(guide: Translational, options: Mapping[str, Any]) -> float:
+    """Return by how much the box of a slider is narrower than the slider, m.
+
+    It is the setting `clearance` of an engine, which keeps boxes of guides without clearance from being pressed between
+    both surfaces. A guide with a declared clearance does not need it.
+    """
+    return 0.0 if guide.clearance else options["clearance"]
 
 
 def direction_of(guide: Translational) -> tuple[float, float]:

@@ -13,7 +13,7 @@ from typing import Any, ClassVar, NamedTuple
 import numpy as np
 
 from stiction.engines.assembly import Assembly, assembly_of
-from stiction.engines.joint_effects import EFFECTS_WITH_LOADS, LAWS
+from stiction.engines.joint_effects import EFFECTS_WITH_LOADS, LAWS, JointEffect
 from stiction.engines.protocol import (
     BadTrajectory,
     Capabilities,
@@ -256,7 +256,10 @@ class SteppedEngine(Engine):
         order="1",
         friction_by={Fidelity.JOINT: Supplier.ADAPTER, Fidelity.CONTACT: Supplier.BOTH},
         constant_bound_by={Fidelity.JOINT: Supplier.ENGINE},
-        joint_effects={Fidelity.JOINT: EFFECTS_WITH_LOADS, Fidelity.CONTACT: LAWS},
+        joint_effects={
+            Fidelity.JOINT: EFFECTS_WITH_LOADS,
+            Fidelity.CONTACT: LAWS | {JointEffect.CLEARANCE},
+        },
     )
     defaults: ClassVar[Mapping[str, Defaults]]
     reach: ClassVar[Mapping[str, float]] = {Fidelity.JOINT: math.inf, Fidelity.CONTACT: math.inf}

@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import Any
 
 from stiction.engines.assembly import Assembly, assembly_of
-from stiction.engines.joint_effects import COMMON_EFFECTS, LAWS
+from stiction.engines.joint_effects import COMMON_EFFECTS, EFFECTS_OF_GAPS, LAWS
 from stiction.engines.program.engine import ProgramEngine
 from stiction.engines.protocol import Capabilities, Supplier
 from stiction.engines.registry import EngineBroken, EngineMissing
@@ -31,7 +31,6 @@ BLOCKS = ("nsgs", "cpg", "lemke", "enum")
 BOUNDS = {
     "theta": (0.5, 1.0),
     "clearance": (1e-12, 1.0),
-    "restitution": (0.0, 1.0),
     "tolerance": (1e-14, 1e-3),
     "iterations": (1, 10**9),
 }
@@ -42,7 +41,7 @@ class SiconosEngine(ProgramEngine):
     """The kernel of Siconos (Moreau-Jean scheme, unilateral contacts with friction), run by the system's Python.
 
     The program is `solver.py` next to this module; its declaration ``siconos.toml`` contains the settings: `theta` of
-    MoreauJeanOSI; `clearance`, relative to the size of the mechanism, and `restitution`, as for
+    MoreauJeanOSI; `clearance` of guides that declare none, relative to the size of the mechanism, as for
     `stiction.engines.reference.moreau.MoreauEngine`; `tolerance` of a step, relative to its largest speed; `iterations`
     of Gauss-Seidel; `block`, the solver of one contact within an iteration: nsgs, cpg, lemke or enum.
     """
@@ -72,11 +71,11 @@ class SiconosEngine(ProgramEngine):
 
     @cached_property
     def capabilities(self) -> Capabilities:  # type: ignore[override]
-        """Capabilities of the declaration, and constant bounds of friction in joints, which it cannot declare."""
+        """Capabilities of the declaration, and effects of joints that it cannot declare: constant bounds, clearance."""
         fidelity = self.declared.fidelity
         return replace(
             super().capabilities,
-            joint_effects={fidelity: COMMON_EFFECTS - LAWS},
+            joint_effects={fidelity: (COMMON_EFFECTS - LAWS) | EFFECTS_OF_GAPS},
             constant_bound_by={fidelity: Supplier.ENGINE},
         )
 

@@ -184,7 +184,6 @@ class Contact:
         guide: Scene,
         corner: int,
         clearance: float,
-        restitution: float,
         place: dict[str, int],
     ) -> None:
         import siconos.kernel as kernel  # late: this module can be read where there is none
@@ -196,7 +195,7 @@ class Contact:
         # distance of that point from the surface when the corner touches it.
         self.side, front = ((1, -1), (1, 1), (-1, 1), (-1, -1))[corner]
         self.along, self.across = front * length / 2, -self.side * half_width
-        self.room = half_width + clearance
+        self.room = half_width + (guide["clearance"] or clearance)
         # the same place in the axes of the slider, as a point that moves with it
         turn = math.atan2(y, x) - guide["angle"]
         c, s = math.cos(turn), math.sin(turn)
@@ -207,8 +206,12 @@ class Contact:
             distance(place, bodies, points, (-y, x)),
             distance(place, bodies, points, (x, y)),
         )
-        self.mu, self.mus, self.restitution = guide["mu"] or 0.0, guide["mus"] or 0.0, restitution
-        self.law = kernel.NewtonImpactFrictionNSL(restitution, 0.0, self.mu, 2)
+        self.mu, self.mus, self.restitution = (
+            guide["mu"] or 0.0,
+            guide["mus"] or 0.0,
+            guide["restitution"],
+        )
+        self.law = kernel.NewtonImpactFrictionNSL(self.restitution, 0.0, self.mu, 2)
         self.relation = kernel.LagrangianLinearTIR(np.zeros((2, 3 * len(place) + 1)), np.zeros(2))
         self.interaction = kernel.Interaction(self.law, self.relation)
         # columns of the guide to which the corner contributes
@@ -322,7 +325,7 @@ class Mechanism:
                     self.held[f"{name}.{label}"] = function, Law({"type": "constant", "value": 0.0})
                 continue
             self.contacts += [
-                Contact(name, joint, corner, clearance, chosen["restitution"], place)
+                Contact(name, joint, corner, clearance, place)
                 for corner in (range(4) if joint["length"] else (0, 2))
             ]
             if not joint["length"]:

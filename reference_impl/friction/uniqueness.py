@@ -75,7 +75,8 @@ def friction_gain(m: Arrays, w: Workspace, slip: Integers, released: bool) -> tu
         is_pin = guide.pin_mus > 0.0
         gain, column = 0.0, 0
         for j in range(len(m.friction)):
-            if guide.corners == 0 or not _may_slip(m, slip, j, released):
+            has_load = guide.corners > 0 or is_pin
+            if not has_load or not _may_slip(m, slip, j, released):
                 continue  # a constant bound has no gain
             R, T = w.response[normal, column], w.response[moment, column]
             load = hypot(R, T)

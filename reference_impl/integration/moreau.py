@@ -71,6 +71,7 @@ CONTACT = np.dtype(
                 "across",
                 "offset",
                 "mu",
+                "restitution",
             )
         ),
     ]
@@ -78,7 +79,8 @@ CONTACT = np.dtype(
 """Corner 0 .. 3 (lower rear, lower front, upper front, upper rear) at (ax, ay) of body a, against the guide at (bx, by)
 of body b along (ux, uy); the row of the guide's normal force, and its number among the frictional ones or -1; side 1:
 the lower surface, which pushes along the normal; (along, across): the place seen from the slider's point, by which
-forces turn it, 0 where its angle is held; gap = side * coordinate + offset."""
+forces turn it, 0 where its angle is held; gap = side * coordinate + offset; mu: the coefficient of friction,
+restitution: Newton's coefficient."""
 AT_REST = 1e-10
 """Slip speed of a loaded contact, relative to the largest speed, that counts as none: Lemke's zeros are rounding."""
 
@@ -103,12 +105,11 @@ class Contacts(Bundle):
 
 
 class Task(Bundle):
-    """Steps of one length dt (s), of which every `every`-th instant is kept; Newton's coefficient of restitution."""
+    """Steps of one length dt (s), of which every `every`-th instant is kept."""
 
     dt: float
     steps: int
     every: int
-    restitution: float
 
 
 class State(Bundle):
@@ -127,7 +128,7 @@ class State(Bundle):
 
 
 def contacts_of(mechanism: Mechanism, clearance: float) -> Contacts:
-    """Return the contacts of all guides, with a clearance (m) between slider and each surface."""
+    """Return the contacts of all guides; `clearance` (m) is the gap of guides that declare none."""
     m = mechanism.arrays
     contacts: list[tuple[float, ...]] = []
     released: set[int] = set()
@@ -168,8 +169,9 @@ def contacts_of(mechanism: Mechanism, clearance: float) -> Contacts:
                     side,
                     along,
                     across if half_a else 0.0,
-                    half_b + clearance,
+                    half_b + (joint.clearance or clearance),
                     joint.mu or 0.0,
+                    joint.restitution,
                 )
             )
     kept = [row for row in range(m.rows) if row not in released]
@@ -367,11 +369,13 @@ def _step(
     P = np.zeros(impulses)
     if impulses:
         c, mu, limit = np.zeros(impulses), np.zeros(n), np.zeros(len(contacts.dry))
+        restitution = np.zeros(n)
+        for i in range(n):
+            contact = contacts.contact[closed[i]]
+            mu[i], restitution[i] = contact.mu, contact.restitution
         for i in range(impulses):
             for k in range(len(v)):
-                c[i] += W[i, k] * (v_new[k] + (task.restitution * v[k] if i < n else 0.0))
-        for i in range(n):
-            mu[i] = contacts.contact[closed[i]].mu
+                c[i] += W[i, k] * (v_new[k] + (restitution[i] * v[k] if i < n else 0.0))
         for i in range(len(limit)):
             limit[i] = m.friction[contacts.dry[i]].bound * dt
             c[2 * n + i] -= s.law_rate[i]
@@ -477,13 +481,12 @@ def simulate_moreau(
     steps: int,
     every: int,
     clearance: float,
-    restitution: float,
 ) -> Run:
     """March a mechanism from t = 0 with clearance in its guides.
 
     `q` and `v` (3 * bodies,): the state there, on the constraints, every slider in the middle of its guide. `dt`: the
     step (s); of `steps` every `every`-th instant is kept. `clearance`: gap (m) between a slider in the middle and each
-    surface, > 0: opposite corners without any would press each other. `restitution`: Newton's coefficient, 0 .. 1.
+    surface, of guides that declare none, > 0: opposite corners without any would press each other.
 
     Columns are as of the other methods; corner forces are impulses over dt, ``drift`` includes the motion within the
     clearance.
@@ -506,7 +509,7 @@ def simulate_moreau(
         corners=(kept, len(guides), 4, 2),
     )
     state.q[:], state.v[:] = q, v
-    task, prepared = Task(dt, steps, every, restitution), clock()
+    task, prepared = Task(dt, steps, every), clock()
     code, written, reached = march(m, w, contacts, state, task)
     stepped = clock()
     t, motion, corners = (

@@ -262,7 +262,7 @@ def _guide(scene: Scene, name: str, view: View) -> Iterator[Stroke]:
     at = (guide.guide, guide.point)
     axes = axes_along(guide.direction)
     _, width = slider_size(scene, name, view.unit)
-    surface = width / 2
+    surface = width / 2 + (guide.clearance or 0.0)
     behind = surface + SOLID * view.unit
     look = "ground" if guide.guide == GROUND else "moving guide"
     for side in (-1, 1):

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from stiction.cli.exit_codes import FAILED, Commands, exit_with
+from stiction.cli.exit_codes import FAILED, Commands, exit_with, say
 from stiction.cli.options import (
     PICTURES,
     Assemble,
@@ -322,8 +322,10 @@ def _show(
     _print(section, results, table)
     if out is None and len(table):
         print("\nEvery row with its numbers and reasons: --out FILE.csv")
-    if plot is not None and (section.figures or len(table)):
+    if plot is not None and section.figures:
         _write_first_figure(study, section, results, plot, width)
+    elif plot is not None and not table.empty:
+        say(f"{plot} is not written: `compare {study.name}` has no figure for these runs")
     if problems is not None:
         write_problems(results.problems, problems)
     if not table.empty:
@@ -388,11 +390,6 @@ def _write_first_figure(
     from stiction.scenes.atomic_files import whole_file
     from stiction.scenes.pictures.picture import write_figure
 
-    if not section.figures:
-        raise exit_with(
-            FAILED,
-            f"{file}: not written, because `compare {study.name}` has no figure for these runs",
-        )
     figures = section.figures[:1]
     if width == "single":
         figures = in_one_column(figures[0])

@@ -86,10 +86,25 @@ def list_engines(
 
 
 @commands.command()
-def explain(scene: SceneName, overrides: Overrides = [], assemble: Assemble = False) -> None:
+def explain(
+    scene: SceneName,
+    overrides: Overrides = [],
+    assemble: Assemble = False,
+    clearance: Annotated[
+        float | None,
+        typer.Option(
+            metavar="METRES",
+            help="Predict the flights of corners through this gap to each surface, in guides with a "
+            "length, from the motion of ideal joints.",
+        ),
+    ] = None,
+) -> None:
     """Show the equations of a scene, the sizes of its complementarity problems, and which engines can represent it."""
     loaded = scene_of(scene, overrides, assemble)
     print(f"{loaded.name}: {loaded.title}\n")
+    if clearance is not None:
+        _show_flights(loaded, clearance)
+        return
     _show_blocks(loaded)
     _show_freedoms(loaded)
     _show_problem_sizes(loaded)
@@ -252,6 +267,62 @@ def _show_blocks(scene: Scene) -> None:
     show(("block", "elements", "equation", "size"), assembled)
     print("Left out, because the scene does not declare it:")
     show(("block", "so"), left_out)
+
+
+def _show_flights(scene: Scene, clearance: float) -> None:
+    """Print the predicted flight of each corner through a gap (m), at the events of the ideal motion."""
+    from stiction.comparisons.measures.corner_flights import corner_flights
+    from stiction.engines import load_engine
+
+    if not any(guide.length is not None for guide in scene.guides.values()):
+        raise typer.BadParameter(
+            "found no guide with a length; expected one, whose corners can fly",
+            param_hint="--clearance",
+        )
+    ideal = load_engine("reference").simulate(scene)
+    flights = corner_flights(scene, ideal, clearance)
+    print(
+        f"Flights of corners through a gap of {clearance:g} m to each surface, predicted from the motion "
+        f"of ideal joints up to t = {ideal.t[-1]:g} s:"
+    )
+    rows = []
+    for flight in flights:
+        rows.append(
+            (
+                f"{flight.time:.5f}",
+                flight.guide,
+                f"F{flight.corner} -> F{flight.opposite_corner}",
+                str(flight.release),
+                f"{flight.force:.4g}",
+                f"{flight.rate:.4g}",
+                f"{flight.mass:.4g}",
+                f"{flight.flight_time:.4g}",
+                f"{flight.impact_speed:.4g}",
+                f"{flight.crowding:.2g}",
+                f"{flight.mobilization:.3g}",
+            )
+        )
+    heading = (
+        "t [s]",
+        "guide",
+        "corner",
+        "force",
+        "F [N]",
+        "N' [N/s]",
+        "mass [kg]",
+        "flight [s]",
+        "impact [m/s]",
+        "crowding",
+        "mobilization",
+    )
+    show(heading, rows)
+    print(
+        "The crowding is the flight time over the time to the nearest other event; the mobilization is the "
+        "friction of a slider at rest over its bound. The law holds where the first is small and the second "
+        "below 1, up to the first impact of each flight (docs/theory/clearance.md)."
+    )
+    if ideal.breakdown is not None:
+        print(f"The ideal motion ends early: {ideal.breakdown}")
 
 
 def _show_freedoms(scene: Scene) -> None:

@@ -48,7 +48,7 @@ OVERVIEW = {
             "Compare several engines with regard to one question.", "compare accuracy slider-crank"
         ),
         "validate": About(
-            "Make all comparisons for the three cases of the paper, and write a report.",
+            "Make all comparisons for the three cases of the paper or other scenes, and write a report.",
             "validate --quick --out run",
         ),
         "judge": About("Judge a table of results from any program.", "judge slider-crank mine.csv"),

@@ -32,6 +32,7 @@ NAMES = {
     "pendulum-dry-pin",
     "slider-crank",
     "slider-crank-dry-pins",
+    "slider-crank-clearance",
     "elliptic-trammel",
     "toggle-pins-under-load",
     "slider-on-moving-guide",

@@ -409,3 +409,22 @@ def test_a_pin_with_friction_looks_like_one():
     assert looks.count("dry pin") == 2 and looks.count("pin") == 1
     labels = [handle.get_label() for handle in _legend(scene)]
     assert "pin" in labels and "dry pin: pivot, crankpin" in labels
+
+
+def test_a_clearance_is_drawn_as_a_gap():
+    """The surfaces are half the width and the clearance away from the line, the slider keeps its size."""
+    scene = load_scene("slider-bar-case-1", {"guide.clearance": 0.05})
+    drawn = list(parts(scene, view_of(scene, [poses_at_start(scene)])))
+    heights = {
+        look: sorted(
+            {float(y) for part in drawn if part_look(part) == look for y in part.points[:, 1]}
+        )
+        for look in ("surface", "slider")
+    }
+    assert heights["surface"] == pytest.approx([-0.3, 0.3])
+    assert heights["slider"] == pytest.approx([-0.25, 0.25])
+
+
+def part_look(part):
+    """Return the look of a stroke; empty for other parts of a drawing."""
+    return part.look if isinstance(part, Stroke) else ""

@@ -518,7 +518,8 @@ def _relocate_on_constraints(m: Arrays, w: Workspace, s: State, task: Task) -> N
     if not 0.0 < length < (LONGER - NEAR) * h or time + correction > step.stop:
         return
 
-    # go on from the projected state, which stays on the constraints over so short a way
+    # Go on from the projected state, which stays on the constraints over so short a way. Stages 4 and 5 of the step are
+    # not read any more, and keep the state and y' as they are.
     copy(s.y_new, s.K[4])
     copy(s.K[STAGES], s.K[5])
     copy(s.y_old, s.y_new)

@@ -248,6 +248,16 @@ def label_of(column: str, scene: Scene) -> str:
     For example ``normal force $R$ of guide [N]``; the symbol is in the mathematics of matplotlib. A
     column that is not of the `COLUMNS` is its own label.
     """
+    words = words_of(column, scene)
+    if words == column:
+        return column
+    # Lines of a label that is too long are broken at spaces, but not within a unit.
+    unit = unit_of(column, scene).replace(" ", "\N{NO-BREAK SPACE}")
+    return f"{words} [{unit}]" if unit else words
+
+
+def words_of(column: str, scene: Scene) -> str:
+    """Return the words, symbol and owner of a column of a scene: its label without the unit (`label_of`)."""
     owner, _, name = column.rpartition(".")
     if name == "effort" and owner in scene.drives:
         words = "torque $M$" if scene.drives[owner].type == "angle" else "force $F$"
@@ -255,9 +265,7 @@ def label_of(column: str, scene: Scene) -> str:
         words = WORDS[name]
     else:
         return column
-    # Lines of a label that is too long are broken at spaces, but not within a unit.
-    unit = unit_of(column, scene).replace(" ", "\N{NO-BREAK SPACE}")
-    return f"{words} of {owner} [{unit}]" if unit else f"{words} of {owner}"
+    return f"{words} of {owner}"
 
 
 def meaning_of(column: str, scene: Scene | None = None) -> str:

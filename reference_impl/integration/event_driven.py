@@ -138,6 +138,10 @@ short enough to make no difference, and near a singular position the rounding of
 ON_CONSTRAINTS = 1e-14
 """Residual relative to the mechanism's size or its largest speed up to which a state is not projected: some tens of
 roundings of double precision."""
+DISPLACED = 1e-7
+"""Part of the step by which projection may displace an event that is left where it is. An event function changes by a
+few times its largest value in a step, so that it is zero to less than columns are compared to
+(`force_coherence.SAME`)."""
 NOT_IN_STEP, AT_START, WITHIN, NEAR_END = range(4)
 """Where `_locate` expects the first event of a step: in no part of it; so near its start that the mode must be left at
 once; at a zero of the dense output; near its end, as predicted by the step before."""
@@ -187,6 +191,7 @@ def integrate(
             return outcome
         if not _locate(m, w, s, samples):
             continue
+        _relocate_on_constraints(m, w, s, task)
         if step.near_several:
             end_at_several(m, w, s)
         # samples within the step, by its dense output, which spans the attempted length h whatever was accepted of it
@@ -475,6 +480,61 @@ def _rests_at_switch(m, w, s):
 
 
 @kernel
+def _relocate_on_constraints(m: Arrays, w: Workspace, s: State, task: Task) -> None:
+    """Move the end of a step that ends at an event to that of the projected state, if projection displaces it.
+
+    An event is located on states that are off the constraints by the error of the step; `_commit` then projects its
+    state. At a loose tolerance the event function of the projected state is zero at another instant. The mode behind
+    would begin with a sign that has not changed yet, or has changed already, and other event functions that pass zero
+    in the same instant would be on the wrong side of it as well. A displacement of up to DISPLACED is left.
+    """
+    p, step = s.progress, s.attempt
+    if not task.projecting or step.event == NO_EVENT or step.length == 0.0:
+        return
+    n, h, e = len(m.inverse_mass), step.h, step.event
+    time = p.time + step.length
+
+    # the event function of the state as `_commit` will project it; `y_old` is free until then
+    copy(s.y_new, s.y_old)
+    if not _project(m, w, s, time, s.y_old, False):
+        return
+    right_hand_side(m, w, time, s.y_old, s.slip, s.corner, s.dy)
+    value = w.event[e]
+    if not abs(value) > noise(s, e):
+        return
+
+    # its slope, along the motion of the projected state
+    for k in range(2 * n):
+        s.probe[k] = s.y_old[k] + BESIDE * h * s.dy[k]
+    right_hand_side(m, w, time + BESIDE * h, s.probe, s.slip, s.corner, s.K[1])
+    slope = (w.event[e] - value) / (BESIDE * h)
+    if not slope < 0.0:
+        return  # it does not fall: there is no event to go to
+    correction = -value / slope
+    if not DISPLACED * h < abs(correction) < NEAR * h:
+        return
+    # the event must stay within the step, and before samples that `_locate` has made no dense output for
+    length = step.length + correction
+    if not 0.0 < length < (LONGER - NEAR) * h or time + correction > step.stop:
+        return
+
+    # Go on from the projected state, which stays on the constraints over so short a way. Stages 4 and 5 of the step are
+    # not read any more, and keep the state and y' as they are.
+    copy(s.y_new, s.K[4])
+    copy(s.K[STAGES], s.K[5])
+    copy(s.y_old, s.y_new)
+    copy(s.dy, s.K[STAGES])
+    s.at_stages[STAGES - 1, e] = value
+    length, reached = go_to_event(m, w, s, step.length, correction, SLOPE, False)
+    if reached and is_finite(s.y_new) and is_finite(s.K[STAGES]):
+        step.length = length
+    else:
+        # forces that grow without bound beside the event leave no way to it: it stays where it was found
+        copy(s.K[4], s.y_new)
+        copy(s.K[5], s.K[STAGES])
+
+
+@kernel
 def _make_dense_output(m, w, s):
     """Make the dense output of the step, F, by the three extra stages of DOP853."""
     for i in range(EXTRA):
@@ -546,7 +606,8 @@ def _commit(m: Arrays, w: Workspace, s: State, task: Task) -> int:
         copy(s.y, s.y_old)
         copy(s.y_new, s.y)
         p.time, p.idle = t_new, 0
-        if task.projecting and _project(m, w, s, has_rows):
+        if task.projecting and _project(m, w, s, t_new, s.y, has_rows):
+            w.counters.projections += 1
             p.stale = 1
 
     # the scales of the audit are those before this state: it does not depend on whether there was output in the step
@@ -578,12 +639,12 @@ def _expect_event(m, w, s):
 
 
 @kernel
-def _project(m, w, s, has_rows):
-    """Project the state if its residuals exceed rounding; returns whether it was changed.
+def _project(m, w, s, t, y, has_rows):
+    """Project a state y at t if its residuals exceed rounding; returns whether it was changed.
 
     has_rows : the rows in the workspace are those of this state.
     """
-    n, t, y = len(m.inverse_mass), s.progress.time, s.y
+    n = len(m.inverse_mass)
     if not has_rows:
         row_form(m, w, t, y[:n], y[n:])
     # the speeds of a mechanism at rest are the rounding of what its bodies would reach without joints in this step
@@ -600,7 +661,6 @@ def _project(m, w, s, has_rows):
             velocity = max(velocity, abs(w.slip_speed[f]))
     if position <= ON_CONSTRAINTS * m.length_scale and velocity <= ON_CONSTRAINTS * speed:
         return False
-    w.counters.projections += 1
     project(m, w, t, y[:n], y[n:], s.slip, holds, 2)
     return True
 

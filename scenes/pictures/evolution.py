@@ -11,7 +11,7 @@ import numpy as np
 import pandas as pd
 from matplotlib.axes import Axes
 
-from stiction.scenes.columns import label_of, unit_of
+from stiction.scenes.columns import label_of, unit_of, words_of
 from stiction.scenes.pictures.picture import COLORS, CYCLE, WIDTH, Picture, fit_labels, rc
 from stiction.scenes.trajectory import Trajectory
 
@@ -103,7 +103,10 @@ def evolution(
                 column = panel.columns[0]
                 lines = [_Line(frame, column, _label_of(run)) for run, frame in zip(runs, frames)]
             else:
-                lines = [_Line(frames[0], name, name) for name in panel.columns[:MAX_LINES]]
+                lines = [
+                    _Line(frames[0], name, _words_of(name, first))
+                    for name in panel.columns[:MAX_LINES]
+                ]
             _draw_panel(ax, panel, lines, stick_phases)
             if not columns:
                 count = len(panel.columns)
@@ -149,6 +152,11 @@ def _axis_label(column: str, run: Trajectory) -> str:
     if run.mechanism is None:
         return f"{column} [{unit_of(column)}]"
     return label_of(column, run.mechanism)
+
+
+def _words_of(column: str, run: Trajectory) -> str:
+    """Return words, symbol and owner of a column if the scene is known, else its name; for legends."""
+    return column if run.mechanism is None else words_of(column, run.mechanism)
 
 
 def _label_of(run: Trajectory) -> str:

@@ -18,7 +18,7 @@ from stiction.cli.app import app
 from stiction.cli.pictures import write_pictures
 from stiction.engines import load_engine
 from stiction.scenes import catalogue, load_scene, scene_from_dict
-from stiction.scenes.columns import label_of, unit_of
+from stiction.scenes.columns import label_of, unit_of, words_of
 from stiction.scenes.model import Revolute
 from stiction.scenes.pictures import animation
 from stiction.scenes.pictures.geometry import (
@@ -285,6 +285,8 @@ class TestEvolution:
         labels = [" ".join(ax.get_ylabel().split()) for ax in picture.axes]
         assert labels == ["position $x$ of slider [m]", "torque $M$ of motor [N m]"]
         assert run.plot().axes[-1].get_ylabel() == "driving effort [N m]"
+        [words] = run.plot().axes[-1].get_legend().get_texts()
+        assert words.get_text() == "torque $M$ of motor"
         assert picture._repr_png_().startswith(b"\x89PNG")
         with pytest.raises(KeyError, match="slider.z"):
             run.plot("slider.z")
@@ -390,10 +392,11 @@ def test_columns_of_a_panel_have_the_unit_of_its_axis():
     """Guides and pins have columns of the same names, in different units."""
     scene = load_scene("slider-crank-dry-pins")
     run = load_engine("reference").simulate(scene, t_end=0.05)
+    units = {words_of(column, scene): unit_of(column, scene) for column in run.columns}
     shown = 0
     for axes in run.plot().axes:
         for text in axes.get_legend().get_texts():
-            assert f"[{unit_of(text.get_text(), scene)}]" in axes.get_ylabel()
+            assert f"[{units[text.get_text()]}]" in axes.get_ylabel()
             shown += 1
     assert shown >= 3
 

@@ -12,6 +12,7 @@ import math
 
 import numpy as np
 import pytest
+from fuzz.driven_mechanisms import draw
 from hypothesis import assume, example, given, settings
 from hypothesis import strategies as st
 from reference_checks import simulate
@@ -20,6 +21,7 @@ from scipy.optimize import brentq, linprog, minimize_scalar
 from stiction.engines.reference.engine import ReferenceEngine
 from stiction.reference_impl.friction.coulomb import can_jam, capacity
 from stiction.reference_impl.friction.frozen_mode import margin
+from stiction.reference_impl.multibody.initial_state import with_consistent_start
 from stiction.reference_impl.multibody.mechanism import Mechanism, workspace
 from stiction.scenes import load_scene, scene_from_dict
 
@@ -296,3 +298,115 @@ def test_a_guide_that_can_jam_is_not_moved_and_not_held(rtol):
         scene.parameters["mus"] ** 2 * 0.6 / 0.2 * scene.parameters["m"] * 9.81
     )  # both surfaces fully mobilized
     assert run.breakdown.time == pytest.approx(np.arcsin(held / scene.parameters["P"]), abs=1e-9)
+
+
+def toggle_press():
+    """A motor turns a crank, whose rod bends a toggle, which moves a ram; its load passes zero with the spring's."""
+
+    def link(mass, length=0.4, **start):
+        return {"mass": mass, "inertia": mass * length**2 / 12, **start}
+
+    def pin(bodies, *points):
+        return {"type": "revolute", "bodies": bodies, "points": points}
+
+    raw = {
+        "t_end": 6.4,
+        "gravity": [0, -G],
+        "bodies": {
+            "crank": link(0.5, 0.1, position=[0.05, 0], angular_velocity=2),
+            "rod": link(0.8, position=[0.3, 0]),
+            "upper": link(0.7, position=[0.51, 0.2], angle=-1.62),
+            "lower": link(0.7, position=[0.51, -0.2], angle=-1.52),
+            "ram": {"mass": 2, "inertia": 0.05 / 6, "position": [0.52, -0.5]},
+        },
+        "joints": {
+            "shaft": pin(["crank", "ground"], [-0.05, 0], [0, 0]),
+            "crankpin": pin(["rod", "crank"], [-0.2, 0], [0.05, 0]),
+            "toggle-upper": pin(["upper", "rod"], [0.2, 0], [0.2, 0]),
+            "toggle-lower": pin(["lower", "rod"], [-0.2, 0], [0.2, 0]),
+            "top": pin(["upper", "ground"], [-0.2, 0], [0.52, 0.4]),
+            "bottom": pin(["ram", "lower"], [0, 0.1], [0.2, 0]),
+            "guide": {
+                "type": "translational",
+                "slider": "ram",
+                "direction": [0, 1],
+                "point": [0.52, 0],
+                "length": 0.2,
+                "width": 0.1,
+                "mu": 0.15,
+                "mus": 0.2,
+            },
+        },
+        "drives": {
+            "motor": {
+                "type": "angle",
+                "bodies": ["crank", "ground"],
+                "law": {"type": "linear", "rate": 2},
+            }
+        },
+        "springs": {
+            "spring": {
+                "type": "linear",
+                "bodies": ["ram", "ground"],
+                "points": [[0, -0.1], [0.52, -1]],
+                "stiffness": 2000,
+                "rest_length": 0.5,
+            }
+        },
+    }
+    return with_consistent_start(scene_from_dict(raw, "press"), assemble=True)
+
+
+SCENES_OF_LOOSE_RUNS = {
+    "press": toggle_press,
+    "elliptic-trammel": lambda: load_scene("elliptic-trammel"),
+    "slider-on-moving-guide": lambda: load_scene("slider-on-moving-guide"),
+    "pendulum-dry-pin": lambda: load_scene("pendulum-dry-pin"),
+}
+
+
+@pytest.mark.parametrize("rtol", [1e-2, 1e-3, 1e-4, 3e-5])
+@pytest.mark.parametrize("name", SCENES_OF_LOOSE_RUNS)
+def test_at_an_event_its_function_is_zero_at_loose_tolerances(name, rtol):
+    """Projection of the state at an event must not move it off the event: no speed where a guide reverses or comes to rest, no force
+    at one of the ends of its slider where a corner changes."""
+    run = simulate(SCENES_OF_LOOSE_RUNS[name](), rtol=rtol)
+    kinds = {event.kind for event in run.events}
+    assert kinds & {"reversal", "stick", "corner"}
+    for event in run.events:
+        guide = event.joint
+        if event.kind in ("reversal", "stick"):
+            speed = f"{guide}.slip_velocity"
+            assert abs(event.before[speed]) <= 1e-6 * np.max(np.abs(run[speed]))
+        elif event.kind == "corner":
+            force = [f"{guide}.F{corner}" for corner in (1, 2, 3, 4)]
+            rear = event.before[force[0]] + event.before[force[3]]
+            front = event.before[force[1]] + event.before[force[2]]
+            largest = max(np.max(run[column]) for column in force)
+            assert min(rear, front) <= 1e-6 * largest
+
+
+@pytest.mark.parametrize("rtol", [1e-2, 1e-3, 1e-4, 3e-5])
+@pytest.mark.parametrize(("name", "apart"), [("press", 1e-6), ("elliptic-trammel", 1e-4)])
+def test_no_event_is_found_twice_or_missed_at_loose_tolerances(name, apart, rtol):
+    """The press moves as its drive does, whatever the tolerance; the trammel moves freely, and has the error of its motion."""
+    scene = SCENES_OF_LOOSE_RUNS[name]()
+    loose, tight = (simulate(scene, rtol=tolerance) for tolerance in (rtol, 1e-9))
+    assert [(event.kind, event.joint) for event in loose.events] == [
+        (event.kind, event.joint) for event in tight.events
+    ]
+    np.testing.assert_allclose(
+        [event.time for event in loose.events],
+        [event.time for event in tight.events],
+        rtol=0,
+        atol=apart,
+    )
+
+
+@pytest.mark.parametrize("rtol", [1e-2, 1e-3, 1e-4, 1e-6])
+def test_a_jam_beside_an_event_is_found_at_all_tolerances(rtol):
+    """The corner forces of this driven slider grow without bound next to the zero of one of them: there is no way to that zero."""
+    _, scene = draw(77, 96)
+    run = ReferenceEngine().simulate(scene, rtol=rtol)
+    assert run.termination.startswith("the mechanism jams")
+    assert run.breakdown.time == pytest.approx(0.10845, abs=1e-4) and not run.events

@@ -105,7 +105,6 @@ BAD_COMMANDS = [  # arguments, what the message must name
     ("explain nosuch", ["nosuch"]),
     ("compare speed pendulum", ["speed"]),
     ("compare drift nosuch", ["nosuch"]),
-    ("compare threshold pendulum slider-crank", ["pendulum slider-crank", "accepts one scene"]),
     ("compare cost pendulum pendulum", ["pendulum", "different names"]),
     ("compare drift pendulum --engines pymunk,havok", ["havok", "pymunk"]),
     ("compare drift pendulum --set mass.position.0=-2", ["rod.effort", "residual 1", "--assemble"]),

@@ -32,6 +32,25 @@ def test_a_puck_on_a_table():
     assert stick.before["table.normal_force"] == 0.0
 
 
+@pytest.mark.parametrize(("push", "rests"), [(2.09, True), (2.11, False)])
+def test_a_puck_at_rest_holds_by_its_static_coefficient(push, rests):
+    """Under 7 N it holds up to mus 7 N = 2.1 N, and beyond accelerates by (push - mu 7 N) / m."""
+    scene = puck(mu=0.2, mus=0.3, normal_load=7.0)
+    raw = scene.model_dump(mode="json", exclude_none=True)
+    raw["bodies"]["puck"]["velocity"] = [0.0, 0.0]
+    raw["forces"] = {
+        "push": {
+            "type": "force",
+            "body": "puck",
+            "direction": [1, 0],
+            "law": {"type": "constant", "value": push},
+        }
+    }
+    run = ReferenceEngine().simulate(scene_from_dict(raw), rtol=RTOL, output_step=2.0)
+    expected = 0.0 if rests else (push - 0.2 * 7.0) / 2 * 2.0
+    assert run["puck.vx"][-1] == pytest.approx(expected, abs=1e-10)
+
+
 def test_it_is_a_constant_bound():
     """The same motion as with the bounds mu and mus times the load."""
     load = 7.0

@@ -201,6 +201,9 @@ def _removals(scene: Scene) -> list[tuple[str, str, list[str]]]:
     load_keys = [f"{name}.normal_load" for name, guide in frictional.items() if guide.normal_load]
     friction_keys += load_keys
     friction_keys += speed_keys  # a curve of friction without friction is refused
+    # a clearance needs both sizes of its slider
+    gap_keys = _declared_keys(scene.guides, "clearance")
+    gap_keys += [f"{name}.restitution" for name, guide in scene.guides.items() if guide.restitution]
     springs = scene.springs.items()
     damping_keys = [
         *(f"springs.{name}.damping" for name, spring in springs if spring.damping),
@@ -220,9 +223,13 @@ def _removals(scene: Scene) -> list[tuple[str, str, list[str]]]:
         (
             "surface levers",
             "width",
-            [f"{name}.width" for name, guide in frictional.items() if guide.width],
+            [f"{name}.width" for name, guide in frictional.items() if guide.width] + gap_keys,
         ),
-        ("corner forces", "length, width", _declared_keys(scene.guides, "length", "width")),
+        (
+            "corner forces",
+            "length, width",
+            _declared_keys(scene.guides, "length", "width") + gap_keys,
+        ),
         ("drive", "", [f"drives.{name}" for name in scene.drives]),
         ("limit of a drive", "", [f"{name}.effort_limit" for name in scene.limited_drives]),
         (

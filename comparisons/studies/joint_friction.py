@@ -384,7 +384,7 @@ def _case_table(made: pd.DataFrame, case: str) -> TableView:
                 of=ERROR,
             )
         )
-    columns.append(Column(ORDER, "order"))
+    columns.append(Column(ORDER))
     return view(table_name(case), rows, columns, source="joint-friction")
 
 

@@ -81,6 +81,7 @@ def event_kernels(friction: bool, projects: bool) -> tuple[Linked, ...]:
 
     always = (
         event_driven._locate,
+        event_driven._relocate_on_constraints,
         event_driven._attempt,
         dynamics.row_form,
         right_hand_side.right_hand_side,
@@ -108,6 +109,7 @@ def event_kernels(friction: bool, projects: bool) -> tuple[Linked, ...]:
         *always,
         event_location._stays_positive,
         contact_solvers.solve_contact,
+        contact_solvers._solve_with_bounds,
         step_audit.audit,
         event_location.go_to_event,
         mode_switch.begin,
@@ -126,6 +128,7 @@ def event_kernels(friction: bool, projects: bool) -> tuple[Linked, ...]:
         dynamics.unit_rows,
         banded_systems.open_cell,
         mode_switch._break_away,
+        mode_switch._remove_creep_against_slip,
         guides_at_rest.leave_together,
         mode_switch._count_other_modes,
         mode_choice.other_modes,

@@ -177,7 +177,8 @@ def second_method(scene: Scene) -> BreakAway | None:
 
     def derivative(t: float, state: np.ndarray) -> np.ndarray:
         q, v = np.split(state, 2)
-        forces = contact.forces(equations.at(t, q, v), mode, (contact.mu, bound))
+        coefficients = (contact.mu, bound, contact.radius)
+        forces = contact.forces(equations.at(t, q, v), mode, coefficients)
         return np.concatenate([v, forces.acceleration])
 
     def least_speed(t: float, state: np.ndarray) -> float:

@@ -140,7 +140,7 @@ def corner_flights(
     if clearance is not None and not (math.isfinite(clearance) and clearance > 0.0):
         raise InputError(f"clearance: found {clearance!r}; expected metres, > 0")
     for name, pin in scene.pins.items():
-        if pin.mu:
+        if pin.is_under_load:
             raise InputError(
                 f"joints.{name}.mu: found {pin.mu:g}; expected no friction of pins that depends on their force, which "
                 "the law of free flight does not contain"

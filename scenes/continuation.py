@@ -30,7 +30,7 @@ def continued(scene: Scene, run: Trajectory | str | Path) -> Scene:
     Raises
     ------
     InputError
-        If the run has no rows, or lacks a position or velocity of a body of the scene.
+        If the table cannot be read, has no row with a time, or lacks a position or velocity of a body of the scene.
     """
     time, state = _end_of(run)
     missing = [

@@ -191,12 +191,12 @@ Sum.model_rebuild()
 
 @dataclass(frozen=True)
 class Piece:
-    """A law of time from an instant on: a polynomial and a sine of u = t - begin.
+    """A law of time from an instant on: a polynomial and a sine of u = t - origin.
 
     Attributes
     ----------
     begin : float
-        First instant of the piece, s; -inf in the first piece of a law, where u is t - `origin`.
+        First instant of the piece, s; -inf in the first piece of a law.
     origin : float
         Time at which u is 0, s.
     coefficients : tuple of float
@@ -261,9 +261,9 @@ def law_terms(law: Law) -> tuple[Term, ...]:
 def law_kinks(law: Law, t_end: float) -> tuple[float, ...]:
     """Return the times in (0, t_end) at which a law is not smooth, in order, s.
 
-    They are the knots of a table and the times between the pieces of a move. The rate of a linear table jumps there,
-    the third derivative of a cubic table, and that or the second derivative of a move. No method of high order should
-    step across such a time.
+    They are the knots of a table and the times between the pieces of a move. There the value or the rate of a linear
+    table jumps, the third derivative of a cubic table (at the ends of a clamped one the second), and the second or
+    third derivative of a move. No method of high order should step across such a time.
     """
     times: set[float] = set()
     for term in law_terms(law):
@@ -296,7 +296,10 @@ def _within(times: Iterable[float], t_end: float) -> tuple[float, ...]:
 
 
 def constant_from(law: Law) -> float:
-    """Return the time from which on a table, a move, or a sum of those and constants is constant, s; inf if never."""
+    """Return the time from which on a table, a move, or a sum of those and constants is constant, s.
+
+    It is -inf of a constant, and inf of a law that is never constant.
+    """
     latest = -math.inf
     for term in law_terms(law):
         if isinstance(term, Constant):

@@ -59,8 +59,9 @@ class Revolute(Model):
     on `bodies[0]`, against the angular velocity of `bodies[0]` relative to `bodies[1]`.
 
     With a `stribeck_velocity` the bound falls smoothly with the angular velocity w of slip, from that at rest to that
-    of fast slip: the constant part is `friction + (static_friction - friction) exp(-(|w| / stribeck_velocity)^shape)`,
-    with the exponent `stribeck_shape`, and the coefficient likewise.
+    of fast slip: the constant part is
+    `friction + (static_friction - friction) exp(-(|w| / stribeck_velocity)^stribeck_shape)`, and the coefficient
+    likewise.
     """
 
     type: Literal["revolute"]
@@ -162,9 +163,10 @@ class Translational(Model):
     constant part likewise. Friction is then continuous as the guide breaks away.
 
     With a `clearance` the slider has a gap to each surface while it is in the middle and parallel to the guide: it can
-    move across the guide and turn until its corners touch, and corners that change the surface hit it with the
-    coefficient of `restitution`. Contact fidelity takes both. Joint fidelity, and the reference with it, neglects them,
-    as Zhuang & Wang do, and reports this in the setting `neglected` of a run.
+    move across the guide and turn until its corners touch. A corner that hits a surface rebounds with the coefficient
+    of `restitution`. At contact fidelity all engines take the clearance, and some of them a restitution. Joint
+    fidelity, and the reference with it, neglects both, as Zhuang & Wang do, and reports this in the setting `neglected`
+    of a run.
     """
 
     type: Literal["translational"]

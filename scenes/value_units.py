@@ -20,6 +20,7 @@ BODY_UNITS: Mapping[str, str] = {
 GUIDE_UNITS: Mapping[str, str] = {
     "mu": "",
     "mus": "",
+    "normal_load": "N",
     "length": "m",
     "width": "m",
     "point": "m",
@@ -27,13 +28,22 @@ GUIDE_UNITS: Mapping[str, str] = {
     "angle": "rad",
     "friction": "N",
     "static_friction": "N",
+    "stribeck_velocity": "m/s",
+    "stribeck_shape": "",
     "damping": "N s/m",
+    "clearance": "m",
+    "restitution": "",
 }
 """Units of the values of a translational joint."""
 PIN_UNITS: Mapping[str, str] = {
     "points": "m",
     "friction": "N m",
     "static_friction": "N m",
+    "mu": "",
+    "mus": "",
+    "radius": "m",
+    "stribeck_velocity": "rad/s",
+    "stribeck_shape": "",
     "damping": "N m s/rad",
 }
 """Units of the values of a revolute joint."""
@@ -54,6 +64,8 @@ UNITS_BY_PART_AND_TYPE: Mapping[tuple[str, str], Mapping[str, str]] = {
     ("bodies", ""): BODY_UNITS,
     ("joints", "translational"): GUIDE_UNITS,
     ("joints", "revolute"): PIN_UNITS,
+    ("drives", "angle"): {"effort_limit": "N m"},
+    ("drives", "distance"): {"effort_limit": "N", "points": "m"},
     ("springs", "linear"): LINEAR_SPRING_UNITS,
     ("springs", "torsional"): TORSIONAL_SPRING_UNITS,
 }
@@ -117,6 +129,10 @@ def _law_units(unit: str) -> dict[str, str]:
         "value": unit,
         "values": unit,
         "offset": unit,
+        "distance": unit,
+        "start": "s",
+        "duration": "s",
+        "ramp": "s",
         "amplitude": unit,
         "rate": f"{unit}/s",
         "frequency": "rad/s",

@@ -1,6 +1,7 @@
-"""The contact mode at the start of an integration and behind its events, compiled.
+"""The contact mode at the start of an integration, behind its events, and where laws switch; compiled.
 
-At an event one guide breaks away, comes to rest, reverses, or changes a surface; others may follow in the same instant.
+At an event one guide, pin or drive with a limit breaks away, comes to rest or reverses, or a guide changes a surface;
+others may follow in the same instant. Where a law of time switches (`cross_switch`), any of them may.
 The contact solver chooses the mode (`mode_choice`). Where the forces of the instant itself do not tell, those just
 behind it do.
 
@@ -378,8 +379,8 @@ def _change_slip(m, w, s, first_step, guide, function, behind):
 def set_rest_speeds(s, first_step):
     """Set the speed up to which each guide is at rest, at an event.
 
-    A stuck guide is whatever speed it has drifted to; one that began to slip in this instant is not, although it has no
-    speed yet.
+    A stuck guide is at rest whatever speed it has drifted to; one that began to slip in this instant is not, although
+    it has no speed yet.
     """
     t = s.progress.time
     for f in range(len(s.slip)):

@@ -2,11 +2,10 @@
 
 from __future__ import annotations
 
-import math
 from enum import StrEnum
 
 from stiction.scenes import Scene, vary
-from stiction.scenes.laws import MOVES, Law, Sum, law_switches
+from stiction.scenes.laws import MOVES, Law, Sum, Table
 from stiction.scenes.model import (
     Drive,
     Force,
@@ -115,7 +114,9 @@ def first_unsupported(
 
 def _is_switching(law: Law) -> bool:
     """Return True if a law is more than a constant, a line, a sine, or a table with natural ends and without steps."""
-    return isinstance(law, (Sum, *MOVES)) or bool(law_switches(law, math.inf))
+    if isinstance(law, Table):
+        return law.ends == "clamped" or bool(law.steps)
+    return isinstance(law, (Sum, *MOVES))
 
 
 def has_constant_bounds(scene: Scene) -> bool:

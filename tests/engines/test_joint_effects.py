@@ -86,3 +86,12 @@ def test_capabilities_are_a_mapping():
             "1",
             joint_effects=[JointEffect.DAMPING],
         )
+
+
+def test_a_clamped_table_is_told_apart_also_where_it_ends_before_the_start():
+    """Behind its last time it is constant, where a table with natural ends goes on along its tangent."""
+    table = {"type": "table", "times": [-2, -1], "values": [0, 1], "interpolation": "cubic"}
+    natural = vary(load_scene(CASE), {"load.law": table})
+    clamped = vary(load_scene(CASE), {"load.law": table | {"ends": "clamped"}})
+    assert effects_of(natural.forces["load"]) == []
+    assert effects_of(clamped.forces["load"]) == [JointEffect.SWITCHING_LAW]

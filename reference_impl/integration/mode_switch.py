@@ -99,8 +99,7 @@ def switch_mode(m: Arrays, w: Workspace, s: State, log: EventLog, first_step: fl
     """
     p, event = s.progress, s.attempt.event
     guide = event // 3
-    p.idle += 1
-    if p.idle > MOST_IDLE + MOST_IDLE_PER_GUIDE * (len(m.friction) + len(m.one_sided)):
+    if chatters(m, s):
         return CHATTER
 
     # forces of the old mode at the event
@@ -119,13 +118,7 @@ def switch_mode(m: Arrays, w: Workspace, s: State, log: EventLog, first_step: fl
         return DONE
 
     # the values before the event, which are the same for all guides that change in it
-    first = p.logged
-    write_sample(
-        w, s.y, s.dy, s.slip, log.motion[first, 0], log.force[first, 0], log.slip[first, 0]
-    )
-    copy(s.slip, s.old_slip)
-    for f in range(len(m.friction)):
-        copy(s.corner[f], s.old_corner[f])
+    first = keep_before(m, w, s, log)
 
     others = 0
     if s.slip[guide] != 0 and function > 0 and p.idle < CORNERS_IDLE + len(m.friction):
@@ -143,10 +136,7 @@ def switch_mode(m: Arrays, w: Workspace, s: State, log: EventLog, first_step: fl
         if outcome != SOLVED:
             return outcome
         others = _count_other_modes(m, w, s)
-        # guides that began to slip in this instant must not be brought to rest in it again
-        for f in range(len(m.friction)):
-            if s.old_slip[f] == 0 and s.slip[f] != 0:
-                s.began[f] = p.time
+        note_beginnings(s)
         if s.began[guide] == p.time and not behind:
             # a first break-away: the largest speed so far is rounding, and no scale
             copy(s.y, s.probe)
@@ -154,11 +144,7 @@ def switch_mode(m: Arrays, w: Workspace, s: State, log: EventLog, first_step: fl
         _remove_creep_against_slip(m, w, s)
 
     # start of the new mode
-    begin_mode(m, w, s)
-    p.gain, _ = gain_of_mode(m, w, s.slip)
-    copy(w.event, s.at_start)
-    p.stale = 0
-    remember(m, w, s)
+    start_mode(m, w, s)
     log_changes(m, w, s, log, first, others)
     return ROOM if p.logged + room_needed(m) >= len(log.t) else DONE
 
@@ -178,13 +164,7 @@ def cross_switch(m: Arrays, w: Workspace, s: State, log: EventLog, task: Task) -
     just_before = np.nextafter(p.time, -np.inf)
     right_hand_side(m, w, just_before, s.y, s.slip, s.corner, s.dy)
     remember(m, w, s)
-    first = p.logged
-    write_sample(
-        w, s.y, s.dy, s.slip, log.motion[first, 0], log.force[first, 0], log.slip[first, 0]
-    )
-    copy(s.slip, s.old_slip)
-    for f in range(len(m.friction)):
-        copy(s.corner[f], s.old_corner[f])
+    first = keep_before(m, w, s, log)
 
     # the mode by the forces of this instant, or by those just behind it
     if len(m.friction) > 0:
@@ -194,12 +174,7 @@ def cross_switch(m: Arrays, w: Workspace, s: State, log: EventLog, task: Task) -
         # behind a rest of all bodies the largest speed so far is rounding, and no scale
         copy(s.y, s.probe)
         _foresee_speeds(m, w, s)
-    begin_mode(m, w, s)
-    if len(m.friction) > 0:
-        p.gain, _ = gain_of_mode(m, w, s.slip)
-    copy(w.event, s.at_start)
-    remember(m, w, s)
-    p.stale = 0
+    start_mode(m, w, s)
     p.expected_in = np.inf
     p.idle = 0
 
@@ -212,6 +187,46 @@ def cross_switch(m: Arrays, w: Workspace, s: State, log: EventLog, task: Task) -
         p.next_switch += 1
     log_changes(m, w, s, log, first, 0)
     return ROOM if p.logged + room_needed(m) >= len(log.t) else DONE
+
+
+@kernel
+def chatters(m, s):
+    """Count an event, and return True if too many have followed each other without time passing."""
+    s.progress.idle += 1
+    most = MOST_IDLE + MOST_IDLE_PER_GUIDE * (len(m.friction) + len(m.one_sided))
+    return s.progress.idle > most
+
+
+@kernel
+def keep_before(m, w, s, log):
+    """Write the values before an instant, which all changes in it share, into the next row of the log.
+
+    They are those of the workspace and of s.dy. The mode before is kept, too. Returns the number of the row.
+    """
+    row = s.progress.logged
+    write_sample(w, s.y, s.dy, s.slip, log.motion[row, 0], log.force[row, 0], log.slip[row, 0])
+    copy(s.slip, s.old_slip)
+    for f in range(len(m.friction)):
+        copy(s.corner[f], s.old_corner[f])
+    return row
+
+
+@kernel
+def note_beginnings(s):
+    """Note the guides that began to slip in this instant, which must not be brought to rest in it again."""
+    for f in range(len(s.slip)):
+        if s.old_slip[f] == 0 and s.slip[f] != 0:
+            s.began[f] = s.progress.time
+
+
+@kernel
+def start_mode(m, w, s):
+    """Begin the mode that has been chosen, and keep what the next step reads of its start."""
+    begin_mode(m, w, s)
+    s.progress.gain, _ = gain_of_mode(m, w, s.slip)
+    copy(w.event, s.at_start)
+    s.progress.stale = 0
+    remember(m, w, s)
 
 
 @kernel
@@ -248,9 +263,7 @@ def _choose_at_switch(m, w, s, task):
     if any_unloaded:
         _look_behind(m, w, s)
         outcome = _choose_behind(m, w, s)
-    for f in range(len(m.friction)):
-        if s.old_slip[f] == 0 and s.slip[f] != 0:
-            s.began[f] = t
+    note_beginnings(s)
     return outcome
 
 

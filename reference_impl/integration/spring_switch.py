@@ -11,19 +11,18 @@ Names. Kernels take the mechanism m, the workspace w of one instant and the inte
 from __future__ import annotations
 
 from stiction.reference_impl.compiled.kernel import kernel
-from stiction.reference_impl.compiled.loops import copy
 from stiction.reference_impl.friction.mode_choice import choose_mode
 from stiction.reference_impl.friction.outcomes import CHATTER, DONE, ROOM, SOLVED
-from stiction.reference_impl.friction.uniqueness import gain_of_mode
 from stiction.reference_impl.integration.integration_state import AT_ONCE, State, noise, remember
 from stiction.reference_impl.integration.mode_switch import (
-    MOST_IDLE,
-    MOST_IDLE_PER_GUIDE,
-    begin_mode,
+    chatters,
+    keep_before,
     log_changes,
     log_sides,
+    note_beginnings,
     room_needed,
     set_rest_speeds,
+    start_mode,
 )
 from stiction.reference_impl.integration.result import CONTACT, RELEASE, EventLog
 from stiction.reference_impl.integration.right_hand_side import right_hand_side
@@ -36,7 +35,6 @@ from stiction.reference_impl.multibody.one_sided import (
     begin_springs,
     next_state,
 )
-from stiction.reference_impl.multibody.trajectory_columns import write_sample
 
 
 @kernel
@@ -54,20 +52,13 @@ def switch_springs(m: Arrays, w: Workspace, s: State, log: EventLog, first_step:
     Returns DONE, ROOM if the log is full, or why the run ends.
     """
     p, n = s.progress, len(m.inverse_mass)
-    p.idle += 1
-    if p.idle > MOST_IDLE + MOST_IDLE_PER_GUIDE * (len(m.friction) + len(m.one_sided)):
+    if chatters(m, s):
         return CHATTER
 
     # values before the event, with the forces of the old states
     right_hand_side(m, w, p.time, s.y, s.slip, s.corner, s.dy)
     remember(m, w, s)
-    first = p.logged
-    write_sample(
-        w, s.y, s.dy, s.slip, log.motion[first, 0], log.force[first, 0], log.slip[first, 0]
-    )
-    copy(s.slip, s.old_slip)
-    for f in range(len(m.friction)):
-        copy(s.corner[f], s.old_corner[f])
+    first = keep_before(m, w, s, log)
 
     # the spring of the event, and those whose functions fall to zero with it
     before = w.acting.copy()
@@ -88,16 +79,10 @@ def switch_springs(m: Arrays, w: Workspace, s: State, log: EventLog, first_step:
         outcome = choose_mode(m, w, p.time, s.y[:n], s.y[n:], s.slip, s.corner, s.rest_speed)
         if outcome != SOLVED:
             return outcome
-        for f in range(len(m.friction)):
-            if s.old_slip[f] == 0 and s.slip[f] != 0:
-                s.began[f] = p.time
+        note_beginnings(s)
 
     # start of the new states
-    begin_mode(m, w, s)
-    p.gain, _ = gain_of_mode(m, w, s.slip)
-    copy(w.event, s.at_start)
-    p.stale = 0
-    remember(m, w, s)
+    start_mode(m, w, s)
     for k in range(len(m.one_sided)):
         if (w.acting[k] == ACTS) != (before[k] == ACTS):
             i = p.logged

@@ -81,6 +81,19 @@ def angle_of(m, q, v, k):
 
 
 @kernel
+def measured(m, rotation, q, v, k):
+    """Return the coordinate of a spring, m or rad, its rate, and the metres that count for a unit of it.
+
+    An angle counts at the distance `length_scale`.
+    """
+    if m.one_sided[k].kind == ANGLE:
+        angle, rate = angle_of(m, q, v, k)
+        return angle, rate, m.length_scale
+    d, rate, _, _, _, _, _, _ = coordinate_of(m, rotation, q, v, k)
+    return d, rate, 1.0
+
+
+@kernel
 def depth_and_pressure(m, k, d, rate):
     """Return depth (m or rad) and pressure (N or N m) of a spring with the coordinate d."""
     spring = m.one_sided[k]
@@ -138,18 +151,13 @@ def watch_springs(m, w, q, v):
     """Fill in the event functions of the springs, behind those of the guides; all are >= 0 while their states last.
 
     Three for each spring: the distance from the end of its stretch, in metres, the pressure, in newton, whose sign
-    tells whether it is clamped, and 1. An angle counts at the distance `length_scale`. Without damping the pressure has
+    tells whether it is clamped, and 1. Without damping the pressure has
     the sign of the depth, and is no function of its own.
     """
     for k in range(len(m.one_sided)):
         spring = m.one_sided[k]
         e = FUNCTIONS * (len(m.friction) + k)
-        unit = 1.0
-        if spring.kind == ANGLE:
-            d, rate = angle_of(m, q, v, k)
-            unit = m.length_scale
-        else:
-            d, rate, _, _, _, _, _, _ = coordinate_of(m, w.rotation, q, v, k)
+        d, rate, unit = measured(m, w.rotation, q, v, k)
         depth, pressure = depth_and_pressure(m, k, d, rate)
         w.event[e] = -depth * unit if w.acting[k] == FREE else depth * unit
         w.event[e + 1], w.event[e + 2] = 1.0, 1.0
@@ -165,12 +173,7 @@ def largest_tension(m, w, q, v):
         spring = m.one_sided[k]
         if w.acting[k] == FREE:
             continue
-        unit = 1.0
-        if spring.kind == ANGLE:
-            d, rate = angle_of(m, q, v, k)
-            unit = m.length_scale
-        else:
-            d, rate, _, _, _, _, _, _ = coordinate_of(m, w.rotation, q, v, k)
+        d, rate, unit = measured(m, w.rotation, q, v, k)
         term = max(abs(spring.stiffness * (d - spring.rest)), abs(spring.damping * rate))
         largest = max(largest, term / unit)
     return largest
@@ -180,10 +183,7 @@ def largest_tension(m, w, q, v):
 def begin_springs(m, w, q, v):
     """Set the state of each spring by positions and velocities; one that is touched by what comes closer acts."""
     for k in range(len(m.one_sided)):
-        if m.one_sided[k].kind == ANGLE:
-            d, rate = angle_of(m, q, v, k)
-        else:
-            d, rate, _, _, _, _, _, _ = coordinate_of(m, w.rotation, q, v, k)
+        d, rate, _ = measured(m, w.rotation, q, v, k)
         depth, pressure = depth_and_pressure(m, k, d, rate)
         w.acting[k] = state_of(depth, pressure)
         if depth == 0.0 and m.one_sided[k].sign * rate > 0.0:
@@ -208,12 +208,7 @@ def touch_at_contact(m, w, q, v):
     any_touches = False
     for k in range(len(m.one_sided)):
         spring = m.one_sided[k]
-        unit = 1.0
-        if spring.kind == ANGLE:
-            d, rate = angle_of(m, q, v, k)
-            unit = m.length_scale
-        else:
-            d, rate, _, _, _, _, _, _ = coordinate_of(m, w.rotation, q, v, k)
+        d, rate, unit = measured(m, w.rotation, q, v, k)
         depth, pressure = depth_and_pressure(m, k, d, rate)
         if spring.damping > 0.0 and abs(depth) * unit <= AT_CONTACT * m.length_scale:
             w.acting[k] = FREE if state_of(depth, pressure) == ACTS else ACTS

@@ -141,9 +141,10 @@ def corner_flights(
         raise InputError(f"clearance: found {clearance!r}; expected metres, > 0")
     for name, pin in scene.pins.items():
         if pin.is_under_load:
+            key, coefficient = ("mu", pin.mu) if pin.mu else ("mus", pin.mus)
             raise InputError(
-                f"joints.{name}.mu: found {pin.mu:g}; expected no friction of pins that depends on their force, which "
-                "the law of free flight does not contain"
+                f"joints.{name}.{key}: found {coefficient:g}; expected no friction of pins that depends on their "
+                "force, which the law of free flight does not contain"
             )
     flights = []
     for part in independent_parts(scene):

@@ -24,6 +24,7 @@ from scipy.interpolate import BPoly
 
 from stiction.reference_impl.equations_of_motion import EquationsOfMotion, Terms
 from stiction.scenes import Scene, Trajectory
+from stiction.scenes.columns import BODY_COLUMNS
 from stiction.scenes.model import Drive, Translational
 from stiction.scenes.stribeck import bound_in_slip, coefficient_in_slip
 
@@ -39,8 +40,6 @@ _POINT = "point"
 """The only end of a slider without length."""
 _FRICTION = "friction"
 """Label of the friction of the examined slider at rest."""
-_MOTION = (("x", "y", "angle"), ("vx", "vy", "omega"), ("ax", "ay", "alpha"))
-"""Labels of the columns of coordinates, velocities and accelerations of a body."""
 
 
 @dataclass(frozen=True)
@@ -66,7 +65,7 @@ class Instant:
         """Return the instant with these values of columns."""
         motion = [
             [columns[f"{body}.{label}"] for body in part.bodies for label in labels]
-            for labels in _MOTION
+            for labels in BODY_COLUMNS
         ]
         return cls(time, np.array(motion), columns)
 

@@ -68,6 +68,18 @@ _COLUMNS = (
     JOINT_UNSURE,
     JOINT_UNIT,
 )
+LIMIT_COLUMNS = (
+    Column(
+        BREAK_AWAY,
+        "break-away load, relative to the limit",
+        "%",
+        interval=True,
+        scale=100,
+        bound=BOUND,
+    ),
+    Column(FASTER, "acceleration", "%", form=".2g", scale=100),
+)
+"""Columns of the break-away under a growing load and of the motion after it, of sliders and of joints."""
 _SUPPLIERS = (Supplier.ENGINE, Supplier.BOTH, Supplier.ADAPTER)
 """Order in which methods are listed: friction that the engine supplies itself first."""
 
@@ -255,15 +267,7 @@ def _limit_table(runs: pd.DataFrame, methods: pd.DataFrame) -> Iterator[TableVie
         METHOD,
         Column(FRICTION_BY),
         Column("scene"),
-        Column(
-            BREAK_AWAY,
-            "break-away load, relative to the limit",
-            "%",
-            interval=True,
-            scale=100,
-            bound=BOUND,
-        ),
-        Column(FASTER, "acceleration", "%", form=".2g", scale=100),
+        *LIMIT_COLUMNS,
         Column(JOINT_STOP, "place of rest"),
     )
     yield view("hold-joint-limit", rows, columns, source="hold-joints")

@@ -35,6 +35,7 @@ from stiction.comparisons.measures.drift import ROUNDING
 from stiction.comparisons.measures.published_creep import CREEP as OURS
 from stiction.comparisons.measures.published_creep import MATCHED, PUBLISHED
 from stiction.comparisons.studies.hold_joints import (
+    LIMIT_COLUMNS,
     joint_headline,
     joint_rows,
     joint_tables,
@@ -388,15 +389,7 @@ def _limit_tables(table: pd.DataFrame, methods: pd.DataFrame) -> Iterator[TableV
         METHOD,
         Column("fidelity"),
         Column(LANDED, "initial displacement", form=".2g"),
-        Column(
-            BREAK_AWAY,
-            "break-away load, relative to the limit",
-            "%",
-            interval=True,
-            scale=100,
-            bound=BOUND,
-        ),
-        Column(FASTER, "acceleration", "%", form=".2g", scale=100),
+        *LIMIT_COLUMNS,
         Column(STOPPED, "position at rest"),
     )
     yield view("hold-limit", rows, columns, source="hold")

@@ -56,6 +56,27 @@ def drawn(i):
     return (scene := random_scene(0, i)), simulate(scene, T_END)
 
 
+def complete_run_agrees(scene):
+    """The second method reaches the end, and a run of the reference is the same."""
+    motion = simulate(scene, T_END)
+    assert motion.breakdown is None and motion.violation < RESERVE * TOLERANCE
+    run = reference(scene, T_END, 1e-9)
+    assert run.breakdown is None and differences(scene, motion, run, 1e-9) == []
+
+
+def runs_without_a_wrong_one(scene, t_end):
+    """Runs at all tolerances, none of which is silently another motion than that of the second method."""
+    motion = simulate(scene, t_end)
+    assert motion.violation < RESERVE * TOLERANCE
+    runs = []
+    for rtol in RTOLS:
+        run = reference(scene, t_end, rtol)
+        assert run.breakdown or not motion.breakdown, (scene.name, rtol)
+        assert differences(scene, motion, run, rtol) == [], (scene.name, rtol)
+        runs.append(run)
+    return runs
+
+
 @pytest.mark.parametrize("i", range(3))  # hundreds in the long tests
 def test_random_mechanisms(i):
     scene, motion = drawn(i)
@@ -71,23 +92,14 @@ def test_hundreds_of_random_mechanisms(block):
     """Nothing is silently wrong. Where a scene has several motions the reference must stop with a typed breakdown."""
     for i in range(100, 400)[block::12]:
         scene, t_end = random_scene(2, i), 1.5
-        motion = simulate(scene, t_end)
-        assert motion.violation < RESERVE * TOLERANCE
-        for rtol in RTOLS:
-            run = reference(scene, t_end, rtol)
-            assert (run.breakdown or not motion.breakdown) and differences(
-                scene, motion, run, rtol
-            ) == [], (i, rtol)
+        runs_without_a_wrong_one(scene, t_end)
 
 
 @pytest.mark.parametrize("i", range(3))  # hundreds in the long tests
 def test_random_mechanisms_with_constant_bounds(i):
     """Friction with bounds of its own in pins and guides, alone and beside coefficients, and damping."""
     scene = scene_with_constant_bounds(11, i)
-    motion = simulate(scene, T_END)
-    assert motion.breakdown is None and motion.violation < RESERVE * TOLERANCE
-    run = reference(scene, T_END, 1e-9)
-    assert run.breakdown is None and differences(scene, motion, run, 1e-9) == []
+    complete_run_agrees(scene)
 
 
 @pytest.mark.long
@@ -96,24 +108,15 @@ def test_hundreds_of_random_mechanisms_with_constant_bounds(block):
     """Nothing is silently wrong; without friction that depends on a load nothing is refused either."""
     for i in range(300)[block::12]:
         scene, t_end = scene_with_constant_bounds(3, i), 1.0
-        motion = simulate(scene, t_end)
-        assert motion.violation < RESERVE * TOLERANCE
-        for rtol in RTOLS:
-            run = reference(scene, t_end, rtol)
+        for run in runs_without_a_wrong_one(scene, t_end):
             assert run.breakdown is None or any(guide.mu for guide in scene.guides.values())
-            assert (run.breakdown or not motion.breakdown) and differences(
-                scene, motion, run, rtol
-            ) == [], (i, rtol)
 
 
 @pytest.mark.parametrize("i", range(3))  # hundreds in the long tests
 def test_random_mechanisms_with_stribeck_curves(i):
     """Friction that falls with the speed of slip, by coefficients and by constant bounds, in guides and pins."""
     scene = scene_with_stribeck_curves(1, i)
-    motion = simulate(scene, T_END)
-    assert motion.breakdown is None and motion.violation < RESERVE * TOLERANCE
-    run = reference(scene, T_END, 1e-9)
-    assert run.breakdown is None and differences(scene, motion, run, 1e-9) == []
+    complete_run_agrees(scene)
 
 
 @pytest.mark.long
@@ -122,23 +125,14 @@ def test_hundreds_of_random_mechanisms_with_stribeck_curves(block):
     """Nothing is silently wrong."""
     for i in range(300)[block::12]:
         scene, t_end = scene_with_stribeck_curves(1, i), 1.5
-        motion = simulate(scene, t_end)
-        assert motion.violation < RESERVE * TOLERANCE
-        for rtol in RTOLS:
-            run = reference(scene, t_end, rtol)
-            assert (run.breakdown or not motion.breakdown) and differences(
-                scene, motion, run, rtol
-            ) == [], (i, rtol)
+        runs_without_a_wrong_one(scene, t_end)
 
 
 @pytest.mark.parametrize("i", range(3))  # hundreds in the long tests
 def test_random_mechanisms_with_pins_under_load(i):
     """Friction of pins by the forces in them, beside constant bounds and curves of friction."""
     scene = scene_with_pins_under_load(5, i)
-    motion = simulate(scene, T_END)
-    assert motion.breakdown is None and motion.violation < RESERVE * TOLERANCE
-    run = reference(scene, T_END, 1e-9)
-    assert run.breakdown is None and differences(scene, motion, run, 1e-9) == []
+    complete_run_agrees(scene)
 
 
 @pytest.mark.long
@@ -147,13 +141,7 @@ def test_hundreds_of_random_mechanisms_with_pins_under_load(block):
     """Nothing is silently wrong."""
     for i in range(300)[block::12]:
         scene, t_end = scene_with_pins_under_load(5, i), 1.5
-        motion = simulate(scene, t_end)
-        assert motion.violation < RESERVE * TOLERANCE
-        for rtol in RTOLS:
-            run = reference(scene, t_end, rtol)
-            assert (run.breakdown or not motion.breakdown) and differences(
-                scene, motion, run, rtol
-            ) == [], (i, rtol)
+        runs_without_a_wrong_one(scene, t_end)
 
 
 def test_surfaces_of_a_guide_without_a_coefficient_change_without_an_event():

@@ -42,11 +42,11 @@ from stiction.engines.protocol import (
 )
 from stiction.engines.registry import EngineMissing
 from stiction.engines.shared.contact_geometry import contact_refusal
-from stiction.engines.shared.fixed_step import Defaults, SteppedEngine, Stepper
+from stiction.engines.shared.fixed_step import DEFAULT_STEP, Defaults, SteppedEngine, Stepper
 from stiction.engines.shared.friction_bound import CAPPED
 from stiction.engines.shared.joint_coordinates import motor_link
 from stiction.engines.shared.link_tree import LinkTree
-from stiction.scenes import InputError, Scene, Trajectory
+from stiction.scenes import InputError, Scene, Trajectory, scene_from_dict
 from stiction.scenes.fidelity import Fidelity
 from stiction.scenes.model import Translational
 
@@ -86,6 +86,22 @@ _SETTINGS: Mapping[str, Defaults] = {
         "cone": ("elliptic", "pyramidal"),
     },
 }
+_BLOCK = {
+    "t_end": 2 * DEFAULT_STEP,
+    "gravity": [0.0, -9.81],
+    "bodies": {"block": {"mass": 1.0, "inertia": 0.1}},
+    "joints": {
+        "guide": {
+            "type": "translational",
+            "slider": "block",
+            "direction": [1.0, 0.0],
+            "length": 1.0,
+            "width": 0.5,
+            "mu": 0.5,
+        }
+    },
+}
+"""A block on a level guide, whose runs need the kernels for joints, friction and contacts."""
 _ALWAYS = {"shape": "spheres", "cone": "elliptic", "passes": 1, "ignored_friction": REFUSE}
 """Values of settings that a fidelity does not have."""
 
@@ -149,6 +165,12 @@ class NewtonEngine(SteppedEngine):
         if NEGLECTED in settings:
             return Supplier.NOBODY
         return super().constant_bound_supplier(scene, fidelity, settings)
+
+    def prepare(self) -> None:
+        """Compile the kernels of the default solver, which Warp keeps on disk, by two steps at each fidelity."""
+        block = scene_from_dict(_BLOCK, "prepared block")
+        for fidelity in self.capabilities.fidelities:
+            self.simulate(block, dt=DEFAULT_STEP, fidelity=fidelity, rounding=OFF)
 
     def refusal(self, scene: Scene, fidelity: Fidelity) -> str | None:
         if fidelity == Fidelity.CONTACT:

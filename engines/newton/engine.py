@@ -69,7 +69,6 @@ _COMMON: Defaults = {
 _STATES = ("x", "y", "angle", "vx", "vy", "omega")
 """Labels of the columns that are continuous in time."""
 _CONTACT_SETTINGS = ("contact_stiffness", "contact_damping", "friction_gain", "slip_tolerance")
-_JOINT_SETTINGS = ("joint_stiffness", "joint_damping")
 _SETTINGS: Mapping[str, Defaults] = {
     Fidelity.JOINT: {
         **_COMMON,
@@ -83,6 +82,7 @@ _SETTINGS: Mapping[str, Defaults] = {
         **_COMMON,
         **_SOLVER_SETTINGS,
         "shape": ("spheres", "box"),
+        "clearance": 1e-5,
         "cone": ("elliptic", "pyramidal"),
     },
 }
@@ -124,9 +124,10 @@ class NewtonEngine(SteppedEngine):
     `ignored_friction`, refuse or run: a solver that has no friction of joints refuses a scene with such friction. With
     run, it gets the scene nevertheless, and the trajectory lists the friction as neglected.
 
-    Further settings at contact fidelity: `shape`, spheres at the corners of the slider or a box; `contact_stiffness`
-    (N/m), `contact_damping` and `friction_gain` (N s/m) of shapes; `slip_tolerance` (m/s), below which VBD's friction
-    is reduced; `cone` and `impratio` of MuJoCo.
+    Further settings at contact fidelity: `shape`, spheres at the corners of the slider or a box; `clearance`, the
+    width of a guide minus that of the slider (m), of guides that declare none; `contact_stiffness` (N/m),
+    `contact_damping` and `friction_gain` (N s/m) of shapes; `slip_tolerance` (m/s), below which VBD's friction is
+    reduced; `cone` and `impratio` of MuJoCo.
     """
 
     name, defaults = "newton", _SETTINGS
@@ -220,7 +221,10 @@ class NewtonEngine(SteppedEngine):
         kind = KINDS.get(settings["solver"])
         neglected: list[str] = []
         if kind is not None:
-            if reason := refusal_of_loops(scene, LinkTree(scene, fidelity), kind):
+            reason = refusal_of_drives(scene, kind) or refusal_of_loops(
+                scene, LinkTree(scene, fidelity), kind
+            )
+            if reason:
                 raise Refused(reason)
             if fidelity == Fidelity.JOINT and not kind.has_joint_friction:
                 neglected = friction_keys(scene)
@@ -266,6 +270,16 @@ def _require_mujoco_warp() -> None:
         raise EngineMissing(
             f"newton: solver={MUJOCO}: {error}; pip install 'mujoco-warp{required('mujoco-warp')}' brings it"
         ) from error
+
+
+def refusal_of_drives(scene: Scene, kind: SolverKind) -> str | None:
+    """Return why a solver cannot drive a joint of a scene along a law; None if it can, or if there are no drives."""
+    if kind.follows_drives or not scene.drives:
+        return None
+    return (
+        f"drives.{next(iter(scene.drives))}: Newton's {kind.label} follows a drive by a spring towards an angle "
+        "that it knows up to a turn; expected solver=kamino, mujoco, featherstone or vbd"
+    )
 
 
 def refusal_of_loops(scene: Scene, tree: LinkTree, kind: SolverKind) -> str | None:

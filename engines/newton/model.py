@@ -17,6 +17,7 @@ import numpy as np
 from stiction.engines.shared.contact_geometry import (
     box_angle,
     direction_of,
+    narrowing,
     slider_box,
     surface_distance,
 )
@@ -25,7 +26,7 @@ from stiction.engines.shared.link_tree import Link, LinkTree
 from stiction.scenes import Scene
 from stiction.scenes.fidelity import Fidelity
 from stiction.scenes.fields import GROUND
-from stiction.scenes.model import Joint, Revolute, Translational
+from stiction.scenes.model import Body, Joint, Revolute, Translational
 
 PLACEHOLDER = 1.0
 """Bound of friction (N, N m) with which a joint is built whose bound is set in each step. Some solvers have a row for
@@ -33,6 +34,9 @@ friction only where the bound is positive when they are built."""
 ROTOR = 1e7
 """Inertia of the rotor of a drive, as a multiple of the largest inertia that the drive moves. The error of the speed is
 the reciprocal, which is the rounding of single precision."""
+CARRIAGE = 1e-4
+"""Mass of the bodies that hold another one in the plane, as a part of its mass, by which its inertia is too large. With
+lighter ones Kamino's iterations converge more slowly."""
 RADIUS = 0.25
 """Radius of the spheres, in widths of the guide. Nothing depends on it while the slider is parallel to the guide."""
 DEPTH = 0.5
@@ -53,11 +57,14 @@ class Dofs:
         By drive: the degree of freedom that it prescribes.
     shapes : dict of str to list of int
         By guide, at contact fidelity: its shapes, those of the slider and those of the surfaces.
+    carriages : dict of int to (int, int)
+        By body that two light bodies hold in the plane: those that slide along x, and along x and y.
     """
 
     of_joint: dict[str, int] = field(default_factory=dict)
     of_drive: dict[str, int] = field(default_factory=dict)
     shapes: dict[str, list[int]] = field(default_factory=dict)
+    carriages: dict[int, tuple[int, int]] = field(default_factory=dict)
 
 
 def build(
@@ -78,7 +85,7 @@ def build(
         The tree of the scene at this fidelity.
     is_planar_joint : bool
         Whether a body that hangs on no joint is held in the plane by a joint with three degrees of freedom. Otherwise
-        it is free in space, as for solvers without such a joint.
+        it hangs on two light bodies at contact fidelity (`CARRIAGE`), and is free in space at joint fidelity.
     has_rotors : bool
         Whether the joint of a drive has a rotor (`ROTOR`), on which the adapter applies a force. Otherwise the drive is
         a spring that pulls the joint to its target.
@@ -132,8 +139,8 @@ def build(
             roots.append([])
         child = bodies[link.body]
         if link.joint is None:
+            x, y, angle = map(jitter, start[i - 2 : i + 1])
             if is_planar_joint:
-                x, y, angle = map(jitter, start[i - 2 : i + 1])
                 joint = builder.add_joint_d6(
                     -1,
                     child,
@@ -142,9 +149,20 @@ def build(
                     linear_axes=[axis(None, -1, (1, 0, 0)), axis(None, -1, (0, 1, 0))],
                     angular_axes=[axis(None, i, (0, 0, 1))],
                 )
+                count = 3
+            elif fidelity == Fidelity.CONTACT:
+                roots[-1] += _add_carriages(builder, scene.bodies[link.body], (x, y))
+                dofs.carriages[child] = (builder.body_count - 2, builder.body_count - 1)
+                joint = builder.add_joint_revolute(
+                    builder.body_count - 1,
+                    child,
+                    axis=axis(None, i, (0, 0, 1)),
+                    child_xform=placed((0.0, 0.0), -angle),
+                )
+                count = 3
             else:
                 joint = builder.add_joint_free(child, parent=-1)
-            count = 3 if is_planar_joint else 6
+                count = 6
             turning = dof + count - 1
         else:
             parent = bodies[_body_of(tree, link.parent)]
@@ -193,6 +211,32 @@ class Jitter:
             return float(single)
         direction = 1 if self._directions.random() < 0.5 else -1
         return float(single + np.float32(self._units * direction) * np.spacing(single))
+
+
+def _add_carriages(builder: Any, body: Body, place: tuple[float, float]) -> list[int]:
+    """Add two light bodies, which slide along x on the ground and along y on each other; return their joints.
+
+    A third body that turns on the last one moves in the plane.
+    """
+    import newton
+
+    joints = []
+    parent = -1
+    for direction in ((1.0, 0.0, 0.0), (0.0, 1.0, 0.0)):
+        carriage = builder.add_link(
+            xform=placed(place, 0.0),
+            mass=CARRIAGE * body.mass,
+            inertia=np.eye(3) * CARRIAGE * body.inertia,
+            lock_inertia=True,
+        )
+        # The first joint begins at the place of the body, the second one at the first carriage.
+        anchor = placed(place if parent < 0 else (0.0, 0.0), 0.0)
+        config = newton.ModelBuilder.JointDofConfig(axis=direction)
+        joints.append(
+            builder.add_joint_prismatic(parent, carriage, axis=config, parent_xform=anchor)
+        )
+        parent = carriage
+    return joints
 
 
 def inertia_scale(scene: Scene) -> float:
@@ -312,6 +356,7 @@ def _add_shapes(
     import warp as wp
 
     length, width = guide.extent
+    gap = narrowing(guide, options)
     config = newton.ModelBuilder.ShapeConfig(
         density=0.0,
         mu=jitter(guide.kinetic_coefficient),
@@ -329,14 +374,14 @@ def _add_shapes(
     # Corners of spheres, whose outermost points are those of the slider; or the box itself.
     if options["shape"] == "spheres":
         radius = RADIUS * width
-        for corner in slider_box(guide, 2 * radius):
+        for corner in slider_box(guide, 2 * radius + gap):
             place = placed(corner, 0.0)
             shapes.append(builder.add_shape_sphere(slider, xform=place, radius=radius, cfg=config))
     else:
         place = placed(guide.slider_point, box_angle(guide))
         shapes.append(
             builder.add_shape_box(
-                slider, xform=place, hx=length / 2, hy=width / 2, hz=DEPTH, cfg=config
+                slider, xform=place, hx=length / 2, hy=(width - gap) / 2, hz=DEPTH, cfg=config
             )
         )
     ux, uy = direction_of(guide)

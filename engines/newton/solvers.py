@@ -31,6 +31,8 @@ class SolverKind:
         Whether it has joints with two sliding and one turning degree of freedom.
     has_armature : bool
         Whether it applies ``Model.joint_armature``, by which drives have a rotor. In the others a drive is a spring.
+    follows_drives : bool
+        Whether a joint can follow a law of time. A spring that knows an angle up to a turn only cannot.
     uses_joint_state : bool
         Whether it reads joint coordinates, and computes the bodies from them. The others read the bodies.
     detects_contacts : bool
@@ -47,6 +49,7 @@ class SolverKind:
     has_sliding_loops: bool = True
     has_planar_joint: bool = True
     has_armature: bool = False
+    follows_drives: bool = True
     uses_joint_state: bool = False
     detects_contacts: bool = False
     rounds_positions: bool = False
@@ -54,6 +57,8 @@ class SolverKind:
 
 _SOFT_CONTACT = {"contact_stiffness": 2.5e3, "contact_damping": 100.0}
 """Newton's own defaults for shapes, N/m and N s/m."""
+_HARD_CONTACT = {"contact_stiffness": 1e5, "contact_damping": 100.0}
+"""Contacts with the stiffness of Newton's examples of contacts, N/m, and the default of its damping, N s/m."""
 KINDS: Mapping[str, SolverKind] = {
     KAMINO: SolverKind(
         "SolverKamino",
@@ -74,12 +79,13 @@ KINDS: Mapping[str, SolverKind] = {
     ),
     XPBD: SolverKind(
         "SolverXPBD",
-        {"iterations": 20, "relaxation": 0.7, "drive_stiffness": 1e3, "drive_damping": 10.0},
+        {"iterations": 20, "relaxation": 0.7},
+        follows_drives=False,
         rounds_positions=True,
     ),
     FEATHERSTONE: SolverKind(
         "SolverFeatherstone",
-        {"friction_gain": 1e3, **_SOFT_CONTACT},
+        {"friction_gain": 1e3, **_HARD_CONTACT},
         has_loops=False,
         has_sliding_loops=False,
         has_armature=True,
@@ -90,11 +96,10 @@ KINDS: Mapping[str, SolverKind] = {
         {
             "joint_stiffness": 1e4,
             "joint_damping": 100.0,
-            "drive_stiffness": 1e4,
-            "drive_damping": 0.0,
             "friction_gain": 1e3,
             **_SOFT_CONTACT,
         },
+        follows_drives=False,
         rounds_positions=True,
     ),
     VBD: SolverKind(
@@ -104,8 +109,7 @@ KINDS: Mapping[str, SolverKind] = {
             "joint_stiffness": 1e6,
             "drive_stiffness": 1e6,
             "drive_damping": 0.0,
-            "contact_stiffness": 1e5,
-            "contact_damping": 100.0,
+            **_HARD_CONTACT,
             "slip_tolerance": 1e-2,
         },
         rounds_positions=True,

@@ -26,7 +26,7 @@ from stiction.scenes.fidelity import Fidelity
 from stiction.scenes.laws import Law, evaluate_law
 from stiction.scenes.model import Translational
 
-OFF_PLANE = 1e-3
+OFF_PLANE = 1e-2
 """Largest distance from the plane (m), and sine of half the angle by which a body may leave it, before a run ends. No
 force acts in these directions, so that only rounding and the iterations of the solver lead there."""
 STILL = 1e-4
@@ -231,9 +231,10 @@ class NewtonStepper(Stepper):
         self._write_start()
         self._turn = 0
         # On the CPU these arrays are views of Newton's memory, by which a step exchanges its data.
-        self._poses = [state.body_q.numpy() for state in self._states]
-        self._twists = [state.body_qd.numpy() for state in self._states]
-        self._wrenches = [state.body_f.numpy() for state in self._states]
+        count = len(self._assembly.scene.bodies)
+        self._poses = [state.body_q.numpy()[:count] for state in self._states]
+        self._twists = [state.body_qd.numpy()[:count] for state in self._states]
+        self._wrenches = [state.body_f.numpy()[:count] for state in self._states]
         self._bounds = model.joint_friction.numpy()
         self._torques = self._control.joint_f.numpy()
         self._targets = self._control.joint_target_q.numpy()
@@ -271,7 +272,11 @@ class NewtonStepper(Stepper):
             state.body_q.assign(model.body_q)
             velocities = state.body_qd.numpy()
             velocities[:] = 0.0
-            velocities[:, [0, 1, 5]] = self._twist
+            velocities[: len(self._twist), [0, 1, 5]] = self._twist
+            # Bodies that hold others in the plane move with them.
+            for carried, carriages in self._dofs.carriages.items():
+                for number, kept in zip(carriages, ((0,), (0, 1))):
+                    velocities[number, kept] = velocities[carried, kept]
             if self._joint_rates is not None:
                 # Newton's coordinates are zero at the start; joints that close loops come last.
                 state.joint_q.zero_()

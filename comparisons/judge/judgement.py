@@ -212,6 +212,7 @@ def judge(
     units: Mapping[str, float] | None = None,
     t_end: float | None = None,
     tell: Callable[[float], None] | None = None,
+    rest_speed: float | None = None,
 ) -> Judgement:
     """Judge a table of results of any program against the truth of a scene.
 
@@ -232,6 +233,9 @@ def judge(
         Time that the results should cover, s; that of the scene if None.
     tell
         Called with the completed fraction of the work, greater than 0 and at most 1.
+    rest_speed
+        Slip speed up to which a joint is at rest, m/s (pins: rad/s); a fraction (`STILL`) of the largest one of each
+        joint if None.
 
     Returns
     -------
@@ -274,7 +278,7 @@ def judge(
     tables = {
         "errors": errors_table,
         "summary": pd.DataFrame([_summary(loaded, table, recomputed, truth)]),
-        "stick-phases": _stick_phase_table(loaded, run, truth),
+        "stick-phases": _stick_phase_table(loaded, run, truth, rest_speed),
         "other-parameters": _other_parameters_table(loaded, table, truth, is_explained),
         "jumps": _jump_table(loaded, run, truth),
         "findings": pd.DataFrame(
@@ -404,20 +408,22 @@ def _other_parameters_table(
     return pd.DataFrame([explanation.row() for explanation in tested], columns=OTHER)
 
 
-def _stick_phase_table(scene: Scene, run: Trajectory, truth: Truth) -> pd.DataFrame:
+def _stick_phase_table(
+    scene: Scene, run: Trajectory, truth: Truth, rest_speed: float | None
+) -> pd.DataFrame:
     """Return the stick phases of the truth that the table covers, and those of the table where the truth slips.
 
-    There is one row per phase, with the columns `PHASE`; none without a truth.
+    There is one row per phase, with the columns `PHASE`; none without a truth. `rest_speed` as in `judge`.
     """
     phases: list[dict[str, Any]] = []
     if truth.tier != Tier.NONE:
         for joint in scene.frictional_joints:
-            phases += _stick_phases(scene, run, truth, joint)
+            phases += _stick_phases(scene, run, truth, joint, rest_speed)
     return pd.DataFrame(phases, columns=PHASE)
 
 
 def _stick_phases(
-    scene: Scene, run: Trajectory, truth: Truth, guide: str
+    scene: Scene, run: Trajectory, truth: Truth, guide: str, rest_speed: float | None
 ) -> Iterator[dict[str, Any]]:
     """Yield the stick phases of a guide, if the table contains its slip velocity or its mode."""
     slip, mode = f"{guide}.slip_velocity", f"{guide}.mode"
@@ -428,6 +434,8 @@ def _stick_phases(
     true_speed = np.abs(true[slip])
     rounding = ROUNDED * size_of(scene) / scene.t_end
     speed_limit = STILL * max(float(np.max(true_speed)), rounding)
+    if rest_speed is not None:
+        speed_limit = rest_speed
     if mode in run:
         is_at_rest = run[mode] == 0
     else:

@@ -753,6 +753,7 @@ BENCHMARK = (
     _value("off_factor", "their values, of the truth's"),
     _category("other_parameter", "parameter with which the table agrees"),
     _value("other_value", "its value"),
+    _text("explanations", description="all parameters with which the errors vanish"),
     _value("widest_gap", "longest time between rows", "s"),
 )
 """The scenes of the friction benchmark, and the judgement of a submission."""

@@ -5,7 +5,7 @@ The rules are those of the rule book of the set (``RULES.md`` in `benchmark.FOLD
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from enum import StrEnum
 from pathlib import Path
@@ -13,7 +13,7 @@ from typing import Annotated, Any, Literal
 
 import numpy as np
 import pandas as pd
-from pydantic import Field, StrictBool, StrictFloat, StrictInt, StrictStr, ValidationError
+from pydantic import AfterValidator, Field, StrictStr, ValidationError
 
 from stiction.comparisons.judge.benchmark import NAME, benchmark_scenes
 from stiction.comparisons.judge.judgement import (
@@ -25,7 +25,7 @@ from stiction.comparisons.judge.judgement import (
     judge,
 )
 from stiction.comparisons.measures.accuracy import TORQUE_ERROR
-from stiction.comparisons.measures.other_parameters import Hypothesis
+from stiction.comparisons.measures.other_parameters import EXPLAINED
 from stiction.scenes import FileError, InputError, Problem
 from stiction.scenes.errors import problems_of
 from stiction.scenes.fields import Model, Name
@@ -63,6 +63,7 @@ COLUMNS = (
     "off_factor",
     "other_parameter",
     "other_value",
+    "explanations",
     "widest_gap",
     "max_step",
     "table_begin",
@@ -71,7 +72,17 @@ COLUMNS = (
     "truth_tier",
 )
 """Columns of the table of a judged submission, which has a row for each scene of the benchmark."""
+
+
+def _check_setting(value: Any) -> Any:
+    """Refuse a value that is not one number, text or truth value."""
+    if not isinstance(value, (bool, int, float, str)):
+        raise InputError("expected a number, a text, true or false")
+    return value
+
+
 Text = Annotated[StrictStr, Field(min_length=1)]
+Setting = Annotated[Any, AfterValidator(_check_setting)]
 
 
 class Verdict(StrEnum):
@@ -118,7 +129,7 @@ class Submission(Model):
     """The machine, in words"""
     command: Text
     """The command that makes the tables again"""
-    settings: dict[Name, StrictBool | StrictInt | StrictFloat | StrictStr] = {}
+    settings: dict[Name, Setting] = {}
     """Settings of the solver"""
     declined: dict[Name, Text] = {}
     """Scenes that the solver cannot represent, and why"""
@@ -301,13 +312,18 @@ def _numbers(judged: Judgement) -> dict[str, Any]:
             "off_factor": factor,
         }
     tried = judged.tables["other-parameters"]
+    explaining = tried[tried["error after"] <= EXPLAINED * tried["error before"]]
+    numbers["explanations"] = "; ".join(
+        _parameter_in_words(row["hypothesis"], row["element"], row["value"], row["factor"])
+        for row in explaining.to_dict("records")
+    )
     named = tried[tried["named"].astype(bool)]
     if len(named):
         explanation = named.iloc[0]
-        has_value = not pd.isna(explanation["value"])
+        value, factor = explanation["value"], explanation["factor"]
         numbers |= {
             "other_parameter": explanation["hypothesis"],
-            "other_value": explanation["value"] if has_value else explanation["factor"],
+            "other_value": factor if pd.isna(value) else value,
         }
     return numbers
 
@@ -363,19 +379,27 @@ def _reason(verdict: Verdict, row: Mapping[str, Any], judged: Judgement) -> str:
             return f"no column {efforts}: the motors prescribe the motion, which shows nothing else"
         held = f" ({', '.join(judged.held)}: prescribed)" if judged.held else ""
         return f"no position that depends on forces{held}; expected one or more"
+    excesses = _excesses(row)
+    explanations = row["explanations"].split("; ") if row["explanations"] else []
     if verdict is Verdict.OTHER_PARAMETERS:
-        return f"the table agrees with {_other_in_words(row)}, in place of the scene's values"
-    if verdict is Verdict.BEYOND:
-        return "; ".join(_excesses(row))
-    return ""
+        # The parameter that is named leaves by far the smallest error, and is the first of the explanations.
+        return "; ".join([_agreement(explanations[:1]), *excesses])
+    if verdict is Verdict.BEYOND and explanations:
+        return "; ".join([*excesses, _agreement(explanations)])
+    return "; ".join(excesses)
 
 
-def _other_in_words(row: Mapping[str, Any]) -> str:
-    """Return the words for the parameter that a table agrees with, and its value."""
-    hypothesis = Hypothesis(row["other_parameter"])
-    if pd.isna(row["other_value"]):
-        return hypothesis.value
-    return f"{hypothesis.value}, {row['other_value']:.4g}"
+def _agreement(parameters: Sequence[str]) -> str:
+    """Return the words for the other parameters with which a table agrees."""
+    return f"the table agrees with {' or '.join(parameters)}, in place of the scene's values"
+
+
+def _parameter_in_words(hypothesis: str, element: str, value: float, factor: float) -> str:
+    """Return the words for a parameter that explains a table, and its value or its factor on the scene's value."""
+    words = f"{hypothesis} of {element}" if element else hypothesis
+    if not pd.isna(value):
+        return f"{words} ({value:.4g})"
+    return words if pd.isna(factor) else f"{words} ({factor:.4g} times)"
 
 
 def _excesses(row: Mapping[str, Any]) -> list[str]:

@@ -119,6 +119,9 @@ ROUNDING = 0.5 * 10.0**-DECIMALS
 BOUND_OF_SIZE = 1e-3
 """Bound of the position error, as a fraction of the size of the mechanism: a method of first order with a thousand
 steps has such an error, and a wrong sign, unit or law has one that is a thousand times larger."""
+BOUND_OF_MOTION = 1e-2
+"""Bound of the position error, as a fraction of the largest displacement of a body. It is the smaller one where the
+mechanism moves by less than a tenth of its size; the motion would otherwise be hidden in the bound."""
 EFFORT_BOUND_OF_LARGEST = 1e-2
 """Bound of the mean error of an effort, as a fraction of the largest effort: ten times that of positions, because an
 effort contains accelerations and jumps. Only where drives prescribe the motion, and positions show nothing."""
@@ -194,9 +197,25 @@ def rounded_truth(truth: Truth) -> Truth:
     return replace(truth, columns=columns, events=events, uncertainty=uncertainty)
 
 
-def position_bound(scene: Scene) -> float:
+def position_bound(scene: Scene, truth: Truth) -> float:
     """Return the bound of the position error of a scene, m, with one digit."""
-    return float(f"{BOUND_OF_SIZE * size_of(scene):.1g}")
+    bound = BOUND_OF_SIZE * size_of(scene)
+    displacement = largest_displacement(scene, truth)
+    # Of a mechanism that rests all the time, only the size is known.
+    if displacement > ROUNDING:
+        bound = min(bound, BOUND_OF_MOTION * displacement)
+    return float(f"{bound:.1g}")
+
+
+def largest_displacement(scene: Scene, truth: Truth) -> float:
+    """Return the largest distance of the centre of a body from its initial position, m."""
+    columns = truth(np.linspace(0.0, truth.t_end, SAMPLES))
+    distances = []
+    for body in scene.bodies:
+        # A truth may lack coordinates that do not change.
+        coordinates = [columns[name] for name in (f"{body}.x", f"{body}.y") if name in columns]
+        distances.append(max(np.sqrt(sum((x - x[0]) ** 2 for x in coordinates))))
+    return float(max(distances))
 
 
 def effort_bound(scene: Scene, truth: Truth) -> float | None:
@@ -222,9 +241,9 @@ def rest_speed(scene: Scene, truth: Truth) -> float | None:
         for joint in scene.frictional_joints
     ]
     fastest = max(speeds)
-    if fastest > position_bound(scene) / scene.t_end:
-        return float(f"{REST_OF_FASTEST * fastest:.1g}")
-    return float(f"{position_bound(scene) / scene.t_end:.1g}")
+    creep = position_bound(scene, truth) / scene.t_end
+    speed = REST_OF_FASTEST * fastest if fastest > creep else creep
+    return float(f"{speed:.1g}")
 
 
 def max_step(scene: Scene, truth: Truth) -> float:
@@ -251,7 +270,7 @@ def sampling_of(scene: Scene, truth: Truth) -> Sampling:
             if column.rpartition(".")[2] in BODY_COLUMNS[0]
         ]
         # The interpolation of rounded values cannot be better than twice the rounding.
-        if max(errors) <= max(POSITION_TOLERANCE * position_bound(scene), 8 * ROUNDING):
+        if max(errors) <= max(POSITION_TOLERANCE * position_bound(scene, truth), 8 * ROUNDING):
             return sampling
     raise ValueError(f"{scene.name}: no interval of {INTERVALS_S} is short enough")
 
@@ -291,7 +310,7 @@ def write_member(member: Member, folder: Path) -> Written:
         "tier": about["tier"],
         "events": about["events"],
         "mechanism_size": size_of(scene),
-        "position_bound": position_bound(scene),
+        "position_bound": position_bound(scene, full_truth),
         "effort_bound": effort_bound(scene, full_truth),
         "rest_speed": rest_speed(scene, full_truth),
         "max_step": max_step(scene, full_truth),
@@ -306,7 +325,8 @@ def write_member(member: Member, folder: Path) -> Written:
     between = about["uncertainty between rows"]
     uncertainties = pd.DataFrame(
         [
-            (member.name, column, unit_of(column, scene), value, between.get(column, 0.0))
+            # "1" is the unit of the contact modes, which have none.
+            (member.name, column, unit_of(column, scene) or "1", value, between.get(column, 0.0))
             for column, value in about["uncertainty"].items()
             if column != "event time"
         ],

@@ -47,7 +47,8 @@ def enumerated_truth(scene: Scene, t_end: float | None = None) -> Truth:
     coarser_motion = simulate(scene, end, COARSER_TOLERANCE)
     for integration in (motion, coarser_motion):
         if integration.breakdown is not None:
-            raise NoMotion(f"{scene.name}: {integration.breakdown.reason}")
+            breakdown = integration.breakdown
+            raise NoMotion(f"{scene.name}: {breakdown.reason}", breakdown.time)
     switches = _switches(motion)
     coarser_switches = _switches(coarser_motion)
     if [switch[1:] for switch in switches] != [switch[1:] for switch in coarser_switches]:

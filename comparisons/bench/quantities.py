@@ -751,6 +751,7 @@ BENCHMARK = (
     _count("jumps_read", "jumps that the table shows"),
     _text("off_columns", "columns in another unit or sign"),
     _value("off_factor", "their values, of the truth's"),
+    _category("off_unit", "unit of the truth there"),
     _category("other_parameter", "parameter with which the table agrees"),
     _value("other_value", "its value"),
     _text("explanations", description="all parameters with which the errors vanish"),

@@ -61,6 +61,7 @@ COLUMNS = (
     "event_time_error",
     "off_columns",
     "off_factor",
+    "off_unit",
     "other_parameter",
     "other_value",
     "explanations",
@@ -310,6 +311,7 @@ def _numbers(judged: Judgement) -> dict[str, Any]:
         numbers |= {
             "off_columns": ", ".join(errors.loc[is_off & is_same, "column"]),
             "off_factor": factor,
+            "off_unit": errors.loc[is_off & is_same, "unit"].iloc[0],
         }
     tried = judged.tables["other-parameters"]
     explaining = tried[tried["error after"] <= EXPLAINED * tried["error before"]]
@@ -350,22 +352,24 @@ def _lacks_effort(row: Mapping[str, Any]) -> bool:
     return row["effort_bound"] is not None and pd.isna(row["torque_error"])
 
 
-FACTORS: Mapping[float, str] = {
-    1e3: "millimetres in place of metres, or mN in place of N?",
-    1e-3: "kilometres in place of metres, or kN in place of N?",
-    180 / np.pi: "degrees in place of radians?",
-    -1.0: "the other sign?",
+UNITS: Mapping[tuple[float, str], str] = {
+    (1e3, "m"): "millimetres in place of metres?",
+    (1e-3, "m"): "kilometres in place of metres?",
+    (1e3, "N"): "mN in place of N?",
+    (1e-3, "N"): "kN in place of N?",
+    (1e3, "N m"): "N mm in place of N m?",
+    (1e-3, "N m"): "kN m in place of N m?",
+    (180 / np.pi, "rad"): "degrees in place of radians?",
 }
-"""Likely causes of columns that are a constant factor times the truth."""
+"""Likely units of columns by their factor on the truth, and by the unit of the truth without the time."""
+OTHER_SIGN = -1.0
+"""Factor of columns with the other sign."""
 
 
 def _reason(verdict: Verdict, row: Mapping[str, Any], judged: Judgement) -> str:
     """Return the reason for a verdict as a sentence; empty for a result within bounds."""
     if verdict is Verdict.OTHER_UNITS:
-        factor = row["off_factor"]
-        if np.isnan(factor):
-            return f"{row['off_columns']}: off by a constant: another origin or point of the body?"
-        return f"{row['off_columns']}: {factor:.3g} times the truth: {FACTORS[factor]}"
+        return f"{row['off_columns']}: {_misreading(row['off_factor'], row['off_unit'])}"
     if verdict is Verdict.INCOMPLETE:
         return (
             f"goes from {row['table_begin']:g} to {row['table_end']:g} s; "
@@ -387,6 +391,17 @@ def _reason(verdict: Verdict, row: Mapping[str, Any], judged: Judgement) -> str:
     if verdict is Verdict.BEYOND and explanations:
         return "; ".join([*excesses, _agreement(explanations)])
     return "; ".join(excesses)
+
+
+def _misreading(factor: float, unit: str) -> str:
+    """Return the words for a factor on the truth, NaN for another origin, of columns with the unit `unit`."""
+    if np.isnan(factor):
+        return "off by a constant: another origin or point of the body?"
+    if factor == OTHER_SIGN:
+        return "the other sign?"
+    # Velocities are converted together with lengths and angles.
+    cause = UNITS[factor, unit.partition("/")[0]]
+    return f"{factor:.4g} times the truth: {cause}"
 
 
 def _agreement(parameters: Sequence[str]) -> str:
@@ -424,7 +439,8 @@ def _excesses(row: Mapping[str, Any]) -> list[str]:
             "in the truth"
         )
     if row["stick_invented"]:
+        plural = "s" if row["stick_invented"] > 1 else ""
         excesses.append(
-            f"{row['stick_invented']} stick phases invented: a joint is at rest that slips in the truth"
+            f"{row['stick_invented']} stick phase{plural} invented: a joint is at rest that slips in the truth"
         )
     return excesses

@@ -16,7 +16,7 @@ from stiction.reference_impl.integration.event_driven import simulate_event_driv
 from stiction.reference_impl.integration.result import Run
 from stiction.reference_impl.multibody.initial_state import consistent_start
 from stiction.reference_impl.multibody.mechanism import Mechanism
-from stiction.scenes import Scene, scene_to_toml
+from stiction.scenes import Scene
 from stiction.truths import (
     NoMotion,
     NotThisMechanism,
@@ -78,7 +78,7 @@ def ground_truth(scene: Scene, t_end: float | None = None) -> Truth:
     says so. Truths are cached.
     """
     end = scene.t_end if t_end is None else t_end
-    return _best_truth(_Request(scene_to_toml(scene), scene.name, end, scene))
+    return _best_truth(_Request(scene.to_toml(), scene.name, end, scene))
 
 
 @dataclass(frozen=True)
@@ -98,7 +98,7 @@ def _best_truth(request: _Request) -> Truth:
     neglected = neglected_keys(scene)
     if neglected:
         ideal = with_ideal_guides(scene)
-        truth = _best_truth(_Request(scene_to_toml(ideal), scene.name, t_end, ideal))
+        truth = _best_truth(_Request(ideal.to_toml(), scene.name, t_end, ideal))
         neglect = f"of ideal joints, without {', '.join(neglected)}"
         return replace(truth, note="; ".join(part for part in (neglect, truth.note) if part))
     note = ""

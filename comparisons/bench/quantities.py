@@ -724,7 +724,6 @@ JUDGE = (
 
 BENCHMARK = (
     _text("title"),
-    _count("events"),
     _value("mechanism_size", "size of the mechanism", "m"),
     _value("position_bound", "bound of the position error", "m"),
     _value("effort_bound", "bound of the mean error of efforts", "N m"),

@@ -325,7 +325,7 @@ def test_templates(compiled, tmp_path, template, solver):
 
 
 def test_stored_submissions(compiled):
-    within = {"c-example": 15, "octave-example": 12}
+    within = {"c-example": 15, "octave-example": 13}
     for name, count in within.items():
         judged = judge_submission(SUBMISSIONS / name)
         assert judged.submitted == 16 and judged.count(Verdict.WITHIN) == count

@@ -218,6 +218,7 @@ def judge(
     t_end: float | None = None,
     tell: Callable[[float], None] | None = None,
     rest_speed: float | None = None,
+    has_map_option: bool = True,
 ) -> Judgement:
     """Judge a table of results of any program against the truth of a scene.
 
@@ -241,6 +242,8 @@ def judge(
     rest_speed
         Slip speed up to which a joint is at rest, m/s (pins: rad/s); a fraction (`STILL`) of the largest one of each
         joint if None.
+    has_map_option
+        Whether messages may refer to the option ``--map``.
 
     Returns
     -------
@@ -259,7 +262,13 @@ def judge(
     if isinstance(frame, Trajectory):
         frame = frame.to_frame(events=True, interpolated=True)
     table = result_table(
-        frame, loaded, mapping, units, spills=True, tell=progress.stage(0.0, READING)
+        frame,
+        loaded,
+        mapping,
+        units,
+        has_map_option=has_map_option,
+        spills=True,
+        tell=progress.stage(0.0, READING),
     )
     if truth is None:
         truth = ground_truth(loaded)

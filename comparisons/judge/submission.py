@@ -28,6 +28,7 @@ from stiction.comparisons.measures.accuracy import TORQUE_ERROR
 from stiction.comparisons.measures.other_parameters import EXPLAINED
 from stiction.scenes import FileError, InputError, Problem
 from stiction.scenes.errors import problems_of
+from stiction.scenes.fidelity import Fidelity
 from stiction.scenes.fields import Model, Name
 from stiction.scenes.loading import read_toml
 from stiction.scenes.table_blocks import ENDINGS
@@ -90,15 +91,25 @@ class Verdict(StrEnum):
     """Verdict on the result of a scene; the values are written to tables."""
 
     WITHIN = "within bounds"
+    """No error exceeds its bound, and no stick phase is missed or invented."""
     BEYOND = "beyond bounds"
+    """An error exceeds its bound, or a stick phase is missed or invented."""
     OTHER_PARAMETERS = "other parameters"
+    """The table is the motion of the scene with another value of one parameter."""
     OTHER_UNITS = "other units"
+    """Columns seem to have another unit, sign or origin."""
     INCOMPLETE = "incomplete"
+    """The table does not cover the time of the scene."""
     TOO_COARSE = "too coarse"
+    """Rows are further apart than the scene allows."""
     NOT_JUDGED = "not judged"
+    """The table has no column that depends on forces."""
     NOT_A_TABLE = "not a table"
+    """The file cannot be read as a table of this scene."""
     DECLINED = "declined"
+    """The description states why there is no table."""
     MISSING = "missing"
+    """There is neither a table nor a reason."""
 
 
 WRONG = (Verdict.BEYOND, Verdict.OTHER_PARAMETERS)
@@ -124,7 +135,7 @@ class Submission(Model):
     """The solver"""
     version: Text
     """Its version"""
-    fidelity: Literal["joint", "contact"]
+    fidelity: Fidelity
     """``joint``: ideal guides with a friction law; ``contact``: sliders between surfaces"""
     machine: Text
     """The machine, in words"""
@@ -253,7 +264,12 @@ def judge_submission(
         }
         if scene.name in tables:
             try:
-                judged = judge(scene.folder, tables[scene.name], rest_speed=scene.rest_speed)
+                judged = judge(
+                    scene.folder,
+                    tables[scene.name],
+                    rest_speed=scene.rest_speed,
+                    has_map_option=False,
+                )
             except InputError as error:
                 row |= {"verdict": Verdict.NOT_A_TABLE, "reason": " ".join(str(error).split())}
             else:

@@ -101,7 +101,8 @@ MEMBERS = (
     Member("slider-on-moving-guide", "slider-on-moving-guide"),
     Member("four-bar", "four-bar", changes={"t_end": 5}),
 )
-"""Scenes of version 1. All but one of the paper's kind have friction or are the control of one that has."""
+"""Scenes of version 1: mechanisms with friction, and two without it, which show whether a solver is right apart from
+its friction."""
 LABELS = (
     *(label for labels in BODY_COLUMNS for label in labels),
     "displacement",

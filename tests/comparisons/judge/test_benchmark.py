@@ -167,8 +167,11 @@ def test_enumerated_truths_agree_with_others(compiled, name):
     for column in common:
         error = np.max(np.abs(found[column] - known[column]))
         assert error <= enumerated.uncertainty[column] + other.uncertainty[column], column
-    assert [event.kind for event in enumerated.events] == [
-        event.kind
-        for event in other.events
-        if event.kind != "corner" and event.time < enumerated.t_end
+    known_events = [
+        event for event in other.events if event.kind != "corner" and event.time < enumerated.t_end
     ]
+    assert [event.kind for event in enumerated.events] == [event.kind for event in known_events]
+    for event, known_event in zip(enumerated.events, known_events):
+        mode = f"{event.joint}.mode"
+        assert event.before[mode] == known_event.before[mode]
+        assert event.after[mode] == known_event.after[mode]

@@ -173,6 +173,8 @@ def test_tables(submit, change, verdict):
     row = submit({"stop-level": change(solved("stop-level"))}).loc["stop-level"]
     assert row["verdict"] == verdict
     assert bool(row["reason"]) == (verdict != Verdict.WITHIN)
+    # Options belong to the judgement of a single table.
+    assert "--" not in row["reason"]
 
 
 def test_prescribed_motion_counts_by_its_efforts(submit):

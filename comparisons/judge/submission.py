@@ -329,21 +329,42 @@ def _numbers(judged: Judgement) -> dict[str, Any]:
             "off_factor": factor,
             "off_unit": errors.loc[is_off & is_same, "unit"].iloc[0],
         }
-    tried = judged.tables["other-parameters"]
-    explaining = tried[tried["error after"] <= EXPLAINED * tried["error before"]]
-    numbers["explanations"] = "; ".join(
-        _parameter_in_words(row["hypothesis"], row["element"], row["value"], row["factor"])
-        for row in explaining.to_dict("records")
-    )
-    named = tried[tried["named"].astype(bool)]
-    if len(named):
-        explanation = named.iloc[0]
-        value, factor = explanation["value"], explanation["factor"]
+    numbers["explanations"] = "; ".join(_explanations(judged))
+    named = _named_parameter(judged)
+    if named is not None:
+        value, factor = named["value"], named["factor"]
         numbers |= {
-            "other_parameter": explanation["hypothesis"],
+            "other_parameter": named["hypothesis"],
             "other_value": factor if pd.isna(value) else value,
         }
     return numbers
+
+
+def _explanations(judged: Judgement) -> list[str]:
+    """Return the parameters with other values of which the table agrees, each in words."""
+    tried = judged.tables["other-parameters"]
+    is_explanation = tried["error after"] <= EXPLAINED * tried["error before"]
+    return [_parameter_in_words(row) for row in tried[is_explanation].to_dict("records")]
+
+
+def _named_parameter(judged: Judgement) -> Mapping[Any, Any] | None:
+    """Return the row of the only parameter that explains the errors of a table; None if there is none, or several."""
+    tried = judged.tables["other-parameters"]
+    named = tried[tried["named"].astype(bool)].to_dict("records")
+    return named[0] if named else None
+
+
+def _parameter_in_words(row: Mapping[Any, Any]) -> str:
+    """Return the words for a parameter that explains a table, and its value or its factor on the scene's value.
+
+    `row` is a row of the table of other parameters of a judgement.
+    """
+    words = row["hypothesis"]
+    if row["element"]:
+        words += f" of {row['element']}"
+    if not pd.isna(row["value"]):
+        return f"{words} ({row['value']:.4g})"
+    return words if pd.isna(row["factor"]) else f"{words} ({row['factor']:.4g} times)"
 
 
 def _verdict(row: Mapping[str, Any], judged: Judgement) -> Verdict:
@@ -400,12 +421,11 @@ def _reason(verdict: Verdict, row: Mapping[str, Any], judged: Judgement) -> str:
         held = f" ({', '.join(judged.held)}: prescribed)" if judged.held else ""
         return f"no position that depends on forces{held}; expected one or more"
     excesses = _excesses(row)
-    explanations = row["explanations"].split("; ") if row["explanations"] else []
-    if verdict is Verdict.OTHER_PARAMETERS:
-        # The parameter that is named leaves by far the smallest error, and is the first of the explanations.
-        return "; ".join([_agreement(explanations[:1]), *excesses])
-    if verdict is Verdict.BEYOND and explanations:
-        return "; ".join([*excesses, _agreement(explanations)])
+    named = _named_parameter(judged)
+    if named is not None:
+        return "; ".join([_agreement([_parameter_in_words(named)]), *excesses])
+    if excesses and row["explanations"]:
+        return "; ".join([*excesses, _agreement(_explanations(judged))])
     return "; ".join(excesses)
 
 
@@ -423,14 +443,6 @@ def _misreading(factor: float, unit: str) -> str:
 def _agreement(parameters: Sequence[str]) -> str:
     """Return the words for the other parameters with which a table agrees."""
     return f"the table agrees with {' or '.join(parameters)}, in place of the scene's values"
-
-
-def _parameter_in_words(hypothesis: str, element: str, value: float, factor: float) -> str:
-    """Return the words for a parameter that explains a table, and its value or its factor on the scene's value."""
-    words = f"{hypothesis} of {element}" if element else hypothesis
-    if not pd.isna(value):
-        return f"{words} ({value:.4g})"
-    return words if pd.isna(factor) else f"{words} ({factor:.4g} times)"
 
 
 def _excesses(row: Mapping[str, Any]) -> list[str]:

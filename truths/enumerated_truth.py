@@ -24,7 +24,7 @@ than that of the first, so that the difference is dominated by the error of the 
 CHECK_INSTANTS = 201
 """Number of instants at which the two integrations are compared."""
 KINDS = ("slip", "stick", "reversal")
-"""Kinds of events of the truth. At other events, such as those of corner forces, no velocity jumps its slope."""
+"""Kinds of events of the truth. Others, such as those of corner forces, do not change whether or how a joint slips."""
 
 
 def enumerated_truth(scene: Scene, t_end: float | None = None) -> Truth:
@@ -56,21 +56,17 @@ def enumerated_truth(scene: Scene, t_end: float | None = None) -> Truth:
 
     sampler = _Sampler(scene, motion)
     coarser_sampler = _Sampler(scene, coarser_motion)
+    time_differences = [abs(one[0] - other[0]) for one, other in zip(switches, coarser_switches)]
+    time_difference = max(time_differences, default=0.0)
     # Between the two times of an event the integrations are in different modes: only instants away from all events are
     # compared.
     check = np.linspace(0.0, end, CHECK_INSTANTS)
-    event_time_uncertainty = max(
-        (abs(one[0] - other[0]) for one, other in zip(switches, coarser_switches)), default=0.0
-    )
     for time, _, _ in switches:
-        check = check[np.abs(check - time) > event_time_uncertainty]
-    fine, coarse = sampler(check, "after"), coarser_sampler(check, "after")
+        check = check[np.abs(check - time) > time_difference]
+    differences = _largest_differences(sampler(check, "after"), coarser_sampler(check, "after"))
     # Both integrations may be exact up to rounding; the error that a step may have remains.
-    uncertainty = {
-        name: TOLERANCE + float(np.max(np.abs(values - coarse[name])))
-        for name, values in fine.items()
-    }
-    uncertainty["event time"] = TOLERANCE + event_time_uncertainty
+    uncertainty = {name: TOLERANCE + difference for name, difference in differences.items()}
+    uncertainty["event time"] = TOLERANCE + time_difference
     return Truth(
         scene.name,
         Tier.HIGH_PRECISION,
@@ -80,6 +76,13 @@ def enumerated_truth(scene: Scene, t_end: float | None = None) -> Truth:
         two_sided(switches, sampler),
         guides=frozenset(scene.frictional_joints),
     )
+
+
+def _largest_differences(
+    one: Mapping[str, np.ndarray], other: Mapping[str, np.ndarray]
+) -> dict[str, float]:
+    """Return the largest difference of each column at the same instants."""
+    return {name: float(np.max(np.abs(values - other[name]))) for name, values in one.items()}
 
 
 def _switches(motion: Motion) -> list[tuple[float, str, str]]:
@@ -98,8 +101,7 @@ class _Sampler:
     def __call__(self, t: np.ndarray, side: str) -> Mapping[str, np.ndarray]:
         rows = [self._row(float(time), side) for time in t]
         if not rows:
-            rows_at_start = self._row(0.0, "after")
-            return {name: np.empty(0) for name in rows_at_start}
+            return {name: np.empty(0) for name in self._row(0.0, "after")}
         return {name: np.array([row[name] for row in rows]) for name in rows[0]}
 
     def _row(self, t: float, side: str) -> dict[str, float]:

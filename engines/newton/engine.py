@@ -221,9 +221,9 @@ class NewtonEngine(SteppedEngine):
         kind = KINDS.get(settings["solver"])
         neglected: list[str] = []
         if kind is not None:
-            reason = refusal_of_drives(scene, kind) or refusal_of_loops(
-                scene, LinkTree(scene, fidelity), kind
-            )
+            tree = LinkTree(scene, fidelity)
+            reason = refusal_of_drives(scene, tree, fidelity, kind)
+            reason = reason or refusal_of_loops(scene, tree, kind)
             if reason:
                 raise Refused(reason)
             if fidelity == Fidelity.JOINT and not kind.has_joint_friction:
@@ -272,14 +272,23 @@ def _require_mujoco_warp() -> None:
         ) from error
 
 
-def refusal_of_drives(scene: Scene, kind: SolverKind) -> str | None:
+def refusal_of_drives(
+    scene: Scene, tree: LinkTree, fidelity: Fidelity, kind: SolverKind
+) -> str | None:
     """Return why a solver cannot drive a joint of a scene along a law; None if it can, or if there are no drives."""
-    if kind.follows_drives or not scene.drives:
-        return None
-    return (
-        f"drives.{next(iter(scene.drives))}: Newton's {kind.label} follows a drive by a spring towards an angle "
-        "that it knows up to a turn; expected solver=kamino, mujoco, featherstone or vbd"
-    )
+    for name, drive in scene.drives.items():
+        if not kind.follows_drives:
+            return (
+                f"drives.{name}: Newton's {kind.label} follows a drive by a spring towards an angle that it knows up "
+                "to a turn; expected solver=kamino, mujoco, featherstone or vbd"
+            )
+        link = tree.links[motor_link(scene, tree, drive)[0]]
+        if link.joint is None and fidelity == Fidelity.JOINT and not kind.has_planar_joint:
+            return (
+                f"drives.{name}: turns a body that no joint ties to the ground; Newton's {kind.label} has no joint in "
+                "which such a body could be driven; expected solver=mujoco, featherstone or vbd"
+            )
+    return None
 
 
 def refusal_of_loops(scene: Scene, tree: LinkTree, kind: SolverKind) -> str | None:

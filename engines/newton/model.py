@@ -14,6 +14,7 @@ from typing import Any
 
 import numpy as np
 
+from stiction.engines.newton.solvers import SolverKind
 from stiction.engines.shared.contact_geometry import (
     box_angle,
     direction_of,
@@ -55,139 +56,13 @@ class Dofs:
         By joint of the scene: its degree of freedom.
     of_drive : dict of str to int
         By drive: the degree of freedom that it prescribes.
-    shapes : dict of str to list of int
-        By guide, at contact fidelity: its shapes, those of the slider and those of the surfaces.
     carriages : dict of int to (int, int)
         By body that two light bodies hold in the plane: those that slide along x, and along x and y.
     """
 
     of_joint: dict[str, int] = field(default_factory=dict)
     of_drive: dict[str, int] = field(default_factory=dict)
-    shapes: dict[str, list[int]] = field(default_factory=dict)
     carriages: dict[int, tuple[int, int]] = field(default_factory=dict)
-
-
-def build(
-    scene: Scene,
-    tree: LinkTree,
-    fidelity: Fidelity,
-    *,
-    is_planar_joint: bool,
-    has_rotors: bool,
-    options: Mapping[str, Any],
-    jitter: Jitter,
-) -> tuple[Any, Dofs]:
-    """Return the builder of a scene's model, which is not finalized yet, and the places of its elements.
-
-    Parameters
-    ----------
-    tree : LinkTree
-        The tree of the scene at this fidelity.
-    is_planar_joint : bool
-        Whether a body that hangs on no joint is held in the plane by a joint with three degrees of freedom. Otherwise
-        it hangs on two light bodies at contact fidelity (`CARRIAGE`), and is free in space at joint fidelity.
-    has_rotors : bool
-        Whether the joint of a drive has a rotor (`ROTOR`), on which the adapter applies a force. Otherwise the drive is
-        a spring that pulls the joint to its target.
-    options
-        Settings of the run.
-    jitter : Jitter
-        Changes the inputs by units in the last place.
-    """
-    import newton
-    import warp as wp
-
-    gravity = scene.gravity or (0.0, 0.0)
-    builder = newton.ModelBuilder(
-        up_axis=newton.Axis.Y, gravity=(*(jitter(value) for value in gravity), 0.0)
-    )
-    dofs = Dofs()
-    start, _ = tree.coordinates(scene)
-    bodies = {GROUND: -1}
-    for name, body in scene.bodies.items():
-        bodies[name] = builder.add_link(
-            xform=placed((*map(jitter, body.position),), jitter(body.angle)),
-            mass=jitter(body.mass),
-            inertia=np.eye(3) * jitter(body.inertia),
-            lock_inertia=True,
-            label=name,
-        )
-    motors = {motor_link(scene, tree, drive)[0]: name for name, drive in scene.drives.items()}
-    rotor = ROTOR * inertia_scale(scene)
-
-    def axis(joint: Joint | None, link: int, direction: Sequence[float]) -> Any:
-        """Return the configuration of one degree of freedom, with its friction and its drive."""
-        is_driven = link in motors
-        bound = 0.0
-        if joint is not None and joint.frictional and fidelity == Fidelity.JOINT:
-            is_constant = isinstance(joint, Revolute) or joint.static_coefficient == 0.0
-            bound = jitter(joint.bounds[0]) if is_constant else PLACEHOLDER
-        return newton.ModelBuilder.JointDofConfig(
-            axis=wp.vec3(*direction),
-            friction=bound,
-            armature=rotor if is_driven and has_rotors else 0.0,
-            target_ke=options["drive_stiffness"] if is_driven and not has_rotors else 0.0,
-            target_kd=options["drive_damping"] if is_driven and not has_rotors else 0.0,
-        )
-
-    roots: list[list[int]] = []
-    dof = 0
-    for i, link in enumerate(tree.links):
-        if link.body is None:
-            continue  # part of the joint of a free body, which has its three degrees of freedom
-        if link.parent < 0 or link.joint is None:
-            roots.append([])
-        child = bodies[link.body]
-        if link.joint is None:
-            x, y, angle = map(jitter, start[i - 2 : i + 1])
-            if is_planar_joint:
-                joint = builder.add_joint_d6(
-                    -1,
-                    child,
-                    parent_xform=placed((x, y), 0.0),
-                    child_xform=placed((0.0, 0.0), -angle),
-                    linear_axes=[axis(None, -1, (1, 0, 0)), axis(None, -1, (0, 1, 0))],
-                    angular_axes=[axis(None, i, (0, 0, 1))],
-                )
-                count = 3
-            elif fidelity == Fidelity.CONTACT:
-                roots[-1] += _add_carriages(builder, scene.bodies[link.body], (x, y))
-                dofs.carriages[child] = (builder.body_count - 2, builder.body_count - 1)
-                joint = builder.add_joint_revolute(
-                    builder.body_count - 1,
-                    child,
-                    axis=axis(None, i, (0, 0, 1)),
-                    child_xform=placed((0.0, 0.0), -angle),
-                )
-                count = 3
-            else:
-                joint = builder.add_joint_free(child, parent=-1)
-                count = 6
-            turning = dof + count - 1
-        else:
-            parent = bodies[_body_of(tree, link.parent)]
-            config = axis(
-                scene.joints[link.joint], i, (*link.axis, 0.0) if link.slides else (0, 0, 1)
-            )
-            joint = _add_joint(builder, link, parent, child, config, start[i], jitter)
-            dofs.of_joint[link.joint] = dof
-            count, turning = 1, dof
-        if i in motors:
-            dofs.of_drive[motors[i]] = turning
-        roots[-1].append(joint)
-        dof += count
-    for joints in roots:
-        builder.add_articulation(joints)
-    for name in tree.loops:
-        _close_loop(builder, scene, name, bodies, axis, jitter)
-        dofs.of_joint[name] = dof
-        dof += 1
-    if fidelity == Fidelity.CONTACT:
-        for number, (name, guide) in enumerate(scene.guides.items()):
-            dofs.shapes[name] = _add_shapes(
-                builder, guide, bodies[guide.slider], number, options, jitter
-            )
-    return builder, dofs
 
 
 class Jitter:
@@ -213,14 +88,241 @@ class Jitter:
         return float(single + np.float32(self._units * direction) * np.spacing(single))
 
 
-def _add_carriages(builder: Any, body: Body, place: tuple[float, float]) -> list[int]:
-    """Add two light bodies, which slide along x on the ground and along y on each other; return their joints.
+class ModelWriter:
+    """Writes a scene into a builder of Newton.
 
-    A third body that turns on the last one moves in the plane.
+    Parameters
+    ----------
+    scene : Scene
+    tree : LinkTree
+        The tree of the scene at this fidelity.
+    fidelity : Fidelity
+    kind : SolverKind
+        What the solver represents. A body that hangs on no joint has a planar joint, if the solver has it; otherwise it
+        hangs on two light bodies at contact fidelity (`CARRIAGE`), and is free in space at joint fidelity. The joint of
+        a drive has a rotor (`ROTOR`), if the solver has armature, and otherwise a spring.
+    options : mapping
+        Settings of the run.
+    jitter : Jitter
+        Moves the inputs by units in the last place.
+
+    Attributes
+    ----------
+    builder : newton.ModelBuilder
+        The model, which is not finalized yet. Its first bodies are those of the scene, in their order.
+    dofs : Dofs
+        The places of the elements of the scene.
+    """
+
+    def __init__(
+        self,
+        scene: Scene,
+        tree: LinkTree,
+        fidelity: Fidelity,
+        kind: SolverKind,
+        options: Mapping[str, Any],
+        jitter: Jitter,
+    ):
+        import newton
+
+        self._scene, self._tree, self._fidelity, self._kind = scene, tree, fidelity, kind
+        self._options, self._jitter = options, jitter
+        gravity = [jitter(value) for value in scene.gravity or (0.0, 0.0)]
+        self.builder: Any = newton.ModelBuilder(up_axis=newton.Axis.Y, gravity=(*gravity, 0.0))
+        self.dofs = Dofs()
+        self._start, _ = tree.coordinates(scene)
+        self._motors = {
+            motor_link(scene, tree, drive)[0]: name for name, drive in scene.drives.items()
+        }
+        self._rotor = ROTOR * inertia_scale(scene)
+        self._bodies = {GROUND: -1}
+        self._next_dof = 0
+        self._add_bodies()
+        self._add_tree()
+        for name in tree.loops:
+            self._close_loop(name)
+            self.dofs.of_joint[name] = self._take_dofs(1)
+        if fidelity == Fidelity.CONTACT:
+            for number, guide in enumerate(scene.guides.values()):
+                _add_shapes(
+                    self.builder, guide, self._bodies[guide.slider], number, options, jitter
+                )
+
+    def _add_bodies(self) -> None:
+        """Add the bodies of the scene, whose frames have their origins in the centres of mass."""
+        jitter = self._jitter
+        for name, body in self._scene.bodies.items():
+            self._bodies[name] = self.builder.add_link(
+                xform=placed([*map(jitter, body.position)], jitter(body.angle)),
+                mass=jitter(body.mass),
+                inertia=np.eye(3) * jitter(body.inertia),
+                lock_inertia=True,
+                label=name,
+            )
+
+    def _add_tree(self) -> None:
+        """Add the joints of the tree, with an articulation for each branch that starts from the ground."""
+        branches: list[list[int]] = []
+        for number, link in enumerate(self._tree.links):
+            # A link without a body is part of the joint of a free body, which has three coordinates.
+            if link.body is None:
+                continue
+            if link.parent < 0 or link.joint is None:
+                branches.append([])
+            if link.joint is None:
+                joints, driven_dof = self._add_free(number, self._bodies[link.body])
+            else:
+                joints, driven_dof = [self._add_joint(number, link)], self._take_dofs(1)
+                self.dofs.of_joint[link.joint] = driven_dof
+            branches[-1] += joints
+            if number in self._motors:
+                self.dofs.of_drive[self._motors[number]] = driven_dof
+        for joints in branches:
+            self.builder.add_articulation(joints)
+
+    def _take_dofs(self, count: int) -> int:
+        """Return the last of the next degrees of freedom, which belong to the joints that were just added."""
+        self._next_dof += count
+        return self._next_dof - 1
+
+    def _add_free(self, number: int, child: int) -> tuple[list[int], int]:
+        """Add the joints of a body that no joint of the scene ties to others.
+
+        Returns
+        -------
+        joints : list of int
+            Their numbers.
+        turning : int
+            The degree of freedom about z.
+        """
+        builder = self.builder
+        x, y, angle = map(self._jitter, self._start[number - 2 : number + 1])
+        turned = placed((0.0, 0.0), -angle)
+        turning_axis = self._axis(None, number, (0, 0, 1))
+        if self._kind.has_planar_joint:
+            joint = builder.add_joint_d6(
+                -1,
+                child,
+                parent_xform=placed((x, y), 0.0),
+                child_xform=turned,
+                linear_axes=[self._axis(None, -1, (1, 0, 0)), self._axis(None, -1, (0, 1, 0))],
+                angular_axes=[turning_axis],
+            )
+            return [joint], self._take_dofs(3)
+        if self._fidelity == Fidelity.JOINT:
+            return [builder.add_joint_free(child, parent=-1)], self._take_dofs(6)
+        body = self._scene.bodies[str(self._tree.links[number].body)]
+        joints, carriages = _add_carriages(builder, body, (x, y))
+        self.dofs.carriages[child] = carriages
+        last = builder.add_joint_revolute(
+            carriages[1], child, axis=turning_axis, child_xform=turned
+        )
+        return [*joints, last], self._take_dofs(3)
+
+    def _add_joint(self, number: int, link: Link) -> int:
+        """Add the joint of a link, and return its number.
+
+        Newton's coordinate is zero at the start. Some solvers take the place where a loop closes from the configuration
+        in which all coordinates are zero.
+        """
+        jitter, start = self._jitter, float(self._start[number])
+        parent, child = (
+            self._bodies[_body_of(self._tree, link.parent)],
+            self._bodies[str(link.body)],
+        )
+        direction = (*link.axis, 0.0) if link.slides else (0.0, 0.0, 1.0)
+        config = self._axis(self._scene.joints[str(link.joint)], number, direction)
+        anchor, angle, turn = np.array(link.anchor), link.angle, 0.0
+        add = self.builder.add_joint_revolute
+        if link.slides:
+            # The axis is given in the frame of the joint, which is turned by the angle of the link.
+            c, s = math.cos(angle), math.sin(angle)
+            ux, uy = link.axis
+            anchor = anchor + start * np.array([c * ux - s * uy, s * ux + c * uy])
+            add = self.builder.add_joint_prismatic
+        else:
+            turn = -jitter(start)
+        return int(
+            add(
+                parent,
+                child,
+                axis=config,
+                parent_xform=placed([*map(jitter, anchor)], angle),
+                child_xform=placed([*map(jitter, link.point)], turn),
+            )
+        )
+
+    def _close_loop(self, name: str) -> None:
+        """Add a joint that closes a loop, outside of any articulation; its child is the first body of the joint."""
+        joint, jitter = self._scene.joints[name], self._jitter
+        if isinstance(joint, Translational):
+            (first, second), turn = (joint.slider, joint.guide), joint.angle
+            own, other = joint.slider_point, joint.point
+        else:
+            (first, second), turn = joint.bodies, 0.0
+            own, other = joint.points
+        sign = 1.0
+        # The child of a joint is a body; only the parent may be the ground.
+        if first == GROUND:
+            first, second, own, other, turn, sign = second, first, other, own, -turn, -1.0
+        add = self.builder.add_joint_revolute
+        direction = (0.0, 0.0, sign)
+        if isinstance(joint, Translational):
+            # The direction is given in the axes of the guide, and the axis in those of the slider.
+            ux, uy = direction_of(joint)
+            c, s = math.cos(turn), math.sin(turn)
+            direction = (c * ux + s * uy, c * uy - s * ux, 0.0)
+            add = self.builder.add_joint_prismatic
+        else:
+            # so that the coordinate is zero at the start, as in `_add_joint`
+            turn = self._angle_of(first) - self._angle_of(second)
+        add(
+            self._bodies[second],
+            self._bodies[first],
+            axis=self._axis(joint, -1, direction),
+            parent_xform=placed([*map(jitter, other)], turn),
+            child_xform=placed([*map(jitter, own)], 0.0),
+        )
+
+    def _angle_of(self, body: str) -> float:
+        """Return the angle of a body at the start, rad; 0 for the ground."""
+        return 0.0 if body == GROUND else self._scene.bodies[body].angle
+
+    def _axis(self, joint: Joint | None, link: int, direction: Sequence[float]) -> Any:
+        """Return the configuration of one degree of freedom, with its friction and its drive."""
+        import newton
+
+        config = newton.ModelBuilder.JointDofConfig(axis=tuple(map(float, direction)))
+        config.friction = 0.0
+        if joint is not None and joint.frictional and self._fidelity == Fidelity.JOINT:
+            is_constant = isinstance(joint, Revolute) or joint.static_coefficient == 0.0
+            config.friction = self._jitter(joint.bounds[0]) if is_constant else PLACEHOLDER
+        if link in self._motors:
+            if self._kind.has_armature:
+                config.armature = self._rotor
+            else:
+                config.target_ke = self._options["drive_stiffness"]
+                config.target_kd = self._options["drive_damping"]
+        return config
+
+
+def _add_carriages(
+    builder: Any, body: Body, place: tuple[float, float]
+) -> tuple[list[int], tuple[int, int]]:
+    """Add two light bodies, which slide along x on the ground and along y on each other.
+
+    A third body that turns on the second one moves in the plane.
+
+    Returns
+    -------
+    joints : list of int
+        The numbers of their joints.
+    carriages : (int, int)
+        The numbers of the two bodies.
     """
     import newton
 
-    joints = []
+    joints, carriages = [], []
     parent = -1
     for direction in ((1.0, 0.0, 0.0), (0.0, 1.0, 0.0)):
         carriage = builder.add_link(
@@ -235,8 +337,9 @@ def _add_carriages(builder: Any, body: Body, place: tuple[float, float]) -> list
         joints.append(
             builder.add_joint_prismatic(parent, carriage, axis=config, parent_xform=anchor)
         )
+        carriages.append(carriage)
         parent = carriage
-    return joints
+    return joints, (carriages[0], carriages[1])
 
 
 def inertia_scale(scene: Scene) -> float:
@@ -276,73 +379,6 @@ def placed(point: Sequence[float], angle: float) -> Any:
     )
 
 
-def _add_joint(
-    builder: Any, link: Link, parent: int, child: int, config: Any, start: float, jitter: Jitter
-) -> int:
-    """Add the joint of a link, and return its number; `start` is the coordinate of the link at the start.
-
-    Newton's coordinate is zero at the start. Some solvers take the place where a loop closes from the configuration in
-    which all coordinates are zero.
-    """
-    anchor, angle = np.array(link.anchor), link.angle
-    if link.slides:
-        # The axis is given in the frame of the joint, which is turned by the angle of the link.
-        c, s = math.cos(angle), math.sin(angle)
-        ux, uy = link.axis
-        anchor = anchor + start * np.array([c * ux - s * uy, s * ux + c * uy])
-        places = placed([*map(jitter, anchor)], angle), placed([*map(jitter, link.point)], 0.0)
-        add = builder.add_joint_prismatic
-    else:
-        places = (
-            placed([*map(jitter, anchor)], angle),
-            placed([*map(jitter, link.point)], -jitter(start)),
-        )
-        add = builder.add_joint_revolute
-    return int(add(parent, child, axis=config, parent_xform=places[0], child_xform=places[1]))
-
-
-def _close_loop(
-    builder: Any,
-    scene: Scene,
-    name: str,
-    bodies: Mapping[str, int],
-    axis: Any,
-    jitter: Jitter,
-) -> None:
-    """Add a joint that closes a loop, outside of any articulation; its child is the first body of the joint."""
-    joint = scene.joints[name]
-    first, second = joint.bodies
-    if isinstance(joint, Translational):
-        points: Sequence[Sequence[float]] = (joint.slider_point, joint.point)
-        turn, ends = joint.angle, (joint.slider, joint.guide)
-        first, second = ends
-    else:
-        points, turn = joint.points, 0.0
-    own, other = points
-    sign = 1
-    # The child of a joint is a body; only the parent may be the ground.
-    if first == GROUND:
-        first, second, own, other, turn, sign = second, first, other, own, -turn, -1
-    if isinstance(joint, Revolute):
-        angles = [0.0 if body == GROUND else scene.bodies[body].angle for body in (first, second)]
-        turn = (
-            angles[0] - angles[1]
-        )  # so that the coordinate is zero at the start, as in `_add_joint`
-    places = {
-        "parent_xform": placed([*map(jitter, other)], turn),
-        "child_xform": placed([*map(jitter, own)], 0.0),
-    }
-    if isinstance(joint, Translational):
-        # The direction is given in the axes of the guide, and the axis in those of the slider.
-        ux, uy = direction_of(joint)
-        c, s = math.cos(turn), math.sin(turn)
-        config = axis(joint, -1, (c * ux + s * uy, c * uy - s * ux, 0.0))
-        builder.add_joint_prismatic(bodies[second], bodies[first], axis=config, **places)
-    else:
-        config = axis(joint, -1, (0, 0, sign))
-        builder.add_joint_revolute(bodies[second], bodies[first], axis=config, **places)
-
-
 def _add_shapes(
     builder: Any,
     guide: Translational,
@@ -350,8 +386,8 @@ def _add_shapes(
     number: int,
     options: Mapping[str, Any],
     jitter: Jitter,
-) -> list[int]:
-    """Add the shapes of a slider and of the two surfaces of its guide; return their numbers."""
+) -> None:
+    """Add the shapes of a slider and of the two surfaces of its guide."""
     import newton
     import warp as wp
 
@@ -370,19 +406,16 @@ def _add_shapes(
         gap=DETECTION * width,
         collision_group=number + 1,
     )
-    shapes = []
-    # Corners of spheres, whose outermost points are those of the slider; or the box itself.
+    # Spheres at the corners, whose outermost points are those of the slider; or the box itself.
     if options["shape"] == "spheres":
         radius = RADIUS * width
         for corner in slider_box(guide, 2 * radius + gap):
             place = placed(corner, 0.0)
-            shapes.append(builder.add_shape_sphere(slider, xform=place, radius=radius, cfg=config))
+            builder.add_shape_sphere(slider, xform=place, radius=radius, cfg=config)
     else:
         place = placed(guide.slider_point, box_angle(guide))
-        shapes.append(
-            builder.add_shape_box(
-                slider, xform=place, hx=length / 2, hy=(width - gap) / 2, hz=DEPTH, cfg=config
-            )
+        builder.add_shape_box(
+            slider, xform=place, hx=length / 2, hy=(width - gap) / 2, hz=DEPTH, cfg=config
         )
     ux, uy = direction_of(guide)
     across = np.array([-uy, ux])
@@ -391,7 +424,4 @@ def _add_shapes(
         point = np.array(guide.point) - surface_distance(guide) * normal
         turn = wp.quat_between_vectors(wp.vec3(0.0, 0.0, 1.0), wp.vec3(*normal, 0.0))
         place = wp.transform(wp.vec3(*map(jitter, point), 0.0), turn)
-        shapes.append(
-            builder.add_shape_plane(xform=place, width=0.0, length=0.0, body=-1, cfg=config)
-        )
-    return shapes
+        builder.add_shape_plane(xform=place, width=0.0, length=0.0, body=-1, cfg=config)

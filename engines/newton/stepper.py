@@ -12,7 +12,7 @@ import numpy as np
 
 from stiction.engines.assembly import Assembly
 from stiction.engines.joint_effects import has_static_bounds
-from stiction.engines.newton.model import ROTOR, Jitter, build, inertia_scale
+from stiction.engines.newton.model import ROTOR, Jitter, ModelWriter, inertia_scale
 from stiction.engines.newton.solvers import KINDS, MUJOCO, VBD, create
 from stiction.engines.protocol import EngineFailure
 from stiction.engines.shared.fixed_step import Sample, Stepper
@@ -113,15 +113,8 @@ class NewtonStepper(Stepper):
         self._kind = kind = KINDS[options["solver"]]
         tree = LinkTree(scene, fidelity)
         self._jitter = Jitter(options["moved_inputs"])
-        self._builder, self._dofs = build(
-            scene,
-            tree,
-            fidelity,
-            is_planar_joint=kind.has_planar_joint,
-            has_rotors=kind.has_armature,
-            options=options,
-            jitter=self._jitter,
-        )
+        writer = ModelWriter(scene, tree, fidelity, kind, options, self._jitter)
+        self._builder, self._dofs = writer.builder, writer.dofs
         self._twist = np.array(
             [
                 [*map(self._jitter, body.velocity), self._jitter(body.angular_velocity)]

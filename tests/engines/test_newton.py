@@ -240,6 +240,28 @@ def test_a_driven_crank_needs_the_torque_of_the_truth(newton, solver):
     assert found["torque_error"] < 0.1
 
 
+@pytest.mark.parametrize("solver", ["kamino", "mujoco", "featherstone", "vbd"])
+def test_a_drive_may_run_against_the_coordinate_of_its_joint(newton, solver):
+    """The angle of the ground minus that of a wheel grows by 2 rad/s: the wheel turns by -2 t, more than a turn."""
+    scene = scene_from_dict(
+        {
+            "t_end": 4.0,
+            "bodies": {"wheel": {"mass": 1.0, "inertia": 0.1, "angular_velocity": -2.0}},
+            "joints": {"pin": {"type": "revolute", "bodies": ["wheel", "ground"]}},
+            "drives": {
+                "motor": {
+                    "type": "angle",
+                    "bodies": ["ground", "wheel"],
+                    "law": {"type": "linear", "rate": 2.0},
+                }
+            },
+        }
+    )
+    got = run(newton, scene, solver=solver)
+    assert np.allclose(got["wheel.angle"], -2.0 * got.t, atol=1e-3)
+    assert np.allclose(got["wheel.omega"], -2.0, atol=5e-3)
+
+
 @pytest.mark.parametrize("solver", ["kamino", "mujoco", "xpbd", "semi_implicit", "vbd"])
 def test_loops_are_closed(newton, solver):
     scene = load_scene("four-bar")

@@ -135,6 +135,7 @@ class NewtonStepper(Stepper):
         self._friction_dofs = [
             self._dofs.of_joint[name] for name in scene.frictional_joints if is_capped
         ]
+        self._bound_factors = [self._jitter(1.0) for _ in self._friction_dofs]
         # Places of these joints in the order of Newton's joints.
         self._friction_rows = np.argsort(np.argsort(self._friction_dofs))
         self._has_fixed_bounds = all(
@@ -302,8 +303,8 @@ class NewtonStepper(Stepper):
     def advance(self, caps: Sequence[float]) -> None:
         import warp
 
-        for dof, cap in zip(self._friction_dofs, caps):
-            self._bounds[dof] = cap
+        for dof, cap, factor in zip(self._friction_dofs, caps, self._bound_factors):
+            self._bounds[dof] = cap * factor
         if self._loaded:
             loads, wrenches = self.data.pushed * self._load_factors, self._wrenches[self._turn]
             wrenches[:, 0], wrenches[:, 1], wrenches[:, 5] = loads[0::3], loads[1::3], loads[2::3]

@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import json
 from collections.abc import Iterator, Sequence
+from html import escape
+from itertools import pairwise
 
 import pandas as pd
 
@@ -22,7 +24,15 @@ from stiction.reports.page.nights import HAS_FAILED
 from stiction.reports.page.run_page import row_anchor
 from stiction.reports.run_folder.trace import keys
 from stiction.reports.site.content import SiteContent, SiteRun, question_path, versions_in_words
-from stiction.reports.site.layout import DOCS, anchor, page, relative, run_origin, time_in_words
+from stiction.reports.site.layout import (
+    DOCS,
+    anchor,
+    bullet_list,
+    page,
+    relative,
+    run_origin,
+    time_in_words,
+)
 from stiction.reports.site.night_tables import end_of_run, engine_table, metric_head
 from stiction.reports.text import render_blocks, template
 from stiction.scenes import StictionError
@@ -163,13 +173,16 @@ def _changes_of(content: SiteContent, engine: str, night: str) -> list[Finding]:
 
 
 def _changes(content: SiteContent, engine: str) -> Iterator[str]:
-    """Yield the HTML of the table of all changes of values, the latest night first."""
+    """Yield the HTML of the list of changes of the version, and of the table of changes of values, the latest first."""
+    versions = _version_changes(content, engine)
+    if versions:
+        yield bullet_list(escape(line) for line in versions)
     rows = []
     for night in sorted(content.value_changes, reverse=True):
         for group in _grouped(content, _changes_of(content, engine, night)):
             rows.append([night, *_change_cells(group)])
     if not rows:
-        yield "<p>Nothing has changed beyond noise from one night to the next.</p>"
+        yield "<p>No value has changed beyond noise from one night to the next.</p>"
         return
     heads = ("night", "number", "before", "now", "change", "runs", "run that changed most", "why")
     shown_rows = rows[:MAX_CHANGES]
@@ -178,6 +191,27 @@ def _changes(content: SiteContent, engine: str) -> Iterator[str]:
     )
     right = [False, False, True, True, False, True, False, False]
     yield table(caption, heads, shown_rows, right)
+
+
+def _version_changes(content: SiteContent, engine: str) -> list[str]:
+    """Return a line for each change of the version of an engine, the latest first.
+
+    A night whose runs state no version is passed over.
+    """
+    rows = content.nights.rows
+    stated = rows[(rows["engine"] == engine) & rows["version"].notna()]
+    version_of = {
+        str(night): versions_in_words(part) for night, part in stated.groupby("night", sort=True)
+    }
+    lines = []
+    for before, night in pairwise(version_of):
+        if version_of[before] != version_of[night]:
+            count = len(_changes_of(content, engine, night))
+            lines.append(
+                f"Night of {time_in_words(night)}: version {version_of[before]} -> {version_of[night]}; "
+                f"{count} values changed beyond noise."
+            )
+    return lines[::-1]
 
 
 def _grouped(content: SiteContent, changes: Sequence[Finding]) -> list[list[Finding]]:

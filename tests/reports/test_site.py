@@ -248,7 +248,11 @@ def test_fidelities_are_kept_apart_and_in_the_order_of_the_campaign(pages):
     assert cells == ["joints", "reference", "toy", "contacts", "toy, contact"]
 
 
-def test_an_engine_page_tells_versions_and_what_changed_when(pages):
+def test_an_engine_page_tells_versions_and_what_changed_when(site, pages):
+    text = (site / "engines" / "toy.html").read_text()
+    assert "Night of 2026-03-02 02:17 UTC: version 7.0 -&gt; 7.3; " in text
+    assert text.count("-&gt; 7.3; ") == 1
+    assert " -&gt; " not in (site / "engines" / "reference.html").read_text()
     tables = pages["engines/toy.html"].tables
     [versions] = [rows for rows in tables if "version of the engine" in rows[0][1]]
     assert [cells[:2] for _, cells in versions[1:]] == [

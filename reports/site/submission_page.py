@@ -4,7 +4,9 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 
+from stiction.comparisons.bench.presentation import TableView
 from stiction.reports.page.document import markdown, table
+from stiction.reports.run_folder.trace import keys
 from stiction.reports.site.content import SiteContent, SubmissionContent
 from stiction.reports.site.layout import page
 
@@ -23,8 +25,12 @@ def _sections(submission: SubmissionContent) -> Iterator[tuple[str, list[str]]]:
     rows = list(submission.about.items())
     about = table("As the submission states it.", ("what", "value"), rows, (False, False))
     yield "Who and how", [about]
-    tables = [
-        table(view.caption, view.heads(), view.cells(), view.right()) for view in section.tables
-    ]
+    tables = [_table(view) for view in section.tables]
     notes = markdown("\n".join(f"- {note}" for note in section.notes))
     yield "Scenes", [*tables, notes]
+
+
+def _table(view: TableView) -> str:
+    """Return the HTML of a table of a judgement, with the key of each row."""
+    rows = [[*cells, key] for cells, key in zip(view.cells(), keys(view), strict=True)]
+    return table(view.caption, [*view.heads(), "key"], rows, [*view.right(), False])

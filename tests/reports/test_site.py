@@ -314,7 +314,7 @@ def test_a_submission_has_a_page(nights, tmp_path):
     assert {"submissions/mine.html", "#submissions"} <= set(front.links)
     page = tmp_path / "public" / submission.path
     assert "&lt;nobody&gt;" in page.read_text() and "within bounds" in page.read_text()
-    assert ["belt"] in [cells for rows in Page(page).tables for _, cells in rows]
+    assert ["belt", "scenes:1"] in [cells for rows in Page(page).tables for _, cells in rows]
 
 
 def test_without_a_run_the_front_page_says_so(nights, tmp_path):

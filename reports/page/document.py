@@ -117,6 +117,15 @@ def anchor_of(text: str) -> str:
     return re.sub(r"\W+", "-", text).strip("-")
 
 
+def unique_anchor(text: str) -> str:
+    """Return a text as an identifier or name of a file, different for different texts.
+
+    Characters other than letters, digits, ``_``, ``-`` and ``.`` become ``~`` with their code in hexadecimal
+    digits, and a second ``~``.
+    """
+    return re.sub(r"[^\w.-]", lambda match: f"~{ord(match[0]):x}~", text)
+
+
 def document(title: str, subtitle: str, sections: Iterable[tuple[str, Sequence[str]]]) -> str:
     """Return the HTML of a page.
 

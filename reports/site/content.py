@@ -18,7 +18,7 @@ from stiction.comparisons.regression.history import open_history
 from stiction.comparisons.regression.value_changes import value_changes
 from stiction.comparisons.studies import studies
 from stiction.engines.status import Status
-from stiction.reports.page.document import anchor_of
+from stiction.reports.page.document import unique_anchor
 from stiction.reports.page.nights import Nights, read_nights
 from stiction.reports.report import Report, report_of
 from stiction.reports.run_folder.stored_run import StoredRun
@@ -148,14 +148,10 @@ class SiteContent:
     def engine_pages(self) -> dict[str, str]:
         """By the name of an engine that took part in a night, the path of its page."""
         runs = self.nights.rows[self.nights.rows["variant"] != TRUTH]
-        paths: dict[str, str] = {}
-        for engine in dict.fromkeys(runs["engine"]):
-            # The name of an engine may be a path or an address; two of them may give the same anchor.
-            name = anchor_of(str(engine)) or "engine"
-            while f"engines/{name}.html" in paths.values():
-                name += "-2"
-            paths[str(engine)] = f"engines/{name}.html"
-        return paths
+        return {
+            engine: f"engines/{unique_anchor(engine)}.html"
+            for engine in dict.fromkeys(map(str, runs["engine"]))
+        }
 
 
 def question_path(study: Study) -> str:

@@ -15,7 +15,7 @@ from stiction.comparisons.bench.quantities import quantity_of
 from stiction.comparisons.bench.study import Study
 from stiction.comparisons.regression.check import Finding
 from stiction.comparisons.regression.night_changes import short_commit
-from stiction.engines import Engine, load_engine
+from stiction.engines import Engine, EngineMissing, engine_names, load_engine
 from stiction.engines.joint_effects import JointEffect
 from stiction.engines.protocol import Supplier
 from stiction.engines.status import Status
@@ -35,7 +35,6 @@ from stiction.reports.site.layout import (
 )
 from stiction.reports.site.night_tables import end_of_run, engine_table, metric_head
 from stiction.reports.text import render_blocks, template
-from stiction.scenes import StictionError
 from stiction.scenes.fidelity import Fidelity
 from stiction.scenes.wording import as_given
 
@@ -76,17 +75,28 @@ def _sections(
 def _supplies(content: SiteContent, engine: str, path: str, not_loaded: str) -> list[str]:
     """Return the HTML of what an engine supplies, as its adapter in this installation states it."""
     blocks = []
-    try:
-        loaded = load_engine(engine)
-    except StictionError:
+    loaded = _loaded(engine)
+    if loaded is None:
         blocks.append(not_loaded)
     else:
-        blocks.append(_capabilities(loaded))
-        blocks.append(_effects(loaded))
+        blocks += [_capabilities(loaded), _effects(loaded)]
     if content.docs is not None and (content.docs / "engines" / f"{engine}.html").is_file():
         target = relative(f"{DOCS}/engines/{engine}.html", path)
         blocks.append(link(f"How the mechanism is modelled in {engine}, and why", target))
     return blocks
+
+
+def _loaded(name: str) -> Engine | None:
+    """Return an engine by its name, None if it is not installed or not known by name.
+
+    The code of files and of addresses of modules is not run: a history may come from elsewhere.
+    """
+    if name not in engine_names():
+        return None
+    try:
+        return load_engine(name)
+    except EngineMissing:
+        return None
 
 
 def _capabilities(engine: Engine) -> str:

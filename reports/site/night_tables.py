@@ -14,7 +14,7 @@ from stiction.comparisons.bench.results import scene_of_suite
 from stiction.comparisons.bench.study import NightlyNumbers, Study
 from stiction.comparisons.regression.night_changes import short_commit
 from stiction.engines.status import Status
-from stiction.reports.page.document import Cell, Link, anchor_of, table
+from stiction.reports.page.document import Cell, Link, table, unique_anchor
 from stiction.reports.site.content import SiteContent, night_rows, question_path
 from stiction.reports.site.layout import relative, time_in_words
 from stiction.scenes.fidelity import FIDELITY_LABELS, Fidelity
@@ -59,7 +59,7 @@ def runs_of_question(content: SiteContent, study: Study) -> pd.DataFrame:
 
 def night_anchor(key: str) -> str:
     """Return the identifier of the row of a run in the tables of a night."""
-    return f"night-{anchor_of(key)}"
+    return f"night-{unique_anchor(key)}"
 
 
 def night_tables(content: SiteContent, study: Study, page: str) -> Iterator[tuple[str, str]]:

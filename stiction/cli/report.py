@@ -114,6 +114,13 @@ def site(
             "questions. Repeatable; the newest run is shown, the others are compared with it.",
         ),
     ] = [],
+    submissions: Annotated[
+        Path | None,
+        typer.Option(
+            metavar="DIR",
+            help="Folder with a subfolder for each submission to the friction benchmark, which are judged.",
+        ),
+    ] = None,
     dataset: Annotated[
         Path | None,
         typer.Option(
@@ -127,13 +134,14 @@ def site(
 ) -> None:
     """Write a web site of results, which needs no network and no server.
 
-    It has a front page, a page for each question, a page for each engine, and one for all nights.
+    It has a front page, a page for each question, each engine and each submission, and one for all nights.
     """
     from stiction.reports import check_folder
     from stiction.reports.run_folder.stored_run import read_run
     from stiction.reports.site import write_site
     from stiction.reports.site.layout import INDEX
     from stiction.reports.site.site import check_dataset, check_docs
+    from stiction.reports.site.submissions import judged_submission, submission_folders
 
     if not history.is_file():
         raise typer.BadParameter(
@@ -149,8 +157,12 @@ def site(
         check_docs(docs)
     with errors_of_option("--run"):
         runs = [read_run(folder) for folder in run]
+    judged = []
+    if submissions is not None:
+        with errors_of_option("--submissions"):
+            judged = [judged_submission(folder) for folder in submission_folders(submissions)]
     with errors_of_option("HISTORY"):
-        file = write_site(history, out, runs, dataset=dataset, docs=docs)
+        file = write_site(history, out, runs, judged, dataset=dataset, docs=docs)
     print(file)
 
 

@@ -12,6 +12,7 @@ from conftest import content, invoke
 
 from stiction.comparisons.bench.planned_runs import Metric, Row
 from stiction.comparisons.bench.presentation import Column, TableView
+from stiction.comparisons.judge.benchmark import benchmark_scenes
 from stiction.comparisons.regression import history
 from stiction.comparisons.studies import studies
 from stiction.reports.run_folder.stored_run import read_run
@@ -315,6 +316,35 @@ def test_a_submission_has_a_page(nights, tmp_path):
     page = tmp_path / "public" / submission.path
     assert "&lt;nobody&gt;" in page.read_text() and "within bounds" in page.read_text()
     assert ["belt", "scenes:1"] in [cells for rows in Page(page).tables for _, cells in rows]
+
+
+def test_submissions_are_judged(nights, tmp_path):
+    """A submission that declines all scenes has a verdict, too, and is judged at once."""
+    for name in ("second", "first"):
+        (tmp_path / "submissions" / name).mkdir(parents=True)
+        lines = [
+            'benchmark = "friction-benchmark 1"',
+            'who = "somebody"',
+            f'engine = "{name}"',
+            'version = "1.0"',
+            'fidelity = "joint"',
+            'machine = "a slide rule"',
+            'command = "none"',
+            "[declined]",
+            *(f'{scene.name} = "too hard"' for scene in benchmark_scenes()),
+        ]
+        (tmp_path / "submissions" / name / "submission.toml").write_text("\n".join(lines))
+    (tmp_path / "submissions" / "notes.txt").touch()
+    out = tmp_path / "public"
+    invoke("site", nights, "--submissions", tmp_path / "submissions", "--out", out)
+    links = [link for link in Page(out / "index.html").links if link.startswith("submissions/")]
+    assert links == ["submissions/first.html", "submissions/second.html"]
+    rows = [cells for rows in Page(out / links[0]).tables for _, cells in rows]
+    assert ["machine", "a slide rule"] in rows
+    assert (out / links[0]).read_text().count("too hard") == len(benchmark_scenes())
+    (tmp_path / "empty").mkdir()
+    result = invoke("site", nights, "--submissions", tmp_path / "empty", "--out", out, exit_code=2)
+    assert "found no submission" in " ".join(result.output.split())
 
 
 def test_without_a_run_the_front_page_says_so(nights, tmp_path):

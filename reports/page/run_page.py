@@ -113,14 +113,27 @@ def figure_html(run: StoredRun, name: str, caption: str) -> str:
 
 
 def table_html(view: TableView) -> str:
-    """Return the HTML of a table with all rows and columns; the last cell of a row links to its origin."""
-    view_keys = keys(view)
-    rows: list[list[Cell]] = [
-        [*cells, Link(key, f"#{key_anchor(key)}")]
-        for cells, key in zip(view.cells(), view_keys, strict=True)
-    ]
-    row_ids = [row_anchor(key) for key in view_keys]
-    return table(view.caption, [*view.heads(), "key"], rows, [*view.right(), False], row_ids)
+    """Return the HTML of a table with all rows and columns; the last cell of a row links to its origin.
+
+    The rows of each group are below a heading.
+    """
+    columns = view.shown()
+    # The column of the group, if the table has one, is the first.
+    is_grouped = bool(columns) and columns[0].name == view.group
+    first_column = 1 if is_grouped else 0
+    rows: list[list[Cell]] = []
+    row_ids = []
+    last_group = ""
+    for cells, key in zip(view.cells(), keys(view), strict=True):
+        if is_grouped and cells[0] != last_group:
+            last_group = cells[0]
+            rows.append([last_group])
+            row_ids.append("")
+        rows.append([*cells[first_column:], Link(key, f"#{key_anchor(key)}")])
+        row_ids.append(row_anchor(key))
+    heads = [*view.heads()[first_column:], "key"]
+    right = [*view.right()[first_column:], False]
+    return table(view.caption, heads, rows, right, row_ids)
 
 
 def row_anchor(key: str) -> str:

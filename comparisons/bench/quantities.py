@@ -713,7 +713,9 @@ CLEARANCE = (
         "the speed of impact",
         "of a flight its end, of a run the largest one",
     ),
-    _text("unresolved", "not resolved", "numbers that change by more than 25 % by the last halving"),
+    _text(
+        "unresolved", "not resolved", "numbers that change by more than 25 % by the last halving"
+    ),
     _value("effect_limit", "limit of the change of the effort"),
     _error("limit_clearance", "clearance at the limit", "m"),
     _error("limit_clearance_low", "clearance at the limit, lower end", "m"),
@@ -736,7 +738,9 @@ CLEARANCE = (
             "over the clearance",
         )
     ),
-    _category("release", "release by", "how the force of the end changes its sign with ideal joints"),
+    _category(
+        "release", "release by", "how the force of the end changes its sign with ideal joints"
+    ),
     _count("corner", description="number of the corner that leaves its surface"),
     _count("opposite_corner", "to corner", "number of the corner that hits"),
     _value("effective_mass", "effective mass", "kg"),

@@ -22,7 +22,7 @@ SHOWN_CLEARANCE = 1e-3
 """Largest clearance, m, whose flight fits into the stretch of the effort that is shown."""
 SHOWN_FLIGHTS = (-0.3, 2.0)
 """Begin and end of this stretch, in flights at `SHOWN_CLEARANCE` from the release."""
-SHOWN_SAMPLES = 300
+SHOWN_SAMPLES = 600
 """Number of samples of this stretch. The effort of each is a mean over the time between two of them, so that an impact,
 which is an impulse, has a height that does not depend on the step."""
 LAW_EXPONENT = 1.0 / 3.0

@@ -60,8 +60,17 @@ class Runs(Model):
     clearances: tuple[Positive, ...]
     steps: tuple[Positive, ...]
     restitutions: tuple[NonNegative, ...] = (0.0,)
+    declared: Literal["only", "too"] = "too"
+    needs_drive: bool = False
     starts: Annotated[int, Field(ge=0)] = 0
     t_end: Positive | None = None
+
+    def restitutions_of(self, scene: Scene) -> list[float]:
+        """Return the coefficients of restitution with which a scene is run, in ascending order."""
+        declared = {scene.guides[name].restitution for name in guides_with_gaps(scene)} - {0.0}
+        if declared and self.declared == "only":
+            return sorted(declared)
+        return sorted({*self.restitutions, *declared})
 
 
 class Data(Model):
@@ -160,9 +169,9 @@ def check_scenes(scope: Scope) -> None:
             )
 
 
-def _time_ratio(scene: Scene, t_end: float) -> float:
-    """Return the ratio by which the times of the data are multiplied for a run of a scene until `t_end` (s)."""
-    return min(1.0, t_end / load_data().window, time_factor(scene, t_end))
+def _time_ratio(scene: Scene) -> float:
+    """Return the ratio by which the times of the data are multiplied for a scene, which may be shorter or faster."""
+    return min(1.0, scene.t_end / load_data().window, time_factor(scene))
 
 
 def _takes_part(runs: Runs, variant: Variant, depth: Depth) -> bool:
@@ -178,16 +187,16 @@ def effect_runs(scope: Scope, scene: Scene, variant: Variant) -> list[GapRun]:
     """Return the runs from which the effects of a method on a scene are measured, each once."""
     data = load_data()
     t_end = min(data.window, scene.t_end) if scope.t_end is None else scope.t_end
-    ratio = _time_ratio(scene, t_end)
-    declared = {scene.guides[name].restitution for name in guides_with_gaps(scene)}
+    ratio = _time_ratio(scene)
     has_restitution = takes_restitution(variant)
     runs: dict[str, GapRun] = {}
     for entry in data.effect:
         if not _takes_part(entry, variant, scope.depth):
             continue
-        restitutions = sorted({*entry.restitutions, *declared})
+        if entry.needs_drive and not scene.drives:
+            continue
         for clearance in entry.clearances:
-            for restitution in restitutions:
+            for restitution in entry.restitutions_of(scene):
                 if restitution and not has_restitution:
                     continue
                 steps = [float(f"{ratio * step:.{STEP_DIGITS}g}") for step in entry.steps]
@@ -203,7 +212,7 @@ def flight_runs(scope: Scope, scene: Scene, variant: Variant) -> list[GapRun]:
     """Return the runs from which the flights of a method on a scene are measured, each once."""
     data = load_data()
     end = scene.t_end if scope.t_end is None else scope.t_end
-    ratio = _time_ratio(scene, min(data.window, end))
+    ratio = _time_ratio(scene)
     runs: dict[str, GapRun] = {}
     for entry in data.flight:
         if not _takes_part(entry, variant, scope.depth):
@@ -315,14 +324,12 @@ def _unable_rows(
                 restitution
                 for entry in data.effect
                 if _takes_part(entry, variant, scope.depth)
-                for restitution in entry.restitutions
+                for restitution in entry.restitutions_of(scene)
                 if restitution
             }
             for restitution in sorted(asked):
                 reason = "its contacts have no coefficient of restitution"
-                yield _refusal(
-                    scene, variant, Status.REFUSED, reason, restitution, variant.engine
-                )
+                yield _refusal(scene, variant, Status.REFUSED, reason, restitution, variant.engine)
 
 
 def _refusal(

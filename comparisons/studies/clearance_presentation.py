@@ -54,6 +54,8 @@ SPEED_LAW = 2.0 / 3.0
 """Exponent of impact speeds, and so of the mean change of the effort, over the clearance."""
 POSITION_LAW = 1.0
 """Exponent of the change of the position: slider and surfaces are displaced by the clearance."""
+SHORTEST_BAR = 0.1
+"""Lower end of an interval that contains zero, of the value, on a logarithmic axis."""
 SHOWN_RANGE = 1.0
 """Range of the axis of efforts around a flight, in ranges of the ideal effort there, on both sides of it: impulses of
 impacts exceed it, as their height is inversely proportional to the time between samples."""
@@ -102,7 +104,9 @@ def _answering(limits: pd.DataFrame) -> pd.DataFrame:
     The method is the one with limits on most scenes. If several have as many, it is the one whose intervals are the
     narrowest. The restitution is the smallest.
     """
-    succeeded = limits[limits["status"].eq(Status.OK) & limits[WHY_NONE].ne("the scene has no drive")]
+    succeeded = limits[
+        limits["status"].eq(Status.OK) & limits[WHY_NONE].ne("the scene has no drive")
+    ]
     if succeeded.empty:
         return succeeded
     least = succeeded[succeeded[RESTITUTION] == succeeded[RESTITUTION].min()]
@@ -267,9 +271,7 @@ def _tables(
     )
 
 
-def _figures(
-    results: Results, effects: pd.DataFrame, efforts: pd.DataFrame
-) -> Iterator[Chart]:
+def _figures(results: Results, effects: pd.DataFrame, efforts: pd.DataFrame) -> Iterator[Chart]:
     """Yield the chart of the effort around a flight, and that of effects over the clearance."""
     if not efforts.empty:
         chart = _effort_chart(results, efforts)
@@ -305,9 +307,7 @@ def _effort_chart(results: Results, efforts: pd.DataFrame) -> Chart | None:
         curves.append(Series(label, time, value, look=label))
         # The integral of the difference: each impact is a step of it, whose height does not depend on any step.
         spacing = np.gradient(time) if len(time) > 1 else np.zeros(len(time))
-        impulses.append(
-            Series("", time, np.cumsum((value - exact) * spacing), look=label)
-        )
+        impulses.append(Series("", time, np.cumsum((value - exact) * spacing), look=label))
         if ideal is None or len(time) > len(ideal.x):
             ideal = Series("ideal joint", time, exact, look=TRUTH)
     if ideal is None or len(ideal.x) < 2:
@@ -318,8 +318,16 @@ def _effort_chart(results: Results, efforts: pd.DataFrame) -> Chart | None:
     return Chart(
         "clearance-torque",
         [
-            Panel("", axis, Axis(f"effort of the drive [{unit}]", limits=limits), [*curves, ideal], lines=(0.0,)),
-            Panel("", axis, Axis(f"its impulse less the ideal one [m{unit} s]"), impulses, lines=(0.0,)),
+            Panel(
+                "",
+                axis,
+                Axis(f"effort of the drive [{unit}]", limits=limits),
+                [*curves, ideal],
+                lines=(0.0,),
+            ),
+            Panel(
+                "", axis, Axis(f"impulse beyond the ideal one [m{unit} s]"), impulses, lines=(0.0,)
+            ),
         ],
         columns=2,
         height=2.5,
@@ -350,8 +358,12 @@ def _effect_chart(results: Results, effects: pd.DataFrame) -> Chart:
 
 
 def _effect_series(rows: pd.DataFrame, name: str, exponent: float) -> Iterator[Series]:
-    """Yield the effect of each method and restitution, and a line with the slope of the law through the first."""
+    """Yield the effect of each method and restitution, and a line with the slope of the law.
+
+    The line passes through the mean of the first series in logarithms.
+    """
     law = None
+    least = rows[RESTITUTION].min()
     for (variant, restitution), group in rows.groupby(["variant", RESTITUTION], sort=False):
         known = group[group[name].gt(0.0)].sort_values(CLEARANCE)
         if known.empty:
@@ -359,17 +371,20 @@ def _effect_series(rows: pd.DataFrame, name: str, exponent: float) -> Iterator[S
         x = known[CLEARANCE].to_numpy(float)
         y = known[name].to_numpy(float)
         uncertainty = known[uncertainty_of(name)].to_numpy(float)
+        label = f"{variant}, e = {restitution:g}"
         yield Series(
-            f"{variant}, e = {restitution:g}",
+            label,
             x,
             y,
-            low=np.maximum(y - uncertainty, 0.1 * y),
+            # The lower end of an interval that contains zero lies below any logarithmic axis.
+            low=np.maximum(y - uncertainty, SHORTEST_BAR * y),
             high=y + uncertainty,
-            look=str(variant),
+            look=str(variant) if restitution == least else label,
             points=True,
-            hollow=bool(restitution > 0.0),
         )
         if law is None and len(x) > 1:
-            law = Series("", x, y[-1] * (x / x[-1]) ** exponent, look=LIMIT_LOOK)
+            middle = np.exp(np.mean(np.log(y)))
+            line = middle * (x / np.exp(np.mean(np.log(x)))) ** exponent
+            law = Series("", x, line, look=LIMIT_LOOK)
     if law is not None:
         yield law

@@ -84,6 +84,9 @@ def effects_table(runs: pd.DataFrame) -> pd.DataFrame:
     """
     if runs.empty:
         return pd.DataFrame()
+    # Rows of runs that are not made lack the columns of runs; where there are no others, the table does.
+    lacking = [name for name in (CLEARANCE, "step", "cpu_time") if name not in runs]
+    runs = runs.assign(**dict.fromkeys(lacking, math.nan))
     rows = [
         _effect_row(group)
         for _, group in runs.groupby(
@@ -96,9 +99,11 @@ def effects_table(runs: pd.DataFrame) -> pd.DataFrame:
         ascending=[True, True, True, False],
         kind="stable",
         ignore_index=True,
-        key=lambda column: pd.Categorical(column, column.unique(), ordered=True).codes
-        if column.name in ("scene", "variant")
-        else column,
+        key=lambda column: (
+            pd.Categorical(column, column.unique(), ordered=True).codes
+            if column.name in ("scene", "variant")
+            else column
+        ),
     )
 
 
@@ -244,9 +249,7 @@ def limits_table(effects: pd.DataFrame, limit: float) -> pd.DataFrame:
     Scenes without a drive, and methods without any result, have rows that say so.
     """
     rows = []
-    for (scene, variant, restitution), group in _groups(
-        effects, ["scene", "variant", RESTITUTION]
-    ):
+    for (scene, variant, restitution), group in _groups(effects, ["scene", "variant", RESTITUTION]):
         ordered = group.sort_values(CLEARANCE)
         succeeded = ordered[ordered["status"] == Status.OK]
         row: dict[str, Any] = {
@@ -296,14 +299,22 @@ def _limit_columns(succeeded: pd.DataFrame, limit: float) -> dict[str, Any]:
 
 
 def _exponent_columns(rows: pd.DataFrame, name: str, exponent: str) -> dict[str, float]:
-    """Return an exponent over the clearance and its uncertainty; empty where too few rows have the quantity."""
+    """Return an exponent over the clearance and its uncertainty; empty where too few rows have the quantity.
+
+    The uncertainty is half the interval of the fit, plus the largest change of the fitted slope if each point moves
+    within its own uncertainty.
+    """
     if name not in rows:
         return {}
     known = rows[rows[name].gt(0.0)]
-    fit = fitted_exponent([(known[CLEARANCE].to_numpy(float), known[name].to_numpy(float))])
+    clearances, sizes = known[CLEARANCE].to_numpy(float), known[name].to_numpy(float)
+    fit = fitted_exponent([(clearances, sizes)])
     if fit is None:
         return {}
-    return {exponent: fit.value, uncertainty_of(exponent): fit.uncertainty}
+    x = np.log(clearances) - np.log(clearances).mean()
+    relative = known[uncertainty_of(name)].to_numpy(float) / sizes
+    by_points = float(np.sum(np.abs(x) * relative) / (x @ x))
+    return {exponent: fit.value, uncertainty_of(exponent): fit.uncertainty + by_points}
 
 
 def exponents_table(flights: pd.DataFrame) -> pd.DataFrame:
@@ -332,9 +343,7 @@ def exponents_table(flights: pd.DataFrame) -> pd.DataFrame:
             ("flight_time", TIME_EXPONENT),
             ("impact_speed", SPEED_EXPONENT),
         ):
-            pairs = [
-                (one[CLEARANCE].to_numpy(float), one[name].to_numpy(float)) for one in series
-            ]
+            pairs = [(one[CLEARANCE].to_numpy(float), one[name].to_numpy(float)) for one in series]
             fit = fitted_exponent(pairs) if pairs else None
             if fit is not None:
                 row[exponent], row[uncertainty_of(exponent)] = fit.value, fit.uncertainty

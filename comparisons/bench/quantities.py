@@ -695,6 +695,31 @@ CLEARANCE = (
         "the part of the time without contact",
         "no corner within 2 % of the clearance of its surface",
     ),
+    *(
+        quantity
+        for key, words in (
+            ("one_corner_share", "one corner in contact"),
+            ("adjacent_share", "two adjacent corners in contact"),
+            ("opposite_share", "two opposite corners in contact"),
+        )
+        for quantity in _measured(
+            Kind.ERROR,
+            key,
+            f"part of the time with {words}",
+            "",
+            f"{key}_uncertainty",
+            f"the part of the time with {words}",
+        )
+    ),
+    *_measured(
+        Kind.ERROR,
+        "largest_overlap",
+        "largest overlap",
+        "m",
+        "largest_overlap_uncertainty",
+        "the largest overlap",
+        "depth of a corner in its surface",
+    ),
     *_measured(
         Kind.ERROR,
         "impact_count",

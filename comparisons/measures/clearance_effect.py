@@ -10,10 +10,10 @@ import numpy as np
 
 from stiction.comparisons.bench.variants import Variant, has_static_coefficient
 from stiction.comparisons.measures.corner_gaps import (
+    contact_shares,
     corner_gaps,
     guides_with_gaps,
     impacts_in,
-    share_in_flight,
 )
 from stiction.engines.joint_effects import with_ideal_guides
 from stiction.engines.protocol import EngineFailure
@@ -36,11 +36,16 @@ The fall through a gap of 1 cm lasts 0.045 s under gravity.
 LANDING_SHARE = 0.1
 """Largest part of a run that is left out for the landing: motions that are over in less than 2 s are mostly impacts."""
 PEAK_WINDOW = 1e-3
-"""Time over which the effort is averaged for a peak that does not depend on the step, s: an impact of rigid bodies is an
-impulse, whose effort in a single step is inversely proportional to the step. Motors respond within milliseconds."""
+"""Time over which the effort is averaged for a peak that does not depend on the step, s.
+
+An impact of rigid bodies is an impulse, whose effort in a single step is inversely proportional to the step. Motors
+respond within milliseconds.
+"""
 NUDGE = 1e-6
-"""Change of the velocities at the start of a perturbed run, relative to the fastest body or, of a mechanism at rest, in
-m/s and rad/s. It is far below any effect of a clearance, and grows by sensitivity alone."""
+"""Change of the velocities at the start of a perturbed run, of the largest of them; in m/s and rad/s if all are zero.
+
+It is far below any effect of a clearance, and grows by sensitivity alone.
+"""
 
 
 @dataclass(frozen=True)
@@ -161,11 +166,14 @@ def clearance_effect(run: GapRun) -> dict[str, Any]:
     Returns
     -------
     dict
-        ``slider_change``: largest difference of the displacement of a slider along its guide, m. ``effort_share``: mean
-        size of the difference of the first drive's effort over the mean size of the ideal effort; ``effort_rms``: root
-        mean square of this difference over that of the ideal effort; ``effort_peak``: largest effort over the largest
-        ideal one; ``effort_peak_mean``: the same of the effort averaged over `PEAK_WINDOW`. ``flight_share``: part of the time in which a slider touches no surface. ``impact_count`` and
-        ``impact_speed`` (largest, m/s). ``window_begin``, ``window_end``: the part of the run that they are about, s.
+        ``slider_change``: largest difference of the displacement of a slider along its guide, m.
+        ``effort_share``: mean size of the difference of the first drive's effort over the mean size of the ideal
+        effort. ``effort_rms``: root mean square of this difference over that of the ideal effort. ``effort_peak``:
+        largest effort over the largest ideal one. ``effort_peak_mean``: the same of the effort averaged over
+        `PEAK_WINDOW`. ``flight_share``, ``one_corner_share``, ``adjacent_share``, ``opposite_share``: parts of the
+        time, see `ContactShares`. ``largest_overlap``: largest depth of a corner in its surface, m.
+        ``impact_count``, and ``impact_speed`` (largest, m/s). ``window_begin``, ``window_end``: the part of the run
+        that they are about, s.
         Efforts are absent from a scene without drives.
 
     Raises
@@ -226,17 +234,26 @@ def _effort_columns(effort: np.ndarray, ideal: np.ndarray, length: float) -> dic
 def _contact_columns(
     scene: Scene, trajectory: Trajectory, is_inside: np.ndarray
 ) -> Mapping[str, float]:
-    """Return the time in flight and the impacts of all sliders in the samples inside the window."""
+    """Return parts of the time by contact, overlap and impacts of all sliders in the samples inside the window.
+
+    With several sliders each part is the largest of them.
+    """
     shares = []
+    overlaps = []
     speeds = []
     for name in guides_with_gaps(scene):
         clearance = scene.guides[name].clearance or 0.0
         gaps = corner_gaps(scene, trajectory, name)[:, is_inside]
-        shares.append(share_in_flight(gaps, clearance))
+        shares.append(contact_shares(gaps, clearance))
+        overlaps.append(max(0.0, -float(gaps.min())))
         impacts = impacts_in(trajectory.t[is_inside], gaps, clearance)
         speeds += [impact.speed for impact in impacts]
     return {
-        "flight_share": max(shares),
+        "flight_share": max(share.none for share in shares),
+        "one_corner_share": max(share.one for share in shares),
+        "adjacent_share": max(share.adjacent for share in shares),
+        "opposite_share": max(share.opposite for share in shares),
+        "largest_overlap": max(overlaps),
         "impact_count": len(speeds),
         "impact_speed": max(speeds, default=0.0),
     }

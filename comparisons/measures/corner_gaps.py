@@ -192,6 +192,35 @@ def _impact(
     return CornerImpact(corner, float(t[last]) + time_left, speed)
 
 
-def share_in_flight(gaps: np.ndarray, clearance: float) -> float:
-    """Return the part of the samples in which no corner is at its surface (`ARRIVAL`), 0 to 1."""
-    return float(np.mean(np.all(gaps > ARRIVAL * clearance, axis=0)))
+@dataclass(frozen=True)
+class ContactShares:
+    """Parts of the time, 0 to 1, by the corners that are at their surface.
+
+    Attributes
+    ----------
+    none, one, adjacent, opposite : float
+        No corner; one; two at the same surface; two at both ends and at different surfaces.
+    """
+
+    none: float
+    one: float
+    adjacent: float
+    opposite: float
+
+
+def contact_shares(gaps: np.ndarray, clearance: float) -> ContactShares:
+    """Return the parts of the samples in which corners are at their surface (`ARRIVAL`).
+
+    `gaps` have the shape (4, samples). Both corners of one end touch only if the clearance is within the overlap of the
+    contacts; such samples belong to no part.
+    """
+    rear_lower, front_lower, front_upper, rear_upper = gaps <= ARRIVAL * clearance
+    count = np.sum(gaps <= ARRIVAL * clearance, axis=0)
+    is_adjacent = (rear_lower & front_lower) | (front_upper & rear_upper)
+    is_opposite = (rear_lower & front_upper) | (front_lower & rear_upper)
+    return ContactShares(
+        none=float(np.mean(count == 0)),
+        one=float(np.mean(count == 1)),
+        adjacent=float(np.mean((count == 2) & is_adjacent)),
+        opposite=float(np.mean((count == 2) & is_opposite)),
+    )

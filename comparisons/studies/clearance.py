@@ -26,6 +26,7 @@ from stiction.comparisons.bench.variants import Record, Variant, run_command, ti
 from stiction.comparisons.measures.clearance_effect import GapRun, clearance_effect
 from stiction.comparisons.measures.corner_gaps import guides_with_gaps
 from stiction.comparisons.measures.measured_flights import measured_flights
+from stiction.comparisons.studies.clearance_claims import SLIDER_CRANK, Measured, claims_table
 from stiction.comparisons.studies.clearance_presentation import present
 from stiction.comparisons.studies.clearance_tables import (
     CLEARANCE,
@@ -44,8 +45,6 @@ from stiction.scenes.fidelity import Fidelity
 from stiction.scenes.fields import Model, NonNegative, Positive
 from stiction.scenes.wording import as_given
 
-SLIDER_CRANK = "slider-crank-clearance"
-"""Scene that joins the paper's cases: the published example of a guide with clearance."""
 OTHERS = "others"
 """Word for all engines that the data do not name."""
 STEP_DIGITS = 12
@@ -259,11 +258,13 @@ def plan(scope: Scope) -> Comparison[Tables]:
         rows += list(_unable_rows(methods, scenes, scope))
         runs = pd.DataFrame(rows)
         table = effects_table(runs)
+        limits = limits_table(table, load_data().limit)
         flown, efforts = _flight_tables(flights, outcomes[len(effects) :])
         return Tables(
             {
                 "clearance": table,
-                "clearance-limits": limits_table(table, load_data().limit),
+                "clearance-limits": limits,
+                "clearance-claims": claims_table(Measured(table, limits, runs)),
                 "clearance-flights": flown,
                 "clearance-exponents": exponents_table(flown),
                 "clearance-efforts": efforts,
@@ -394,6 +395,7 @@ STUDY = Study(
     tables={
         "clearance": "Changes of the motion by clearance",
         "clearance-limits": "Clearances below which the driving effort hardly changes",
+        "clearance-claims": "Published statements about clearance",
         "clearance-flights": "Flights of corners, predicted and measured",
         "clearance-exponents": "Exponents of flights over the clearance",
         "clearance-efforts": "Driving effort around the flight of a corner",

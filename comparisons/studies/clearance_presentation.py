@@ -79,6 +79,10 @@ def present(results: Results) -> Presentation:
         "grown": [_cases_row(results, limits, place) for place in _fitted(limits)],
         "exponents": _exponent_rows(exponents),
         "isolated": _isolated_rows(flights),
+        "verdicts": results.table("clearance-claims")
+        .get("verdict", pd.Series())
+        .value_counts(sort=False)
+        .to_dict(),
         "refused": _refused(effects),
         "unresolved": _unresolved(effects),
         "restitution": 0.0,
@@ -224,6 +228,18 @@ def _tables(
     columns += [Column(name) for name in QUANTITIES]
     columns += [Column("cpu_time"), Column("status"), Column("reason")]
     yield view("clearance", done, columns)
+    yield view(
+        "clearance-claims",
+        results.table("clearance-claims"),
+        [
+            Column("claim", "statement"),
+            Column("place", "source"),
+            Column("verdict"),
+            Column("margin", form=".2g"),
+            Column("margin_kind"),
+            Column("why"),
+        ],
+    )
     if TIME_EXPONENT in exponents:
         yield view(
             "clearance-exponents",

@@ -1,7 +1,7 @@
 """Tables of the study `clearance`: effects with their uncertainties, limits, and exponents of flights.
 
-A number of a run is given if the last halving of the step changes it by at most `RESOLVED` of itself. Its uncertainty is
-its range over the last three steps, plus the spread over perturbed starts. Otherwise it is missing, and the column
+A number of a run is given if the last halving of the step changes it by at most `RESOLVED` of itself. Its uncertainty
+is its range over the last three steps, plus the spread over perturbed starts. Otherwise it is missing, and the column
 `UNRESOLVED` names it: the largest effort of a time-stepping method with impacts, for example, doubles as the step is
 halved.
 """
@@ -27,7 +27,7 @@ RESTITUTION = "restitution"
 START = "perturbed_start"
 """Column: number of a perturbed start; 0 for the start of the scene."""
 EFFORT = "effort_share"
-"""Column: mean size of the difference of the drive's effort from that of ideal joints, over the mean size of the latter."""
+"""Column: mean size of the difference of the drive's effort from that of ideal joints, over the mean of the latter."""
 POSITION = "slider_change"
 """Column: largest difference of a slider's displacement from that with ideal joints, m."""
 UNRESOLVED = "unresolved"
@@ -39,6 +39,10 @@ QUANTITIES = (
     "effort_peak",
     "effort_peak_mean",
     "flight_share",
+    "one_corner_share",
+    "adjacent_share",
+    "opposite_share",
+    "largest_overlap",
     "impact_count",
     "impact_speed",
 )

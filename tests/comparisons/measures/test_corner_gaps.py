@@ -5,10 +5,10 @@ import pytest
 
 from stiction.comparisons.measures.corner_gaps import (
     DEPARTURE,
+    contact_shares,
     corner_gaps,
     guides_with_gaps,
     impacts_in,
-    share_in_flight,
 )
 from stiction.scenes import InputError, Trajectory, load_scene, scene_from_dict, vary
 
@@ -130,9 +130,25 @@ def test_a_flight_of_few_samples():
     assert impact.speed == pytest.approx(300 * CLEARANCE)
 
 
-def test_time_without_contact():
-    gaps = CLEARANCE * np.array([[0.0, 0.5, 0.5, 0.5], [1.0, 1.0, 0.01, 1.0]])
-    assert share_in_flight(gaps, CLEARANCE) == 0.5
+def test_parts_of_the_time_by_contact():
+    closed, away = 0.01, 1.0
+    samples = [
+        (away, away, away, away),
+        (closed, away, away, away),
+        (away, away, closed, away),
+        (closed, closed, away, away),
+        (away, away, closed, closed),
+        (closed, away, closed, away),
+        (away, closed, away, closed),
+        (closed, away, away, closed),
+    ]
+    shares = contact_shares(CLEARANCE * np.array(samples).T, CLEARANCE)
+    assert (shares.none, shares.one, shares.adjacent, shares.opposite) == (
+        1 / 8,
+        2 / 8,
+        2 / 8,
+        2 / 8,
+    )
 
 
 def test_guides_without_corners_or_gap_are_refused():

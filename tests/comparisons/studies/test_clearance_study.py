@@ -15,6 +15,7 @@ from stiction.comparisons.bench.results import Results
 from stiction.comparisons.bench.study import Scope, Tables, union
 from stiction.comparisons.measures.corner_flights import Release
 from stiction.comparisons.studies import clearance
+from stiction.comparisons.studies.claims import FAILS, HOLDS, UNDECIDED
 from stiction.comparisons.studies.clearance import (
     SLIDER_CRANK,
     STUDY,
@@ -23,6 +24,14 @@ from stiction.comparisons.studies.clearance import (
     methods_of,
     plan,
     scenes_of,
+)
+from stiction.comparisons.studies.clearance_claims import (
+    CONFIGURATIONS,
+    MARGINS,
+    MEASURES,
+    Measured,
+    claims_table,
+    clearance_claims,
 )
 from stiction.comparisons.studies.clearance_tables import (
     CLEARANCE,
@@ -132,6 +141,7 @@ def results_of(rows, flights=(), efforts=()):
     tables = {
         "clearance": effects,
         "clearance-limits": limits_table(effects, 0.01),
+        "clearance-claims": claims_table(Measured(effects, limits_table(effects, 0.01), runs)),
         "clearance-flights": flown,
         "clearance-exponents": exponents_table(flown),
         "clearance-efforts": pd.DataFrame(efforts),
@@ -272,6 +282,54 @@ def test_a_scene_without_a_drive_has_no_limit_but_effects():
 
 def test_no_results():
     assert STUDY.presented(Results((), {}, {})).is_empty
+
+
+# Published statements
+
+
+def crank_rows(overlap_of, shares, change=0.03):
+    """Rows of the slider-crank at its published clearance and restitution."""
+    rows = run_rows(converging, SLIDER_CRANK, gaps=(1e-3,), restitution=0.4)
+    for row in rows:
+        row[POSITION] = change
+        row["largest_overlap"] = overlap_of(row["step"])
+        row |= dict(zip(CONFIGURATIONS, shares))
+    return rows
+
+
+def verdicts(rows):
+    table = results_of(rows).table("clearance-claims")
+    by_measure = {claim.words: claim.measure for claim in clearance_claims() if claim.measure}
+    return {
+        by_measure[words]: verdict
+        for words, verdict in zip(table["claim"], table["verdict"])
+        if words in by_measure
+    }
+
+
+def test_verdicts_follow_from_the_measurements():
+    cases = three_cases([converging] * 3)
+    found = verdicts([*cases, *crank_rows(lambda step: step, (0.5, 0.2, 0.2, 0.1))])
+    assert found == {
+        "all_configurations": HOLDS,
+        "changes_motion": HOLDS,
+        "is_negligible": HOLDS,
+        "overlap_grows": FAILS,
+    }
+    other = verdicts(crank_rows(lambda step: 1 / step, (0.5, 0.3, 0.2, 0.0), change=0.0))
+    assert other == {
+        "all_configurations": "partly",
+        "changes_motion": FAILS,
+        "is_negligible": UNDECIDED,
+        "overlap_grows": HOLDS,
+    }
+
+
+def test_statements_have_sources_and_either_a_measure_or_a_reason():
+    for claim in clearance_claims():
+        assert claim.source and claim.words
+        assert [bool(claim.measure), bool(claim.why), bool(claim.contradiction)].count(True) == 1
+    assert set(MEASURES) == set(MARGINS) == {claim.measure for claim in clearance_claims()} - {""}
 
 
 # The plan

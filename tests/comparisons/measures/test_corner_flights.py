@@ -240,6 +240,19 @@ def drawn_slider_bar(dice):
     return load_scene("slider-bar-case-1", {key: float(value) for key, value in changes.items()})
 
 
+def test_an_end_that_turns_back_has_no_impact():
+    """A slider-bar of `drawn_slider_bar` whose force jumps, and falls again before the end has crossed the gap."""
+    dice = np.random.default_rng(50)
+    for _ in range(32):
+        scene = drawn_slider_bar(dice)
+    ideal = load_engine("reference").simulate(scene, t_end=8.0)
+    flights = corner_flights(scene, ideal, 1e-5)
+    returning = [flight for flight in flights if math.isnan(flight.flight_time)]
+    assert returning and all(flight.release == Release.JUMP for flight in returning)
+    for flight in returning:
+        assert math.isnan(flight.impact_speed) and math.isfinite(flight.mobilization)
+
+
 @pytest.mark.long
 def test_the_rule_for_designers_in_50_random_slider_bars():
     """Where crowding < 0.1 and mobilization < 1, the first impact is as predicted without a simulation."""

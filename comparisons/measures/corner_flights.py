@@ -83,8 +83,8 @@ class CornerFlight:
         The law assumes that it is small: an impact or another release in the meantime changes the flight.
     mobilization : float
         Of a slider at rest, the friction at the corner about which it turns over its bound: the larger one of the
-        values at the release and, if there is one, at the first impact. The law assumes that it is below 1: otherwise this corner slips,
-        too. It is 0 for a slider that slips.
+        values at the release and, if there is one, at the first impact. The law assumes that it is below 1: otherwise
+        this corner slips, too. It is 0 for a slider that slips.
     """
 
     time: float

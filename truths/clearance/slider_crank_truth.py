@@ -38,7 +38,7 @@ def clearance_slider_crank_truth(scene: Scene, t_end: float | None = None) -> Tr
     end = scene.t_end if t_end is None else t_end
     mechanism, q, v = slider_crank_with_clearance(scene)
     match = FREE_SLIDER_CRANK.match(scene)
-    bodies = tuple(match.bodies[role] for role in ("crank", "rod", "slider"))
+    bodies = (match.bodies["crank"], match.bodies["rod"], match.bodies["slider"])
     guide = match.name("guide")
     point_x = match["guide"].point[0]
     # A mechanism that starts at rest has its own time scale, that of a pendulum of its length.

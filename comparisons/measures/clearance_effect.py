@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
+from functools import lru_cache
 from typing import Any
 
 import numpy as np
@@ -20,7 +21,7 @@ from stiction.engines.protocol import EngineFailure
 from stiction.engines.reference.engine import ReferenceEngine
 from stiction.engines.registry import load_engine
 from stiction.reference_impl.multibody.initial_state import with_consistent_start
-from stiction.scenes import InputError, Scene, Trajectory, vary
+from stiction.scenes import InputError, Scene, Trajectory, scene_to_toml, vary
 from stiction.scenes.fidelity import Fidelity
 from stiction.truths.physics import physics_of
 
@@ -112,14 +113,38 @@ class GapRun:
         return run
 
     def ideal_run(self) -> Trajectory:
-        """Return the run of the reference with ideal joints and the same friction."""
+        """Return the run of the reference with ideal joints and the same friction.
+
+        Raises
+        ------
+        EngineFailure
+            If it ended early.
+        """
         scene = with_ideal_guides(physics_of(self.scene, has_static_coefficient(self.variant)))
-        run = ReferenceEngine().simulate(
-            scene, rtol=IDEAL_RTOL, t_end=self.t_end, output_step=self.t_end / IDEAL_SAMPLES
-        )
-        if run.termination != "end":
-            raise EngineFailure(f"reference with ideal joints: {run.termination}")
-        return run
+        return _ideal_run(_IdealMotion(scene_to_toml(scene), self.t_end, scene))
+
+
+@dataclass(frozen=True)
+class _IdealMotion:
+    """The key of the cache of runs with ideal joints: the contents of a scene as text, and the end of the run, s."""
+
+    text: str
+    t_end: float
+    scene: Scene = field(compare=False)
+
+
+@lru_cache(maxsize=4)
+def _ideal_run(motion: _IdealMotion) -> Trajectory:
+    """Return the run of the reference with ideal joints; a child process makes it once for several gaps and steps."""
+    run = ReferenceEngine().simulate(
+        motion.scene,
+        rtol=IDEAL_RTOL,
+        t_end=motion.t_end,
+        output_step=motion.t_end / IDEAL_SAMPLES,
+    )
+    if run.termination != "end":
+        raise EngineFailure(f"reference with ideal joints: {run.termination}")
+    return run
 
 
 def with_gaps(scene: Scene, clearance: float, restitution: float = 0.0) -> Scene:

@@ -55,6 +55,7 @@ class Runs(Model):
     """Runs at a depth; ``data/clearance.toml`` describes the fields."""
 
     depth: Depth
+    in_campaign: bool = True
     engines: tuple[str, ...] | Literal["others"]
     clearances: tuple[Positive, ...]
     steps: tuple[Positive, ...]
@@ -173,9 +174,11 @@ def _time_ratio(scene: Scene) -> float:
     return min(1.0, scene.t_end / load_data().window, time_factor(scene))
 
 
-def _takes_part(runs: Runs, variant: Variant, depth: Depth) -> bool:
-    """Return whether a method makes some runs at a depth."""
-    if not depth.reaches(runs.depth):
+def _takes_part(runs: Runs, scene: Scene, variant: Variant, scope: Scope) -> bool:
+    """Return whether a method makes some runs of a scene."""
+    if not scope.depth.reaches(runs.depth) or (scope.is_campaign and not runs.in_campaign):
+        return False
+    if runs.needs_drive and not scene.drives:
         return False
     if runs.engines == OTHERS:
         return variant.engine not in load_data().named
@@ -190,9 +193,7 @@ def effect_runs(scope: Scope, scene: Scene, variant: Variant) -> list[GapRun]:
     has_restitution = takes_restitution(variant)
     runs: dict[str, GapRun] = {}
     for entry in data.effect:
-        if not _takes_part(entry, variant, scope.depth):
-            continue
-        if entry.needs_drive and not scene.drives:
+        if not _takes_part(entry, scene, variant, scope):
             continue
         for clearance in entry.clearances:
             for restitution in entry.restitutions_of(scene):
@@ -214,7 +215,7 @@ def flight_runs(scope: Scope, scene: Scene, variant: Variant) -> list[GapRun]:
     ratio = _time_ratio(scene)
     runs: dict[str, GapRun] = {}
     for entry in data.flight:
-        if not _takes_part(entry, variant, scope.depth):
+        if not _takes_part(entry, scene, variant, scope):
             continue
         t_end = min(ratio * (entry.t_end or data.window), end)
         for clearance in entry.clearances:
@@ -313,10 +314,11 @@ def _unable_rows(
     methods: Methods, scenes: Sequence[Scene], scope: Scope
 ) -> Iterator[dict[str, Any]]:
     """Yield a row for each method that cannot take part, and for each restitution that a method does not take."""
+    data = load_data()
     for scene in scenes:
         for engine, (variant, status, reason) in methods.unable.items():
-            yield _refusal(scene, variant, status, reason, 0.0, engine)
-    data = load_data()
+            if any(_takes_part(entry, scene, variant, scope) for entry in data.effect):
+                yield _refusal(scene, variant, status, reason, 0.0, engine)
     for scene in scenes:
         for variant in methods.able:
             if takes_restitution(variant):
@@ -324,7 +326,7 @@ def _unable_rows(
             asked = {
                 restitution
                 for entry in data.effect
-                if _takes_part(entry, variant, scope.depth)
+                if _takes_part(entry, scene, variant, scope)
                 for restitution in entry.restitutions_of(scene)
                 if restitution
             }

@@ -56,7 +56,7 @@ POSITION_LAW = 1.0
 """Exponent of the change of the position: slider and surfaces are displaced by the clearance."""
 SHORTEST_BAR = 0.1
 """Lower end of an interval that contains zero, of the value, on a logarithmic axis."""
-SHOWN_RANGE = 1.0
+SHOWN_RANGE = 3.0
 """Range of the axis of efforts around a flight, in ranges of the ideal effort there, on both sides of it: impulses of
 impacts exceed it, as their height is inversely proportional to the time between samples."""
 
@@ -353,6 +353,7 @@ def _effort_chart(results: Results, efforts: pd.DataFrame) -> Chart | None:
 def _effect_chart(results: Results, effects: pd.DataFrame) -> Chart:
     """Return the chart of the changes of effort and position over the clearance, a panel for each scene."""
     panels = []
+    least = float(effects[RESTITUTION].min())
     for name, exponent, label in (
         (EFFORT, SPEED_LAW, "change of the effort, mean"),
         (POSITION, POSITION_LAW, "change of position [m]"),
@@ -360,7 +361,7 @@ def _effect_chart(results: Results, effects: pd.DataFrame) -> Chart:
         if name not in effects:
             continue
         for scene, rows in effects.groupby("scene", sort=False):
-            series = list(_effect_series(rows, name, exponent))
+            series = list(_effect_series(rows, name, exponent, least))
             if series:
                 panels.append(
                     Panel(
@@ -373,13 +374,15 @@ def _effect_chart(results: Results, effects: pd.DataFrame) -> Chart:
     return Chart("clearance-effect", panels, columns=3, height=2.2)
 
 
-def _effect_series(rows: pd.DataFrame, name: str, exponent: float) -> Iterator[Series]:
-    """Yield the effect of each method and restitution, and a line with the slope of the law.
+def _effect_series(
+    rows: pd.DataFrame, name: str, exponent: float, least: float
+) -> Iterator[Series]:
+    """Yield the effect of each method and restitution in one scene, and a line with the slope of the law.
 
-    The line passes through the mean of the first series in logarithms.
+    The line passes through the mean of the first series in logarithms. Series with the `least` restitution of all
+    scenes have the look of their method.
     """
     law = None
-    least = rows[RESTITUTION].min()
     for (variant, restitution), group in rows.groupby(["variant", RESTITUTION], sort=False):
         known = group[group[name].gt(0.0)].sort_values(CLEARANCE)
         if known.empty:

@@ -306,11 +306,11 @@ def _exponent_columns(rows: pd.DataFrame, name: str, exponent: str) -> dict[str,
     """Return an exponent over the clearance and its uncertainty; empty where too few rows have the quantity.
 
     The uncertainty is half the interval of the fit, plus the largest change of the fitted slope if each point moves
-    within its own uncertainty.
+    within its own uncertainty. Points whose interval contains zero are left out: they fit any power.
     """
     if name not in rows:
         return {}
-    known = rows[rows[name].gt(0.0)]
+    known = rows[rows[name].gt(rows[uncertainty_of(name)])]
     clearances, sizes = known[CLEARANCE].to_numpy(float), known[name].to_numpy(float)
     fit = fitted_exponent([(clearances, sizes)])
     if fit is None:

@@ -1,5 +1,6 @@
 """The study of clearance: limits by power laws, numbers that steps do not resolve, refusals, and its text."""
 
+import dataclasses
 import math
 
 import numpy as np
@@ -20,6 +21,7 @@ from stiction.comparisons.studies.clearance import (
     SLIDER_CRANK,
     STUDY,
     effect_runs,
+    flight_runs,
     load_data,
     methods_of,
     plan,
@@ -350,6 +352,22 @@ def test_the_plan_of_the_papers_cases():
     for entry in load_data().effect:
         assert len(entry.steps) >= 3
         np.testing.assert_allclose(np.array(entry.steps[:-1]) / entry.steps[1:], 2)
+
+
+def test_campaigns_leave_other_engines_to_their_full_depth(monkeypatch):
+    monkeypatch.setattr(clearance, "takes_restitution", lambda variant: True)
+    scene = load_scene(CASES[0])
+    moreau = methods_of(Scope((), engines=("moreau",))).able[0]
+    other = dataclasses.replace(moreau, engine="other")
+    counts = {}
+    for depth in Depth:
+        for is_campaign in (True, False):
+            scope = Scope((scene,), depth, is_campaign=is_campaign)
+            runs = [*effect_runs(scope, scene, other), *flight_runs(scope, scene, other)]
+            counts[depth, is_campaign] = len(runs)
+    assert counts[Depth.QUICK, True] == counts[Depth.DEFAULT, True] == 0
+    assert 0 < counts[Depth.QUICK, False] < counts[Depth.FULL, False]
+    assert counts[Depth.FULL, True]
 
 
 def test_methods_without_contacts_or_restitution_are_refused_in_words(monkeypatch):

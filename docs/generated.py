@@ -94,6 +94,11 @@ def _keys(model: type[BaseModel]) -> str:
         (f"`{key}`", _default(field), field.description or "")
         for key, field in model.model_fields.items()
     ]
+    # the key that names the class has a default in Python only
+    first_key = next(iter(model.model_fields))
+    if first_key in ("type", "method"):
+        _, _, description = rows[0]
+        rows[0] = (f"`{first_key}`", "required", description)
     return _table(("key", "default", "description"), rows)
 
 

@@ -1,12 +1,16 @@
-"""Hook of MkDocs that creates a folder in which mkdocstrings finds the packages of stiction.
+"""Hooks of MkDocs: a folder in which mkdocstrings finds the packages of stiction, and links of notebooks.
 
 The folders of the packages (``scenes``, ``engines``, ..) are at the root of the checkout, but are imported as
 ``stiction.scenes``, ``stiction.engines``, .. Since mkdocstrings reads the sources without importing them, it
-needs a folder ``stiction`` that contains all of them. The hook creates a temporary one.
+needs a folder ``stiction`` that contains all of them. The first hook creates a temporary one.
+
+MkDocs converts the links between Markdown pages. The second hook converts those of notebooks, which lead to
+Markdown pages too, so that they can be followed where a notebook is read from the repository.
 """
 
 from __future__ import annotations
 
+import re
 import shutil
 import tomllib
 from pathlib import Path
@@ -14,6 +18,7 @@ from tempfile import TemporaryDirectory
 
 from mkdocs.config.defaults import MkDocsConfig
 from mkdocs.plugins import event_priority
+from mkdocs.structure.pages import Page
 
 ROOT = Path(__file__).resolve().parent.parent
 _folders: list[TemporaryDirectory[str]] = []
@@ -40,3 +45,10 @@ def on_config(config: MkDocsConfig) -> MkDocsConfig:
     python = config.plugins["mkdocstrings"].config.handlers["python"]
     python["paths"] = [str(package.parent)]
     return config
+
+
+def on_page_content(html: str, page: Page, **_: object) -> str:
+    """Return the text of a page, with the links of a notebook to the pages of the site."""
+    if not page.file.src_uri.endswith(".ipynb"):
+        return html
+    return re.sub(r'(href="(?!\w+:)[^"#]+)\.md(["#])', r"\1.html\2", html)

@@ -45,8 +45,23 @@ def load_scene(
         If the scene cannot be used, or cannot be assembled. The message lists all problems.
     """
     scene = scenes.load_scene(name_or_path, overrides)
-    if not assemble:
-        return scene
+    return assembled(scene) if assemble else scene
+
+
+def assembled(scene: Scene) -> Scene:
+    """Return a scene whose initial state satisfies the constraints: loops are closed.
+
+    Parameters
+    ----------
+    scene
+        A scene whose initial positions are near those of a closed mechanism. They are projected onto the constraints in
+        the metric of the mass matrix, and the velocities are adapted to joints and drives.
+
+    Raises
+    ------
+    SceneError
+        If the mechanism cannot be assembled from this state.
+    """
     # The kernels take long to import, and most callers do not need them.
     from stiction.reference_impl.multibody.initial_state import with_consistent_start
 

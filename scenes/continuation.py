@@ -3,12 +3,11 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from copy import deepcopy
 from pathlib import Path
 
 from stiction.scenes.base_errors import InputError
 from stiction.scenes.laws import shifted_law
-from stiction.scenes.loading import scene_from_dict, tables_of
+from stiction.scenes.loading import scene_from_dict
 from stiction.scenes.model import Scene
 from stiction.scenes.trajectory import Trajectory
 from stiction.scenes.wording import names
@@ -45,7 +44,7 @@ def continued(scene: Scene, run: Trajectory | str | Path) -> Scene:
             f"{origin}: found no columns {names(missing)}; expected the positions and velocities of all "
             f"bodies of {scene.name}"
         )
-    tables = deepcopy(tables_of(scene))
+    tables = scene.to_dict()
     for body, table in tables["bodies"].items():
         table["position"] = [state[f"{body}.x"], state[f"{body}.y"]]
         table["angle"] = state[f"{body}.angle"]

@@ -9,7 +9,7 @@ import pickle
 from collections.abc import Mapping
 from typing import Any
 
-from stiction.scenes.loading import scene_to_toml
+from stiction.scenes.fields import Part
 from stiction.scenes.model import Scene
 
 SHORT = 16
@@ -38,16 +38,34 @@ def scene_digest(scene: Scene) -> str:
     Title and source are ignored. Names of elements are included, because columns and events contain them. Numbers are
     rounded to `SIGNIFICANT` digits.
     """
-    content = scene.model_dump(
-        mode="json", exclude={"title", "source", "parameters"}, exclude_defaults=True
-    )
+    content = _declared(scene)
+    for key in ("title", "source", "parameters"):
+        content.pop(key, None)
     return digest(_rounded(content))[:SHORT]
+
+
+def _declared(value: Any) -> Any:
+    """Return a part of a scene in the types of JSON, without the keys that have their default.
+
+    The type of an element is included: with other types, the same keys describe something else.
+    """
+    if isinstance(value, Part):
+        return {
+            key: _declared(getattr(value, key))
+            for key, field in type(value).model_fields.items()
+            if key == "type" or getattr(value, key) != field.default
+        }
+    if isinstance(value, dict):
+        return {key: _declared(item) for key, item in value.items()}
+    if isinstance(value, tuple):
+        return [_declared(item) for item in value]
+    return value
 
 
 def _to_json_types(value: Any) -> Any:
     """Return content in the types of JSON; scenes, dataclasses and pickles become lists that begin with their kind."""
     if isinstance(value, Scene):
-        return ["scene", value.name, scene_to_toml(value)]
+        return ["scene", value.name, value.to_toml()]
     if isinstance(value, Mapping):
         return {str(key): _to_json_types(item) for key, item in value.items()}
     if isinstance(value, (list, tuple)):

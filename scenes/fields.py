@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterable, Iterator
-from typing import Annotated, Any
+from typing import TYPE_CHECKING, Annotated, Any
 
 from pydantic import (
     AfterValidator,
@@ -12,6 +12,7 @@ from pydantic import (
     BeforeValidator,
     ConfigDict,
     Field,
+    ValidationError,
     ValidationInfo,
     WithJsonSchema,
     model_validator,
@@ -71,6 +72,47 @@ class Model(BaseModel):
         if problems:
             raise PydanticCustomError("inconsistent", "inconsistent", {"found": problems})
         return self
+
+
+class Part(Model):
+    """Base class of the tables of a scene that can also be created in Python.
+
+    ``Body(mass=2, inertia=0.1)`` accepts the keys of the table as keyword arguments, with the checks of a file. A
+    number may be an arithmetic expression, but without the parameters of a scene. The first key of some tables,
+    ``type`` or ``method``, names their class: it is required in a file, and can be omitted in Python.
+
+    Raises
+    ------
+    SceneError
+        If a value cannot be used. The message lists all problems.
+    """
+
+    if not TYPE_CHECKING:  # type checkers know the keys and types of the arguments from the fields
+
+        def __init__(self, **values: Any) -> None:
+            try:
+                super().__init__(**values)
+            except ValidationError as error:
+                # `errors` describes the classes of a scene, which are derived from this one
+                from stiction.scenes.errors import SceneError, problems_of
+
+                kind = type(self)
+                raise SceneError(kind.__name__, problems_of(error, kind)) from None
+
+        # pydantic would call any other constructor for the tables within a table as well. It would then
+        # report the first invalid one of them only, without its place in the file.
+        __init__.__pydantic_base_init__ = True
+
+    def declared(self) -> dict[str, Any]:
+        """Return the values that were given, by key, and with them the key that names the class.
+
+        Tables within the table remain objects.
+        """
+        return {
+            key: getattr(self, key)
+            for key in type(self).model_fields
+            if key in self.model_fields_set or key in ("type", "method")
+        }
 
 
 def _evaluate_number(value: Any, info: ValidationInfo) -> float:

@@ -11,25 +11,25 @@ from typing import Annotated, Any, Literal, overload
 import numpy as np
 from pydantic import Field
 
-from stiction.scenes.fields import Model, Number, Positive
+from stiction.scenes.fields import Number, Part, Positive
 
 MOST_COEFFICIENTS = 20
 """Largest number of coefficients of a polynomial: a higher degree is rounding, in powers of u."""
 
 
-class Constant(Model):
+class Constant(Part):
     """The constant `value`."""
 
-    type: Literal["constant"]
+    type: Literal["constant"] = "constant"
     """A constant"""
     value: Number
     """The value, in the unit of the quantity that follows the law"""
 
 
-class Linear(Model):
+class Linear(Part):
     """The linear function `offset + rate t`."""
 
-    type: Literal["linear"]
+    type: Literal["linear"] = "linear"
     """A linear function"""
     offset: Number = 0.0
     """Value at t = 0"""
@@ -37,10 +37,10 @@ class Linear(Model):
     """Rate, per second"""
 
 
-class Sine(Model):
+class Sine(Part):
     """The harmonic function `offset + amplitude sin(frequency t + phase)`."""
 
-    type: Literal["sine"]
+    type: Literal["sine"] = "sine"
     """A harmonic function"""
     offset: Number = 0.0
     """Mean value"""
@@ -52,7 +52,7 @@ class Sine(Model):
     """Phase at t = 0; rad"""
 
 
-class Table(Model):
+class Table(Part):
     """Values at given times, interpolated linearly or by a cubic spline.
 
     A time that occurs twice in a linear table is a step: the value jumps there from the first to the second. Outside of
@@ -61,7 +61,7 @@ class Table(Model):
     table starts from rest and ends at rest.
     """
 
-    type: Literal["table"]
+    type: Literal["table"] = "table"
     """A table"""
     times: tuple[Number, ...] = Field(min_length=2)
     """At least two times, increasing; in a linear table, a step has the same time twice; s"""
@@ -98,14 +98,14 @@ class Table(Model):
         return tuple(time for time, later in zip(self.times, self.times[1:]) if later == time)
 
 
-class Trapezoid(Model):
+class Trapezoid(Part):
     """A move by `distance` with a trapezoidal rate: rest, acceleration, constant rate, deceleration, rest.
 
     Acceleration and deceleration take `ramp` each and are constant; the value is `offset` before the move and
     `offset + distance` after it.
     """
 
-    type: Literal["trapezoid"]
+    type: Literal["trapezoid"] = "trapezoid"
     """A move with a trapezoidal rate"""
     offset: Number = 0.0
     """Value before the move"""
@@ -124,13 +124,13 @@ class Trapezoid(Model):
             yield "ramp", self.ramp, f"expected at most half of duration = {self.duration:g}"
 
 
-class Cycloid(Model):
+class Cycloid(Part):
     """A move by `distance` along a cycloid: `offset + distance (u - sin(2 pi u)/(2 pi))`, u = (t - start)/duration.
 
     The value is `offset` before the move and `offset + distance` after it. Rate and second derivative are continuous.
     """
 
-    type: Literal["cycloid"]
+    type: Literal["cycloid"] = "cycloid"
     """A move along a cycloid"""
     offset: Number = 0.0
     """Value before the move"""
@@ -142,7 +142,7 @@ class Cycloid(Model):
     """Duration of the move; s, > 0"""
 
 
-class Polynomial(Model):
+class Polynomial(Part):
     """A polynomial `offset + distance (c0 + c1 u + c2 u^2 + ..)` of u = (t - start)/duration, from u = 0 to 1.
 
     The default coefficients are those of the 3-4-5 polynomial, a move by `distance` from rest to rest whose second
@@ -150,7 +150,7 @@ class Polynomial(Model):
     of the polynomial is zero.
     """
 
-    type: Literal["polynomial"]
+    type: Literal["polynomial"] = "polynomial"
     """A polynomial"""
     offset: Number = 0.0
     """Value to which the polynomial is added"""
@@ -166,10 +166,10 @@ class Polynomial(Model):
     """Coefficients of the powers of u, that of u^0 first"""
 
 
-class Sum(Model):
+class Sum(Part):
     """The sum of laws, such as a cycloid that rises, a dwell, and a cycloid that returns."""
 
-    type: Literal["sum"]
+    type: Literal["sum"] = "sum"
     """A sum"""
     terms: tuple[Term, ...] = Field(min_length=1)
     """Laws of any type but `"sum"`"""

@@ -5,37 +5,24 @@ All problems of a scene are reported in one error, so that a file with several o
 
 from __future__ import annotations
 
-import keyword
 import re
 import tomllib
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterable, Mapping
 from functools import cache
 from importlib import resources
-from itertools import chain
 from pathlib import Path
 from typing import Any
 
-import tomli_w
-from pydantic import ValidationError
-
-from stiction.scenes.base_errors import InputError
-from stiction.scenes.errors import ELEMENTS, Problem, SceneError, problems_of
-from stiction.scenes.expressions import CONSTANTS, FUNCTIONS, evaluate
-from stiction.scenes.fields import GROUND
+from stiction.scenes.checking import MAX_DEPTH, TOO_DEEP, checked, plain_tables, to_toml_types
+from stiction.scenes.errors import Problem, SceneError
 from stiction.scenes.model import Scene
 from stiction.scenes.overrides import flattened, override
 from stiction.scenes.wording import did_you_mean, names, shortened, shown
 
 MAX_FILE_SIZE = 4 * 2**20
 """Largest size of a scene file, bytes; 10 000 bodies with a joint each take 2 MB."""
-MAX_DEPTH = 10
-"""Largest number of nested tables and lists; a scene needs 5."""
 _MAX_SYNTAX_ERROR = 160
 """Characters of the TOML parser's message that are shown: more than its usual messages have."""
-_EXPECTED_NAME = (
-    "expected a letter of a-z or A-Z, then such letters, digits or _, "
-    "and no word of arithmetic or of Python"
-)
 _DERIVED_KEYS = ("base", "title", "source", "set", "unset")
 """Keys of a file that describes a scene by its differences from a base."""
 # Texts of all four kinds, and comments, closed or not. Possessive quantifiers keep the search
@@ -149,25 +136,13 @@ def scene_from_dict(
     SceneError
         If the scene cannot be used. The message lists all problems.
     """
-    plain: dict[str, Any] = _to_toml_types(raw, origin)
+    plain = plain_tables(raw, origin)
     _apply_overrides(plain, overrides or {}, origin)
-    # Parameters are evaluated first, since all other numbers may use them.
-    tables = plain
-    parameters: dict[str, float] = {}
-    parameter_problems: list[Problem] = []
-    if isinstance(plain.get("parameters"), dict):
-        parameters, parameter_problems = _evaluate_parameters(plain["parameters"])
-        tables = plain | {"parameters": parameters}
-    # Problems of all three kinds are reported together. They are generated lazily, and SceneError
-    # takes only the first of them: a hostile file may have a million.
-    invalid_values: Iterator[Problem] = iter(())
-    try:
-        scene = Scene.model_validate(tables, context=parameters)
-    except ValidationError as error:
-        invalid_values = problems_of(error, Scene)
-    problems = chain(parameter_problems, invalid_values, _reference_problems(plain))
-    for first in problems:
-        raise SceneError(origin, chain([first], problems))
+
+    def validate(tables: dict[str, Any], parameters: dict[str, float]) -> Scene:
+        return Scene.model_validate(tables, context=parameters)
+
+    scene = checked(plain, origin, validate)
     scene._raw = plain
     scene._origin = origin
     scene._name = name or origin
@@ -189,31 +164,7 @@ def vary(scene: Scene, overrides: Mapping[str, Any]) -> Scene:
     SceneError
         If there is no such key, or if the new scene cannot be used.
     """
-    return scene_from_dict(tables_of(scene), scene._origin, overrides, scene._name)
-
-
-def tables_of(scene: Scene) -> dict[str, Any]:
-    """Return the tables from which `scene_from_dict` makes the same scene.
-
-    They are the tables of its file, with arithmetic expressions, or the values of a scene that was made in Python.
-    """
-    return scene._raw or scene.model_dump(mode="json", exclude_none=True)
-
-
-def scene_to_toml(scene: Scene) -> str:
-    """Return the scene as the text of a TOML file, with its parameters and arithmetic expressions.
-
-    Parameters
-    ----------
-    scene
-        A scene.
-
-    Returns
-    -------
-    str
-        TOML. Loading it gives an equal scene.
-    """
-    return tomli_w.dumps(tables_of(scene))
+    return scene_from_dict(scene._raw, scene._origin, overrides, scene._name)
 
 
 def _read(name_or_path: str, folder: Path, derived: tuple[Path, ...]) -> dict[str, Any]:
@@ -286,7 +237,7 @@ def read_toml(path: Path, origin: str) -> dict[str, Any]:
         # parts: hours for 100 000 of them. Such keys are refused before.
         if _DEEP_KEY.search(_QUOTED.sub("s", text)):
             raise RecursionError
-        return _to_toml_types(tomllib.loads(text), origin)
+        return to_toml_types(tomllib.loads(text), origin)
     except SceneError:
         raise
     except OSError as error:
@@ -294,7 +245,7 @@ def read_toml(path: Path, origin: str) -> dict[str, Any]:
     except UnicodeDecodeError as error:
         found, expected = f"byte {error.start} that is not UTF-8", "expected TOML in UTF-8"
     except RecursionError:
-        found, expected = _TOO_DEEP
+        found, expected = TOO_DEEP
     except tomllib.TOMLDecodeError as error:
         found, expected = shortened(str(error), _MAX_SYNTAX_ERROR), "expected TOML (toml.io)"
         # Outside of texts and comments there are only keys and values.
@@ -336,114 +287,9 @@ def _apply_overrides(raw: dict[str, Any], overrides: Mapping[str, Any], origin: 
     """Replace or remove values in the tables of a scene, in place; keys as in `load_scene`."""
     problems = []
     for key, value in overrides.items():
-        plain = None if value is None else _to_toml_types(value, origin)
+        plain = None if value is None else to_toml_types(value, origin)
         problem = override(raw, str(key), plain)
         if problem is not None:
             problems.append(problem)
     if problems:
         raise SceneError(origin, problems)
-
-
-_TOO_DEEP = "lists or tables nested too deep", f"expected at most {MAX_DEPTH} levels"
-
-
-def _to_toml_types(value: Any, origin: str, depth: int = 0) -> Any:
-    """Return a copy in the types of TOML; numbers and sequences of other libraries become Python's own.
-
-    `depth` is the number of tables and lists around the value.
-    """
-    if depth > MAX_DEPTH:
-        raise SceneError(origin, [Problem("file", *_TOO_DEEP)])
-    if type(value) in (str, float, int, bool):
-        return value
-    if isinstance(value, Mapping):
-        return {
-            str(key): _to_toml_types(item, origin, depth + 1)
-            for key, item in value.items()
-            if item is not None
-        }
-    if hasattr(value, "tolist"):  # arrays and scalars of NumPy
-        return _to_toml_types(value.tolist(), origin, depth + 1)
-    if isinstance(value, Sequence) and not isinstance(value, (str, bytes)):
-        return [_to_toml_types(item, origin, depth + 1) for item in value]
-    return value
-
-
-def _evaluate_parameters(table: Mapping[str, Any]) -> tuple[dict[str, float], list[Problem]]:
-    """Evaluate parameters in order of appearance; each may use those before it.
-
-    Returns
-    -------
-    values : dict
-        By name. An invalid parameter has the value 1, so that expressions with it can be checked as well.
-    problems : list of Problem
-        Invalid names and values.
-    """
-    values: dict[str, float] = {}
-    problems = []
-    for key, value in table.items():
-        reserved = keyword.iskeyword(key) or key in CONSTANTS or key in FUNCTIONS
-        if reserved or not re.fullmatch("[A-Za-z][A-Za-z0-9_]{0,59}", key):
-            problems.append(Problem("parameters", f"the name {shown(key)}", _EXPECTED_NAME))
-            continue
-        try:
-            values[key] = evaluate(value, values)
-        except InputError as error:
-            above = " (a parameter may use those above it)" if "unknown name" in str(error) else ""
-            problems.append(Problem(f"parameters.{key}", shown(value), f"{error}{above}"))
-            values[key] = 1.0
-    return values, problems
-
-
-def _reference_problems(raw: Mapping[str, Any]) -> Iterator[Problem]:
-    """Yield names that are used twice, and invalid references to bodies.
-
-    The tables are those of the file. They need not be valid otherwise, so that all problems can be reported together.
-    """
-    sections: dict[str, dict[str, Any]] = {}
-    for section in ELEMENTS:
-        table = raw.get(section)
-        if isinstance(table, dict):
-            sections[section] = table
-    bodies = sections.get("bodies", {})
-    keys_by_name: dict[str, str] = {}
-    for section, table in sections.items():
-        for name, element in table.items():
-            key = f"{section}.{shortened(name)}"
-            if name == GROUND:
-                yield Problem(
-                    key, f"'{GROUND}'", "expected another name; this one means the fixed body"
-                )
-            if name in keys_by_name:
-                yield Problem(
-                    key,
-                    f"the name of {keys_by_name[name]}",
-                    "expected a name of its own for every element",
-                )
-            keys_by_name.setdefault(name, key)
-            if isinstance(element, dict):
-                yield from _body_problems(key, element, bodies)
-
-
-def _body_problems(
-    key: str, element: Mapping[str, Any], bodies: Mapping[str, Any]
-) -> Iterator[Problem]:
-    """Yield references of an element to bodies that do not exist, must not be the ground, or are equal."""
-    pair = element.get("bodies")
-    if not isinstance(pair, list):
-        pair = []
-    references = {field: element.get(field) for field in ("slider", "guide", "body")}
-    references |= {f"bodies.{i}": body for i, body in enumerate(pair)}
-    for field, body in references.items():
-        if body == GROUND and field in ("slider", "body"):
-            yield Problem(f"{key}.{field}", f"'{GROUND}'", "expected a body that can move")
-        elif isinstance(body, str) and body not in bodies and body != GROUND:
-            body_names = names([*bodies, GROUND])
-            hint = did_you_mean(body, bodies)
-            yield Problem(
-                f"{key}.{field}", shown(body), f"expected a body of the scene: {body_names}{hint}"
-            )
-    if element.get("type") == "translational":
-        pair = [element.get("slider"), element.get("guide", GROUND)]
-    if len(pair) == 2 and pair[0] == pair[1] and isinstance(pair[0], str):
-        yield Problem(key, f"{shown(pair[0])} twice", "expected two different bodies")

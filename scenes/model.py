@@ -7,6 +7,7 @@ and directions that belong to a body are given in the axes of this body, from it
 
 from __future__ import annotations
 
+import copy
 from collections.abc import Iterator
 from typing import TYPE_CHECKING, Annotated, Any, Literal
 
@@ -16,10 +17,10 @@ from stiction.scenes.fields import (
     GROUND,
     Direction,
     Inertial,
-    Model,
     Name,
     NonNegative,
     Number,
+    Part,
     Positive,
     Restitution,
     Shape,
@@ -32,7 +33,7 @@ if TYPE_CHECKING:
     from stiction.scenes.pictures.picture import Picture
 
 
-class Body(Model):
+class Body(Part):
     """A rigid body and its state at t = 0."""
 
     mass: Inertial
@@ -49,7 +50,7 @@ class Body(Model):
     """Angular velocity; rad/s"""
 
 
-class Revolute(Model):
+class Revolute(Part):
     """A pin: `points[0]` of `bodies[0]` coincides with `points[1]` of `bodies[1]`.
 
     The reported force `fx`, `fy` (in ground axes) is the force on `bodies[0]`. `friction` declares dry friction whose
@@ -64,7 +65,7 @@ class Revolute(Model):
     likewise.
     """
 
-    type: Literal["revolute"]
+    type: Literal["revolute"] = "revolute"
     """A pin"""
     bodies: tuple[Name, Name]
     """Names of two bodies; one of them may be `"ground"`"""
@@ -120,7 +121,7 @@ class Revolute(Model):
         """The damping of the pin as a damper between its bodies; None without any."""
         if not self.damping:
             return None
-        return TorsionalSpring(type="torsional", bodies=self.bodies, damping=self.damping)
+        return TorsionalSpring(bodies=self.bodies, damping=self.damping)
 
     @property
     def depends_on_speed(self) -> bool:
@@ -141,7 +142,7 @@ class Revolute(Model):
         yield from _inconsistent_curve(self)
 
 
-class Translational(Model):
+class Translational(Part):
     """A slider on a guide.
 
     The point `slider_point` of the slider stays on the line through `point` along `direction` (both in the axes of the
@@ -169,7 +170,7 @@ class Translational(Model):
     of a run.
     """
 
-    type: Literal["translational"]
+    type: Literal["translational"] = "translational"
     """A slider on a guide"""
     slider: Name
     """The sliding body; not the ground"""
@@ -240,7 +241,6 @@ class Translational(Model):
         if not self.damping:
             return None
         return LinearSpring(
-            type="linear",
             bodies=self.bodies,
             points=(self.slider_point, self.point),
             axis=self.direction,
@@ -343,7 +343,7 @@ def _inconsistent_curve(joint: Revolute | Translational) -> Iterator[tuple[str, 
 Joint = Annotated[Revolute | Translational, Field(discriminator="type")]
 
 
-class Drive(Model):
+class Drive(Part):
     """A motor: a coordinate between two bodies follows a law of time.
 
     Without an `effort_limit` the coordinate is that of the law, whatever torque or force this requires. With one, the
@@ -415,7 +415,7 @@ class Drive(Model):
                 )
 
 
-class LinearSpring(Model):
+class LinearSpring(Part):
     """A spring and damper between two points, with the tension `stiffness (d - rest_length) + damping d'`.
 
     `d` is the distance of the points or, with an `axis`, the signed coordinate of `points[0]` relative to `points[1]`
@@ -426,7 +426,7 @@ class LinearSpring(Model):
     tension below zero. Damping included: a stop never pulls, a cable never pushes.
     """
 
-    type: Literal["linear"]
+    type: Literal["linear"] = "linear"
     """A spring and damper between two points"""
     bodies: tuple[Name, Name]
     """Names of two bodies; one of them may be `"ground"`"""
@@ -469,7 +469,7 @@ class LinearSpring(Model):
             )
 
 
-class TorsionalSpring(Model):
+class TorsionalSpring(Part):
     """A torsional spring and damper between two bodies.
 
     The torque on `bodies[0]` is `-(stiffness (angle - rest_angle) + damping angle')`, with the opposite torque on
@@ -478,7 +478,7 @@ class TorsionalSpring(Model):
     rest_angle`, and only in the direction of smaller ones.
     """
 
-    type: Literal["torsional"]
+    type: Literal["torsional"] = "torsional"
     """A torsional spring and damper"""
     bodies: tuple[Name, Name]
     """Names of two bodies; one of them may be `"ground"`"""
@@ -510,10 +510,10 @@ def _side(acts: str | None) -> int:
 Spring = Annotated[LinearSpring | TorsionalSpring, Field(discriminator="type")]
 
 
-class Force(Model):
+class Force(Part):
     """The force `law(t) * direction/|direction|` at `point` of `body`."""
 
-    type: Literal["force"]
+    type: Literal["force"] = "force"
     """A force with constant direction in ground axes"""
     body: Name
     """The body on which it acts; not the ground"""
@@ -525,10 +525,10 @@ class Force(Model):
     """The force as a function of time; N"""
 
 
-class Torque(Model):
+class Torque(Part):
     """The torque `law(t)` on `body`."""
 
-    type: Literal["torque"]
+    type: Literal["torque"] = "torque"
     """A torque"""
     body: Name
     """The body on which it acts; not the ground"""
@@ -539,7 +539,7 @@ class Torque(Model):
 Load = Annotated[Force | Torque, Field(discriminator="type")]
 
 
-class Baumgarte(Model):
+class Baumgarte(Part):
     """Baumgarte's stabilization: `Phi'' + 2 alpha Phi' + beta^2 Phi = 0` instead of `Phi'' = 0`.
 
     This is eq. (25) of Zhuang & Wang (2014).
@@ -553,29 +553,30 @@ class Baumgarte(Model):
     """Square root of the feedback gain of `Phi`; 1/s"""
 
 
-class Projection(Model):
+class Projection(Part):
     """After each step the state is projected onto the constraints, in the metric of the mass matrix."""
 
     method: Literal["projection"] = "projection"
     """Projection after each step"""
 
 
-class NoStabilization(Model):
+class NoStabilization(Part):
     """No stabilization: constraints are satisfied at acceleration level only."""
 
-    method: Literal["none"]
+    method: Literal["none"] = "none"
     """No stabilization"""
 
 
 Stabilization = Annotated[Baumgarte | Projection | NoStabilization, Field(discriminator="method")]
 
 
-class Scene(Model):
+class Scene(Part):
     """A planar mechanism: its bodies, joints, drives, springs and loads.
 
     A scene has only the effects that it declares: without ``gravity`` there is no weight, and a guide without a
     coefficient of friction is frictionless. The keys are described in the scene format. Quantities are in SI units,
-    angles in radians.
+    angles in radians. A scene that cannot be used
+    raises `SceneError`, whose message lists all problems.
     """
 
     title: str = ""
@@ -600,11 +601,28 @@ class Scene(Model):
     """Applied forces and torques by name"""
     stabilization: Stabilization = Projection()
     """How the reference implementation limits constraint drift"""
-    # The tables as they were written, with arithmetic expressions; empty for a scene made in Python.
+    # The tables as they were written, with arithmetic expressions.
     _raw: dict[str, Any] = PrivateAttr(default_factory=dict)
     # What error messages call the scene: the name or path from which it was loaded.
     _origin: str = PrivateAttr(default="<scene>")
     _name: str = PrivateAttr(default="<scene>")
+
+    if not TYPE_CHECKING:  # as in `Part`
+
+        def __init__(self, **tables: Any) -> None:
+            from stiction.scenes.checking import checked, plain_tables
+
+            def validate(values: dict[str, Any], parameters: dict[str, float]) -> Scene:
+                return self.__pydantic_validator__.validate_python(
+                    values, context=parameters, self_instance=self
+                )
+
+            origin = type(self).__name__
+            plain = plain_tables(tables, origin)
+            checked(plain, origin, validate)
+            self._raw = plain
+
+        __init__.__pydantic_base_init__ = True
 
     def __eq__(self, other: object) -> bool:
         """Compare the declared values of two scenes; names and files of the scenes do not matter."""
@@ -672,6 +690,22 @@ class Scene(Model):
     def one_sided_springs(self) -> dict[str, Spring]:
         """The springs that act on one side only, by name in the order of the scene."""
         return {name: spring for name, spring in self.springs.items() if spring.acts is not None}
+
+    def to_dict(self) -> dict[str, Any]:
+        """Return the tables of the scene, with its parameters and arithmetic expressions.
+
+        `scene_from_dict` makes an equal scene from them.
+        """
+        return copy.deepcopy(self._raw)
+
+    def to_toml(self) -> str:
+        """Return the scene as the text of a TOML file, with its parameters and arithmetic expressions.
+
+        `load_scene` makes an equal scene from this file.
+        """
+        import tomli_w
+
+        return tomli_w.dumps(self._raw)
 
     def draw(self) -> Picture:
         """Draw the mechanism at t = 0.

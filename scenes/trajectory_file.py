@@ -17,7 +17,7 @@ import pyarrow.parquet as pq
 
 from stiction.scenes.base_errors import InputError
 from stiction.scenes.fidelity import fidelity_of
-from stiction.scenes.loading import scene_from_dict, tables_of
+from stiction.scenes.loading import scene_from_dict
 from stiction.scenes.trajectory import Breakdown, Cost, Event, Trajectory
 
 _METADATA_KEY = b"stiction trajectory"
@@ -44,7 +44,7 @@ def save_trajectory(run: Trajectory, file: str | Path) -> None:
     metadata[_VERSION_KEY] = _VERSION
     metadata["mechanism"] = None
     if run.mechanism is not None:
-        metadata["mechanism"] = [run.mechanism.name, tables_of(run.mechanism)]
+        metadata["mechanism"] = [run.mechanism.name, run.mechanism.to_dict()]
     text = json.dumps(metadata, default=_to_json_types)
     table = pa.table({"t": run.t, **run.columns})
     pq.write_table(table.replace_schema_metadata({_METADATA_KEY: text}), file)

@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Iterator, Mapping
 from typing import Any
 
-from stiction.scenes.loading import tables_of
 from stiction.scenes.model import Scene
 
 BODY_UNITS: Mapping[str, str] = {
@@ -87,7 +86,7 @@ def unit_of_value(scene: Scene, key: str) -> str | None:
     The unit of a parameter is that of the values that consist of its name alone, with either sign, if they all have the
     same unit. A ratio has the empty unit.
     """
-    values = list(_values_with_units(tables_of(scene)))
+    values = list(_values_with_units(scene.to_dict()))
     if key in scene.parameters:
         units = {unit for _, value, unit in values if value in (key, f"-{key}")}
         return units.pop() if len(units) == 1 else None

@@ -31,55 +31,78 @@ if TYPE_CHECKING:
     from stiction.reference_impl.equations_of_motion import EquationsOfMotion, Terms
     from stiction.reference_impl.multibody.reactions import recover_columns
     from stiction.reference_impl.multibody.trajectory_columns import corner_forces
-    from stiction.reference_impl.scene_loading import load_scene
+    from stiction.reference_impl.scene_loading import assembled, load_scene
     from stiction.scenes import (
+        Baumgarte,
+        Body,
         Breakdown,
         Cost,
+        Drive,
         Event,
+        Force,
         InputError,
+        LinearSpring,
+        NoStabilization,
+        Projection,
+        Revolute,
         Scene,
         SceneError,
         StictionError,
+        Torque,
+        TorsionalSpring,
         Trajectory,
+        Translational,
+        laws,
         scene_from_dict,
-        scene_to_toml,
     )
     from stiction.scenes.continuation import continued
     from stiction.scenes.laws import evaluate_law
 
 __all__ = [
     "BadTrajectory",
+    "Baumgarte",
+    "Body",
     "Breakdown",
     "Capabilities",
     "Cost",
+    "Drive",
     "Engine",
     "EngineFailure",
     "EngineMissing",
     "EquationsOfMotion",
     "Event",
+    "Force",
     "InputError",
     "Job",
     "Judgement",
+    "LinearSpring",
+    "NoStabilization",
     "Outcome",
+    "Projection",
     "Refused",
+    "Revolute",
     "Scene",
     "SceneError",
     "StictionError",
     "Terms",
+    "Torque",
+    "TorsionalSpring",
     "Trajectory",
+    "Translational",
     "UnknownEngine",
+    "assembled",
     "continued",
     "corner_forces",
     "energies",
     "engine_names",
     "evaluate_law",
     "judge",
+    "laws",
     "load_engine",
     "load_scene",
     "recover_columns",
     "run_isolated",
     "scene_from_dict",
-    "scene_to_toml",
 ]
 
 # In a checkout, the subpackages are folders beside this one.
@@ -95,18 +118,28 @@ _MODULES = {
     "reference_impl.equations_of_motion": {"EquationsOfMotion", "Terms"},
     "reference_impl.multibody.reactions": {"recover_columns"},
     "reference_impl.multibody.trajectory_columns": {"corner_forces"},
-    "reference_impl.scene_loading": {"load_scene"},
+    "reference_impl.scene_loading": {"assembled", "load_scene"},
     "scenes": {
+        "Baumgarte",
+        "Body",
         "Breakdown",
         "Cost",
+        "Drive",
         "Event",
+        "Force",
         "InputError",
+        "LinearSpring",
+        "NoStabilization",
+        "Projection",
+        "Revolute",
         "Scene",
         "SceneError",
         "StictionError",
+        "Torque",
+        "TorsionalSpring",
         "Trajectory",
+        "Translational",
         "scene_from_dict",
-        "scene_to_toml",
     },
     "scenes.continuation": {"continued"},
     "scenes.laws": {"evaluate_law"},
@@ -118,6 +151,8 @@ def __getattr__(name: str) -> Any:
     """Import and return a public name of the suite."""
     if name not in __all__:
         raise AttributeError(f"module 'stiction' has no attribute {name!r}")
+    if name == "laws":
+        return import_module("stiction.scenes.laws")
     module_of_name = _DEFAULT_MODULE
     for module, names in _MODULES.items():
         if name in names:

@@ -69,6 +69,13 @@ def test_completion_of_a_scene_offers_its_own_names(part):
 
 
 class TestShortNames:
+    def test_judgement(self, run):
+        judgement = stiction.judge("slider-bar-case-1", run.to_frame())
+        assert len(repr(judgement)) <= LONGEST
+        assert "slider-bar-case-1" in repr(judgement) and f"{judgement.error:.3g}" in repr(
+            judgement
+        )
+
     def test_run(self, run):
         stopped = replace(run, termination="no solution " * 50)
         for made in (run, stopped, run.cost, stiction.Outcome("a", "ok", run), run.mechanism):

@@ -170,6 +170,11 @@ class Judgement:
         table = self.tables["errors"]
         return table.loc[table.dropna(subset="error").groupby("unit", sort=False)["error"].idxmax()]
 
+    def __repr__(self) -> str:
+        """Return the names of the table and of the scene with the error, as an interactive session shows them."""
+        error = "unknown" if self.error is None else f"{self.error:.3g} m"
+        return f"Judgement({self.table.origin!r} on {self.scene.name!r}, error: {error})"
+
     def __str__(self) -> str:
         """Return the largest error of each kind, the summary, what explains the errors, and the findings as text."""
         title = f"{self.table.origin} on {self.scene.name}; truth: {self.truth.tier.label}"

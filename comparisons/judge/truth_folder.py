@@ -17,7 +17,7 @@ import numpy as np
 import pandas as pd
 from pyarrow import csv
 
-from stiction.scenes import FileError, Problem, Scene, catalogue, scene_to_toml
+from stiction.scenes import FileError, Problem, Scene, catalogue
 from stiction.scenes.motion_table import interpolated, with_sides
 from stiction.scenes.resolved import load_resolved, resolved_text
 from stiction.scenes.trajectory import Event, events_frame, events_of
@@ -78,7 +78,7 @@ def write_truth(scene: Scene, truth: Truth, folder: Path) -> dict[str, Any]:
     }
     texts = {
         SCENE: resolved_text(scene),
-        "scene.toml": scene_to_toml(scene),
+        "scene.toml": scene.to_toml(),
         ABOUT: json.dumps(about, indent=1) + "\n",
     }
     for name, text in texts.items():

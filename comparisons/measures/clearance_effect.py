@@ -21,7 +21,7 @@ from stiction.engines.protocol import EngineFailure
 from stiction.engines.reference.engine import ReferenceEngine
 from stiction.engines.registry import load_engine
 from stiction.reference_impl.multibody.initial_state import with_consistent_start
-from stiction.scenes import InputError, Scene, Trajectory, scene_to_toml, vary
+from stiction.scenes import InputError, Scene, Trajectory, vary
 from stiction.scenes.fidelity import Fidelity
 from stiction.truths.physics import physics_of
 
@@ -121,7 +121,7 @@ class GapRun:
             If it ended early.
         """
         scene = with_ideal_guides(physics_of(self.scene, has_static_coefficient(self.variant)))
-        return _ideal_run(_IdealMotion(scene_to_toml(scene), self.t_end, scene))
+        return _ideal_run(_IdealMotion(scene.to_toml(), self.t_end, scene))
 
 
 @dataclass(frozen=True)

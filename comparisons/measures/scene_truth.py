@@ -16,7 +16,7 @@ from stiction.reference_impl.integration.event_driven import simulate_event_driv
 from stiction.reference_impl.integration.result import Run
 from stiction.reference_impl.multibody.initial_state import consistent_start
 from stiction.reference_impl.multibody.mechanism import Mechanism
-from stiction.scenes import Scene, scene_to_toml
+from stiction.scenes import Scene
 from stiction.scenes.fidelity import Fidelity
 from stiction.truths import (
     NoMotion,
@@ -87,7 +87,7 @@ def ground_truth(
     """
     end = scene.t_end if t_end is None else t_end
     has_gaps = fidelity == Fidelity.CONTACT and bool(neglected_keys(scene))
-    return _best_truth(_Request(scene_to_toml(scene), scene.name, end, has_gaps, scene))
+    return _best_truth(_Request(scene.to_toml(), scene.name, end, has_gaps, scene))
 
 
 @dataclass(frozen=True)
@@ -130,7 +130,7 @@ def _best_truth(request: _Request) -> Truth:
             except TruthRefused as error:
                 refusal = f"with clearance: {error}"
         ideal = with_ideal_guides(scene)
-        truth = _best_truth(_Request(scene_to_toml(ideal), scene.name, t_end, False, ideal))
+        truth = _best_truth(_Request(ideal.to_toml(), scene.name, t_end, False, ideal))
         neglect = f"of ideal joints, without {', '.join(neglected)}"
         notes = (neglect, refusal, truth.note)
         return replace(truth, note="; ".join(note for note in notes if note))

@@ -22,7 +22,7 @@ from typing import Any
 from stiction.comparisons.bench.planned_runs import PlannedRun
 from stiction.comparisons.bench.timing.visits import in_rounds
 from stiction.comparisons.bench.variants import Variant, has_static_coefficient, job
-from stiction.scenes import InputError, scene_to_toml
+from stiction.scenes import InputError
 from stiction.truths.physics import physics_of
 
 MIN_ROUNDS = 5
@@ -172,7 +172,7 @@ def _task(run: PlannedRun, variant: Variant, engine: str) -> list[Any]:
     """
     scene = physics_of(run.scene, has_static_coefficient(variant))
     planned = job(run.scene, variant, run.step, output_step=scene.t_end)
-    return [engine, scene.name, scene_to_toml(scene), dict(planned.arguments)]
+    return [engine, scene.name, scene.to_toml(), dict(planned.arguments)]
 
 
 class _Code:

@@ -60,7 +60,7 @@ from stiction.comparisons.studies.threshold import TRUTH
 from stiction.engines.isolation import Outcome, Task
 from stiction.engines.reference.engine import ReferenceEngine
 from stiction.engines.status import Status
-from stiction.scenes import Scene, Trajectory, load_scene, scene_to_toml, vary
+from stiction.scenes import Scene, Trajectory, load_scene, vary
 from stiction.truths import NoMotion, StickThreshold, Tier, slider_bar_truth
 from stiction.truths.reduced.slider_bar import SliderBar
 from stiction.truths.reduced.steady_state import NoSteadyState, stick_threshold
@@ -257,7 +257,7 @@ class Views:
 
     def _once(self, scene: Scene, kind: object, compute: Callable[[], Stretch]) -> Stretch:
         """Return the stretch of this kind, which is the step of a run or a name for a truth."""
-        key = scene_to_toml(scene), kind
+        key = scene.to_toml(), kind
         if key not in self._stretches:
             self._stretches[key] = compute()
         return self._stretches[key]

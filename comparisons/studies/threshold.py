@@ -300,7 +300,7 @@ def map_bands(scene: Scene, variation: Variation, coefficient: float) -> tuple[B
 STUDY = Study(
     "threshold",
     "Stick limit",
-    "For which load amplitudes does the slider stick in the steady state?",
+    "For which values of a parameter, such as the load amplitude F0, does the slider stick in the steady state?",
     present,
     plan,
     {TRUTH: true_thresholds},

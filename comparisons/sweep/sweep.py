@@ -55,7 +55,7 @@ from stiction.comparisons.sweep.points import (
     threshold_numbers,
 )
 from stiction.engines import Isolate, Outcome, Task, isolate, load_engine
-from stiction.scenes import InputError, Scene, SceneError, scene_to_toml, vary
+from stiction.scenes import InputError, Scene, SceneError, vary
 from stiction.scenes.atomic_files import make_folder, whole_file, write_text
 from stiction.scenes.digest import digest
 from stiction.scenes.value_units import unit_of_value
@@ -236,7 +236,7 @@ class Specification:
         """Everything that the numbers depend on, ready for JSON."""
         return {
             "code": source_digest(),
-            "scene": scene_to_toml(self.scene),
+            "scene": self.scene.to_toml(),
             "axes": {axis.key: list(axis.values) for axis in self.axes},
             "measures": list(self.measures),
             "measured": {

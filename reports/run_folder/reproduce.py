@@ -21,7 +21,7 @@ from stiction.comparisons.bench.variants import (
     run_command,
     run_key,
 )
-from stiction.scenes import Scene, load_scene, scene_to_toml
+from stiction.scenes import Scene, load_scene
 from stiction.scenes.wording import as_given
 from stiction.truths.physics import physics_of
 
@@ -74,7 +74,7 @@ def write_reproduce(results: Results, origin: Mapping[str, Any], folder: Path) -
     for name, scene in scenes_of(results).items():
         file = folder / scene_file(name)
         file.parent.mkdir(parents=True, exist_ok=True)
-        file.write_text(scene_to_toml(scene), encoding="utf-8")
+        file.write_text(scene.to_toml(), encoding="utf-8")
     packages = "".join(f"{line}\n" for line in requirements())
     (subfolder / "requirements.txt").write_text(packages, encoding="utf-8")
     (subfolder / "README.md").write_text(_readme(origin), encoding="utf-8")

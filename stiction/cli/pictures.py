@@ -91,7 +91,7 @@ def new(
     ] = None,
 ) -> None:
     """Create a scene file, and a JSON schema with which text editors complete and check it."""
-    from stiction.scenes import new_scene_text, scene_text, scene_to_toml
+    from stiction.scenes import new_scene_text, scene_text
     from stiction.scenes.atomic_files import write_text
     from stiction.scenes.schema import SCHEMA_FILE, scene_schema_text
 
@@ -100,7 +100,7 @@ def new(
             "found both; expected at most one of them", param_hint="--like, --assemble"
         )
     if assemble is not None:
-        text = scene_to_toml(scene_of(assemble, [], assemble=True))
+        text = scene_of(assemble, [], assemble=True).to_toml()
     elif like is not None:
         text = scene_text(like)
     else:

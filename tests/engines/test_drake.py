@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from stiction.engines import BadTrajectory, EngineFailure, Refused, load_engine
-from stiction.scenes import InputError, load_scene, scene_from_dict, scene_to_toml, vary
+from stiction.scenes import InputError, load_scene, scene_from_dict, vary
 from stiction.truths import slider_bar_truth, trammel_truth
 
 pytest.importorskip("pydrake")
@@ -184,7 +184,7 @@ def test_a_motor_in_a_pin_that_closes_a_loop_is_refused(engine):
     """The trammel with motors in both of its pins, one of which ties two sliders with coordinates of their own."""
     scene = load_scene("elliptic-trammel")
     spin = scene.bodies["bar"].angular_velocity
-    data = tomllib.loads(scene_to_toml(scene))
+    data = tomllib.loads(scene.to_toml())
     data["drives"] = {
         f"motor-{end}": {
             "type": "angle",

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from stiction.reference_impl.equations_of_motion import EquationsOfMotion
-from stiction.scenes import catalogue, load_scene, scene_from_dict, scene_to_toml, vary
+from stiction.scenes import catalogue, load_scene, scene_from_dict, vary
 
 NAMES = {
     "painleve-rod",
@@ -60,9 +60,9 @@ def test_starts_on_its_constraints(name):
 @pytest.mark.parametrize("name", catalogue())
 def test_survives_writing_and_reading(name):
     scene = load_scene(name)
-    again = scene_from_dict(tomllib.loads(scene_to_toml(scene)))
+    again = scene_from_dict(tomllib.loads(scene.to_toml()))
     assert again == scene
-    assert scene_to_toml(again) == scene_to_toml(scene)
+    assert again.to_toml() == scene.to_toml()
 
 
 @pytest.mark.parametrize("name", catalogue())

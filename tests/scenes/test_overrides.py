@@ -13,7 +13,6 @@ from stiction.scenes import (
     load_scene,
     parse_override,
     scene_from_dict,
-    scene_to_toml,
     vary,
 )
 from stiction.scenes.model import Scene
@@ -104,7 +103,7 @@ def test_every_number_of_every_scene_is_reached_by_its_path(name):
 @given(st.floats(0.01, 100), st.floats(-100, 100), st.floats(1, 50))
 def test_values_arrive_exactly_and_the_scene_stays_what_it_was(mass, rate, force):
     scene = load_scene(CASE)
-    before = scene_to_toml(scene)
+    before = scene.to_toml()
     varied = vary(
         scene,
         {
@@ -119,8 +118,8 @@ def test_values_arrive_exactly_and_the_scene_stays_what_it_was(mass, rate, force
     assert varied.forces["load"].law.amplitude == float(np.float32(force)) and varied.bodies[
         "bar"
     ].position == (rate, 1.0)
-    assert scene_to_toml(scene) == before
-    assert scene_from_dict(tomllib.loads(scene_to_toml(varied))) == varied
+    assert scene.to_toml() == before
+    assert scene_from_dict(tomllib.loads(varied.to_toml())) == varied
 
 
 @pytest.mark.parametrize("text", ["2*\tF0", "(\nF0)*2", "2*\uff260"])
@@ -253,7 +252,7 @@ def test_what_an_override_leaves_of_another_kind_is_told_with_the_way_to_remove_
 def test_scenes_compare_by_what_they_declare(tmp_path):
     scene = load_scene("pendulum")
     path = tmp_path / "copy.toml"
-    path.write_text(scene_to_toml(scene))
+    path.write_text(scene.to_toml())
     copy = load_scene(path)
     assert copy == scene and copy.name == "copy" and vary(copy, {"t_end": 9}) != scene
     assert isinstance(copy, Scene) and copy != "pendulum"

@@ -12,7 +12,6 @@ from stiction import (
     load_engine,
     load_scene,
     scene_from_dict,
-    scene_to_toml,
 )
 from stiction.scenes.loading import load_scene as load
 
@@ -64,7 +63,7 @@ def test_runs_beside_each_other(run, tmp_path):
 
 def test_a_scene_made_in_python_is_written_and_varied(tmp_path):
     made = Scene(bodies={"ball": {"mass": 2.0, "inertia": 1.0}}, gravity=(0.0, -9.81))
-    (tmp_path / "ball.toml").write_text(scene_to_toml(made))
+    (tmp_path / "ball.toml").write_text(made.to_toml())
     assert load(tmp_path / "ball.toml") == made
     assert (
         scene_from_dict(

@@ -16,7 +16,7 @@ from typing import Any
 
 from flint import arb
 
-from stiction.scenes import Scene, scene_to_toml
+from stiction.scenes import Scene
 from stiction.truths.proof.certificate import (
     Claims,
     Failure,
@@ -89,7 +89,7 @@ def motion_certificate(motion: ProvenMotion, scene: Scene, digits: int) -> Claim
         return {
             "format": FORMAT.name,
             "scene": scene.name,
-            "file": scene_to_toml(scene),
+            "file": scene.to_toml(),
             "digits": digits,
             "bits": p.bits,
             "order": p.order,

@@ -19,7 +19,7 @@ from fractions import Fraction
 
 from flint import arb
 
-from stiction.scenes import Scene, scene_to_toml
+from stiction.scenes import Scene
 from stiction.truths.proof.certificate import (
     Claims,
     Failure,
@@ -58,7 +58,7 @@ def threshold_certificate(threshold: ProvenThreshold, scene: Scene) -> Claims:
     return {
         "format": FORMAT.name,
         "scene": scene.name,
-        "file": scene_to_toml(scene),
+        "file": scene.to_toml(),
         "theorem": claimed.sentences(),
         **{name: _end(end) for name, end in zip(ENDS, (claimed.low, claimed.high))},
     }

@@ -25,7 +25,7 @@ from typing import Any
 import numpy as np
 from numpy.polynomial.polynomial import polyder, polyval
 
-from stiction.scenes import Scene, StictionError, scene_from_dict, scene_to_toml
+from stiction.scenes import Scene, StictionError, scene_from_dict
 from stiction.scenes.digest import SHORT, digest
 from stiction.truths import StickThreshold, Tier, Truth
 from stiction.truths.reduced.slider_bar import SliderBar
@@ -130,7 +130,7 @@ def certificates() -> list[Path]:
 
 def certificate_of(scene: Scene) -> Path | None:
     """Return the file that proves the motion of a scene; None if there is none."""
-    digest_of_motion = motion_digest(scene_to_toml(scene))
+    digest_of_motion = motion_digest(scene.to_toml())
     for file in DATA.glob(f"truth-*.{digest_of_motion}{SUFFIX}"):
         return file
     return None

@@ -21,7 +21,7 @@ from math import ceil, log10
 
 from flint import arb, arb_poly
 
-from stiction.scenes import Scene, catalogue, load_scene, scene_to_toml
+from stiction.scenes import Scene, catalogue, load_scene
 from stiction.truths.physics import physics_of, rubbing_joints
 from stiction.truths.proof.certificate import (
     Claims,
@@ -70,7 +70,7 @@ _AT_ONCE = 1e-12
 def truth_certificate(scene: Scene) -> Claims:
     """Return the claims about a scene's motion; raise the errors of `prove_scene`."""
     motion = prove_scene(scene, DIGITS)
-    text = scene_to_toml(scene)
+    text = scene.to_toml()
     with motion.precision.working():
         starts = [float(leg.t.mid()) for leg in motion.legs]
         # Legs between events whose times are equal in floats have no length, and are left out.
@@ -241,7 +241,7 @@ def provable_scenes(names: Collection[str] = ()) -> Iterator[Scene]:
     seen = set()
     for name, static in product(names or catalogue(), (True, False)):
         scene = physics_of(load_scene(name), static)
-        digest = motion_digest(scene_to_toml(scene))
+        digest = motion_digest(scene.to_toml())
         with suppress(NotThisMechanism):
             with working(64, 2):
                 mechanism = type(provable_mechanism(scene))

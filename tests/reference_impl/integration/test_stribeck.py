@@ -9,7 +9,7 @@ from stiction.engines import EngineMissing, load_engine
 from stiction.engines.reference.engine import ReferenceEngine
 from stiction.reference_impl.energies import energies
 from stiction.reference_impl.multibody.mechanism import Mechanism
-from stiction.scenes import SceneError, load_scene, scene_from_dict, scene_to_toml, vary
+from stiction.scenes import SceneError, load_scene, scene_from_dict, vary
 from stiction.scenes.stribeck import bound_in_slip, coefficient_in_slip
 from stiction.truths.reduced.stribeck_mass import StribeckMass
 
@@ -330,7 +330,7 @@ def test_a_curve_of_one_coefficient_is_none():
     scene = vary(load_scene("block-on-incline"), {"mus": 0.2, "guide.stribeck_velocity": 1.0})
     assert not scene.guides["guide"].depends_on_speed
     assert not Mechanism(scene).arrays.varying
-    assert "stribeck_velocity" in scene_to_toml(scene)
+    assert "stribeck_velocity" in scene.to_toml()
 
 
 @pytest.mark.parametrize("engine", ["moreau", "pybullet", "pymunk", "exudyn"])

@@ -18,7 +18,7 @@ from stiction.comparisons.measures.torque_jumps import torque_table
 from stiction.comparisons.regression.measurement import _errors
 from stiction.engines import Outcome
 from stiction.engines.reference.engine import ReferenceEngine
-from stiction.scenes import catalogue, load_scene, scene_to_toml, vary
+from stiction.scenes import catalogue, load_scene, vary
 from stiction.truths import Tier, slider_bar_truth
 from stiction.truths.physics import physics_of
 from stiction.truths.proof.truth import Contradiction, certificates, motion_digest, with_proof
@@ -66,7 +66,7 @@ def test_rows_are_the_same_with_and_without_ball_arithmetic(compiled):
 
 
 def digest_of(scene):
-    return motion_digest(scene_to_toml(scene))
+    return motion_digest(scene.to_toml())
 
 
 def test_every_certificate_is_of_a_scene_as_it_is():
@@ -104,7 +104,7 @@ def test_every_scene_that_is_proven_has_a_certificate(name):
 
 
 def test_a_digest_is_of_the_motion_alone(scene):
-    digest, text = digest_of(scene), scene_to_toml(scene)
+    digest, text = digest_of(scene), scene.to_toml()
     assert motion_digest(text.replace('title = "', 'title = "another ')) == digest
     assert digest_of(vary(scene, {"t_end": 3, "stabilization.alpha": 5})) == digest
     assert motion_digest(text.replace("Omega", "om")) == digest  # a parameter's name

@@ -33,7 +33,7 @@ from stiction.comparisons.regression.older_code import STEPPING, TOTAL, _ratios
 from stiction.comparisons.studies import suppression as stabilization_choices
 from stiction.engines import load_engine
 from stiction.engines.isolation import Job, Outcome, simulation
-from stiction.scenes import Cost, load_scene, scene_from_dict, scene_to_toml
+from stiction.scenes import Cost, load_scene, scene_from_dict
 
 CASE = "slider-bar-case-1"
 RUN = load_engine("reference").simulate(load_scene("pendulum"), rtol=1e-6, t_end=0.1)
@@ -318,7 +318,7 @@ def test_what_two_comparisons_ask_for_alike_is_run_once():
         "one": (scene, {"rtol": 1e-6}),
         "the same": (load_scene("pendulum"), {"rtol": 1e-6}),
         "finer output": (scene, {"rtol": 1e-6, "output_step": 0.1}),
-        "renamed": (scene_from_dict(tomllib.loads(scene_to_toml(scene)), "swing"), {"rtol": 1e-6}),
+        "renamed": (scene_from_dict(tomllib.loads(scene.to_toml()), "swing"), {"rtol": 1e-6}),
     }
     parts = [
         Comparison(

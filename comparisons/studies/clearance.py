@@ -8,8 +8,8 @@ with the reference, whose joints are ideal; flights of corners through the gap a
 from __future__ import annotations
 
 import tomllib
-from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, replace
 from functools import cache
 from importlib import resources
 from typing import Annotated, Any, Literal
@@ -107,37 +107,41 @@ class Methods:
     ----------
     able : tuple of Variant
         Methods with contacts and a fixed step, one per engine.
-    unable : Mapping[str, tuple[Variant, Status, str]]
-        By engine, a variant of those that cannot take part, with status and reason.
+    unable : tuple of (Variant, Status, str)
+        A variant of each engine that cannot take part, with the status and the reason.
     """
 
     able: tuple[Variant, ...]
-    unable: Mapping[str, tuple[Variant, Status, str]]
+    unable: tuple[tuple[Variant, Status, str], ...]
 
 
 def methods_of(scope: Scope) -> Methods:
     """Return the methods that take part, and those that cannot."""
     able: dict[str, Variant] = {}
-    unable: dict[str, tuple[Variant, Status, str]] = {}
+    others: dict[str, Variant] = {}
     for variant in participants(scope.engines):
         if variant.engine == REFERENCE:
             continue
-        if variant.fidelity == Fidelity.CONTACT and variant.parameter == "dt":
-            able.setdefault(variant.engine, variant)
-        else:
-            reason = (
-                "found joint fidelity only; expected contact fidelity with a fixed step, as a clearance is a gap "
-                "between the slider and two surfaces"
-            )
-            unable.setdefault(variant.engine, (variant, Status.REFUSED, reason))
+        has_contacts = variant.fidelity == Fidelity.CONTACT and variant.parameter == "dt"
+        (able if has_contacts else others).setdefault(variant.engine, variant)
+    unable = []
     for engine, variant in list(able.items()):
-        unable.pop(engine, None)
         try:
             load_engine(engine)
         except EngineMissing as error:
-            unable[engine] = (variant, Status.MISSING, str(error))
+            unable.append((variant, Status.MISSING, str(error)))
             del able[engine]
-    return Methods(tuple(able.values()), unable)
+            others.pop(engine, None)
+    reason = (
+        "found joint fidelity only; expected contact fidelity with a fixed step, as a clearance is a gap between the "
+        "slider and two surfaces"
+    )
+    unable += [
+        (variant, Status.REFUSED, reason)
+        for engine, variant in others.items()
+        if engine not in able
+    ]
+    return Methods(tuple(able.values()), tuple(unable))
 
 
 def takes_restitution(variant: Variant) -> bool:
@@ -278,23 +282,16 @@ def plan(scope: Scope) -> Comparison[Tables]:
 
 def _run_row(run: GapRun, outcome: Outcome) -> dict[str, Any]:
     """Return the row of a run; one that failed has no numbers, only a reason."""
-    record = Record(run.key, run.scene.name, run.variant, run.step, outcome)
-    row = {
-        **Record(
-            record.key, record.scene, record.variant, record.step, _without_value(outcome)
-        ).describe(),
+    # The value of the outcome is no trajectory, but the measured columns.
+    record = Record(run.key, run.scene.name, run.variant, run.step, replace(outcome, value=None))
+    return {
+        **record.describe(),
         CLEARANCE: run.clearance,
         RESTITUTION: run.restitution,
         START: run.start,
         **(outcome.value or {}),
+        AGAIN: _command(run),
     }
-    row[AGAIN] = _command(run)
-    return row
-
-
-def _without_value(outcome: Outcome) -> Outcome:
-    """Return an outcome without its value, which is no trajectory."""
-    return Outcome(outcome.label, outcome.status, None, outcome.reason)
 
 
 def _command(run: GapRun) -> str | None:
@@ -316,9 +313,9 @@ def _unable_rows(
     """Yield a row for each method that cannot take part, and for each restitution that a method does not take."""
     data = load_data()
     for scene in scenes:
-        for engine, (variant, status, reason) in methods.unable.items():
+        for variant, status, reason in methods.unable:
             if any(_takes_part(entry, scene, variant, scope) for entry in data.effect):
-                yield _refusal(scene, variant, status, reason, 0.0, engine)
+                yield _refusal(scene, variant, status, reason, 0.0)
     for scene in scenes:
         for variant in methods.able:
             if takes_restitution(variant):
@@ -332,22 +329,17 @@ def _unable_rows(
             }
             for restitution in sorted(asked):
                 reason = "its contacts have no coefficient of restitution"
-                yield _refusal(scene, variant, Status.REFUSED, reason, restitution, variant.engine)
+                yield _refusal(scene, variant, Status.REFUSED, reason, restitution)
 
 
 def _refusal(
-    scene: Scene,
-    variant: Variant,
-    status: Status,
-    reason: str,
-    restitution: float,
-    engine: str,
+    scene: Scene, variant: Variant, status: Status, reason: str, restitution: float
 ) -> dict[str, Any]:
     """Return the row of runs that are not made."""
     return {
         "scene": scene.name,
         "variant": variant.label,
-        "engine": label_of(engine),
+        "engine": label_of(variant.engine),
         "fidelity": variant.fidelity,
         "parameter": "dt",
         "status": status,

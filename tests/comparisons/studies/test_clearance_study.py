@@ -377,7 +377,8 @@ def test_methods_without_contacts_or_restitution_are_refused_in_words(monkeypatc
     monkeypatch.setattr(clearance, "participants", lambda engines: [variant, *only_joint])
     methods = methods_of(Scope((), engines=("pymunk", "moreau")))
     assert methods.able == (variant,)
-    _, status, reason = methods.unable["pymunk"]
+    [(refused, status, reason)] = methods.unable
+    assert refused.engine == "pymunk"
     assert status == Status.REFUSED and "expected contact fidelity" in reason
     monkeypatch.setattr(clearance, "takes_restitution", lambda variant: False)
     scope = Scope((load_scene(CASES[0]),), Depth.FULL, ("pymunk", "moreau"))

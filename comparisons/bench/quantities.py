@@ -742,6 +742,7 @@ CLEARANCE = (
         "unresolved", "not resolved", "numbers that change by more than 25 % by the last halving"
     ),
     _value("effect_limit", "limit of the change of the effort"),
+    _flag("has_drive", description="whether the scene has a drive, whose effort is compared"),
     _error("limit_clearance", "clearance at the limit", "m"),
     _error("limit_clearance_low", "clearance at the limit, lower end", "m"),
     _error("limit_clearance_high", "clearance at the limit, upper end", "m"),

@@ -30,6 +30,7 @@ from stiction.comparisons.studies.clearance_tables import (
     CLEARANCE,
     EFFORT,
     EFFORT_EXPONENT,
+    HAS_DRIVE,
     LIMIT,
     LIMIT_HIGH,
     LIMIT_LOW,
@@ -57,8 +58,10 @@ POSITION_LAW = 1.0
 SHORTEST_BAR = 0.1
 """Lower end of an interval that contains zero, of the value, on a logarithmic axis."""
 SHOWN_RANGE = 3.0
-"""Range of the axis of efforts around a flight, in ranges of the ideal effort there, on both sides of it: impulses of
-impacts exceed it, as their height is inversely proportional to the time between samples."""
+"""Range of the axis of efforts around a flight on both sides of the ideal effort, in ranges of the ideal effort there.
+
+Impulses of impacts exceed it, as their height is inversely proportional to the time between samples.
+"""
 
 
 def present(results: Results) -> Presentation:
@@ -79,10 +82,7 @@ def present(results: Results) -> Presentation:
         "grown": [_cases_row(results, limits, place) for place in _fitted(limits)],
         "exponents": _exponent_rows(exponents),
         "isolated": _isolated_rows(flights),
-        "verdicts": results.table("clearance-claims")
-        .get("verdict", pd.Series())
-        .value_counts(sort=False)
-        .to_dict(),
+        "verdicts": _verdicts(results.table("clearance-claims")),
         "refused": _refused(effects),
         "unresolved": _unresolved(effects),
         "restitution": 0.0,
@@ -105,25 +105,20 @@ def present(results: Results) -> Presentation:
 def _answering(limits: pd.DataFrame) -> pd.DataFrame:
     """Return the rows that the answer mentions: of one method and one restitution, all scenes with a drive.
 
-    The method is the one with limits on most scenes. If several have as many, it is the one whose intervals are the
-    narrowest. The restitution is the smallest.
+    The restitution is the smallest. The method is the one with limits on most scenes; if several have as many, the one
+    with the smallest clearances, so that the answer holds for the others, too.
     """
-    succeeded = limits[
-        limits["status"].eq(Status.OK) & limits[WHY_NONE].ne("the scene has no drive")
-    ]
-    if succeeded.empty:
-        return succeeded
-    least = succeeded[succeeded[RESTITUTION] == succeeded[RESTITUTION].min()]
-    if LIMIT not in least:
-        return least[least["variant"] == least["variant"].iloc[0]]
-
-    def merit(rows: pd.DataFrame) -> tuple[int, float]:
-        widths = np.log(rows[LIMIT_HIGH] / rows[LIMIT_LOW])
-        return int(rows[LIMIT].notna().sum()), -float(widths.mean())
-
-    groups = {variant: rows for variant, rows in least.groupby("variant", sort=False)}
-    best = max(groups, key=lambda variant: merit(groups[variant]))
-    return groups[best]
+    concerned = limits[limits["status"].eq(Status.OK) & limits[HAS_DRIVE].eq(True)]
+    least = concerned[concerned[RESTITUTION] == concerned[RESTITUTION].min()]
+    best = least.iloc[:0]
+    best_merit = (-1, 0.0)
+    for _, rows in least.groupby("variant", sort=False):
+        known = rows[LIMIT_LOW].dropna() if LIMIT_LOW in rows else pd.Series(dtype=float)
+        smallness = -float(np.log(known).mean()) if len(known) else 0.0
+        merit = (len(known), smallness)
+        if merit > best_merit:
+            best, best_merit = rows, merit
+    return best
 
 
 def _cases_row(results: Results, limits: pd.DataFrame, place: int) -> dict[str, Any]:
@@ -170,6 +165,11 @@ def _isolated_rows(flights: pd.DataFrame) -> dict[str, int]:
     }
 
 
+def _verdicts(claims: pd.DataFrame) -> dict[str, int]:
+    """Return the number of statements by verdict."""
+    return {} if claims.empty else claims["verdict"].value_counts(sort=False).to_dict()
+
+
 def _refused(effects: pd.DataFrame) -> list[dict[str, str]]:
     """Return each reason for which methods are refused, with their names."""
     refused = effects[effects["status"] == Status.REFUSED]
@@ -186,14 +186,14 @@ def _unresolved(effects: pd.DataFrame) -> list[dict[str, Any]]:
     named = effects[UNRESOLVED].fillna("")
     rows = []
     for quantity in QUANTITIES:
-        concerned = named.str.split(", ").map(lambda names, key=quantity: key in names)
-        if concerned.any():
+        is_named = np.array([quantity in names.split(", ") for names in named])
+        if is_named.any():
             rows.append(
                 {
                     "label": quantity_of(quantity).label,
-                    "count": int(concerned.sum()),
-                    "all": len(effects[effects["status"] == Status.OK]),
-                    "variants": ", ".join(dict.fromkeys(effects.loc[concerned, "variant"])),
+                    "count": int(is_named.sum()),
+                    "all": int(effects["status"].eq(Status.OK).sum()),
+                    "variants": ", ".join(dict.fromkeys(effects.loc[is_named, "variant"])),
                 }
             )
     return rows

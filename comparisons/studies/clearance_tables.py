@@ -60,6 +60,8 @@ LIMIT = "limit_clearance"
 LIMIT_LOW = "limit_clearance_low"
 LIMIT_HIGH = "limit_clearance_high"
 """Columns: the same for the upper and the lower end of the uncertainty of the effort, m."""
+HAS_DRIVE = "has_drive"
+"""Column: whether the scene has a drive, whose effort can be compared."""
 WHY_NONE = "why_none"
 """Column: why there is no limit, or no measured flight."""
 EFFORT_EXPONENT = "effort_exponent"
@@ -265,7 +267,7 @@ def limits_table(effects: pd.DataFrame, limit: float) -> pd.DataFrame:
             "reason": "" if len(succeeded) else ordered["reason"].iloc[0],
         }
         if succeeded.empty:
-            rows.append({**row, WHY_NONE: row["reason"]})
+            rows.append({**row, HAS_DRIVE: False, WHY_NONE: row["reason"]})
             continue
         for name in ("window_begin", "window_end"):
             row[name] = succeeded[name].iloc[0]
@@ -284,21 +286,23 @@ def _groups(table: pd.DataFrame, by: list[str]) -> Iterator[tuple[Any, pd.DataFr
 
 def _limit_columns(succeeded: pd.DataFrame, limit: float) -> dict[str, Any]:
     """Return the columns of the clearance at which the effort reaches a limit; rows are in ascending order of it."""
-    if EFFORT not in succeeded or (
-        succeeded[EFFORT].isna().all() and not succeeded[UNRESOLVED].str.contains(EFFORT).any()
-    ):
-        return {WHY_NONE: "the scene has no drive"}
-    found = crossing(
+    # Where the steps do not resolve the effort, it is missing, too, but then it is named as unresolved.
+    named = succeeded[UNRESOLVED].str.split(", ").map(set)
+    is_unresolved = any(EFFORT in names for names in named)
+    if EFFORT not in succeeded or (succeeded[EFFORT].isna().all() and not is_unresolved):
+        return {HAS_DRIVE: False, WHY_NONE: "the scene has no drive"}
+    limit_crossing = crossing(
         succeeded[CLEARANCE].to_list(),
         succeeded[EFFORT].to_list(),
         succeeded[uncertainty_of(EFFORT)].to_list(),
         limit,
     )
     return {
-        LIMIT: found.clearance,
-        LIMIT_LOW: found.low,
-        LIMIT_HIGH: found.high,
-        WHY_NONE: found.why_none,
+        HAS_DRIVE: True,
+        LIMIT: limit_crossing.clearance,
+        LIMIT_LOW: limit_crossing.low,
+        LIMIT_HIGH: limit_crossing.high,
+        WHY_NONE: limit_crossing.why_none,
     }
 
 

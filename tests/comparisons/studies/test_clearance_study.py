@@ -271,6 +271,18 @@ def test_the_sentence_refuses_what_is_not_resolved():
     assert "Case 3 is not determined: not resolved at a clearance of 1e-06 m." in section.beside
 
 
+def test_of_several_methods_the_most_sensitive_one_answers():
+    def stiff(gap, step):
+        return converging(2 * gap, step)
+
+    rows = three_cases([converging] * 3)
+    rows += [row for scene in CASES for row in run_rows(stiff, scene, variant="other, contact")]
+    # a method with a limit in one case only does not answer for all
+    rows += run_rows(lambda gap, step: converging(9 * gap, step), variant="third, contact")
+    section = sentence(rows)
+    assert section.answer.endswith("(other, contact; e = 0).")
+
+
 def test_a_scene_without_a_drive_has_no_limit_but_effects():
     rows = run_rows(converging, scene=SLIDER_CRANK)
     for row in rows:

@@ -35,6 +35,8 @@ APPROACH = 0.2
 """Gap over the clearance below which the end of a flight is fitted by a parabola."""
 FEWEST_SAMPLES = 4
 """Smallest number of samples of the end of a flight to which a parabola is fitted: one more than its coefficients."""
+ROUNDING = 1e-9
+"""Part of a root below which its imaginary part counts as rounding."""
 _ALONG = np.array([-0.5, 0.5, 0.5, -0.5])
 """Position of each corner along the slider, in lengths."""
 _SIDE = np.array([1.0, 1.0, -1.0, -1.0])
@@ -129,7 +131,8 @@ def impacts_in(t: np.ndarray, gaps: np.ndarray, clearance: float) -> list[Corner
     """Return the impacts of all corners of a slider in the order of time.
 
     A corner that has been farther than `DEPARTURE` of the clearance from its surface hits it when the gap falls to
-    `ARRIVAL` of the clearance. Time and speed are those at which the end of the flight reaches the gap zero.
+    `ARRIVAL` of the clearance. Time and speed are those at which the end of the flight reaches the gap zero: the
+    parabola through its last samples or, where a flight has too few, the straight line through two of them.
 
     Parameters
     ----------
@@ -163,33 +166,49 @@ def _arrivals(gap: np.ndarray, clearance: float) -> Iterator[int]:
 def _impact(
     corner: int, t: np.ndarray, gap: np.ndarray, arrival: int, clearance: float
 ) -> CornerImpact:
-    """Return the impact of a corner that has arrived at its surface at the sample `arrival`.
-
-    The last part of the flight is fitted by a parabola, which is extended to the gap zero. Where too few samples lie in
-    it, as in a fast flight, the straight line through the last two samples before the arrival is extended.
-    """
+    """Return the impact of a corner that has arrived at its surface at the sample `arrival`."""
+    # The end of the flight: samples with a gap that falls, from `APPROACH` of the clearance on.
     begin = arrival
     while begin > 0 and gap[begin - 1] > gap[begin] and gap[begin - 1] < APPROACH * clearance:
         begin -= 1
     if arrival - begin >= FEWEST_SAMPLES:
-        # Time from the sample of arrival, so that the fit is well conditioned.
-        time = t[begin:arrival] - t[arrival]
-        coefficients = np.polyfit(time, gap[begin:arrival], 2)
-        roots = np.roots(coefficients)
-        real = roots.real[np.abs(roots.imag) <= 1e-9 * np.abs(roots)]
-        later = real[real > time[-1]]
-        if len(later):
-            root = float(later.min())
-            slope = float(np.polyval(np.polyder(coefficients), root))
-            return CornerImpact(corner, float(t[arrival] + root), max(0.0, -slope))
-    last = max(arrival - 1, 1)
-    speed = float((gap[last - 1] - gap[last]) / (t[last] - t[last - 1]))
-    if speed <= 0.0:
-        # The flight turned within a step: the arrival itself is the only estimate.
-        speed = max(0.0, float((gap[last] - gap[arrival]) / (t[arrival] - t[last] or 1.0)))
-        return CornerImpact(corner, float(t[arrival]), speed)
-    time_left = min(float(gap[last]) / speed, float(t[arrival] - t[last]))
-    return CornerImpact(corner, float(t[last]) + time_left, speed)
+        impact = _extended_parabola(corner, t[begin:arrival], gap[begin:arrival])
+        if impact is not None:
+            return impact
+    return _extended_line(corner, t, gap, arrival)
+
+
+def _extended_parabola(corner: int, t: np.ndarray, gap: np.ndarray) -> CornerImpact | None:
+    """Return the impact at which the parabola through the end of a flight reaches the gap zero; None if it does not.
+
+    `t` (s) and `gap` (m) have the shape (samples,).
+    """
+    # Time from the last sample, so that the fit is well conditioned.
+    time = t - t[-1]
+    coefficients = np.polyfit(time, gap, 2)
+    roots = np.roots(coefficients)
+    is_real = np.abs(roots.imag) <= ROUNDING * np.abs(roots)
+    later_roots = roots.real[is_real & (roots.real > 0.0)]
+    if not len(later_roots):
+        return None
+    root = float(later_roots.min())
+    slope = float(np.polyval(np.polyder(coefficients), root))
+    return CornerImpact(corner, float(t[-1] + root), max(0.0, -slope))
+
+
+def _extended_line(corner: int, t: np.ndarray, gap: np.ndarray, arrival: int) -> CornerImpact:
+    """Return the impact at which the straight line through the last two samples before the arrival reaches zero.
+
+    A corner that moves away between them turns within a step; its impact is at the arrival, at the mean speed of the
+    step before it.
+    """
+    last = arrival - 1
+    if last >= 1 and gap[last - 1] > gap[last]:
+        speed = float((gap[last - 1] - gap[last]) / (t[last] - t[last - 1]))
+        time_left = min(float(gap[last]) / speed, float(t[arrival] - t[last]))
+        return CornerImpact(corner, float(t[last]) + time_left, speed)
+    speed = float((gap[last] - gap[arrival]) / (t[arrival] - t[last]))
+    return CornerImpact(corner, float(t[arrival]), speed)
 
 
 @dataclass(frozen=True)

@@ -48,6 +48,7 @@ from stiction.comparisons.studies.clearance_tables import (
     uncertainty_of,
 )
 from stiction.engines.status import UNMADE, Status
+from stiction.scenes.columns import unit_of
 
 MILLI = 1e3
 """Number of thousandths in a unit."""
@@ -55,6 +56,8 @@ SPEED_LAW = 2.0 / 3.0
 """Exponent of impact speeds, and so of the mean change of the effort, over the clearance."""
 POSITION_LAW = 1.0
 """Exponent of the change of the position: slider and surfaces are displaced by the clearance."""
+DETAILS = frozenset({"one_corner_share", "adjacent_share", "opposite_share", "largest_overlap"})
+"""Quantities that the Markdown report leaves out, which has room for a few columns."""
 SHORTEST_BAR = 0.1
 """Lower end of an interval that contains zero, of the value, on a logarithmic axis."""
 SHOWN_RANGE = 3.0
@@ -87,6 +90,7 @@ def present(results: Results) -> Presentation:
         "unresolved": _unresolved(effects),
         "restitution": 0.0,
         "window": None,
+        "is_force": False,
     }
     if len(answering):
         first = answering.iloc[0]
@@ -94,6 +98,7 @@ def present(results: Results) -> Presentation:
         rows["restitution"] = float(first[RESTITUTION])
         rows["percent"] = 100.0 * float(first["effect_limit"])
         rows["window"] = row_of("clearance-limits", limits, answering.index[0])
+        rows["is_force"] = _unit_of_effort(results, str(first["scene"])) == "N"
         rows["answers"] = [_cases_row(results, limits, place) for place in answering.index]
     return Presentation(
         rows=rows,
@@ -225,7 +230,7 @@ def _tables(
     )
     done = effects[~effects["status"].isin(UNMADE)]
     columns = [Column("scene"), METHOD, Column(RESTITUTION), Column(CLEARANCE), Column("step")]
-    columns += [Column(name) for name in QUANTITIES]
+    columns += [Column(name, brief=name not in DETAILS) for name in QUANTITIES]
     columns += [Column("cpu_time"), Column("status"), Column("reason")]
     yield view("clearance", done, columns)
     yield view(
@@ -305,10 +310,7 @@ def _effort_chart(results: Results, efforts: pd.DataFrame) -> Chart | None:
     chosen = efforts[
         (efforts["scene"] == first["scene"]) & (efforts["variant"] == first["variant"])
     ]
-    scene = results.scene(str(first["scene"]))
-    unit = "N m"
-    if scene is not None and scene.drives:
-        unit = "N m" if next(iter(scene.drives.values())).type == "angle" else "N"
+    unit = _unit_of_effort(results, str(first["scene"]))
     curves = []
     impulses = []
     ideal = None
@@ -348,6 +350,15 @@ def _effort_chart(results: Results, efforts: pd.DataFrame) -> Chart | None:
         columns=2,
         height=2.5,
     )
+
+
+def _unit_of_effort(results: Results, scene_name: str) -> str:
+    """Return the unit of the effort of the first drive of a scene; N m for a scene that is not known any more."""
+    scene = results.scene(scene_name)
+    if scene is None or not scene.drives:
+        return "N m"
+    first = next(iter(scene.drives))
+    return unit_of(f"{first}.effort", scene)
 
 
 def _effect_chart(results: Results, effects: pd.DataFrame) -> Chart:

@@ -18,6 +18,9 @@ from pydantic import BaseModel
 from pydantic.fields import FieldInfo
 
 from stiction.cli.app import app
+from stiction.comparisons.bench.quantities import quantity_of
+from stiction.comparisons.judge.submission import COLUMNS as SUBMISSION_COLUMNS
+from stiction.comparisons.judge.submission import Verdict
 from stiction.comparisons.regression import history
 from stiction.engines import EngineMissing, load_engine
 from stiction.engines.listing import default_settings, fidelity_rows
@@ -263,6 +266,19 @@ def columns() -> str:
     return _table(("column", "unit", "meaning", "present"), rows)
 
 
+def submission_columns() -> str:
+    """Return a table of the columns of a judged submission."""
+    rows = []
+    for key in SUBMISSION_COLUMNS:
+        quantity = quantity_of(key)
+        meaning = quantity.label
+        if quantity.description:
+            meaning += f": {quantity.description}"
+        rows.append((f"`{key}`", quantity.unit, meaning))
+    verdicts = ", ".join(f"`{verdict}`" for verdict in Verdict)
+    return f"{_table(('column', 'unit', 'meaning'), rows)}\nVerdicts: {verdicts}."
+
+
 def scenes() -> str:
     """Return a table of the scenes of the catalogue."""
     names = (*catalogue(), *catalogue("hard"))
@@ -294,6 +310,7 @@ GENERATED: dict[str, Callable[..., str]] = {
     "new_scene": new_scene,
     "arithmetic": arithmetic,
     "columns": columns,
+    "submission_columns": submission_columns,
     "scenes": scenes,
     "breakdowns": breakdowns,
     "command_line": command_line,

@@ -1,4 +1,4 @@
-"""Data set of the truths of scenes, for people who do not use stiction: one folder for each scene."""
+"""Data sets for people who do not use stiction: the friction benchmark, and truths of any scenes."""
 
 from __future__ import annotations
 
@@ -11,6 +11,8 @@ from typing import Any
 import pandas as pd
 
 from stiction.comparisons.bench.environment import source_digest
+from stiction.comparisons.judge.benchmark import NAME as BENCHMARK
+from stiction.comparisons.judge.benchmark import copy_benchmark
 from stiction.comparisons.judge.truth_folder import VERSION, write_sums, write_truth
 from stiction.comparisons.measures.scene_truth import ground_truth
 from stiction.reports.markdown.tables import align_columns
@@ -23,6 +25,13 @@ MAIN = "README.md"
 """File that marks a folder as a data set; a data set of an earlier call is replaced."""
 TEMPLATES = {MAIN: "dataset_readme.md", "CITATION.cff": "dataset_citation.cff"}
 """Text files of a data set, and their templates in this package."""
+
+
+def write_benchmark(folder: Path) -> None:
+    """Write a copy of the friction benchmark to a folder; `run_folder` refuses folders whose content would be lost."""
+    with run_folder(folder, MAIN) as partial:
+        copy_benchmark(partial)
+        write_provenance(partial, {"benchmark": BENCHMARK})
 
 
 def write_dataset(

@@ -28,6 +28,7 @@ from conftest import invoke
 import stiction
 from stiction.cli.exit_codes import NOT_COMPARED
 from stiction.comparisons.bench.campaign import load_campaign
+from stiction.comparisons.judge.submission import Submission
 from stiction.comparisons.regression.baseline import DEFAULT
 from stiction.engines import EngineMissing, engine_names, load_engine
 from stiction.engines.fmu.variables import Map
@@ -397,7 +398,11 @@ def described(thing, section):
 
 @pytest.mark.parametrize(
     ("page", "first", "model"),
-    [("program", 'name = "mine"', Declaration), ("fmu", "scene = ", Map)],
+    [
+        ("program", 'name = "mine"', Declaration),
+        ("fmu", "scene = ", Map),
+        ("benchmark", "benchmark = ", Submission),
+    ],
 )
 def test_declarations_show_every_key_and_no_other(page, first, model):
     [text] = [

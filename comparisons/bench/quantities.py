@@ -830,6 +830,9 @@ CLAIMS = (
 JUDGE = (
     _category("measure", description="how the error of a column is measured"),
     _text("hint"),
+    _value(
+        "factor", "values, of the truth's", description="with the hint: 1000 for mm in place of m"
+    ),
     _flag(
         "is_input", "read in another way", "whether a unit, a sign or an origin seems to be another"
     ),
@@ -866,6 +869,42 @@ JUDGE = (
 )
 """Judgement of a table of results that a user supplies."""
 
+BENCHMARK = (
+    _text("title"),
+    _value("mechanism_size", "size of the mechanism", "m"),
+    _value("position_bound", "bound of the position error", "m"),
+    _value("effort_bound", "bound of the mean error of efforts", "N m"),
+    _value(
+        "rest_speed",
+        "speed of rest",
+        "m/s",
+        description="below it a joint is at rest; of pins in rad/s",
+    ),
+    _value("max_step", "largest distance of rows", "s"),
+    Quantity(
+        "uncertainty_between_rows",
+        "uncertainty between rows",
+        kind=Kind.UNCERTAINTY,
+        description="what interpolation between rows adds to the uncertainty, in the same unit",
+    ),
+    _text("error_column", "column of the error"),
+    _count("stick_phases", "stick phases"),
+    _count("stick_found", "stick phases found"),
+    _count("stick_missed", "stick phases missed"),
+    _count("stick_unresolved", "stick phases too short for the samples"),
+    _count("stick_invented", "stick phases invented"),
+    _count("jumps", "jumps of efforts"),
+    _count("jumps_read", "jumps that the table shows"),
+    _text("off_columns", "columns in another unit or sign"),
+    _value("off_factor", "their values, of the truth's"),
+    _category("off_unit", "unit of the truth there"),
+    _category("other_parameter", "parameter with which the table agrees"),
+    _value("other_value", "its value"),
+    _text("explanations", description="all parameters with which the errors vanish"),
+    _value("widest_gap", "longest time between rows", "s"),
+)
+"""The scenes of the friction benchmark, and the judgement of a submission."""
+
 REPLAY = (
     _category("class"),
     _time("median_time", "median time", "us"),
@@ -893,6 +932,7 @@ QUANTITIES: Mapping[str, Quantity] = {
         *HARD,
         *CLAIMS,
         *JUDGE,
+        *BENCHMARK,
         *REPLAY,
     )
 }

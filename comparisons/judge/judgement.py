@@ -217,6 +217,8 @@ def judge(
     units: Mapping[str, float] | None = None,
     t_end: float | None = None,
     tell: Callable[[float], None] | None = None,
+    rest_speed: float | None = None,
+    has_map_option: bool = True,
 ) -> Judgement:
     """Judge a table of results of any program against the truth of a scene.
 
@@ -237,6 +239,11 @@ def judge(
         Time that the results should cover, s; that of the scene if None.
     tell
         Called with the completed fraction of the work, greater than 0 and at most 1.
+    rest_speed
+        Slip speed up to which a joint is at rest, m/s (pins: rad/s); a fraction (`STILL`) of the largest one of each
+        joint if None.
+    has_map_option
+        Whether messages may refer to the option ``--map``.
 
     Returns
     -------
@@ -255,7 +262,13 @@ def judge(
     if isinstance(frame, Trajectory):
         frame = frame.to_frame(events=True, interpolated=True)
     table = result_table(
-        frame, loaded, mapping, units, spills=True, tell=progress.stage(0.0, READING)
+        frame,
+        loaded,
+        mapping,
+        units,
+        has_map_option=has_map_option,
+        spills=True,
+        tell=progress.stage(0.0, READING),
     )
     if truth is None:
         truth = ground_truth(loaded)
@@ -279,7 +292,7 @@ def judge(
     tables = {
         "errors": errors_table,
         "summary": pd.DataFrame([_summary(loaded, table, recomputed, truth)]),
-        "stick-phases": _stick_phase_table(loaded, run, truth),
+        "stick-phases": _stick_phase_table(loaded, run, truth, rest_speed),
         "other-parameters": _other_parameters_table(loaded, table, truth, is_explained),
         "jumps": _jump_table(loaded, run, truth),
         "findings": pd.DataFrame(
@@ -409,20 +422,22 @@ def _other_parameters_table(
     return pd.DataFrame([explanation.row() for explanation in tested], columns=OTHER)
 
 
-def _stick_phase_table(scene: Scene, run: Trajectory, truth: Truth) -> pd.DataFrame:
+def _stick_phase_table(
+    scene: Scene, run: Trajectory, truth: Truth, rest_speed: float | None
+) -> pd.DataFrame:
     """Return the stick phases of the truth that the table covers, and those of the table where the truth slips.
 
-    There is one row per phase, with the columns `PHASE`; none without a truth.
+    There is one row per phase, with the columns `PHASE`; none without a truth. `rest_speed` as in `judge`.
     """
     phases: list[dict[str, Any]] = []
     if truth.tier != Tier.NONE:
         for joint in scene.frictional_joints:
-            phases += _stick_phases(scene, run, truth, joint)
+            phases += _stick_phases(scene, run, truth, joint, rest_speed)
     return pd.DataFrame(phases, columns=PHASE)
 
 
 def _stick_phases(
-    scene: Scene, run: Trajectory, truth: Truth, guide: str
+    scene: Scene, run: Trajectory, truth: Truth, guide: str, rest_speed: float | None
 ) -> Iterator[dict[str, Any]]:
     """Yield the stick phases of a guide, if the table contains its slip velocity or its mode."""
     slip, mode = f"{guide}.slip_velocity", f"{guide}.mode"
@@ -433,6 +448,8 @@ def _stick_phases(
     true_speed = np.abs(true[slip])
     rounding = ROUNDED * size_of(scene) / scene.t_end
     speed_limit = STILL * max(float(np.max(true_speed)), rounding)
+    if rest_speed is not None:
+        speed_limit = rest_speed
     if mode in run:
         is_at_rest = run[mode] == 0
     else:

@@ -37,6 +37,12 @@ def prescribed(scene: Scene, truth: Truth) -> set[str]:
     return {name for name, component in zip(names, components) if component <= HELD}
 
 
+def is_prescribed(scene: Scene, truth: Truth) -> bool:
+    """Return True if constraints and drives prescribe the whole motion, so that forces show in efforts only."""
+    names = [f"{body}.{label}" for body in scene.bodies for label in POSITIONS]
+    return min(len(basis) for basis in _free_motions(scene, truth, names)) == 0
+
+
 def _free_motions(scene: Scene, truth: Truth, names: list[str]) -> Iterator[np.ndarray]:
     """Yield an orthonormal basis (freedom, coordinates) of the free motions at each of `INSTANTS` instants.
 

@@ -10,6 +10,7 @@ import hashlib
 import json
 import shutil
 from collections.abc import Mapping
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -40,11 +41,9 @@ EVENTS = "events.csv"
 SUMS = "SHA256SUMS"
 """File of the checksums of all other files."""
 MIN_INTERVALS = 1200
-"""Least number of intervals between the rows of a motion."""
-MIN_PIECE_INTERVALS = 8
-"""Least number of intervals in each smooth piece of a motion, however short it is."""
+"""Least number of intervals between the rows of a motion, unless a `Sampling` is given."""
 MAX_INTERVAL_S = 0.02
-"""Largest interval between two rows, s."""
+"""Largest interval between two rows, s, unless a `Sampling` is given."""
 ERROR_PLACES = (0.28, 0.5, 0.72)
 """Fractions of an interval at which the error of the interpolation is measured. The error of a polynomial of degree
 five for the position has the shape s^3 (1 - s)^3, which is largest at 0.5. Its derivative, the error of the velocity,
@@ -54,13 +53,34 @@ SAFETY = 2.0
 """Factor on the measured error of the interpolation."""
 
 
+@dataclass(frozen=True)
+class Sampling:
+    """Distances of the rows of a motion, which are equal on each smooth piece between two events.
+
+    Attributes
+    ----------
+    max_interval_s : float
+        Largest interval between two rows, s.
+    min_piece_intervals : int
+        Least number of intervals in each piece, however short it is.
+    """
+
+    max_interval_s: float
+    min_piece_intervals: int = 8
+
+
 class TruthFolderError(FileError):
     """Raised if a folder does not contain a truth, or if its files were changed."""
 
 
-def write_truth(scene: Scene, truth: Truth, folder: Path) -> dict[str, Any]:
-    """Write a truth to an existing empty folder; return the content of `ABOUT`."""
-    frame = motion_frame(truth)
+def write_truth(
+    scene: Scene, truth: Truth, folder: Path, sampling: Sampling | None = None
+) -> dict[str, Any]:
+    """Write a truth to an existing empty folder; return the content of `ABOUT`.
+
+    The rows are as far apart as `sampling` allows, or as far as `motion_frame` chooses.
+    """
+    frame = motion_frame(truth, sampling)
     about = {
         "format": FORMAT,
         "version": VERSION,
@@ -194,15 +214,17 @@ def _truth_of(scene: Scene, about: Mapping[str, Any], folder: Path) -> Truth:
     )
 
 
-def motion_frame(truth: Truth) -> pd.DataFrame:
+def motion_frame(truth: Truth, sampling: Sampling | None = None) -> pd.DataFrame:
     """Return a truth as a table in order of time.
 
     Rows are at equal distances on each smooth piece. Each event has two rows, before and after it.
     """
+    if sampling is None:
+        sampling = Sampling(min(truth.t_end / MIN_INTERVALS, MAX_INTERVAL_S))
     event_times = [event.time for event in truth.events]
     ends = np.unique([0.0, *event_times, truth.t_end])
-    distance = min(truth.t_end / MIN_INTERVALS, MAX_INTERVAL_S)
-    counts = np.maximum(MIN_PIECE_INTERVALS, np.ceil(np.diff(ends) / distance)).astype(int)
+    counts = np.ceil(np.diff(ends) / sampling.max_interval_s).astype(int)
+    counts = np.maximum(sampling.min_piece_intervals, counts)
     times = [np.array([0.0, truth.t_end])]
     for begin, end, count in zip(ends, ends[1:], counts):
         times.append(np.linspace(begin, end, count + 1)[1:-1])

@@ -17,7 +17,7 @@ from enum import Enum
 
 import numpy as np
 
-from stiction.comparisons.measures.result_errors import CONTINUOUS, TURN
+from stiction.comparisons.measures.result_errors import CONTINUOUS, KNOWN, TURN
 from stiction.reference_impl.integration.event_driven import simulate_event_driven
 from stiction.reference_impl.multibody.initial_state import consistent_start
 from stiction.reference_impl.multibody.mechanism import Mechanism
@@ -426,6 +426,9 @@ class _Seen:
         largest: dict[str, float] = {}
         for name in names:
             size = float(np.max(np.abs(true[name] - true[name][0])))
+            # A column that is constant but for the uncertainty of the truth does not move.
+            if size <= KNOWN * truth.uncertainty.get(name, 0.0):
+                size = 0.0
             largest[units[name]] = max(size, largest.get(units[name], 0.0))
         scales = {name: largest[units[name]] for name in names if largest[units[name]] > 0}
         if not scales:

@@ -33,6 +33,7 @@ COLUMNS = [
     "hint",
     "is_input",
     "has_unit_option",
+    "factor",
 ]
 """Columns of `column_errors`."""
 TURN = 2 * np.pi
@@ -66,11 +67,15 @@ class Hint(NamedTuple):
         True if the column should be read differently, for example in other units.
     has_unit_option : bool
         True if the option ``--units`` does this, for all columns.
+    factor : float
+        Factor between the values of the column and those of the truth, if another unit or sign is the cause; otherwise
+        NaN.
     """
 
     cause: str = ""
     is_input: bool = False
     has_unit_option: bool = False
+    factor: float = np.nan
 
 
 def column_errors(
@@ -213,14 +218,16 @@ def _causes(
     """
     kind = unit.partition("/")[0]
     if is_coarse and kind == "rad":
-        yield _Cause(Hint("57.3 times the truth: degrees? (--units deg)", True, True), np.pi / 180)
+        cause = "57.3 times the truth: degrees? (--units deg)"
+        yield _Cause(Hint(cause, True, True, 180 / np.pi), np.pi / 180)
     elif is_coarse and kind in ("m", "N", "N m"):
         is_length = kind != "N"
         option = " (--units mm)" if is_length else ""
-        yield _Cause(Hint(f"1000 times the truth: other units?{option}", True, is_length), 1e-3)
-        yield _Cause(Hint("a thousandth of the truth: other units?", True), 1e3)
+        cause = f"1000 times the truth: other units?{option}"
+        yield _Cause(Hint(cause, True, is_length, 1e3), 1e-3)
+        yield _Cause(Hint("a thousandth of the truth: other units?", True, factor=1e-3), 1e3)
     if is_coarse:
-        yield _Cause(Hint("the other sign (--map MINE=-COLUMN)", True), -1.0)
+        yield _Cause(Hint("the other sign (--map MINE=-COLUMN)", True, factor=-1.0), -1.0)
     if is_coarse and unit in ("m", "rad") and np.ptp(true) > COARSE * size:
         yield _Cause(
             Hint("off by a constant: another origin or point of the body?", True),

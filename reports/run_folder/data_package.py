@@ -146,13 +146,32 @@ def _resource(folder: Path, file: Path) -> dict[str, Any]:
         quantities = columns_of_table(path.stem, schema.names)
     else:
         quantities = [_described(schema.field(name)) for name in schema.names]
-    fields = [_field(quantity, schema.field(quantity.key).type) for quantity in quantities]
     # The standard allows lower-case letters, digits, ".", "_" and "-" in names.
-    name = "-".join((*path.parts[1:-1], path.name)).lower()
+    name = re.sub(r"[^a-z0-9._-]+", "-", "-".join((*path.parts[1:-1], path.name)).lower())
+    return resource_of(path, name, _titles().get(path.stem, path.stem), quantities, schema)
+
+
+def resource_of(
+    path: Path, name: str, title: str, quantities: Iterable[Quantity], schema: pa.Schema
+) -> dict[str, Any]:
+    """Return the description of a table.
+
+    Parameters
+    ----------
+    path : Path
+        The CSV or Parquet file, relative to the folder of the package.
+    name, title : str
+        Name and title of the table in the package.
+    quantities : iterable of Quantity
+        Descriptions of the columns.
+    schema : pyarrow.Schema
+        Names and types of the columns.
+    """
+    fields = [_field(quantity, schema.field(quantity.key).type) for quantity in quantities]
     resource: dict[str, Any] = {
-        "name": re.sub(r"[^a-z0-9._-]+", "-", name),
+        "name": name,
         "path": path.as_posix(),
-        "title": _titles().get(path.stem, path.stem),
+        "title": title,
         "format": path.suffix.removeprefix("."),
     }
     if path.suffix == ".csv":

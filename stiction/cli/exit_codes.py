@@ -27,7 +27,8 @@ EXIT_CODES = (
     "engine failed, refused the scene, crashed, is not installed or exceeded the time limit; in validate, a run of the "
     "reference failed; in compare and sweep, all runs failed; 2 invalid input: scene, override, option, engine, "
     "campaign, baseline or output; 3 a regression (nightly, check), a changed truth (baseline "
-    "update), or an error above --max-error (judge); 4 no regression, but not all runs could be "
+    "update), or an error above --max-error or the bounds of the benchmark (judge); 4 no "
+    "regression, but not all runs could be "
     "made (nightly, check); 5 nothing was compared, because there is no baseline (nightly, check); 130 interrupted; "
     "143 ended by SIGTERM. An internal error prints a traceback and exits with 1."
 )

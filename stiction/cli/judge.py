@@ -1,4 +1,4 @@
-"""Commands for users of other programs: ``judge`` for their results, ``dataset`` for the truths."""
+"""Commands for users of other programs: ``judge`` for their results, ``dataset`` for the benchmark and truths."""
 
 from __future__ import annotations
 
@@ -30,21 +30,22 @@ def judge(
     scene: Annotated[
         str,
         typer.Argument(
-            metavar="SCENE",
+            metavar="SCENE|SUBMISSION",
             help="Name of a scene of the catalogue, path of a TOML file, or folder of a "
             "scene in a data set of truths. In the last case the truth is read "
-            "instead of computed.",
+            "instead of computed. Without RESULT: folder of a submission to the "
+            "friction benchmark.",
         ),
     ],
     result: Annotated[
-        Path,
+        Path | None,
         typer.Argument(
             metavar="RESULT",
             help="Table of results (.csv or .parquet) with a column t and one or more "
             "columns of the scene. Two rows with the same time are the two sides of a "
             "jump.",
         ),
-    ],
+    ] = None,
     names: Annotated[
         list[str],
         typer.Option(
@@ -85,7 +86,21 @@ def judge(
         ),
     ] = None,
 ) -> None:
-    """Judge a table of results from any program: errors, stick phases, jumps, drift and energy."""
+    """Judge a table of results from any program, or a submission to the friction benchmark.
+
+    Errors, stick phases, jumps, drift and energy of a table; for a submission, a verdict on each scene.
+    """
+    if result is None:
+        options = {
+            "--map": names,
+            "--units": units,
+            "--max-error": max_error is not None,
+            "--t-end": t_end is not None,
+            "--set": overrides,
+            "--assemble": assemble,
+        }
+        _judge_submission(Path(scene), [option for option, given in options.items() if given], out)
+        return
     from stiction.comparisons.judge.judgement import judge as judged_by
     from stiction.comparisons.judge.truth_folder import is_truth_folder
     from stiction.reports.judgement_page import MAIN, judgement_section, write_judgement
@@ -119,6 +134,66 @@ def judge(
     _fail_if_wrong(judged, max_error)
 
 
+def _judge_submission(folder: Path, options: list[str], out: Path | None) -> None:
+    """Judge the submission in a folder; `options` are those that were given and belong to a single table.
+
+    Raises
+    ------
+    typer.Exit
+        With the code `REGRESSED` if a result is beyond its bounds or that of other parameters, and `BAD_INPUT` if a
+        result cannot be judged.
+    """
+    from stiction.comparisons.judge.benchmark import benchmark_scenes
+    from stiction.comparisons.judge.submission import (
+        DESCRIPTION,
+        UNUSABLE,
+        WRONG,
+        is_submission,
+        judge_submission,
+    )
+    from stiction.reports.run_folder.overwriting import check_folder
+    from stiction.reports.submission_page import (
+        MAIN,
+        submission_section,
+        write_submission_judgement,
+    )
+
+    if not is_submission(folder):
+        raise typer.BadParameter(
+            f"found none, and no {DESCRIPTION} in {folder}; expected a table of results of {folder}, "
+            "or the folder of a submission",
+            param_hint="RESULT",
+        )
+    if options:
+        raise typer.BadParameter(
+            "found this option with a submission; expected it with a single table",
+            param_hint=options[0],
+        )
+    with errors_of_option("--out"):
+        if out is not None:
+            check_folder(out, MAIN)
+    with progress("judge") as bar:
+        bar.start(len(benchmark_scenes()))
+        judged = judge_submission(folder, bar.result)
+    section = submission_section(judged)
+    print(section.answer, *section.findings, "", sep="\n")
+    for table in section.tables:
+        show(table.heads(), table.cells())
+    if out is not None:
+        print(write_submission_judgement(judged, out))
+    wrong, unusable = judged.count(*WRONG), judged.count(*UNUSABLE)
+    if wrong:
+        raise exit_with(
+            REGRESSED,
+            f"{folder}: {wrong} of {judged.submitted} results beyond their bounds; expected none",
+        )
+    if unusable:
+        raise exit_with(
+            BAD_INPUT,
+            f"{folder}: {unusable} of {judged.submitted} results cannot be judged; expected none",
+        )
+
+
 @commands.command()
 def dataset(
     folder: Annotated[
@@ -130,23 +205,41 @@ def dataset(
     ],
     scenes: Annotated[
         list[str] | None,
-        typer.Option("--scenes", metavar="A,B,..", help="Scenes of the catalogue. Default: all."),
+        typer.Option(
+            "--scenes",
+            metavar="A,B,..",
+            help="Write newly computed truths of these scenes of the catalogue instead; all stands for "
+            "every scene with an independent truth.",
+        ),
     ] = None,
 ) -> None:
-    """Write the truths of the catalogue's scenes as a data set that does not require stiction.
+    """Write the friction benchmark, which does not require stiction.
 
-    It contains tables, events, proofs and a README.
+    It contains scenes, descriptions, exact motions, rules and runner templates. With --scenes, the folder contains the
+    truths of other scenes in the same format.
     """
-    from stiction.reports.dataset import MAIN, write_dataset
+    from stiction.reports.dataset import MAIN, write_benchmark
     from stiction.reports.run_folder.overwriting import check_folder
+
+    with errors_of_option("FOLDER"):
+        check_folder(folder, MAIN)
+    if scenes:
+        _write_truths(folder, split_names(scenes))
+    else:
+        write_benchmark(folder)
+    print(folder / MAIN)
+
+
+def _write_truths(folder: Path, names: list[str]) -> None:
+    """Write the truths of scenes of the catalogue; ``all`` stands for all of them."""
+    from stiction.reports.dataset import write_dataset
     from stiction.scenes import catalogue, scene_text
 
-    names = split_names(scenes) if scenes else [*catalogue(), *catalogue("hard")]
+    if names == ["all"]:
+        names = [*catalogue(), *catalogue("hard")]
     for name in names:
         # raises an error if the catalogue does not have the scene
         scene_text(name)
-    with errors_of_option("FOLDER"):
-        check_folder(folder, MAIN)
     with progress("dataset") as bar:
         bar.start(len(names))
         index = write_dataset(folder, names, bar.result)
@@ -155,7 +248,6 @@ def dataset(
             FAILED, "none of these scenes has a truth that is independent of the reference"
         )
     show_table(index[["scene", "tier", "events", "position uncertainty [m]", "certificate"]])
-    print(folder / MAIN)
 
 
 def _fail_if_wrong(judged: Judgement, max_error: float | None) -> None:

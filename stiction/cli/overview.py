@@ -51,7 +51,10 @@ OVERVIEW = {
             "Make all comparisons for the three cases of the paper or other scenes, and write a report.",
             "validate --quick --out run",
         ),
-        "judge": About("Judge a table of results from any program.", "judge slider-crank mine.csv"),
+        "judge": About(
+            "Judge a table of results from any program, or a submission to the benchmark.",
+            "judge slider-crank mine.csv",
+        ),
         "replay": About(
             "Test a solver for linear complementarity problems.",
             "replay --solver gauss_seidel:solve",
@@ -81,7 +84,8 @@ OVERVIEW = {
             "Show the data from which a row of a table was computed.", "trace run accuracy:2"
         ),
         "dataset": About(
-            "Write the true solutions of the catalogue as a data set.", "dataset truths"
+            "Write the friction benchmark: scenes and exact motions for other programs.",
+            "dataset friction-benchmark-1",
         ),
     },
 }

@@ -39,7 +39,7 @@ from stiction.reports.text import (
     template,
 )
 
-TITLE = "Which solver gets a sticking slider right? (Zhuang & Wang 2014)"
+TITLE = "How solvers treat a slider that sticks and slips (Zhuang & Wang 2014)"
 """Title of a report about the paper's three cases."""
 MAX_METHODS_NAMED = 3
 """Largest number of methods with failed runs that are named; others are summed up as "others"."""

@@ -199,7 +199,7 @@ def clearance_effect(run: GapRun) -> dict[str, Any]:
         time, see `ContactShares`. ``largest_overlap``: largest depth of a corner in its surface, m.
         ``impact_count``, and ``impact_speed`` (largest, m/s). ``window_begin``, ``window_end``: the part of the run
         that they are about, s.
-        Efforts are absent from a scene without drives.
+        Efforts are absent if the scene has no drive, or if the ideal effort is zero throughout.
 
     Raises
     ------
@@ -241,10 +241,12 @@ def clearance_effect(run: GapRun) -> dict[str, Any]:
 
 
 def _effort_columns(effort: np.ndarray, ideal: np.ndarray, length: float) -> dict[str, float]:
-    """Return the differences of an effort from the ideal one, relative to the latter.
+    """Return the differences of an effort from the ideal one, relative to the latter; empty if the latter is zero.
 
     Both have the shape (samples,) and cover a window of a length, s.
     """
+    if not np.any(ideal):
+        return {}
     difference = effort - ideal
     window = max(1, round(len(effort) * PEAK_WINDOW / length))
     means = np.convolve(effort, np.full(window, 1.0 / window), mode="valid")

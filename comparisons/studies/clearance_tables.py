@@ -61,9 +61,11 @@ LIMIT_LOW = "limit_clearance_low"
 LIMIT_HIGH = "limit_clearance_high"
 """Columns: the same for the upper and the lower end of the uncertainty of the effort, m."""
 HAS_DRIVE = "has_drive"
-"""Column: whether the scene has a drive, whose effort can be compared."""
+"""Column: whether the scene has a drive whose effort can be compared, because that of ideal joints is not zero."""
 WHY_NONE = "why_none"
-"""Column: why there is no limit, or no measured flight."""
+"""Column: why there is no limit, no exponent or no measured flight."""
+NO_EFFORT = "the scene has no drive, or its effort with ideal joints is zero"
+"""Reason why there is no limit where no effort can be compared."""
 EFFORT_EXPONENT = "effort_exponent"
 POSITION_EXPONENT = "slider_exponent"
 TIME_EXPONENT = "flight_time_exponent"
@@ -128,10 +130,14 @@ def _effect_row(group: pd.DataFrame) -> dict[str, Any]:
     failed = group[group["status"] != Status.OK]
     row["status"], row["reason"] = Status.OK, ""
     if len(own) < 2:
-        # A single step does not tell how far its numbers are from the limit.
+        # The error of a number cannot be estimated from a single step.
         row["status"] = Status.FAILED if failed.empty else failed["status"].iloc[0]
         row["reason"] = "one step only" if failed.empty else failed["reason"].iloc[0]
         return row
+    if not failed.empty:
+        # The numbers are those of the other runs, so that their uncertainty contains fewer steps or starts.
+        first_reason = failed["reason"].iloc[0]
+        row["reason"] = f"{len(failed)} of {len(group)} runs failed: {first_reason}"
     unresolved = []
     for name in QUANTITIES:
         if name not in own or own[name].isna().any():
@@ -290,7 +296,7 @@ def _limit_columns(succeeded: pd.DataFrame, limit: float) -> dict[str, Any]:
     named = succeeded[UNRESOLVED].str.split(", ").map(set)
     is_unresolved = any(EFFORT in names for names in named)
     if EFFORT not in succeeded or (succeeded[EFFORT].isna().all() and not is_unresolved):
-        return {HAS_DRIVE: False, WHY_NONE: "the scene has no drive"}
+        return {HAS_DRIVE: False, WHY_NONE: NO_EFFORT}
     limit_crossing = crossing(
         succeeded[CLEARANCE].to_list(),
         succeeded[EFFORT].to_list(),
@@ -347,15 +353,21 @@ def exponents_table(flights: pd.DataFrame) -> pd.DataFrame:
         row["flights"] = len(series)
         row["largest_time_deviation"] = float((measured["flight_time_ratio"] - 1.0).abs().max())
         row["largest_speed_deviation"] = float((measured["impact_speed_ratio"] - 1.0).abs().max())
-        for name, exponent in (
-            ("flight_time", TIME_EXPONENT),
-            ("impact_speed", SPEED_EXPONENT),
-        ):
-            pairs = [(one[CLEARANCE].to_numpy(float), one[name].to_numpy(float)) for one in series]
-            fit = fitted_exponent(pairs) if pairs else None
-            if fit is not None:
+        row[WHY_NONE] = "" if series else "one clearance only"
+        for name, exponent in (("flight_time", TIME_EXPONENT), ("impact_speed", SPEED_EXPONENT)):
+            if not series:
+                break
+            fit = fitted_exponent(
+                [
+                    (flight[CLEARANCE].to_numpy(float), flight[name].to_numpy(float))
+                    for flight in series
+                ]
+            )
+            if fit is None:
+                row[WHY_NONE] = "too few measured flights for a fit"
+            else:
                 row[exponent], row[uncertainty_of(exponent)] = fit.value, fit.uncertainty
-        rows.append({**row, WHY_NONE: "" if series else "one clearance only"})
+        rows.append(row)
     return pd.DataFrame(rows)
 
 

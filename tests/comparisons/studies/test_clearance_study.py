@@ -39,6 +39,7 @@ from stiction.comparisons.studies.clearance_tables import (
     CLEARANCE,
     EFFORT,
     EFFORT_EXPONENT,
+    NO_EFFORT,
     POSITION,
     RESTITUTION,
     SPEED_EXPONENT,
@@ -189,6 +190,14 @@ def test_a_single_step_gives_no_number():
     assert (row["status"], row["reason"]) == (Status.TIMED_OUT, "too long")
 
 
+def test_a_failed_step_or_start_is_reported_beside_the_numbers_of_the_others():
+    rows = run_rows(converging, gaps=(1e-4,))
+    rows[-1] |= {"status": Status.TIMED_OUT, "reason": "too long", EFFORT: math.nan}
+    [row] = effects_table(pd.DataFrame(rows)).to_dict("records")
+    assert row["status"] == Status.OK and row["step"] == 5e-5 and row[EFFORT] > 0
+    assert row["reason"] == "1 of 3 runs failed: too long"
+
+
 def test_exponents_contain_the_law():
     limits = results_of(run_rows(converging)).table("clearance-limits")
     [row] = limits.to_dict("records")
@@ -234,8 +243,12 @@ def test_exponents_of_flights_are_those_of_isolated_ones():
     assert row["flights"] == 2 and row["largest_time_deviation"] == 0
     assert row[TIME_EXPONENT] == pytest.approx(1 / 3)
     assert row[SPEED_EXPONENT] == pytest.approx(2 / 3)
+    assert row[WHY_NONE] == ""
     [none] = exponents_table(pd.DataFrame(wrong)).to_dict("records")
     assert none["flights"] == 0 and none[WHY_NONE]
+    # one flight at two clearances determines an exponent, but not its uncertainty
+    [short] = exponents_table(pd.DataFrame(good[:2])).to_dict("records")
+    assert TIME_EXPONENT not in short and short[WHY_NONE]
 
 
 def sentence(rows):
@@ -288,7 +301,7 @@ def test_a_scene_without_a_drive_has_no_limit_but_effects():
     for row in rows:
         del row[EFFORT]
     results = results_of(rows)
-    assert list(results.table("clearance-limits")[WHY_NONE]) == ["the scene has no drive"]
+    assert list(results.table("clearance-limits")[WHY_NONE]) == [NO_EFFORT]
     section = section_of(STUDY, results)
     assert section.answer == "No method gave a clearance that may be neglected."
     assert any(figure.name == "clearance-effect" for figure in section.figures)

@@ -270,6 +270,10 @@ def test_the_sentence_of_page_one():
     low = 2e-4 * 1.02**-1.5
     assert f"below {math.floor(low * 1e5) / 100:g} mm in case 1," in section.answer
     assert section.answer.endswith("by less than 1 % (Moreau, contact; e = 0).")
+    # beside it the interpolated clearance explains why the answer is smaller
+    assert "lower end of an interval" in section.beside
+    assert "the change reaches 1 % at 0.2 mm (0.19 mm to" in section.beside
+    assert "perturbed starts" not in section.beside
     halved = sentence(three_cases([lambda gap, step: converging(2 * gap, step)] * 3))
     assert f"below {math.floor(low / 2 * 1e6) / 1000:g} mm in case 1," in halved.answer
     assert halved.answer != section.answer

@@ -31,7 +31,7 @@ from stiction.comparisons.studies.clearance_claims import (
     CONFIGURATIONS,
     MARGINS,
     MEASURES,
-    Measured,
+    ClaimTables,
     claims_table,
     clearance_claims,
 )
@@ -144,7 +144,7 @@ def results_of(rows, flights=(), efforts=()):
     tables = {
         "clearance": effects,
         "clearance-limits": limits_table(effects, 0.01),
-        "clearance-claims": claims_table(Measured(effects, limits_table(effects, 0.01), runs)),
+        "clearance-claims": claims_table(ClaimTables(effects, limits_table(effects, 0.01), runs)),
         "clearance-flights": flown,
         "clearance-exponents": exponents_table(flown),
         "clearance-efforts": pd.DataFrame(efforts),

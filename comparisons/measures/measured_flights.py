@@ -81,18 +81,7 @@ def _flight_row(
     impacts : sequence of CornerImpact
         Impacts of the slider in this run, in order of time.
     """
-    row = {
-        "event_time": flight.time,
-        "joint": flight.guide,
-        "release": str(flight.release),
-        "corner": flight.corner,
-        "opposite_corner": flight.opposite_corner,
-        "effective_mass": flight.mass,
-        "crowding": flight.crowding,
-        "mobilization": flight.mobilization,
-        "predicted_flight_time": flight.flight_time,
-        "predicted_impact_speed": flight.impact_speed,
-    }
+    row = _predicted_columns(flight)
     # A predicted flight that has no end (NaN) may have one in the run.
     end_of_run = float(trajectory.t[-1])
     if end_of_run < flight.time or end_of_run < flight.time + flight.flight_time:
@@ -120,6 +109,22 @@ def _flight_row(
                 "why_none": "",
             }
     return {**row, "why_none": "no impact before the end is released again"}
+
+
+def _predicted_columns(flight: CornerFlight) -> dict[str, Any]:
+    """Return the columns of a predicted flight."""
+    return {
+        "event_time": flight.time,
+        "joint": flight.guide,
+        "release": str(flight.release),
+        "corner": flight.corner,
+        "opposite_corner": flight.opposite_corner,
+        "effective_mass": flight.mass,
+        "crowding": flight.crowding,
+        "mobilization": flight.mobilization,
+        "predicted_flight_time": flight.flight_time,
+        "predicted_impact_speed": flight.impact_speed,
+    }
 
 
 def shown_flight(flights: Sequence[CornerFlight]) -> CornerFlight | None:

@@ -100,7 +100,9 @@ def present(results: Results) -> Presentation:
         rows["method"] = first["variant"]
         rows["restitution"] = float(first[RESTITUTION])
         rows["percent"] = 100.0 * float(first["effect_limit"])
-        rows["window"] = row_of("clearance-limits", limits, answer.index[0])
+        # The text mentions a window only if all scenes of the answer have the same one.
+        if len(answer[["window_begin", "window_end"]].drop_duplicates()) == 1:
+            rows["window"] = row_of("clearance-limits", limits, answer.index[0])
         rows["is_force"] = _unit_of_effort(results, str(first["scene"])) == "N"
         rows["answers"] = [_scene_row(results, limits, place) for place in answer.index]
     return Presentation(
@@ -362,9 +364,6 @@ def _effort_chart(results: Results, efforts: pd.DataFrame) -> Chart | None:
     ideal = Series(
         "ideal joint", MILLI * longest["time_after_release"].to_numpy(), exact, look=TRUTH
     )
-    smallest_range = SMALLEST_RANGE * float(np.max(np.abs(exact)))
-    margin = SHOWN_RANGE * max(float(np.ptp(exact)), smallest_range)
-    limits = (float(exact.min()) - margin, float(exact.max()) + margin)
     axis = Axis("time after the release [ms]")
     return Chart(
         "clearance-torque",
@@ -372,7 +371,7 @@ def _effort_chart(results: Results, efforts: pd.DataFrame) -> Chart | None:
             Panel(
                 "",
                 axis,
-                Axis(f"effort of the drive [{unit}]", limits=limits),
+                Axis(f"effort of the drive [{unit}]", limits=_axis_limits(exact)),
                 [*curves, ideal],
                 lines=(0.0,),
             ),
@@ -383,6 +382,13 @@ def _effort_chart(results: Results, efforts: pd.DataFrame) -> Chart | None:
         columns=2,
         height=2.5,
     )
+
+
+def _axis_limits(ideal_effort: np.ndarray) -> tuple[float, float]:
+    """Return the ends of the axis of efforts around a stretch of the ideal effort, shape (samples,)."""
+    smallest_range = SMALLEST_RANGE * float(np.max(np.abs(ideal_effort)))
+    margin = SHOWN_RANGE * max(float(np.ptp(ideal_effort)), smallest_range)
+    return float(ideal_effort.min()) - margin, float(ideal_effort.max()) + margin
 
 
 def _unit_of_effort(results: Results, scene_name: str) -> str:

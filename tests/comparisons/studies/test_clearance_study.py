@@ -279,6 +279,15 @@ def test_the_sentence_of_page_one():
     assert halved.answer != section.answer
 
 
+def test_the_window_is_mentioned_only_if_all_scenes_have_it():
+    rows = three_cases([converging] * 3)
+    assert "ideal joints from 0.2 to 8 s;" in sentence(rows).beside
+    for row in rows:
+        if row["scene"] == CASES[2]:
+            row["window_end"] = 4.0
+    assert "ideal joints; the" in sentence(rows).beside
+
+
 def test_the_sentence_refuses_what_is_not_resolved():
     def rough(gap, step):
         return float(law(gap)) * (step / 1e-4) ** -0.5

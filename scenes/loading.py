@@ -23,8 +23,8 @@ MAX_FILE_SIZE = 4 * 2**20
 """Largest size of a scene file, bytes; 10 000 bodies with a joint each take 2 MB."""
 _MAX_SYNTAX_ERROR = 160
 """Characters of the TOML parser's message that are shown: more than its usual messages have."""
-_LINE_OF_SYNTAX_ERROR = re.compile(r"\(at line (\d+), column \d+\)")
-"""Place in the TOML parser's message; the error has it as an attribute only since Python 3.14."""
+_LINE_OF_SYNTAX_ERROR = re.compile(r"\(at line (\d+), column \d+\)\Z")
+"""Place at the end of the TOML parser's message; the error has it as an attribute only since Python 3.14."""
 _QUOTING_RULE = (
     "texts are in quotes, and so are keys with characters other than a-z, A-Z, 0-9, _ and -"
 )

@@ -58,7 +58,6 @@ _MILLISECOND_RATIO = (50, 2000)
 t_end to twice t_end."""
 _MAX_MISSPELT = 5
 """Largest number of misspelt names that are reported one by one; more of them belong to another scene."""
-
 _MAX_SUGGESTIONS = 4
 """Largest number of columns that are suggested for one heading; more of them are no help."""
 

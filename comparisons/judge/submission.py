@@ -481,7 +481,7 @@ def unknown_columns(judged: Judgement) -> list[str]:
         return []
     suggestions = column_suggestions(left_out, columns_of(judged.scene))
     hint = f" ({suggestions})" if suggestions else ""
-    return [f"the scene has no column {', '.join(left_out)}{hint}"]
+    return [f"the scene has no column {names(left_out)}{hint}"]
 
 
 def _misreading(factor: float, unit: str) -> str:

@@ -356,6 +356,12 @@ def test_the_line_of_invalid_toml_is_shown(tmp_path):
     with pytest.raises(FileError) as error:
         read_submission(tmp_path)
     assert "'step size = 0.1'" in str(error.value) and "quotes" in str(error.value)
+    # A key that reads like a place in the message is no place.
+    twice = '[settings."a (at line 99, column 1)"]\n'
+    (tmp_path / "submission.toml").write_text(DESCRIPTION + twice + twice)
+    with pytest.raises(FileError) as error:
+        read_submission(tmp_path)
+    assert f"in the line '{twice.strip()}'" in str(error.value)
 
 
 def test_the_example_of_a_description_is_valid(tmp_path):

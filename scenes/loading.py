@@ -255,9 +255,6 @@ def read_toml(path: Path, origin: str) -> dict[str, Any]:
     except tomllib.TOMLDecodeError as error:
         found = shortened(str(error), _MAX_SYNTAX_ERROR) + _wrong_line(str(error), text)
         expected = f"expected TOML (toml.io): {_QUOTING_RULE}"
-        # Outside of texts and comments there are only keys and values.
-        if not _QUOTED.sub("", text).isascii():
-            expected += ", in which names have no letters but a-z and A-Z"
     except ValueError:
         # tomllib passes on the error of int(), which refuses texts of thousands of digits.
         found, expected = "an integer of thousands of digits", "expected numbers below 1.8e308"

@@ -15,6 +15,7 @@ import sys
 import tempfile
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
+from functools import cache
 from pathlib import Path
 from typing import Any
 
@@ -74,13 +75,26 @@ def picture(draw: Callable[[], Figure]) -> Callable[[], Figure]:
 
 def figure_of_study(name: str, scene: str, *engines: str) -> Figure:
     """Return the figure of ``stiction compare NAME SCENE --quick --engines ENGINES --plot FILE``."""
+    return figures_of_study(name, Scope((load_scene(scene),), Depth.QUICK, engines))[0]
+
+
+def figures_of_study(name: str, scope: Scope) -> list[Figure]:
+    """Return all figures of a study."""
     [study] = [study for study in studies() if study.name == name]
-    scope = Scope((load_scene(scene),), Depth.QUICK, engines)
     comparison = planned({study: scope})[study]
     results = union(make([comparison], timed_by=isolate), scenes=scope.scenes)
     with rc():
-        [drawing] = draw_figures(section_of(study, results).figures[:1], results)
-    return drawing.figure
+        drawings = list(draw_figures(section_of(study, results).figures, results))
+    return [drawing.figure for drawing in drawings]
+
+
+@cache
+def figures_of_clearance() -> list[Figure]:
+    """Return the figures of the study of clearance for the paper's cases, as `stiction validate` makes them."""
+    scenes = tuple(load_scene(f"slider-bar-case-{case}") for case in (1, 2, 3))
+    return figures_of_study(
+        "clearance", Scope(scenes, Depth.DEFAULT, ("moreau",), is_campaign=True)
+    )
 
 
 # Pictures of README and tutorial
@@ -412,6 +426,18 @@ def lemke_outcomes() -> Figure:
 def compare_accuracy() -> Figure:
     """Draw the figure of ``stiction compare accuracy slider-bar-case-1 --quick --engines pymunk``."""
     return figure_of_study("accuracy", "slider-bar-case-1", "pymunk")
+
+
+@picture
+def clearance_torque() -> Figure:
+    """Draw the torque around the flight of a corner through gaps of 1, 0.1 and 0.01 mm."""
+    return figures_of_clearance()[0]
+
+
+@picture
+def clearance_effect() -> Figure:
+    """Draw the changes of torque and position over the clearance."""
+    return figures_of_clearance()[1]
 
 
 @picture

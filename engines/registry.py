@@ -244,7 +244,8 @@ def load_engine(name: str) -> Engine:
     addresses = {**others, **{entry.name: entry.address for entry in ENGINES}}
     address = addresses.get(name, name)
     module, _, attribute = address.partition(":")
-    if not module or not attribute:
+    # A relative name of a module has no meaning here.
+    if not module or not attribute or module.startswith("."):
         matches = difflib.get_close_matches(name, addresses, n=1)
         hint = f" (did you mean {matches[0]!r}?)" if matches else ""
         raise UnknownEngine(

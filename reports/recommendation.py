@@ -122,8 +122,13 @@ def _described_scene(scene: Scene) -> dict[str, object]:
 
 def _described_truth(scene: Scene, truths: Mapping[str, Truth]) -> dict[str, object]:
     """Return the entries of `own_mechanisms` that depend on the truth of a scene."""
-    # Without the truth for the scene's own coefficients there may be one for mus = mu.
-    truth = truths.get(scene.name) or truths.get(truth_key(scene.name, static_coefficient=False))
+    # Without the truth for the scene's own coefficients there may be one for mus = mu, or one with clearance.
+    names = [
+        truth_key(scene.name, static_coefficient, has_gaps)
+        for has_gaps in (False, True)
+        for static_coefficient in (True, False)
+    ]
+    truth = next((truths[name] for name in names if name in truths), None)
     if truth is None:
         return {"tier": None, "is_own": False, "note": "", "uncertainty": None, "stick": []}
     stick = []

@@ -256,6 +256,7 @@ def _environment() -> Environment:
         percent=percent,
         magnitude=magnitude,
         upper_bound=upper_bound,
+        safe_length=safe_length,
         known_digits=known_digits,
         enclosure=enclosure,
         in_words=in_words,
@@ -416,6 +417,12 @@ def magnitude(context: Context, source: Cell, form: str) -> str:
 def upper_bound(context: Context, source: Cell) -> str:
     """Write a number to two digits, rounded up, so that it remains an upper bound."""
     return _record(context, rounded_up(source.value), source)
+
+
+@pass_context
+def safe_length(context: Context, source: Cell) -> str:
+    """Write a length in mm to two digits, rounded down, so that it remains a lower bound: ``0.23 mm``."""
+    return _record(context, f"{rounded_down(MILLI * source.value)} mm", source, MILLI)
 
 
 @pass_context

@@ -8,6 +8,7 @@ of another structure, `NoMotion` if the equations have no motion or several, and
 different events.
 """
 
+from stiction.truths.clearance.slider_crank_truth import clearance_slider_crank_truth
 from stiction.truths.closed_form.block_on_incline import incline_truth
 from stiction.truths.closed_form.four_bars import four_bar_truth
 from stiction.truths.closed_form.oscillator import oscillator_truth
@@ -35,6 +36,7 @@ __all__ = [
     "Truth",
     "TruthRefused",
     "Undecided",
+    "clearance_slider_crank_truth",
     "four_bar_truth",
     "incline_truth",
     "moving_guide_truth",

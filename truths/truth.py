@@ -94,6 +94,8 @@ class Truth:
         In a proven truth, tier of the columns that no proof encloses (efforts and forces).
     guides : frozenset of str or None
         Guides whose events count; None for all guides.
+    has_gaps : bool
+        True for a motion with the clearance of guides that the scene declares.
     """
 
     scene: str
@@ -106,6 +108,7 @@ class Truth:
     note: str = ""
     tier_below: Tier | None = None
     guides: frozenset[str] | None = None
+    has_gaps: bool = False
 
     @property
     def effort_tier(self) -> Tier:

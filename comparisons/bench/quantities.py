@@ -638,6 +638,153 @@ JOINT_FRICTION = (
 )
 """Errors of joints whose friction has a constant bound."""
 
+CLEARANCE = (
+    _value("clearance", "clearance", "m", "gap between the centred slider and each surface"),
+    _value("restitution", description="Newton's coefficient"),
+    _count("perturbed_start", "perturbed start", "0 is the start of the scene"),
+    _value("window_end", "end of the window", "s"),
+    *_measured(
+        Kind.ERROR,
+        "slider_change",
+        "change of the slider's position",
+        "m",
+        "slider_change_uncertainty",
+        "the change of the slider's position",
+        "largest difference of the displacement along the guide from that with ideal joints",
+    ),
+    *_measured(
+        Kind.ERROR,
+        "effort_share",
+        "change of the effort, mean, of the ideal mean",
+        "",
+        "effort_share_uncertainty",
+        "the mean change of the effort",
+        "mean size of the difference from the effort with ideal joints over the mean size of the latter",
+    ),
+    *_measured(
+        Kind.ERROR,
+        "effort_rms",
+        "change of the effort, rms, of the ideal rms",
+        "",
+        "effort_rms_uncertainty",
+        "the rms change of the effort",
+    ),
+    *_measured(
+        Kind.ERROR,
+        "effort_peak",
+        "largest effort, of the ideal largest",
+        "",
+        "effort_peak_uncertainty",
+        "the largest effort",
+        "of a single step; inversely proportional to the step where impacts are impulses, and then missing",
+    ),
+    *_measured(
+        Kind.ERROR,
+        "effort_peak_mean",
+        "largest mean effort over 1 ms, of the ideal largest",
+        "",
+        "effort_peak_mean_uncertainty",
+        "the largest mean effort over 1 ms",
+    ),
+    *_measured(
+        Kind.ERROR,
+        "flight_share",
+        "part of the time without contact",
+        "",
+        "flight_share_uncertainty",
+        "the part of the time without contact",
+        "no corner within 2 % of the clearance of its surface",
+    ),
+    *(
+        quantity
+        for key, words in (
+            ("one_corner_share", "one corner in contact"),
+            ("adjacent_share", "two adjacent corners in contact"),
+            ("opposite_share", "two opposite corners in contact"),
+        )
+        for quantity in _measured(
+            Kind.ERROR,
+            key,
+            f"part of the time with {words}",
+            "",
+            f"{key}_uncertainty",
+            f"the part of the time with {words}",
+        )
+    ),
+    *_measured(
+        Kind.ERROR,
+        "largest_overlap",
+        "largest overlap",
+        "m",
+        "largest_overlap_uncertainty",
+        "the largest overlap",
+        "depth of a corner in its surface",
+    ),
+    *_measured(
+        Kind.ERROR,
+        "impact_count",
+        "impacts",
+        "",
+        "impact_count_uncertainty",
+        "the number of impacts",
+        "arrivals of corners that were more than 10 % of the clearance away",
+    ),
+    *_measured(
+        Kind.ERROR,
+        "impact_speed",
+        "speed of impact",
+        "m/s",
+        "impact_speed_uncertainty",
+        "the speed of impact",
+        "of a flight its end, of a run the largest one",
+    ),
+    _text(
+        "unresolved", "not resolved", "numbers that change by more than 25 % by the last halving"
+    ),
+    _value("effect_limit", "limit of the change of the effort"),
+    _flag("has_drive", description="whether the scene has a drive, whose effort is compared"),
+    _error("limit_clearance", "clearance at the limit", "m"),
+    _error("limit_clearance_low", "clearance at the limit, lower end", "m"),
+    _error("limit_clearance_high", "clearance at the limit, upper end", "m"),
+    *(
+        quantity
+        for key, words in (
+            ("effort_exponent", "the change of the effort"),
+            ("slider_exponent", "the change of the position"),
+            ("flight_time_exponent", "the flight time"),
+            ("impact_speed_exponent", "the speed of impact"),
+        )
+        for quantity in _measured(
+            Kind.EXPONENT,
+            key,
+            f"exponent of {words}",
+            "",
+            f"{key}_uncertainty",
+            f"the exponent of {words}",
+            "over the clearance",
+        )
+    ),
+    _category(
+        "release", "release by", "how the force of the end changes its sign with ideal joints"
+    ),
+    _count("corner", description="number of the corner that leaves its surface"),
+    _count("opposite_corner", "to corner", "number of the corner that hits"),
+    _value("effective_mass", "effective mass", "kg"),
+    _error("crowding", "crowding", "", "flight time over the time to the nearest other event"),
+    _error("mobilization", "mobilization", "", "friction at the corner that holds, of its bound"),
+    _value("predicted_flight_time", "predicted flight time", "s"),
+    _value("predicted_impact_speed", "predicted speed of impact", "m/s"),
+    _value("flight_time", "flight time", "s"),
+    _value("flight_time_ratio", "flight time, predicted over measured"),
+    _value("impact_speed_ratio", "speed of impact, predicted over measured"),
+    _count("flights", "flights", "isolated flights that are fitted"),
+    _error("largest_time_deviation", "largest deviation of the flight time", ""),
+    _error("largest_speed_deviation", "largest deviation of the speed of impact", ""),
+    _value("time_after_release", "time after the release", "s"),
+    _value("ideal_effort", "effort with ideal joints", "N, N m"),
+)
+"""Changes of a motion by clearance in its guides, and flights of corners through the gap."""
+
 HARD = (
     _category("topic"),
     _category("case"),
@@ -782,6 +929,7 @@ QUANTITIES: Mapping[str, Quantity] = {
         *SETTINGS,
         *HOLD,
         *JOINT_FRICTION,
+        *CLEARANCE,
         *HARD,
         *CLAIMS,
         *JUDGE,

@@ -342,6 +342,11 @@ MUS_EQUALS_MU = " (mus = mu)"
 """End of the name of a truth for engines without a static coefficient."""
 
 
-def truth_key(scene: str, static_coefficient: bool) -> str:
-    """Return the name of the truth of a scene for engines with or without a static coefficient."""
-    return scene if static_coefficient else scene + MUS_EQUALS_MU
+WITH_CLEARANCE = " (clearance)"
+"""End of the name of a truth with the clearance that a scene declares; without it joints are ideal."""
+
+
+def truth_key(scene: str, static_coefficient: bool, has_gaps: bool = False) -> str:
+    """Return the name of the truth of a scene for engines with or without a static coefficient and clearance."""
+    name = scene if static_coefficient else scene + MUS_EQUALS_MU
+    return name + WITH_CLEARANCE if has_gaps else name

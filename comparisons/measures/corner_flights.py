@@ -83,8 +83,8 @@ class CornerFlight:
         The law assumes that it is small: an impact or another release in the meantime changes the flight.
     mobilization : float
         Of a slider at rest, the friction at the corner about which it turns over its bound: the larger one of the
-        values at the release and at the first impact. The law assumes that it is below 1: otherwise this corner slips,
-        too. It is 0 for a slider that slips.
+        values at the release and, if there is one, at the first impact. The law assumes that it is below 1: otherwise
+        this corner slips, too. It is 0 for a slider that slips.
     """
 
     time: float
@@ -211,9 +211,12 @@ def _flights(
             jerk=-sides[end] * jerks[end],
         )
         flight = _flight(slider.guide, released, end, drive, gap, event_distance)
-        at_release = slider.mobilization(instant, released.ends)
-        at_impact = slider.mobilization(instant, released.ends, flight.flight_time)
-        yield replace(flight, mobilization=max(at_release, at_impact))
+        mobilization = slider.mobilization(instant, released.ends)
+        # An end that turns back has no impact.
+        if math.isfinite(flight.flight_time):
+            at_impact = slider.mobilization(instant, released.ends, flight.flight_time)
+            mobilization = max(mobilization, at_impact)
+        yield replace(flight, mobilization=mobilization)
 
 
 @dataclass(frozen=True)

@@ -17,12 +17,14 @@ from stiction.reference_impl.integration.result import Run
 from stiction.reference_impl.multibody.initial_state import consistent_start
 from stiction.reference_impl.multibody.mechanism import Mechanism
 from stiction.scenes import Scene
+from stiction.scenes.fidelity import Fidelity
 from stiction.truths import (
     NoMotion,
     NotThisMechanism,
     Truth,
     TruthRefused,
     Undecided,
+    clearance_slider_crank_truth,
     four_bar_truth,
     incline_truth,
     moving_guide_truth,
@@ -48,6 +50,8 @@ INDEPENDENT = (
 )
 """Functions that return an independent truth, or raise NotThisMechanism; at most one applies to a
 scene."""
+WITH_GAPS = (clearance_slider_crank_truth,)
+"""The same for scenes whose guides have clearance."""
 OWN_RTOL = 1e-12
 """Relative tolerance of a run of the reference that is used as truth."""
 COARSER_RTOL = 1e-10
@@ -66,7 +70,9 @@ _CACHE_SIZE = 16
 static coefficient."""
 
 
-def ground_truth(scene: Scene, t_end: float | None = None) -> Truth:
+def ground_truth(
+    scene: Scene, t_end: float | None = None, fidelity: Fidelity = Fidelity.CONTACT
+) -> Truth:
     """Return the truth of the best tier that is available for a scene; its note says why better ones are not.
 
     If one of the mechanisms of `stiction.truths` has the structure of the scene, the truth is its
@@ -74,20 +80,38 @@ def ground_truth(scene: Scene, t_end: float | None = None) -> Truth:
     an event-driven run of the reference at `OWN_RTOL` with projection (`Tier.OWN_RUN`), whose
     uncertainty is the difference from the run at `COARSER_RTOL`. If this run ends early, or if the
     equations have no motion or several, the tier is `Tier.NONE`, and runs cannot be compared. Only
-    the events of `rubbing_joints` are included. Clearance and restitution are neglected, and the note
-    says so. Truths are cached.
+    the events of `rubbing_joints` are included. Truths are cached.
+
+    If guides declare clearance, the truth at contact fidelity is the motion with impacts, for the mechanisms of
+    `WITH_GAPS`. Otherwise, and at joint fidelity, it is that of ideal joints, and its note says so.
     """
     end = scene.t_end if t_end is None else t_end
-    return _best_truth(_Request(scene.to_toml(), scene.name, end, scene))
+    has_gaps = fidelity == Fidelity.CONTACT and bool(neglected_keys(scene))
+    return _best_truth(_Request(scene.to_toml(), scene.name, end, has_gaps, scene))
 
 
 @dataclass(frozen=True)
 class _Request:
-    """The key of the cache of truths: the contents of a scene as text, and the end of the truth, s."""
+    """The key of the cache of truths.
+
+    Attributes
+    ----------
+    text : str
+        Contents of the scene.
+    name : str
+        Name of the scene.
+    t_end : float
+        End of the truth, s.
+    has_gaps : bool
+        True if the clearance that the scene declares is to be part of the motion.
+    scene : Scene
+        The scene.
+    """
 
     text: str
     name: str
     t_end: float
+    has_gaps: bool
     scene: Scene = field(compare=False)
 
 
@@ -97,10 +121,19 @@ def _best_truth(request: _Request) -> Truth:
     scene, t_end = request.scene, request.t_end
     neglected = neglected_keys(scene)
     if neglected:
+        refusal = ""
+        if request.has_gaps:
+            try:
+                return _truth_with_gaps(scene, t_end)
+            except NotThisMechanism:
+                pass
+            except TruthRefused as error:
+                refusal = f"with clearance: {error}"
         ideal = with_ideal_guides(scene)
-        truth = _best_truth(_Request(ideal.to_toml(), scene.name, t_end, ideal))
+        truth = _best_truth(_Request(ideal.to_toml(), scene.name, t_end, False, ideal))
         neglect = f"of ideal joints, without {', '.join(neglected)}"
-        return replace(truth, note="; ".join(part for part in (neglect, truth.note) if part))
+        notes = (neglect, refusal, truth.note)
+        return replace(truth, note="; ".join(note for note in notes if note))
     note = ""
     for independent in INDEPENDENT:
         try:
@@ -122,30 +155,51 @@ def _best_truth(request: _Request) -> Truth:
     return _with_rubbing_joints(scene, replace(truth, note=note))
 
 
+def _truth_with_gaps(scene: Scene, t_end: float) -> Truth:
+    """Return the motion with impacts of a scene whose guides have clearance.
+
+    Raises
+    ------
+    TruthRefused
+        As the functions of `WITH_GAPS`; NotThisMechanism if none applies.
+    """
+    for independent in WITH_GAPS:
+        try:
+            return independent(scene, t_end)
+        except NotThisMechanism:
+            continue
+    raise NotThisMechanism(
+        f"{scene.name}: found another mechanism than those of the truths with clearance"
+    )
+
+
 def truth_for(scene: Scene, records: Sequence[Record], t_end: float | None = None) -> Truth:
-    """Return the truth of runs whose engines represent the same coefficients of friction; its name is `truth_key`.
+    """Return the truth of runs with the same fidelity and coefficients of friction; its name is `truth_key`.
 
     If all runs have failed, it is not computed, and its tier is `Tier.NONE`.
     """
     static_coefficient = has_static_coefficient(records[0].variant)
     if any(record.trajectory is not None for record in records):
-        truth = ground_truth(physics_of(scene, static_coefficient), t_end)
+        fidelity = records[0].variant.fidelity
+        truth = ground_truth(physics_of(scene, static_coefficient), t_end, fidelity)
     else:
         truth = Truth.unknown(
             scene.name,
             scene.t_end if t_end is None else t_end,
             "all runs that could be compared with it failed",
         )
-    return replace(truth, scene=truth_key(scene.name, static_coefficient))
+    has_gaps = truth.has_gaps
+    return replace(truth, scene=truth_key(scene.name, static_coefficient, has_gaps))
 
 
 def truths_for(
     scene: Scene, records: Iterable[Record], t_end: float | None = None
 ) -> dict[str, Truth]:
     """Return, by key of a run, the truth that it is compared with; see `truth_for`."""
-    by_physics: dict[bool, list[Record]] = defaultdict(list)
+    by_physics: dict[tuple[bool, Fidelity], list[Record]] = defaultdict(list)
     for record in records:
-        by_physics[has_static_coefficient(record.variant)].append(record)
+        static_coefficient = has_static_coefficient(record.variant)
+        by_physics[static_coefficient, record.variant.fidelity].append(record)
     truths = {}
     for same_physics in by_physics.values():
         truth = truth_for(scene, same_physics, t_end)

@@ -112,7 +112,7 @@ def _run_row(run: PlannedRun, variant: Variant, kinds: Collection[str], repeats:
     reason = "" if trajectory.termination == "end" else trajectory.termination
     metrics: list[Metric] = []
     if "accuracy" in kinds or "event" in kinds:
-        truth = ground_truth(scene)
+        truth = ground_truth(scene, fidelity=variant.fidelity)
         if truth.tier == Tier.NONE and not reason:
             reason = f"no truth to compare with: {truth.note}"
         measures = errors(trajectory, truth, size_of(scene))

@@ -21,6 +21,7 @@ ORDER = (
     "second-method",
     "cost",
     "torque",
+    "clearance",
     "threshold",
     "hold",
     "joint-friction",

@@ -19,7 +19,7 @@ from stiction.comparisons.bench.methods import rank
 from stiction.comparisons.bench.participants import variants
 from stiction.comparisons.bench.presentation.cells import AGAIN
 from stiction.comparisons.bench.runner import Comparison
-from stiction.comparisons.bench.study import Scope, Study, Tables, unless_refused
+from stiction.comparisons.bench.study import NightlyNumbers, Scope, Study, Tables, unless_refused
 from stiction.comparisons.bench.timing.visits import visit
 from stiction.comparisons.bench.variants import (
     COEFFICIENTS,
@@ -689,4 +689,6 @@ STUDY = Study(
         "hold-published-joints": "Published creep of a joint, and ours",
         "hold-settings": "Creep by setting",
     },
+    # a body that is held does not move: the length of its path is its creep
+    nightly=NightlyNumbers(("path_length",), ("hold-moment", "hold-turning-bar")),
 )

@@ -24,6 +24,7 @@ from stiction.engines.isolation import Outcome, Task
 from stiction.engines.status import Status
 from stiction.scenes import InputError, Scene
 from stiction.scenes.columns import BODY_COLUMNS
+from stiction.scenes.fidelity import Fidelity
 from stiction.truths import Tier, Truth
 from stiction.truths.enumerated_motion import simulate
 
@@ -136,7 +137,8 @@ def _row(scene: Scene, outcome: Outcome) -> dict[str, object]:
     }
     if outcome.status != Status.OK:
         return row
-    truth = ground_truth(scene)
+    # The second method solves the equations of ideal joints, too.
+    truth = ground_truth(scene, fidelity=Fidelity.JOINT)
     row |= {"truth": truth.scene, "truth_tier": str(truth.tier)}
     if truth.tier == Tier.NONE:
         return row | {"reason": truth.note}

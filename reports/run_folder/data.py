@@ -208,9 +208,10 @@ def _write_truths(results: Results, folder: Path) -> list[pd.DataFrame]:
     """Write the truths, and return their events, a table for each truth."""
     events = []
     scene_of_truth = {
-        truth_key(record.scene, static_coefficient): record.scene
+        truth_key(record.scene, static_coefficient, has_gaps): record.scene
         for record in results.records
         for static_coefficient in (True, False)
+        for has_gaps in (True, False)
     }
     for name, truth in results.truths.items():
         frame = truth_frame(truth).assign(tier=truth.tier)

@@ -9,7 +9,7 @@ from packaging.requirements import Requirement
 
 from stiction.comparisons.bench.participants import participants
 from stiction.engines import Engine, engine_names, load_engine, registry
-from stiction.engines.registry import ENGINES, FILES, EngineEntry, own_methods
+from stiction.engines.registry import ENGINES, FILES, EngineEntry, UnknownEngine, own_methods
 
 ROOT = Path(__file__).parents[2]
 needs_checkout = pytest.mark.skipif(not (ROOT / "mkdocs.yml").exists(), reason="needs the checkout")
@@ -55,6 +55,12 @@ def test_an_entry_agrees_with_the_project(entry):
         )
         assert entry.package in pinned
     assert entry.own_method or (ROOT / "docs" / "engines" / f"{entry.name}.md").is_file()
+
+
+@pytest.mark.parametrize("name", [".mine:Engine", "..mine:Engine", ":Engine", "mine:"])
+def test_an_address_without_a_module_or_a_class_is_refused(name):
+    with pytest.raises(UnknownEngine, match="expected .*module:Class"):
+        load_engine(name)
 
 
 def test_one_entry_makes_an_engine_known(monkeypatch):

@@ -215,13 +215,14 @@ class ImpactingMotion:
     impacts: tuple[Impact, ...]
     t_end: float
 
-    def phase_at(self, t: float) -> Phase:
-        """Return the phase at a time, s; at an event the later one."""
+    def phase_at(self, t: float, side: str = "after") -> Phase:
+        """Return the phase at a time, s; at an event the one on a side, ``"before"`` or ``"after"``."""
         starts = [phase.start for phase in self.phases]
-        return self.phases[max(0, int(np.searchsorted(starts, t, side="right")) - 1)]
+        later = int(np.searchsorted(starts, t, side="right" if side == "after" else "left"))
+        return self.phases[max(0, later - 1)]
 
-    def state(self, t: float) -> tuple[np.ndarray, np.ndarray]:
-        """Return coordinates and velocities at a time, s; at an impact those after it.
+    def state(self, t: float, side: str = "after") -> tuple[np.ndarray, np.ndarray]:
+        """Return coordinates and velocities at a time, s; at an impact those on a side.
 
         Raises
         ------
@@ -230,17 +231,17 @@ class ImpactingMotion:
         """
         if not 0.0 <= t <= self.t_end:
             raise ValueError(f"t: found {t:g} s; expected a time within 0 .. {self.t_end:g} s")
-        phase = self.phase_at(t)
+        phase = self.phase_at(t, side)
         starts = [step.t_min for step in phase.steps]
         step = phase.steps[max(0, int(np.searchsorted(starts, t, side="right")) - 1)]
         y = step(t)
         n = len(y) // 2
         return y[:n], y[n : 2 * n]
 
-    def forces(self, t: float) -> Forces:
-        """Return the forces of the corners at a time, s, which is not that of an impact."""
-        q, v = self.state(t)
-        return forces_in(self.mechanism, self.phase_at(t).states, q, v)
+    def forces(self, t: float, side: str = "after") -> Forces:
+        """Return the forces of the corners at a time, s, without impulses; at an event those on a side."""
+        q, v = self.state(t, side)
+        return forces_in(self.mechanism, self.phase_at(t, side).states, q, v)
 
 
 def forces_in(mechanism: GapMechanism, states: States, q: np.ndarray, v: np.ndarray) -> Forces:

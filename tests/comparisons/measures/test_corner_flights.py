@@ -215,3 +215,68 @@ def test_friction_of_pins_by_their_force_is_refused():
     loaded = vary(scene, {"pin.mu": 0.1, "pin.radius": 0.02})
     with pytest.raises(InputError, match="joints.pin.mu"):
         corner_flights(loaded, ideal, 1e-4)
+
+
+RULE_CROWDING = 0.1
+RULE_ERROR = 0.05
+"""Deviation up to which the rule holds: twice that of the law at this crowding, of the order of its third power."""
+
+
+def drawn_slider_bar(dice):
+    """Return a slider-bar with lengths, masses, spring, load, speed, size and friction drawn at random."""
+    changes = {
+        "F0": dice.uniform(0, 6),
+        "L": dice.uniform(0.5, 4),
+        "w0": dice.uniform(0.3, 2),
+        "m1": dice.uniform(0.5, 4),
+        "m2": dice.uniform(0.3, 3),
+        "k": dice.uniform(0.3, 4),
+        "Omega": dice.uniform(0.5, 4),
+        "guide.length": dice.uniform(0.2, 1),
+        "guide.width": dice.uniform(0.1, 0.8),
+    }
+    mu = dice.uniform(0, 0.15)
+    changes |= {"guide.mu": mu, "guide.mus": mu}
+    return load_scene("slider-bar-case-1", {key: float(value) for key, value in changes.items()})
+
+
+def test_an_end_that_turns_back_has_no_impact():
+    """A slider-bar of `drawn_slider_bar` whose force jumps, and falls again before the end has crossed the gap."""
+    dice = np.random.default_rng(50)
+    for _ in range(32):
+        scene = drawn_slider_bar(dice)
+    ideal = load_engine("reference").simulate(scene, t_end=8.0)
+    flights = corner_flights(scene, ideal, 1e-5)
+    returning = [flight for flight in flights if math.isnan(flight.flight_time)]
+    assert returning and all(flight.release == Release.JUMP for flight in returning)
+    for flight in returning:
+        assert math.isnan(flight.impact_speed) and math.isfinite(flight.mobilization)
+
+
+@pytest.mark.long
+def test_the_rule_for_designers_in_50_random_slider_bars():
+    """Where crowding < 0.1 and mobilization < 1, the first impact is as predicted without a simulation."""
+    dice = np.random.default_rng(50)
+    deviations = {True: [], False: []}
+    while sum(map(len, deviations.values())) < 50:
+        scene = drawn_slider_bar(dice)
+        ideal = load_engine("reference").simulate(scene, t_end=8.0)
+        flights = [
+            flight
+            for flight in corner_flights(scene, ideal, 1e-5)
+            if flight.crowding < RULE_CROWDING and flight.time + 3 * flight.flight_time < 8.0
+        ]
+        if ideal.termination != "end" or not flights:
+            continue
+        flight = flights[0]
+        time, speed = first_impact(scene, flight, 1e-5)
+        deviation = max(abs(flight.flight_time / time - 1), abs(flight.impact_speed / speed - 1))
+        deviations[flight.mobilization < 1].append(deviation)
+    applies = np.array(deviations[True])
+    print(
+        f"rule applies to {len(applies)} of 50; holds within {RULE_ERROR:.0%} in "
+        f"{np.sum(applies < RULE_ERROR)}, largest deviation {applies.max():.3f}; "
+        f"others: {np.round(deviations[False], 3)}"
+    )
+    assert len(applies) > 40
+    assert np.all(applies < RULE_ERROR)

@@ -479,7 +479,8 @@ def unknown_columns(judged: Judgement) -> list[str]:
     left_out = judged.table.left_out
     if not left_out:
         return []
-    suggestions = column_suggestions(left_out, columns_of(judged.scene))
+    absent = [name for name in columns_of(judged.scene) if name not in judged.table.columns]
+    suggestions = column_suggestions(left_out, absent)
     hint = f" ({suggestions})" if suggestions else ""
     return [f"the scene has no column {names(left_out)}{hint}"]
 

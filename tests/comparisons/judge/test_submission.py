@@ -416,12 +416,13 @@ def test_unknown_columns_are_named(submit, columns, verdict, suggestion):
 
 def test_unknown_columns_of_a_right_table_are_a_finding(compiled, tmp_path):
     (tmp_path / "submission.toml").write_text(DESCRIPTION)
-    table = solved("stop-level").assign(power=1.0)
+    # A column that the table has already is not what the heading y means.
+    table = solved("stop-level").assign(power=1.0, y=0.0)
     table.to_csv(tmp_path / "stop-level.csv", index=False)
     row = judge_submission(tmp_path).table.set_index("scene").loc["stop-level"]
-    assert row["verdict"] == Verdict.WITHIN and row["unknown_columns"] == "power"
+    assert row["verdict"] == Verdict.WITHIN and row["unknown_columns"] == "power, y"
     result = invoke("judge", tmp_path, exit_code=0)
-    assert "stop-level: the scene has no column power." in result.stdout
+    assert "stop-level: the scene has no column power, y." in result.stdout
 
 
 def test_jumps_are_counted_only_of_submitted_efforts(submit):

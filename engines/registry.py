@@ -97,6 +97,7 @@ ENGINES: tuple[EngineEntry, ...] = (
     ),
     EngineEntry("drake", f"{_HERE}.drake.engine:DrakeEngine", "drake", optional=True),
     EngineEntry("dart", f"{_HERE}.dart.engine:DartEngine", "dartpy", optional=True),
+    EngineEntry("newton", f"{_HERE}.newton.engine:NewtonEngine", "newton", optional=True),
     EngineEntry("siconos", f"{_HERE}.siconos.engine:SiconosEngine", run_by_system=True),
 )
 """The engines that come with the suite, in the order of tables. A new engine is registered by an entry here."""
